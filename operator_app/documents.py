@@ -30,7 +30,7 @@ from operator_app.session.workflow.importing import UNKNOWN_SERIAL_NUMBER
 from operator_app.session.workflow.opening import Choices, resume
 
 if TYPE_CHECKING:
-    from operator_app.config.parameters import ParametersDocument
+    from operator_app.config.parameters_file import ParametersDocument
     from operator_app.session.store.state import SessionState
 
 

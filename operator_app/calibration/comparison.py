@@ -17,7 +17,7 @@ from enum import Enum
 import numpy as np
 
 from operator_app.config.parameter_records import REFUSED
-from operator_app.config.parameters import ParametersDocument
+from operator_app.config.parameters_file import ParametersDocument
 from operator_app.errors import SessionError
 from operator_app.messages.finding import Finding, FindingKind
 from solver.chain.parameters import DhEntry, DhKind, wrap_angle

@@ -17,7 +17,7 @@ from statistics import median
 import numpy as np
 
 from operator_app.calibration.comparison import Side, nearest_values, sides_of
-from operator_app.config.parameters import ParametersDocument
+from operator_app.config.parameters_file import ParametersDocument
 from solver.arrays import FloatArray
 from solver.chain.parameters import DhEntry, DhKind, wrap_angle
 from solver.diagnostics.control_chart import BASELINE, ControlChart, control_chart, smallest_shift

@@ -9,7 +9,7 @@ from operator_app.config.errors import ConfigError, Problem
 from operator_app.config.resources import Kind, Resource, builtin_names, expanded, resolve
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.planning.inspection import chains_of
-from operator_app.report.results.check import check_text, found_json, problems_text
+from operator_app.report.results.check import check_json, check_text, problems_text
 from operator_app.safe_output import as_json, say
 
 KINDS: tuple[Kind, ...] = ("arm", "fixture", "procedure")
@@ -37,7 +37,7 @@ def execute(args: argparse.Namespace) -> int:
     files = read_files(sources, known, missing)
     chains = () if files.problems else chains_of(files)
     if args.json:
-        say(as_json(found_json(files, chains)))
+        say(as_json(check_json(files, chains)))
     else:
         say(problems_text(files.problems) if files.problems else check_text(files, chains))
     if files.problems:

@@ -10,7 +10,7 @@ from typing import Any
 
 from operator_app.commands.table import APP, COMMANDS, parser_of
 from operator_app.exit_codes import ExitCode, UsageError
-from operator_app.manual.pages import SECTIONS, Manual, NoSuchTopicError, reference, table
+from operator_app.manual.pages import SECTIONS, Manual, NoSuchTopicError, made_by_code, table
 from operator_app.safe_output import say
 
 WIDEST = 100
@@ -46,7 +46,7 @@ def _write_files(pages: Manual, topic: str | None, folder: Path) -> int:
     """Write the files that a page contains."""
     from operator_app.config.atomic import write_atomically
 
-    with_files = [t for t in pages.topics if not pages.made_by_code(t) and pages.page(t).files]
+    with_files = [t for t in pages.topics if not made_by_code(t) and pages.page(t).files]
     if topic is None:
         raise UsageError(f"--files: name a page that shows files: {', '.join(with_files)}")
     try:
@@ -72,7 +72,7 @@ def _write_files(pages: Manual, topic: str | None, folder: Path) -> int:
 
 def manual() -> Manual:
     """Return the manual of this program."""
-    return Manual({**reference(), "commands": commands_page})
+    return Manual(commands_page)
 
 
 def _contents(pages: Manual) -> str:
@@ -166,7 +166,7 @@ def on_files(files: Any, config: Any) -> Any:
 
     pages = manual()
     for topic in pages.topics:
-        if pages.made_by_code(topic):
+        if made_by_code(topic):
             page = pages.page(topic).markdown
             files.append(File.generated(config, f"{topic}.md", content=page))
     return files

@@ -19,8 +19,7 @@ from operator_app.config.arm_file import ArmFile, parse_arm
 from operator_app.config.atomic import write_atomically
 from operator_app.config.errors import ConfigError, Problem, only
 from operator_app.config.fixture_file import MODELS, FixtureSpec, parse_fixture
-from operator_app.config.parameters import ParametersDocument
-from operator_app.config.parameters_file import parse_parameters
+from operator_app.config.parameters_file import ParametersDocument, parse_parameters
 from operator_app.config.poses_file import LIMIT_BYTES, LoadedPoses, parse_poses
 from operator_app.config.procedure import Procedure, ProcedureFile
 from operator_app.config.procedure_file import parse_procedure
@@ -100,7 +99,7 @@ def save_with_schema(target: Path, data: bytes, kind: FileKind) -> None:
 AnyKind = FileKind | Literal["poses"]
 SCHEMA_LINE = re.compile(r"^schema\s*:\s*[\"']?sarcal/([a-z]+)/", re.MULTILINE)
 
-Holds = ArmModel | FixtureSpec | Procedure | BusProfile | ParametersDocument | LoadedPoses
+FileContent = ArmModel | FixtureSpec | Procedure | BusProfile | ParametersDocument | LoadedPoses
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -109,7 +108,7 @@ class FileRead:
 
     source: Resource
     kind: AnyKind | None
-    holds: Holds | None
+    content: FileContent | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -155,7 +154,7 @@ def kind_of(source: Resource) -> AnyKind | None:
     return likely[0] if len(likely) == 1 else None
 
 
-def _parsed(source: Resource, kind: AnyKind | None, joints: set[int]) -> Holds:
+def _parsed(source: Resource, kind: AnyKind | None, joints: set[int]) -> FileContent:
     """Read a file of this kind; `joints`: numbers of joints of the arms read so far. Raises ConfigError."""
     data, file = source.data, source.file
     # If the arms differ in their number of joints, it is unknown which arm this file belongs to.
@@ -202,14 +201,14 @@ def read_files(
     # A file named by a procedure may also be an argument: its problems are reported once.
     problems, joints, read = dict.fromkeys(missing), set[int](), dict[int, FileRead]()
     for k, (source, kind) in sorted(enumerate(kinds), key=lambda item: ORDER.index(item[1][1])):
-        holds: Holds | None = None
+        content: FileContent | None = None
         try:
-            holds = _parsed(source, kind, joints)
+            content = _parsed(source, kind, joints)
         except ConfigError as error:
             problems |= dict.fromkeys(error.problems)
-        if isinstance(holds, ArmModel):
-            joints.add(holds.joint_count)
-        elif isinstance(holds, Procedure):
-            joints.add(holds.arm.joint_count)
-        read[k] = FileRead(source=source, kind=kind, holds=holds)
+        if isinstance(content, ArmModel):
+            joints.add(content.joint_count)
+        elif isinstance(content, Procedure):
+            joints.add(content.arm.joint_count)
+        read[k] = FileRead(source=source, kind=kind, content=content)
     return FilesRead(files=tuple(read[k] for k in range(len(kinds))), problems=tuple(problems))

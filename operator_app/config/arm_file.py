@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -159,9 +160,7 @@ def check_home(
             yield ("home_deg", k), text, "correct the home or the range"
 
 
-def _per_row(
-    name: str, items: Sequence[object], fields: Fields, remedy: str
-) -> Iterator[Complaint]:
+def _per_row(name: str, remedy: str, items: Sequence[Any], fields: Fields) -> Iterator[Complaint]:
     """Yield a problem if the number of joints or links differs from that of the D-H rows."""
     rows = fields.get("dh")
     if rows is not None and len(rows) != len(items):
@@ -174,20 +173,17 @@ def _check_rows(rows: Sequence[RowModel], _: Fields) -> Iterator[Complaint]:
         yield ("dh", len(rows) - 1, "beta_deg"), text, "remove beta_deg"
 
 
-def _check_joints(joints: Sequence[JointModel], fields: Fields) -> Iterator[Complaint]:
-    return _per_row("joint", joints, fields, "write one joint per row")
-
-
 def _check_links(links: Sequence[LinkModel], fields: Fields) -> Iterator[Complaint]:
     remedy = "write one link per row, with mass_kg: 0 for links without mass"
-    yield from _per_row("link", links, fields, remedy)
+    yield from _per_row("link", remedy, links, fields)
     if fields.get("gravity", links) is None:
         text = "the links have masses, but the direction of gravity is missing"
         yield ("links",), text, "write for example gravity: {down: [0, 0, -1]}"
 
 
 def _check_free(free: Sequence[str], fields: Fields) -> Iterator[Complaint]:
-    rows, joints = fields.get("dh"), fields.get("joints")
+    rows, joints = fields.get("dh"), fields.get("joints", ())
+    unsensed = [k for k, j in enumerate(joints, 1) if isinstance(j.sensor, NoSensorModel)]
     for k, name in enumerate(free):
         place = ("free", k)
         try:
@@ -199,15 +195,11 @@ def _check_free(free: Sequence[str], fields: Fields) -> Iterator[Complaint]:
             yield place, f"{name} has a leading zero", f"write {entry.name}"
         elif name in free[:k]:
             yield place, f"{name} is listed twice", "keep one of them"
+        offset_of = entry.row if entry.kind is DhKind.THETA_OFF else 0
         if rows is not None and not 1 <= entry.row <= len(rows):
             text = f"{name}: the arm has rows 1 to {len(rows)}"
             yield place, text, "entries of row 0 belong to the fixture"
-        elif (
-            joints is not None
-            and 1 <= entry.row <= len(joints)
-            and entry.kind is DhKind.THETA_OFF
-            and isinstance(joints[entry.row - 1].sensor, NoSensorModel)
-        ):
+        elif offset_of in unsensed:
             text = f"joint {entry.row} has no sensor, so that it has no offset"
             yield place, text, f"take {name} out"
 
@@ -232,7 +224,11 @@ class ArmFile(StrictModel):
         numbered("dh", "row"),
         checked(_check_rows),
     ]
-    joints: Annotated[tuple[JointModel, ...], numbered("joints", "joint"), checked(_check_joints)]
+    joints: Annotated[
+        tuple[JointModel, ...],
+        numbered("joints", "joint"),
+        checked(partial(_per_row, "joint", "write one joint per row")),
+    ]
     free: Annotated[tuple[Text, ...], checked(_check_free)]
     home_deg: Annotated[tuple[AngleDeg, ...], checked(_check_home)]
     gravity: GravityModel | None = None
@@ -259,6 +255,12 @@ class ArmFile(StrictModel):
             return [0.0 if value == "fixture" else float(value) for value in values]
 
         hayati = tuple(row.row for row in self.dh[:-1] if _is_hayati(row))
+        offset, links, gravity = self.offset_tolerance_deg, self.links, self.gravity
+        # In a Hayati row, beta is identified in place of s.
+        free = (
+            DhEntry(DhKind.BETA, e.row) if e.kind is DhKind.S and e.row in hayati else e
+            for e in map(DhEntry.parse, self.free)
+        )
         return ArmModel(
             name=self.name,
             table=DhTable(
@@ -277,17 +279,11 @@ class ArmFile(StrictModel):
                 )
                 for joint in self.joints
             ),
-            free=tuple(
-                dict.fromkeys(_identified_instead(DhEntry.parse(n), hayati) for n in self.free)
-            ),
+            free=tuple(dict.fromkeys(free)),
             home_rad=frozen(np.deg2rad(self.home_deg)),
             tolerances=tuple(row.tolerance.over(self.tolerance) for row in self.dh),
-            offset_tolerance_rad=None
-            if isinstance(self.offset_tolerance_deg, str)
-            else math.radians(self.offset_tolerance_deg),
-            masses=None
-            if self.links is None or self.gravity is None
-            else link_masses(self.links, self.gravity),
+            offset_tolerance_rad=None if isinstance(offset, str) else math.radians(offset),
+            masses=link_masses(links, gravity) if links and gravity else None,
             hayati_rows=hayati,
             assumed=tuple(self._assumed()),
         )
@@ -313,13 +309,6 @@ def _is_hayati(row: RowModel) -> bool:
     if row.beta_deg is not None or row.alpha_deg == "fixture":
         return row.beta_deg is not None
     return abs(math.sin(math.radians(row.alpha_deg))) < math.sin(PARALLEL_RAD)
-
-
-def _identified_instead(entry: DhEntry, hayati: tuple[int, ...]) -> DhEntry:
-    """Return the entry to identify for a free entry of the file: beta for s in a Hayati row."""
-    if entry.kind is DhKind.S and entry.row in hayati:
-        return DhEntry(DhKind.BETA, entry.row)
-    return entry
 
 
 def parse_arm(data: bytes, file: str) -> ArmModel:

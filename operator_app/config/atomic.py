@@ -80,12 +80,7 @@ def dump_strict(data: Mapping[str, Any], *, comment: str = "") -> bytes:
     `ValueError` for a value that a strict file cannot hold, such as NaN.
     """
     text = yaml.dump(
-        data,
-        Dumper=_StrictDumper,
-        sort_keys=False,
-        default_flow_style=None,
-        width=100,
-        allow_unicode=False,
+        data, Dumper=_StrictDumper, sort_keys=False, default_flow_style=None, width=100
     )
     head = "".join(f"# {line}\n" for line in comment.splitlines())
     return (head + text).encode("utf-8")

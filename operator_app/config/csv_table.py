@@ -93,24 +93,19 @@ def read_columns(
             Problem(file=file, line=line, column=column, key=name, text=text, remedy=remedy)
         )
 
-    def read_row(line: int, cells: list[str]) -> dict[str, Any]:
-        """Return the values of a row; empty or incomplete if the row has problems."""
-        if len(cells) != len(columns):
+    for line, cells in records:
+        row: dict[str, Any] = {}
+        if len(cells) == len(columns):
+            for (name, read), cell in zip(columns.items(), cells, strict=True):
+                try:
+                    row[name] = read(cell)
+                except BadCell as error:
+                    complain(line, name, error.text, error.remedy)
+        else:
             commas = "; check for decimal commas" if len(cells) > len(columns) else ""
             text = f"{len(cells)} cells for the {len(columns)} columns of the header"
             remedy = f"write one cell per column{commas}"
             problems.append(Problem(file=file, line=line, text=text, remedy=remedy))
-            return {}
-        row = {}
-        for (name, read), cell in zip(columns.items(), cells, strict=True):
-            try:
-                row[name] = read(cell)
-            except BadCell as error:
-                complain(line, name, error.text, error.remedy)
-        return row
-
-    for line, cells in records:
-        row = read_row(line, cells)
         if len(row) == len(columns):
             key = tuple(row[name] for name in unique)
             if key in first_line:

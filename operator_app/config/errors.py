@@ -148,21 +148,22 @@ def value_in_words(value: Any) -> str:
     return f"{value}"
 
 
+NUMBER_HINTS = {
+    r"[-+]?\d+,\d+": "write a decimal point, not a comma",
+    r"[-+]?\d+(:\d+)+(\.\d*)?": "write a decimal number, not hours or degrees and minutes",
+    r"[-+]?0\d+(\.\d*)?": "write the number without the leading zero",
+    r"[-+]?[\d.]+\s*[A-Za-z]+": "write the number only; the unit is in the key",
+}
+"""Remedies for text in place of a number, by its form; the first that matches applies."""
+
+
 def _number_hint(value: Any, kind: str) -> str:
     if not isinstance(value, str):
         return "correct the value"
     if kind == "bool_type":
         return "write true or false"
-    if kind.startswith(("float", "int")):
-        if re.fullmatch(r"[-+]?\d+,\d+", value):
-            return "write a decimal point, not a comma"
-        if re.fullmatch(r"[-+]?\d+(:\d+)+(\.\d*)?", value):
-            return "write a decimal number, not hours or degrees and minutes"
-        if re.fullmatch(r"[-+]?0\d+(\.\d*)?", value):
-            return "write the number without the leading zero"
-        if re.fullmatch(r"[-+]?[\d.]+\s*[A-Za-z]+", value):
-            return "write the number only; the unit is in the key"
-    return "correct the value"
+    hints = NUMBER_HINTS.items() if kind.startswith(("float", "int")) else ()
+    return next((hint for form, hint in hints if re.fullmatch(form, value)), "correct the value")
 
 
 def is_near_option(error: ErrorDetails) -> bool:

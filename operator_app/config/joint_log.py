@@ -95,15 +95,13 @@ def load_joint_log(
         text = f"does not state the unit of its angles, and none in {len(q)} poses exceeds {np.abs(q).max():.3g}"
         raise only(file, text, "use --rad, or --deg if these are degrees")
     numbers, notes = ([1] * len(q), None) if by is None else _placements(body, by, file)
-    return LoadedPoses(
-        poses=PoseSet(
-            placement=np.array(numbers, dtype=np.int64),
-            label=tuple(str(k) for k in range(1, len(q) + 1)),
-            q_rad=q if unit == "rad" else np.deg2rad(q),
-            notes=notes,
-        ),
-        warnings=(),
+    poses = PoseSet(
+        placement=np.array(numbers, dtype=np.int64),
+        label=tuple(str(k) for k in range(1, len(q) + 1)),
+        q_rad=q if unit == "rad" else np.deg2rad(q),
+        notes=notes,
     )
+    return LoadedPoses(poses=poses, warnings=())
 
 
 def _placements(body: list[Record], by: int, file: str) -> tuple[list[int], tuple[str, ...] | None]:
@@ -218,9 +216,7 @@ def joint_order(names: Sequence[str], joints: Sequence[str], count: int) -> tupl
             if match := NUMBERED_JOINT.fullmatch(name):
                 # Not int, which refuses thousands of digits.
                 by_pattern[match[1], match[3]].append((float(match[2]), k))
-        complete = [
-            series for series in by_pattern.values() if sorted(n for n, _ in series) in numberings
-        ]
+        complete = [s for s in by_pattern.values() if sorted(n for n, _ in s) in numberings]
         if len(complete) == 1:
             return tuple(k for _, k in sorted(complete[0]))
     return ()

@@ -44,6 +44,7 @@ Made by `sarcal new procedure` for {arm} in {fixture}. Check these:
 EXPLORED_DEG = 20.0
 """Exploration range of each joint of an open arm, in either direction from home."""
 POSES_BY_STRATEGY = {"planned": 12, "explore": 40}
+SETTLE = {"window_syncs": 20, "spread_sigmas": 8, "spread_min_deg": 0.002, "timeout_syncs": 1000}
 FASTEST_DEG_PER_S = 10.0
 SLOW = 0.1
 """Command speed as a share of the slowest joint's maximum speed; at most `FASTEST_DEG_PER_S`."""
@@ -107,18 +108,12 @@ def procedure_file(
     joints = range(1, arm.joint_count + 1)
     slowest = min(math.degrees(j.max_speed_rad_per_s) for j in arm.joints)
     plan = "planned" if closed else "explore"
-    settle = {
-        "window_syncs": 20,
-        "spread_sigmas": 8,
-        "spread_min_deg": 0.002,
-        "timeout_syncs": 1000,
-    }
     capture: dict[str, Any] = {
         "plan": plan,
         "poses": POSES_BY_STRATEGY[plan],
         **({} if closed else {"exploration": _boxes(arm)}),
         "speed_deg_per_s": round(min(FASTEST_DEG_PER_S, max(0.05, slowest * SLOW)), 3),
-        "settle": settle,
+        "settle": SETTLE,
         "samples_per_pose": 32,
         "seed": 1,
     }

@@ -99,12 +99,11 @@ def parse_poses(data: bytes, file: str, *, joint_count: int | None = None) -> Lo
     if not any(map(_known, names)):
         remedy = f"{HEADER_EXAMPLE}; to import a raw log: sarcal import {file}"
         raise only(file, "this line is not the header of a poses file", remedy, line=line)
-    problems = [
-        Problem(file=file, line=line, column=column, key=key, text=text, remedy=remedy)
-        for column, key, text, remedy in _complaints(names, joint_count)
-    ]
-    if problems:
-        raise ConfigError(problems)
+    if complaints := list(_complaints(names, joint_count)):
+        raise ConfigError(
+            Problem(file=file, line=line, column=column, key=key, text=text, remedy=remedy)
+            for column, key, text, remedy in complaints
+        )
     columns = read_columns(
         records,
         {name: _reader(name) for name in names},
@@ -165,27 +164,25 @@ def _complaints(names: tuple[str, ...], joint_count: int | None) -> Iterator[Com
     endpoints = (*POSITION_COLUMNS, *ROTATION, *ROLL_PITCH_YAW, *QUATERNION, *TARGETS)
     every = (*KEY, *theta, *sd, *OPTIONAL, *endpoints)
     missing = [c for c in every if c not in names]
-    other_unit = {
-        name: c for name in names if not _known(name) and (c := _in_our_unit(name, missing))
-    }
+    unknown = [name for name in names if not _known(name)]
+    other_unit = {name: c for name in unknown if (c := _in_our_unit(name, missing))}
     meant |= {*other_unit.values()}
     for ending, right in (("_deg", "degrees"), ("_m", "metres")):
         # Seven columns in radians are reported as one mistake.
         matching = {name: c for name, c in other_unit.items() if c.endswith(ending)}
         if matching:
-            it = "it" if len(matching) == 1 else "them"
-            remedy = (
-                f"angles are in degrees, lengths in metres: convert {it} to {right} and name {it} "
-                f"{', '.join(matching.values())}"
+            text, it = (
+                ("unknown column", "it") if len(matching) == 1 else ("unknown columns", "them")
             )
-            text = f"unknown column{'' if len(matching) == 1 else 's'}"
+            ours = ", ".join(matching.values())
+            remedy = f"angles are in degrees, lengths in metres: convert {it} to {right} and name {it} {ours}"
             yield names.index(next(iter(matching))) + 1, ", ".join(matching), text, remedy
     for k, name in enumerate(names):
         if name and name in names[:k]:
             first = names.index(name) + 1
             text = f"this column is given twice (columns {first} and {k + 1})"
             yield k + 1, name, text, "keep one of them"
-        elif not _known(name) and name not in other_unit:
+        elif name in unknown and name not in other_unit:
             text, remedy, instead = _unknown(name, missing)
             meant.add(instead)
             yield k + 1, name or f"column {k + 1}", text, remedy
@@ -207,17 +204,16 @@ def _complaints(names: tuple[str, ...], joint_count: int | None) -> Iterator[Com
     for other in turns[1:]:
         text = f"states the orientation, and so does {turns[0][0]}"
         yield None, other[0], text, "keep one of the two"
-    for group, required, more, remedy in (
-        (KEY, True, "", HEADER_EXAMPLE),
-        (theta, True, have, ""),
-        (sd, bool(present & {*sd}), "", SPREAD_COLUMNS),
-        (POSITION_COLUMNS, bool(turns or present & {*POSITION_COLUMNS}), "", endpoint),
-        *((turn, True, "", endpoint) for turn in turns),
-        (TARGETS, targets, "", endpoint),
-    ):
+    required: list[tuple[Sequence[str], str]] = [(KEY, HEADER_EXAMPLE), (theta, "")]
+    required += [(sd, SPREAD_COLUMNS)] if present & {*sd} else []
+    required += [(POSITION_COLUMNS, endpoint)] if turns or present & {*POSITION_COLUMNS} else []
+    required += [(turn, endpoint) for turn in turns]
+    required += [(TARGETS, endpoint)] if targets else []
+    for group, remedy in required:
         for name in group:
-            if required and name not in present:
-                yield None, name, f"this column is missing{more}", remedy or f"add {name}"
+            if name not in present:
+                text = f"this column is missing{have if group is theta else ''}"
+                yield None, name, text, remedy or f"add {name}"
 
 
 def _known(name: str) -> bool:

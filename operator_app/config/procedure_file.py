@@ -133,12 +133,10 @@ class _NamedFiles:
 def check_joints(file_model: ProcedureFile, arm: ArmModel | None) -> Iterator[Complaint]:
     """Check joint numbers against each other and, unless `arm` is None, against the arm."""
     modes = file_model.chosen_modes
-    drives = modes.listed
-    lists: dict[KeyPath, tuple[int, ...]] = {
-        ("modes", "position"): drives,
-        ("unsensed_joints",): file_model.unsensed_joints,
-    }
-    for path, joints in lists.items():
+    drives, unsensed = modes.listed, file_model.unsensed_joints
+    lists: tuple[tuple[KeyPath, tuple[int, ...]], ...]
+    lists = ((("modes", "position"), drives), (("unsensed_joints",), unsensed))
+    for path, joints in lists:
         for k, joint in enumerate(joints):
             if arm is not None and joint > arm.joint_count:
                 text, remedy = f"there is no joint {joint}", f"joints are 1 to {arm.joint_count}"
@@ -147,7 +145,7 @@ def check_joints(file_model: ProcedureFile, arm: ArmModel | None) -> Iterator[Co
                 text = f"joint {joint} is listed twice"
                 yield (*path, k), text, "list each joint once"
     for k, joint in enumerate(drives):
-        if joint in file_model.unsensed_joints:
+        if joint in unsensed:
             text = f"joint {joint} is in position mode and unsensed"
             remedy = (
                 "a joint whose reading is not used cannot be driven to a position: remove it from modes.position "
@@ -197,20 +195,15 @@ def _check_exploration(
 
 def _check_limits(file_model: ProcedureFile, arm: ArmModel) -> Iterator[Complaint]:
     """Check that exploration from home stays inside the joint ranges, and check the speed of the drive joints."""
-    boxes = [
-        (k, item)
-        for k, item in enumerate(file_model.capture.exploration)
-        if item.joint <= arm.joint_count
-    ]
+    ranges = enumerate(file_model.capture.exploration)
+    boxes = [(k, item) for k, item in ranges if item.joint <= arm.joint_count]
     for k, item in boxes:
         joint, home = arm.joints[item.joint - 1], math.degrees(arm.home_rad[item.joint - 1])
         low, high = math.degrees(joint.lower_rad), math.degrees(joint.upper_rad)
         for key, end in (("from_deg", item.from_deg), ("to_deg", item.to_deg)):
             if not low - 1e-9 <= home + end <= high + 1e-9:
-                text = (
-                    f"takes joint {item.joint} from home {home:.6g} to {home + end:.6g} deg, "
-                    f"outside its range {low:.6g} to {high:.6g} deg"
-                )
+                way = f"joint {item.joint} from home {home:.6g} to {home + end:.6g} deg"
+                text = f"takes {way}, outside its range {low:.6g} to {high:.6g} deg"
                 yield ("capture", "exploration", k, key), text, "shorten the exploration range"
     # If the program chooses the drive joints, any joint may drive.
     named = [item.joint for _, item in boxes]
@@ -236,9 +229,7 @@ def check_requested(
         if key in known:
             continue
         name, _, _ = key.rpartition("_")
-        meant = next((k for k, p in known.items() if p.name in (name, key)), "")
-        near = difflib.get_close_matches(key, list(known), n=1)
-        remedy = f"known here: {', '.join(known)}"
-        if meant or near:
-            remedy = f"did you mean {meant or near[0]}?"
+        meant = [k for k, p in known.items() if p.name in (name, key)]
+        meant = meant or difflib.get_close_matches(key, list(known), n=1)
+        remedy = f"did you mean {meant[0]}?" if meant else f"known here: {', '.join(known)}"
         yield (*place, key), "is not a parameter of this calibration", remedy

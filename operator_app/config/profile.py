@@ -47,11 +47,8 @@ def _form(
             raise refuse(f"{text[:40]!r} is not a valid {what}", f"write e.g. {example}")
         return text
 
-    return (
-        StringConstraints(strict=True),
-        AfterValidator(check),
-        WithJsonSchema({"type": "string", "pattern": f"^{pattern}$"}),
-    )
+    schema = {"type": "string", "pattern": f"^{pattern}$"}
+    return StringConstraints(strict=True), AfterValidator(check), WithJsonSchema(schema)
 
 
 MappedObject = Annotated[str, *_form(_ENTRY, "mapped object", "6064h(32) or 2011h sub 3(16)")]
@@ -162,6 +159,7 @@ class ProfileFile(StrictRecord):
             listed = max((joint.joint for joint in self.joints), default=0)
             room = MAX_JOINTS if self.supervisor == "none" else min(MAX_JOINTS, self.supervisor - 1)
             count = listed or room
+        modes = {JointMode.POSITION: self.modes.position, JointMode.FREE: self.modes.free}
         return BusProfile(
             name=self.name,
             joints=tuple(self._joint(j, self.own(j)) for j in range(1, count + 1)),
@@ -169,9 +167,7 @@ class ProfileFile(StrictRecord):
             serial_number=self.serial_number or "",
             device_type=hexadecimal(self.device_type.value),
             device_type_mask=hexadecimal(self.device_type.mask),
-            mode_codes=MappingProxyType(
-                {JointMode.POSITION: self.modes.position, JointMode.FREE: self.modes.free}
-            ),
+            mode_codes=MappingProxyType(modes),
             configures_pdos=self.pdo_maps == "configured",
             compared=frozenset(map(hexadecimal, self.compared)),
             slowest_heartbeat_ms=self.heartbeat.slowest_ms,

@@ -33,10 +33,8 @@ def parse_profile(data: bytes, file: str, *, joints: int | None) -> BusProfile:
     """
     document = load_strict(data, file)
     file_model = check_model(ProfileFile, document, kind="profile")
-    if problems := [
-        document.problem(*complaint) for complaint in check_profile(file_model, joints)
-    ]:
-        raise ConfigError(problems)
+    if complaints := list(check_profile(file_model, joints)):
+        raise ConfigError(document.problem(*complaint) for complaint in complaints)
     return file_model.for_joints(joints)
 
 
@@ -48,9 +46,8 @@ def load_profile(reference: str | Path, *, joints: int | None = None) -> BusProf
 
 def format_profile(profile: BusProfile, *, comment: str) -> bytes:
     """Format a profile so that reading it gives the same profile; settings common to all joints are written once."""
-    joints: list[dict[str, Any]] = [
-        {"joint": number, "node": joint.node} for number, joint in enumerate(profile.joints, 1)
-    ]
+    numbered = enumerate(profile.joints, 1)
+    joints: list[dict[str, Any]] = [{"joint": k, "node": joint.node} for k, joint in numbered]
     shared: dict[str, Any] = {}
     for key in ("commands", "answers"):
         relative = [_written(getattr(j, key), j.node) for j in profile.joints]
@@ -59,16 +56,15 @@ def format_profile(profile: BusProfile, *, comment: str) -> bytes:
             continue
         for own, joint in zip(joints, profile.joints, strict=True):
             own[key] = _written(getattr(joint, key), None)
-    arm = (
-        {"supervisor": "none", "serial_number": profile.serial_number}
-        if profile.supervisor is None
-        else {"supervisor": profile.supervisor}
-    )
+    arm: dict[str, Any] = {"supervisor": profile.supervisor}
+    if profile.supervisor is None:
+        arm = {"supervisor": "none", "serial_number": profile.serial_number}
+    if profile.configures_pdos:
+        arm["pdo_maps"] = "configured"
     data: dict[str, Any] = {
         "schema": "sarcal/profile/1",
         "name": profile.name,
         **arm,
-        **({"pdo_maps": "configured"} if profile.configures_pdos else {}),
         **shared,
         "joints": joints,
         "compared": [f"{index:04X}h" for index in sorted(profile.compared)],
@@ -114,15 +110,13 @@ def check_profile(file_model: ProfileFile, joints: int | None) -> Iterator[Compl
         if owner.answers:
             yield from _check_pdos((*place, "answers"), owner.answers, sent=True)
     profile = file_model.for_joints(joints)
-    count = len(profile.joints)
-    for number in range(1, count + 1):
-        own = file_model.own(number)
+    for number, settings in enumerate(profile.joints, 1):
         for key in ("commands", "answers"):
-            if not getattr(own, key) and not getattr(file_model, key):
+            if not getattr(settings, key):
                 remedy = f"give {key} for all joints, or its own"
                 yield (key,), f"joint {number} has none", remedy
                 return  # the other joints have the same problem
-    yield from _check_unique(file_model, count)
+    yield from _check_unique(file_model, profile)
 
 
 def _check_supervisor(file_model: ProfileFile) -> Iterator[Complaint]:
@@ -187,9 +181,8 @@ def _check_pdos(place: KeyPath, pdos: Sequence[PdoSpec], *, sent: bool) -> Itera
         yield place, text, "map at least 32 bits"
 
 
-def _check_unique(file_model: ProfileFile, count: int) -> Iterator[Complaint]:
+def _check_unique(file_model: ProfileFile, profile: BusProfile) -> Iterator[Complaint]:
     """Check that no node and no identifier is used twice."""
-    profile = file_model.for_joints(count)
     places = {joint.joint: ("joints", k) for k, joint in enumerate(file_model.joints)}
     nodes = {} if profile.supervisor is None else {profile.supervisor: "the supervisor"}
     identifiers, reported = dict[int, str](), set[KeyPath]()

@@ -52,13 +52,12 @@ def in_si(values: Mapping[str, Any]) -> dict[str, Any]:
     converted = {}
     for key, value in values.items():
         match = UNIT.fullmatch(key)
-        unit, convert = TO_SI.get(match[2], ("", float)) if match is not None else ("", float)
-        if match is None or not unit:
+        if match is None or match[2] not in TO_SI:
             converted[key] = value
-        elif isinstance(value, tuple):
-            converted[f"{match[1]}_{unit}"] = tuple(convert(item) for item in value)
-        else:
-            converted[f"{match[1]}_{unit}"] = convert(value)
+            continue
+        unit, convert = TO_SI[match[2]]
+        in_unit = tuple(map(convert, value)) if isinstance(value, tuple) else convert(value)
+        converted[f"{match[1]}_{unit}"] = in_unit
     return converted
 
 
@@ -89,10 +88,8 @@ def _limited(
             raise refuse(text.format(value), remedy)
         return value
 
-    return (
-        AfterValidator(check),
-        WithJsonSchema({"type": "number", "minimum": least, "maximum": largest}),
-    )
+    schema = {"type": "number", "minimum": least, "maximum": largest}
+    return AfterValidator(check), WithJsonSchema(schema)
 
 
 def _uncertainty(limit: float, unit: str) -> tuple[AfterValidator, WithJsonSchema]:
@@ -118,20 +115,15 @@ Integer = Annotated[int, Field(strict=True)]
 Yes = Annotated[bool, Field(strict=True)]
 
 LengthM = Annotated[Number, *_limited(LONGEST_M, TOO_LONG, "write metres, e.g. 0.355")]
+LONGEST_MM = 1e3 * LONGEST_M
+TOO_LONG_MM = f"{{:g}} mm exceeds the limit for a fixture ({LONGEST_MM:g} mm)"
 LengthMm = Annotated[
-    Number,
-    *_limited(
-        1e3 * LONGEST_M,
-        f"{{:g}} mm exceeds the limit for a fixture ({1e3 * LONGEST_M:g} mm)",
-        "check that the value is in millimetres",
-    ),
+    Number, *_limited(LONGEST_MM, TOO_LONG_MM, "check that the value is in millimetres")
 ]
 AngleDeg = Annotated[Number, *_limited(LARGEST_DEG, TOO_FAR, "write degrees")]
 """An angle of a joint: may exceed one turn."""
-TurnDeg = Annotated[
-    Number,
-    *_limited(360.0, "{:g} deg is more than a turn", "write degrees between -360 and 360"),
-]
+BEYOND_A_TURN = "{:g} deg is more than a turn"
+TurnDeg = Annotated[Number, *_limited(360.0, BEYOND_A_TURN, "write degrees between -360 and 360")]
 """An offset: within a turn."""
 TwistDeg = Annotated[TurnDeg, AfterValidator(_twist_deg)]
 """A nominal twist, deg: within a turn; a number such as 1.5708 (pi/2) is refused as one in radians."""

@@ -109,13 +109,9 @@ def load_timed_log(
         raise only(file, text, "use --rad, or --deg if these are degrees")
     latest = float(np.max(np.abs(time_s), initial=0.0, where=np.isfinite(time_s)))
     per_s = next(per for least, per in PER_SECOND if latest >= least)
-    return recording_of(
-        time_s / per_s,
-        q if unit == "rad" else np.deg2rad(q),
-        joints=order,
-        file=file,
-        source=f"lines (times: {header[by] if header else f'column {by + 1}'})",
-    )
+    source = f"lines (times: {header[by] if header else f'column {by + 1}'})"
+    q_rad = q if unit == "rad" else np.deg2rad(q)
+    return recording_of(time_s / per_s, q_rad, joints=order, file=file, source=source)
 
 
 def _time_s(cell: str) -> float:
@@ -229,9 +225,8 @@ def load_bag(
         with Reader(where) as bag:
             connections = [c for c in bag.connections if c.msgtype == JOINT_STATE]
             chosen = _topic(sorted({c.topic for c in connections}), topic, file)
-            for connection, log_ns, data in bag.messages(
-                connections=[c for c in connections if c.topic == chosen]
-            ):
+            connections = [c for c in connections if c.topic == chosen]
+            for connection, log_ns, data in bag.messages(connections=connections):
                 message: Any = messages.deserialize_cdr(data, connection.msgtype)
                 stamp_ns = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
                 at = dict(zip(message.name, message.position.tolist(), strict=False))
@@ -248,14 +243,10 @@ def load_bag(
     # A gripper may send separate messages on the same topic.
     own = [state for state in states if not state[2].keys().isdisjoint(order)]
     stamped = all(stamp_ns for stamp_ns, _, _ in own)
-    return recording_of(
-        # Doubles hold times since 1970 to 0.24 us.
-        np.array([(stamp_ns if stamped else log_ns) / 1e9 for stamp_ns, log_ns, _ in own]),
-        np.array([[at.get(name, np.nan) for name in order] for _, _, at in own]),
-        joints=order,
-        file=file,
-        source=f"messages of {chosen}",
-    )
+    # Doubles hold times since 1970 to 0.24 us.
+    time_s = np.array([(stamp_ns if stamped else log_ns) / 1e9 for stamp_ns, log_ns, _ in own])
+    q_rad = np.array([[at.get(name, np.nan) for name in order] for _, _, at in own])
+    return recording_of(time_s, q_rad, joints=order, file=file, source=f"messages of {chosen}")
 
 
 def _topic(topics: list[str], option: str, file: str) -> str:

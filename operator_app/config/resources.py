@@ -19,8 +19,6 @@ from operator_app.config.errors import only
 
 Kind = Literal["arm", "fixture", "procedure", "profile"]
 
-WORDS = {kind: kind for kind in ("arm", "fixture", "procedure")} | {"profile": "bus profile"}
-
 DESCRIPTION_LIMIT_BYTES = 16 * 1024 * 1024
 """Limit for a URDF."""
 YAML_LIMIT_BYTES = 256 * 1024
@@ -67,7 +65,8 @@ def resolve(kind: Kind, reference: str | Path, *, folder: Path | None = None) ->
         near = near or difflib.get_close_matches(text.lower(), names, n=1)
         hint = f"did you mean {near[0]}? " if near else ""
         remedy = f"{hint}built-in: {', '.join(names)}; or give a path"
-        raise only(text or "''", f"is neither a built-in {WORDS[kind]} nor a file", remedy)
+        what = "bus profile" if kind == "profile" else kind
+        raise only(text or "''", f"is neither a built-in {what} nor a file", remedy)
     shown = text if folder is None else str(path)
     data = read_limited(path, shown, limit=YAML_LIMIT_BYTES)
     return Resource(file=shown, folder=path.parent, data=data)

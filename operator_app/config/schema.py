@@ -159,10 +159,8 @@ def _check_schema(document: YamlDocument, kind: str) -> Iterator[Problem]:
             remedy = f"a file of kind {kind} is required: {line}"
         elif match is not None:
             text = f"the {kind} file has version {match[2]}"
-            remedy = (
-                f"this program reads version {', '.join(map(str, versions))}: use a version of sarcal that reads "
-                f"version {match[2]}"
-            )
+            known = ", ".join(map(str, versions))
+            remedy = f"this program reads version {known}: use a version of sarcal that reads version {match[2]}"
         # All other problems would only follow from this one.
         raise ConfigError((document.problem(("schema",), text, remedy),))
     if next(iter(document.data)) != "schema":
@@ -271,10 +269,10 @@ def _keys(document: YamlDocument, model: type[M], path: Path) -> list[str]:
     nodes = [schema]
     for depth, part in enumerate(path, 1):
         value = document.at(path[:depth])
-        children = [
+        children = (
             n.get("items") if isinstance(part, int) else n.get("properties", {}).get(part)
             for n in nodes
-        ]
+        )
         nodes = [choice for child in children if child for choice in _choices(child, schema, value)]
     names = [name for node in nodes for name in node.get("properties", {})]
     return ["schema", *names] if not path else names
@@ -287,8 +285,8 @@ def _choices(node: dict[str, Any], schema: dict[str, Any], value: Any) -> list[d
     # Older versions of pydantic write a reference with a default as allOf of one.
     options = (option for word in ("anyOf", "oneOf", "allOf") for option in node.get(word, ()))
     choices = [choice for option in options for choice in _choices(option, schema, value)]
+    if not choices:
+        return [node]
     kind = value.get("kind") if isinstance(value, dict) else None
-    named = [
-        n for n in choices if n.get("properties", {}).get("kind", {}).get("const", kind) == kind
-    ]
-    return named if choices else [node]
+    kinds = [n.get("properties", {}).get("kind", {}).get("const", kind) for n in choices]
+    return [n for n, own in zip(choices, kinds, strict=True) if own == kind]

@@ -48,11 +48,8 @@ def format_urdf(
     origin = {"xyz": "0 0 0", "rpy": "0 0 0"}
     parent = BASE_LINK
     for j, (joint, row) in enumerate(zip(arm.joints, table.stacked().T.tolist(), strict=True), 1):
-        element = ET.SubElement(robot, "joint", name=_xml_text(names[j - 1]), type="revolute")
-        ET.SubElement(element, "origin", origin)
-        ET.SubElement(element, "parent", link=parent)
-        ET.SubElement(element, "child", link=f"link_{j}")
-        ET.SubElement(element, "axis", xyz="0 0 1")
+        name = _xml_text(names[j - 1])
+        element = _add_joint(robot, name, "revolute", origin, parent, f"link_{j}")
         limits = {
             "lower": joint.lower_rad,
             "upper": joint.upper_rad,
@@ -65,14 +62,24 @@ def format_urdf(
         origin = origin_words(link_transform(row))
     ends = {FLANGE: origin} | ({} if T_tip is None else {TIP_LINK: origin_words(T_tip)})
     for link, place in ends.items():
-        element = ET.SubElement(robot, "joint", name=f"{link}_fixed", type="fixed")
-        ET.SubElement(element, "origin", place)
-        ET.SubElement(element, "parent", link=parent)
-        ET.SubElement(element, "child", link=link)
+        _add_joint(robot, f"{link}_fixed", "fixed", place, parent, link)
         ET.SubElement(robot, "link", name=link)
     ET.indent(robot)
     text = ET.tostring(robot, encoding="unicode")
     return b'<?xml version="1.0" encoding="utf-8"?>\n' + xml_comment(comment) + f"{text}\n".encode()
+
+
+def _add_joint(
+    robot: ET.Element, name: str, kind: str, origin: dict[str, str], parent: str, child: str
+) -> ET.Element:
+    """Add a joint, about z unless it is fixed."""
+    joint = ET.SubElement(robot, "joint", name=name, type=kind)
+    ET.SubElement(joint, "origin", origin)
+    ET.SubElement(joint, "parent", link=parent)
+    ET.SubElement(joint, "child", link=child)
+    if kind != "fixed":
+        ET.SubElement(joint, "axis", xyz="0 0 1")
+    return joint
 
 
 def xml_comment(lines: Iterable[str]) -> bytes:
@@ -266,20 +273,13 @@ def _ur_chain(data: bytes, file: str) -> UrdfChain:
         if (link, key) not in values:
             remedy = f"write {', '.join(UR_KEYS)} below every link, a number on a line of its own"
             raise only(file, f"{link} has no {key}", remedy)
-    origins = [
-        "".join(
-            f' {word}="{" ".join(values[link, key] for key in keys)}"'
-            for word, keys in (("xyz", UR_KEYS[:3]), ("rpy", UR_KEYS[3:]))
+    robot = ET.Element("robot", name="ur")
+    for link, parent in zip(UR_LINKS, ("base", *UR_LINKS), strict=False):
+        xyz, rpy = (
+            " ".join(values[link, key] for key in keys) for keys in (UR_KEYS[:3], UR_KEYS[3:])
         )
-        for link in UR_LINKS
-    ]
-    parents = ("base", *UR_LINKS)
-    joints = "".join(
-        f'<joint name="{link}" type="continuous"><origin{origin}/><parent link="{parent}"/>'
-        f'<child link="{link}"/><axis xyz="0 0 1"/></joint>'
-        for link, parent, origin in zip(UR_LINKS, parents, origins, strict=False)
-    )
-    return parse_urdf(f'<robot name="ur">{joints}</robot>'.encode(), file)
+        _add_joint(robot, link, "continuous", {"xyz": xyz, "rpy": rpy}, parent, link)
+    return parse_urdf(ET.tostring(robot), file)
 
 
 def _into_yaml(data: bytes, origins: Mapping[str, FloatArray], comment: Sequence[str]) -> bytes:

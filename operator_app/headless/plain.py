@@ -12,7 +12,7 @@ from pathlib import Path
 
 from operator_app.documents import arm_history
 from operator_app.headless.plain_messages import describe, results
-from operator_app.manual.pages import Manual, reference
+from operator_app.manual.pages import Manual
 from operator_app.manual.shown import as_text
 from operator_app.messages.errors import EXPECTED, words
 from operator_app.report.results.history import history_text
@@ -77,7 +77,7 @@ class Plain:
     ) -> None:
         self.sessions = sessions
         self._terminal, self._pause = terminal, pause
-        self._manual = manual or Manual(reference())
+        self._manual = manual or Manual()
         self._step = Step.CONNECT
         self._row: int | None = None
         self._heard = 0

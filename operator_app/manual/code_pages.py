@@ -51,9 +51,8 @@ def file_page(kind: FileKind) -> str:
         f"# {title}",
         PURPOSE[kind],
         (
-            "YAML. Unknown keys, duplicate keys, wrong units and values that are not numbers are errors; all of "
-            "them are listed at once, with file, line and key. A name ends in its unit: `_m`, `_mm`, `_deg`, "
-            "`_mrad`, `_s`."
+            "YAML. Unknown keys, duplicate keys, wrong units and values that are not numbers are errors; all of them "
+            "are listed at once, with file, line and key. A name ends in its unit: `_m`, `_mm`, `_deg`, `_mrad`, `_s`."
         ),
     ]
     if kind in EXAMPLES:
@@ -72,15 +71,11 @@ def _example(kind: Any) -> Iterator[str]:
 def _model(name: str, model: Mapping[str, Any], models: Mapping[str, Any]) -> Iterator[str]:
     about, of_keys = _docstring(model.get("description", ""))
     required = model.get("required", ())
-    rows = [
-        (
-            f"`{key}`",
-            _type(spec, models),
-            "required" if key in required else _key_default(spec),
-            spec.get("description") or of_keys.get(key, ""),
-        )
-        for key, spec in model.get("properties", {}).items()
-    ]
+    rows = []
+    for key, spec in model.get("properties", {}).items():
+        default = "required" if key in required else _key_default(spec)
+        meaning = spec.get("description") or of_keys.get(key, "")
+        rows.append((f"`{key}`", _type(spec, models), default, meaning))
     yield f"## {heading(name)}"
     if about:
         yield about
@@ -98,9 +93,8 @@ def _docstring(text: str) -> tuple[str, dict[str, str]]:
     """Return the descriptions of a model and of its keys, from its docstring."""
     about, _, attributes = text.replace("``", "`").partition("Attributes\n----------\n")
     of_keys = {}
-    for names, description in re.findall(
-        r"^(\w[\w, ]*)\n((?:    .*\n?)+)", attributes, re.MULTILINE
-    ):
+    listed = re.findall(r"^(\w[\w, ]*)\n((?:    .*\n?)+)", attributes, re.MULTILINE)
+    for names, description in listed:
         of_keys.update({name.strip(): " ".join(description.split()) for name in names.split(",")})
     return " ".join(about.split()), of_keys
 
@@ -161,17 +155,16 @@ TYPES = {
 def exit_codes_page() -> str:
     """Return the page of exit codes."""
     rows = [(f"`{int(code)}`", meaning) for code, meaning in MEANING.items()]
-    return "\n\n".join(
+    blocks = [
+        "# Exit codes",
+        "A script reads the exit code, not the text. The codes do not change between versions.",
+        table(("code", "meaning"), rows),
         (
-            "# Exit codes",
-            "A script reads the exit code, not the text. The codes do not change between versions.",
-            table(("code", "meaning"), rows),
-            (
-                "Results go to stdout, progress and errors to stderr. `--json` prints one object on stdout, "
-                "and keeps the exit code.\n"
-            ),
-        )
-    )
+            "Results go to stdout, progress and errors to stderr. `--json` prints one object on stdout, and keeps the "
+            "exit code.\n"
+        ),
+    ]
+    return "\n\n".join(blocks)
 
 
 def keys_page() -> str:
@@ -179,9 +172,9 @@ def keys_page() -> str:
     blocks = [
         "# Keys of the terminal app",
         (
-            "`?` explains the panel that has the focus and lists these keys. Ctrl+P finds every action by "
-            "name. While the arm moves by itself, any key ends the motion. STOP is a software stop over the "
-            "bus. It is not an emergency stop."
+            "`?` explains the panel that has the focus and lists these keys. Ctrl+P finds every action by name. While "
+            "the arm moves by itself, any key ends the motion. STOP is a software stop over the bus. It is not an "
+            "emergency stop."
         ),
         "## Everywhere",
         _keys(a for a in ACTIONS if a.steps == EVERYWHERE),
@@ -200,22 +193,21 @@ def _keys(actions: Iterable[Entry]) -> str:
 def faults_page() -> str:
     """Return the page of faults that can be injected."""
     head = ("fault", "what is broken", "the operator", "the arm", "what is kept", "what to do")
-    return "\n\n".join(
+    at_connect = ", ".join(f"`{name}`" for name, fault in FAULTS.items() if fault.at_connect)
+    blocks = [
+        "# Faults",
         (
-            "# Faults",
-            (
-                "What can go wrong on the bus and in the arm, what is reported, and what to do. `sarcal "
-                "controller --fault NAME` produces each fault of the first table on the virtual controller. J is "
-                "the number of the joint. A fault that shows while an arm is being connected "
-                f"({', '.join(f'`{name}`' for name, fault in FAULTS.items() if fault.at_connect)}) is present from "
-                "the start; the others begin after 1000 SYNCs. `--fault-sync N` changes that; 0 is from the start. "
-                "An upload that meets a fault either completes, or the parameters that were active stay active."
-            ),
-            table(head, ((f"`{name}`", *_fault(fault)) for name, fault in FAULTS.items())),
-            "## Where the operator sits",
-            table(head, ((name, *_fault(fault)) for name, fault in OPERATOR_SIDE.items())) + "\n",
-        )
-    )
+            "What can go wrong on the bus and in the arm, what is reported, and what to do. `sarcal controller "
+            "--fault NAME` produces each fault of the first table on the virtual controller. J is the number of the "
+            f"joint. A fault that shows while an arm is being connected ({at_connect}) is present from the start; the "
+            "others begin after 1000 SYNCs. `--fault-sync N` changes that; 0 is from the start. An upload that meets "
+            "a fault either completes, or the parameters that were active stay active."
+        ),
+        table(head, ((f"`{name}`", *_fault(fault)) for name, fault in FAULTS.items())),
+        "## Where the operator sits",
+        table(head, ((name, *_fault(fault)) for name, fault in OPERATOR_SIDE.items())) + "\n",
+    ]
+    return "\n\n".join(blocks)
 
 
 def _fault(fault: FaultDescription) -> tuple[str, ...]:
@@ -227,10 +219,10 @@ def objects_page() -> str:
     blocks = [
         "# Object dictionary",
         (
-            "The virtual joint drive and the supervisor, from their EDS files. `sarcal eds` writes these for "
-            "other CANopen tools. Joint j is node j, the supervisor node 16. CiA 301 and CiA 402 define the "
-            "objects up to 1FFFh and from 6000h; 2000h to 2FFFh are our own. Positions are counts of the "
-            "joint's sensor. 607Ch keeps `theta_off` in the same counts; it never shifts what 6064h reports."
+            "The virtual joint drive and the supervisor, from their EDS files. `sarcal eds` writes these for other "
+            "CANopen tools. Joint j is node j, the supervisor node 16. CiA 301 and CiA 402 define the objects up to "
+            "1FFFh and from 6000h; 2000h to 2FFFh are our own. Positions are counts of the joint's sensor. 607Ch "
+            "keeps `theta_off` in the same counts; it never shifts what 6064h reports."
         ),
     ]
     for product in EDS_FILES:

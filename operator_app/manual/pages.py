@@ -10,7 +10,6 @@ import difflib
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from importlib.resources import files
 from types import MappingProxyType
 
@@ -111,21 +110,22 @@ class Page:
         return shown
 
 
-class Manual:
-    """All pages of the manual. `made`: functions, by topic, that generate pages on request."""
+def made_by_code(topic: str) -> bool:
+    """Whether a page is generated; all other pages are files."""
+    return not (FOLDER / f"{topic}.md").is_file()
 
-    def __init__(self, made: Mapping[str, Callable[[], str]]) -> None:
-        self._made = made
+
+class Manual:
+    """All pages of the manual; without the function that generates the page `commands`, all others."""
+
+    def __init__(self, commands: Callable[[], str] | None = None) -> None:
+        self._commands = commands
 
     @property
     def topics(self) -> tuple[str, ...]:
         """Names of all pages, in the order of reading."""
         named = (topic for topics in SECTIONS.values() for topic in topics)
-        return tuple(t for t in named if t in self._made or (FOLDER / f"{t}.md").is_file())
-
-    def made_by_code(self, topic: str) -> bool:
-        """Whether a page is generated."""
-        return topic in self._made
+        return tuple(t for t in named if self._commands is not None or t != "commands")
 
     def summary(self, topic: str) -> str:
         """Return the summary of a page in one line."""
@@ -136,7 +136,14 @@ class Manual:
         name = topic.strip().lower().removesuffix(".md")
         if name not in self.topics:
             raise NoSuchTopicError(topic, self.topics)
-        text = self._made[name]() if name in self._made else _written(name)
+        if name == "commands" and self._commands is not None:
+            text = self._commands()
+        elif made_by_code(name):
+            from operator_app.manual.code_pages import PAGES
+
+            text = PAGES[name]()
+        else:
+            text = _written(name)
         return Page(topic=name, title=text.partition("\n")[0].removeprefix("# "), markdown=text)
 
 
@@ -151,21 +158,3 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
         for line in (head, ["---"] * len(head), *rows)
     )
     return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
-
-
-GENERATED = (
-    *(f"{kind}-file" for kind in ("arm", "fixture", "procedure", "profile", "parameters")),
-    *("exit-codes", "keys", "faults", "objects"),
-)
-"""Topics of `operator_app.manual.code_pages`, which is loaded when one of them is read."""
-
-
-def reference() -> Mapping[str, Callable[[], str]]:
-    """Return the functions that generate pages, by topic."""
-    return {topic: partial(_generated, topic) for topic in GENERATED}
-
-
-def _generated(topic: str) -> str:
-    from operator_app.manual.code_pages import PAGES
-
-    return PAGES[topic]()

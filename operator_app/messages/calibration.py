@@ -104,11 +104,9 @@ class _Fields(dict[str, object]):
 
 def fixed_briefly(offsets: tuple[str, ...]) -> str:
     """Return a note that names the fixed offsets on which the tool's accuracy depends."""
-    return (
-        f". It holds only if the fixed value of {names(offsets)} is right: see the warnings"
-        if offsets
-        else ""
-    )
+    if not offsets:
+        return ""
+    return f". It holds only if the fixed value of {names(offsets)} is right: see the warnings"
 
 
 def _holds(f: Finding) -> str:
@@ -126,10 +124,9 @@ def _holds(f: Finding) -> str:
 
 
 def _releasing(f: Finding) -> str:
-    if not f.figures:
-        return ""
     fixed = ", ".join(f.figures)
-    return f"calibrate with a fixture that determines {fixed}, or state offset_tolerance_deg in the arm file"
+    remedy = f"calibrate with a fixture that determines {fixed}, or state offset_tolerance_deg in the arm file"
+    return remedy if fixed else ""
 
 
 def _displacement(f: Finding) -> str:

@@ -167,12 +167,13 @@ def unwatching_words(identity: ArmIdentity) -> str:
     joints = identity.unwatching
     if not joints:
         return ""
-    several = len(joints) > 1
-    which = f"{'Joints' if several else 'Joint'} {', '.join(map(str, joints))}"
+    which, drives, they = "Joint", "drive has", "it"
+    if len(joints) > 1:
+        which, drives, they = "Joints", "drives have", "they"
     return (
-        f"{which}: the drive{'s have' if several else ' has'} no heartbeat timeout (1016h). When this program ends, "
-        f"{'they' if several else 'it'} may stay powered, or leave a joint free to move. Keep a hand on the hardware "
-        "stop; sarcal arm-check shows what happens"
+        f"{which} {', '.join(map(str, joints))}: the {drives} no heartbeat timeout (1016h). When this program ends, "
+        f"{they} may stay powered, or leave a joint free to move. Keep a hand on the hardware stop; sarcal arm-check "
+        "shows what happens"
     )
 
 
@@ -181,15 +182,12 @@ def configured_words(identity: ArmIdentity) -> str:
     zeroed = identity.zeroed
     pdos = tuple(text for text in identity.configured if text not in zeroed)
     until = "configured as the bus profile requires (until the next connection or power cycle)"
-    parts = [
-        f"{plural(len(changed), what)} {'were' if len(changed) > 1 else 'was'} {how}: {changed[0]}"
-        f"{f'; and {len(changed) - 1} more' if len(changed) > 1 else ''}."
-        for changed, what, how in (
-            (pdos, "PDO", until),
-            (zeroed, "torque or offset", "set to 0 and will not be restored"),
-        )
-        if changed
-    ]
+    kept, parts = "set to 0 and will not be restored", []
+    for changed, what, how in ((pdos, "PDO", until), (zeroed, "torque or offset", kept)):
+        if changed:
+            rest = len(changed) - 1
+            were, more = ("were", f"; and {rest} more") if rest else ("was", "")
+            parts.append(f"{plural(len(changed), what)} {were} {how}: {changed[0]}{more}.")
     if not parts:
         return ""
     return f"Changed in the drives: {' '.join(parts)} The session's journal lists all changes"

@@ -49,11 +49,11 @@ class Chain:
 
 def chains_of(files: FilesRead) -> tuple[Chain, ...]:
     """Return the chain of each procedure or, without procedures, of every arm with every fixture."""
-    procedures = [p.holds for p in files.of("procedure") if isinstance(p.holds, Procedure)]
+    procedures = [p.content for p in files.of("procedure") if isinstance(p.content, Procedure)]
     if procedures:
         return tuple(_chain(files, p.arm, p.fixture, p) for p in procedures)
-    arms = [f.holds for f in files.of("arm") if isinstance(f.holds, ArmModel)]
-    fixtures = [f.holds for f in files.of("fixture") if isinstance(f.holds, FixtureSpec)]
+    arms = [f.content for f in files.of("arm") if isinstance(f.content, ArmModel)]
+    fixtures = [f.content for f in files.of("fixture") if isinstance(f.content, FixtureSpec)]
     return tuple(_chain(files, arm, fixture) for arm in arms for fixture in fixtures)
 
 
@@ -65,7 +65,7 @@ def _chain(
     identified: list[tuple[str, Identifiability]] = []
     unfit: list[tuple[str, str]] = []
     for looked in files.of("poses"):
-        file, loaded = looked.source.file, looked.holds
+        file, loaded = looked.source.file, looked.content
         if not isinstance(loaded, LoadedPoses) or loaded.poses.q_rad.shape[1] != arm.joint_count:
             continue
         try:

@@ -100,17 +100,13 @@ def _csv(calibration: Calibration) -> bytes:
     For a calibration that was not accepted, a last column has the operator's reason for exporting it anyway.
     """
     solution = calibration.solution
-    rows = [
-        (p.name, side_of(solution.model, p.name), quantity_of(p).unit,
-         *(repr(quantity_of(p).per_si * float(v)) for v in (p.nominal, value, sigma)))
-        for p, value, sigma in values_of(solution.identified)
-    ]  # fmt: skip
-    if solution.accepted:
-        return write_records([CSV_HEADER, *rows])
-    reason = " ".join(calibration.forced.split())
-    return write_records(
-        [(*CSV_HEADER, "forced"), *((*row, reason) for row in rows)], texts=("forced",)
-    )
+    reason = () if solution.accepted else (" ".join(calibration.forced.split()),)
+    rows = [CSV_HEADER if solution.accepted else (*CSV_HEADER, "forced")]
+    for p, *values in values_of(solution.identified):
+        quantity, side = quantity_of(p), side_of(solution.model, p.name)
+        numbers = (repr(quantity.per_si * float(v)) for v in (p.nominal, *values))
+        rows.append((p.name, side, quantity.unit, *numbers, *reason))
+    return write_records(rows, texts=("forced",))
 
 
 def into_description(calibration: Calibration, data: bytes, file: str) -> bytes:
@@ -118,13 +114,11 @@ def into_description(calibration: Calibration, data: bytes, file: str) -> bytes:
 
     Raises ConfigError if the file cannot be read, or describes another arm.
     """
-    own = set(calibration.by_itself.identified)
-    figures = [
-        f"{p.name}: {quantity_of(p).per_si * value:.6f}, sigma {quantity_of(p).per_si * sigma:.6f} "
-        f"{quantity_of(p).unit}"
-        for p, value, sigma in values_of(calibration.solution.identified)
-        if p.name in own
-    ]
+    own, figures = calibration.by_itself.identified, []
+    for p, *values in values_of(calibration.solution.identified):
+        if p.name in own:
+            value, sigma = (quantity_of(p).per_si * v for v in values)
+            figures.append(f"{p.name}: {value:.6f}, sigma {sigma:.6f} {quantity_of(p).unit}")
     comments = ["Only joint origins are changed.", *_provenance(calibration), *figures]
     return with_calibration(data, file, calibration.arm, calibration.by_itself.table(), comments)
 
@@ -155,10 +149,8 @@ def _provenance(calibration: Calibration) -> list[str]:
         f"{', '.join(mounting)}.",
     ]
     if not calibration.solution.accepted:
-        comments += [
-            f"NOT ACCEPTED: {'; '.join(calibration.solution.reasons)}.",
-            f"Used: {calibration.forced}",
-        ]
+        reasons = "; ".join(calibration.solution.reasons)
+        comments += [f"NOT ACCEPTED: {reasons}.", f"Used: {calibration.forced}"]
     return comments
 
 

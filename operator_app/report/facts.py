@@ -147,11 +147,7 @@ def facts_of(
             )
             if table is not None
         ),
-        data={
-            **calibration_data(solution),
-            **posterior_data(solution),
-            **checks_data(checks),
-        },
+        data=calibration_data(solution) | posterior_data(solution) | checks_data(checks),
     )
 
 
@@ -212,23 +208,17 @@ def side_note(solution: Solution) -> str:
     names: dict[str, list[str]] = {"arm": [], "ground": [], "hand": []}
     for parameter in solution.identified.parameters:
         names[side_of(solution.model, parameter.name)].append(parameter.name)
-    lists = (
-        f"{side.capitalize()}: {', '.join(listed) or 'none'}."
-        for side, listed in names.items()
-        if listed or side == "arm"
-    )
-    return " ".join([*lists, "Parameters of the arm stay valid in another mounting."])
+    lists = (f"{side.capitalize()}: {', '.join(n)}." for side, n in names.items() if n)
+    none = [] if names["arm"] else ["Arm: none."]
+    return " ".join([*none, *lists, "Parameters of the arm stay valid in another mounting."])
 
 
 def remedy_table(solution: Solution) -> FactTable | None:
     """Return the table of RVDT offsets, gains and corrections that the poses determine; None if it is empty."""
     rows: list[tuple[Cell, ...]] = []
     for table in reading_tables(solution):
-        head: tuple[Cell, ...] = (
-            str(table.joint),
-            Figure(table.theta_off_rad, ANGLE, places=3),
-            Figure(table.gain, places=4),
-        )
+        offset, gain = Figure(table.theta_off_rad, ANGLE, places=3), Figure(table.gain, places=4)
+        head: tuple[Cell, ...] = (str(table.joint), offset, gain)
         columns = (table.reading_rad, table.add_rad, table.sigma_rad)
         for reading, add, sigma in zip(*(c[::EVERY].tolist() for c in columns), strict=True):
             correction = Figure(add, ANGLE, 3, signed=True), Figure(sigma, ANGLE, 3)

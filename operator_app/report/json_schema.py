@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 def calibration_data(solution: Solution) -> dict[str, Any]:
     """Return the calibration's JSON data that are not figures of a table."""
     search = solution.search
+    accuracy_needs = () if solution.accuracy is None else solution.accuracy.holds_for
     return {
         **estimate_data(solution.identified),
         **_components_data(solution.components),
@@ -40,9 +41,9 @@ def calibration_data(solution: Solution) -> dict[str, Any]:
         "rvdt": [_rvdt_data(verdict) for verdict in solution.rvdt],
         "outlier_poses": list(solution.outliers),
         "held": list(solution.held),
-        "hand_accuracy_holds_for": {}
-        if solution.accuracy is None
-        else {h.name: h.value_rad * ANGLE.json_per_si for h in solution.accuracy.holds_for},
+        "hand_accuracy_holds_for": {
+            h.name: h.value_rad * ANGLE.json_per_si for h in accuracy_needs
+        },
         "tolerated": list(solution.tolerated),
         "tolerated_parameters": {},
         "repeatability": None,
@@ -100,15 +101,11 @@ def checks_data(checks: Checks | None) -> dict[str, Any]:
     """Return the data of the checks (jackknife, hold-out, far block); empty if they were not computed."""
     if checks is None:
         return {}
-    hold_outs = {
-        key: held_out
-        and {
-            "parts": len(held_out.parts),
-            "chi2_per_dof": [part.per_dof for part in held_out.parts],
-        }
-        for key, held_out in (("hold_out", checks.held_out), ("far_block", checks.far_block))
-    }
-    return {"checks": {"jackknife_sigma": None, **hold_outs}}
+    data: dict[str, Any] = {"jackknife_sigma": None}
+    for key, held_out in (("hold_out", checks.held_out), ("far_block", checks.far_block)):
+        parts = [] if held_out is None else [part.per_dof for part in held_out.parts]
+        data[key] = held_out and {"parts": len(parts), "chi2_per_dof": parts}
+    return {"checks": data}
 
 
 def _components_data(components: VarianceComponents | None) -> dict[str, Any]:

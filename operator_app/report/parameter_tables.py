@@ -6,13 +6,15 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 
+import numpy as np
+
 from operator_app.calibration.result import Solution
 from operator_app.report.table import Cell, Column, FactTable, figures, words
 from operator_app.units import (
+    ANGLE,
+    LENGTH,
     NOT_AVAILABLE,
     Figure,
-    Key,
-    Quantity,
     Valued,
     places_needed,
     places_to_show,
@@ -38,33 +40,36 @@ def values_of(estimate: Estimate) -> list[tuple[Parameter, float, float]]:
     return list(zip(estimate.parameters, *columns, strict=True))
 
 
-def precision(estimate: Estimate) -> Callable[[Quantity], int]:
-    """Return a function from quantity (angle, length) to decimal places: two digits of the smallest sigma."""
-    return precision_of(((p, sd) for p, _, sd in values_of(estimate)), most=MOST_PLACES)
+Format = Callable[..., Figure]
+"""Makes figures in the unit of one parameter, all with the same decimal places."""
 
 
-def precision_of(
+def formats(estimate: Estimate) -> Callable[[Valued], Format]:
+    """Return the function from parameter to format, with two digits of the smallest sigma of angles or lengths."""
+    return formats_of(((p, sd) for p, _, sd in values_of(estimate)), most=MOST_PLACES)
+
+
+def formats_of(
     sigmas: Iterable[tuple[Valued, float]], *, most: int = 9
-) -> Callable[[Quantity], int]:
-    """Return the function of `precision` for these parameters and sigmas, with at most `most` decimal places."""
-    listed = tuple(sigmas)
-
-    def places(quantity: Quantity) -> int:
-        own = (quantity.per_si * sd for p, sd in listed if quantity_of(p) is quantity)
-        return places_to_show(own, least=3, most=most)
-
-    return places
+) -> Callable[[Valued], Format]:
+    """Return the function of `formats` for these parameters and sigmas, with at most `most` decimal places."""
+    return _formats(sigmas, partial(places_to_show, least=3, most=most))
 
 
-def nominal_places(parameters: Iterable[Parameter]) -> Callable[[Quantity], int]:
-    """Return a function from quantity (angle, length) to the decimal places that show all nominal values exactly."""
-    listed = tuple(parameters)
+def nominal_formats(values: Iterable[tuple[Valued, float]]) -> Callable[[Valued], Format]:
+    """Return the function from parameter to the format that shows all nominal values of its quantity exactly."""
+    return _formats(values, partial(places_needed, least=1, most=MOST_PLACES))
 
-    def places(quantity: Quantity) -> int:
-        values = [quantity.per_si * p.nominal for p in listed if quantity_of(p) is quantity]
-        return places_needed(values, least=1, most=MOST_PLACES)
 
-    return places
+def _formats(
+    values: Iterable[tuple[Valued, float]], places_for: Callable[[list[float]], int]
+) -> Callable[[Valued], Format]:
+    listed = [(quantity_of(p), value) for p, value in values]
+    places = {
+        quantity: places_for([quantity.per_si * v for own, v in listed if own is quantity])
+        for quantity in (ANGLE, LENGTH)
+    }
+    return lambda p: partial(Figure, quantity=quantity_of(p), places=places[quantity_of(p)])
 
 
 def parameter_table(
@@ -88,38 +93,32 @@ def parameter_table(
     columns += (Column("of the", words=True, detail=True),) if sides is not None else ()
     if beside is not None:
         columns += figures("identified", group=beside.estimator)
-    places, round_places = precision(estimate), nominal_places(estimate.parameters)
+    format_of = formats(estimate)
+    nominal_of = nominal_formats((p, p.nominal) for p in estimate.parameters)
     theirs = {} if beside is None else {p.name: value for p, value, _ in values_of(beside)}
     bounds, rows = intervals(estimate), []
     for k, (p, value, sd) in enumerate(values_of(estimate)):
-        quantity, name = quantity_of(p), p.name
-        figure = partial(Figure, quantity=quantity, places=places(quantity))
-        nominal_name: Key = ("nominal", name) if nominal_key else ()
+        figure, name = format_of(p), p.name
         row: list[Cell] = [
             name,
-            quantity.unit,
-            Figure(p.nominal, quantity, places=round_places(quantity), key=nominal_name),
+            quantity_of(p).unit,
+            nominal_of(p)(p.nominal, key=("nominal", name) if nominal_key else ()),
             figure(value, role="found", key=("parameters", name)),
             figure(change_of(p, value, p.nominal), signed=True),
             figure(sd, key=("sigma", name)),
         ]
         if repeatability is not None:
             row.append(figure(float(repeatability[k]), key=("repeatability", name)))
-        row += [
-            figure(bounds[k].low, key=("interval_95", name, 0)),
-            figure(bounds[k].high, key=("interval_95", name, 1)),
-        ]
-        if sides is not None:
-            row.append(sides[name])
+        ends = enumerate((bounds[k].low, bounds[k].high))
+        row += [figure(end, key=("interval_95", name, which)) for which, end in ends]
+        row += [] if sides is None else [sides[name]]
         if beside is not None:
             row.append(figure(theirs[name]) if name in theirs else "")
         rows.append(tuple(row))
-    notes = [
-        "Joint angle = reading + theta_off; change = identified - nominal, angles the short way round."
-    ]
+    about = "Joint angle = reading + theta_off; change = identified - nominal, angles the short way round."
     if repeatability is not None:
-        notes.append(
-            "Sigma is the combined standard uncertainty of all stated sources; type A is the scatter of the same "
+        about += (
+            " Sigma is the combined standard uncertainty of all stated sources; type A is the scatter of the same "
             "poses, if taken again."
         )
     return FactTable(
@@ -127,7 +126,7 @@ def parameter_table(
         title="Identified parameters",
         columns=tuple(columns),
         rows=tuple(rows),
-        note=" ".join([*notes, *([note] if note else [])]),
+        note=f"{about} {note}".rstrip(),
     )
 
 
@@ -142,13 +141,11 @@ def estimators_table(
         return None
     paper, implicit = sorted((estimate, beside), key=lambda e: e.estimator == "implicit")
     by_paper = {p.name: (value, sd) for p, value, sd in values_of(paper)}
-    places = precision(estimate)
-    rows, most = [], 0.0
+    format_of, rows, most = formats(estimate), [], 0.0
     for p, value, sigma in values_of(implicit):
         if p.name not in by_paper:
             continue
-        quantity, (other, its_sigma) = quantity_of(p), by_paper[p.name]
-        figure = partial(Figure, quantity=quantity, places=places(quantity))
+        quantity, figure, (other, its_sigma) = quantity_of(p), format_of(p), by_paper[p.name]
         difference = change_of(p, other, value)
         most = max(most, abs(difference) / its_sigma) if its_sigma > 0.0 else most
         own = figure(value), figure(sigma)
@@ -192,12 +189,8 @@ def dh_table(solution: Solution) -> FactTable | None:
     free = set(model.entries)
     with_beta = any(e.kind is DhKind.BETA for e in free) or bool(before.beta_rad.any())
     kinds = shown_kinds(with_beta=with_beta)
-    every = [
-        Parameter(name="", is_angle=kind.is_angle, nominal=float(value))
-        for kind in kinds
-        for value in nominal[kind]
-    ]
-    round_places, places = nominal_places(every), precision(solution.identified)
+    format_of = formats(solution.identified)
+    nominal_of = nominal_formats((kind, float(v)) for kind in kinds for v in nominal[kind])
     columns = [*words("link")]
     for kind in kinds:
         columns += figures("nominal", "found", group=f"{kind.symbol} [{quantity_of(kind).unit}]")
@@ -205,15 +198,12 @@ def dh_table(solution: Solution) -> FactTable | None:
     for row in range(before.links):
         cells: list[Cell] = [str(row)]
         for kind in kinds:
-            quantity = quantity_of(kind)
             if kind is DhKind.THETA_OFF and (row == 0 or row in model.unsensed_joints):
                 cells += [NOT_AVAILABLE, ""]
                 continue
-            value = Figure(float(identified[kind, row]), quantity, places(quantity), role="found")
-            cells += [
-                Figure(float(nominal[kind, row]), quantity, places=round_places(quantity)),
-                value if DhEntry(kind, row) in free else "",
-            ]
+            value = format_of(kind)(float(identified[kind, row]), role="found")
+            nominal_value = nominal_of(kind)(float(nominal[kind, row]))
+            cells += [nominal_value, value if DhEntry(kind, row) in free else ""]
         rows.append(tuple(cells))
     return FactTable(
         ident="dh",
@@ -234,11 +224,10 @@ def jackknife_table(estimate: Estimate, spread: FloatArray | None) -> FactTable 
     """Return the table of sigmas and jackknife sigmas (each pose left out in turn); None if these were not computed."""
     if spread is None:
         return None
-    places, rows = precision(estimate), []
+    format_of, rows = formats(estimate), []
     for (p, _, sd), other in zip(values_of(estimate), spread.tolist(), strict=True):
-        quantity, key = quantity_of(p), ("checks", "jackknife_sigma", p.name)
-        figure = partial(Figure, quantity=quantity, places=places(quantity))
-        rows.append((p.name, quantity.unit, figure(sd), figure(other, key=key)))
+        figure, key = format_of(p), ("checks", "jackknife_sigma", p.name)
+        rows.append((p.name, quantity_of(p).unit, figure(sd), figure(other, key=key)))
     return FactTable(
         ident="jackknife",
         title="Sigma by leaving out each pose in turn",
@@ -251,17 +240,15 @@ def jackknife_table(estimate: Estimate, spread: FloatArray | None) -> FactTable 
 
 def tolerated_table(solution: Solution) -> FactTable | None:
     """Return the table of lengths, twists and offsets corrected within their tolerances; None if there are none."""
-    estimate = solution.estimate
-    places, round_places = precision(estimate), nominal_places(estimate.parameters)
-    rows = []
+    estimate, rows = solution.estimate, []
+    format_of = formats(estimate)
+    nominal_of = nominal_formats((p, p.nominal) for p in estimate.parameters)
     for p, x, sd in values_of(estimate):
         if p.name in solution.tolerated:
-            quantity, key = quantity_of(p), ("tolerated_parameters", p.name)
-            n = places(quantity)
-            nominal = Figure(p.nominal, quantity, round_places(quantity), key=(*key, "nominal"))
-            value = Figure(x, quantity, n, role="found", key=(*key, "value"))
-            sigma = Figure(sd, quantity, n, key=(*key, "sigma"))
-            rows.append((p.name, quantity.unit, nominal, value, sigma))
+            figure, key = format_of(p), ("tolerated_parameters", p.name)
+            nominal = nominal_of(p)(p.nominal, key=(*key, "nominal"))
+            both = figure(x, role="found", key=(*key, "value")), figure(sd, key=(*key, "sigma"))
+            rows.append((p.name, quantity_of(p).unit, nominal, *both))
     offsets = any(name.startswith("theta_off_") for name in solution.tolerated)
     what = "Lengths, twists and offsets" if offsets else "Lengths and twists"
     return None if not rows else FactTable(
@@ -284,16 +271,11 @@ def correlation_table(estimate: Estimate) -> FactTable:
         role = f"{'plus' if value > 0.0 else 'minus'}{step}" if step else "text"
         return Figure(value, places=2, role=role) if j <= k else ""
 
-    pairs = sorted(
-        (
-            (a, b, float(matrix[k, j]))
-            for k, a in enumerate(listed)
-            for j, b in enumerate(listed[:k])
-        ),
-        key=lambda pair: -abs(pair[2]),
-    )
+    lower = zip(*np.tril_indices(len(listed), -1), strict=True)
+    pairs = sorted(lower, key=lambda pair: -abs(matrix[pair]))
     largest = "; ".join(
-        f"{a} and {b} {Figure(r, places=3, signed=True).shown}" for a, b, r in pairs[:3]
+        f"{listed[k]} and {listed[j]} {Figure(float(matrix[k, j]), places=3, signed=True).shown}"
+        for k, j in pairs[:3]
     )
     return FactTable(
         ident="correlations",

@@ -19,6 +19,7 @@ from operator_app.units import (
     SIGMA_POS,
     Figure,
     Key,
+    Kind,
     names,
     plural,
     significant,
@@ -97,16 +98,14 @@ def hand_table(solution: Solution) -> FactTable | None:
     hand = solution.hand
     if hand is None:
         return None
+    rms = Figure(hand.rms, CLOSURE_LENGTH, key=("tip_sigma_mm", "rms"))
+    worst = Figure(hand.worst, CLOSURE_LENGTH, key=("tip_sigma_mm", "worst"))
     return FactTable(
         ident="hand",
         title="Tool position uncertainty (one sigma)",
         columns=(*words("at the poses of this calibration"), *figures("sigma [mm]")),
-        rows=(
-            ("rms", Figure(hand.rms, CLOSURE_LENGTH, key=("tip_sigma_mm", "rms"))),
-            ("worst pose", Figure(hand.worst, CLOSURE_LENGTH, key=("tip_sigma_mm", "worst"))),
-        ),
-        note="From the covariance of the parameters, in the arm's base frame; errors of the readings add "
-        "to it.",
+        rows=(("rms", rms), ("worst pose", worst)),
+        note="From the covariance of the parameters, in the arm's base frame; errors of the readings add to it.",
     )
 
 
@@ -136,12 +135,11 @@ def accuracy_table(solution: Solution) -> FactTable | None:
     titles = ("before", "after, one sigma", "if as stated")[: len(spreads)]
 
     def row(title: str, key: str, value_of: Callable[[Spread], float]) -> tuple[Cell, ...]:
-        values = {when: value_of(spread) for when, spread in spreads.items()}
-        cells = (
-            Figure(value, CLOSURE_LENGTH, key=("hand_accuracy_mm", when, key))
-            for when, value in values.items()
+        place = "hand_accuracy_mm"
+        return title, *(
+            Figure(value_of(spread), CLOSURE_LENGTH, key=(place, when, key))
+            for when, spread in spreads.items()
         )
-        return (title, *cells)
 
     return FactTable(
         ident="accuracy",
@@ -156,30 +154,25 @@ def accuracy_table(solution: Solution) -> FactTable | None:
     )
 
 
+TRUE_ERROR = Kind(CLOSURE_LENGTH, digits=2)
+
+
 def truth_table(solution: Solution) -> FactTable | None:
     """Return the table of a simulated arm's true calibration errors; None for a real arm."""
     truth = solution.truth
     if truth is None:
         return None
-
-    def length(value: float, key: str) -> Figure:
-        return Figure(value, CLOSURE_LENGTH, digits=2, key=("truth", key))
-
+    inside = Figure(truth.inside_95, places=0, key=("truth", "inside_95"))
+    of = Figure(truth.of, places=0, key=("truth", "of"))
+    off_by = TRUE_ERROR(truth.tool_rms_m, key=("truth", "tool_mm_rms"))
+    predicted = TRUE_ERROR(truth.predicted_rms_m, key=("truth", "predicted_mm_rms"))
     return FactTable(
         ident="truth",
         title="The truth, which only the simulator knows",
         columns=(*words("this arm is simulated"), *figures("found", "of, predicted")),
         rows=(
-            (
-                "entries within their 95 % intervals",
-                Figure(truth.inside_95, places=0, key=("truth", "inside_95")),
-                Figure(truth.of, places=0, key=("truth", "of")),
-            ),
-            (
-                "tool off by, rms [mm]",
-                length(truth.tool_rms_m, "tool_mm_rms"),
-                length(truth.predicted_rms_m, "predicted_mm_rms"),
-            ),
+            ("entries within their 95 % intervals", inside, of),
+            ("tool off by, rms [mm]", off_by, predicted),
         ),
         note="Over the ranges of all joints.",
     )
@@ -190,8 +183,7 @@ def truth_in_words(solution: Solution) -> str:
     truth = solution.truth
     if truth is None:
         return ""
-    tool = Figure(truth.tool_rms_m, CLOSURE_LENGTH, digits=2)
-    predicted = Figure(truth.predicted_rms_m, CLOSURE_LENGTH, digits=2)
+    tool, predicted = TRUE_ERROR(truth.tool_rms_m), TRUE_ERROR(truth.predicted_rms_m)
     return (
         f"{truth.inside_95} of {truth.of} entries within their 95 % intervals; tool off by {tool.with_unit} rms "
         f"(predicted {predicted.shown}), over the ranges of all joints."
@@ -200,15 +192,14 @@ def truth_in_words(solution: Solution) -> str:
 
 def observability_table(solution: Solution) -> FactTable:
     """Return the table of the five observability indices of the literature."""
+    indices = zip(solution.identifiability.observability, OBSERVABILITY, strict=True)
     return FactTable(
         ident="observability",
         title="Observability of the scaled Jacobian (no unit)",
         columns=(*words("index"), *figures("value"), *words("")),
         rows=tuple(
             (f"O{k}", Figure(value, key=("observability", f"O{k}")), meaning)
-            for k, (value, meaning) in enumerate(
-                zip(solution.identifiability.observability, OBSERVABILITY, strict=True), 1
-            )
+            for k, (value, meaning) in enumerate(indices, 1)
         ),
         detail=True,
     )
@@ -273,16 +264,13 @@ def closure_row(
 
 def causes_table(solution: Solution) -> FactTable | None:
     """Return the table of possible faults, most probable first (sentences only in HTML); None if there are none."""
-    rows = tuple(
-        (
-            cause.code,
-            Figure(cause.probability, SHARE, digits=2, role="warn" if cause.blocking else "text"),
-            "a reason for not accepting" if cause.blocking else "a warning",
-            cause.text,
-            cause.remedy,
-        )
-        for cause in solution.causes
-    )
+    rows: list[tuple[Cell, ...]] = []
+    for cause in solution.causes:
+        role, effect = "text", "a warning"
+        if cause.blocking:
+            role, effect = "warn", "a reason for not accepting"
+        probability = Figure(cause.probability, SHARE, digits=2, role=role)
+        rows.append((cause.code, probability, effect, cause.text, cause.remedy))
     return None if not rows else FactTable(
         ident="causes",
         title="What may be wrong, by probability",
@@ -292,26 +280,21 @@ def causes_table(solution: Solution) -> FactTable | None:
             *words(""),
             *words("what", "what to do", detail=True),
         ),
-        rows=rows,
+        rows=tuple(rows),
     )  # fmt: skip
 
 
 def tests_table(solution: Solution) -> FactTable | None:
     """Return the table of the verdict's hypothesis tests, with marks at tests that fired; None if there are none."""
-    rows = tuple(
-        (
-            t.code,
-            Figure(t.statistic, role="warn" if t.fires else "text"),
-            Figure(t.threshold),
-            Figure(t.false_alarm, digits=2),
-        )
-        for t in solution.adjudication.tests
-    )
+    rows: list[tuple[Cell, ...]] = []
+    for t in solution.adjudication.tests:
+        statistic = Figure(t.statistic, role="warn" if t.fires else "text")
+        rows.append((t.code, statistic, Figure(t.threshold), Figure(t.false_alarm, digits=2)))
     return None if not rows else FactTable(
         ident="tests",
         title="Tests behind the verdict (no unit)",
         columns=(*words("test"), *figures("statistic", "threshold", "false alarm")),
-        rows=rows,
+        rows=tuple(rows),
         note="A test fires (▲) above its threshold; false alarm is the rate at which sound sets fire it.",
         detail=True,
     )  # fmt: skip

@@ -12,11 +12,15 @@ from operator_app.units import (
     ANGLE,
     CLOSURE_ANGLE,
     CLOSURE_LENGTH,
+    LINEARITY,
     LSB,
     NOISE_ANGLE,
     NOT_AVAILABLE,
+    PERCENT,
+    READING,
     SHARE,
     Figure,
+    Kind,
     places_needed,
 )
 from solver.arrays import FloatArray
@@ -25,17 +29,16 @@ from solver.chain.sensors import Encoder, NoSensor, Rvdt, Sensor, rms_per_amplit
 from solver.estimators.error_model import SD_OF_PEAK
 from solver.estimators.estimate import Estimate
 
+CORRECTION = Kind(CLOSURE_ANGLE, digits=2)
 CORRECTION_ODD = 3.0
 """A joint is marked if the rms of its corrections exceeds the uncertainty of its readings by this factor."""
 
 
 def sensed_joints(subject: Subject) -> tuple[int, ...]:
     """Return the joints (from 1) whose readings were used."""
-    return tuple(
-        j
-        for j, joint in enumerate(subject.procedure.arm.joints, 1)
-        if j not in subject.unsensed_joints and not isinstance(joint.sensor, NoSensor)
-    )
+    joints = enumerate(subject.procedure.arm.joints, 1)
+    sensed = (j for j, joint in joints if not isinstance(joint.sensor, NoSensor))
+    return tuple(j for j in sensed if j not in subject.unsensed_joints)
 
 
 def rvdt_joints(subject: Subject) -> tuple[int, ...]:
@@ -47,7 +50,8 @@ def rvdt_joints(subject: Subject) -> tuple[int, ...]:
 def joint_table(subject: Subject, estimate: Estimate | None) -> FactTable:
     """Return the table of every joint's sensor, corrections and covered range."""
     arm, q, used = subject.procedure.arm, subject.readings_rad, sensed_joints(subject)
-    sigma, stated, rows = arm.sigma_rad(), stated_rad(arm), []
+    sigma, stated = arm.sigma_rad(), stated_rad(arm)
+    rows: list[tuple[Cell, ...]] = []
     for j, joint in enumerate(arm.joints, 1):
         rms = None
         if estimate is not None and estimate.corrections is not None and j in used:
@@ -61,13 +65,10 @@ def joint_table(subject: Subject, estimate: Estimate | None) -> FactTable:
                 f"{j} {joint.name}",
                 sensor_words(joint.sensor, used=j in used),
                 subject.state.modes[j - 1] if subject.state.modes else NOT_AVAILABLE,
-                Figure(noise, CLOSURE_ANGLE, digits=2),
-                Figure(float(stated[j - 1]) or None, CLOSURE_ANGLE, digits=2),
-                Figure(rms, CLOSURE_ANGLE, digits=2),
+                *map(CORRECTION, (noise, float(stated[j - 1]) or None, rms)),
                 Figure(ratio, digits=2, role="warn" if highlighted else "text"),
-                Figure(low, ANGLE, places=2),
-                Figure(high, ANGLE, places=2),
-                Figure((high - low) / (joint.upper_rad - joint.lower_rad), SHARE, places=0),
+                *map(READING, (low, high)),
+                PERCENT((high - low) / (joint.upper_rad - joint.lower_rad)),
             )
         )
     return FactTable(
@@ -118,17 +119,17 @@ def rvdt_table(subject: Subject) -> FactTable | None:
         sensor, result = subject.procedure.arm.joints[verdict.joint - 1].sensor, verdict.figures
         if result is None or not isinstance(sensor, Rvdt):
             continue
+        linearity = (Figure(v, SHARE, places=2) for v in (result.linearity, result.linearity_sd))
         noise = (result.noise.lsb, result.noise.low, result.noise.high, sensor.noise_lsb)
         rows.append(
             (
                 f"joint {verdict.joint}",
-                Figure(result.covered, SHARE, places=0),
+                PERCENT(result.covered),
                 Figure(result.gain, places=4),
-                Figure(result.linearity, SHARE, places=2),
-                Figure(result.linearity_sd, SHARE, places=2),
-                Figure(sensor.linearity, SHARE, digits=2),
+                *linearity,
+                LINEARITY(sensor.linearity),
                 *(Figure(value, LSB, digits=2) for value in noise),
-                Figure(verdict.share, SHARE, places=0),
+                PERCENT(verdict.share),
             )
         )
     single = "noise of a single reading"
@@ -149,7 +150,7 @@ def rvdt_table(subject: Subject) -> FactTable | None:
 
 def pose_table(subject: Subject, estimate: Estimate | None) -> FactTable:
     """Return the table of all captured poses with their closure errors, notes, and reasons for exclusion."""
-    joints = subject.procedure.arm.joint_count
+    joints = range(1, subject.procedure.arm.joint_count + 1)
     days = {pose.utc[:10] for pose in subject.poses}
     day = f", {min(days)}" if len(days) == 1 and all(days) else ""
     row_of = {p.number: k for k, p in enumerate(subject.used)}
@@ -158,43 +159,34 @@ def pose_table(subject: Subject, estimate: Estimate | None) -> FactTable:
         if estimate is None or k is None:
             return NOT_AVAILABLE, NOT_AVAILABLE, NOT_AVAILABLE
         split = estimate.rotation_rows
+        shifted = float(np.linalg.norm(estimate.residual[k, split:]))
         turned = float(np.linalg.norm(estimate.residual[k, :split])) if split else None
         chi2 = None if estimate.pose_chi2 is None else float(estimate.pose_chi2[k])
-        return (
-            Figure(float(np.linalg.norm(estimate.residual[k, split:])), CLOSURE_LENGTH),
-            Figure(turned, CLOSURE_ANGLE),
-            Figure(chi2),
-        )
+        return Figure(shifted, CLOSURE_LENGTH), Figure(turned, CLOSURE_ANGLE), Figure(chi2)
 
+    rows: list[tuple[Cell, ...]] = []
+    for pose in subject.poses:
+        head = str(pose.number), pose.utc[11 if day else 0 : 19].replace("T", " ")
+        readings = (Figure(v, ANGLE, places=3) for v in pose.mean_rad.tolist())
+        sd = Figure(float(pose.sd_rad.max()), NOISE_ANGLE, places=1)
+        remarks = [f"✕ excluded: {pose.excluded}"] if pose.excluded else []
+        if pose.number in subject.flipped:
+            remarks.append("✕ left out: tool upside down on the hinge (flipped branch)")
+        remarks += [pose.note] if pose.note else []
+        residuals = fit_residuals(row_of.get(pose.number))
+        rows.append((*head, *readings, sd, *residuals, "; ".join(remarks)))
     return FactTable(
         ident="pose-table",
         title="Captured poses: mean joint readings, error of closure, notes",
         columns=(
             *words("pose", f"UTC{day}"),
-            *figures(*map(str, range(1, joints + 1)), group="mean reading of joint [deg]"),
+            *figures(*map(str, joints), group="mean reading of joint [deg]"),
             *figures("largest sd", unit="mdeg"),
             *figures("position", unit="mm", group="closure error"),
             *figures("orientation", unit="mrad", group="closure error"),
             *figures("chi2"),
             *words("note"),
         ),
-        rows=tuple(
-            (
-                str(pose.number),
-                pose.utc[11 if day else 0 : 19].replace("T", " "),
-                *(Figure(v, ANGLE, places=3) for v in pose.mean_rad.tolist()),
-                Figure(float(pose.sd_rad.max()), NOISE_ANGLE, places=1),
-                *fit_residuals(row_of.get(pose.number)),
-                _remark(subject, pose.number, pose.note, pose.excluded),
-            )
-            for pose in subject.poses
-        ),
+        rows=tuple(rows),
         out=frozenset(k for k, pose in enumerate(subject.poses) if pose.number not in row_of),
     )
-
-
-def _remark(subject: Subject, number: int, note: str, excluded: str) -> str:
-    parts = [f"✕ excluded: {excluded}"] if excluded else []
-    if number in subject.flipped:
-        parts.append("✕ left out: tool upside down on the hinge (flipped branch)")
-    return "; ".join([*parts, note] if note else parts)

@@ -139,6 +139,8 @@ def subject_of_session(
 
     `calibration` is None if the poses do not determine every parameter; `unidentifiable` is then the error.
     """
+    connected = (event for event in events if event.name == "connected")
+    nodes = [node for event in connected for node in event.data.get("nodes", ())]
     return Subject(
         name=name,
         procedure=procedure,
@@ -150,23 +152,18 @@ def subject_of_session(
         last_utc=events[-1].utc,
         events=len(events),
         torn=torn,
-        simulated=any(
-            "virtual" in str(node.get("device_name", ""))
-            for event in events
-            if event.name == "connected"
-            for node in event.data.get("nodes", ())
-        ),
+        simulated=any("virtual" in str(node.get("device_name", "")) for node in nodes),
     )
 
 
 def facts_on(s: SessionSnapshot) -> Facts | None:
     """Return the facts of a snapshot's calibration; None if the present poses have no calibration."""
-    return None if no_facts(s) else _facts(_Same(s))
+    return _of_snapshot(_SnapshotKey(s))[0]
 
 
 def subject_on(s: SessionSnapshot) -> Subject | None:
     """Return the report subject of a snapshot; None if the present poses have no calibration."""
-    return None if no_facts(s) else _subject(_Same(s))
+    return _of_snapshot(_SnapshotKey(s))[1]
 
 
 def no_facts(s: SessionSnapshot) -> str:
@@ -179,7 +176,7 @@ def no_facts(s: SessionSnapshot) -> str:
     return ""
 
 
-class _Same:
+class _SnapshotKey:
     """Cache key of a snapshot (there are 20 per second): the parts that the facts depend on."""
 
     def __init__(self, s: SessionSnapshot) -> None:
@@ -187,29 +184,25 @@ class _Same:
         self._parts = [*map(id, (s.solution, s.cross_checks, s.state.poses, s.state.modes))]
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Same) and self._parts == other._parts
+        return isinstance(other, _SnapshotKey) and self._parts == other._parts
 
     def __hash__(self) -> int:
         return id(self.s.solution)
 
 
 @lru_cache(maxsize=2)
-def _facts(of: _Same) -> Facts | None:
+def _of_snapshot(of: _SnapshotKey) -> tuple[Facts | None, Subject | None]:
     s = of.s
-    if s.solution is None:
-        return None
-    limits, captured = s.procedure.acceptance, len(s.state.poses)
-    return facts_of(s.solution, checks=s.cross_checks, limits=limits, captured=captured)
-
-
-@lru_cache(maxsize=2)
-def _subject(of: _Same) -> Subject:
-    s = of.s
-    return Subject(
+    if s.solution is None or no_facts(s):
+        return None, None
+    solution, checks, limits = s.solution, s.cross_checks, s.procedure.acceptance
+    facts = facts_of(solution, checks=checks, limits=limits, captured=len(s.state.poses))
+    subject = Subject(
         name=s.folder.name,
         procedure=s.procedure,
         state=s.state,
-        solution=s.solution,
-        checks=s.cross_checks,
+        solution=solution,
+        checks=checks,
         simulated=s.simulated,
     )
+    return facts, subject

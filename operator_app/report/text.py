@@ -89,11 +89,9 @@ def placed(table: FactTable, gap: str) -> tuple[list[list[str]], list[list[str]]
         widths[first] += max(0, len(group) - span)
         above.append(group.center(max(span, len(group))))
         grouped = len(above)
+    puts = [str.ljust if column.words else str.rjust for column in columns]
     titles, *rows = (
-        [
-            cell.ljust(width) if column.words else cell.rjust(width)
-            for cell, width, column in zip(cells, widths, columns, strict=True)
-        ]
+        [put(cell, width) for put, cell, width in zip(puts, cells, widths, strict=True)]
         for cells in (heads, *body)
     )
     return [above[:grouped], titles] if grouped else [titles], rows
@@ -107,14 +105,10 @@ def table_spans(table: FactTable) -> tuple[list[Line], list[Line]]:
     """Return the header and body of a table as spans, without the columns that only the HTML page has."""
     table = table.brief
     heads, rows = placed(table, " ")
-    roles = [
-        [ROLES.get(c.role, c.role) if isinstance(c, Figure) else "text" for c in row]
-        for row in table.rows
-    ]
-    body = [
-        tuple((f" {text}", role) for text, role in zip(texts, of_row, strict=True))
-        for texts, of_row in zip(rows, roles, strict=True)
-    ]
+    body = []
+    for texts, cells in zip(rows, table.rows, strict=True):
+        roles = (ROLES.get(c.role, c.role) if isinstance(c, Figure) else "text" for c in cells)
+        body.append(tuple((f" {text}", role) for text, role in zip(texts, roles, strict=True)))
     return [line((" " + " ".join(cells), "header")) for cells in heads], body
 
 
@@ -165,13 +159,8 @@ def unidentifiable_text(error: UnidentifiableError) -> str:
         )
     # The note states the cause if it is known: a stuck sensor, or too few poses.
     causes = [*([error.note] if error.note else []), *map(str, directions)]
-    return "\n".join(
-        [
-            "Not identifiable: these poses cannot determine every parameter.",
-            *map(warning, causes),
-            paragraph(f"What to do: {remedy}"),
-        ]
-    )
+    head = "Not identifiable: these poses cannot determine every parameter."
+    return "\n".join([head, *map(warning, causes), paragraph(f"What to do: {remedy}")])
 
 
 def aligned(rows: Sequence[Sequence[str]], *, left: bool = False) -> str:

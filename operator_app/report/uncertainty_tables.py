@@ -15,8 +15,9 @@ from operator_app.units import (
     CLOSURE_ANGLE,
     CLOSURE_LENGTH,
     LENGTH,
-    SHARE,
+    PERCENT,
     Figure,
+    Key,
     Kind,
     names,
     quantity_of,
@@ -71,15 +72,12 @@ def components_table(
 def component_words(name: str) -> str:
     """Return the name of a variance component in words."""
     kind, _, which = name.partition("_")
-    match kind:
-        case "rvdt":
-            return f"reading of joint {which} (RVDT)"
-        case "curve":
-            return f"curve of joint {which} (RVDT)"
-        case "fixture":
-            return "fixture, turning" if which == "rad" else "fixture, shifting"
-        case _:
-            return name
+    known = {
+        "rvdt": f"reading of joint {which} (RVDT)",
+        "curve": f"curve of joint {which} (RVDT)",
+        "fixture": "fixture, turning" if which == "rad" else "fixture, shifting",
+    }
+    return known.get(kind, name)
 
 
 def budget_table(solution: Solution) -> FactTable | None:
@@ -88,15 +86,11 @@ def budget_table(solution: Solution) -> FactTable | None:
         return None
     estimate, budget = solution.estimate, solution.components.budget
     rows: list[tuple[Cell, ...]] = []
-    for k, (p, total) in enumerate(
-        zip(estimate.parameters, np.diagonal(estimate.covariance).tolist(), strict=True)
-    ):
+    variances = np.diagonal(estimate.covariance).tolist()
+    for k, (p, total) in enumerate(zip(estimate.parameters, variances, strict=True)):
         if p.name not in solution.tolerated:
             shares = {s: float(v[k] / total) if total > 0.0 else 0.0 for s, v in budget.items()}
-            cells = {
-                source: Figure(share, SHARE, places=0, key=("budget", p.name, source))
-                for source, share in shares.items()
-            }
+            cells = {s: PERCENT(v, key=("budget", p.name, s)) for s, v in shares.items()}
             largest = sorted(shares, key=lambda source: -shares[source])[:LARGEST]
             listed = ", ".join(f"{source_words(s)} {cells[s].with_unit}" for s in largest)
             rows.append((p.name, listed, *cells.values()))
@@ -121,7 +115,7 @@ def sensitivity_table(solution: Solution) -> FactTable | None:
     for h in sensitivities:
         name, quantity = h.parameter.name, quantity_of(h.parameter)
         sigma = Figure(h.sigma, quantity, digits=2)
-        source = f"{source_words(h.source)} {Figure(h.share, SHARE, places=0).with_unit}"
+        source = f"{source_words(h.source)} {PERCENT(h.share).with_unit}"
         then = Figure(h.then, quantity, digits=2, key=("halved", name, "sigma"))
         rows.append((name, quantity.unit, sigma, source, then))
     done = dict.fromkeys(f"{source_words(h.source)}: {h.remedy}" for h in sensitivities)
@@ -148,15 +142,14 @@ def scale_table(solution: Solution) -> FactTable | None:
     """Return the table of each error family's ratio of estimated to stated magnitude; None if not estimated."""
     if not solution.scales:
         return None
-    rows: list[tuple[Cell, ...]] = [
-        (
-            s.family.replace("_", " "),
-            Figure(s.value, places=2, role="found", key=("scales", s.family, "value")),
-            Figure(s.low, places=2, key=("scales", s.family, "interval_95", 0)),
-            Figure(s.high, places=2, key=("scales", s.family, "interval_95", 1)),
+    rows: list[tuple[Cell, ...]] = []
+    for s in solution.scales:
+        key: Key = ("scales", s.family)
+        value = Figure(s.value, places=2, role="found", key=(*key, "value"))
+        ends = (
+            Figure(v, places=2, key=(*key, "interval_95", k)) for k, v in enumerate((s.low, s.high))
         )
-        for s in solution.scales
-    ]
+        rows.append((s.family.replace("_", " "), value, *ends))
     return FactTable(
         ident="scales",
         title="Errors against what the files state, stated = 1 (no unit)",

@@ -25,7 +25,7 @@ from textual.scrollbar import ScrollBar, ScrollBarRender
 from textual.widgets import Input
 
 from operator_app.exit_codes import ExitCode
-from operator_app.manual.pages import Manual, reference
+from operator_app.manual.pages import Manual
 from operator_app.report.spans import Line, line
 from operator_app.session.ui.steps import QUIT_KEYS, STOP_KEYS, Step
 from operator_app.signals import ENDING, ending_signals_ignored
@@ -112,7 +112,7 @@ class SarcalApp(App[str]):
         self.look: Look = look(self.theme, ascii_only=ascii_only)
         ScrollBar.renderer = AsciiScrollBar if ascii_only else ScrollBarRender
         self.resume_first, self.poll_s = resume, poll_s
-        self.manual = manual or Manual(reference())
+        self.manual = manual or Manual()
         self.runner: Runner | None = None
         self.step = Step.CONNECT
         self.picture: SessionSnapshot | None = None

@@ -16,8 +16,8 @@ from operator_app.config.parameter_records import (
     WhichArm,
     WhichFixture,
 )
-from operator_app.config.parameters import ParametersDocument
 from operator_app.config.parameters_file import (
+    ParametersDocument,
     format_parameters,
     joints_from_table,
     parse_parameters,

@@ -21,7 +21,7 @@ from .result import Result
 
 if TYPE_CHECKING:
     from operator_app.calibration.verification import VerificationResult
-    from operator_app.config.parameters import ParametersDocument
+    from operator_app.config.parameters_file import ParametersDocument
 
 
 @dataclass(frozen=True, slots=True)

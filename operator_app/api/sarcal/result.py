@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
     from operator_app.calibration.cross_validation import Checks
     from operator_app.calibration.result import Solution
-    from operator_app.config.parameters import ParametersDocument
+    from operator_app.config.parameters_file import ParametersDocument
     from operator_app.config.procedure import Procedure
     from operator_app.session.store.state import SessionState
     from solver.arrays import FloatArray

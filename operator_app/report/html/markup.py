@@ -105,11 +105,8 @@ class Section:
 
 def definitions(rows: Iterable[tuple[str, str]]) -> Html:
     """Return a list of terms and their definitions."""
-    return element(
-        "dl",
-        *(part for name, value in rows for part in (element("dt", name), element("dd", value))),
-        class_="facts",
-    )
+    parts = (part for name, value in rows for part in (element("dt", name), element("dd", value)))
+    return element("dl", *parts, class_="facts")
 
 
 def figure(caption: str, drawn: Html) -> Html:
@@ -124,9 +121,8 @@ def plots(drawn: Iterable[Html]) -> Html:
 
 def remark(*text_parts: str) -> Html:
     """Return an explanatory paragraph."""
-    return element(
-        "p", *(w if isinstance(w, Html) else prose(w) for w in text_parts), class_="muted"
-    )
+    parts = (part if isinstance(part, Html) else prose(part) for part in text_parts)
+    return element("p", *parts, class_="muted")
 
 
 def bullets(points: Iterable[str]) -> Html:
@@ -144,10 +140,8 @@ def prose(text: str) -> Html:
     parts: list[str] = []
     end = 0
     for option in WRITTEN_OPTION.finditer(text):
-        parts += [
-            typeset(text[end : option.start()]),
-            element("code", option.group(), class_="whole"),
-        ]
+        code = element("code", option.group(), class_="whole")
+        parts += [typeset(text[end : option.start()]), code]
         end = option.end()
     return join([*parts, typeset(text[end:])])
 
@@ -155,10 +149,8 @@ def prose(text: str) -> Html:
 def table_html(table: FactTable) -> Html:
     """Return an HTML table whose first column contains the row headers."""
     table = table.whole
-    starts = [
-        bool(c.group) and c.group != before.group
-        for before, c in zip((table.columns[0], *table.columns), table.columns, strict=False)
-    ]
+    groups = [column.group for column in table.columns]
+    starts = [bool(g) and g != before for before, g in zip(["", *groups], groups, strict=False)]
     body = []
     for k, row in enumerate(table.rows):
         cells = [element("th", _words(row[0]), scope="row")]
@@ -171,7 +163,7 @@ def table_html(table: FactTable) -> Html:
     made = element(
         "table",
         element("caption", element("span", caption)),
-        element("thead", *_header(table.columns)),
+        element("thead", *_header(table.columns, starts)),
         element("tbody", *body),
         class_=table.ident,
     )
@@ -186,30 +178,21 @@ def _words(cell: Cell) -> Html:
     return element("span", spoken(cell), class_="remark") if len(cell) > 40 else text(cell)
 
 
-def _header(columns: tuple[Column, ...]) -> list[Html]:
+def _header(columns: tuple[Column, ...], first_of_group: list[bool]) -> list[Html]:
     grouped = any(column.group for column in columns)
     upper: list[Html] = []
     lower: list[Html] = []
-    before = ""
-    for column in columns:
+    for column, starts in zip(columns, first_of_group, strict=True):
         unit = element("span", f"[{column.unit}]", class_="unit") if column.unit else ""
         title = join((column.title, " ", unit)) if column.unit else text(column.title)
         alone = grouped and not column.group
-        starts = bool(column.group) and column.group != before
-        cell = element(
-            "th",
-            title,
-            scope="col",
-            class_=_class(column, starts=starts),
-            rowspan=2 if alone else None,
-        )
+        class_, rows = _class(column, starts=starts), 2 if alone else None
+        cell = element("th", title, scope="col", class_=class_, rowspan=rows)
         (upper if alone or not grouped else lower).append(cell)
         if starts:
-            width = sum(other.group == column.group for other in columns)
-            upper.append(
-                element("th", column.group, scope="colgroup", colspan=width, class_="group start")
-            )
-        before = column.group
+            name, width = column.group, sum(other.group == column.group for other in columns)
+            class_ = "group start"
+            upper.append(element("th", name, scope="colgroup", colspan=width, class_=class_))
     return [element("tr", *row) for row in (upper, lower) if row]
 
 

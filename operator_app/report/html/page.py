@@ -44,7 +44,7 @@ from operator_app.report.uncertainty_tables import source_words
 from operator_app.session.store.journal import read_journal
 from operator_app.session.store.stored_calibration import StoredCalibration, journal_calibration
 from operator_app.session.workflow.importing import UNKNOWN_SERIAL_NUMBER
-from operator_app.units import CLOSURE_LENGTH, SHARE, Figure, Kind, quantity_of
+from operator_app.units import CLOSURE_LENGTH, PERCENT, Figure, Kind, quantity_of
 
 if TYPE_CHECKING:
     from operator_app.report.facts import Facts
@@ -106,11 +106,8 @@ def _document(title: str, body: Html, *, generator: str = "") -> bytes:
 def _history(serial: str) -> tuple[Html | str, ...]:
     if not serial or serial == UNKNOWN_SERIAL_NUMBER:
         return ()
-    return (
-        "All calibrations of this arm, with control charts: ",
-        element("code", f"sarcal history {serial} -o history.html"),
-        ".",
-    )
+    command = element("code", f"sarcal history {serial} -o history.html")
+    return "All calibrations of this arm, with control charts: ", command, "."
 
 
 REPORT_NAME = "report.html"
@@ -136,16 +133,14 @@ def _widest(subject: Subject) -> list[Html]:
     if not sensitivities:
         return []
     worst = sensitivities[0]
-    figure = Kind(quantity_of(worst.parameter), digits=2)
-    share = Figure(worst.share, SHARE, places=0)
+    figure, name = Kind(quantity_of(worst.parameter), digits=2), worst.parameter.name
+    text = (
+        f": {figure(worst.sigma).with_unit}, {PERCENT(worst.share).with_unit} of its variance from "
+        f"{source_words(worst.source)}. With half of that: {figure(worst.then).with_unit}."
+    )
     return [
         element("h2", "Widest sigma"),
-        element(
-            "p",
-            element("span", worst.parameter.name, class_="mono"),
-            f": {figure(worst.sigma).with_unit}, {share.with_unit} of its variance from "
-            f"{source_words(worst.source)}. With half of that: {figure(worst.then).with_unit}.",
-        ),
+        element("p", element("span", name, class_="mono"), text),
         element("p", "To halve it: ", prose(f"{worst.remedy}.")),
     ]
 
@@ -155,9 +150,8 @@ def _tool(subject: Subject) -> list[Html]:
     solution = subject.solution
     if solution is None or (accuracy := solution.accuracy) is None:
         return []
-    before, after = (
-        Figure(s.rms, CLOSURE_LENGTH).with_unit for s in (accuracy.before, accuracy.after)
-    )
+    both = (accuracy.before, accuracy.after)
+    before, after = (Figure(spread.rms, CLOSURE_LENGTH).with_unit for spread in both)
     parts = [element("h2", f"Tool off by {before} rms before, {after} after (one sigma)")]
     if pair := hand_pair(solution, subject.procedure.arm):
         parts += [plots([drawn(pair.before), drawn(pair.after)]), remark(pair.note)]
@@ -183,16 +177,15 @@ def _verdict(subject: Subject, facts: Facts | None, outcome: str) -> Html:
     when = subject.state.opened_utc[:16].replace("T", " ")
     glyph = element("span", "✓ " if good else "✕ ", class_="glyph", aria_hidden="true")
     points = [sentence(reason) for reason in reasons]
+    procedure, serial = subject.procedure, subject.state.serial_number or "not known"
+    arm = (
+        f"Calibration of {procedure.arm.name}, serial {serial}, in fixture {procedure.fixture.name}"
+    )
+    met = " The limits of the procedure are met." if good else ""
     return element(
         "div",
         element("h1", glyph, outcome.capitalize()),
-        element(
-            "p",
-            f"Calibration of {subject.procedure.arm.name}, serial "
-            f"{subject.state.serial_number or 'not known'}, in fixture {subject.procedure.fixture.name}, "
-            f"{when} UTC.",
-            " The limits of the procedure are met." if good else "",
-        ),
+        element("p", f"{arm}, {when} UTC.{met}"),
         *([bullets(points)] if points else []),
         class_="verdict" if good else "verdict no",
     )
@@ -203,10 +196,8 @@ def _tiles(headlines: Iterable[Headline]) -> Html:
     tiles = []
     for h in headlines:
         unit = element("span", h.figure.quantity.unit, class_="unit")
-        value = element("dd", h.figure.shown, " ", unit)
-        tiles.append(
-            element("div", element("dt", h.name), value, element("dd", h.note, class_="was"))
-        )
+        value, note = element("dd", h.figure.shown, " ", unit), element("dd", h.note, class_="was")
+        tiles.append(element("div", element("dt", h.name), value, note))
     return element("dl", *tiles, class_="tiles")
 
 
@@ -250,10 +241,8 @@ def _chart(part: EntryHistory, j: int) -> Html:
     values = (unit.per_si * part.values[:, j]).tolist()
     layers: list[Layer] = []
     heights = list(values)
-    for half, style, label in (
-        (chart.shewhart, "a", "Shewhart"),
-        (chart.ewma_limit, "dashed", "EWMA limits"),
-    ):
+    ewma_limits = chart.ewma_limit, "dashed", "EWMA limits"
+    for half, style, label in ((chart.shewhart, "a", "Shewhart"), ewma_limits):
         for sign in (-1.0, 1.0):
             limit = unit.per_si * (chart.centre[:, j] + sign * half[:, j])
             known = np.isfinite(limit)

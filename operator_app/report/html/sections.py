@@ -21,12 +21,7 @@ from operator_app.report.html.markup import (
 from operator_app.report.plots import before_after, calibration_plots
 from operator_app.report.plots.strips import corrections_by_joint, coverage
 from operator_app.report.plots.svg import drawn
-from operator_app.report.session_tables import (
-    joint_table,
-    pose_table,
-    rvdt_joints,
-    rvdt_table,
-)
+from operator_app.report.session_tables import joint_table, pose_table, rvdt_joints, rvdt_table
 from operator_app.units import (
     CLOSURE_ANGLE,
     CLOSURE_LENGTH,
@@ -174,11 +169,14 @@ def _rvdt(subject: Subject) -> Section | None:
         shown = (calibration_plots.rvdt_deviations(subject, joint, f) for joint, f in measured)
         content += [table_html(table), plots(map(drawn, shown))]
     used = [j for j in joints if j not in subject.unsensed_joints]
+    corrections = None if estimate is None else estimate.corrections
     if unused := [j for j in joints if j in subject.unsensed_joints]:
         content.append(remark(f"The readings of {joints_named(unused)} were not used."))
-    if used and estimate is not None and estimate.corrections is not None:
+    if used and corrections is not None:
         content.append(remark(CURVE_WORDS.format(joints=joints_named(used))))
-        shown = (calibration_plots.rvdt_corrections(subject, estimate, j) for j in used)
+        shown = (
+            calibration_plots.rvdt_corrections(subject, j, corrections[:, j - 1]) for j in used
+        )
         content.append(plots(map(drawn, shown)))
     return Section(ident="rvdt", title="RVDT joints", content=tuple(content))
 
@@ -195,9 +193,8 @@ def _poses(subject: Subject, estimate: Estimate | None) -> Section:
     out = [p.number for p in subject.poses if p.excluded]
     points = [f"{plural(len(subject.poses), 'pose')} captured, {len(subject.used)} used."]
     if out:
-        points.append(
-            f"Excluded by the operator: {names(out)}; the reasons are in the last column."
-        )
+        reasons = "the reasons are in the last column"
+        points.append(f"Excluded by the operator: {names(out)}; {reasons}.")
     if subject.flipped:
         points.append(f"Left out on the flipped branch of the hinge: {names(subject.flipped)}.")
     table = table_html(pose_table(subject, estimate))
@@ -210,14 +207,13 @@ def _provenance(subject: Subject) -> Section:
     fixture = procedure.fixture
     position = [j for j, mode in enumerate(subject.state.modes, 1) if mode == "position"]
     driven = names(position) + others_free(len(position), procedure.arm.joint_count)
+    settings = ((k, v) for k, v in subject.state.settings.items() if v is not None)
     chosen = ", ".join(
         f"{key.replace('_', ' ')} {names(v) if isinstance(v, list | tuple) else v}"
-        for key, v in subject.state.settings.items()
-        if v is not None
+        for key, v in settings
     )
-    opened, last = (
-        utc[:19].replace("T", " ") for utc in (subject.state.opened_utc, subject.last_utc)
-    )
+    times = subject.state.opened_utc, subject.last_utc
+    opened, last = (utc[:19].replace("T", " ") for utc in times)
     rows: list[tuple[str, str]] = [
         ("Arm", f"{procedure.arm.name}, {plural(procedure.arm.joint_count, 'joint')}"),
         ("Serial number", subject.state.serial_number or "not known"),
@@ -238,14 +234,13 @@ def _method(subject: Subject) -> Section:
     """Return the section that explains how the numbers on the page were computed."""
     samples = sorted({p.samples for p in subject.poses})
     file = subject.state.imported
-    points = [
-        f"The poses were read from {file}; this program did not capture them."
-        if file
-        else (
-            f"Every pose is the mean of {names(samples)} samples of all joints, taken when the arm stood "
-            "still; sd is the spread of those samples."
-        )
-    ]
+    origin = (
+        f"Every pose is the mean of {names(samples)} samples of all joints, taken when the arm stood still; sd is the "
+        "spread of those samples."
+    )
+    if file:
+        origin = f"The poses were read from {file}; this program did not capture them."
+    points = [origin]
     if subject.solution is not None:
         fixture = subject.procedure.fixture
         equations = plural(subject.solution.model.equations_per_pose, "equation")

@@ -52,8 +52,7 @@ def hand_pair(solution: Solution, arm: ArmModel) -> Pair | None:
     largest = max(accuracy.before.worst, accuracy.after.worst)
 
     def shown(when: str, what: str, errors_m: FloatArray, spread: Spread) -> Picture:
-        rms = Figure(spread.rms, CLOSURE_LENGTH).with_unit
-        worst = Figure(spread.worst, CLOSURE_LENGTH).with_unit
+        rms, worst = (Figure(v, CLOSURE_LENGTH).with_unit for v in (spread.rms, spread.worst))
         marks = Marks(
             x=out,
             y=along,
@@ -78,29 +77,6 @@ def hand_pair(solution: Solution, arm: ArmModel) -> Pair | None:
         note="The area of a mark is the tool's position error there, on one scale in both pictures"
         f"{fixed_briefly(tuple(h.name for h in accuracy.holds_for))}.",
     )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Words:
-    """Captions of the pictures of an arm; `there` labels the measured point (empty if a fixture holds the tool)."""
-
-    title: str
-    worst: str
-    where: str
-    there: str = ""
-
-
-HELD = _Words(
-    title="the loop of pose {} stays open by {}",
-    worst="whose loop was farthest from closing",
-    where="where it is held",
-)
-MEASURED = _Words(
-    title="the tool of pose {} is {} from where it was measured",
-    worst="whose tool was farthest from where it was measured",
-    where="where the instrument measured it",
-    there="as measured",
-)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -141,18 +117,23 @@ def arm_pair(subject: Subject) -> Pair | None:
     reach = float(np.ptp(before.chain @ view.T, axis=0).max())
     times = max((k for k in ENLARGED if k * max(sizes) <= PANEL_GAP_SHARE * reach), default=1)
     kind = subject.procedure.fixture.kind
-    caption = MEASURED if kind == "measured" else HELD
-    labels = (caption.there or f"{kind}, table", f"{kind}, tool")
+    if kind == "measured":
+        caption = "the tool of pose {} is {} from where it was measured"
+        largest = "whose tool was farthest from where it was measured"
+        target, there = "where the instrument measured it", "as measured"
+    else:
+        caption = "the loop of pose {} stays open by {}"
+        largest = "whose loop was farthest from closing"
+        target, there = "where it is held", f"{kind}, table"
+    labels = there, f"{kind}, tool"
     drawn = [_layers(s, view, times, labels) for s in (before, after)]
     points = [np.array([layer.x, layer.y]) for layers in drawn for layer in layers]
-    x, y = map_axes(
-        ("across", "up"), *np.concatenate(points, axis=1), unit=LENGTH.unit, aspect=ASPECT
-    )
+    places = np.concatenate(points, axis=1)
+    x, y = map_axes(("across", "up"), *places, unit=LENGTH.unit, aspect=ASPECT)
 
     def picture(when: str, gap: float, layers: list[Layer]) -> Picture:
-        title = (
-            f"{when}: {caption.title.format(numbers[worst], Figure(gap, CLOSURE_LENGTH).with_unit)}"
-        )
+        size = Figure(gap, CLOSURE_LENGTH).with_unit
+        title = f"{when}: {caption.format(numbers[worst], size)}"
         return Picture(
             ident=f"arm-{when.lower()}",
             title=title,
@@ -167,8 +148,8 @@ def arm_pair(subject: Subject) -> Pair | None:
     return Pair(
         before=picture("Before", sizes[0], [*drawn[0]]),
         after=picture("After", sizes[1], [*drawn[1]]),
-        note=f"The arm at the readings of pose {numbers[worst]}, {caption.worst} before; the gap{enlarged} is from the "
-        f"tool to {caption.where}.",
+        note=f"The arm at the readings of pose {numbers[worst]}, {largest} before; the gap{enlarged} is from the "
+        f"tool to {target}.",
     )
 
 

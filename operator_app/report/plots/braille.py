@@ -138,16 +138,14 @@ def coverage_lines(shown: Preview, *, ascii_only: bool) -> list[str]:
     reach = shown.plan.reach_rad
     lines = []
     for k, joint in enumerate(shown.arm.joints):
-        full = joint.upper_rad - joint.lower_rad
-
-        def cell(angle: float, low: float = joint.lower_rad, full: float = full) -> int:
-            return min(BAR_CELLS - 1, max(0, int((angle - low) / full * BAR_CELLS)))
-
+        angles = np.array([*reach[k], *(pose.q_rad[k] for pose in shown.poses)])
+        share = (angles - joint.lower_rad) / (joint.upper_rad - joint.lower_rad)
+        cells = np.clip(share * BAR_CELLS, 0.0, BAR_CELLS - 1.0).astype(int).tolist()
+        first, last, *of_poses = cells
         bar = [empty] * BAR_CELLS
-        for c in range(cell(reach[k, 0]), cell(reach[k, 1]) + 1):
-            bar[c] = reachable
-        for pose in shown.poses:
-            bar[cell(float(pose.q_rad[k]))] = taken
+        bar[first : last + 1] = [reachable] * (last + 1 - first)
+        for cell in of_poses:
+            bar[cell] = taken
         low, high = (SPAN(v).shown for v in (joint.lower_rad, joint.upper_rad))
         lines.append(f"  J{k + 1} {low:>8} {left_end}{''.join(bar)}{right} {high:>7}")
     return lines

@@ -61,7 +61,10 @@ def condition_trend(trend: Sequence[tuple[int, float]], limit: float) -> Picture
     x = axis("poses", numbers, whole=True)
     shown = [units.CONDITION(value).shown for value in values]
     tips = [f"{n} poses: {text}" for (n, _), text in zip(trend, shown, strict=True)]
-    dashed = f"limit {limit:g}"
+    dashed = Polyline(
+        x=(x.low, x.high), y=(limit, limit), class_="dashed", label=f"limit {limit:g}"
+    )
+    marks = Marks(x=numbers, y=values, tips=tips, label="first poses")
     return Picture(
         ident="condition-trend",
         title="Condition number by number of poses",
@@ -69,17 +72,19 @@ def condition_trend(trend: Sequence[tuple[int, float]], limit: float) -> Picture
         f"from {shown[0]} to {shown[-1]}; lower is better.",
         x=x,
         y=log_axis("scaled condition number", [*values, limit]),
-        layers=[
-            Polyline(x=(x.low, x.high), y=(limit, limit), class_="dashed", label=dashed),
-            Polyline(x=numbers, y=values),
-            Marks(x=numbers, y=values, tips=tips, label="first poses"),
-        ],
+        layers=[dashed, Polyline(x=numbers, y=values), marks],
     )
 
 
 def residuals(subject: Subject, estimate: Estimate) -> tuple[Picture, ...]:
-    """Return all plots of residuals by pose."""
-    return (*closure_by_pose(subject, estimate), misses(subject, estimate))
+    """Return plots of the closure error of every pose at the measured joints: position, orientation, distance."""
+    split, after = estimate.rotation_rows, estimate.sigmas
+    position = after.position_m.rms, estimate.residual[:, split:]
+    drawn = [_closure(subject, "position", CLOSURE_LENGTH, *position)]
+    if split and after.orientation_rad is not None:
+        turned = after.orientation_rad.rms, estimate.residual[:, :split]
+        drawn.append(_closure(subject, "orientation", CLOSURE_ANGLE, *turned))
+    return (*drawn, misses(subject, estimate))
 
 
 def misses(subject: Subject, estimate: Estimate) -> Picture:
@@ -89,6 +94,7 @@ def misses(subject: Subject, estimate: Estimate) -> Picture:
     highlighted, values = miss > FAR_OFF * rms, CLOSURE_LENGTH.per_si * miss
     numbers = np.array([p.number for p in subject.used])
     limit = CLOSURE_LENGTH.per_si * FAR_OFF * rms
+    band = Band(low=0.0, high=limit, label=f"{FAR_OFF:g} rms")
 
     def marks(of: BoolArray, shape: Shape, class_: str, label: str = "") -> Marks:
         x, y = numbers[of].tolist(), values[of].tolist()
@@ -101,39 +107,20 @@ def misses(subject: Subject, estimate: Estimate) -> Picture:
         f"{plural(int(highlighted.sum()), 'pose')} beyond {FAR_OFF:g} times that.",
         x=pose_axis(subject),
         y=axis("distance", [0.0, limit, *values.tolist()], unit=CLOSURE_LENGTH.unit),
-        layers=[
-            Band(low=0.0, high=limit, label=f"{FAR_OFF:g} rms"),
-            marks(~highlighted, "dot", "a", "pose"),
-            marks(highlighted, "square", "c"),
-        ],
+        layers=[band, marks(~highlighted, "dot", "a", "pose"), marks(highlighted, "square", "c")],
     )
 
 
-def closure_by_pose(subject: Subject, estimate: Estimate) -> tuple[Picture, ...]:
-    """Return plots of the closure error of every pose at the measured joint angles: position, then orientation."""
-    split, after = estimate.rotation_rows, estimate.sigmas
-    drawn = [("position", CLOSURE_LENGTH, after.position_m, estimate.residual[:, split:])]
-    if split and after.orientation_rad is not None:
-        turned = CLOSURE_ANGLE, after.orientation_rad, estimate.residual[:, :split]
-        drawn.append(("orientation", *turned))
-    return tuple(
-        _closure(subject, kind, quantity, sigma.rms, rows) for kind, quantity, sigma, rows in drawn
-    )
-
-
-def _closure(
-    subject: Subject, kind: str, quantity: Quantity, rms: float, rows: FloatArray
-) -> Picture:
+def _closure(subject: Subject, kind: str, unit: Quantity, rms: float, rows: FloatArray) -> Picture:
     numbers = [p.number for p in subject.used]
     norms = np.linalg.norm(rows, axis=1)
     worst = int(np.argmax(norms))
     components = ("x", "y", "z") if kind == "position" else ROTATIONS[rows.shape[1]]
-    spread = quantity.per_si * rms
-    values = quantity.per_si * rows
+    spread, values = unit.per_si * rms, unit.per_si * rows
     layers: list[Layer] = [Band(low=-spread, high=spread, label="rms")]
     for k, (name, (shape, colour)) in enumerate(zip(components, SHAPES, strict=False)):
         tips = [
-            f"pose {n}: {name} {Figure(v, quantity).with_unit}"
+            f"pose {n}: {name} {Figure(v, unit).with_unit}"
             for n, v in zip(numbers, rows[:, k].tolist(), strict=True)
         ]
         y = values[:, k].tolist()
@@ -141,11 +128,11 @@ def _closure(
     return Picture(
         ident=f"closure-{kind}",
         title=f"Closure error by pose, {kind}",
-        description=f"{plural(len(rows), 'pose')}; rms {Figure(rms, quantity).with_unit} per "
-        f"component (shaded); the largest is {Figure(float(norms[worst]), quantity).with_unit} "
+        description=f"{plural(len(rows), 'pose')}; rms {Figure(rms, unit).with_unit} per "
+        f"component (shaded); the largest is {Figure(float(norms[worst]), unit).with_unit} "
         f"at pose {numbers[worst]}.",
         x=pose_axis(subject),
-        y=axis(f"{kind} error", [*values.flat, spread], unit=quantity.unit, symmetric=True),
+        y=axis(f"{kind} error", [*values.flat, spread], unit=unit.unit, symmetric=True),
         layers=layers,
     )
 
@@ -172,14 +159,8 @@ def rvdt_deviations(subject: Subject, joint: int, figures: RvdtFigures) -> Pictu
     )
 
 
-def rvdt_corrections(subject: Subject, estimate: Estimate, joint: int) -> Picture:
-    """Return the plot of one RVDT joint's corrections over its reading, with the stated noise.
-
-    Raises ValueError if the estimate has no corrections.
-    """
-    if estimate.corrections is None:
-        raise ValueError("this estimator finds no corrections")
-    values = estimate.corrections[:, joint - 1]
+def rvdt_corrections(subject: Subject, joint: int, values: FloatArray) -> Picture:
+    """Return the plot of one RVDT joint's corrections (m,), rad, over its reading, with the stated noise."""
     noise = _rvdt(subject, joint).sigma_rad
     low, high = (Figure(float(v), CLOSURE_ANGLE) for v in (values.min(), values.max()))
     return _of_rvdt(
@@ -219,9 +200,9 @@ def _of_rvdt(
 
     `known_rad` (k, 3): readings, the corrections at these readings, and the standard deviations of the corrections.
     """
-    x_label, y_label = labels
+    (x_label, y_label), (allowed, name) = labels, allowed_rad
     x, y = _scaled(at_rad, units.ANGLE), _scaled(values_rad, CLOSURE_ANGLE)
-    allowed, name = CLOSURE_ANGLE.per_si * allowed_rad[0], allowed_rad[1]
+    allowed *= CLOSURE_ANGLE.per_si
     tips = [
         f"pose {p.number}: {y_label} {Figure(v, CLOSURE_ANGLE, places=2).with_unit} at "
         f"{Figure(a, units.ANGLE, places=2).with_unit}"
@@ -233,10 +214,8 @@ def _of_rvdt(
     ]
     if known_rad is not None:
         reading, add, sigma = known_rad.T
-        low, high = (
-            _scaled(-add + sign * KNOWN_SIGMAS * sigma, CLOSURE_ANGLE) for sign in (-1.0, 1.0)
-        )
-        label = f"±{KNOWN_SIGMAS:g} sigma"
+        half, label = KNOWN_SIGMAS * sigma, f"±{KNOWN_SIGMAS:g} sigma"
+        low, high = (_scaled(-add + sign * half, CLOSURE_ANGLE) for sign in (-1.0, 1.0))
         ribbon = Ribbon(x=_scaled(reading + add, units.ANGLE), low=low, high=high, label=label)
         layers.insert(1, ribbon)
         y = [*y, *low, *high]

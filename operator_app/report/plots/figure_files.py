@@ -11,6 +11,7 @@ import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from importlib.util import find_spec
 from itertools import chain, pairwise
 from os import PathLike
 from pathlib import Path
@@ -91,11 +92,7 @@ def save_figures(subject: Subject, folder: Path) -> tuple[Path, ...]:
 
 def pdf_is_possible() -> bool:
     """Whether the extra ``[plots]`` is installed."""
-    try:
-        import svglib  # noqa: F401
-    except ImportError:
-        return False
-    return True
+    return find_spec("svglib") is not None
 
 
 def _document(of: Panels) -> str:
@@ -223,20 +220,15 @@ def _budget(_: Subject, solution: Solution) -> Panels | None:
     largest = {kind: percent[kind] for kind in order[:MOST_SOURCES]}
     largest["all others"] = sum((percent[kind] for kind in order[MOST_SOURCES:]), nothing)
     ends = np.cumsum([nothing, *largest.values()], axis=0).tolist()
-    pieces = {
-        kind: list(zip(*pair, strict=True))
-        for kind, pair in zip(largest, pairwise(ends), strict=True)
-    }
+    pairs = (list(zip(*pair, strict=True)) for pair in pairwise(ends))
+    pieces = dict(zip(largest, pairs, strict=True))
     x = Axis(label="share of variance", unit="%", low=0.0, high=100.0, ticks=PERCENTS)
     return Panels(pictures=(Bars(x=x, names=[listed[k].name for k in rows], bars=pieces),))
 
 
 def _rvdt(subject: Subject, solution: Solution) -> Panels | None:
-    shown = tuple(
-        calibration_plots.rvdt_deviations(subject, v.joint, v.figures)
-        for v in solution.rvdt
-        if v.figures is not None
-    )
+    measured = [(v.joint, v.figures) for v in solution.rvdt if v.figures is not None]
+    shown = tuple(calibration_plots.rvdt_deviations(subject, j, f) for j, f in measured)
     return Panels(pictures=shown, columns=2) if shown else None
 
 

@@ -118,12 +118,12 @@ def bars(of: Bars) -> Drawn:
     parts = []
     for k, legend in enumerate(labels):
         x, y = 2.0 + (k % 3) * (RIGHT - 2.0) / 3.0, LEGEND * (k // 3 + 1)
-        parts.append(
-            rectangle(x, y - 7.0, 9.0, 7.0, fill.format(k))
-            if k < len(bars)
-            else mark(shapes[k - len(bars)][0], x + 4.0, y - 3.5, 2.4, shapes[k - len(bars)][1])
-        )
-        parts.append(label(legend, x + 12.0, y, class_="legend"))
+        if k < len(bars):
+            sign = rectangle(x, y - 7.0, 9.0, 7.0, fill.format(k))
+        else:
+            shape, colour = shapes[k - len(bars)]
+            sign = mark(shape, x + 4.0, y - 3.5, 2.4, colour)
+        parts += [sign, label(legend, x + 12.0, y, class_="legend")]
     for value in of.x.ticks:
         x_at = of.x.place(value, NAME_WIDTH, RIGHT)
         parts.append(segment(x_at, top, x_at, foot, "zero" if value == 0.0 else "grid"))
@@ -158,9 +158,8 @@ def coverage(subject: Subject) -> Html:
         values = readings[:, k].tolist()
         least, most = min(values), max(values)
         covered.append((most - least) / (upper - lower))
-        scale = Axis(
-            label="", unit=ANGLE.unit, low=min(lower, least), high=max(upper, most), ticks=()
-        )
+        low, high = min(lower, least), max(upper, most)
+        scale = Axis(label="", unit=ANGLE.unit, low=low, high=high, ticks=())
         low, high, start, end, *marks = (
             scale.place(v, NAME_WIDTH, right) for v in (lower, upper, least, most, *values)
         )

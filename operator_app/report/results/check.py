@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from fixtures.base import CheckKind, Severity
 from operator_app.config.fixture_file import FixtureSpec
-from operator_app.config.parameters import ParametersDocument
+from operator_app.config.parameters_file import ParametersDocument
 from operator_app.config.poses_file import LoadedPoses
 from operator_app.config.procedure import Procedure
 from operator_app.config.quantities import short_degrees
@@ -62,8 +62,8 @@ def problems_text(problems: Sequence[Problem]) -> str:
 def check_text(files: FilesRead, chains: Sequence[Chain]) -> str:
     """Return text on each file and each arm, and predicted results of calibrating each arm in its fixture."""
     arms = {chain.arm.name: chain.arm for chain in chains}
-    arms |= {f.holds.name: f.holds for f in files.of("arm") if isinstance(f.holds, ArmModel)}
-    listed = aligned([[looked.source.file, in_words(looked)] for looked in files.files], left=True)
+    arms |= {f.content.name: f.content for f in files.of("arm") if isinstance(f.content, ArmModel)}
+    listed = aligned([[read.source.file, file_text(read)] for read in files.files], left=True)
     blocks = [
         f"No problems were found in the files.\n{listed}",
         *map(_arm, arms.values()),
@@ -74,9 +74,9 @@ def check_text(files: FilesRead, chains: Sequence[Chain]) -> str:
     return "\n\n".join(blocks)
 
 
-def in_words(looked: FileRead) -> str:
+def file_text(read: FileRead) -> str:
     """Return a short description of one file."""
-    match looked.holds:
+    match read.content:
         case ArmModel() as arm:
             return f"arm {arm.name}: {plural(arm.joint_count, 'joint')}"
         case FixtureSpec() as spec:
@@ -106,28 +106,20 @@ def _arm(arm: ArmModel) -> str:
     free = {entry.name for entry in arm.free}
     rows = [["joint", "name", "range [deg]", "sensor", "reads to [deg]", "offset"]]
     for j, joint in enumerate(arm.joints, 1):
-        sensor = joint.sensor
-        rows.append(
-            [
-                str(j),
-                joint.name,
-                f"{SPAN(joint.lower_rad).shown} to {SPAN(joint.upper_rad).shown}",
-                _sensor(joint),
-                "" if isinstance(sensor, NoSensor) else READING_SD(sensor.sigma_rad).shown,
-                "found" if f"theta_off_{j}" in free else "as the file has it",
-            ]
-        )
+        span = f"{SPAN(joint.lower_rad).shown} to {SPAN(joint.upper_rad).shown}"
+        sensor, kind = joint.sensor, _sensor(joint)
+        sigma = "" if isinstance(sensor, NoSensor) else READING_SD(sensor.sigma_rad).shown
+        offset = "found" if f"theta_off_{j}" in free else "as the file has it"
+        rows.append([str(j), joint.name, span, kind, sigma, offset])
     others = ", ".join(e.name for e in arm.free if e.kind is not DhKind.THETA_OFF)
     parallel = ", ".join(map(str, arm.hayati_rows))
-    lines = [
-        f"Arm {arm.name}",
-        aligned(rows, left=True),
-        *([paragraph(f"Free in addition to the offsets: {others}.")] if others else []),
-        paragraph(
-            f"Lengths are taken as known to {LENGTH_TOLERANCE(max(arm.length_tolerance_m)).with_unit}, "
-            f"twists to {ANGLE_TOLERANCE(max(arm.twist_tolerance_rad)).with_unit} (the least known row)."
-        ),
-    ]
+    length = LENGTH_TOLERANCE(max(arm.length_tolerance_m)).with_unit
+    twist = ANGLE_TOLERANCE(max(arm.twist_tolerance_rad)).with_unit
+    lines = [f"Arm {arm.name}", aligned(rows, left=True)]
+    if others:
+        lines.append(paragraph(f"Free in addition to the offsets: {others}."))
+    known = f"Lengths are taken as known to {length}, twists to {twist} (the least known row)."
+    lines.append(paragraph(known))
     if parallel:
         lines.append(f"Parallel axes in D-H row {parallel}: beta (Hayati) is used in place of s.")
     if arm.assumed:
@@ -155,19 +147,11 @@ def _chain(chain: Chain) -> str:
         yields.append(DEFLECTION_ANGLE(give.orientation_rad).with_unit)
     deflection = f"; under load it deflects by {' and '.join(yields)}" if yields else ""
     immobile = {c.joint for c in feasibility.checks if c.kind is CheckKind.IMMOBILE}
-    warnings = [
-        *([] if feasibility.refusal is None else [str(feasibility.refusal)]),
-        *(
-            f"{c.severity.value}: {c.text}: {c.remedy}"
-            for c in feasibility.checks
-            if c.severity is not Severity.OK
-        ),
-        *(
-            f"not identifiable: {d}"
-            for d in feasibility.unidentifiable
-            if immobile.isdisjoint(d.immobile_joints)
-        ),
-    ]
+    checks = [c for c in feasibility.checks if c.severity is not Severity.OK]
+    blind = [d for d in feasibility.unidentifiable if immobile.isdisjoint(d.immobile_joints)]
+    warnings = [] if feasibility.refusal is None else [str(feasibility.refusal)]
+    warnings += [f"{c.severity.value}: {c.text}: {c.remedy}" for c in checks]
+    warnings += [f"not identifiable: {d}" for d in blind]
     lines = [
         f"{arm.name} in {spec.name}",
         paragraph(
@@ -237,21 +221,20 @@ def _other_home(chain: Chain) -> list[str]:
 
 def _identifiability_text(what: str, identifiability: Identifiability) -> str:
     if identifiability.directions:
-        return paragraph(
-            f"{what} determine only {identifiability.rank} combinations of the parameters."
-        )
+        rank = identifiability.rank
+        return paragraph(f"{what} determine only {rank} combinations of the parameters.")
+    condition = CONDITION(identifiability.scaled_condition_number).shown
+    weakest = ", ".join(identifiability.weakest.parameters[:4])
     return paragraph(
-        f"{what} determine all of them; scaled condition number "
-        f"{CONDITION(identifiability.scaled_condition_number).shown}, "
-        f"weakest: {', '.join(identifiability.weakest.parameters[:4])}."
+        f"{what} determine all of them; scaled condition number {condition}, weakest: {weakest}."
     )
 
 
-def found_json(files: FilesRead, chains: Sequence[Chain]) -> dict[str, Any]:
+def check_json(files: FilesRead, chains: Sequence[Chain]) -> dict[str, Any]:
     """Return the JSON object: files, problems, and the calibration forecast of each arm in its fixture."""
     return {
         "files": [
-            {"file": f.source.file, "kind": f.kind, "text": in_words(f)} for f in files.files
+            {"file": f.source.file, "kind": f.kind, "text": file_text(f)} for f in files.files
         ],
         "problems": [asdict(problem) for problem in files.problems],
         "chains": [_chain_data(chain) for chain in chains],
@@ -259,7 +242,7 @@ def found_json(files: FilesRead, chains: Sequence[Chain]) -> dict[str, Any]:
 
 
 def _chain_data(chain: Chain) -> dict[str, Any]:
-    feasibility, arm = chain.feasibility, chain.arm
+    feasibility, arm, choice = chain.feasibility, chain.arm, chain.feasibility.choice
     sensors: dict[type, str] = {Encoder: "encoder", Rvdt: "rvdt", NoSensor: "none"}
     return {
         "procedure": chain.procedure or None,
@@ -271,12 +254,7 @@ def _chain_data(chain: Chain) -> dict[str, Any]:
             for k, joint in enumerate(arm.joints, 1)
         ],
         "mobility": feasibility.mobility,
-        "drives": None
-        if feasibility.choice is None
-        else {
-            "joints": list(feasibility.choice.drives),
-            "reasons": list(feasibility.choice.reasons),
-        },
+        "drives": choice and {"joints": list(choice.drives), "reasons": list(choice.reasons)},
         "home_deg": None if chain.home is None else short_degrees(chain.home[0]),
         "refusal": None if feasibility.refusal is None else str(feasibility.refusal),
         "checks": [c.data for c in feasibility.checks],
@@ -290,15 +268,12 @@ def _chain_data(chain: Chain) -> dict[str, Any]:
 
 
 def _identifiability_data(identifiability: Identifiability | None) -> dict[str, Any] | None:
-    return (
-        None
-        if identifiability is None
-        else {
-            "rank": identifiability.rank,
-            "scaled_condition_number": Figure(identifiability.scaled_condition_number).in_json,
-            "not_identifiable": [
-                {"parameters": list(d.parameters), "text": str(d)}
-                for d in identifiability.directions
-            ],
-        }
-    )
+    if identifiability is None:
+        return None
+    return {
+        "rank": identifiability.rank,
+        "scaled_condition_number": Figure(identifiability.scaled_condition_number).in_json,
+        "not_identifiable": [
+            {"parameters": list(d.parameters), "text": str(d)} for d in identifiability.directions
+        ],
+    }

@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING, Any
 
 from operator_app.calibration.comparison import CalibrationComparison, ParameterChange, Side
 from operator_app.report.json_schema import notices_data
-from operator_app.report.parameter_tables import precision_of
+from operator_app.report.parameter_tables import formats_of
 from operator_app.report.table import Cell, FactTable, figures, shown, words
 from operator_app.report.text import paragraph, table_lines, warnings_text
 from operator_app.units import Figure, in_json, quantity_of
 
 if TYPE_CHECKING:
-    from operator_app.config.parameters import ParametersDocument
+    from operator_app.config.parameters_file import ParametersDocument
 
 DRIFTED = "drifted"
 NO_DRIFT = "no significant drift"
-MADE_OTHERWISE = {"ESTIMATOR", "ENTRIES", "TABLE"}
+CALCULATION_CODES = {"ESTIMATOR", "ENTRIES", "TABLE"}
 """Codes of notices about differences in the calculation, which change parameters even if the arm has not changed."""
 
 NOTHING_FOLLOWS = "same poses: nothing follows for the arm"
@@ -29,7 +29,7 @@ def comparison_text(comparison: CalibrationComparison) -> str:
     table = _table(comparison)
     blocks = [
         _verdict(comparison, table),
-        f"{_whose('A', comparison.before)}\n{_whose('B', comparison.after)}",
+        f"{_document_text('A', comparison.before)}\n{_document_text('B', comparison.after)}",
         "\n".join(table_lines(table)),
         paragraph(_reading(comparison)),
         _left_out(comparison),
@@ -40,12 +40,9 @@ def comparison_text(comparison: CalibrationComparison) -> str:
 
 def comparison_json(comparison: CalibrationComparison) -> dict[str, Any]:
     """Return the object of `sarcal compare --json`; angles in deg, lengths in m."""
+    drift = DRIFTED if comparison.drifted else NO_DRIFT
     return {
-        "verdict": NOTHING_FOLLOWS
-        if comparison.same_poses
-        else DRIFTED
-        if comparison.drifted
-        else NO_DRIFT,
+        "verdict": NOTHING_FOLLOWS if comparison.same_poses else drift,
         "drifted": [d.name for d in comparison.drifted],
         "level": comparison.level,
         "threshold_sigmas": comparison.threshold_sigmas,
@@ -95,7 +92,7 @@ def _verdict(comparison: CalibrationComparison, table: FactTable) -> str:
             "Only parameters of the fixture's mounting changed, none of the arm itself. If the fixture "
             "was taken off in between, compare with --remounted; if not, check whether it has moved."
         )
-    elif MADE_OTHERWISE & {n.code for n in comparison.notices}:
+    elif CALCULATION_CODES & {n.code for n in comparison.notices}:
         advice = (
             "A and B were made in different ways (see below), which by itself changes parameters. Calibrate both in "
             "the same way and compare again before suspecting the arm."
@@ -108,7 +105,7 @@ def _verdict(comparison: CalibrationComparison, table: FactTable) -> str:
     return "\n".join(["DRIFTED:", *lines, paragraph(advice)])
 
 
-def _whose(name: str, document: ParametersDocument) -> str:
+def _document_text(name: str, document: ParametersDocument) -> str:
     return (
         f"{name}  {document.arm.model} {document.arm.serial}, fixture {document.fixture.name}, "
         f"{document.utc:%Y-%m-%d %H:%M} UTC\n   {document.estimator}, "
@@ -120,14 +117,11 @@ def change_cells(
     changes: Sequence[ParameterChange],
 ) -> Iterator[tuple[ParameterChange, tuple[Cell, ...]]]:
     """Yield each change with its cells: name, unit, both values, their difference and the difference's sigma."""
-    places = precision_of((d, d.sigma) for d in changes)
+    format_of = formats_of((d, d.sigma) for d in changes)
     for d in changes:
-        quantity = quantity_of(d)
-        values = (
-            Figure(value, quantity, places=places(quantity), signed=value is d.change)
-            for value in (d.before, d.after, d.change, d.sigma)
-        )
-        yield d, (d.name, quantity.unit, *values)
+        figure = format_of(d)
+        values = figure(d.before), figure(d.after), figure(d.change, signed=True), figure(d.sigma)
+        yield d, (d.name, quantity_of(d).unit, *values)
 
 
 def _table(comparison: CalibrationComparison) -> FactTable:
@@ -136,12 +130,8 @@ def _table(comparison: CalibrationComparison) -> FactTable:
     for d, cells in change_cells(comparison.drifts):
         sigmas = Figure(d.sigmas, places=1) if math.isfinite(d.sigmas) else "no sigma"
         rows.append((*cells, sigmas, "DRIFT" if d.significant else ""))
-    return FactTable(
-        ident="drift",
-        title="",
-        columns=(*words("parameter", "unit"), *figures(*titles), *words("")),
-        rows=tuple(rows),
-    )
+    columns = (*words("parameter", "unit"), *figures(*titles), *words(""))
+    return FactTable(ident="drift", title="", columns=columns, rows=tuple(rows))
 
 
 def change_data(change: ParameterChange, before: str, after: str) -> dict[str, Any]:
@@ -159,10 +149,8 @@ def _left_out(comparison: CalibrationComparison) -> str:
     by_reason: dict[str, list[str]] = {}
     for name, reason in comparison.left_out:
         by_reason.setdefault(reason, []).append(name)
-    return "\n".join(
-        paragraph(f"Not compared ({reason}): {', '.join(names)}", indent=2)
-        for reason, names in by_reason.items()
-    )
+    texts = (f"Not compared ({why}): {', '.join(names)}" for why, names in by_reason.items())
+    return "\n".join(paragraph(text, indent=2) for text in texts)
 
 
 def _document_json(document: ParametersDocument, scale: float) -> dict[str, Any]:

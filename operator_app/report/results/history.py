@@ -15,6 +15,11 @@ from solver.chain.parameters import DhEntry
 from solver.diagnostics.control_chart import BASELINE, RECENT, ChartSignal
 from solver.diagnostics.limits import CONTROL_CHART_FALSE_ALARM_PROBABILITY
 
+TITLES = {
+    Side.ARM: "Offsets of the arm",
+    Side.GROUND: "Fixture on the table",
+    Side.HAND: "Fixture on the tool",
+}
 HOW = (
     f"Mean is that of the baseline. A session leaves mean +- limit (Shewhart), or the mean of the last {RECENT} "
     f"its own limit (EWMA), by chance in {100.0 * CONTROL_CHART_FALSE_ALARM_PROBABILITY:g} % of sessions, all "
@@ -36,16 +41,10 @@ def quantity(name: str) -> Quantity:
 def title_of(part: EntryHistory) -> str:
     """Return the title of a part of the history."""
     first, last = part.calibrations[0].document, part.calibrations[-1].document
-    what = {
-        Side.ARM: "Offsets of the arm",
-        Side.GROUND: "Fixture on the table",
-        Side.HAND: "Fixture on the tool",
-    }[part.side]
     since = "" if part.side is Side.ARM else f", mounted {first.utc:%Y-%m-%d}"
-    return (
-        f"{what}: fixture {last.fixture.name}, {last.estimator}{since}, "
-        f"{plural(len(part.calibrations), 'session')}"
-    )
+    count = plural(len(part.calibrations), "session")
+    what = TITLES[part.side]
+    return f"{what}: fixture {last.fixture.name}, {last.estimator}{since}, {count}"
 
 
 def entries_table(part: EntryHistory) -> FactTable:
@@ -78,14 +77,10 @@ def entries_table(part: EntryHistory) -> FactTable:
 def sessions_table(part: EntryHistory) -> FactTable:
     """Return the table with one row per session: the values of all entries."""
     units = [quantity(name) for name in part.names]
-    rows: list[tuple[Cell, ...]] = [
-        (
-            f"{past.document.utc:%Y-%m-%d}",
-            *(Figure(float(v), u, places=3) for v, u in zip(values, units, strict=True)),
-            past.session,
-        )
-        for past, values in zip(part.calibrations, part.values, strict=True)
-    ]
+    rows: list[tuple[Cell, ...]] = []
+    for past, values in zip(part.calibrations, part.values, strict=True):
+        shown = (Figure(float(v), u, places=3) for v, u in zip(values, units, strict=True))
+        rows.append((f"{past.document.utc:%Y-%m-%d}", *shown, past.session))
     return FactTable(
         ident="values",
         title="By session, in the units above",
@@ -101,11 +96,11 @@ def verdict_text(history: ArmHistory, width: int = WIDTH) -> str:
         lines = (paragraph(f"- {text}", indent=2, width=width) for text in shifts)
         return "\n".join(["SHIFTED:", *lines])
     if (most := _most_sessions(history)) <= BASELINE:
-        return paragraph(
+        text = (
             f"TOO EARLY TO JUDGE: limits need {BASELINE} sessions with one fixture before the session to be judged; "
-            f"there are {most} in all. Compare two sessions with sarcal compare.",
-            width=width,
+            f"there are {most} in all. Compare two sessions with sarcal compare."
         )
+        return paragraph(text, width=width)
     return "IN CONTROL: no entry has shifted."
 
 
@@ -129,12 +124,11 @@ def checks_lines(history: ArmHistory) -> list[str]:
 
 def history_text(history: ArmHistory, *, brief: bool = False) -> str:
     """Return the history for a terminal, the verdict first; if `brief`, shortened to fit a frame."""
-    last, width = history.calibrations[-1].document, FRAMED if brief else WIDTH
-    counts = (
-        f"{last.arm.model} {last.arm.serial}: {plural(len(history.calibrations), 'accepted calibration')}, "
-        f"{plural(len(history.verifications), 'verification')}\n{paragraph(due_text(history), width=width)}"
-    )
-    blocks = [verdict_text(history, width), counts]
+    arm, width = history.calibrations[-1].document.arm, FRAMED if brief else WIDTH
+    calibrations = plural(len(history.calibrations), "accepted calibration")
+    counts = f"{calibrations}, {plural(len(history.verifications), 'verification')}"
+    due = paragraph(due_text(history), width=width)
+    blocks = [verdict_text(history, width), f"{arm.model} {arm.serial}: {counts}\n{due}"]
     for part in history.parts:
         gap = " " if brief else "  "
         head = [title_of(part), *table_lines(entries_table(part), gap, gap)]
@@ -226,16 +220,13 @@ def _part_json(part: EntryHistory) -> dict[str, Any]:
 
 
 def _shift_text(part: EntryHistory, shift: ChartSignal) -> str:
-    unit = quantity(shift.name)
+    unit, first = quantity(shift.name), part.calibrations[shift.at]
     size = Figure(shift.size, unit, places=3, signed=True).with_unit
     sigma = Figure(shift.sigma, unit, places=3).with_unit
     by = {"shewhart": "Shewhart", "ewma": "EWMA"}[shift.chart]
-    advice = (
-        "check the encoder's home mark and the coupling of that joint"
-        if part.side is Side.ARM
-        else "the fixture's mounting has moved, or it was remounted: omit --kept-mounted"
-    )
-    first = part.calibrations[shift.at]
+    advice = "the fixture's mounting has moved, or it was remounted: omit --kept-mounted"
+    if part.side is Side.ARM:
+        advice = "check the encoder's home mark and the coupling of that joint"
     return (
         f"{shift.name} by {size} (sigma {sigma}) from {first.document.utc:%Y-%m-%d} on, session "
         f"{first.session}; seen in session {shift.detected_at + 1} by {by}: {advice}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from itertools import zip_longest
 from typing import TYPE_CHECKING, Any
@@ -47,19 +47,18 @@ PLACES = 4
 
 def plan_text(shown: Preview, *, title: str, ascii_only: bool) -> str:
     """Return a plan as text for the operator."""
-    blocks = [
-        paragraph(title),
-        *([checks] if (checks := _checks(shown)) else []),
-        _drives(shown),
-        _poses(shown),
-        _sigmas(shown),
-        "Path of the drive joints: dots can be reached, S is the start, lines the path\n"
-        + "\n".join(region_lines(shown, ascii_only=ascii_only)),
-        f"Ranges of the joints, deg: {'-' if ascii_only else '─'} can be reached, "
-        f"{'#' if ascii_only else '█'} planned poses\n"
-        + "\n".join(coverage_lines(shown, ascii_only=ascii_only)),
+    reached, planned = "-#" if ascii_only else "─█"
+    region = [
+        "Path of the drive joints: dots can be reached, S is the start, lines the path",
+        *region_lines(shown, ascii_only=ascii_only),
     ]
-    return "\n\n".join(blocks)
+    coverage = [
+        f"Ranges of the joints, deg: {reached} can be reached, {planned} planned poses",
+        *coverage_lines(shown, ascii_only=ascii_only),
+    ]
+    texts = [paragraph(title), _checks(shown), _drives(shown), _poses(shown), _sigmas(shown)]
+    blocks = [*texts, "\n".join(region), "\n".join(coverage)]
+    return "\n\n".join(block for block in blocks if block)
 
 
 def _checks(shown: Preview) -> str:
@@ -81,17 +80,11 @@ def _drives(shown: Preview) -> str:
     rows = [["joints", "score", "reach", "leverage", "at start", "passive", ""]]
     for r in listed:
         now = at_start.get(r.drives)
-        rows.append(
-            [
-                ("> " if r.drives == drives else "  ") + " ".join(map(str, r.drives)),
-                f"{r.score:.2f}",
-                "" if r.reach is None else f"{r.reach:.0%}",
-                f"{r.leverage:.2f}",
-                "" if now is None else f"{now.leverage:.2f}",
-                f"J{r.fastest_joint} x {r.fastest_passive:.1f}",
-                _verdict(r, now),
-            ]
-        )
+        joints = ("> " if r.drives == drives else "  ") + " ".join(map(str, r.drives))
+        reach = "" if r.reach is None else f"{r.reach:.0%}"
+        leverage = f"{r.leverage:.2f}", "" if now is None else f"{now.leverage:.2f}"
+        passive = f"J{r.fastest_joint} x {r.fastest_passive:.1f}"
+        rows.append([joints, f"{r.score:.2f}", reach, *leverage, passive, _verdict(r, now)])
     head = (
         f"Drive joints: exactly {shown.mobility} in position mode, the others free. Reach: share of the "
         "poses inside the ranges. Leverage: 0 at a singularity; its median over the region, and at the "
@@ -129,13 +122,7 @@ def _poses(shown: Preview) -> str:
 
 
 def _sigmas(shown: Preview) -> str:
-    known = {p.name: p for p in shown.parameters}
-    cells = [
-        _sigma(known[name], float(sigma))
-        for name, sigma in zip(
-            shown.plan.information.parameters, shown.plan.predicted_sigma, strict=True
-        )
-    ]
+    cells = [_sigma(parameter, sigma) for parameter, sigma in _predicted(shown)]
     half, blank = (len(cells) + 1) // 2, list[str]()
     pairs = zip_longest(cells[:half], cells[half:], fillvalue=blank)
     rows = [["parameter", "unit", "sigma"] * 2, *([*left, *right] for left, right in pairs)]
@@ -150,6 +137,13 @@ def _sigmas(shown: Preview) -> str:
     )
     head = "Predicted standard deviations after these poses"
     return f"{head}\n{aligned(rows)}\n{paragraph(tail)}"
+
+
+def _predicted(shown: Preview) -> Iterator[tuple[Parameter, float]]:
+    """Yield each parameter with its predicted standard deviation, rad or m."""
+    known, plan = {p.name: p for p in shown.parameters}, shown.plan
+    for name, sigma in zip(plan.information.parameters, plan.predicted_sigma, strict=True):
+        yield known[name], float(sigma)
 
 
 def _sigma(parameter: Parameter, sigma: float) -> list[str]:
@@ -169,28 +163,14 @@ def advice_text(
         ["", "deg", "mm", "of present", "scaled", "", "", ""],
     ]
     for number, r in enumerate(ranked, 1):
-        rows.append(
-            [
-                str(number),
-                WHOLE_DEGREES(r.mounted.tilt_rad).shown,
-                NOMINAL_LENGTH(r.mounted.shift_m).shown,
-                f"{r.gain:.0%}",
-                CONDITION(r.scaled_condition_number).shown,
-                str(r.mobility),
-                " ".join(map(str, r.drives[0].drives)) if r.drives else "",
-                str(r.poses),
-            ]
-        )
-    return "\n".join(
-        (
-            paragraph("Hinge placements, the best first; the present one is tilt 0, shift 0"),
-            aligned(rows),
-            *(
-                _placement(k, placement, parameters, joints)
-                for k, placement in enumerate(ranked, 1)
-            ),
-        )
-    )
+        tilt, shift = WHOLE_DEGREES(r.mounted.tilt_rad), NOMINAL_LENGTH(r.mounted.shift_m)
+        condition = CONDITION(r.scaled_condition_number).shown
+        drives = " ".join(map(str, r.drives[0].drives)) if r.drives else ""
+        head = [str(number), tilt.shown, shift.shown, f"{r.gain:.0%}", condition]
+        rows.append([*head, str(r.mobility), drives, str(r.poses)])
+    title = paragraph("Hinge placements, the best first; the present one is tilt 0, shift 0")
+    placements = (_placement(k, r, parameters, joints) for k, r in enumerate(ranked, 1))
+    return "\n".join([title, aligned(rows), *placements])
 
 
 def _placement(
@@ -229,7 +209,6 @@ ANGULAR = ("alpha", "theta")
 def plan_json(shown: Preview, *, basis: str) -> dict[str, Any]:
     """Return the JSON object for a plan."""
     choice, identifiability = shown.choice, shown.identifiability
-    known, names = {p.name: p for p in shown.parameters}, shown.plan.information.parameters
     return {
         "basis": basis,
         "arm": shown.arm.name,
@@ -244,10 +223,7 @@ def plan_json(shown: Preview, *, basis: str) -> dict[str, Any]:
         "checks": [c.data for c in shown.checks],
         "captured": shown.captured,
         "poses": [_pose_json(k, pose) for k, pose in enumerate(shown.poses, 1)],
-        "sigma": {
-            name: in_json(known[name], float(sigma))
-            for name, sigma in zip(names, shown.plan.predicted_sigma, strict=True)
-        },
+        "sigma": {p.name: in_json(p, sigma) for p, sigma in _predicted(shown)},
         "scaled_condition_number": Figure(identifiability.scaled_condition_number).in_json,
         "rank": identifiability.rank,
         "weakest_direction": list(identifiability.weakest.parameters),
@@ -294,15 +270,14 @@ def advice_json(
 
 def _pose_json(number: int, pose: PlannedPose) -> dict[str, Any]:
     degrees = np.rad2deg(pose.q_rad).tolist()
+    legs = [
+        {"drives": list(leg.drives), "waypoints_deg": np.rad2deg(leg.waypoints_rad).tolist()}
+        for leg in pose.route or ()
+    ]
     return {
         "number": number,
         "drives": list(pose.drives),
         "targets_deg": {str(j): degrees[j - 1] for j in pose.drives},
         "predicted_deg": degrees,
-        "way": None
-        if pose.route is None
-        else [
-            {"drives": list(leg.drives), "waypoints_deg": np.rad2deg(leg.waypoints_rad).tolist()}
-            for leg in pose.route
-        ],
+        "way": None if pose.route is None else legs,
     }

@@ -38,16 +38,11 @@ def recording_text(
         began_s = stretch.start_s - recording.time_s[0]
         utc = utc_text(stretch.start_s)
         when = f"{began_s:.2f} s" + (f" ({utc})" if utc else "")
-        reason = (
-            f"{recording.joints[stretch.joint - 1]} moves by {np.rad2deg(stretch.moved_rad):.3g} deg "
-            f"(limit {spread_deg:g} deg, --spread-deg)"
-            if stretch.joint
-            else f"limit {dwell_s:g} s (--dwell-s)"
-        )
-        lines.append(
-            f"  no pose {k + 1}: {'moving' if stretch.joint else 'at rest'} for "
-            f"{stretch.seconds:.2f} s at {when}; {reason}"
-        )
+        what, reason = "at rest", f"limit {dwell_s:g} s (--dwell-s)"
+        if stretch.joint:
+            moves = f"{recording.joints[stretch.joint - 1]} moves by {np.rad2deg(stretch.moved_rad):.3g} deg"
+            what, reason = "moving", f"{moves} (limit {spread_deg:g} deg, --spread-deg)"
+        lines.append(f"  no pose {k + 1}: {what} for {stretch.seconds:.2f} s at {when}; {reason}")
     if refused[MOST_LINES:]:
         lines.append(f"  and {len(refused) - MOST_LINES} more")
     return "\n".join(lines)

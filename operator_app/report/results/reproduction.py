@@ -52,6 +52,7 @@ def _tables(reproduction: Published) -> list[FactTable]:
 def _identified(reproduction: Published) -> FactTable:
     """Return Table 2: the published values, and the values that the paper's estimator finds for the simulated arm."""
     estimate, rows = reproduction.solution.estimate, []
+    titles = ("printed", "specimen", "difference", "its sigma")
     for p, value, sd in values_of(estimate):
         quantity, printed, key = quantity_of(p), reproduction.printed[p.name], ("table_2", p.name)
         figure = partial(Figure, quantity=quantity, places=1)
@@ -61,10 +62,7 @@ def _identified(reproduction: Published) -> FactTable:
     return FactTable(
         ident="table-2",
         title="Table 2: identified",
-        columns=(
-            *words("parameter", "unit"),
-            *figures("printed", "specimen", "difference", "its sigma"),
-        ),
+        columns=(*words("parameter", "unit"), *figures(*titles)),
         rows=tuple(rows),
         note="The published values are the specimen's truth: the difference is the estimator's error due to the "
         f"three sources, up to {reproduction.farthest_sigmas:.0f} times its sigma, which includes none of them.",
@@ -73,19 +71,14 @@ def _identified(reproduction: Published) -> FactTable:
 
 def _quality(reproduction: Published) -> FactTable:
     solution = reproduction.solution
-    sigmas, condition = solution.estimate.sigmas, solution.identifiability.scaled_condition_number
+    condition = solution.identifiability.scaled_condition_number
+    shift, turn = solution.estimate.sigmas.position_m, solution.estimate.sigmas.orientation_rad
     published = Figure(PUBLISHED_CONDITION)
     ours = Figure(condition, key=("scaled_condition_number",))
     rows: list[tuple[Cell, ...]] = [("scaled condition number", "", published, ours, "")]
     for name, key, quantity, in_paper, both in (
-        ("sigma_pos, eq. 14", "sigma_pos_mm", CLOSURE_LENGTH, SIGMA_POS_M, sigmas.position_m),
-        (
-            "sigma_ori, eq. 15",
-            "sigma_ori_mrad",
-            CLOSURE_ANGLE,
-            SIGMA_ORI_RAD,
-            sigmas.orientation_rad,
-        ),
+        ("sigma_pos, eq. 14", "sigma_pos_mm", CLOSURE_LENGTH, SIGMA_POS_M, shift),
+        ("sigma_ori, eq. 15", "sigma_ori_mrad", CLOSURE_ANGLE, SIGMA_ORI_RAD, turn),
     ):
         if both is not None:
             rms = Figure(both.rms, quantity, key=(key, "rms"))

@@ -19,7 +19,7 @@ from operator_app.units import (
     CONDITION,
     NOISE_ANGLE,
     Figure,
-    in_json,
+    Kind,
     joints_named,
     names,
     others_free,
@@ -118,21 +118,21 @@ def session_text(folder: Path, state: SessionState, *, accepted: bool) -> str:
     if poses := _poses_file(folder, state):
         lines.append(f"Poses       {poses}")
     elif (folder / POSES_NAME).exists():
-        lines.append(
-            f"Poses       in the journal; {POSES_NAME} was written before they were changed"
-        )
+        text = f"in the journal; {POSES_NAME} was written before they were changed"
+        lines.append(f"Poses       {text}")
     if not exported:
-        hint = f": sarcal export {folder}" if accepted else ": the calibration was not accepted"
-        return "\n".join([*lines, f"Parameters  not written{hint}"])
+        hint = f"sarcal export {folder}" if accepted else "the calibration was not accepted"
+        return "\n".join([*lines, f"Parameters  not written: {hint}"])
     lines.append(f"Parameters  {folder / exported['file']}")
-    uploaded = exported["uploaded"]
     if exported.get("unknown"):
-        return "\n".join([*lines, f"Controller  not known: {exported['unknown']}"])
-    if uploaded is None:
-        return "\n".join([*lines, "Controller  nothing uploaded"])
-    slot, length = uploaded["slot"], uploaded["length"]
-    lines.append(f"Controller  slot {slot} active, {length} bytes read back")
-    return "\n".join([*lines, f"            SHA-256 {uploaded['sha256']}"])
+        lines.append(f"Controller  not known: {exported['unknown']}")
+    elif (uploaded := exported["uploaded"]) is None:
+        lines.append("Controller  nothing uploaded")
+    else:
+        slot, length = uploaded["slot"], uploaded["length"]
+        lines.append(f"Controller  slot {slot} active, {length} bytes read back")
+        lines.append(f"            SHA-256 {uploaded['sha256']}")
+    return "\n".join(lines)
 
 
 MOST_POSES_LISTED = 60
@@ -151,7 +151,9 @@ def session_table_text(folder: Path, state: SessionState, *, procedure: str, tor
 def _about(folder: Path, state: SessionState, procedure: str, torn: str) -> FactTable:
     position = [j for j, mode in enumerate(state.modes, 1) if mode == "position"]
     driven = f"{joints_named(position)}{others_free(len(position), len(state.modes))}"
-    excluded = names(p.number for p in state.poses if p.excluded)
+    poses = f"{plural(len(state.used_poses), 'pose')} that count"
+    if excluded := names(p.number for p in state.poses if p.excluded):
+        poses += f", {excluded} excluded"
     rows = [
         ("folder", str(folder)),
         ("procedure", procedure),
@@ -159,11 +161,7 @@ def _about(folder: Path, state: SessionState, procedure: str, torn: str) -> Fact
         ("arm, serial number", state.serial_number or "none connected"),
         ("poses read from", state.imported),
         ("in position mode", driven if position else ""),
-        (
-            "poses",
-            f"{plural(len(state.used_poses), 'pose')} that count"
-            + (f", {excluded} excluded" if excluded else ""),
-        ),
+        ("poses", poses),
         ("solved", _solved(state)),
         ("exported", _exported(state)),
         ("journal's end", torn),
@@ -206,15 +204,11 @@ def _poses(state: SessionState) -> FactTable:
     rows: list[tuple[Cell, ...]] = []
     for pose in state.poses[:MOST_POSES_LISTED]:
         remark = f"excluded: {pose.excluded}" if pose.excluded else pose.note
-        rows.append(
-            (
-                str(pose.number),
-                *([str(pose.placement)] if several else []),
-                *(Figure(v, ANGLE, places=2) for v in pose.mean_rad.tolist()),
-                Figure(float(np.max(pose.sd_rad)) or None, NOISE_ANGLE, places=1),
-                remark if len(remark) <= 24 else f"{remark[:23]}…",
-            )
-        )
+        remark = remark if len(remark) <= 24 else f"{remark[:23]}…"
+        placement = [str(pose.placement)] if several else []
+        readings = (Figure(v, ANGLE, places=2) for v in pose.mean_rad.tolist())
+        sd = Figure(float(np.max(pose.sd_rad)) or None, NOISE_ANGLE, places=1)
+        rows.append((str(pose.number), *placement, *readings, sd, remark))
     joints = len(state.poses[0].mean_rad)
     left_out = len(state.poses) - len(rows)
     return FactTable(
@@ -278,32 +272,25 @@ def repair_text(repair: RepairResult) -> str:
                 lines.append(paragraph(text, indent=4))
             continue
         first, *others = (line.number for line in of_kind)
-        lines.append(
-            f"  lines {first} to {others[-1]}: kept, verified by their checksum"
-            if others
-            else f"  line {first}: kept, verified by its checksum"
-        )
+        text = f"  line {first}: kept, verified by its checksum"
+        if others:
+            text = f"  lines {first} to {others[-1]}: kept, verified by their checksum"
+        lines.append(text)
     if repair.torn:
         lines.append("  the last line is incomplete and was left out")
     lines.append(f"{len(state.used_poses)} poses count.")
     if repair.lost:
-        lines.append(
-            paragraph(
-                "Earlier calibrations of this session are no longer used, because a pose or its exclusion may "
-                "be lost: check the poses before you calibrate again."
-            )
+        text = (
+            "Earlier calibrations of this session are no longer used, because a pose or its exclusion may be lost: "
+            "check the poses before you calibrate again."
         )
-    lines.append(
-        f"Go on with: sarcal run --resume {folder}"
-        if state.sources
-        else paragraph(
-            "Line 1, which opened the session, is lost, so that it cannot be resumed: start a new one."
-        )
-    )
+        lines.append(paragraph(text))
+    if state.sources:
+        lines.append(f"Go on with: sarcal run --resume {folder}")
+    else:
+        text = "Line 1, which opened the session, is lost, so that it cannot be resumed: start a new one."
+        lines.append(paragraph(text))
     return "\n".join(lines)
-
-
-PLACES = 4
 
 
 def capture_json(
@@ -315,40 +302,29 @@ def capture_json(
     """Return the JSON object of a planned capture; None if `end` is None."""
     if end is None:
         return None
-    known = {p.name: p for p in parameters}
+    kinds, weak = {p.name: Kind(quantity_of(p)) for p in parameters}, []
+    for w in end.weak:
+        sigma, requested = (kinds[w.name](v).in_json for v in (w.sigma, w.requested))
+        weak.append({"name": w.name, "sigma": sigma, "requested": requested})
     return {
         "complete": end.complete,
         "text": end.text,
         "explored": sum(not p.planned for p in poses),
         "planned": sum(p.planned for p in poses),
-        "weak": [
-            {
-                "name": w.name,
-                "sigma": None if w.sigma is None else in_json(known[w.name], w.sigma),
-                "requested": in_json(known[w.name], w.requested),
-            }
-            for w in end.weak
-        ],
+        "weak": weak,
         "advice": advice or None,
     }
 
 
 def capture_text(end: CampaignEnd, advice: str, parameters: Iterable[Parameter]) -> str:
     """Return text on how a planned capture ended, which parameters are less precise than requested, and advice."""
-    known = {p.name: quantity_of(p) for p in parameters}
-    weak = FactTable(
-        ident="weak",
-        title="",
-        columns=(*words("short of the request", "unit"), *figures("sigma", "requested")),
-        rows=tuple(
-            (
-                w.name,
-                known[w.name].unit,
-                *(Figure(v, known[w.name], places=PLACES) for v in (w.sigma, w.requested)),
-            )
-            for w in end.weak
-        ),
-    )
+    kinds = {p.name: Kind(quantity_of(p), places=4) for p in parameters}
+    rows: list[tuple[Cell, ...]] = []
+    for w in end.weak:
+        kind = kinds[w.name]
+        rows.append((w.name, kind.quantity.unit, kind(w.sigma), kind(w.requested)))
+    columns = (*words("short of the request", "unit"), *figures("sigma", "requested"))
+    weak = FactTable(ident="weak", title="", columns=columns, rows=tuple(rows))
     lines = [paragraph(f"Plan        {end.text}.", indent=12), *table_lines(weak)]
     if advice:
         lines.append(paragraph(f"Advice      {advice}.", indent=12))

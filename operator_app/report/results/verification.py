@@ -27,15 +27,10 @@ OUTLIERS_LISTED = 5
 
 def closure(verdict: VerificationResult) -> FactTable:
     """Return the table of closure sigmas of the new poses, with nominal and with calibrated parameters."""
-    return FactTable(
-        ident="closure",
-        title="Closure at the measured joints",
-        columns=CLOSURE_COLUMNS,
-        rows=(
-            closure_row("nominal", verdict.nominal, key=("nominal",)),
-            closure_row("calibrated", verdict.verification.sigmas, key=()),
-        ),
-    )
+    before = closure_row("nominal", verdict.nominal, key=("nominal",))
+    after = closure_row("calibrated", verdict.verification.sigmas, key=())
+    title = "Closure at the measured joints"
+    return FactTable(ident="closure", title=title, columns=CLOSURE_COLUMNS, rows=(before, after))
 
 
 def verification_json(verdict: VerificationResult, poses: PoseSet) -> dict[str, Any]:
@@ -98,18 +93,10 @@ def verification_text(verdict: VerificationResult, poses: PoseSet, folder: str) 
             "some poses cannot be closed at all: check whether the fixture was moved since, or whether their "
             "placement has the number of another one"
         )
-    return "\n".join(
-        (
-            paragraph(head),
-            "",
-            table_text(closure(verdict)),
-            # Stated uncertainties are upper limits: a chi2 below its expected value is normal.
-            paragraph(
-                f"chi2/dof {per_dof}: 1 or less if errors are as stated; at most one sound set in 200 exceeds {most}."
-            ),
-            *map(warning, notices),
-        )
-    )
+    # Stated uncertainties are upper limits: a chi2 below its expected value is normal.
+    note = f"chi2/dof {per_dof}: 1 or less if errors are as stated; at most one sound set in 200 exceeds {most}."
+    blocks = [paragraph(head), "", table_text(closure(verdict)), paragraph(note)]
+    return "\n".join([*blocks, *map(warning, notices)])
 
 
 def verified_words(result: VerificationResult) -> str:
@@ -170,25 +157,16 @@ def open_loop_text(check: OpenLoopCheck, folder: str) -> str:
             f"DISAGREES: {poses} poses of the open arm differ from the calibration of {folder} by more "
             "than its uncertainty allows, but no single parameter does."
         )
-    chi2 = check.chi2
-    return "\n".join(
-        (
-            paragraph(head),
-            "",
-            *table_lines(_table(check)),
-            paragraph(
-                f"Change = open - closed. * marks a difference that chance gives to any of "
-                f"{len(check.differences)} parameters in "
-                f"{100.0 * DRIFT_FALSE_ALARM_PROBABILITY:g} % of checks. All together: "
-                f"chi2/dof {CHI2(chi2.per_dof).shown}, in 99 % at most {CHI2(chi2.high).shown}."
-            ),
-            *(
-                [paragraph(f"Not compared, remounted: {', '.join(check.left_out)}.")]
-                if check.left_out
-                else []
-            ),
-        )
+    per_dof, most = (CHI2(v).shown for v in (check.chi2.per_dof, check.chi2.high))
+    note = (
+        f"Change = open - closed. * marks a difference that chance gives to any of {len(check.differences)} parameters "
+        f"in {100.0 * DRIFT_FALSE_ALARM_PROBABILITY:g} % of checks. All together: chi2/dof {per_dof}, in 99 % at most "
+        f"{most}."
     )
+    lines = [paragraph(head), "", *table_lines(_table(check)), paragraph(note)]
+    if check.left_out:
+        lines.append(paragraph(f"Not compared, remounted: {', '.join(check.left_out)}."))
+    return "\n".join(lines)
 
 
 def _verdict(check: OpenLoopCheck) -> str:
@@ -198,15 +176,8 @@ def _verdict(check: OpenLoopCheck) -> str:
 
 
 def _table(check: OpenLoopCheck) -> FactTable:
-    return FactTable(
-        ident="open_loop",
-        title="",
-        columns=(
-            *words("parameter", "unit"),
-            *figures("closed loop", "open loop", "change", "sigma"),
-            *words(""),
-        ),
-        rows=tuple(
-            (*cells, "*" if d.significant else "") for d, cells in change_cells(check.differences)
-        ),
-    )
+    titles = ("closed loop", "open loop", "change", "sigma")
+    columns = (*words("parameter", "unit"), *figures(*titles), *words(""))
+    changes = change_cells(check.differences)
+    rows = tuple((*cells, "*" if d.significant else "") for d, cells in changes)
+    return FactTable(ident="open_loop", title="", columns=columns, rows=rows)

@@ -12,7 +12,7 @@ from fixtures.base import EndpointConstraint
 from operator_app.calibration.cross_validation import Checks, check
 from operator_app.calibration.result import Solution
 from operator_app.calibration.serialization import to_dict
-from operator_app.config.parameters import ParametersDocument
+from operator_app.config.parameters_file import ParametersDocument
 from operator_app.config.poses_file import save_poses
 from operator_app.config.procedure import Procedure
 from operator_app.errors import GuardError

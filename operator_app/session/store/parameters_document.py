@@ -13,8 +13,11 @@ from operator_app.calibration.calibrated_arm import side_of
 from operator_app.calibration.result import Solution
 from operator_app.calibration.rvdt import ReadingTable, measured_offsets, reading_tables
 from operator_app.config import parameter_records as records
-from operator_app.config.parameters import ParametersDocument
-from operator_app.config.parameters_file import joints_from_table, rows_from_table
+from operator_app.config.parameters_file import (
+    ParametersDocument,
+    joints_from_table,
+    rows_from_table,
+)
 from operator_app.config.procedure import Procedure
 from operator_app.errors import GuardError, SessionError
 from operator_app.session.store.state import SessionState

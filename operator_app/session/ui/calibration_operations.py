@@ -10,8 +10,7 @@ from dataclasses import replace
 
 from hardware.arm import DriveState
 from operator_app.calibration.result import Solution
-from operator_app.config.parameters import ParametersDocument
-from operator_app.config.parameters_file import parse_parameters
+from operator_app.config.parameters_file import ParametersDocument, parse_parameters
 from operator_app.errors import Cancelled, GuardError
 from operator_app.session.store.solver_process import SolvingProcess
 from operator_app.session.ui.snapshot import DiffRow, Level, Publisher

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from operator_app.report.parameter_tables import precision
+from operator_app.report.parameter_tables import formats
 from operator_app.report.results.verification import verified_words
 from operator_app.report.spans import Line, clip, entry, line, wrapped
 from operator_app.report.table import Cell, FactTable, figures, shown, words
@@ -14,7 +14,7 @@ from operator_app.session.ui.steps import Step
 from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
 from operator_app.tui.widgets.list_panel import TablePanel
-from operator_app.units import Figure, quantity_of
+from operator_app.units import quantity_of
 from solver.chain.parameters import wrap_angle
 
 if TYPE_CHECKING:
@@ -106,18 +106,16 @@ class ExportView(StepView):
 
 def difference_table(solution: Solution, rows: tuple[DiffRow, ...]) -> FactTable:
     """Return the active and the new value of every calibrated entry, with as many digits as in the results."""
-    places = precision(solution.identified)
+    format_of = formats(solution.identified)
 
     def cells(row: DiffRow) -> tuple[Cell, ...]:
-        quantity = quantity_of(row)
-        n = places(quantity)
-        new = Figure(row.new, quantity, n, role="found")
+        figure, unit = format_of(row), quantity_of(row).unit
+        new = figure(row.new, role="found")
         if row.active is None:
-            return (row.name, quantity.unit, "none", new, "")
+            return (row.name, unit, "none", new, "")
         change = row.new - row.active
         change = float(wrap_angle(change)) if row.is_angle else change
-        active = Figure(row.active, quantity, n)
-        return (row.name, quantity.unit, active, new, Figure(change, quantity, n, signed=True))
+        return (row.name, unit, figure(row.active), new, figure(change, signed=True))
 
     return FactTable(
         ident="difference",

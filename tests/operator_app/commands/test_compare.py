@@ -6,8 +6,7 @@ from pathlib import Path
 import pytest
 
 from operator_app.config.parameter_records import WhichArm
-from operator_app.config.parameters import ParametersDocument
-from operator_app.config.parameters_file import save_parameters
+from operator_app.config.parameters_file import ParametersDocument, save_parameters
 from operator_app.session.store.journal import Journal
 from tests.oracles.parameter_documents import VALUES, make_document
 

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from operator_app.manual.pages import Manual, reference
+from operator_app.manual.pages import Manual
 from operator_app.session.ui.next_action import next_action
 from operator_app.session.ui.steps import Step
 from operator_app.tui.dialogs import Read
@@ -18,7 +18,7 @@ def next_step(d):
 
 
 async def test_tutorial_keys_upload_parameters_and_quit(drive, source):
-    page = Manual(reference()).page("tutorial").markdown
+    page = Manual().page("tutorial").markdown
     sections = re.findall(r"^### (\d)[^\n]*\n\nKeys: ([^\n]+)$", page, flags=re.MULTILINE)
     assert [int(number) for number, _ in sections] == [1, 2, 3, 4, 5, 7]
     async with drive() as d:

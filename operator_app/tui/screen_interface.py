@@ -310,7 +310,7 @@ class ScreenInterface:
         missing = guards.missing_for(step, s)
         # Going back is always allowed.
         if missing and step > self.app.step:
-            self.refuse(f"{step.title} is closed: {missing[0]}")
+            self.refuse(f"{step.title} is closed: {missing}")
             return False
         self._show_step(step)
         self.app.main.show(s)

@@ -75,7 +75,7 @@ def other_joints(context: ActionContext) -> None:
         joints = tuple(sorted({int(word) for word in numbers}))
         problem = guards.modes_problem(again.s, joints)
         if problem:
-            again.interface.refuse(problem[0])
+            again.interface.refuse(problem)
         else:
             mark(again.runner, joints)
 

@@ -118,7 +118,7 @@ def _modes(s: SessionSnapshot) -> NextAction:
     if not problem and s.position_joints == marked and not missing_for(Step.CAPTURE, s):
         return _next(Step.CAPTURE, "the modes are set and read back")
     if problem:
-        return NextAction("suggest", "Best pair", problem[0])
+        return NextAction("suggest", "Best pair", problem)
     if needs_reconnect(s):
         return _CONNECT_AGAIN
     if any(alarm.resolving_tasks == {TaskKind.MODES} for alarm in s.alarms):
@@ -139,7 +139,7 @@ def _capture(s: SessionSnapshot) -> NextAction:
     used = len(s.state.used_poses)
     poses_left = s.required_poses - used
     if poses_left > 0 and missing:
-        return NextAction("back", "Back to Modes", f"{missing[0]}; Enter goes back there")
+        return NextAction("back", "Back to Modes", f"{missing}; Enter goes back there")
     if poses_left > 0:
         poses = "the pose" if poses_left == 1 else f"the {poses_left} poses"
         hint = f"Enter captures {poses} left automatically; g and c capture one by hand"

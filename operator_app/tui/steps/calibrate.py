@@ -60,7 +60,7 @@ def _progress(s: SessionSnapshot, width: int) -> list[Line]:
             line(("            ", "dim"), "   ".join(figures)),
         ]
     if missing := may_calibrate(s):
-        return wrapped(" ▲ " + missing[0], width, "warn", "   ")
+        return wrapped(" ▲ " + missing, width, "warn", "   ")
     return [entry("Ready", "Enter or s starts")]
 
 

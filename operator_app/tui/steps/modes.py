@@ -35,7 +35,7 @@ class PlanPanel(Lines):
             rows.append(line(("           as in the procedure; p marks the best ranked", "dim")))
         problem = modes_problem(s, marked)
         if problem:
-            rows += wrapped(" ▲ " + problem[0], width, "warn", "   ")
+            rows += wrapped(" ▲ " + problem, width, "warn", "   ")
         elif s.drives_ready and s.position_joints == marked:
             rows.append(line(" ✓ applied, and read back from every drive"))
         else:

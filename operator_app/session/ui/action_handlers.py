@@ -161,9 +161,7 @@ def note(context: ActionContext) -> None:
 def calibrate(context: ActionContext) -> None:
     """Calibrate with the chosen settings."""
     s = context.s
-    context.submit(
-        TaskKind.CALIBRATE, lambda o: o.results.calibrate(s.estimator, s.unsensed_joints)
-    )
+    context.submit(TaskKind.CALIBRATE, lambda o: o.calibrate(s.estimator, s.unsensed_joints))
 
 
 def upload(context: ActionContext, forced: str = "") -> None:
@@ -177,7 +175,7 @@ def upload(context: ActionContext, forced: str = "") -> None:
         f"parameters. Type the arm's serial number, {serial}, to confirm."
     )
     question = Typed(title="Upload to the controller?", text=text, expected=serial)
-    work = task(TaskKind.UPLOAD, lambda o: o.results.write(upload=True, forced=forced))
+    work = task(TaskKind.UPLOAD, lambda o: o.write(upload=True, forced=forced))
     context.ask(question, lambda again, _: work(again))
 
 

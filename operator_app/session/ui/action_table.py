@@ -236,7 +236,7 @@ ACTIONS: tuple[Action | OnScreen, ...] = (
            prompt="Write parameters.yaml and poses.csv",
            help="Write parameters.yaml and poses.csv into the session folder.",
            steps=_at(Step.EXPORT), guard=guards.may_write,
-           work=action_handlers.task(TaskKind.EXPORT, lambda o: o.results.write(), "writing the files")),
+           work=action_handlers.task(TaskKind.EXPORT, lambda o: o.write(), "writing the files")),
     Action(name="upload", keys=("u",), shown="u", label="Upload", prompt="Upload to the controller",
            help="Upload the parameters to the controller, after typing the arm's serial number; "
            "they are read back.", steps=_at(Step.EXPORT), guard=guards.may_upload, work=action_handlers.upload),

@@ -207,10 +207,10 @@ def test_a_new_calibration_is_not_verified(runner):
     work.connect()
     work.set_modes((1, 5))
     work.automatic()
-    work.results.calibrate("implicit", ())
-    work.results.verify(2)
+    work.calibrate("implicit", ())
+    work.verify(2)
     assert runner.snapshot().verification is not None
-    work.results.calibrate("implicit", ())
+    work.calibrate("implicit", ())
     shown = runner.snapshot()
     assert shown.verification is None
     assert shown.written is None

@@ -37,32 +37,26 @@ CANDIDATES_PER_POSE = 4
 
 
 def connect(session: Session, listener: Listener, *, measuring: bool = True) -> ArmIdentity:
-    """Connect to the arm, and reset drives that tripped because the heartbeat of an earlier program was lost."""
+    """Connect to the arm, and reset drives that tripped because the heartbeat of an earlier program was lost.
+
+    Drives that were reset stay disabled.
+    """
     session.instruct = listener.report
     identity = session.connect(measuring=measuring)
     listener.connected(identity)
     for text in filter(None, (configured_words(identity), unwatching_words(identity))):
         listener.report(f"{text}.")
-    if _clear_lost_heartbeat(session):
+    faults = session.arm.snapshot().faults
+    # With any other fault nothing is reset, since the cause of that fault may be in the arm.
+    if faults and all(f.code == EmergencyCode.HEARTBEAT_LOST for f in faults):
+        session.reset_stop()
+        joints = sorted({f.joint for f in faults if f.joint is not None})
+        session.record("reset", {"joints": joints, "code": int(EmergencyCode.HEARTBEAT_LOST)})
         listener.report(
             "The drives had tripped on a lost operator heartbeat (8130h), as after a killed program: reset. "
             "Nothing has moved."
         )
     return identity
-
-
-def _clear_lost_heartbeat(session: Session) -> bool:
-    """Reset drives that tripped on a lost operator heartbeat; return whether there were any. Drives stay disabled.
-
-    Resets nothing if any drive has another fault, since the cause of that fault may be in the arm.
-    """
-    faults = session.arm.snapshot().faults
-    if not faults or any(f.code != EmergencyCode.HEARTBEAT_LOST for f in faults):
-        return False
-    session.reset_stop()
-    joints = sorted({f.joint for f in faults if f.joint is not None})
-    session.record("reset", {"joints": joints, "code": int(EmergencyCode.HEARTBEAT_LOST)})
-    return True
 
 
 def take_poses(
@@ -79,7 +73,7 @@ def take_poses(
     capture; None for an explored capture. Raises Cancelled if the operator ended the capture.
     """
     joints = session.position_joints if drives is None else drives
-    planned = None
+    planned = end = None
     if session.procedure.capture.strategy == "planned":
         planned = PlannedCapture(session, joints, listener)
         joints = planned.ready()
@@ -99,7 +93,6 @@ def take_poses(
             drift_check.repeat_nearest_pose_if_unresolved()
         if session.state.resumed:  # no pose has been repeated yet
             drift_check.repeat_first_pose_and_come_back()
-    end = None
     if planned is None:
         if not session.state.repeated_since_capture:
             # The last pose may have been captured by hand, without this check.
@@ -261,7 +254,18 @@ def verify(
     new_poses = replace(new_poses, placement=np.full(len(new_poses), session.state.placement))
     made = CalibrationWithPoses(solution=solution, poses=session.state.pose_set())
     verdict = verify_poses(session.model, session.fixture, new_poses, made)
-    session.record("verified", _verification_data(verdict, new_poses))
+    tested = verdict.verification
+    turned = tested.sigmas.orientation_rad
+    record = {
+        "poses": verdict.poses,
+        "readings": [int(label) for label in new_poses.label],
+        "position_m": tested.sigmas.position_m.rms,
+        "orientation_rad": None if turned is None else turned.rms,
+        "chi2_per_dof": tested.chi2.per_dof,
+        "holds": verdict.holds,
+        "why": verdict.why,
+    }
+    session.record("verified", record)
     return verdict, new_poses
 
 
@@ -283,17 +287,3 @@ def _new_targets(session: Session, solution: Solution, poses: int) -> Iterator[M
         q_rad = session.arm.snapshot().positions_rad
         if is_path_clear(session.model, model, x, q_rad, target):
             yield target
-
-
-def _verification_data(verdict: VerificationResult, new_poses: PoseSet) -> Mapping[str, object]:
-    tested = verdict.verification
-    turned = tested.sigmas.orientation_rad
-    return {
-        "poses": verdict.poses,
-        "readings": [int(label) for label in new_poses.label],
-        "position_m": tested.sigmas.position_m.rms,
-        "orientation_rad": None if turned is None else turned.rms,
-        "chi2_per_dof": tested.chi2.per_dof,
-        "holds": verdict.holds,
-        "why": verdict.why,
-    }

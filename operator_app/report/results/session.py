@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     from operator_app.report.facts import Facts
     from operator_app.session.store.journal_repair import RepairedLine, RepairResult
     from operator_app.session.store.state import CapturedPose, SessionState
-    from operator_app.session.workflow.planned_capture import CampaignEnd
     from solver.chain.parameters import Parameter
+    from solver.design.actions import Finished
     from solver.errors import UnidentifiableError
     from solver.estimators.estimate import Estimate
 
@@ -307,7 +307,7 @@ PLACES = 4
 
 
 def capture_json(
-    end: CampaignEnd | None,
+    end: Finished | None,
     advice: str,
     parameters: Iterable[Parameter],
     poses: Sequence[CapturedPose],
@@ -324,7 +324,7 @@ def capture_json(
         "weak": [
             {
                 "name": w.name,
-                "sigma": None if w.sigma is None else in_json(known[w.name], w.sigma),
+                "sigma": in_json(known[w.name], w.sigma),
                 "requested": in_json(known[w.name], w.requested),
             }
             for w in end.weak
@@ -333,7 +333,7 @@ def capture_json(
     }
 
 
-def capture_text(end: CampaignEnd, advice: str, parameters: Iterable[Parameter]) -> str:
+def capture_text(end: Finished, advice: str, parameters: Iterable[Parameter]) -> str:
     """Return text on how a planned capture ended, which parameters are less precise than requested, and advice."""
     known = {p.name: quantity_of(p) for p in parameters}
     weak = FactTable(

@@ -67,7 +67,6 @@ class Journal:
         self.path, self.created_folders = path, created_folders
         self.contents = contents
         self._descriptor = descriptor
-        self._seq = len(contents.events)
         self._chain = contents.chain
         # All lines are kept, to write them to another folder if the file is lost.
         self._lines = raw.splitlines(keepends=True)
@@ -168,7 +167,8 @@ class Journal:
                 f"{self.path} can no longer be written: {self._broken}",
                 "repair the disk, then resume this session and check its last entry",
             )
-        event = JournalEvent(seq=self._seq + 1, utc=utc_in_words(clock()), name=name, data=data)
+        utc, seq = utc_in_words(clock()), len(self._lines) + 1
+        event = JournalEvent(seq=seq, utc=utc, name=name, data=data)
         line, chain = format_line(event, self._chain)
         problem = self._file_problem()
         if problem:
@@ -178,7 +178,7 @@ class Journal:
             "free space or repair the disk, then resume this session; nothing accepted so far is lost",
         ):
             self._write(line)
-        self._seq, self._chain = event.seq, chain
+        self._chain = chain
         self._lines.append(line)
         self._size += len(line)
         return event
@@ -233,31 +233,27 @@ class Journal:
         """Write all lines, including `line`, to a new session folder, then raise JournalLostError."""
         if self.loss is not None:
             raise self.loss
-        rescued, reason = self._write_rescue(line)
-        if rescued is None:
-            remedy = f"the rescue copy failed ({reason}): find out what happened to the folder"
-        else:
-            own = ", with the last entry," if line else ""
-            remedy = (
-                f"all entries{own} are in {rescued}: find out what happened to the folder, then go on "
-                f"with --resume {rescued}"
-            )
+        own, rescued, remedy = self.path.parent, None, ""
+        for root in (own.parent, Path(tempfile.gettempdir())):
+            try:
+                lines = [*self._lines, line]
+                rescued = write_session_folder(root, f"{own.name}-rescued", lines)
+            except OSError as error:
+                reason = f"{root}: {error.strerror}"
+                remedy = f"the rescue copy failed ({reason}): find out what happened to the folder"
+            else:
+                with_last = ", with the last entry," if line else ""
+                remedy = (
+                    f"all entries{with_last} are in {rescued}: find out what happened to the folder, then go on "
+                    f"with --resume {rescued}"
+                )
+                break
         self.loss = JournalLostError(
             f"{self.path} {problem} while this session was using it; nothing more is recorded",
             remedy,
             rescued=rescued,
         )
         raise self.loss
-
-    def _write_rescue(self, line: bytes) -> tuple[Path | None, str]:
-        """Write all lines to a new session folder; return the folder, or None and the reason why that failed."""
-        own, reason = self.path.parent, ""
-        for root in (own.parent, Path(tempfile.gettempdir())):
-            try:
-                return write_session_folder(root, f"{own.name}-rescued", [*self._lines, line]), ""
-            except OSError as error:
-                reason = f"{root}: {error.strerror}"
-        return None, reason
 
     @property
     def kept_folder(self) -> Path:

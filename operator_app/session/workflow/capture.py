@@ -6,9 +6,7 @@ The operator may cancel at any time and resume later.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-
-import numpy as np
+from dataclasses import dataclass
 
 from hardware.arm import ArmIdentity
 from hardware.canopen.objects import EmergencyCode
@@ -21,15 +19,16 @@ from operator_app.errors import GuardError
 from operator_app.messages.errors import configured_words, unwatching_words
 from operator_app.planning.live import is_path_clear
 from operator_app.session.safety.resume_checks import SHIFT_RAD
-from operator_app.session.safety.return_check import check_repeat, repeat_text
+from operator_app.session.safety.return_check import check_repeat
 from operator_app.session.store.state import CapturedPose, pose_set_of
 from operator_app.session.workflow import drive_selection
 from operator_app.session.workflow.listener import Listener
-from operator_app.session.workflow.planned_capture import CampaignEnd, PlannedCapture
+from operator_app.session.workflow.planned_capture import PlannedCapture
 from operator_app.session.workflow.pose_reading import TargetLostError
 from operator_app.session.workflow.session import Session
 from operator_app.units import REACH
 from solver.chain.poses import PoseSet
+from solver.design.actions import Finished
 from solver.loops.placements import Placements
 
 CANDIDATES_PER_POSE = 4
@@ -65,19 +64,19 @@ def take_poses(
     drives: tuple[int, ...] | None = None,
     *,
     homing: bool = False,
-) -> CampaignEnd | None:
+) -> Finished | None:
     """Capture the missing poses of the procedure, continuing where the journal ends.
 
     `drives`: joints to put into position mode first; None: keep the modes, unless a plan in progress drives other
     joints. `homing`: whether the operator allows an arm outside its box to go home. Returns the end of a planned
     capture; None for an explored capture. Raises Cancelled if the operator ended the capture.
     """
-    joints = session.position_joints if drives is None else drives
+    joints = session.state.position_joints if drives is None else drives
     planned = end = None
     if session.procedure.capture.strategy == "planned":
         planned = PlannedCapture(session, joints, listener)
         joints = planned.ready()
-    if drives is not None or joints != session.position_joints:
+    if drives is not None or joints != session.state.position_joints:
         session.set_modes(joints)
         listener.modes_set(joints)
     if homing and (planned is None or not planned.continues_in_place):
@@ -149,7 +148,7 @@ class _DriftCheck:
         if not session.unresolved_joints or not session.fixture.holds_hand:
             return
         drive_selection.require_in_box(session)
-        q_rad, drives = session.arm.snapshot().positions_rad, session.position_joints
+        q_rad, drives = session.arm.snapshot().positions_rad, session.state.position_joints
 
         def away_rad(pose: CapturedPose) -> float:
             return max(abs(float(pose.mean_rad[j - 1] - q_rad[j - 1])) for j in drives)
@@ -195,7 +194,7 @@ class _DriftCheck:
         session, report = self.session, self.listener.report
         self.listener.going(None)
         if self.planned is None:
-            q_rad, drives = session.arm.snapshot().positions_rad, session.position_joints
+            q_rad, drives = session.arm.snapshot().positions_rad, session.state.position_joints
             way: Sequence[Mapping[int, float]] = [{j: float(q_rad[j - 1]) for j in drives}]
             targets = {j: float(first.mean_rad[j - 1]) for j in drives}
             missed = drive_selection.reach(session, targets, speed_rad_per_s=speed_rad_per_s).reason
@@ -211,11 +210,10 @@ class _DriftCheck:
             session.record("return_missed", {"of": first.number, "reason": missed})
             report(f"Pose {first.number} could not be measured again: {missed}.")
             return way
-        if resumed or suspect:
-            text = check_repeat(session.state, session.procedure)
+        refuse = resumed or suspect
+        text = check_repeat(session.state, session.procedure, refuse=refuse)
+        if refuse:
             session.record("return_holds", {"of": first.number, "told": text})
-        else:
-            text = repeat_text(session.state, session.procedure)
         if text:
             report(text)
         return way
@@ -251,7 +249,6 @@ def verify(
             "request fewer, or drive another pair of joints",
         )
     new_poses = pose_set_of(session.state.readings[before:])
-    new_poses = replace(new_poses, placement=np.full(len(new_poses), session.state.placement))
     made = CalibrationWithPoses(solution=solution, poses=session.state.pose_set())
     verdict = verify_poses(session.model, session.fixture, new_poses, made)
     tested = verdict.verification
@@ -280,7 +277,7 @@ def _new_targets(session: Session, solution: Solution, poses: int) -> Iterator[M
     if isinstance(model, Placements):
         model, columns = model.of(session.state.placement)
         x = x[columns]
-    if known >= set(session.position_joints):
+    if known >= set(session.state.position_joints):
         yield from drive_selection.verification_waypoints(session, poses)
         return
     for target in drive_selection.verification_waypoints(session, CANDIDATES_PER_POSE * poses):

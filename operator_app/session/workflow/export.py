@@ -69,12 +69,8 @@ def export(
         record["uploaded"] = asdict(receipt)
     done = f"the parameters were uploaded to slot {receipt.slot} and read back" if receipt else ""
     _record_export(session, record, report=done)
-    return Exported(
-        folder=folder,
-        parameters=folder / PARAMETERS_NAME,
-        sha256=record["sha256"],
-        receipt=receipt,
-    )
+    path = folder / PARAMETERS_NAME
+    return Exported(folder=folder, parameters=path, sha256=record["sha256"], receipt=receipt)
 
 
 def recorded_export(session: Session, active_document: bytes) -> Exported | None:
@@ -94,12 +90,7 @@ def recorded_export(session: Session, active_document: bytes) -> Exported | None
             length=uploaded["length"],
             home_offset_counts=tuple(uploaded.get("home_offset_counts", ())),
         )
-    return Exported(
-        folder=folder,
-        parameters=path,
-        sha256=exported["sha256"],
-        receipt=receipt,
-    )
+    return Exported(folder=folder, parameters=path, sha256=exported["sha256"], receipt=receipt)
 
 
 def _sha256(data: bytes) -> str:

@@ -14,15 +14,16 @@ from hardware.arm import ArmSnapshot, DriveState, JointState
 from hardware.errors import DriveDiverged
 from operator_app.config.procedure_file import load_procedure
 from operator_app.messages.errors import stopped_words
-from operator_app.session.ui.message_log import ARM_RECOVERY, add_message
 from operator_app.session.ui.runner import Runner
 from operator_app.session.ui.snapshot import (
+    ARM_RECOVERY,
     DataState,
     Level,
     RunningTask,
     SessionSnapshot,
     StopReport,
     TaskKind,
+    add_message,
 )
 from operator_app.session.ui.supervisor import Motion
 from tests.oracles.live_arm import LiveArm

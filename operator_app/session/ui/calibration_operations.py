@@ -1,58 +1,145 @@
-"""Operations of steps 5 to 7 (calibrate, compare, write, upload, verify), and what all operations publish.
+"""Operations of steps 5 to 7: calibrate, compare, write, upload, verify. They publish also the quality of the poses.
 
 They run in the worker thread and may block.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
+from fixtures.base import EndpointConstraint
 from hardware.arm import DriveState
+from operator_app.calibration.experiment import Experiment
+from operator_app.calibration.instrument_registration import with_registered_instrument
 from operator_app.calibration.result import Solution
 from operator_app.config.parameters import ParametersDocument
 from operator_app.config.parameters_file import parse_parameters
 from operator_app.errors import Cancelled, GuardError
+from operator_app.planning.live import (
+    Forecast,
+    LiveQuality,
+    live_quality,
+    most_informative,
+    predict,
+)
+from operator_app.planning.task import planning_task
 from operator_app.session.store.solver_process import SolvingProcess
-from operator_app.session.ui.pose_quality import PoseQuality
+from operator_app.session.store.state import SessionState
 from operator_app.session.ui.snapshot import DiffRow, Level, Publisher
 from operator_app.session.workflow.capture import verify
 from operator_app.session.workflow.export import export, recorded_export
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
 from operator_app.units import SIGMA_POS
-from solver.chain.parameters import DhEntry
+from solver.arrays import FloatArray
+from solver.chain.parameters import DhEntry, nominal_vector
+from solver.design.plan import PlanningTask
+from solver.loops.closure import ClosureModel, poses_needed
 
 
 class CalibrationOperations(Listener):
-    """Operations on the calibration of a session; `solution` is that of the current poses, None before there is one."""
+    """Operations on the calibration of a session; publishes its state and the quality of its poses.
+
+    `solution`: the calibration from the current poses; None before there is one.
+    """
 
     def __init__(self, session: Session, publisher: Publisher) -> None:
         self._session, self._publisher = session, publisher
-        self._pose_quality = PoseQuality(session)
         self.solution: Solution | None = None
+        self._plan: tuple[Mapping[int, float], ...] = ()
+        self._forecast: Forecast | None = None
+        self._task: PlanningTask | None = None
+        self._live: LiveQuality | None = None
+        self._placed: EndpointConstraint | None = None
 
     def report(self, text: str) -> None:
         """Add a message for the operator."""
         self._publisher.say(Level.INFO, text)
 
-    def refresh(self) -> None:
-        """Publish the session's state and the quality of its poses."""
-        state, quality = self._session.state, self._pose_quality
-        quality.evaluate(state)
-        if not state.solved:
-            self.solution = None
-        self._publish(
-            state=state,
-            live=quality.live,
-            next_waypoint=quality.next_waypoint,
-            best_waypoint=quality.best_waypoint,
-            solution=self.solution,
-        )
-
     def _publish(self, **values: Any) -> None:
         """Replace these fields of the snapshot."""
         self._publisher.publish(lambda s: replace(s, **values))
+
+    # -- quality of the poses ------------------------------------------------------------------------
+
+    def refresh(self) -> None:
+        """Publish the session's state and the quality of its poses; the quality reuses earlier results."""
+        session, state = self._session, self._session.state
+        used = state.used_poses
+        if not used:
+            self._live = self._placed = None
+        else:
+            q_rad = np.array([p.mean_rad for p in used])
+            numbers = tuple(p.number for p in used)
+            self._live = live_quality(
+                session.model, self._loop_of(state), q_rad, numbers, earlier=self._live
+            )
+        if not state.solved:
+            self.solution = None
+        unvisited = [k for k in range(len(self._plan)) if k not in state.visited]
+        self._publish(
+            state=state,
+            live=self._live,
+            next_waypoint=unvisited[0] if unvisited else None,
+            best_waypoint=self._most_informative_waypoint(state, unvisited),
+            solution=self.solution,
+        )
+
+    def _set_plan(self, plan: tuple[Mapping[int, float], ...], start_rad: FloatArray) -> None:
+        """Publish a plan, i.e. waypoints (rad, by joint) of a path from `start_rad` (n,), and predict its poses."""
+        session, model = self._session, self._nominal_loop
+        self._plan = plan
+        self._forecast = predict(
+            session.model,
+            model,
+            nominal_vector(model.parameters),
+            start_rad=start_rad,
+            plan=plan,
+            poses=session.procedure.capture.poses,
+        )
+        if session.fixture.holds_hand:
+            self._task = planning_task(
+                session.model,
+                session.fixture,
+                drive_sets=None,
+                unsensed_joints=session.procedure.unsensed_joints,
+                samples=session.procedure.capture.samples_per_pose,
+            )
+        self._publish(plan=plan, forecast=self._forecast)
+
+    def _most_informative_waypoint(self, state: SessionState, unvisited: list[int]) -> int | None:
+        if self._live is None or self._forecast is None or self._task is None:
+            return None
+        names = [p.name for p in self._nominal_loop.parameters]
+        return most_informative(
+            self._task,
+            self._live.x[[names.index(p.name) for p in self._task.model.parameters]],
+            taken_rad=np.array([p.mean_rad for p in state.used_poses]),
+            forecast=self._forecast,
+            open_waypoints=unvisited,
+        )
+
+    def _loop_of(self, state: SessionState) -> ClosureModel:
+        """Return the loop of the used poses; an open arm's instrument is registered once there are enough poses."""
+        session, model = self._session, self._nominal_loop
+        if session.fixture.holds_hand:
+            return model
+        poses = state.pose_set()
+        needed = poses_needed(len(model.parameters), model.equations_per_pose)
+        if self._placed is None and len(poses) >= needed:
+            self._placed = with_registered_instrument(session.model, session.fixture, poses)
+        fixture = self._placed or session.fixture
+        return Experiment(arm=session.model, fixture=fixture, poses=poses).loop()
+
+    @property
+    def _nominal_loop(self) -> ClosureModel:
+        return self._session.fixture.model(self._session.model)
+
+    # -- calibration ---------------------------------------------------------------------------------
 
     def show_recorded_calibration(self) -> None:
         """Publish the recorded calibration and export of a resumed session, if there are any."""

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from fixtures.base import Severity
 from hardware.arm import DriveState
 from operator_app.session.ui.guards import missing_for, modes_problem, moves_real_arm
-from operator_app.session.ui.message_log import needs_reconnect
-from operator_app.session.ui.snapshot import DataState, SessionSnapshot, TaskKind
+from operator_app.session.ui.snapshot import DataState, SessionSnapshot, TaskKind, needs_reconnect
 from operator_app.session.ui.steps import Step
 from operator_app.units import names, others_free
 
@@ -43,21 +43,7 @@ def next_action(step: Step, s: SessionSnapshot) -> NextAction:
         return NextAction("", "", f"{s.task.text}: any key stops it")
     if not s.connected and Step.CONNECT < step < Step.CALIBRATE:
         return NextAction("step_1", "To Connect", "no arm is connected: Enter goes to step 1")
-    match step:
-        case Step.CONNECT:
-            return _connect(s)
-        case Step.FIXTURE:
-            return _fixture(s)
-        case Step.MODES:
-            return _modes(s)
-        case Step.CAPTURE:
-            return _capture(s)
-        case Step.CALIBRATE:
-            return _calibrate(s)
-        case Step.RESULTS:
-            return _results(s)
-        case Step.EXPORT:
-            return _export(s)
+    return _BY_STEP[step](s)
 
 
 def _lost(step: Step) -> NextAction:
@@ -186,3 +172,14 @@ def _export(s: SessionSnapshot) -> NextAction:
     else:
         hint = "uploaded, but new poses are worse than expected: find the cause before use. Enter or q quits"
     return NextAction("quit", "Finish", hint)
+
+
+_BY_STEP: Mapping[Step, Callable[[SessionSnapshot], NextAction]] = {
+    Step.CONNECT: _connect,
+    Step.FIXTURE: _fixture,
+    Step.MODES: _modes,
+    Step.CAPTURE: _capture,
+    Step.CALIBRATE: _calibrate,
+    Step.RESULTS: _results,
+    Step.EXPORT: _export,
+}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +15,6 @@ from operator_app.session.workflow import drive_selection
 from operator_app.session.workflow.capture import outlier_warning, take_poses
 from operator_app.session.workflow.session import Session
 from operator_app.units import MOVED, READING_SD, names, others_free
-from solver.arrays import FloatArray
 from solver.chain.parameters import nominal_vector
 from solver.design.actions import GoTo
 from solver.design.drive_joints import RankedDrives, rank_at_pose
@@ -98,7 +96,7 @@ class Operations(CalibrationOperations):
             )
         )
         start = session.state.start_rad
-        if start is not None and len(session.position_joints) == session.mobility:
+        if start is not None and len(session.state.position_joints) == session.mobility:
             # The session already has a plan, which starts at `start`.
             self._set_plan(drive_selection.waypoints_of(session), start)
         elif len(joints) == session.mobility:
@@ -127,7 +125,7 @@ class Operations(CalibrationOperations):
         """Move each drive joint by 2 deg and back; report how the other joints follow."""
         self._at(None)
         session, lines = self._session, []
-        for joint in session.position_joints:
+        for joint in session.state.position_joints:
             before = session.arm.snapshot().positions_rad
             away = session.go_to({joint: float(before[joint - 1]) + TEST_WIGGLE_RAD})
             positions = session.arm.snapshot().positions_rad
@@ -285,10 +283,6 @@ class Operations(CalibrationOperations):
         self.refresh()
 
     # -- inside ------------------------------------------------------------------------------------
-
-    def _set_plan(self, plan: tuple[Mapping[int, float], ...], start_rad: FloatArray) -> None:
-        self._pose_quality.set_plan(plan, start_rad)
-        self._publish(plan=plan, forecast=self._pose_quality.forecast)
 
     def _at(self, waypoint: int | None) -> None:
         """Publish the index of the waypoint at which the arm is; None if it is at no waypoint."""

@@ -117,10 +117,7 @@ class Sessions:
             session = open_session(rig)
             stack.callback(session.journal.close)
             runner = Runner(
-                session,
-                simulated=rig.simulated,
-                bus=rig.bus,
-                recording_ended=rig.recording_ended,
+                session, simulated=rig.simulated, bus=rig.bus, recording_ended=rig.recording_ended
             )
             opened = stack.pop_all()
         self.close(farewell)

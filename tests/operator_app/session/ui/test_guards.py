@@ -7,8 +7,13 @@ import pytest
 from fixtures.base import CheckKind, SetupCheck, Severity
 from hardware.arm import Fault, JointMode
 from operator_app.session.ui import guards
-from operator_app.session.ui.message_log import ARM_RECOVERY, add_message
-from operator_app.session.ui.snapshot import Level, SessionSnapshot, TaskKind
+from operator_app.session.ui.snapshot import (
+    ARM_RECOVERY,
+    Level,
+    SessionSnapshot,
+    TaskKind,
+    add_message,
+)
 from operator_app.session.ui.steps import Step
 from tests.oracles.story import busy, lost, real, stale, stopped, story, tripped
 

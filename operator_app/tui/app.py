@@ -14,6 +14,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator
+from importlib import import_module
 from typing import TYPE_CHECKING, ClassVar
 
 from textual import events
@@ -147,9 +148,12 @@ class SarcalApp(App[str]):
 
     async def _load(self) -> None:
         """Run the slow imports in a thread; then show the main screen."""
-        main_screen, interface = await asyncio.to_thread(_import)
+        await asyncio.to_thread(import_module, "operator_app.tui.screen_interface")
+        from operator_app.tui.main_screen import MainScreen
+        from operator_app.tui.screen_interface import ScreenInterface
+
         self.source = await asyncio.to_thread(self._make_source)
-        self.main, self.interface = main_screen(), interface(self)
+        self.main, self.interface = MainScreen(), ScreenInterface(self)
         self.loaded = True
         await self.push_screen(self.main)
 
@@ -320,26 +324,10 @@ class SarcalApp(App[str]):
         self.interface.leave()
 
 
-def _import() -> tuple[type[MainScreen], Callable[[SarcalApp], ScreenInterface]]:
-    """Import and return the classes that the first screen does not need."""
-    from operator_app.tui.main_screen import MainScreen
-    from operator_app.tui.screen_interface import ScreenInterface
-
-    return MainScreen, ScreenInterface
-
-
-def run(
-    make_source: Callable[[], Sessions],
-    *,
-    theme: str = DARK,
-    ascii_only: bool = False,
-    resume: str | None = None,
-    manual: Manual | None = None,
-) -> str:
+def run(app: SarcalApp) -> str:
     """Run the app and return the reason for leaving; in any case, hold the arm and close the journal at the end."""
     # While loading, garbage collection frees nothing and takes a third of a second.
     gc.disable()
-    app = SarcalApp(make_source, theme=theme, ascii_only=ascii_only, resume=resume, manual=manual)
     app.owns_process = True
     reason = "failed"
     try:

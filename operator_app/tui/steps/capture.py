@@ -240,5 +240,5 @@ class CaptureView(StepView):
 
     def marked_pose(self, s: SessionSnapshot) -> int | None:
         """Number of the marked pose; None if there is no pose."""
-        poses, cursor = s.state.poses, self.query_one("#poses", PosesPanel).cursor
-        return poses[-1 - min(cursor, len(poses) - 1)].number if poses else None
+        poses = s.state.poses
+        return poses[-1 - min(self.main.cursor, len(poses) - 1)].number if poses else None

@@ -148,8 +148,3 @@ class FixtureView(StepView):
     )
     MAIN = "checklist"
     VIEWS = (("placement", "checklist"), ("checks",), ("fixture-arm",))
-
-    @property
-    def cursor(self) -> int:
-        """Index (from 0) of the marked item."""
-        return self.query_one("#checklist", ChecklistPanel).cursor

@@ -79,8 +79,3 @@ class ModesView(StepView):
     )
     MAIN = "modes-joints"
     VIEWS = (("modes-joints", "modes-plan"), ("modes-arm",))
-
-    @property
-    def cursor(self) -> int:
-        """Index (from 0) of the marked joint."""
-        return self.query_one("#modes-joints", JointTable).cursor

@@ -63,10 +63,15 @@ class StepView(Container):
         """Number (from 1) of the view that a small terminal shows, and number of views."""
         return self.view + 1, max(1, len(self.VIEWS))
 
+    @property
+    def main(self) -> ListPanel:
+        """The main list."""
+        return self.query_one(f"#{self.MAIN}", ListPanel)
+
     def move(self, by: int) -> None:
         """Move the mark in the main list by `by` rows, or scroll the list."""
         if self.MAIN:
-            self.query_one(f"#{self.MAIN}", ListPanel).move(by)
+            self.main.move(by)
 
     def _apply_view(self) -> None:
         shown = {name for group in self.VIEWS for name in group}

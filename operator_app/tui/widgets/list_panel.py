@@ -16,12 +16,7 @@ from solver.chain.sensors import Encoder, NoSensor, Rvdt, Sensor
 
 
 class ListPanel(Lines):
-    """A list with a header; subclasses override `head`, `count` and `row`.
-
-    If `MARKS` is true, `cursor` is the marked row, which stays visible; otherwise `cursor` is the first visible row.
-    """
-
-    MARKS = True
+    """A list with a header; subclasses override `head`, `count` and `row`. `cursor`: marked row, always visible."""
 
     def __init__(self, *, id: str | None = None) -> None:  # noqa: A002 - Textual's name
         super().__init__(id=id)
@@ -41,28 +36,21 @@ class ListPanel(Lines):
         return ()
 
     def move(self, by: int) -> None:
-        """Move the marked row by `by` rows, or scroll by as many if the list has no mark."""
+        """Move the cursor by `by` rows."""
         self.cursor = max(0, min(self._last, self.cursor + by))
 
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         head, count = self.head(s, width), self.count(s)
         room = max(1, height - len(head))
-        if self.MARKS:
-            self._last = max(0, count - 1)
-            self.cursor = min(self.cursor, self._last)
-            first = max(0, min(self.cursor - room // 2, count - room))
-            visible = range(first, min(count, first + room))
-            return [*head, *(line for k in visible for line in self.row(s, k, width))]
-        rows = [line for k in range(count) for line in self.row(s, k, width)]
-        rows, shown, self.cursor = window(rows, self.cursor, room)
-        self._last = count - shown
-        return [*head, *rows]
+        self._last = max(0, count - 1)
+        self.cursor = min(self.cursor, self._last)
+        first = max(0, min(self.cursor - room // 2, count - room))
+        visible = range(first, min(count, first + room))
+        return [*head, *(line for k in visible for line in self.row(s, k, width))]
 
 
 class TablePanel(ListPanel):
-    """A panel with a table, which subclasses choose by overriding `table`."""
-
-    MARKS = False
+    """A table, which subclasses choose by overriding `table`; no row is marked, `cursor` is the first visible row."""
 
     def table(self, s: SessionSnapshot) -> FactTable | None:
         """Return the table to show; None if there is no table."""
@@ -70,20 +58,10 @@ class TablePanel(ListPanel):
 
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         table = self.table(s)
-        self._head, self._rows = ([], []) if table is None else table_spans(table)
-        return super()._build(s, width, height)
-
-    def count(self, s: SessionSnapshot) -> int:
-        """Number of rows."""
-        return len(self._rows)
-
-    def head(self, s: SessionSnapshot, width: int) -> Sequence[Line]:
-        """Column titles."""
-        return self._head
-
-    def row(self, s: SessionSnapshot, k: int, width: int) -> Sequence[Line]:
-        """Return one row of the table."""
-        return [self._rows[k]]
+        head, body = ([], []) if table is None else table_spans(table)
+        rows, shown, self.cursor = window(body, self.cursor, max(1, height - len(head)))
+        self._last = len(body) - shown
+        return [*head, *rows]
 
 
 NEAR_END = 0.04

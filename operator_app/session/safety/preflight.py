@@ -17,7 +17,7 @@ from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.prior import KnownArm, known_arm
 from operator_app.config.procedure import Procedure
 from operator_app.errors import ClosureRefusedError, ConnectAgainError
-from operator_app.session.safety.closure_gate import ClosureFit, LoopAtReading, loop_at_reading
+from operator_app.session.safety.closure_gate import ClosureFit, LoopAtReading
 from operator_app.session.safety.resume_checks import (
     MAX_SAG_RAD,
     check_closure_by_poses,
@@ -119,7 +119,7 @@ def check_closure_without_poses(
     """
     if not procedure.fixture.fixture.holds_hand:
         return None
-    arm, loop = procedure.arm, loop_at_reading(procedure, reading.mean_rad, known)
+    arm, loop = procedure.arm, LoopAtReading(procedure, reading.mean_rad, known)
     closure = loop.fit()
     probability = _probability(closure)
     reset = _reset_counters(arm, loop, closure)

@@ -204,10 +204,10 @@ class Runner:
                 self._show_task(job)
             self._jobs.put(job)
 
-    def cancel(self) -> None:
-        """Cancel the running task and all queued ones; a moving arm comes to rest and holds."""
+    def cancel(self, *, but: TaskKind | None = None) -> None:
+        """Cancel the running task and all queued ones, except of kind `but`; a moving arm comes to rest and holds."""
         for job in tuple(self._waiting_jobs):
-            if not job.uncancellable:
+            if not job.uncancellable and job.kind is not but:
                 job.cancel.set()
 
     def stop(self) -> None:
@@ -321,9 +321,7 @@ class Runner:
 
         Cancels all cancellable tasks except connecting, which the operator may have requested at the same time.
         """
-        for job in tuple(self._waiting_jobs):
-            if not job.uncancellable and job.kind is not TaskKind.CONNECT:
-                job.cancel.set()
+        self.cancel(but=TaskKind.CONNECT)
         try:
             self.session.arm.stop()
         except HardwareError:

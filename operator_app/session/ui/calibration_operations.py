@@ -56,9 +56,9 @@ class CalibrationOperations(Listener):
         self._live: LiveQuality | None = None
         self._placed: EndpointConstraint | None = None
 
-    def report(self, text: str) -> None:
+    def report(self, text: str, level: Level = Level.INFO) -> None:
         """Add a message for the operator."""
-        self._publisher.say(Level.INFO, text)
+        self._publisher.say(level, text)
 
     def _publish(self, **values: Any) -> None:
         """Replace these fields of the snapshot."""
@@ -172,10 +172,8 @@ class CalibrationOperations(Listener):
             )  # fmt: skip
             self.refresh()
             verdict = "accepted" if solution.accepted else "not accepted"
-            self._publisher.say(
-                Level.INFO if solution.accepted else Level.WARNING,
-                f"calibrated from {solution.poses} poses: {verdict}",
-            )
+            level = Level.INFO if solution.accepted else Level.WARNING
+            self.report(f"calibrated from {solution.poses} poses: {verdict}", level)
             # The cross-validation takes seconds: the verdict is shown first.
             checks = self._session.check(solution, solver)
         self._publish(cross_checks=checks)
@@ -225,11 +223,9 @@ class CalibrationOperations(Listener):
         result, _ = verify(self._session, self._current_solution(), poses, self)
         self.refresh()
         self._publish(verification=result)
-        self._publisher.say(
-            Level.INFO if result.holds else Level.WARNING,
-            f"{result.poses} new poses {result.verdict}: "
-            f"{SIGMA_POS(result.verification.sigmas.position_m.rms).with_unit} rms",
-        )
+        rms = SIGMA_POS(result.verification.sigmas.position_m.rms).with_unit
+        level = Level.INFO if result.holds else Level.WARNING
+        self.report(f"{result.poses} new poses {result.verdict}: {rms} rms", level)
 
     def _current_solution(self) -> Solution:
         if self.solution is None:

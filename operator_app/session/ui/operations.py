@@ -70,7 +70,7 @@ class Operations(CalibrationOperations):
         if configured := configured_words(identity):
             self.report(configured)
         if configured := unwatching_words(identity):
-            self._publisher.say(Level.WARNING, configured)
+            self.report(configured, Level.WARNING)
         self.show_recorded_calibration()
         self.check_fixture()
 
@@ -123,7 +123,7 @@ class Operations(CalibrationOperations):
 
     def wiggle(self) -> None:
         """Move each drive joint by 2 deg and back; report how the other joints follow."""
-        self._at(None)
+        self._publish(at_waypoint=None)
         session, lines = self._session, []
         for joint in session.state.position_joints:
             before = session.arm.snapshot().positions_rad
@@ -144,7 +144,7 @@ class Operations(CalibrationOperations):
 
     def go_home(self) -> None:
         """Move the drive joints home at 5 deg/s."""
-        self._at(None)
+        self._publish(at_waypoint=None)
         message = drive_selection.go_home(self._session)
         self.refresh()
         self.report(message)
@@ -153,15 +153,13 @@ class Operations(CalibrationOperations):
 
     def go(self, waypoint: int) -> None:
         """Move to a waypoint (index from 0)."""
-        self._at(None)
+        self._publish(at_waypoint=None)
         arrived = drive_selection.visit(self._session, waypoint)
-        self._at(waypoint if arrived else None)
+        self._publish(at_waypoint=waypoint if arrived else None)
         if arrived:
             self.report(f"at waypoint {waypoint + 1}: capture at standstill")
         else:
-            self._publisher.say(
-                Level.WARNING, f"waypoint {waypoint + 1} cannot be reached and was skipped"
-            )
+            self.report(f"waypoint {waypoint + 1} cannot be reached and was skipped", Level.WARNING)
         self.refresh()
 
     def capture(self, waypoint: int) -> None:
@@ -175,7 +173,7 @@ class Operations(CalibrationOperations):
                 suspect += (
                     f" The automatic capture measures pose {first} again first (drift check)."
                 )
-            self._publisher.say(Level.WARNING, suspect)
+            self.report(suspect, Level.WARNING)
 
     def automatic(self) -> None:
         """Capture the missing poses, by exploration or by plan."""
@@ -185,13 +183,11 @@ class Operations(CalibrationOperations):
             self._publish(heading=None)
         self.refresh()
         if end is None:
-            total = self._session.procedure.capture.poses
-            self.report(f"all {total} poses captured")
+            self.report(f"all {self._session.procedure.capture.poses} poses captured")
+        elif end.complete:
+            self.report(f"capture complete: {end.text}")
         else:
-            level = Level.INFO if end.complete else Level.WARNING
-            self._publisher.say(
-                level, f"capture {'complete' if end.complete else 'ended'}: {end.text}"
-            )
+            self.report(f"capture ended: {end.text}", Level.WARNING)
 
     def undo(self) -> None:
         """Undo the last exclusion or note or, if there is none, remove the last pose."""
@@ -278,15 +274,9 @@ class Operations(CalibrationOperations):
 
     def hold(self) -> None:
         """Hold all joints in position mode where they are."""
-        self._at(None)
+        self._publish(at_waypoint=None)
         self._session.hold()
         self.refresh()
-
-    # -- inside ------------------------------------------------------------------------------------
-
-    def _at(self, waypoint: int | None) -> None:
-        """Publish the index of the waypoint at which the arm is; None if it is at no waypoint."""
-        self._publish(at_waypoint=waypoint)
 
     # -- progress of a capture ---------------------------------------------------------------------
 
@@ -296,7 +286,7 @@ class Operations(CalibrationOperations):
 
     def arrived(self, waypoint: int) -> None:
         """Publish the waypoint."""
-        self._at(waypoint)
+        self._publish(at_waypoint=waypoint)
 
     def pose_captured(self, state: SessionState, total: int = 0) -> None:
         """Publish and report the last pose."""

@@ -222,7 +222,7 @@ class MainScreen(Screen[None]):
         self.rails = (StepRow(id="row"), StepRail(id="rail"))
         self.strip, self.banner = SafetyStrip(id="strip"), Banner(id="banner")
         self.log_lines = Log(id="log")
-        self.steps = tuple(view() for view in VIEWS)
+        self.steps = tuple(view(step) for step, view in zip(Step, VIEWS, strict=True))
         self.too_small = TooSmall(id="too-small")
         self.frame: tuple[Lines, ...] = (
             self.strip, self.banner, *self.rails, self.hint, self.log_lines, self.footer,

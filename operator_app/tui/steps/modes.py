@@ -8,7 +8,6 @@ from functools import partial
 from operator_app.report.spans import Line, line, short_entry, wrapped
 from operator_app.session.ui.guards import modes_problem
 from operator_app.session.ui.snapshot import SessionSnapshot
-from operator_app.session.ui.steps import Step
 from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
 from operator_app.tui.widgets.list_panel import JointTable
@@ -72,7 +71,6 @@ def _whole(pairs: Sequence[Sequence[Line]], room: int) -> list[Line]:
 class ModesView(StepView):
     """View of step 3: table, plan, drawing."""
 
-    STEP = Step.MODES
     PANELS = (
         {"modes-joints": partial(JointTable, show_wanted=True), "modes-plan": PlanPanel},
         {"modes-arm": ArmView},

@@ -17,7 +17,6 @@ from operator_app.report.subject import Subject, facts_on, no_facts, subject_on
 from operator_app.report.table import FactTable
 from operator_app.report.text import headline_spans, table_spans
 from operator_app.session.ui.snapshot import SessionSnapshot
-from operator_app.session.ui.steps import Step
 from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
 from operator_app.tui.widgets.list_panel import TablePanel
@@ -184,7 +183,6 @@ def _of_rvdt(
 class ResultsView(StepView):
     """View of step 6: verdict on top, parameters and plots below."""
 
-    STEP = Step.RESULTS
     PANELS = ({"parameters": ParametersPanel}, {"results-plot": ResultsPlot})
     MAIN = "parameters"
     VIEWS = (("verdict", "parameters"), ("results-plot",))

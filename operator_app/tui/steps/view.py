@@ -21,13 +21,12 @@ class StepView(Container):
     small terminal shows together; `v` shows the next group. `MAIN`: name of the panel whose rows the arrow keys mark.
     """
 
-    STEP: ClassVar[Step]
     PANELS: ClassVar[tuple[Mapping[str, Callable[..., Lines]], ...]]
     VIEWS: ClassVar[tuple[tuple[str, ...], ...]] = ()
     MAIN: ClassVar[str] = ""
 
-    def __init__(self) -> None:
-        super().__init__(id=f"step-{int(self.STEP)}", classes="step")
+    def __init__(self, step: Step) -> None:
+        super().__init__(id=f"step-{int(step)}", classes="step")
         self.view = 0
         self.compact = False
 

@@ -13,7 +13,7 @@ import select
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib import import_module
 from typing import TYPE_CHECKING, ClassVar
 
@@ -43,35 +43,27 @@ if TYPE_CHECKING:
     from operator_app.tui.screen_interface import ScreenInterface
 
 
-class _Fixed(Lines, can_focus=False):
-    """A widget whose lines do not change."""
-
-    FIXED = True
-
-    def __init__(self, rows: list[Line], *, id: str) -> None:  # noqa: A002 - Textual's name
-        super().__init__(id=id)
-        self._rows = rows
-
-    def on_mount(self) -> None:
-        """Show the lines."""
-        self.show_lines(self._rows)
-
-
 class StartScreen(Screen[None]):
     """Screen while the program loads: the safety strip, a line of text, and the key to quit."""
 
     AUTO_FOCUS = ""
+    ROWS: ClassVar[Mapping[str, Sequence[Line]]] = {
+        "strip": [line((" STOP ", "badge"), (" SPACE/F8", "key"), ("  no arm yet", "dim"))],
+        "banner": [line((" sarcal ", "badge"), ("  calibrating redundant arms", "dim"))],
+        "middle": [(), line(" Connect: loading ...")],
+        "footer": [line((" q", "key"), " Quit")],
+    }
+    """Lines of each widget, by its name on the main screen."""
 
     def compose(self) -> ComposeResult:
         """Compose the widgets in the same places as on the main screen."""
-        yield _Fixed(
-            [line((" STOP ", "badge"), (" SPACE/F8", "key"), ("  no arm yet", "dim"))], id="strip"
-        )
-        yield _Fixed(
-            [line((" sarcal ", "badge"), ("  calibrating redundant arms", "dim"))], id="banner"
-        )
-        yield _Fixed([(), line(" Connect: loading ...")], id="middle")
-        yield _Fixed([line((" q", "key"), " Quit")], id="footer")
+        for name in self.ROWS:
+            yield Lines(id=name)
+
+    def on_mount(self) -> None:
+        """Show the lines."""
+        for name, rows in self.ROWS.items():
+            self.query_one(f"#{name}", Lines).show_lines(rows)
 
 
 POLL_S = 1.0 / 20.0

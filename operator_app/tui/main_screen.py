@@ -308,7 +308,7 @@ class MainScreen(Screen[None]):
             s.data, s.stale_joints, s.stopped, s.stop, s.connected, s.simulated, joints, s.task, latest,
             tuple(alarm.number for alarm in s.alarms),
             s.ticked, s.stop_tested, s.estimator, s.checks, id(s.state), id(s.solution), id(s.written),
-            id(s.receipt), id(s.plan), self.hint.refusal, s.wanted_joints, self.hint.step, self.size,
+            id(s.receipt), id(s.plan), self.hint.refusal, s.selected_joints, self.hint.step, self.size,
             self.rails[0].place, self.app.screen is self,
         )  # fmt: skip
 

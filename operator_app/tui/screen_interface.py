@@ -183,7 +183,7 @@ class ScreenInterface:
         s, runner = self.snapshot(), self.runner
         if s is not None and runner is not None:
             joint = self.app.main.query_one(ModesView).main.cursor + 1
-            action_table.mark(runner, tuple(sorted({*s.wanted_joints} ^ {joint})))
+            action_table.mark(runner, tuple(sorted({*s.selected_joints} ^ {joint})))
 
     def cancel(self) -> None:
         """Cancel the running task."""

@@ -42,8 +42,8 @@ def require_plausible_readings(
     ClosureRefusedError, which names the joint if a wrong reading of one joint explains that the loop does not close.
     """
 
-    def record(told: str, probability: float | None, *, refused: bool = False) -> None:
-        data = {"told": told, "probability": probability, "refused": refused}
+    def record(text: str, probability: float | None, *, refused: bool = False) -> None:
+        data = {"told": text, "probability": probability, "refused": refused}
         session.record("standing", data)
 
     procedure, probability = session.procedure, None

@@ -27,18 +27,18 @@ from solver.loops.closure import ClosureModel
 from solver.loops.placements import Placements
 
 
-def export_reason(solution: Solution, reason: str, *, say_it_by: str) -> str:
+def export_reason(solution: Solution, reason: str, *, stated_by: str) -> str:
     """Return the reason for exporting a calibration that was not accepted; "" if it was accepted.
 
-    `say_it_by` tells the operator how to state a reason, such as ``--force REASON``. Raises GuardError if the
-    calibration was not accepted and there is no reason.
+    `stated_by`: how the operator states a reason, such as ``--force REASON``. Raises GuardError if the calibration was
+    not accepted and there is no reason.
     """
     if solution.accepted:
         return ""
     if not reason.strip():
         raise GuardError(
             f"the calibration was not accepted: {'; '.join(solution.reasons)}",
-            f"correct what the reasons name, or state why these parameters are to be used ({say_it_by})",
+            f"correct what the reasons name, or state why these parameters are to be used ({stated_by})",
         )
     return reason
 

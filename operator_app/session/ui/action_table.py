@@ -60,7 +60,7 @@ def confirm_all(context: ActionContext) -> None:
 
 def mark(runner: Runner, joints: tuple[int, ...]) -> None:
     """Select these joints for position mode."""
-    runner.publish(lambda s: replace(s, wanted_joints=joints))
+    runner.publish(lambda s: replace(s, selected_joints=joints))
 
 
 def other_joints(context: ActionContext) -> None:
@@ -80,7 +80,7 @@ def other_joints(context: ActionContext) -> None:
             mark(again.runner, joints)
 
     text = "Joints for position mode, e.g. 1 5 (they take effect when applied):"
-    value = " ".join(map(str, context.s.wanted_joints))
+    value = " ".join(map(str, context.s.selected_joints))
     context.ask(Typed(title="Which joints drive?", text=text, value=value), take)
 
 

@@ -164,7 +164,7 @@ def may_suggest(s: SessionSnapshot) -> str:
 
 def may_apply_modes(s: SessionSnapshot) -> str:
     """Applying modes needs an open Modes step, fresh data, and a selected joint for each degree of freedom."""
-    return idle(s) or modes_ready(s) or may_use_data(s) or modes_problem(s, s.wanted_joints)
+    return idle(s) or modes_ready(s) or may_use_data(s) or modes_problem(s, s.selected_joints)
 
 
 def modes_problem(s: SessionSnapshot, position_joints: tuple[int, ...]) -> str:

@@ -99,7 +99,7 @@ def _fixture(s: SessionSnapshot) -> NextAction:
 
 
 def _modes(s: SessionSnapshot) -> NextAction:
-    marked = s.wanted_joints
+    marked = s.selected_joints
     problem = modes_problem(s, marked)
     if not problem and s.position_joints == marked and not missing_for(Step.CAPTURE, s):
         return _next(Step.CAPTURE, "the modes are set and read back")

@@ -92,7 +92,7 @@ class Operations(CalibrationOperations):
         best = ranked[0].drives if ranked else joints
         self._publisher.publish(
             lambda s: replace(
-                s, checks=checks, ranked=ranked, wanted_joints=s.wanted_joints or best
+                s, checks=checks, ranked=ranked, selected_joints=s.selected_joints or best
             )
         )
         start = session.state.start_rad

@@ -98,7 +98,9 @@ class Runner:
             mobility=session.mobility,
             estimator=session.procedure.estimator,
             unsensed_joints=session.procedure.unsensed_joints,
-            wanted_joints=session.state.position_joints or session.procedure.position_joints or (),
+            selected_joints=session.state.position_joints
+            or session.procedure.position_joints
+            or (),
         )
         if session.journal.contents.torn:
             self.say(Level.WARNING, session.journal.contents.torn)

@@ -135,7 +135,7 @@ class SessionSnapshot:
         Whether no real arm can move; name of the bus in messages.
     stop_tested, ticked
         Confirmations of the operator in this run: test of the hardware stop; items of the check list (from 0).
-    wanted_joints
+    selected_joints
         Joints selected for position mode, ascending; the others become free.
     next_waypoint, best_waypoint, at_waypoint
         Indices (from 0) of the next waypoint, the most informative one, and the one where the arm is.
@@ -167,7 +167,7 @@ class SessionSnapshot:
     stop_tested: bool = False
     checks: tuple[SetupCheck, ...] = ()
     ticked: frozenset[int] = frozenset()
-    wanted_joints: tuple[int, ...] = ()
+    selected_joints: tuple[int, ...] = ()
     ranked: tuple[RankedDrives, ...] = ()
     wiggle: str = ""
     plan: tuple[Mapping[int, float], ...] = ()

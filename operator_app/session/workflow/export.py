@@ -40,7 +40,7 @@ def export(
     the journal cannot be written (the message states what was uploaded), and UploadUnknown or SessionError if the
     controller may hold all or part of the parameters; this is recorded in the journal.
     """
-    forced = export_reason(solution, forced, say_it_by="--force REASON")
+    forced = export_reason(solution, forced, stated_by="--force REASON")
     if to_dict(solution) != session.state.solution:
         # The recorded solution was made with other options: record the exported solution.
         session.record_solution(solution)

@@ -26,7 +26,7 @@ class PlanPanel(Lines):
     )
 
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        marked = s.wanted_joints
+        marked = s.selected_joints
         names = " ".join(f"J{k}" for k in marked) or "none"
         free = others_free(len(marked), s.procedure.arm.joint_count)
         rows = [short_entry("Marked", (names, "bold"), f" in position mode{free}")]
@@ -72,7 +72,7 @@ class ModesView(StepView):
     """View of step 3: table, plan, drawing."""
 
     PANELS = (
-        {"modes-joints": partial(JointTable, show_wanted=True), "modes-plan": PlanPanel},
+        {"modes-joints": partial(JointTable, show_selected=True), "modes-plan": PlanPanel},
         {"modes-arm": ArmView},
     )
     MAIN = "modes-joints"

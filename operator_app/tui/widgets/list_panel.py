@@ -76,7 +76,7 @@ _DRIVES = {
 
 
 class JointTable(ListPanel):
-    """List with one row for each joint; with `show_wanted`, also with a mark, the sensor and the requested mode."""
+    """List with one row for each joint; with `show_selected`, also with a mark, the sensor and the requested mode."""
 
     TITLE = "Joints"
     HELP = (
@@ -85,9 +85,9 @@ class JointTable(ListPanel):
         "Numbers older than 100 ms are marked with ? and what is derived from them is left out."
     )
 
-    def __init__(self, *, id: str | None = None, show_wanted: bool = False) -> None:  # noqa: A002
+    def __init__(self, *, id: str | None = None, show_selected: bool = False) -> None:  # noqa: A002
         super().__init__(id=id)
-        self.show_wanted = show_wanted
+        self.show_selected = show_selected
 
     def count(self, s: SessionSnapshot) -> int:
         """Number of joints."""
@@ -95,13 +95,13 @@ class JointTable(ListPanel):
 
     def _cells(self, width: int) -> int:
         """Number of cells of the range bar."""
-        return max(7, min(13, width - (58 if self.show_wanted else 68)))
+        return max(7, min(13, width - (58 if self.show_selected else 68)))
 
     def head(self, s: SessionSnapshot, width: int) -> Sequence[Line]:
         """Column titles."""
         bar = "-range+".center(self._cells(width))
         titles = f"  JOINT         MODE     POS[deg] V[deg/s] T[N m] {bar} STATE"
-        if self.show_wanted:
+        if self.show_selected:
             titles = f"  JOINT         SENS WANTED   ACTUAL    POS[deg] T[N m] {bar}"
         return [line((titles, "header"))]
 
@@ -113,7 +113,7 @@ class JointTable(ListPanel):
     def _row(
         self, s: SessionSnapshot, k: int, joint: Joint, state: JointState | None, width: int
     ) -> Line:
-        marked = self.show_wanted and k == self.cursor
+        marked = self.show_selected and k == self.cursor
         spans: list[Span] = []
 
         def add(text: str, role: str = "text") -> None:
@@ -122,8 +122,8 @@ class JointTable(ListPanel):
         name = f"J{k + 1} {joint.name}"[:13].ljust(13)
         add("▌ " if marked else "  ")
         add(name + " ")
-        if self.show_wanted:
-            drives = k + 1 in s.wanted_joints
+        if self.show_selected:
+            drives = k + 1 in s.selected_joints
             requested = JointMode.POSITION if drives else JointMode.FREE
             add(_sensor(joint.sensor).ljust(5), "dim")
             add(_mode(requested).ljust(9), "accent" if drives else "text")
@@ -135,7 +135,7 @@ class JointTable(ListPanel):
         in_position = state.mode is JointMode.POSITION and s.drives_ready
         add(_mode(state.mode).ljust(9), "accent" if in_position else "text")
         add(f"{'?' if stale else ' '}{POSITION(state.position_rad).shown:>8}", role)
-        if not self.show_wanted:
+        if not self.show_selected:
             speed = "?"
             if s.motion is not None and not stale:
                 speed = JOINT_SPEED(float(s.motion.speed_rad_per_s[k])).shown
@@ -144,7 +144,7 @@ class JointTable(ListPanel):
         heavy = abs(state.torque_nm) > 0.6 * joint.max_torque_nm
         add(f" {torque:>6} ", "warn" if stale or heavy else "text")
         add(_bar(state.position_rad, joint, self._cells(width)))
-        if not self.show_wanted:
+        if not self.show_selected:
             word, figure, role = _state(s, state, joint, stale=stale)
             state_text = f"{word} {figure}" if figure else word
             fits = length(tuple(spans)) + 1 + len(state_text) <= width

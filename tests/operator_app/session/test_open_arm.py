@@ -79,7 +79,7 @@ def test_the_apps_steps_recover_the_planted_values(tracked):
     operations = Operations(session, quiet)
     operations.connect()
     operations.check_fixture()
-    assert quiet.shown.wanted_joints == DRIVES
+    assert quiet.shown.selected_joints == DRIVES
     assert quiet.shown.forecast is not None
     assert quiet.shown.forecast.reachable.all()
     operations.set_modes(DRIVES)

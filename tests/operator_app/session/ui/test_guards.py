@@ -134,7 +134,7 @@ def not_accepted(s):
         ("may_report", "captured", None),
         ("may_verify", "captured", None),
         ("may_verify", "uploaded", stopped),
-        ("may_verify", "uploaded", lambda s: replace(s, wanted_joints=(3,))),
+        ("may_verify", "uploaded", lambda s: replace(s, selected_joints=(3,))),
         ("may_reset", "modes", None),
     ],
 )
@@ -182,7 +182,7 @@ def test_with_all_conditions_met_nothing_is_missing(guard, told, change):
 def test_too_few_and_too_many_position_joints_are_explained(joints, words):
     missing = guards.modes_problem(story()["ticked"], joints)
     assert (missing == "") if words is None else words in missing
-    wanted = replace(story()["ticked"], wanted_joints=joints)
+    wanted = replace(story()["ticked"], selected_joints=joints)
     assert bool(guards.may_apply_modes(wanted)) == (words is not None)
 
 

@@ -299,5 +299,5 @@ def test_resuming_marks_the_drive_joints_of_the_session(make_session):
     session.close("done")
     resumed = make_session(short_procedure(3), resume=True)
     runner = Runner(resumed, simulated=True, bus="none")
-    assert runner.snapshot().wanted_joints == (1, 4)
+    assert runner.snapshot().selected_joints == (1, 4)
     runner.close("end of the test")

@@ -111,7 +111,7 @@ class Sessions:
                 self._warning = runner.recording_problem()
 
     def _open(self, opening: Opening, closing_reason: str) -> Runner:
-        """Open a session and return its runner; once it is open, close the previous one with reason `closing_reason`."""
+        """Open a session and return its runner; once it is open, close the previous one for `closing_reason`."""
         with ExitStack() as stack:
             rig = stack.enter_context(self._join(opening))
             session = open_session(rig)

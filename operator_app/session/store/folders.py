@@ -34,8 +34,8 @@ class SessionEntry:
 
     folder: Path
     state: SessionState | None
-    torn: str
-    problem: str
+    torn: str = ""
+    problem: str = ""
     remedy: str = ""
 
 
@@ -84,10 +84,8 @@ def read_session(folder: Path) -> SessionEntry:
         contents = read_journal(folder)
         state = session_state(contents)
     except JournalError as error:
-        return SessionEntry(
-            folder=folder, state=None, torn="", problem=error.happened, remedy=error.remedy
-        )
-    return SessionEntry(folder=folder, state=state, torn=contents.torn, problem="")
+        return SessionEntry(folder=folder, state=None, problem=error.happened, remedy=error.remedy)
+    return SessionEntry(folder=folder, state=state, torn=contents.torn)
 
 
 def list_sessions(root: Path) -> tuple[SessionEntry, ...]:
@@ -102,12 +100,8 @@ def list_sessions(root: Path) -> tuple[SessionEntry, ...]:
         ) from error
     entries = [read_session(folder) for folder in folders]
     times = _opening_times(entries)
-    return tuple(
-        sorted(
-            entries,
-            key=lambda e: (e.state.order if e.state else 0, *times[e.folder.name], e.folder),
-        )
-    )
+    entries.sort(key=lambda e: (e.state.order if e.state else 0, *times[e.folder.name], e.folder))
+    return tuple(entries)
 
 
 def _opening_times(entries: Sequence[SessionEntry]) -> dict[str, tuple[str, int]]:

@@ -92,8 +92,12 @@ class SolvingProcess:
                     result: T = message
                     return result
         except (EOFError, OSError) as gone:
+            code = None if self._process is None else self._process.wait()
+            reason = f"exit code {code}"
+            if code is not None and code < 0:
+                reason = f"signal {signal.Signals(-code).name}"
             raise SessionError(
-                f"The solver process ended by itself ({self._exit_text()})",
+                f"The solver process ended by itself ({reason})",
                 "All poses are kept: calibrate again. If it happens again, close programs that use much memory",
             ) from gone
 
@@ -116,12 +120,6 @@ class SolvingProcess:
             )
             other_end.close()
         return self._connection
-
-    def _exit_text(self) -> str:
-        code = None if self._process is None else self._process.wait()
-        if code is None or code >= 0:
-            return f"exit code {code}"
-        return f"signal {signal.Signals(-code).name}"
 
 
 _START = "from operator_app.session.store.solver_process import serve; serve()"

@@ -23,7 +23,8 @@ from solver.chain.sensors import Rvdt
 
 
 def _record_confirmation(runner: Runner, item: str, text: str) -> None:
-    runner.submit(TaskKind.NOTE, "noting", lambda: runner.operations.confirm(item, text))
+    data = {"item": item, "text": text}
+    runner.submit(TaskKind.NOTE, "noting", lambda: runner.session.record("confirmed", data))
 
 
 def stop_tested(context: ActionContext) -> None:

@@ -18,7 +18,7 @@ from operator_app.calibration.instrument_registration import with_registered_ins
 from operator_app.calibration.result import Solution
 from operator_app.config.parameters import ParametersDocument
 from operator_app.config.parameters_file import parse_parameters
-from operator_app.errors import Cancelled, GuardError
+from operator_app.errors import GuardError
 from operator_app.planning.live import (
     Forecast,
     LiveQuality,
@@ -161,7 +161,7 @@ class CalibrationOperations(Listener):
             steps.append((number, cost))
             self._publish(iterations=tuple(steps))
 
-        with SolvingProcess(self._raise_if_cancelled) as solver:
+        with SolvingProcess(self._session.raise_if_cancelled) as solver:
             self.solution = solution = self._session.calibrate(
                 progress, estimator=estimator, unsensed_joints=unsensed_joints, solver=solver
             )
@@ -179,10 +179,6 @@ class CalibrationOperations(Listener):
         self._publish(cross_checks=checks)
         if solution.accepted:
             self._compare(self._active_parameters())
-
-    def _raise_if_cancelled(self) -> None:
-        if self._publisher.cancelled():
-            raise Cancelled
 
     def _active_parameters(self) -> bytes:
         """Read the controller's active document; empty without a connected arm or a document."""

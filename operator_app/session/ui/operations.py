@@ -103,10 +103,6 @@ class Operations(CalibrationOperations):
             self._set_plan(drive_selection.waypoints_from(session, q_rad, joints), q_rad)
         self.refresh()
 
-    def confirm(self, item: str, text: str) -> None:
-        """Record that the operator has confirmed an item."""
-        self._session.record("confirmed", {"item": item, "text": text})
-
     # -- 3 Modes -----------------------------------------------------------------------------------
 
     def set_modes(self, position_joints: tuple[int, ...]) -> None:

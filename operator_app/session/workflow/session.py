@@ -211,7 +211,7 @@ class Session(Logbook):
         and Cancelled if the operator ended the move.
         """
         self.check_modes(self.state.position_joints)
-        self._raise_if_cancelled()
+        self.raise_if_cancelled()
         self.require_journal()
         speed = self.procedure.capture.speed_rad_per_s
         if speed_rad_per_s is not None:
@@ -227,7 +227,7 @@ class Session(Logbook):
 
         with self.reader.sensor_faults.recorded():
             outcome = self.arm.move(targets_rad, speed_rad_per_s=speed, watch=watch)
-        self._raise_if_cancelled()
+        self.raise_if_cancelled()
         return outcome
 
     def capture(
@@ -329,6 +329,7 @@ class Session(Logbook):
                 self.arm.hold()
             raise
 
-    def _raise_if_cancelled(self) -> None:
+    def raise_if_cancelled(self) -> None:
+        """Raise Cancelled if the operator has cancelled."""
         if self.cancelled():
             raise Cancelled

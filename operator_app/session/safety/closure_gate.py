@@ -60,16 +60,8 @@ class LoopAtReading:
         self.model, stated = free_within_tolerance(loop, arm)
         self.prior = placement_prior(self.model, arm, fixture, stated, known)
         self.reading_rad = reading_rad
-        errors = np.stack(
-            [
-                arm.sigma_rad(),
-                arm.linearity_rad(),
-                arm.gain_rad(),
-                arm.accuracy_rad,
-                arm.backlash_rad,
-                arm.sag_rad,
-            ]
-        )
+        of_sensor = (arm.sigma_rad(), arm.linearity_rad(), arm.gain_rad(), arm.accuracy_rad)
+        errors = np.stack([*of_sensor, arm.backlash_rad, arm.sag_rad])
         read = np.hypot(np.sqrt((errors**2).sum(0)), LEAST_READING_RAD)
         unsensed = [isinstance(j.sensor, NoSensor) for j in arm.joints]
         self.reading_sd_rad: FloatArray = np.where(unsensed, 0.0, read)

@@ -107,12 +107,7 @@ class JointTable(ListPanel):
 
     def row(self, s: SessionSnapshot, k: int, width: int) -> Sequence[Line]:
         """Return the row of one joint."""
-        state = s.arm.joints[k] if s.arm is not None else None
-        return [self._row(s, k, s.procedure.arm.joints[k], state, width)]
-
-    def _row(
-        self, s: SessionSnapshot, k: int, joint: Joint, state: JointState | None, width: int
-    ) -> Line:
+        joint, state = s.procedure.arm.joints[k], s.arm.joints[k] if s.arm is not None else None
         marked = self.show_selected and k == self.cursor
         spans: list[Span] = []
 
@@ -129,7 +124,7 @@ class JointTable(ListPanel):
             add(_mode(requested).ljust(9), "accent" if drives else "text")
         if state is None:
             add("no data".ljust(9), "dim")
-            return tuple(spans)
+            return [tuple(spans)]
         stale = state.age_s > STALE_S
         role = "warn" if stale else "text"
         in_position = state.mode is JointMode.POSITION and s.drives_ready
@@ -149,7 +144,7 @@ class JointTable(ListPanel):
             state_text = f"{word} {figure}" if figure else word
             fits = length(tuple(spans)) + 1 + len(state_text) <= width
             add(f" {state_text if fits else word}", role)
-        return tuple(spans)
+        return [tuple(spans)]
 
 
 def _bar(position_rad: float, joint: Joint, cells: int) -> str:

@@ -114,12 +114,7 @@ def _reproducible(s: SessionSnapshot) -> SessionSnapshot:
             heartbeat_age_s=dict.fromkeys(arm.heartbeat_age_s, 0.020),
         )
     if written is not None:
-        written = replace(
-            written,
-            folder=FOLDER,
-            parameters=FOLDER / "parameters.yaml",
-            sha256="9f3c" * 16,
-        )
+        written = replace(written, parameters=FOLDER / "parameters.yaml", sha256="9f3c" * 16)
     messages = tuple(
         replace(m, text=m.text.replace(str(s.folder), str(FOLDER))) for m in s.messages
     )

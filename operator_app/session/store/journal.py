@@ -67,6 +67,7 @@ class Journal:
         self.path, self.created_folders = path, created_folders
         self.contents = contents
         self._descriptor = descriptor
+        self._seq = len(contents.events)
         self._chain = contents.chain
         # All lines are kept, to write them to another folder if the file is lost.
         self._lines = raw.splitlines(keepends=True)
@@ -167,8 +168,7 @@ class Journal:
                 f"{self.path} can no longer be written: {self._broken}",
                 "repair the disk, then resume this session and check its last entry",
             )
-        utc, seq = utc_in_words(clock()), len(self._lines) + 1
-        event = JournalEvent(seq=seq, utc=utc, name=name, data=data)
+        event = JournalEvent(seq=self._seq + 1, utc=utc_in_words(clock()), name=name, data=data)
         line, chain = format_line(event, self._chain)
         problem = self._file_problem()
         if problem:
@@ -178,7 +178,7 @@ class Journal:
             "free space or repair the disk, then resume this session; nothing accepted so far is lost",
         ):
             self._write(line)
-        self._chain = chain
+        self._seq, self._chain = event.seq, chain
         self._lines.append(line)
         self._size += len(line)
         return event

@@ -96,18 +96,19 @@ def farewell(sessions: Sessions, folder: Path, reason: str, *, plain: bool = Fal
 
 def _full_screen(args: argparse.Namespace, make_source: Callable[[], Sessions]) -> str:
     from operator_app.config.user_settings import valid_settings
-    from operator_app.tui.app import run
+    from operator_app.tui.app import SarcalApp, run
     from operator_app.tui.theme import DARK, LIGHT, NO_COLOUR
 
     settings, _ = valid_settings()
     usual = {"dark": DARK, "light": LIGHT, "none": NO_COLOUR}[settings.theme or "dark"]
-    return run(
+    app = SarcalApp(
         make_source,
         theme=LIGHT if args.light else usual,
         ascii_only=args.ascii,
         resume=args.resume,
         manual=manual(),
     )
+    return run(app)
 
 
 class _Ended(BaseException):

@@ -91,8 +91,7 @@ class ConsoleListener(Listener):
         """Advance the bar or, without a terminal, report the pose; report new delays of this computer."""
         if new := state.late.times - self._late_times:
             self._late_times = state.late.times
-            longest_s = state.late.last_s if new == 1 else state.late.longest_s
-            self.say(f"Warning: {lateness_text(new, longest_s)}.")
+            self.say(f"Warning: {lateness_text(state.late, new)}.")
         if not self._stderr.isatty():
             # Write a line for each pose into a file or pipe.
             self.say(f"Pose {state.captured} captured ({len(state.used_poses)} of {total}).")
@@ -167,7 +166,7 @@ def _lateness_note(cut: CutShort) -> str:
     cause = cut.cause
     if not (isinstance(cause, DriveFault) and cause.code == EmergencyCode.HEARTBEAT_LOST):
         return ""
-    late = cut.session.reader.lateness.recorded
+    late = cut.session.reader.recorded_latency
     if late.times == 0:
         return ""
     again = "" if late.times == 1 else f" ({late.times} times, by {late.longest_s:.2f} s at most)"

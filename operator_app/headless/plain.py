@@ -60,7 +60,7 @@ class _Item:
 
     label: str
     do: Callable[[], None]
-    missing: guards.Missing = ()
+    missing: str = ""
 
 
 class Plain:
@@ -109,7 +109,7 @@ class Plain:
         chosen = self._one_of(self._items(s), "Number: ")
         if chosen is not None:
             if chosen.missing:
-                self.refuse(chosen.missing[0])
+                self.refuse(chosen.missing)
             else:
                 chosen.do()
                 self._wait()
@@ -118,7 +118,7 @@ class Plain:
         """List the items, ask for a number, and return the item with this number; None if there is no such item."""
         numbered = {str(number): item for number, item in enumerate(items, 1)}
         for number, item in numbered.items():
-            closed = f" (closed: {item.missing[0]})" if item.missing else ""
+            closed = f" (closed: {item.missing})" if item.missing else ""
             self._terminal.say(sanitized(f"  {number} {item.label}{closed}"))
         typed = self._terminal.ask(prompt).strip()
         if typed in numbered:

@@ -23,9 +23,9 @@ from operator_app.session.workflow.drive_selection import drives_of
 from operator_app.session.workflow.export import Exported, export
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.opening import Opening, resume
-from operator_app.session.workflow.planned_capture import CampaignEnd
 from operator_app.session.workflow.remounting import record_in, remounting_steps
 from operator_app.session.workflow.session import Session
+from solver.design.actions import Finished
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,7 +39,7 @@ class RunResult:
     solution: Solution
     checks: Checks
     exported: Exported | None
-    capture: CampaignEnd | None = None
+    capture: Finished | None = None
     advice: str = ""
 
 
@@ -86,7 +86,7 @@ def run(
     )
 
 
-def _advice(session: Session, solution: Solution, end: CampaignEnd | None) -> str:
+def _advice(session: Session, solution: Solution, end: Finished | None) -> str:
     """Return text on a hinge placement that would make the imprecise parameters more precise; "" if not needed."""
     if end is None or not end.weak or session.fixture.kind != "hinge":
         return ""

@@ -13,7 +13,8 @@ import select
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from importlib import import_module
 from typing import TYPE_CHECKING, ClassVar
 
 from textual import events
@@ -42,35 +43,27 @@ if TYPE_CHECKING:
     from operator_app.tui.screen_interface import ScreenInterface
 
 
-class _Fixed(Lines, can_focus=False):
-    """A widget whose lines do not change."""
-
-    FIXED = True
-
-    def __init__(self, rows: list[Line], *, id: str) -> None:  # noqa: A002 - Textual's name
-        super().__init__(id=id)
-        self._rows = rows
-
-    def on_mount(self) -> None:
-        """Show the lines."""
-        self.show_lines(self._rows)
-
-
 class StartScreen(Screen[None]):
     """Screen while the program loads: the safety strip, a line of text, and the key to quit."""
 
     AUTO_FOCUS = ""
+    ROWS: ClassVar[Mapping[str, Sequence[Line]]] = {
+        "strip": [line((" STOP ", "badge"), (" SPACE/F8", "key"), ("  no arm yet", "dim"))],
+        "banner": [line((" sarcal ", "badge"), ("  calibrating redundant arms", "dim"))],
+        "middle": [(), line(" Connect: loading ...")],
+        "footer": [line((" q", "key"), " Quit")],
+    }
+    """Lines of each widget, by its name on the main screen."""
 
     def compose(self) -> ComposeResult:
         """Compose the widgets in the same places as on the main screen."""
-        yield _Fixed(
-            [line((" STOP ", "badge"), (" SPACE/F8", "key"), ("  no arm yet", "dim"))], id="strip"
-        )
-        yield _Fixed(
-            [line((" sarcal ", "badge"), ("  calibrating redundant arms", "dim"))], id="banner"
-        )
-        yield _Fixed([(), line(" Connect: loading ...")], id="middle")
-        yield _Fixed([line((" q", "key"), " Quit")], id="footer")
+        for name in self.ROWS:
+            yield Lines(id=name)
+
+    def on_mount(self) -> None:
+        """Show the lines."""
+        for name, rows in self.ROWS.items():
+            self.query_one(f"#{name}", Lines).show_lines(rows)
 
 
 POLL_S = 1.0 / 20.0
@@ -147,9 +140,12 @@ class SarcalApp(App[str]):
 
     async def _load(self) -> None:
         """Run the slow imports in a thread; then show the main screen."""
-        main_screen, interface = await asyncio.to_thread(_import)
+        await asyncio.to_thread(import_module, "operator_app.tui.screen_interface")
+        from operator_app.tui.main_screen import MainScreen
+        from operator_app.tui.screen_interface import ScreenInterface
+
         self.source = await asyncio.to_thread(self._make_source)
-        self.main, self.interface = main_screen(), interface(self)
+        self.main, self.interface = MainScreen(), ScreenInterface(self)
         self.loaded = True
         await self.push_screen(self.main)
 
@@ -320,26 +316,10 @@ class SarcalApp(App[str]):
         self.interface.leave()
 
 
-def _import() -> tuple[type[MainScreen], Callable[[SarcalApp], ScreenInterface]]:
-    """Import and return the classes that the first screen does not need."""
-    from operator_app.tui.main_screen import MainScreen
-    from operator_app.tui.screen_interface import ScreenInterface
-
-    return MainScreen, ScreenInterface
-
-
-def run(
-    make_source: Callable[[], Sessions],
-    *,
-    theme: str = DARK,
-    ascii_only: bool = False,
-    resume: str | None = None,
-    manual: Manual | None = None,
-) -> str:
+def run(app: SarcalApp) -> str:
     """Run the app and return the reason for leaving; in any case, hold the arm and close the journal at the end."""
     # While loading, garbage collection frees nothing and takes a third of a second.
     gc.disable()
-    app = SarcalApp(make_source, theme=theme, ascii_only=ascii_only, resume=resume, manual=manual)
     app.owns_process = True
     reason = "failed"
     try:

@@ -50,7 +50,6 @@ class Lines(Widget, can_focus=True):
         super().__init__(id=id)
         self.shown: tuple[Line, ...] = ()
         """Lines on the screen."""
-        self._strips: dict[int, Strip] = {}
         self._base: Style | None = None
         self._titled = ""
         # Size of the content, kept because looking it up takes longer than building most lines.
@@ -99,7 +98,6 @@ class Lines(Widget, can_focus=True):
         self.shown = new
         above = self.gutter.top
         for y in changed:
-            self._strips.pop(y, None)
             self._painted.pop(y + above, None)
         if len(changed) > 0.7 * max(1, self.content_size.height):
             self.refresh()
@@ -110,7 +108,6 @@ class Lines(Widget, can_focus=True):
     def forget(self) -> None:
         """Discard everything that depends on theme or layout, and repaint."""
         self._base = self._room = None
-        self._strips.clear()
         self.refresh()
 
     def refresh(self, *regions: Region, **options: bool) -> Self:
@@ -139,17 +136,24 @@ class Lines(Widget, can_focus=True):
 
     def render_line(self, y: int) -> Strip:
         """Return one row."""
-        strip = self._strips.get(y)
-        if strip is None:
-            width = self.content_size.width
-            strip = self._strip(self.shown[y] if y < len(self.shown) else (), width)
-            self._strips[y] = strip
-        return strip
+        look, width = self.look, self.content_size.width
+        row = clip(self.shown[y], width) if y < len(self.shown) else ()
+        if self._base is None:
+            self._base = self.rich_style
+        base = self._base
+        if row and row[0][1].startswith("cursor"):
+            base += look.style("cursor")
+        segments = [
+            Segment(look.text(sanitized(text)), base + look.style(role)) for text, role in row
+        ]
+        padding = width - length(row)
+        if padding > 0:
+            segments.append(Segment(" " * padding, base))
+        return Strip(segments, width)
 
     def on_resize(self) -> None:
         """Build the rows for the new size."""
         self._base = self._room = None
-        self._strips.clear()
         self._painted.clear()
         app: Any = self.app
         if not self.FIXED and app.picture is not None:
@@ -166,19 +170,3 @@ class Lines(Widget, can_focus=True):
         Subclasses override this method instead of `on_click`, since Textual also calls `on_click` of base classes.
         """
         return ""
-
-    def _strip(self, row: Line, width: int) -> Strip:
-        look = self.look
-        row = clip(row, width)
-        if self._base is None:
-            self._base = self.rich_style
-        base = self._base
-        if row and row[0][1].startswith("cursor"):
-            base += look.style("cursor")
-        segments = [
-            Segment(look.text(sanitized(text)), base + look.style(role)) for text, role in row
-        ]
-        padding = width - length(row)
-        if padding > 0:
-            segments.append(Segment(" " * padding, base))
-        return Strip(segments, width)

@@ -222,7 +222,7 @@ class MainScreen(Screen[None]):
         self.rails = (StepRow(id="row"), StepRail(id="rail"))
         self.strip, self.banner = SafetyStrip(id="strip"), Banner(id="banner")
         self.log_lines = Log(id="log")
-        self.steps = tuple(view() for view in VIEWS)
+        self.steps = tuple(view(step) for step, view in zip(Step, VIEWS, strict=True))
         self.too_small = TooSmall(id="too-small")
         self.frame: tuple[Lines, ...] = (
             self.strip, self.banner, *self.rails, self.hint, self.log_lines, self.footer,
@@ -308,7 +308,7 @@ class MainScreen(Screen[None]):
             s.data, s.stale_joints, s.stopped, s.stop, s.connected, s.simulated, joints, s.task, latest,
             tuple(alarm.number for alarm in s.alarms),
             s.ticked, s.stop_tested, s.estimator, s.checks, id(s.state), id(s.solution), id(s.written),
-            id(s.receipt), id(s.plan), self.hint.refusal, s.wanted_joints, self.hint.step, self.size,
+            id(s.receipt), id(s.plan), self.hint.refusal, s.selected_joints, self.hint.step, self.size,
             self.rails[0].place, self.app.screen is self,
         )  # fmt: skip
 

@@ -24,30 +24,24 @@ def title(action: Entry) -> str:
 class ActionProvider(Provider):
     """Provides all actions to the palette, where they are found by their words."""
 
-    def _all(self) -> Iterator[tuple[Entry, dict[str, Any]]]:
-        """Yield every action with its data for the palette: the function that performs it, text, and help."""
+    def _all(self) -> Iterator[tuple[str, dict[str, Any]]]:
+        """Yield title and data of every action: the function that performs it, text, and help."""
         from operator_app.session.ui import action_table
 
         app: Any = self.app
         for action in action_table.ACTIONS:
-            yield (
-                action,
-                {
-                    "command": partial(app.interface.do_anywhere, action),
-                    "text": title(action),
-                    "help": action.help,
-                },
-            )
+            text, command = title(action), partial(app.interface.do_anywhere, action)
+            yield text, {"command": command, "text": text, "help": action.help}
 
     async def discover(self) -> Hits:
         """Yield all actions, before anything is typed."""
-        for action, shown in self._all():
-            yield DiscoveryHit(Content(title(action)), **shown)
+        for text, shown in self._all():
+            yield DiscoveryHit(Content(text), **shown)
 
     async def search(self, query: str) -> Hits:
         """Yield the actions whose words match."""
         matcher = self.matcher(query)
-        for action, shown in self._all():
-            score = matcher.match(f"{title(action)} {action.help}")
+        for text, shown in self._all():
+            score = matcher.match(f"{text} {shown['help']}")
             if score > 0.0:
-                yield Hit(score, Content(title(action)), **shown)
+                yield Hit(score, Content(text), **shown)

@@ -164,7 +164,7 @@ class ScreenInterface:
 
     def marked_item(self) -> int:
         """Index of the marked item of the check list."""
-        return self.app.main.query_one(FixtureView).cursor
+        return self.app.main.query_one(FixtureView).main.cursor
 
     def alarm(self, s: SessionSnapshot) -> ShownAlarm | None:
         """The alarm on the screen (not a newer alarm that is not shown yet); None if it no longer exists."""
@@ -182,8 +182,8 @@ class ScreenInterface:
         """Switch the selected mode of the marked joint between position and free."""
         s, runner = self.snapshot(), self.runner
         if s is not None and runner is not None:
-            joint = self.app.main.query_one(ModesView).cursor + 1
-            action_table.mark(runner, tuple(sorted({*s.wanted_joints} ^ {joint})))
+            joint = self.app.main.query_one(ModesView).main.cursor + 1
+            action_table.mark(runner, tuple(sorted({*s.selected_joints} ^ {joint})))
 
     def cancel(self) -> None:
         """Cancel the running task."""
@@ -235,20 +235,18 @@ class ScreenInterface:
 
     async def _offer_unfinished(self) -> None:
         """Offer the newest unfinished session; the journals are read in a thread."""
-        for e in await asyncio.to_thread(self.sessions.sessions):
-            if e.state and e.state.poses and not e.state.exported:
-                self._offer(e.folder.name, len(e.state.poses))
-                return
-
-    def _offer(self, name: str, poses: int) -> None:
+        entries = await asyncio.to_thread(self.sessions.sessions)
+        unfinished = (e for e in entries if e.state and e.state.poses and not e.state.exported)
+        entry = next(unfinished, None)
+        if entry is None or entry.state is None:
+            return
+        name = entry.folder.name
         text = (
-            f"Session {name} has {poses} poses and no export. Resuming checks the arm, the "
+            f"Session {name} has {len(entry.state.poses)} poses and no export. Resuming checks the arm, the "
             "fixture and the modes again before anything moves."
         )
-        self.ask(
-            YesNo(title="Resume?", text=text, yes="Resume"),
-            lambda _: self.open(lambda: self.sessions.resumed(name)),
-        )
+        question = YesNo(title="Resume?", text=text, yes="Resume")
+        self.ask(question, lambda _: self.open(lambda: self.sessions.resumed(name)))
 
     def open(
         self, make: Callable[[], Runner], then: Callable[[], Awaitable[None]] | None = None
@@ -310,7 +308,7 @@ class ScreenInterface:
         missing = guards.missing_for(step, s)
         # Going back is always allowed.
         if missing and step > self.app.step:
-            self.refuse(f"{step.title} is closed: {missing[0]}")
+            self.refuse(f"{step.title} is closed: {missing}")
             return False
         self._show_step(step)
         self.app.main.show(s)

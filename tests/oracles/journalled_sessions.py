@@ -94,6 +94,6 @@ def _by_run(session: Session) -> None:
 def _by_app(session: Session) -> None:
     operations = Operations(session, Quiet(session))
     operations.connect()
-    operations.results.calibrate("implicit", ())
-    operations.results.write()
+    operations.calibrate("implicit", ())
+    operations.write()
     session.close("done")

@@ -6,8 +6,14 @@ from types import SimpleNamespace
 from typing import Any
 
 from operator_app.session.store.folders import SessionEntry
-from operator_app.session.ui.message_log import without_acknowledged
-from operator_app.session.ui.snapshot import Change, Level, Message, SessionSnapshot, TaskKind
+from operator_app.session.ui.snapshot import (
+    Change,
+    Level,
+    Message,
+    SessionSnapshot,
+    TaskKind,
+    without_acknowledged,
+)
 
 
 class StaticRunner:

@@ -14,15 +14,16 @@ from hardware.arm import ArmSnapshot, DriveState, JointState
 from hardware.errors import DriveDiverged
 from operator_app.config.procedure_file import load_procedure
 from operator_app.messages.errors import stopped_words
-from operator_app.session.ui.message_log import ARM_RECOVERY, add_message
 from operator_app.session.ui.runner import Runner
 from operator_app.session.ui.snapshot import (
+    ARM_RECOVERY,
     DataState,
     Level,
     RunningTask,
     SessionSnapshot,
     StopReport,
     TaskKind,
+    add_message,
 )
 from operator_app.session.ui.supervisor import Motion
 from tests.oracles.live_arm import LiveArm
@@ -90,13 +91,13 @@ def story() -> Mapping[str, SessionSnapshot]:
             runner.operations.exclude(3)
             runner.operations.automatic()
             record("captured")
-            runner.operations.results.calibrate("implicit", ())
+            runner.operations.calibrate("implicit", ())
             record("solved")
-            runner.operations.results.write()
+            runner.operations.write()
             record("written")
-            runner.operations.results.verify(3)
+            runner.operations.verify(3)
             record("verified")
-            runner.operations.results.write(upload=True)
+            runner.operations.write(upload=True)
             record("uploaded")
         finally:
             runner.close("done")
@@ -113,12 +114,7 @@ def _reproducible(s: SessionSnapshot) -> SessionSnapshot:
             heartbeat_age_s=dict.fromkeys(arm.heartbeat_age_s, 0.020),
         )
     if written is not None:
-        written = replace(
-            written,
-            folder=FOLDER,
-            parameters=FOLDER / "parameters.yaml",
-            sha256="9f3c" * 16,
-        )
+        written = replace(written, parameters=FOLDER / "parameters.yaml", sha256="9f3c" * 16)
     messages = tuple(
         replace(m, text=m.text.replace(str(s.folder), str(FOLDER))) for m in s.messages
     )

@@ -27,4 +27,4 @@ def test_calibration_is_accepted_and_recovers_true_values(tmp_path, procedure, p
         assert np.all(np.abs(estimate.x - true) < 4.0 * estimate.standard_deviation)
         # The true values are far from the nominal ones.
         assert np.abs(true - [p.nominal for p in estimate.parameters]).max() > 0.01
-        assert sessions.verified(result.exported.folder).holds
+        assert sessions.verified(result.exported.parameters.parent).holds

@@ -38,7 +38,7 @@ def accepted_folder(bench: Bench) -> Path:
     result = bench.calibrated()
     assert result.solution.accepted, result.solution.reasons
     assert result.exported is not None
-    return result.exported.folder
+    return result.exported.parameters.parent
 
 
 def move_joint(session: Session, joint: int, deg: float) -> None:

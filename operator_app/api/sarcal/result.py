@@ -316,7 +316,7 @@ class Result:
         kind = target.suffix.removeprefix(".")
         if into is None and kind not in (*YAML, *EXPORT_FILES):
             raise ValueError(f"{target.name}: end in .yaml, .{', .'.join(EXPORT_FILES)}")
-        forced = export_reason(self._solution, force, say_it_by='force="why"')
+        forced = export_reason(self._solution, force, stated_by='force="why"')
         if into is None and kind in YAML:
             save_parameters(target, self._document(forced=forced))
             return target

@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     from operator_app.report.facts import Facts
     from operator_app.session.store.journal_repair import RepairedLine, RepairResult
     from operator_app.session.store.state import CapturedPose, SessionState
-    from operator_app.session.workflow.planned_capture import CampaignEnd
     from solver.chain.parameters import Parameter
+    from solver.design.actions import Finished
     from solver.errors import UnidentifiableError
     from solver.estimators.estimate import Estimate
 
@@ -294,7 +294,7 @@ def repair_text(repair: RepairResult) -> str:
 
 
 def capture_json(
-    end: CampaignEnd | None,
+    end: Finished | None,
     advice: str,
     parameters: Iterable[Parameter],
     poses: Sequence[CapturedPose],
@@ -316,7 +316,7 @@ def capture_json(
     }
 
 
-def capture_text(end: CampaignEnd, advice: str, parameters: Iterable[Parameter]) -> str:
+def capture_text(end: Finished, advice: str, parameters: Iterable[Parameter]) -> str:
     """Return text on how a planned capture ended, which parameters are less precise than requested, and advice."""
     kinds = {p.name: Kind(quantity_of(p), places=4) for p in parameters}
     rows: list[tuple[Cell, ...]] = []

@@ -17,12 +17,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from operator_app.calibration.error_model import free_within_tolerance
-from operator_app.calibration.prior import KnownArm, PlacementPrior, placement_prior
+from operator_app.calibration.prior import KnownArm, placement_prior
 from operator_app.config.procedure import Procedure
 from solver.arrays import FloatArray
 from solver.chain.sensors import NoSensor
 from solver.closing import reduced_equations, unsensed_step
-from solver.loops.closure import ClosureModel
 
 GATE_ITERATIONS, LONGEST_STEP, CLOSURE_TOLERANCE = 40, 0.5, 1e-6
 """Largest number of iterations, longest step (rad, m), and closure error (rad, m) below which a loop is closed."""
@@ -47,18 +46,25 @@ class ClosureFit:
     q_rad: FloatArray
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
 class LoopAtReading:
-    """The loop at one reading of its joints.
+    """The loop at one reading (n,) of its joints.
 
-    `model`, `prior`: the loop, and the prior of its unknowns. `reading_rad`, `reading_sd_rad`: readings (n,) and their
-    standard deviations.
+    The prior of its unknowns is from arm file, fixture file and earlier placements (`known`).
     """
 
-    model: ClosureModel
-    prior: PlacementPrior
-    reading_rad: FloatArray
-    reading_sd_rad: FloatArray
+    def __init__(
+        self, procedure: Procedure, reading_rad: FloatArray, known: KnownArm | None = None
+    ) -> None:
+        arm, fixture = procedure.arm, procedure.fixture.fixture
+        loop = fixture.model(arm, unsensed_joints=procedure.unsensed_joints)
+        self.model, stated = free_within_tolerance(loop, arm)
+        self.prior = placement_prior(self.model, arm, fixture, stated, known)
+        self.reading_rad = reading_rad
+        of_sensor = (arm.sigma_rad(), arm.linearity_rad(), arm.gain_rad(), arm.accuracy_rad)
+        errors = np.stack([*of_sensor, arm.backlash_rad, arm.sag_rad])
+        read = np.hypot(np.sqrt((errors**2).sum(0)), LEAST_READING_RAD)
+        unsensed = [isinstance(j.sensor, NoSensor) for j in arm.joints]
+        self.reading_sd_rad: FloatArray = np.where(unsensed, 0.0, read)
 
     @property
     def joints(self) -> tuple[int, ...]:
@@ -100,30 +106,3 @@ class LoopAtReading:
         by_readings[unknown] = 0.0
         dof_left = max(dof - len(unknown), 0)
         return ClosureFit(chi2=by_prior + float(by_readings.sum()), dof=dof_left, q_rad=q)
-
-
-def loop_at_reading(
-    procedure: Procedure, reading_rad: FloatArray, known: KnownArm | None = None
-) -> LoopAtReading:
-    """Return the loop at a reading (n,); its prior is from arm file, fixture file and earlier placements (`known`)."""
-    arm, fixture = procedure.arm, procedure.fixture.fixture
-    loop = fixture.model(arm, unsensed_joints=procedure.unsensed_joints)
-    model, stated = free_within_tolerance(loop, arm)
-    errors = np.stack(
-        [
-            arm.sigma_rad(),
-            arm.linearity_rad(),
-            arm.gain_rad(),
-            arm.accuracy_rad,
-            arm.backlash_rad,
-            arm.sag_rad,
-        ]
-    )
-    read = np.hypot(np.sqrt((errors**2).sum(0)), LEAST_READING_RAD)
-    unsensed = [isinstance(j.sensor, NoSensor) for j in arm.joints]
-    return LoopAtReading(
-        model=model,
-        prior=placement_prior(model, arm, fixture, stated, known),
-        reading_rad=reading_rad,
-        reading_sd_rad=np.where(unsensed, 0.0, read),
-    )

@@ -7,7 +7,7 @@ wrong direction, wrong joint order), the drives would move the arm to unintended
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -17,10 +17,9 @@ from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.prior import KnownArm, known_arm
 from operator_app.config.procedure import Procedure
 from operator_app.errors import ClosureRefusedError, ConnectAgainError
-from operator_app.session.safety.closure_gate import ClosureFit, LoopAtReading, loop_at_reading
+from operator_app.session.safety.closure_gate import ClosureFit, LoopAtReading
 from operator_app.session.safety.resume_checks import (
     MAX_SAG_RAD,
-    ClosureResult,
     check_closure_by_poses,
     check_counters,
     counters_near_zero,
@@ -42,37 +41,34 @@ def require_plausible_readings(
     joints (1-based) whose shift since the last pose could not be detected at the current pose. Raises
     ClosureRefusedError, which names the joint if a wrong reading of one joint explains that the loop does not close.
     """
+
+    def record(text: str, probability: float | None, *, refused: bool = False) -> None:
+        data = {"told": text, "probability": probability, "refused": refused}
+        session.record("standing", data)
+
+    procedure, probability = session.procedure, None
+    unresolved: tuple[int, ...] = ()
     try:
         check_counters(session.model, reading.mean_rad)
-        unresolved: tuple[int, ...] = ()
-        for result in _closure_results(session, reading, endpoint):
-            unresolved = unresolved or result.unresolved_joints
-            record = {"told": result.message, "probability": result.probability, "refused": False}
-            session.record("standing", record)
+        if session.state.poses_here:
+            probability, unresolved = check_closure_by_poses(
+                session.state, procedure, reading, endpoint()
+            )
+            text = "The loop closes at the present pose, by the poses so far."
+            if probability is None:
+                text = "There are too few poses to check the closure at the present pose."
+            record(text, probability)
+        if probability is None:
+            known = _arm_from_earlier_placements(session.state, procedure)
+            probability = check_closure_without_poses(procedure, reading, known)
+            by = "" if known is None else "with the offsets of the earlier placements and "
+            text = f"The loop closes at the present pose, {by}within the tolerances of the files."
+            if probability is not None:
+                record(text, probability)
     except ClosureRefusedError as refused:
-        record = {"told": refused.happened, "probability": refused.probability, "refused": True}
-        session.record("standing", record)
+        record(refused.happened, refused.probability, refused=True)
         raise
     return unresolved
-
-
-def _closure_results(
-    session: Logbook, reading: Reading, endpoint: Callable[[], FloatArray | None]
-) -> Iterator[ClosureResult]:
-    procedure = session.procedure
-    if session.state.poses_here:
-        result = check_closure_by_poses(session.state, procedure, reading, endpoint())
-        yield result
-        if result.probability is not None:
-            return
-    known = _arm_from_earlier_placements(session.state, procedure)
-    probability = check_closure_without_poses(procedure, reading, known)
-    if probability is not None:
-        by = "" if known is None else "with the offsets of the earlier placements and "
-        yield ClosureResult(
-            message=f"The loop closes at the present pose, {by}within the tolerances of the files.",
-            probability=probability,
-        )
 
 
 def _arm_from_earlier_placements(state: SessionState, procedure: Procedure) -> KnownArm | None:
@@ -123,7 +119,7 @@ def check_closure_without_poses(
     """
     if not procedure.fixture.fixture.holds_hand:
         return None
-    arm, loop = procedure.arm, loop_at_reading(procedure, reading.mean_rad, known)
+    arm, loop = procedure.arm, LoopAtReading(procedure, reading.mean_rad, known)
     closure = loop.fit()
     probability = _probability(closure)
     reset = _reset_counters(arm, loop, closure)

@@ -7,7 +7,6 @@ Until the next connection, the arm may sag, because hydraulic valves leak, and t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -111,19 +110,6 @@ NEW_SESSION_REMEDY = (
 )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ClosureResult:
-    """Result of a closure check at the current pose.
-
-    `message`: for the operator. `probability`: probability of a larger chi2, None with too few poses.
-    `unresolved_joints`: joints (1-based) of which a shift of `SHIFT_RAD` could not be detected at this pose.
-    """
-
-    message: str
-    probability: float | None
-    unresolved_joints: tuple[int, ...] = ()
-
-
 def check_identity(state: SessionState, identity: ArmIdentity) -> None:
     """Raise GuardError if the arm has no nodes, or serial numbers of arm or nodes differ from those of the session."""
     if not identity.nodes:
@@ -155,47 +141,16 @@ def check_identity(state: SessionState, identity: ArmIdentity) -> None:
 
 def check_closure_by_poses(
     state: SessionState, procedure: Procedure, reading: Reading, endpoint: FloatArray | None
-) -> ClosureResult:
+) -> tuple[float | None, tuple[int, ...]]:
     """Check the closure at the current pose against the captured poses; `endpoint`: the instrument's measurement there.
 
-    Raises ClosureRefusedError if the loop does not close: the arm or the fixture has changed.
+    Returns the probability of a larger chi2 (None with too few poses), and the joints (1-based) of which a shift of
+    `SHIFT_RAD` could not be detected at this pose. Raises ClosureRefusedError if the loop does not close: the arm or
+    the fixture has changed.
     """
-    state = state.here
-    closure = _predict_closure(state, procedure, reading, endpoint)
-    if not closure.as_predicted:
-        raise _refusal(closure, state, procedure, reading)
-    return ClosureResult(
-        message="There are too few poses to check the closure at the present pose."
-        if closure.probability is None
-        else "The loop closes at the present pose, by the poses so far.",
-        probability=closure.probability,
-        unresolved_joints=closure.unresolved_joints,
-    )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Closure:
-    """Closure at the current pose, compared with its prediction from the captured poses.
-
-    `near`: innovation of the reading, None for an open arm, or if the poses cannot be fitted. `unresolved_joints`: as
-    in `ClosureResult`. `probability` of a larger chi2 and whether the loop `closes` at all, with the parameters from
-    the poses (None and true if the poses do not determine these). `as_predicted`: whether the loop closes, and no
-    available prediction contradicts the reading.
-    """
-
-    near: Innovation | None
-    unresolved_joints: tuple[int, ...]
-    probability: float | None = None
-    closes: bool = True
-    as_predicted: bool
-
-
-def _predict_closure(
-    state: SessionState, procedure: Procedure, reading: Reading, endpoint: FloatArray | None
-) -> _Closure:
-    """Compare a reading with its prediction from the captured poses of this placement."""
     from scipy.special import chdtri
 
+    state = state.here
     here = CheckReading(
         kind="standing",
         number=0,
@@ -206,7 +161,7 @@ def _predict_closure(
         endpoint=() if endpoint is None else tuple(endpoint.tolist()),
     )
     arm, fixture = procedure.arm, fixture_in_place(state, procedure)
-    near, expected = None, True
+    near, as_predicted = None, True
     unresolved = tuple(range(1, arm.joint_count + 1))
     if fixture.holds_hand:
         pose_set, unsensed = state.pose_set(), procedure.unsensed_joints
@@ -217,35 +172,43 @@ def _predict_closure(
             float(chdtri(near.dof, INNOVATION_PROBABILITY)), CHI2_RATIO_TO_WORST_POSE * near.usual
         )
         unresolved = near.unseen(SHIFT_RAD, CHI2_RATIO_TO_LIMIT * limit)
-        expected = near.chi2 <= limit
+        as_predicted = near.chi2 <= limit
     fixed = parameters_from_poses(state, procedure)
-    if fixed is None:
-        return _Closure(near=near, unresolved_joints=unresolved, as_predicted=expected)
-    poses, unsensed = pose_set_of([*state.used_poses, here]), fixed.unsensed_joints
-    both = Experiment(arm=arm, fixture=fixture, poses=poses, unsensed=unsensed)
-    predicted = predict(both, fixed)
-    probability, closes = float(predicted.pose_probability[-1]), bool(predicted.closed[-1])
-    as_usual = (
-        probability >= FALSE_REFUSAL_PROBABILITY
-        or predicted.pose_chi2[-1] <= CHI2_RATIO_TO_WORST_POSE * predicted.pose_chi2[:-1].max()
-    )
-    return _Closure(
-        near=near,
-        unresolved_joints=unresolved,
-        probability=probability,
-        closes=closes,
-        as_predicted=bool(expected and closes and as_usual),
-    )
+    probability, closes = None, True
+    if fixed is not None:
+        poses, unsensed = pose_set_of([*state.used_poses, here]), fixed.unsensed_joints
+        both = Experiment(arm=arm, fixture=fixture, poses=poses, unsensed=unsensed)
+        predicted = predict(both, fixed)
+        probability, closes = float(predicted.pose_probability[-1]), bool(predicted.closed[-1])
+        as_usual = (
+            probability >= FALSE_REFUSAL_PROBABILITY
+            or predicted.pose_chi2[-1] <= CHI2_RATIO_TO_WORST_POSE * predicted.pose_chi2[:-1].max()
+        )
+        as_predicted = bool(as_predicted and closes and as_usual)
+    if not as_predicted:
+        raise _refusal(near, state, procedure, reading, probability=probability, closes=closes)
+    return probability, unresolved
 
 
 def _refusal(
-    closure: _Closure, state: SessionState, procedure: Procedure, reading: Reading
+    near: Innovation | None,
+    state: SessionState,
+    procedure: Procedure,
+    reading: Reading,
+    *,
+    probability: float | None,
+    closes: bool,
 ) -> ClosureRefusedError:
-    """Return the error, with its likely cause, for a reading that contradicts the captured poses."""
+    """Return the error, with its likely cause, for a reading that contradicts the captured poses.
+
+    `near`: innovation of the reading, None for an open arm, or if the poses cannot be fitted. `probability` of a larger
+    chi2 and whether the loop `closes` at all, with the parameters from the poses (None and true if the poses do not
+    determine these).
+    """
     from scipy.special import chdtrc
 
     arm, poses = procedure.arm, len(state.used_poses)
-    near, probability = closure.near, 1.0 if closure.probability is None else closure.probability
+    probability = 1.0 if probability is None else probability
     if near is not None:
         probability = min(probability, float(chdtrc(near.dof, near.chi2)))
     times = counters_near_zero(arm, reading.mean_rad)
@@ -257,7 +220,7 @@ def _refusal(
             f"home the joint; {NEW_SESSION_REMEDY}",
             probability=probability,
         )
-    probability_text = "" if not closure.closes else f" (probability {probability:.0e})"
+    probability_text = "" if not closes else f" (probability {probability:.0e})"
     if not procedure.fixture.fixture.holds_hand:
         return ClosureRefusedError(
             f"the tracker does not measure the target where this session's {poses} poses "

@@ -21,67 +21,49 @@ FIXTURE_MOVED_M, FIXTURE_TURNED_RAD = 4e-3, float(np.deg2rad(1.0))
 section 4). The diagnosis of the calibration detects smaller displacements."""
 
 
-def check_repeat(state: SessionState, procedure: Procedure) -> str:
+def check_repeat(state: SessionState, procedure: Procedure, *, refuse: bool) -> str:
     """Compare the last repeated pose with its first reading; return a message, or "" if they agree.
 
-    Raises GuardError if a joint, the fixture, the target or the tracker has shifted in between.
-    """
-    state = state.here
-    if not procedure.fixture.fixture.holds_hand:
-        return _check_target_again(state, procedure)
-    repeat = _significant_repeat(state, procedure)
-    if repeat is None:
-        return ""
-    pose = state.repeats[-1].first.number
-    if repeat.joint_odds > 1.0:
-        raise GuardError(
-            f"pose {pose} {_joint_shifted_text(repeat)}",
-            f"check the coupling and the counter of joint {repeat.joint}; {resume_checks.NEW_SESSION_REMEDY}",
-        )
-    if repeat.shifted_m > FIXTURE_MOVED_M or repeat.turned_rad > FIXTURE_TURNED_RAD:
-        raise GuardError(
-            f"pose {pose} differs from its first reading: the fixture has moved by about "
-            f"{SHIFTED(repeat.shifted_m).with_unit} and {TURNED(repeat.turned_rad).with_unit}",
-            resume_checks.NEW_SESSION_REMEDY,
-        )
-    return _fixture_moved_text(pose, repeat)
-
-
-def repeat_text(state: SessionState, procedure: Procedure) -> str:
-    """Return the message about the last repeated pose of an uninterrupted capture; "" if its readings agree.
-
-    Raises no error: the poses have been captured already, and the diagnosis of the calibration uses both readings.
+    Raises GuardError if `refuse` is true and a joint, the fixture, the target or the tracker has shifted in between. In
+    an uninterrupted capture, `refuse` is false: the poses have been captured already, and the diagnosis of the
+    calibration uses both readings.
     """
     state = state.here
     if not procedure.fixture.fixture.holds_hand:
         try:
             return _check_target_again(state, procedure)
         except GuardError as error:
+            if refuse:
+                raise
             return f"{error.happened[0].upper()}{error.happened[1:]}. The diagnosis of the calibration uses this."
     repeat = _significant_repeat(state, procedure)
     if repeat is None:
         return ""
-    pose = state.repeats[-1].first.number
-    if repeat.joint_odds < resume_checks.JOINT_ODDS:
-        return _fixture_moved_text(pose, repeat)
-    return (
-        f"Pose {pose} {_joint_shifted_text(repeat)} in between, and poses before and after the shift do not fit "
-        f"together. Check the coupling and the counter of joint {repeat.joint}, and start a new session."
-    )
-
-
-def _joint_shifted_text(repeat: Repeat) -> str:
-    return (
-        f"differs from its first reading: joint {repeat.joint} has shifted by "
+    pose, joint = state.repeats[-1].first.number, repeat.joint
+    joint_shifted = (
+        f"differs from its first reading: joint {joint} has shifted by "
         f"{POSITION(repeat.size_rad).with_unit} (sigma {SLIP_SIGMA(repeat.sigma_rad).with_unit})"
     )
-
-
-def _fixture_moved_text(pose: int, repeat: Repeat) -> str:
+    by = SHIFTED(repeat.shifted_m).with_unit
+    if refuse and repeat.joint_odds > 1.0:
+        raise GuardError(
+            f"pose {pose} {joint_shifted}",
+            f"check the coupling and the counter of joint {joint}; {resume_checks.NEW_SESSION_REMEDY}",
+        )
+    if refuse and (repeat.shifted_m > FIXTURE_MOVED_M or repeat.turned_rad > FIXTURE_TURNED_RAD):
+        raise GuardError(
+            f"pose {pose} differs from its first reading: the fixture has moved by about {by} and "
+            f"{TURNED(repeat.turned_rad).with_unit}",
+            resume_checks.NEW_SESSION_REMEDY,
+        )
+    if not refuse and repeat.joint_odds >= resume_checks.JOINT_ODDS:
+        return (
+            f"Pose {pose} {joint_shifted} in between, and poses before and after the shift do not fit "
+            f"together. Check the coupling and the counter of joint {joint}, and start a new session."
+        )
     return (
-        f"Pose {pose} differs from its first reading, as if the fixture had moved by about "
-        f"{SHIFTED(repeat.shifted_m).with_unit}: it was remounted, or is more compliant than its file states. The "
-        "diagnosis of the calibration uses this."
+        f"Pose {pose} differs from its first reading, as if the fixture had moved by about {by}: it was remounted, or "
+        "is more compliant than its file states. The diagnosis of the calibration uses this."
     )
 
 

@@ -68,36 +68,42 @@ def _is_time(utc: str) -> bool:
 # -- checks of one value -------------------------------------------------------------------------
 
 
-def integer(least: int, most: int = MAX_INTEGER) -> Check:
-    """Return a check for an integer from `least` to `most`."""
+def of_type(what: str, *types: type) -> Check:
+    """Return a check for a value of one of these types; `what` names them in the problem."""
+    return lambda value, _: "" if type(value) in types else f"must be {what}, not {_quoted(value)}"
+
+
+def both(first: Check, second: Check) -> Check:
+    """Return a check that accepts what both checks accept; `second` gets only values that `first` accepts."""
+    return lambda value, joints: first(value, joints) or second(value, joints)
+
+
+def between(least: float, most: float) -> Check:
+    """Return a check for a value from `least` to `most`."""
 
     def check(value: Any, _: int | None) -> str:
-        if type(value) is not int:
-            return f"must be a whole number, not {_quoted(value)}"
-        return _outside(value, least, most)
+        if value < least:
+            return f"{_quoted(value)} is less than {least:g}"
+        # NaN fails this comparison too.
+        return "" if value <= most else f"{_quoted(value)} is more than {most:g}"
 
     return check
+
+
+def integer(least: int, most: int = MAX_INTEGER) -> Check:
+    """Return a check for an integer from `least` to `most`."""
+    return both(of_type("a whole number", int), between(least, most))
 
 
 def number(least: float = -1e300, most: float = 1e300) -> Check:
     """Return a check for a number from `least` to `most`."""
-
-    def check(value: Any, _: int | None) -> str:
-        if type(value) not in (int, float):
-            return f"must be a number, not {_quoted(value)}"
-        return _outside(value, least, most)
-
-    return check
+    return both(of_type("a number", int, float), between(least, most))
 
 
-def text(value: Any, _: int | None) -> str:
-    """Check that a value is text; return the problem, "" for none."""
-    return "" if isinstance(value, str) else f"must be text, not {_quoted(value)}"
-
-
-def boolean(value: Any, _: int | None) -> str:
-    """Check that a value is a boolean; return the problem, "" for none."""
-    return "" if isinstance(value, bool) else f"must be true or false, not {_quoted(value)}"
+text = of_type("text", str)
+boolean = of_type("true or false", bool)
+a_list = of_type("a list", list)
+an_object = of_type("an object", dict)
 
 
 def joint_number(value: Any, joints: int | None) -> str:
@@ -139,25 +145,21 @@ def list_of(item: Check) -> Check:
     """Return a check that accepts a list of items that pass `item`."""
 
     def check(value: Any, joints: int | None) -> str:
-        if not isinstance(value, list):
-            return f"must be a list, not {_quoted(value)}"
         problems = (f"item {k}: {p}" for k, v in enumerate(value, 1) if (p := item(v, joints)))
         return next(problems, "")
 
-    return check
+    return both(a_list, check)
 
 
 def per_joint(item: Check) -> Check:
     """Return a check that accepts a list with one item for each joint, each of which passes `item`."""
 
     def check(value: Any, joints: int | None) -> str:
-        if problem := list_of(item)(value, joints):
-            return problem
         if joints is not None and len(value) != joints:
             return f"has {len(value)} items instead of {joints}, one for each joint"
         return "" if 1 <= len(value) <= MOST_JOINTS_RECORDED else f"has {len(value)} items"
 
-    return check
+    return both(list_of(item), check)
 
 
 def endpoint(value: Any, joints: int | None) -> str:
@@ -170,38 +172,22 @@ def mapping_of(key: Check, item: Check) -> Check:
     """Return a check that accepts an object whose keys pass `key` and whose values pass `item`."""
 
     def check(value: Any, joints: int | None) -> str:
-        if not isinstance(value, dict):
-            return f"must be an object, not {_quoted(value)}"
         for name, item_value in value.items():
             if problem := key(name, joints) or item(item_value, joints):
                 return f"{_quoted(name)}: {problem}"
         return ""
 
-    return check
+    return both(an_object, check)
 
 
 def object_with(checks: Mapping[str, Check]) -> Check:
     """Return a check that accepts an object whose values at these keys pass the checks; other keys are ignored."""
 
     def check(value: Any, joints: int | None) -> str:
-        if not isinstance(value, dict):
-            return f"must be an object, not {_quoted(value)}"
         key, problem = _first_problem(checks, value, joints)
         return f"{key}: {problem}" if problem else ""
 
-    return check
-
-
-def anything(_: Any, __: int | None) -> str:
-    """Accept any value, because the program does not read it; return ""."""
-    return ""
-
-
-def _outside(value: float, least: float, most: float) -> str:
-    if value < least:
-        return f"{_quoted(value)} is less than {least:g}"
-    # NaN fails this comparison too.
-    return "" if value <= most else f"{_quoted(value)} is more than {most:g}"
+    return both(an_object, check)
 
 
 def _quoted(value: Any) -> str:
@@ -231,7 +217,8 @@ DEVIATIONS = per_joint(number(0.0, MAX_ANGLE_RAD))
 COUNT = integer(1)
 JOINTS = list_of(joint_number)
 A_DURATION = number(0.0)
-OBJECT = mapping_of(text, anything)
+OBJECT = an_object
+"""Object of which the program reads nothing without another check."""
 
 SETTINGS = object_with(
     {
@@ -282,11 +269,7 @@ EVENTS: Mapping[str, Mapping[str, Check]] = {
     "sensor_fault": {"joint": joint_number, "text": text},
     "late": {"times": COUNT, "last_s": A_DURATION, "longest_s": A_DURATION},
     "return_holds": {"of?": integer(0)},
-    "standing": {
-        "told?": text,
-        "probability?": nullable(number(0.0, 1.0)),
-        "refused?": boolean,
-    },
+    "standing": {"told?": text, "probability?": nullable(number(0.0, 1.0)), "refused?": boolean},
     "control": {"start_rad": ANGLES, "home_rad?": ANGLES},
     "modes": {"modes": per_joint(one_of("position", "free"))},
     "remounting": {"placement": integer(2)},
@@ -340,12 +323,7 @@ EVENTS: Mapping[str, Mapping[str, Check]] = {
         "made_with?": mapping_of(text, text),
     },
     "checked": {"record": OBJECT},
-    "verified": {
-        "poses?": COUNT,
-        "position_m?": number(0.0),
-        "holds?": boolean,
-        "why?": text,
-    },
+    "verified": {"poses?": COUNT, "position_m?": number(0.0), "holds?": boolean, "why?": text},
     "exported": {
         "file": text,
         "uploaded": nullable(RECEIPT),

@@ -34,8 +34,8 @@ class SessionEntry:
 
     folder: Path
     state: SessionState | None
-    torn: str
-    problem: str
+    torn: str = ""
+    problem: str = ""
     remedy: str = ""
 
 
@@ -84,10 +84,8 @@ def read_session(folder: Path) -> SessionEntry:
         contents = read_journal(folder)
         state = session_state(contents)
     except JournalError as error:
-        return SessionEntry(
-            folder=folder, state=None, torn="", problem=error.happened, remedy=error.remedy
-        )
-    return SessionEntry(folder=folder, state=state, torn=contents.torn, problem="")
+        return SessionEntry(folder=folder, state=None, problem=error.happened, remedy=error.remedy)
+    return SessionEntry(folder=folder, state=state, torn=contents.torn)
 
 
 def list_sessions(root: Path) -> tuple[SessionEntry, ...]:
@@ -101,33 +99,29 @@ def list_sessions(root: Path) -> tuple[SessionEntry, ...]:
             f"cannot read {root}: {error.strerror}", "name another folder with --sessions"
         ) from error
     entries = [read_session(folder) for folder in folders]
-    begun = _begun(entries)
-    return tuple(
-        sorted(
-            entries,
-            key=lambda e: (e.state.order if e.state else 0, *begun[e.folder.name], e.folder),
-        )
-    )
+    times = _opening_times(entries)
+    entries.sort(key=lambda e: (e.state.order if e.state else 0, *times[e.folder.name], e.folder))
+    return tuple(entries)
 
 
-def _begun(entries: Sequence[SessionEntry]) -> dict[str, tuple[str, int]]:
+def _opening_times(entries: Sequence[SessionEntry]) -> dict[str, tuple[str, int]]:
     """Return (time of opening, sequence number) by folder name, to sort sessions whose journals have no `order`.
 
     The sequence number is 0, except after the clock was set back: a session whose time is then not later than that of
     the session opened before it (`state.after`) gets the latter's time, and the latter's sequence number plus 1.
     """
     states = {entry.folder.name: entry.state for entry in entries}
-    begun: dict[str, tuple[str, int]] = {}
+    times: dict[str, tuple[str, int]] = {}
     for entry in entries:
         chain, name = list[str](), entry.folder.name
-        while name in states and name not in begun and name not in chain:
+        while name in states and name not in times and name not in chain:
             chain.append(name)
             state = states[name]
             name = state.after if state else ""
-        before = begun.get(name, ("", 0))
+        before = times.get(name, ("", 0))
         for name in reversed(chain):
             state = states[name]
             own = state.opened_utc if state else ""
             before = (before[0], before[1] + 1) if before[0] >= own > "" else (own, 0)
-            begun[name] = before
-    return begun
+            times[name] = before
+    return times

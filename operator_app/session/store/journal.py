@@ -233,31 +233,27 @@ class Journal:
         """Write all lines, including `line`, to a new session folder, then raise JournalLostError."""
         if self.loss is not None:
             raise self.loss
-        rescued, reason = self._write_rescue(line)
-        if rescued is None:
-            remedy = f"the rescue copy failed ({reason}): find out what happened to the folder"
-        else:
-            own = ", with the last entry," if line else ""
-            remedy = (
-                f"all entries{own} are in {rescued}: find out what happened to the folder, then go on "
-                f"with --resume {rescued}"
-            )
+        own, rescued, remedy = self.path.parent, None, ""
+        for root in (own.parent, Path(tempfile.gettempdir())):
+            try:
+                lines = [*self._lines, line]
+                rescued = write_session_folder(root, f"{own.name}-rescued", lines)
+            except OSError as error:
+                reason = f"{root}: {error.strerror}"
+                remedy = f"the rescue copy failed ({reason}): find out what happened to the folder"
+            else:
+                with_last = ", with the last entry," if line else ""
+                remedy = (
+                    f"all entries{with_last} are in {rescued}: find out what happened to the folder, then go on "
+                    f"with --resume {rescued}"
+                )
+                break
         self.loss = JournalLostError(
             f"{self.path} {problem} while this session was using it; nothing more is recorded",
             remedy,
             rescued=rescued,
         )
         raise self.loss
-
-    def _write_rescue(self, line: bytes) -> tuple[Path | None, str]:
-        """Write all lines to a new session folder; return the folder, or None and the reason why that failed."""
-        own, reason = self.path.parent, ""
-        for root in (own.parent, Path(tempfile.gettempdir())):
-            try:
-                return write_session_folder(root, f"{own.name}-rescued", [*self._lines, line]), ""
-            except OSError as error:
-                reason = f"{root}: {error.strerror}"
-        return None, reason
 
     @property
     def kept_folder(self) -> Path:

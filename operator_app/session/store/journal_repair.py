@@ -14,7 +14,6 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from operator_app.session.store.events import event_problem, joint_count_in
 from operator_app.session.store.journal import lock, utc_now
@@ -93,7 +92,14 @@ def repair_journal(folder: Path) -> RepairResult:
             aside = None
             if any(line.words for line in lines):
                 aside = timestamped_path(path, "damaged")
-                events.append(_repaired_event(lines, aside))
+                found = [line for line in lines if line.words]
+                data = {
+                    "original": aside.name,
+                    "lost": [line.number for line in found if line.event is None],
+                    "restored": [line.number for line in found if line.event is not None],
+                }
+                utc = utc_in_words(utc_now())
+                events.append(JournalEvent(seq=0, utc=utc, name="repaired", data=data))
                 _replace_journal(path, aside, events)
             state = session_state(JournalContents(events=_numbered(events), file=str(path)))
     finally:
@@ -233,15 +239,6 @@ def _without_invalid(lines: list[RepairedLine]) -> tuple[RepairedLine, ...]:
 
 
 # -- the new file --------------------------------------------------------------------------------
-
-
-def _repaired_event(lines: Sequence[RepairedLine], aside: Path) -> JournalEvent:
-    data: dict[str, Any] = {
-        "original": aside.name,
-        "lost": [line.number for line in lines if line.event is None],
-        "restored": [line.number for line in lines if line.event is not None and line.words],
-    }
-    return JournalEvent(seq=0, utc=utc_in_words(utc_now()), name="repaired", data=data)
 
 
 def _numbered(events: Sequence[JournalEvent]) -> tuple[JournalEvent, ...]:

@@ -100,17 +100,15 @@ class Logbook:
 
     def recorded_calibration(self) -> StoredCalibration | None:
         """Return the journal's calibration if it is still current and has the procedure's options; else None."""
-        own, then = self.procedure, self.state.solved
-        options = (
-            own.estimator,
-            sorted({*own.unsensed_joints, *self.model.unsensed_joints}),
-            own.length_tolerance_m,
-        )
-        keys = ("estimator", "unsensed_joints", "length_tolerance_m")
-        if not then or tuple(then.get(k) for k in keys) != options:
-            return None
-        if then.get("rereads", 0) != len(self.state.rereads):
-            # A pose was measured again after the calibration: the diagnosis may change.
+        own, then = self.procedure, {"rereads": 0, **self.state.solved}
+        now = {
+            "estimator": own.estimator,
+            "unsensed_joints": sorted({*own.unsensed_joints, *self.model.unsensed_joints}),
+            "length_tolerance_m": own.length_tolerance_m,
+            # If a pose was measured again after the calibration, the diagnosis may change.
+            "rereads": len(self.state.rereads),
+        }
+        if any(then.get(key) != value for key, value in now.items()):
             return None
         calibration = journal_calibration(self.state)
         return calibration if isinstance(calibration, StoredCalibration) else None

@@ -30,18 +30,18 @@ from solver.loops.closure import ClosureModel
 from solver.loops.placements import Placements
 
 
-def export_reason(solution: Solution, reason: str, *, say_it_by: str) -> str:
+def export_reason(solution: Solution, reason: str, *, stated_by: str) -> str:
     """Return the reason for exporting a calibration that was not accepted; "" if it was accepted.
 
-    `say_it_by` tells the operator how to state a reason, such as ``--force REASON``. Raises GuardError if the
-    calibration was not accepted and there is no reason.
+    `stated_by`: how the operator states a reason, such as ``--force REASON``. Raises GuardError if the calibration was
+    not accepted and there is no reason.
     """
     if solution.accepted:
         return ""
     if not reason.strip():
         raise GuardError(
             f"the calibration was not accepted: {'; '.join(solution.reasons)}",
-            f"correct what the reasons name, or state why these parameters are to be used ({say_it_by})",
+            f"correct what the reasons name, or state why these parameters are to be used ({stated_by})",
         )
     return reason
 
@@ -60,7 +60,7 @@ def parameters_document(
     """
     arm, fixture = procedure.arm, procedure.fixture
     estimate, turned = solution.estimate, solution.estimate.sigmas.orientation_rad
-    model, columns = _mounted(solution.model, state)
+    model, columns, several = _mounted(solution.model, state)
     table = _table_of(model, estimate.x[columns], fixture.kind)
     theta_off_rad = np.array(table.theta_off_rad)
     for joint, offset in measured_offsets(solution, arm, state.pose_set()).items():
@@ -94,7 +94,7 @@ def parameters_document(
         ),
         warnings=(
             *_forced_warning(solution, forced),
-            *_several(solution.model, state),
+            *several,
             *(records.DocumentWarning(code=n.code, text=n.sentence) for n in solution.warnings),
         ),
         estimator=estimate.estimator,
@@ -123,27 +123,23 @@ def _budget(solution: Solution, listed: Mapping[str, int]) -> Mapping[str, Mappi
     return records.budget_of(tuple(rows), np.diagonal(estimate.covariance)[where], parts)
 
 
-def _mounted(model: ClosureModel, state: SessionState) -> tuple[ClosureModel, IntArray]:
-    """Return the loop of the placement in the document, and the indices of its parameters in the estimate."""
-    if isinstance(model, Placements):
-        return model.of(_last(model, state))
-    return model, np.arange(len(model.parameters))
+def _mounted(
+    model: ClosureModel, state: SessionState
+) -> tuple[ClosureModel, IntArray, tuple[records.DocumentWarning, ...]]:
+    """Return the loop of the placement in the document, and the indices of its parameters in the estimate.
 
-
-def _last(model: Placements, state: SessionState) -> int:
-    """Return the number of the current placement or, if it has no used poses, of the last placement with used poses."""
-    has_current = state.placement in model.numbers and not state.imported
-    return state.placement if has_current else model.numbers[-1]
-
-
-def _several(model: ClosureModel, state: SessionState) -> tuple[records.DocumentWarning, ...]:
+    If there are several placements, also return a warning that names the one in the document: the current placement or,
+    if it has no used poses, the last placement with used poses.
+    """
     if not isinstance(model, Placements):
-        return ()
+        return model, np.arange(len(model.parameters)), ()
+    has_current = state.placement in model.numbers and not state.imported
+    number = state.placement if has_current else model.numbers[-1]
     text = (
         f"calibrated in {len(model.numbers)} placements of the fixture; the fixture entries are those of "
-        f"placement {_last(model, state)}, the last"
+        f"placement {number}, the last"
     )
-    return (records.DocumentWarning(code="PLACEMENTS", text=text),)
+    return *model.of(number), (records.DocumentWarning(code="PLACEMENTS", text=text),)
 
 
 def _table_of(model: ClosureModel, x: FloatArray, kind: str) -> DhTable:
@@ -180,13 +176,10 @@ def rvdt_remedy(table: ReadingTable) -> records.RvdtRemedy:
 def _forced_warning(solution: Solution, reason: str) -> tuple[records.DocumentWarning, ...]:
     if solution.accepted:
         return ()
-    refused = f"not accepted ({'; '.join(solution.reasons)})"
-    text = " ".join(reason.split())
-    if not text:
-        return (records.DocumentWarning(code=records.NOT_ACCEPTED, text=refused),)
-    return (
-        records.DocumentWarning(code=records.FORCED, text=f"{refused}; exported because: {text}"),
-    )
+    code, text = records.NOT_ACCEPTED, f"not accepted ({'; '.join(solution.reasons)})"
+    if reason := " ".join(reason.split()):
+        code, text = records.FORCED, f"{text}; exported because: {reason}"
+    return (records.DocumentWarning(code=code, text=text),)
 
 
 def _figures(reading: ResidualSigma) -> records.TwoFigures:

@@ -34,24 +34,14 @@ THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 class Solver(Protocol):
-    """Calls a function in this or another process, and passes `progress` to the function unless it is None."""
+    """Calls a function in this or another process."""
 
-    def __call__(
-        self,
-        function: Callable[..., T],
-        *args: object,
-        progress: Progress | None = None,
-        **options: object,
-    ) -> T:
+    def __call__(self, function: Callable[..., T], *args: object, **options: object) -> T:
         """Return the result of the function."""
 
 
-def solve_here(
-    function: Callable[..., T], *args: object, progress: Progress | None = None, **options: object
-) -> T:
+def solve_here(function: Callable[..., T], *args: object, **options: object) -> T:
     """Return the result of the function, called in this process."""
-    if progress is not None:
-        options["progress"] = progress
     return function(*args, **options)
 
 
@@ -77,19 +67,14 @@ class SolvingProcess:
         if self._connection is not None:
             self._connection.close()
 
-    def __call__(
-        self,
-        function: Callable[..., T],
-        *args: object,
-        progress: Progress | None = None,
-        **options: object,
-    ) -> T:
-        """Return the result of the function.
+    def __call__(self, function: Callable[..., T], *args: object, **options: Any) -> T:
+        """Return the result of the function; its option `progress`, if any, is called in this process.
 
         Raises SolverError if the function raised it, and SessionError if the function raised another exception or the
         process ended by itself.
         """
         connection = self._started()
+        progress: Progress | None = options.pop("progress", None)
         try:
             connection.send((function, args, options, progress is not None))
             while True:
@@ -107,8 +92,12 @@ class SolvingProcess:
                     result: T = message
                     return result
         except (EOFError, OSError) as gone:
+            code = None if self._process is None else self._process.wait()
+            reason = f"exit code {code}"
+            if code is not None and code < 0:
+                reason = f"signal {signal.Signals(-code).name}"
             raise SessionError(
-                f"The solver process ended by itself ({self._exit_text()})",
+                f"The solver process ended by itself ({reason})",
                 "All poses are kept: calibrate again. If it happens again, close programs that use much memory",
             ) from gone
 
@@ -131,12 +120,6 @@ class SolvingProcess:
             )
             other_end.close()
         return self._connection
-
-    def _exit_text(self) -> str:
-        code = None if self._process is None else self._process.wait()
-        if code is None or code >= 0:
-            return f"exit code {code}"
-        return f"signal {signal.Signals(-code).name}"
 
 
 _START = "from operator_app.session.store.solver_process import serve; serve()"

@@ -259,17 +259,15 @@ class SessionState:
 
     def pose_set(self) -> PoseSet:
         """Return the used poses as a `PoseSet`, the input of the estimators."""
-        used = self.used_poses
-        placement = np.array([p.placement for p in used], dtype=np.int64)
-        return replace(pose_set_of(used), placement=placement)
+        return pose_set_of(self.used_poses)
 
 
 def pose_set_of(poses: Sequence[MeasuredPose]) -> PoseSet:
-    """Return these poses as a `PoseSet`, the input of the estimators, with all poses in placement 1."""
+    """Return these poses as a `PoseSet`, the input of the estimators."""
     joints = len(poses[0].mean_rad) if poses else 1
     measured = {len(p.endpoint) for p in poses} in ({3}, {6})
     return PoseSet(
-        placement=np.ones(len(poses), dtype=np.int64),
+        placement=np.array([p.placement for p in poses], dtype=np.int64),
         label=tuple(str(p.number) for p in poses),
         q_rad=np.array([p.mean_rad for p in poses]).reshape(len(poses), joints),
         sd_rad=np.array([p.sd_rad for p in poses]).reshape(len(poses), joints),

@@ -184,28 +184,25 @@ def missing_repeat_notices(state: SessionState) -> tuple[Finding, ...]:
     if state.imported:
         # A poses file does not mark repeats.
         return ()
-    numbers = dict.fromkeys(p.placement for p in state.used_poses)
-    return tuple(
-        notice for k in numbers if (notice := _missing_repeat(state, k, several=len(numbers) > 1))
-    )
-
-
-def _missing_repeat(state: SessionState, placement: int, *, several: bool) -> Finding | None:
-    numbers = [p.number for p in state.used_poses if p.placement == placement]
-    again = [r for r in state.repeats if r.first.placement == placement]
-    if any(r.again.after >= numbers[-1] for r in again):
-        return None
-    reason = "the capture ended before that"
-    if placement == state.placement and state.missed_repeat:
-        reason = state.missed_repeat
-    before = max((r.again.after for r in again), default=0)
-    goes_on = placement == state.placement and reason != NO_WAY_BACK
-    return Finding(
-        kind=FindingKind.NOT_REPEATED if goes_on else FindingKind.NEVER_REPEATED,
-        joints=(placement,) if several else (),
-        poses=(str(numbers[0]), str(before or numbers[0]), str(numbers[-1])),
-        reported=(reason,),
-    )
+    notices, placements = [], dict.fromkeys(p.placement for p in state.used_poses)
+    for placement in placements:
+        numbers = [p.number for p in state.used_poses if p.placement == placement]
+        last = max(
+            (r.again.after for r in state.repeats if r.first.placement == placement), default=0
+        )
+        if last >= numbers[-1]:
+            continue
+        current = placement == state.placement
+        reason = (current and state.missed_repeat) or "the capture ended before that"
+        goes_on = current and reason != NO_WAY_BACK
+        notice = Finding(
+            kind=FindingKind.NOT_REPEATED if goes_on else FindingKind.NEVER_REPEATED,
+            joints=(placement,) if len(placements) > 1 else (),
+            poses=(str(numbers[0]), str(last or numbers[0]), str(numbers[-1])),
+            reported=(reason,),
+        )
+        notices.append(notice)
+    return tuple(notices)
 
 
 def versions() -> dict[str, str]:

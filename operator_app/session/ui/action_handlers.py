@@ -57,22 +57,22 @@ def history(context: ActionContext) -> None:
 
 def apply_modes(context: ActionContext) -> None:
     """Set the selected modes, after confirmation."""
-    joints = context.s.wanted_joints
+    joints = context.s.selected_joints
     text = f"The drives are enabled; {_modes_text(context.s)}. Nothing moves yet. Stand clear of the arm."
-    doing = f"setting {_wanted(context.s, 'to')}"
+    doing = f"setting {_selected_text(context.s, 'to')}"
     work = task(TaskKind.MODES, lambda o: o.set_modes(joints), doing)
     context.confirm("Apply the modes?", text, "Apply", work)
 
 
 def _modes_text(s: SessionSnapshot) -> str:
     """Return text that names the joints in position mode, and warns about free joints."""
-    free = len(s.wanted_joints) < s.procedure.arm.joint_count
-    return _wanted(s, "in") + (" (they yield when pushed)" if free else "")
+    free = len(s.selected_joints) < s.procedure.arm.joint_count
+    return _selected_text(s, "in") + (" (they yield when pushed)" if free else "")
 
 
-def _wanted(s: SessionSnapshot, word: str) -> str:
-    others = others_free(len(s.wanted_joints), s.procedure.arm.joint_count)
-    return f"{names(f'J{j}' for j in s.wanted_joints)} {word} position mode{others}"
+def _selected_text(s: SessionSnapshot, word: str) -> str:
+    others = others_free(len(s.selected_joints), s.procedure.arm.joint_count)
+    return f"{names(f'J{j}' for j in s.selected_joints)} {word} position mode{others}"
 
 
 def standing_alarms(s: SessionSnapshot) -> dict[int, str]:
@@ -161,9 +161,7 @@ def note(context: ActionContext) -> None:
 def calibrate(context: ActionContext) -> None:
     """Calibrate with the chosen settings."""
     s = context.s
-    context.submit(
-        TaskKind.CALIBRATE, lambda o: o.results.calibrate(s.estimator, s.unsensed_joints)
-    )
+    context.submit(TaskKind.CALIBRATE, lambda o: o.calibrate(s.estimator, s.unsensed_joints))
 
 
 def upload(context: ActionContext, forced: str = "") -> None:
@@ -177,7 +175,7 @@ def upload(context: ActionContext, forced: str = "") -> None:
         f"parameters. Type the arm's serial number, {serial}, to confirm."
     )
     question = Typed(title="Upload to the controller?", text=text, expected=serial)
-    work = task(TaskKind.UPLOAD, lambda o: o.results.write(upload=True, forced=forced))
+    work = task(TaskKind.UPLOAD, lambda o: o.write(upload=True, forced=forced))
     context.ask(question, lambda again, _: work(again))
 
 
@@ -200,7 +198,7 @@ def force(context: ActionContext) -> None:
 
 def verify(context: ActionContext) -> None:
     """Verify with new poses, after confirmation, since the arm moves by itself."""
-    joints = () if guards.in_modes(context.s) else context.s.wanted_joints
+    joints = () if guards.in_modes(context.s) else context.s.selected_joints
     text = f"The arm moves to {VERIFY_POSES} new poses by itself. Stand clear. Any key stops it."
     if joints:
         text = f"The drives are enabled again, {_modes_text(context.s)}. {text}"
@@ -229,8 +227,8 @@ def hold(context: ActionContext) -> None:
 
 def apply_prompt(s: SessionSnapshot) -> str:
     """Return the prompt of `apply_modes`."""
-    others = others_free(len(s.wanted_joints), s.procedure.arm.joint_count)
-    return f"Put {joints_named(s.wanted_joints)} into position mode{others}"
+    others = others_free(len(s.selected_joints), s.procedure.arm.joint_count)
+    return f"Put {joints_named(s.selected_joints)} into position mode{others}"
 
 
 def resume(context: ActionContext) -> None:

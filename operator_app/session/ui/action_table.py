@@ -23,7 +23,8 @@ from solver.chain.sensors import Rvdt
 
 
 def _record_confirmation(runner: Runner, item: str, text: str) -> None:
-    runner.submit(TaskKind.NOTE, "noting", lambda: runner.operations.confirm(item, text))
+    data = {"item": item, "text": text}
+    runner.submit(TaskKind.NOTE, "noting", lambda: runner.session.record("confirmed", data))
 
 
 def stop_tested(context: ActionContext) -> None:
@@ -60,7 +61,7 @@ def confirm_all(context: ActionContext) -> None:
 
 def mark(runner: Runner, joints: tuple[int, ...]) -> None:
     """Select these joints for position mode."""
-    runner.publish(lambda s: replace(s, wanted_joints=joints))
+    runner.publish(lambda s: replace(s, selected_joints=joints))
 
 
 def other_joints(context: ActionContext) -> None:
@@ -75,12 +76,12 @@ def other_joints(context: ActionContext) -> None:
         joints = tuple(sorted({int(word) for word in numbers}))
         problem = guards.modes_problem(again.s, joints)
         if problem:
-            again.interface.refuse(problem[0])
+            again.interface.refuse(problem)
         else:
             mark(again.runner, joints)
 
     text = "Joints for position mode, e.g. 1 5 (they take effect when applied):"
-    value = " ".join(map(str, context.s.wanted_joints))
+    value = " ".join(map(str, context.s.selected_joints))
     context.ask(Typed(title="Which joints drive?", text=text, value=value), take)
 
 
@@ -236,7 +237,7 @@ ACTIONS: tuple[Action | OnScreen, ...] = (
            prompt="Write parameters.yaml and poses.csv",
            help="Write parameters.yaml and poses.csv into the session folder.",
            steps=_at(Step.EXPORT), guard=guards.may_write,
-           work=action_handlers.task(TaskKind.EXPORT, lambda o: o.results.write(), "writing the files")),
+           work=action_handlers.task(TaskKind.EXPORT, lambda o: o.write(), "writing the files")),
     Action(name="upload", keys=("u",), shown="u", label="Upload", prompt="Upload to the controller",
            help="Upload the parameters to the controller, after typing the arm's serial number; "
            "they are read back.", steps=_at(Step.EXPORT), guard=guards.may_upload, work=action_handlers.upload),

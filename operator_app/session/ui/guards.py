@@ -1,4 +1,4 @@
-"""Guards: pure functions that return why a step or an action is not allowed, as texts; () if it is allowed.
+"""Guards: pure functions that return why a step or an action is not allowed, as text; "" if it is allowed.
 
 Where harm is possible, the workflow repeats the check itself.
 """
@@ -23,89 +23,86 @@ from operator_app.session.ui.steps import Step
 from operator_app.units import DATA_AGE, SILENCE, plural
 from solver.loops.closure import poses_needed
 
-Missing = tuple[str, ...]
-Guard = Callable[[SessionSnapshot], Missing]
+Guard = Callable[[SessionSnapshot], str]
 
 
 def all_of(*guards: Guard) -> Guard:
-    """Return a guard that returns the reasons of the first of these guards that refuses."""
-    return lambda s: next(filter(None, (guard(s) for guard in guards)), ())
+    """Return a guard that returns the reason of the first of these guards that refuses."""
+    return lambda s: next(filter(None, (guard(s) for guard in guards)), "")
 
 
-def missing_for(step: Step, s: SessionSnapshot) -> Missing:
-    """Return the reasons why a step cannot be opened; () if it can."""
-    return () if step is Step.CONNECT else _STEPS[step](s)
+def missing_for(step: Step, s: SessionSnapshot) -> str:
+    """Return the reason why a step cannot be opened; "" if it can."""
+    return "" if step is Step.CONNECT else _STEPS[step](s)
 
 
-def fixture_ready(s: SessionSnapshot) -> Missing:
+def fixture_ready(s: SessionSnapshot) -> str:
     """The Fixture step needs a connected arm and, for a real arm, a tested hardware stop."""
     if not s.connected:
-        return ("no arm is connected: connect first (step 1)",)
+        return "no arm is connected: connect first (step 1)"
     if not s.simulated and not s.stop_tested:
         return (
-            "the hardware stop is not tested: press it, check that all drives switch off, confirm",
+            "the hardware stop is not tested: press it, check that all drives switch off, confirm"
         )
-    return ()
+    return ""
 
 
-def modes_ready(s: SessionSnapshot) -> Missing:
+def modes_ready(s: SessionSnapshot) -> str:
     """The Modes step needs a fixture that its checks do not refuse, and a completely ticked check list."""
     if before := fixture_ready(s):
         return before
     if not s.checks:
-        return ("the fixture has not been checked (step 2)",)
-    refused = tuple(f"{c.text}: {c.remedy}" for c in s.checks if c.severity is Severity.REFUSED)
+        return "the fixture has not been checked (step 2)"
+    for check in s.checks:
+        if check.severity is Severity.REFUSED:
+            return f"{check.text}: {check.remedy}"
     unticked = len(s.procedure.fixture.checklist) - len(s.ticked)
-    if unticked:
-        refused += (
-            f"{plural(unticked, 'item')} of the check list {'are' if unticked > 1 else 'is'} not ticked (step 2)",
-        )
-    return refused
+    are = "are" if unticked > 1 else "is"
+    return (
+        f"{plural(unticked, 'item')} of the check list {are} not ticked (step 2)"
+        if unticked
+        else ""
+    )
 
 
-def capture_ready(s: SessionSnapshot) -> Missing:
+def capture_ready(s: SessionSnapshot) -> str:
     """The Capture step needs drives that are enabled in their confirmed modes."""
     if before := modes_ready(s):
         return before
     if s.stopped:
-        return ("STOP is latched: reset it (R), then apply the modes again (step 3)",)
+        return "STOP is latched: reset it (R), then apply the modes again (step 3)"
     if not s.modes:
-        return ("the joint modes are not set: apply them (step 3)",)
+        return "the joint modes are not set: apply them (step 3)"
     if s.mobility < len(s.position_joints) == len(s.modes):
-        return ("all joints are in position mode: apply the modes again (step 3)",)
+        return "all joints are in position mode: apply the modes again (step 3)"
     if not s.drives_ready:
-        return (f"{_not_ready(s)}: apply the modes again (step 3)",)
+        return f"{_not_ready(s)}: apply the modes again (step 3)"
     return modes_problem(s, s.position_joints)
 
 
-def calibrate_ready(s: SessionSnapshot) -> Missing:
+def calibrate_ready(s: SessionSnapshot) -> str:
     """The Calibrate step needs enough poses to have more equations than parameters."""
     model = s.procedure.fixture.fixture.model(s.procedure.arm, unsensed_joints=s.unsensed_joints)
     used = len(s.state.used_poses)
     needed = poses_needed(len(model.parameters), model.equations_per_pose)
-    if used < needed:
-        return (
-            f"{used} of the {needed} required poses {'is' if used == 1 else 'are'} captured (step 4)",
-        )
-    return ()
+    are = "is" if used == 1 else "are"
+    return f"{used} of the {needed} required poses {are} captured (step 4)" if used < needed else ""
 
 
-def results_ready(s: SessionSnapshot) -> Missing:
+def results_ready(s: SessionSnapshot) -> str:
     """The Results step needs a calibration from the current poses; a resumed session shows it once connected."""
-    if s.solution is None and s.state.solved and not s.connected:
-        return ("the calibration of this session is shown once the arm is connected (step 1)",)
-    if s.solution is None:
-        return ("there is no calibration of these poses yet (step 5)",)
-    return ()
+    if s.solution is not None:
+        return ""
+    if s.state.solved and not s.connected:
+        return "the calibration of this session is shown once the arm is connected (step 1)"
+    return "there is no calibration of these poses yet (step 5)"
 
 
-def export_ready(s: SessionSnapshot) -> Missing:
+def export_ready(s: SessionSnapshot) -> str:
     """The Export step needs an accepted calibration."""
-    if before := results_ready(s):
-        return before
-    if s.solution is not None and not s.solution.accepted:
-        return tuple(f"the calibration is not accepted: {reason}" for reason in s.solution.reasons)
-    return ()
+    if s.solution is None or s.solution.accepted:
+        return results_ready(s)
+    return f"the calibration is not accepted: {s.solution.reasons[0]}"
 
 
 _STEPS: Mapping[Step, Guard] = {
@@ -121,109 +118,96 @@ _STEPS: Mapping[Step, Guard] = {
 # -- actions ---------------------------------------------------------------------------------------
 
 
-def idle(s: SessionSnapshot) -> Missing:
+def idle(s: SessionSnapshot) -> str:
     """Return a reason while a task is running."""
-    return () if s.task is None else (f"wait: {s.task.text}",)
+    return "" if s.task is None else f"wait: {s.task.text}"
 
 
-def may_connect(s: SessionSnapshot) -> Missing:
+def may_connect(s: SessionSnapshot) -> str:
     """Connecting is possible if no arm is connected, if data are lost, or if a new connection resolves an alarm."""
     offered = any(TaskKind.CONNECT in alarm.resolving_tasks for alarm in s.alarms)
     if s.connected and s.data is not DataState.LOST and not offered:
-        return ("the arm is already connected",)
+        return "the arm is already connected"
     return idle(s)
 
 
-def may_use_data(s: SessionSnapshot) -> Missing:
+def may_use_data(s: SessionSnapshot) -> str:
     """Using data requires a connected arm, fresh data, and that STOP is not latched."""
     if not s.connected:
-        return ("no arm is connected: connect first (step 1)",)
+        return "no arm is connected: connect first (step 1)"
     if s.stopped:
-        return ("STOP is latched: reset it first (R)",)
+        return "STOP is latched: reset it first (R)"
     if s.data is DataState.LOST:
-        return (
-            f"no data for {SILENCE(s.oldest_s).with_unit}: check bus and controller, then connect again (step 1, c)",
-        )
+        silence = SILENCE(s.oldest_s).with_unit
+        return f"no data for {silence}: check bus and controller, then connect again (step 1, c)"
     if s.data is DataState.STALE:
         joints = ", ".join(f"J{j}" for j in s.stale_joints)
         ours = s.arm is not None and s.oldest_s - s.arm.late_s <= STALE_S
         cause = " because this computer is late" if ours else ""
-        return (
-            f"the data of {joints} are {DATA_AGE(s.oldest_s).with_unit} old{cause}: wait for new data",
-        )
-    return ()
+        age = DATA_AGE(s.oldest_s).with_unit
+        return f"the data of {joints} are {age} old{cause}: wait for new data"
+    return ""
 
 
 may_check_fixture = all_of(idle, may_use_data)
 
 
-def may_tick_all(s: SessionSnapshot) -> Missing:
+def may_tick_all(s: SessionSnapshot) -> str:
     """With a real arm, the items of the check list must be ticked one at a time."""
-    return () if s.simulated else ("on a real arm the items are checked and ticked one at a time",)
+    return "" if s.simulated else "on a real arm the items are checked and ticked one at a time"
 
 
-def may_suggest(s: SessionSnapshot) -> Missing:
+def may_suggest(s: SessionSnapshot) -> str:
     """Suggesting drive joints needs their ranking, which is made after connecting."""
-    return () if s.ranked else ("no ranking yet: connect first (step 1)",)
+    return "" if s.ranked else "no ranking yet: connect first (step 1)"
 
 
-def may_apply_modes(s: SessionSnapshot) -> Missing:
+def may_apply_modes(s: SessionSnapshot) -> str:
     """Applying modes needs an open Modes step, fresh data, and a selected joint for each degree of freedom."""
-    return idle(s) or modes_ready(s) or may_use_data(s) or modes_problem(s, s.wanted_joints)
+    return idle(s) or modes_ready(s) or may_use_data(s) or modes_problem(s, s.selected_joints)
 
 
-def modes_problem(s: SessionSnapshot, position_joints: tuple[int, ...]) -> Missing:
-    """Return why this number of joints in position mode is wrong; () if it is right."""
+def modes_problem(s: SessionSnapshot, position_joints: tuple[int, ...]) -> str:
+    """Return why this number of joints in position mode is wrong; "" if it is right."""
     problem = drives.modes_problem(
         position_joints,
         joint_count=s.procedure.arm.joint_count,
         mobility=s.mobility,
         kind=s.procedure.fixture.kind,
     )
-    return () if problem is None else (f"{problem.happened}: {problem.remedy}",)
+    return "" if problem is None else f"{problem.happened}: {problem.remedy}"
 
 
 may_go_home = all_of(idle, capture_ready, may_use_data)
 ALL_VISITED = "all waypoints of the plan are visited"
 
 
-def may_move(s: SessionSnapshot) -> Missing:
+def may_move(s: SessionSnapshot) -> str:
     """Moving needs an open Capture step, fresh data and an unvisited waypoint."""
-    if missing := may_go_home(s):
-        return missing
-    if s.next_waypoint is None:
-        return (ALL_VISITED,)
-    return ()
+    return may_go_home(s) or (ALL_VISITED if s.next_waypoint is None else "")
 
 
-def may_go_best(s: SessionSnapshot) -> Missing:
+def may_go_best(s: SessionSnapshot) -> str:
     """Going to the most informative pose needs an estimate."""
     if s.best_waypoint is None:
-        return ("no best pose yet: it needs an estimate from a few poses",)
+        return "no best pose yet: it needs an estimate from a few poses"
     return may_move(s)
 
 
-def may_capture(s: SessionSnapshot) -> Missing:
+def may_capture(s: SessionSnapshot) -> str:
     """Capturing needs an open Capture step, fresh data, and no pending drift check."""
-    if missing := may_go_home(s):
+    if missing := may_go_home(s) or s.state.sensor_jump:
         return missing
-    if s.state.sensor_jump:
-        return (s.state.sensor_jump,)
     if s.state.resumed and s.state.poses_here:
         first = s.state.poses_here[0].number
-        return (
-            f"a drift check is due: start the automatic capture, which begins by measuring pose {first} again",
-        )
-    return ()
+        return f"a drift check is due: start the automatic capture, which begins by measuring pose {first} again"
+    return ""
 
 
-def may_run_automatically(s: SessionSnapshot) -> Missing:
+def may_run_automatically(s: SessionSnapshot) -> str:
     """Automatic capture has the requirements of `may_move`, and needs poses that are still to be captured."""
-    if missing := may_move(s):
-        return missing
-    if len(s.state.used_poses) >= s.required_poses:
-        return (f"all {s.required_poses} poses are captured",)
-    return ()
+    complete = len(s.state.used_poses) >= s.required_poses
+    return may_move(s) or (f"all {s.required_poses} poses are captured" if complete else "")
 
 
 def moves_real_arm(s: SessionSnapshot) -> bool:
@@ -231,36 +215,36 @@ def moves_real_arm(s: SessionSnapshot) -> bool:
     return not s.simulated and not (s.identity is not None and s.identity.by_hand)
 
 
-def may_remount(s: SessionSnapshot) -> Missing:
+def may_remount(s: SessionSnapshot) -> str:
     """Remounting needs a fixture, a capture without a plan, and all poses of the current placement captured."""
     if missing := idle(s):
         return missing
     if not s.procedure.fixture.fixture.holds_hand:
-        return ("there is no fixture to remount: an instrument measures the tool",)
+        return "there is no fixture to remount: an instrument measures the tool"
     if s.procedure.capture.strategy == "planned":
-        return ("a planned capture has one placement of the fixture",)
+        return "a planned capture has one placement of the fixture"
     if s.state.placement >= MOST_PLACEMENTS:
-        return (f"at most {MOST_PLACEMENTS} placements are possible",)
+        return f"at most {MOST_PLACEMENTS} placements are possible"
     if s.state.sensor_jump:
-        return (s.state.sensor_jump,)
+        return s.state.sensor_jump
     poses_left = s.procedure.capture.poses - len(s.state.poses_here)
-    if poses_left > 0:
-        return (f"{poses_left} poses of this placement are still to be captured",)
-    return ()
+    return (
+        f"{poses_left} poses of this placement are still to be captured" if poses_left > 0 else ""
+    )
 
 
-def may_edit_pose(s: SessionSnapshot) -> Missing:
+def may_edit_pose(s: SessionSnapshot) -> str:
     """Undoing, noting and excluding need a captured pose."""
-    return idle(s) or (() if s.state.poses else ("there is no pose yet: capture one first",))
+    return idle(s) or ("" if s.state.poses else "there is no pose yet: capture one first")
 
 
-def may_calibrate(s: SessionSnapshot) -> Missing:
+def may_calibrate(s: SessionSnapshot) -> str:
     """Calibrating needs enough poses; the paper's estimator also needs readings of all joints."""
     if missing := idle(s) or calibrate_ready(s):
         return missing
     if s.estimator == "paper" and s.unsensed_joints:
-        return ("the paper's estimator needs every joint sensed: choose implicit",)
-    return ()
+        return "the paper's estimator needs every joint sensed: choose implicit"
+    return ""
 
 
 may_write = all_of(idle, export_ready)
@@ -268,18 +252,18 @@ may_report = all_of(idle, results_ready)
 """A report needs a calibration, accepted or not."""
 
 
-def may_force(s: SessionSnapshot) -> Missing:
+def may_force(s: SessionSnapshot) -> str:
     """Forced upload needs a calibration that was not accepted."""
     if missing := idle(s) or results_ready(s):
         return missing
     if s.solution is not None and s.solution.accepted:
-        return ("the calibration is accepted: upload it in step 7, without a reason",)
+        return "the calibration is accepted: upload it in step 7, without a reason"
     return _may_send(s)
 
 
-def _may_send(s: SessionSnapshot) -> Missing:
+def _may_send(s: SessionSnapshot) -> str:
     if s.identity is not None and not s.identity.keeps_parameters:
-        return ("this arm stores no parameters: use the files in the session folder",)
+        return "this arm stores no parameters: use the files in the session folder"
     return may_use_data(s)
 
 
@@ -291,15 +275,15 @@ def serial_number(s: SessionSnapshot) -> str:
     return s.state.serial_number if s.identity is None else s.identity.serial_number
 
 
-def may_show_history(s: SessionSnapshot) -> Missing:
+def may_show_history(s: SessionSnapshot) -> str:
     """The history needs the serial number of an arm."""
-    return () if serial_number(s) else ("the arm is not known: connect first (step 1)",)
+    return "" if serial_number(s) else "the arm is not known: connect first (step 1)"
 
 
-def may_verify(s: SessionSnapshot) -> Missing:
+def may_verify(s: SessionSnapshot) -> str:
     """Verifying needs a calibration, and modes that are set or can be set."""
     missing = idle(s) or results_ready(s) or may_use_data(s)
-    return missing or (() if in_modes(s) else may_apply_modes(s))
+    return missing or ("" if in_modes(s) else may_apply_modes(s))
 
 
 def in_modes(s: SessionSnapshot) -> bool:
@@ -307,13 +291,13 @@ def in_modes(s: SessionSnapshot) -> bool:
     return s.drives_ready and len(s.position_joints) == s.mobility
 
 
-def may_reset(s: SessionSnapshot) -> Missing:
+def may_reset(s: SessionSnapshot) -> str:
     """A reset needs a latched STOP or a drive fault."""
     arm = s.arm
     tripped = arm is not None and any(j.drive is DriveState.FAULT for j in arm.joints)
     if s.stopped or tripped or (arm is not None and arm.faults):
         return idle(s)
-    return ("STOP is not latched",)
+    return "STOP is not latched"
 
 
 def stops_on_any_key(task: RunningTask | None) -> bool:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from fixtures.base import Severity
 from hardware.arm import DriveState
 from operator_app.session.ui.guards import missing_for, modes_problem, moves_real_arm
-from operator_app.session.ui.message_log import needs_reconnect
-from operator_app.session.ui.snapshot import DataState, SessionSnapshot, TaskKind
+from operator_app.session.ui.snapshot import DataState, SessionSnapshot, TaskKind, needs_reconnect
 from operator_app.session.ui.steps import Step
 from operator_app.units import names, others_free
 
@@ -43,21 +43,7 @@ def next_action(step: Step, s: SessionSnapshot) -> NextAction:
         return NextAction("", "", f"{s.task.text}: any key stops it")
     if not s.connected and Step.CONNECT < step < Step.CALIBRATE:
         return NextAction("step_1", "To Connect", "no arm is connected: Enter goes to step 1")
-    match step:
-        case Step.CONNECT:
-            return _connect(s)
-        case Step.FIXTURE:
-            return _fixture(s)
-        case Step.MODES:
-            return _modes(s)
-        case Step.CAPTURE:
-            return _capture(s)
-        case Step.CALIBRATE:
-            return _calibrate(s)
-        case Step.RESULTS:
-            return _results(s)
-        case Step.EXPORT:
-            return _export(s)
+    return _BY_STEP[step](s)
 
 
 def _lost(step: Step) -> NextAction:
@@ -113,12 +99,12 @@ def _fixture(s: SessionSnapshot) -> NextAction:
 
 
 def _modes(s: SessionSnapshot) -> NextAction:
-    marked = s.wanted_joints
+    marked = s.selected_joints
     problem = modes_problem(s, marked)
     if not problem and s.position_joints == marked and not missing_for(Step.CAPTURE, s):
         return _next(Step.CAPTURE, "the modes are set and read back")
     if problem:
-        return NextAction("suggest", "Best pair", problem[0])
+        return NextAction("suggest", "Best pair", problem)
     if needs_reconnect(s):
         return _CONNECT_AGAIN
     if any(alarm.resolving_tasks == {TaskKind.MODES} for alarm in s.alarms):
@@ -139,7 +125,7 @@ def _capture(s: SessionSnapshot) -> NextAction:
     used = len(s.state.used_poses)
     poses_left = s.required_poses - used
     if poses_left > 0 and missing:
-        return NextAction("back", "Back to Modes", f"{missing[0]}; Enter goes back there")
+        return NextAction("back", "Back to Modes", f"{missing}; Enter goes back there")
     if poses_left > 0:
         poses = "the pose" if poses_left == 1 else f"the {poses_left} poses"
         hint = f"Enter captures {poses} left automatically; g and c capture one by hand"
@@ -186,3 +172,14 @@ def _export(s: SessionSnapshot) -> NextAction:
     else:
         hint = "uploaded, but new poses are worse than expected: find the cause before use. Enter or q quits"
     return NextAction("quit", "Finish", hint)
+
+
+_BY_STEP: Mapping[Step, Callable[[SessionSnapshot], NextAction]] = {
+    Step.CONNECT: _connect,
+    Step.FIXTURE: _fixture,
+    Step.MODES: _modes,
+    Step.CAPTURE: _capture,
+    Step.CALIBRATE: _calibrate,
+    Step.RESULTS: _results,
+    Step.EXPORT: _export,
+}

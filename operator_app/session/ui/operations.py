@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,14 +10,11 @@ from operator_app.errors import GuardError
 from operator_app.messages.errors import configured_words, unwatching_words
 from operator_app.session.store.state import CapturedPose, SessionState
 from operator_app.session.ui.calibration_operations import CalibrationOperations
-from operator_app.session.ui.pose_quality import PoseQuality
 from operator_app.session.ui.snapshot import Level, Publisher
 from operator_app.session.workflow import drive_selection
 from operator_app.session.workflow.capture import outlier_warning, take_poses
-from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
 from operator_app.units import MOVED, READING_SD, names, others_free
-from solver.arrays import FloatArray
 from solver.chain.parameters import nominal_vector
 from solver.design.actions import GoTo
 from solver.design.drive_joints import RankedDrives, rank_at_pose
@@ -35,18 +31,15 @@ class _Edit:
     removed: bool = False
 
 
-class Operations(Listener):
-    """The operations of the seven steps; `results` has the operations of steps 5 to 7. Publishes their progress."""
+class Operations(CalibrationOperations):
+    """The operations of the seven steps. Publishes their progress."""
 
     def __init__(self, session: Session, publisher: Publisher) -> None:
-        self._session = session
-        self._publisher = publisher
+        super().__init__(session, publisher)
         session.cancelled = publisher.cancelled
         session.instruct = self.report
-        self._pose_quality = PoseQuality(session)
         self._edits: list[_Edit] = []
         self._undone: list[_Edit] = []
-        self.results = CalibrationOperations(session, publisher, self, self.refresh)
 
     # -- 1 Connect, 2 Fixture ----------------------------------------------------------------------
 
@@ -58,28 +51,27 @@ class Operations(Listener):
     def connect(self) -> None:
         """Connect to the arm, check it, and check the fixture at the current pose."""
         self._session.release_holding()
-        self._publisher.publish(lambda s: replace(s, identity=None))
+        self._publish(identity=None)
         try:
             identity = self._session.connect()
         finally:
-            self._publisher.publish(lambda s: replace(s, identity=self._session.identity))
-        self._publisher.publish(lambda s: replace(s, stop=None, at_waypoint=None))
+            self._publish(identity=self._session.identity)
+        self._publish(stop=None, at_waypoint=None)
         if identity.simulated:
             # The nodes themselves report that they are simulated, whatever the bus.
-            self._publisher.publish(lambda s: replace(s, simulated=True))
+            self._publish(simulated=True)
         if identity.by_hand:
             # A person moves this arm by hand: there is no hardware stop to test.
-            self._publisher.publish(lambda s: replace(s, stop_tested=True))
-        self._publisher.say(
-            Level.INFO,
+            self._publish(stop_tested=True)
+        self.report(
             f"connected to {identity.model}, serial {identity.serial_number}, "
-            f"{len(identity.nodes)} nodes",
+            f"{len(identity.nodes)} nodes"
         )
         if configured := configured_words(identity):
             self.report(configured)
         if configured := unwatching_words(identity):
-            self._publisher.say(Level.WARNING, configured)
-        self.results.show_recorded_calibration()
+            self.report(configured, Level.WARNING)
+        self.show_recorded_calibration()
         self.check_fixture()
 
     def check_fixture(self) -> None:
@@ -100,20 +92,16 @@ class Operations(Listener):
         best = ranked[0].drives if ranked else joints
         self._publisher.publish(
             lambda s: replace(
-                s, checks=checks, ranked=ranked, wanted_joints=s.wanted_joints or best
+                s, checks=checks, ranked=ranked, selected_joints=s.selected_joints or best
             )
         )
         start = session.state.start_rad
-        if start is not None and len(session.position_joints) == session.mobility:
+        if start is not None and len(session.state.position_joints) == session.mobility:
             # The session already has a plan, which starts at `start`.
             self._set_plan(drive_selection.waypoints_of(session), start)
         elif len(joints) == session.mobility:
             self._set_plan(drive_selection.waypoints_from(session, q_rad, joints), q_rad)
         self.refresh()
-
-    def confirm(self, item: str, text: str) -> None:
-        """Record that the operator has confirmed an item."""
-        self._session.record("confirmed", {"item": item, "text": text})
 
     # -- 3 Modes -----------------------------------------------------------------------------------
 
@@ -131,9 +119,9 @@ class Operations(Listener):
 
     def wiggle(self) -> None:
         """Move each drive joint by 2 deg and back; report how the other joints follow."""
-        self._at(None)
+        self._publish(at_waypoint=None)
         session, lines = self._session, []
-        for joint in session.position_joints:
+        for joint in session.state.position_joints:
             before = session.arm.snapshot().positions_rad
             away = session.go_to({joint: float(before[joint - 1]) + TEST_WIGGLE_RAD})
             positions = session.arm.snapshot().positions_rad
@@ -147,12 +135,12 @@ class Operations(Listener):
             followed = ", ".join(f"J{j} {m.shown}" for j, m in enumerate(changes, 1) if j != joint)
             unit = MOVED.quantity.unit
             lines.append(f"J{joint} {changes[joint - 1].with_unit} moved {followed} {unit}")
-        self._publisher.publish(lambda s: replace(s, wiggle="; ".join(lines)))
+        self._publish(wiggle="; ".join(lines))
         self.report("trial wiggle done: " + "; ".join(lines))
 
     def go_home(self) -> None:
         """Move the drive joints home at 5 deg/s."""
-        self._at(None)
+        self._publish(at_waypoint=None)
         message = drive_selection.go_home(self._session)
         self.refresh()
         self.report(message)
@@ -161,15 +149,13 @@ class Operations(Listener):
 
     def go(self, waypoint: int) -> None:
         """Move to a waypoint (index from 0)."""
-        self._at(None)
+        self._publish(at_waypoint=None)
         arrived = drive_selection.visit(self._session, waypoint)
-        self._at(waypoint if arrived else None)
+        self._publish(at_waypoint=waypoint if arrived else None)
         if arrived:
             self.report(f"at waypoint {waypoint + 1}: capture at standstill")
         else:
-            self._publisher.say(
-                Level.WARNING, f"waypoint {waypoint + 1} cannot be reached and was skipped"
-            )
+            self.report(f"waypoint {waypoint + 1} cannot be reached and was skipped", Level.WARNING)
         self.refresh()
 
     def capture(self, waypoint: int) -> None:
@@ -183,23 +169,21 @@ class Operations(Listener):
                 suspect += (
                     f" The automatic capture measures pose {first} again first (drift check)."
                 )
-            self._publisher.say(Level.WARNING, suspect)
+            self.report(suspect, Level.WARNING)
 
     def automatic(self) -> None:
         """Capture the missing poses, by exploration or by plan."""
         try:
             end = take_poses(self._session, self)
         finally:
-            self._publisher.publish(lambda s: replace(s, heading=None))
+            self._publish(heading=None)
         self.refresh()
         if end is None:
-            total = self._session.procedure.capture.poses
-            self.report(f"all {total} poses captured")
+            self.report(f"all {self._session.procedure.capture.poses} poses captured")
+        elif end.complete:
+            self.report(f"capture complete: {end.text}")
         else:
-            level = Level.INFO if end.complete else Level.WARNING
-            self._publisher.say(
-                level, f"capture {'complete' if end.complete else 'ended'}: {end.text}"
-            )
+            self.report(f"capture ended: {end.text}", Level.WARNING)
 
     def undo(self) -> None:
         """Undo the last exclusion or note or, if there is none, remove the last pose."""
@@ -268,11 +252,11 @@ class Operations(Listener):
 
     # -- 7 Export ----------------------------------------------------------------------------------
 
-    def verify(self, poses: int, joints: tuple[int, ...]) -> None:
+    def verify(self, poses: int, joints: tuple[int, ...] = ()) -> None:
         """Verify with new poses, after putting these joints, if any, into position mode."""
         if joints:
             self.set_modes(joints)
-        self.results.verify(poses)
+        super().verify(poses)
 
     # -- any time ----------------------------------------------------------------------------------
 
@@ -281,55 +265,24 @@ class Operations(Listener):
         self._session.reset_stop()
         if self._session.arm.snapshot().stopped:  # pressed again meanwhile
             return
-        self._publisher.publish(lambda s: replace(s, stop=None))
+        self._publish(stop=None)
         self.report("STOP reset: nothing moves; apply the modes again (step 3)")
 
     def hold(self) -> None:
         """Hold all joints in position mode where they are."""
-        self._at(None)
+        self._publish(at_waypoint=None)
         self._session.hold()
         self.refresh()
-
-    def refresh(self) -> None:
-        """Publish the session's state and the quality of its poses."""
-        session = self._session
-        state = session.state
-        now = self._pose_quality
-        now.evaluate(state)
-        if not state.solved:
-            self.results.solution = None
-        self._publisher.publish(
-            lambda s: replace(
-                s,
-                state=state,
-                live=now.live,
-                next_waypoint=now.next_waypoint,
-                best_waypoint=now.best_waypoint,
-                solution=self.results.solution,
-            )
-        )
-
-    # -- inside ------------------------------------------------------------------------------------
-
-    def _set_plan(self, plan: tuple[Mapping[int, float], ...], start_rad: FloatArray) -> None:
-        self._pose_quality.set_plan(plan, start_rad)
-        self._publisher.publish(
-            lambda s: replace(s, plan=plan, forecast=self._pose_quality.forecast)
-        )
-
-    def _at(self, waypoint: int | None) -> None:
-        """Publish the index of the waypoint at which the arm is; None if it is at no waypoint."""
-        self._publisher.publish(lambda s: replace(s, at_waypoint=waypoint))
 
     # -- progress of a capture ---------------------------------------------------------------------
 
     def going(self, move: GoTo | None) -> None:
         """Publish the current move."""
-        self._publisher.publish(lambda s: replace(s, at_waypoint=None, heading=move))
+        self._publish(at_waypoint=None, heading=move)
 
     def arrived(self, waypoint: int) -> None:
         """Publish the waypoint."""
-        self._at(waypoint)
+        self._publish(at_waypoint=waypoint)
 
     def pose_captured(self, state: SessionState, total: int = 0) -> None:
         """Publish and report the last pose."""
@@ -337,7 +290,3 @@ class Operations(Listener):
         pose = state.poses[-1]
         noise = READING_SD(float(pose.sd_rad.max())).with_unit
         self.report(f"pose {pose.number} captured (noise up to {noise})")
-
-    def report(self, text: str) -> None:
-        """Add a message for the operator."""
-        self._publisher.say(Level.INFO, text)

@@ -19,9 +19,9 @@ from hardware.errors import HardwareError, StopLatched
 from operator_app.errors import Cancelled
 from operator_app.messages.errors import EXPECTED, words
 from operator_app.session.store.journal import Clock, utc_now
-from operator_app.session.ui import message_log
 from operator_app.session.ui.operations import Operations
 from operator_app.session.ui.snapshot import (
+    ARM_RECOVERY,
     HUNG_S,
     LOST_S,
     STALE_S,
@@ -32,6 +32,10 @@ from operator_app.session.ui.snapshot import (
     SessionSnapshot,
     StopReport,
     TaskKind,
+    add_message,
+    resolving_tasks,
+    without_acknowledged,
+    without_resolved,
 )
 from operator_app.session.ui.supervisor import Supervisor
 from operator_app.session.workflow.session import Session
@@ -94,7 +98,9 @@ class Runner:
             mobility=session.mobility,
             estimator=session.procedure.estimator,
             unsensed_joints=session.procedure.unsensed_joints,
-            wanted_joints=session.position_joints or session.procedure.position_joints or (),
+            selected_joints=session.state.position_joints
+            or session.procedure.position_joints
+            or (),
         )
         if session.journal.contents.torn:
             self.say(Level.WARNING, session.journal.contents.torn)
@@ -122,14 +128,12 @@ class Runner:
         """Add a message; `resolving_tasks` resolve it if it is an alarm. May be called from any thread."""
         time_utc = f"{self._clock().astimezone(UTC):%H:%M:%S}"
         self.publish(
-            lambda s: message_log.add_message(
-                s, level, text, time=time_utc, resolving_tasks=resolving_tasks
-            )
+            lambda s: add_message(s, level, text, time=time_utc, resolving_tasks=resolving_tasks)
         )
 
     def acknowledge(self, number: int) -> None:
         """Remove the alarm with this number."""
-        self.publish(lambda s: message_log.without_acknowledged(s, number))
+        self.publish(lambda s: without_acknowledged(s, number))
 
     def cancelled(self) -> bool:
         """Whether the running task has been cancelled."""
@@ -202,10 +206,10 @@ class Runner:
                 self._show_task(job)
             self._jobs.put(job)
 
-    def cancel(self) -> None:
-        """Cancel the running task and all queued ones; a moving arm comes to rest and holds."""
+    def cancel(self, *, but: TaskKind | None = None) -> None:
+        """Cancel the running task and all queued ones, except of kind `but`; a moving arm comes to rest and holds."""
         for job in tuple(self._waiting_jobs):
-            if not job.uncancellable:
+            if not job.uncancellable and job.kind is not but:
                 job.cancel.set()
 
     def stop(self) -> None:
@@ -223,7 +227,7 @@ class Runner:
         self.publish(lambda s: replace(s, stop=report))
         if problem:
             problem = f"STOP could not be sent: {problem}. Use the hardware stop"
-            self.say(Level.ALARM, problem, message_log.ARM_RECOVERY)
+            self.say(Level.ALARM, problem, ARM_RECOVERY)
         elif not again:
             # Report STOP only once, and not if a stop by the arm itself has been reported.
             message = "software STOP sent to all drives; it is latched (R resets)"
@@ -286,14 +290,14 @@ class Runner:
             self.say(
                 Level.ALARM,
                 f"{message.happened}. {message.remedy}",
-                message_log.resolving_tasks(error, job.kind),
+                resolving_tasks(error, job.kind),
             )
             self._recover()
         except BaseException as error:  # noqa: BLE001 - kept for the screen to raise
             self.defect = error
             self.say(Level.ALARM, f"program error: {error!r}")
         else:
-            self.publish(lambda s: message_log.without_resolved(s, job.kind))
+            self.publish(lambda s: without_resolved(s, job.kind))
         finally:
             self.publish(lambda s: replace(s, task=None))
 
@@ -319,9 +323,7 @@ class Runner:
 
         Cancels all cancellable tasks except connecting, which the operator may have requested at the same time.
         """
-        for job in tuple(self._waiting_jobs):
-            if not job.uncancellable and job.kind is not TaskKind.CONNECT:
-                job.cancel.set()
+        self.cancel(but=TaskKind.CONNECT)
         try:
             self.session.arm.stop()
         except HardwareError:

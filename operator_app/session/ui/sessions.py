@@ -110,20 +110,17 @@ class Sessions:
                 # Reported in the next session.
                 self._warning = runner.recording_problem()
 
-    def _open(self, opening: Opening, farewell: str) -> Runner:
-        """Open a session and return its runner; once it is open, close the previous one with reason `farewell`."""
+    def _open(self, opening: Opening, closing_reason: str) -> Runner:
+        """Open a session and return its runner; once it is open, close the previous one for `closing_reason`."""
         with ExitStack() as stack:
             rig = stack.enter_context(self._join(opening))
             session = open_session(rig)
             stack.callback(session.journal.close)
             runner = Runner(
-                session,
-                simulated=rig.simulated,
-                bus=rig.bus,
-                recording_ended=rig.recording_ended,
+                session, simulated=rig.simulated, bus=rig.bus, recording_ended=rig.recording_ended
             )
             opened = stack.pop_all()
-        self.close(farewell)
+        self.close(closing_reason)
         if self._warning:
             runner.say(Level.WARNING, self._warning)
             self._warning = ""

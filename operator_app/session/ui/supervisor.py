@@ -17,8 +17,8 @@ from hardware.arm import ArmSnapshot, DriveState
 from operator_app.config.procedure import CapturePlan
 from operator_app.messages.errors import stopped_words
 from operator_app.session.safety.latency import LatenessReporter
-from operator_app.session.ui.message_log import ARM_RECOVERY
 from operator_app.session.ui.snapshot import (
+    ARM_RECOVERY,
     LOST_S,
     DataState,
     Level,

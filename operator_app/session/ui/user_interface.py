@@ -149,13 +149,13 @@ class OnScreen(Entry):
 class Action(Entry):
     """An action on the session, in all user interfaces.
 
-    `guard` returns the reasons why the action is refused, () if it is allowed; called again after an answer. `work`
+    `guard` returns the reason why the action is refused, "" if it is allowed; called again after an answer. `work`
     submits a task, changes a setting, or opens another session. `prompt`: text in plain mode; default: label and help.
     `rows` returns prompts by row number; plain mode lists the action once for each row.
     """
 
     work: Callable[[ActionContext], None]
-    guard: Guard = lambda _: ()
+    guard: Guard = lambda _: ""
     prompt: str | Callable[[SessionSnapshot], str] = ""
     rows: Callable[[SessionSnapshot], Mapping[int, str]] | None = None
 
@@ -212,6 +212,6 @@ def perform_action(
         interface.retry_soon(lambda: perform_action(action, interface, work, tries=tries - 1))
         return
     if missing:
-        interface.refuse(missing[0])
+        interface.refuse(missing)
     else:
         (work or action.work)(ActionContext(action=action, interface=interface, runner=runner, s=s))

@@ -6,9 +6,7 @@ The operator may cancel at any time and resume later.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-
-import numpy as np
+from dataclasses import dataclass
 
 from hardware.arm import ArmIdentity
 from hardware.canopen.objects import EmergencyCode
@@ -21,15 +19,16 @@ from operator_app.errors import GuardError
 from operator_app.messages.errors import configured_words, unwatching_words
 from operator_app.planning.live import is_path_clear
 from operator_app.session.safety.resume_checks import SHIFT_RAD
-from operator_app.session.safety.return_check import check_repeat, repeat_text
+from operator_app.session.safety.return_check import check_repeat
 from operator_app.session.store.state import CapturedPose, pose_set_of
 from operator_app.session.workflow import drive_selection
 from operator_app.session.workflow.listener import Listener
-from operator_app.session.workflow.planned_capture import CampaignEnd, PlannedCapture
+from operator_app.session.workflow.planned_capture import PlannedCapture
 from operator_app.session.workflow.pose_reading import TargetLostError
 from operator_app.session.workflow.session import Session
 from operator_app.units import REACH
 from solver.chain.poses import PoseSet
+from solver.design.actions import Finished
 from solver.loops.placements import Placements
 
 CANDIDATES_PER_POSE = 4
@@ -37,32 +36,26 @@ CANDIDATES_PER_POSE = 4
 
 
 def connect(session: Session, listener: Listener, *, measuring: bool = True) -> ArmIdentity:
-    """Connect to the arm, and reset drives that tripped because the heartbeat of an earlier program was lost."""
+    """Connect to the arm, and reset drives that tripped because the heartbeat of an earlier program was lost.
+
+    Drives that were reset stay disabled.
+    """
     session.instruct = listener.report
     identity = session.connect(measuring=measuring)
     listener.connected(identity)
     for text in filter(None, (configured_words(identity), unwatching_words(identity))):
         listener.report(f"{text}.")
-    if _clear_lost_heartbeat(session):
+    faults = session.arm.snapshot().faults
+    # With any other fault nothing is reset, since the cause of that fault may be in the arm.
+    if faults and all(f.code == EmergencyCode.HEARTBEAT_LOST for f in faults):
+        session.reset_stop()
+        joints = sorted({f.joint for f in faults if f.joint is not None})
+        session.record("reset", {"joints": joints, "code": int(EmergencyCode.HEARTBEAT_LOST)})
         listener.report(
             "The drives had tripped on a lost operator heartbeat (8130h), as after a killed program: reset. "
             "Nothing has moved."
         )
     return identity
-
-
-def _clear_lost_heartbeat(session: Session) -> bool:
-    """Reset drives that tripped on a lost operator heartbeat; return whether there were any. Drives stay disabled.
-
-    Resets nothing if any drive has another fault, since the cause of that fault may be in the arm.
-    """
-    faults = session.arm.snapshot().faults
-    if not faults or any(f.code != EmergencyCode.HEARTBEAT_LOST for f in faults):
-        return False
-    session.reset_stop()
-    joints = sorted({f.joint for f in faults if f.joint is not None})
-    session.record("reset", {"joints": joints, "code": int(EmergencyCode.HEARTBEAT_LOST)})
-    return True
 
 
 def take_poses(
@@ -71,19 +64,19 @@ def take_poses(
     drives: tuple[int, ...] | None = None,
     *,
     homing: bool = False,
-) -> CampaignEnd | None:
+) -> Finished | None:
     """Capture the missing poses of the procedure, continuing where the journal ends.
 
     `drives`: joints to put into position mode first; None: keep the modes, unless a plan in progress drives other
     joints. `homing`: whether the operator allows an arm outside its box to go home. Returns the end of a planned
     capture; None for an explored capture. Raises Cancelled if the operator ended the capture.
     """
-    joints = session.position_joints if drives is None else drives
-    planned = None
+    joints = session.state.position_joints if drives is None else drives
+    planned = end = None
     if session.procedure.capture.strategy == "planned":
         planned = PlannedCapture(session, joints, listener)
         joints = planned.ready()
-    if drives is not None or joints != session.position_joints:
+    if drives is not None or joints != session.state.position_joints:
         session.set_modes(joints)
         listener.modes_set(joints)
     if homing and (planned is None or not planned.continues_in_place):
@@ -99,7 +92,6 @@ def take_poses(
             drift_check.repeat_nearest_pose_if_unresolved()
         if session.state.resumed:  # no pose has been repeated yet
             drift_check.repeat_first_pose_and_come_back()
-    end = None
     if planned is None:
         if not session.state.repeated_since_capture:
             # The last pose may have been captured by hand, without this check.
@@ -156,7 +148,7 @@ class _DriftCheck:
         if not session.unresolved_joints or not session.fixture.holds_hand:
             return
         drive_selection.require_in_box(session)
-        q_rad, drives = session.arm.snapshot().positions_rad, session.position_joints
+        q_rad, drives = session.arm.snapshot().positions_rad, session.state.position_joints
 
         def away_rad(pose: CapturedPose) -> float:
             return max(abs(float(pose.mean_rad[j - 1] - q_rad[j - 1])) for j in drives)
@@ -202,7 +194,7 @@ class _DriftCheck:
         session, report = self.session, self.listener.report
         self.listener.going(None)
         if self.planned is None:
-            q_rad, drives = session.arm.snapshot().positions_rad, session.position_joints
+            q_rad, drives = session.arm.snapshot().positions_rad, session.state.position_joints
             way: Sequence[Mapping[int, float]] = [{j: float(q_rad[j - 1]) for j in drives}]
             targets = {j: float(first.mean_rad[j - 1]) for j in drives}
             missed = drive_selection.reach(session, targets, speed_rad_per_s=speed_rad_per_s).reason
@@ -218,11 +210,10 @@ class _DriftCheck:
             session.record("return_missed", {"of": first.number, "reason": missed})
             report(f"Pose {first.number} could not be measured again: {missed}.")
             return way
-        if resumed or suspect:
-            text = check_repeat(session.state, session.procedure)
+        refuse = resumed or suspect
+        text = check_repeat(session.state, session.procedure, refuse=refuse)
+        if refuse:
             session.record("return_holds", {"of": first.number, "told": text})
-        else:
-            text = repeat_text(session.state, session.procedure)
         if text:
             report(text)
         return way
@@ -258,10 +249,20 @@ def verify(
             "request fewer, or drive another pair of joints",
         )
     new_poses = pose_set_of(session.state.readings[before:])
-    new_poses = replace(new_poses, placement=np.full(len(new_poses), session.state.placement))
     made = CalibrationWithPoses(solution=solution, poses=session.state.pose_set())
     verdict = verify_poses(session.model, session.fixture, new_poses, made)
-    session.record("verified", _verification_data(verdict, new_poses))
+    tested = verdict.verification
+    turned = tested.sigmas.orientation_rad
+    record = {
+        "poses": verdict.poses,
+        "readings": [int(label) for label in new_poses.label],
+        "position_m": tested.sigmas.position_m.rms,
+        "orientation_rad": None if turned is None else turned.rms,
+        "chi2_per_dof": tested.chi2.per_dof,
+        "holds": verdict.holds,
+        "why": verdict.why,
+    }
+    session.record("verified", record)
     return verdict, new_poses
 
 
@@ -276,24 +277,10 @@ def _new_targets(session: Session, solution: Solution, poses: int) -> Iterator[M
     if isinstance(model, Placements):
         model, columns = model.of(session.state.placement)
         x = x[columns]
-    if known >= set(session.position_joints):
+    if known >= set(session.state.position_joints):
         yield from drive_selection.verification_waypoints(session, poses)
         return
     for target in drive_selection.verification_waypoints(session, CANDIDATES_PER_POSE * poses):
         q_rad = session.arm.snapshot().positions_rad
         if is_path_clear(session.model, model, x, q_rad, target):
             yield target
-
-
-def _verification_data(verdict: VerificationResult, new_poses: PoseSet) -> Mapping[str, object]:
-    tested = verdict.verification
-    turned = tested.sigmas.orientation_rad
-    return {
-        "poses": verdict.poses,
-        "readings": [int(label) for label in new_poses.label],
-        "position_m": tested.sigmas.position_m.rms,
-        "orientation_rad": None if turned is None else turned.rms,
-        "chi2_per_dof": tested.chi2.per_dof,
-        "holds": verdict.holds,
-        "why": verdict.why,
-    }

@@ -247,7 +247,7 @@ def reach(
 def retrace(session: Session, stops: Sequence[Mapping[int, float]]) -> None:
     """Go back to these angles (rad, by drive joint), the last first; raises GuardError if that fails."""
     for stop in reversed(stops):
-        if session.position_joints != tuple(stop):
+        if session.state.position_joints != tuple(stop):
             session.set_modes(tuple(stop))
             session.reader.settle()
         outcome = session.go_to(stop)

@@ -25,7 +25,6 @@ from operator_app.session.workflow.session import Session
 class Exported:
     """Result of an export: its files, and the SHA-256 of the parameters file; `receipt`: None without an upload."""
 
-    folder: Path
     parameters: Path
     sha256: str
     receipt: UploadReceipt | None
@@ -41,17 +40,17 @@ def export(
     the journal cannot be written (the message states what was uploaded), and UploadUnknown or SessionError if the
     controller may hold all or part of the parameters; this is recorded in the journal.
     """
-    forced = export_reason(solution, forced, say_it_by="--force REASON")
+    forced = export_reason(solution, forced, stated_by="--force REASON")
     if to_dict(solution) != session.state.solution:
         # The recorded solution was made with other options: record the exported solution.
         session.record_solution(solution)
     session.require_journal(unchanged=True)
     poses = session.state.pose_set()
     document = session.document(solution, forced=forced)
-    folder = session.journal.path.parent
-    save_poses(folder / POSES_NAME, poses)
+    path = session.journal.path.parent / PARAMETERS_NAME
+    save_poses(path.with_name(POSES_NAME), poses)
     data = format_parameters(document)
-    write_atomically(folder / PARAMETERS_NAME, data)
+    write_atomically(path, data)
     record: dict[str, Any] = {
         "file": PARAMETERS_NAME,
         "sha256": _sha256(data),
@@ -69,12 +68,7 @@ def export(
         record["uploaded"] = asdict(receipt)
     done = f"the parameters were uploaded to slot {receipt.slot} and read back" if receipt else ""
     _record_export(session, record, report=done)
-    return Exported(
-        folder=folder,
-        parameters=folder / PARAMETERS_NAME,
-        sha256=record["sha256"],
-        receipt=receipt,
-    )
+    return Exported(parameters=path, sha256=record["sha256"], receipt=receipt)
 
 
 def recorded_export(session: Session, active_document: bytes) -> Exported | None:
@@ -82,8 +76,7 @@ def recorded_export(session: Session, active_document: bytes) -> Exported | None
 
     Its `receipt` is None unless `active_document`, of the connected controller, is the one that was uploaded.
     """
-    exported, folder = session.state.exported, session.journal.path.parent
-    path = folder / PARAMETERS_NAME
+    exported, path = session.state.exported, session.journal.path.with_name(PARAMETERS_NAME)
     if not exported or not path.exists() or _sha256(path.read_bytes()) != exported.get("sha256"):
         return None
     receipt, uploaded = None, exported["uploaded"]
@@ -94,12 +87,7 @@ def recorded_export(session: Session, active_document: bytes) -> Exported | None
             length=uploaded["length"],
             home_offset_counts=tuple(uploaded.get("home_offset_counts", ())),
         )
-    return Exported(
-        folder=folder,
-        parameters=path,
-        sha256=exported["sha256"],
-        receipt=receipt,
-    )
+    return Exported(parameters=path, sha256=exported["sha256"], receipt=receipt)
 
 
 def _sha256(data: bytes) -> str:

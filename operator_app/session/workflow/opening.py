@@ -70,7 +70,7 @@ class Choices:
 
     def over(self, earlier: Choices) -> Choices:
         """Return these choices; a choice that is None is taken from `earlier`."""
-        own = {f.name: getattr(self, f.name) for f in fields(self)}
+        own = asdict(self)
         return replace(earlier, **{name: value for name, value in own.items() if value is not None})
 
 
@@ -219,12 +219,22 @@ def resume(reference: str, choices: Choices, *, root: Path) -> Opening:
     procedure = parse_procedure(recorded["procedure"], snapshot=recorded)
     # Check the journal again, now that the number of joints is known.
     session_state(contents, joint_count=procedure.arm.joint_count)
-    _require_profile(procedure, choices)
-    earlier: dict[str, Any] = {
-        k: tuple(v) if isinstance(v, list) else v for k, v in state.settings.items()
+    if choices.profile is not None:
+        # The profile defines how counts are converted to angles.
+        file = resolve("profile", choices.profile)
+        profile = parse_profile(file.data, file.file, joints=procedure.arm.joint_count)
+        if profile != procedure.profile:
+            raise SessionError(
+                f"this session was started with the bus profile {procedure.profile.name}, and {file.file} differs "
+                "from it",
+                "leave --profile out, or start a new session",
+            )
+    recorded_choices: dict[str, Any] = {
+        f.name: tuple(value) if isinstance(value, list) else value
+        for f in fields(Choices)
+        if (value := state.settings.get(f.name)) is not None
     }
-    known = {f.name for f in fields(Choices)}
-    before = Choices(**{k: v for k, v in earlier.items() if k in known})
+    before = Choices(**recorded_choices)
     if state.captured:
         for name in ("scenario", "seed"):
             now, then = getattr(choices, name), getattr(before, name)
@@ -246,20 +256,6 @@ def resume(reference: str, choices: Choices, *, root: Path) -> Opening:
         next_due=next_due(state, procedure),
         unconfirmed_placement=state.unconfirmed_placement,
     )
-
-
-def _require_profile(procedure: Procedure, choices: Choices) -> None:
-    """Refuse a bus profile other than the session's, since the profile defines how counts are converted to angles."""
-    if choices.profile is None:
-        return
-    file = resolve("profile", choices.profile)
-    profile = parse_profile(file.data, file.file, joints=procedure.arm.joint_count)
-    if profile != procedure.profile:
-        raise SessionError(
-            f"this session was started with the bus profile {procedure.profile.name}, and {file.file} differs "
-            "from it",
-            "leave --profile out, or start a new session",
-        )
 
 
 def _with_choices(procedure: Procedure, choices: Choices) -> Procedure:

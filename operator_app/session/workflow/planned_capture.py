@@ -7,8 +7,8 @@ new campaign starts with the used poses.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -31,31 +31,10 @@ from operator_app.session.workflow.session import Session
 from operator_app.units import WHOLE_DEGREES, joints_named, plural
 from solver.design.actions import Capture, ChangeDrives, Finished, GoTo, Phase, path_watch
 from solver.design.campaign import Campaign
+from solver.design.stop_rule import WeakParameter
 
 SAME_BRANCH_RAD = float(np.deg2rad(6.0))
 """A larger distance of a joint from its last position, once the drives are back, means another branch of the loop."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ImpreciseParameter:
-    """A parameter less precise than requested; `sigma` (None if undetermined) and `requested` sigma are in rad or m."""
-
-    name: str
-    sigma: float | None
-    requested: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CampaignEnd:
-    """End of a planned capture.
-
-    `complete`: whether all planned poses are captured or the requested precision is reached. `text` is the reason for
-    the end; `weak` are the parameters less precise than requested, the worst first.
-    """
-
-    complete: bool
-    text: str
-    weak: tuple[ImpreciseParameter, ...]
 
 
 class PlannedCapture:
@@ -81,7 +60,7 @@ class PlannedCapture:
         self._chosen = drives
         self.campaign: Campaign | None = None
         self._moved = False
-        self._ended: CampaignEnd | None = None
+        self._ended: Finished | None = None
 
     def ready(self) -> tuple[int, ...]:
         """Replay the journal, compare the arm's position with the recorded one, and return the drive joints."""
@@ -119,7 +98,7 @@ class PlannedCapture:
         """After `ready`: whether the campaign is complete, or can continue from the arm's position."""
         return self._ended is not None or (self.campaign is not None and not self._moved)
 
-    def run(self, after_pose: Callable[[], None] = lambda: None) -> CampaignEnd:
+    def run(self, after_pose: Callable[[], None] = lambda: None) -> Finished:
         """Carry out the campaign, with the joints from `ready` in position mode, and return its end.
 
         Calls `after_pose` after each pose, before the campaign may change its plan, while a path back is still known.
@@ -184,7 +163,7 @@ class PlannedCapture:
                 session.reader.settle()
                 continue
             q_rad = session.arm.snapshot().positions_rad
-            stops.append({j: float(q_rad[j - 1]) for j in session.position_joints})
+            stops.append({j: float(q_rad[j - 1]) for j in session.state.position_joints})
             outcome = session.go_to(move.targets_rad, _path_watch(campaign, move))
             if not outcome.reached:
                 return outcome.reason, stops
@@ -245,7 +224,8 @@ class PlannedCapture:
             f"{joints_named(campaign.drives)} {'drives' if len(campaign.drives) == 1 else 'drive'}."
         )
 
-    def _end(self, action: Finished) -> CampaignEnd:
+    def _end(self, action: Finished) -> Finished:
+        """Record the end of the campaign and return it."""
         data = {
             "complete": action.complete,
             "text": action.text,
@@ -259,7 +239,7 @@ class PlannedCapture:
             ],
         }
         self._session.record("campaign_ended", data)
-        return _end_from_journal(data)
+        return action
 
     # -- beginning and replaying -----------------------------------------------------------------
 
@@ -298,6 +278,15 @@ def _path_watch(campaign: Campaign, move: GoTo) -> Watch:
     return lambda snapshot: on_path(snapshot.positions_rad)
 
 
-def _end_from_journal(data: Mapping[str, Any]) -> CampaignEnd:
-    weak = tuple(ImpreciseParameter(**w) for w in data["weak"])
-    return CampaignEnd(complete=data["complete"], text=data["text"], weak=weak)
+def _end_from_journal(data: Mapping[str, Any]) -> Finished:
+    """Return the recorded end of a campaign; the journal does not contain the forecast of weak parameters."""
+    weak = tuple(
+        WeakParameter(
+            name=w["name"],
+            sigma=math.inf if w["sigma"] is None else w["sigma"],
+            requested=w["requested"],
+            forecast=math.nan,
+        )
+        for w in data["weak"]
+    )
+    return Finished(complete=data["complete"], text=data["text"], weak=weak)

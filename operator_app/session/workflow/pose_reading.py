@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from hardware.arm import ArmInterface, Reading
+from hardware.arm import NO_LATENCY, ArmInterface, Reading
 from hardware.errors import HardwareError, InstrumentError
 from hardware.line_port import GrowingFile, LinePort, StdinLines, TcpLines
 from operator_app.config.measured_endpoints import (
@@ -28,7 +28,6 @@ from operator_app.config.measured_endpoints import (
 from operator_app.config.quantities import degrees_for_file
 from operator_app.config.resources import expanded
 from operator_app.errors import Cancelled, GuardError, SessionError
-from operator_app.session.safety.latency import LatenessRecorder
 from operator_app.session.safety.sensor_faults import SensorFaults
 from operator_app.session.store.logbook import Logbook
 from operator_app.units import SCATTER
@@ -144,12 +143,12 @@ def port_of(source: str) -> LinePort:
 
 
 class PoseReader:
-    """Measures the poses of one session."""
+    """Measures the poses of one session; `recorded_latency`: host latency of this connection recorded so far."""
 
     def __init__(self, logbook: Logbook, arm: ArmInterface, instrument: Instrument | None) -> None:
         self._logbook, self._arm, self._instrument = logbook, arm, instrument
         self.sensor_faults = SensorFaults(logbook, arm)
-        self.lateness = LatenessRecorder(logbook, arm)
+        self.recorded_latency = NO_LATENCY
         self._rule = logbook.procedure.capture.settle
 
     def open_instrument(self) -> None:
@@ -213,7 +212,7 @@ class PoseReader:
                 "else start a new session",
             )
         reading = self.read()
-        self.lateness.record()
+        self.record_latency()
         self.sensor_faults.require_no_stuck_sensor(reading)
         what = f"{data.get('kind', '')} {data['number']}".strip()
         endpoint = self.endpoint(what, reading, cancelled)
@@ -231,6 +230,15 @@ class PoseReader:
                 "first_sync": reading.first_sync,
             },
         )
+
+    def record_latency(self) -> None:
+        """Record new delays of this computer, if any."""
+        late = self._arm.snapshot().lateness
+        new = late.times - self.recorded_latency.times
+        if new > 0:
+            delays = {"last_s": late.last_s, "longest_s": late.longest_s}
+            self._logbook.record("late", {"times": new, **delays})
+        self.recorded_latency = late
 
     def endpoint(
         self, what: str, reading: Reading, cancelled: Callable[[], bool]

@@ -94,7 +94,7 @@ class Session(Logbook):
             self.reader.open_instrument()
         identity = self.arm.connect()
         self._readings_checked = False
-        self.reader.lateness.recorded = NO_LATENCY
+        self.reader.recorded_latency = NO_LATENCY
         try:
             check_identity(self.state, identity)
         except GuardError:
@@ -181,30 +181,20 @@ class Session(Logbook):
     def take_control(self) -> None:
         """Enable the drives in position mode, and record the start position and the home.
 
-        The first call after connecting checks the readings before it enables the drives.
+        The first call after connecting refuses implausible readings before it enables the drives.
         """
         self.require_journal()
-        self._check_readings()
+        if not self._readings_checked:
+            reading = self.arm.capture(self.procedure.capture.samples_per_pose)
+            what = f"standing {self.state.captured}"
+            self.unresolved_joints = require_plausible_readings(
+                self, reading, lambda: self.reader.endpoint(what, reading, self.cancelled)
+            )
+            self._readings_checked = True
         self.arm.take_control()
         start = self.arm.capture(self.procedure.capture.samples_per_pose).mean_rad
         home = self.model.home_rad.tolist()
         self.record("control", {"start_rad": start.tolist(), "home_rad": home})
-
-    def _check_readings(self) -> None:
-        """Check the readings at the first call after each connection, and refuse implausible ones."""
-        if self._readings_checked:
-            return
-        reading = self.arm.capture(self.procedure.capture.samples_per_pose)
-        what = f"standing {self.state.captured}"
-        self.unresolved_joints = require_plausible_readings(
-            self, reading, lambda: self.reader.endpoint(what, reading, self.cancelled)
-        )
-        self._readings_checked = True
-
-    @property
-    def position_joints(self) -> tuple[int, ...]:
-        """Joints in position mode as last confirmed."""
-        return self.state.position_joints
 
     # -- 4 Capture -------------------------------------------------------------------------------
 
@@ -220,8 +210,8 @@ class Session(Logbook):
         Raises GuardError if the number of joints in position mode differs from the degrees of freedom of the chain,
         and Cancelled if the operator ended the move.
         """
-        self.check_modes(self.position_joints)
-        self._raise_if_cancelled()
+        self.check_modes(self.state.position_joints)
+        self.raise_if_cancelled()
         self.require_journal()
         speed = self.procedure.capture.speed_rad_per_s
         if speed_rad_per_s is not None:
@@ -237,7 +227,7 @@ class Session(Logbook):
 
         with self.reader.sensor_faults.recorded():
             outcome = self.arm.move(targets_rad, speed_rad_per_s=speed, watch=watch)
-        self._raise_if_cancelled()
+        self.raise_if_cancelled()
         return outcome
 
     def capture(
@@ -272,7 +262,7 @@ class Session(Logbook):
         self.arm.reset_stop()
 
     def _keep(self, name: str, data: Mapping[str, Any]) -> None:
-        self.check_modes(self.position_joints)
+        self.check_modes(self.state.position_joints)
         self.reader.keep(name, data, self.cancelled)
 
     # -- end -------------------------------------------------------------------------------------
@@ -287,7 +277,7 @@ class Session(Logbook):
                 with suppress(HardwareError):
                     self.reader.sensor_faults.record_stop_cause()
                 with suppress(HardwareError):
-                    self.reader.lateness.record()
+                    self.reader.record_latency()
         finally:
             self.held = self.arm.close()
             self._powered = self.arm.left_powered if isinstance(self.arm, PowerReporting) else ()
@@ -339,6 +329,7 @@ class Session(Logbook):
                 self.arm.hold()
             raise
 
-    def _raise_if_cancelled(self) -> None:
+    def raise_if_cancelled(self) -> None:
+        """Raise Cancelled if the operator has cancelled."""
         if self.cancelled():
             raise Cancelled

@@ -9,7 +9,6 @@ from operator_app.report.spans import Line, entry, line, wrapped
 from operator_app.report.subject import facts_on, subject_on
 from operator_app.session.ui.guards import may_calibrate
 from operator_app.session.ui.snapshot import SessionSnapshot, TaskKind
-from operator_app.session.ui.steps import Step
 from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
 from operator_app.tui.widgets.pictures import plot
@@ -60,7 +59,7 @@ def _progress(s: SessionSnapshot, width: int) -> list[Line]:
             line(("            ", "dim"), "   ".join(figures)),
         ]
     if missing := may_calibrate(s):
-        return wrapped(" ▲ " + missing[0], width, "warn", "   ")
+        return wrapped(" ▲ " + missing, width, "warn", "   ")
     return [entry("Ready", "Enter or s starts")]
 
 
@@ -88,5 +87,4 @@ class CalibratePlot(Lines):
 class CalibrateView(StepView):
     """View of step 5: settings and a plot."""
 
-    STEP = Step.CALIBRATE
     PANELS = ({"settings": SettingsPanel, "calibrate-plot": CalibratePlot},)

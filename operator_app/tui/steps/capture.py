@@ -10,7 +10,6 @@ import numpy as np
 
 from operator_app.report.spans import Line, clip, line, short_entry
 from operator_app.session.ui.snapshot import SessionSnapshot, TaskKind
-from operator_app.session.ui.steps import Step
 from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
 from operator_app.tui.widgets.list_panel import JointTable, ListPanel
@@ -221,7 +220,6 @@ def _coverage(number: int, joint: Joint, span: tuple[float, float] | None, width
 class CaptureView(StepView):
     """View of step 4: joints, target, poses, drawing, quality."""
 
-    STEP = Step.CAPTURE
     PANELS = (
         {
             "capture-joints": JointTable,
@@ -240,5 +238,5 @@ class CaptureView(StepView):
 
     def marked_pose(self, s: SessionSnapshot) -> int | None:
         """Number of the marked pose; None if there is no pose."""
-        poses, cursor = s.state.poses, self.query_one("#poses", PosesPanel).cursor
-        return poses[-1 - min(cursor, len(poses) - 1)].number if poses else None
+        poses = s.state.poses
+        return poses[-1 - min(self.main.cursor, len(poses) - 1)].number if poses else None

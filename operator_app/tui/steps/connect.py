@@ -8,7 +8,6 @@ from hardware.arm import NodeIdentity
 from operator_app.messages.errors import drive_words
 from operator_app.report.spans import Line, line, short_entry, wrapped
 from operator_app.session.ui.snapshot import SessionSnapshot
-from operator_app.session.ui.steps import Step
 from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
 from operator_app.tui.widgets.status import HEARTBEAT_LATE_S
@@ -107,5 +106,4 @@ class CheckPanel(Lines):
 class ConnectView(StepView):
     """View of step 1: bus, nodes, check."""
 
-    STEP = Step.CONNECT
     PANELS = ({"bus": BusPanel, "nodes": NodesPanel, "connect-check": CheckPanel},)

@@ -10,7 +10,6 @@ from operator_app.report.results.verification import verified_words
 from operator_app.report.spans import Line, clip, entry, line, wrapped
 from operator_app.report.table import Cell, FactTable, figures, shown, words
 from operator_app.session.ui.snapshot import SessionSnapshot
-from operator_app.session.ui.steps import Step
 from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
 from operator_app.tui.widgets.list_panel import TablePanel
@@ -99,7 +98,6 @@ class RecordPanel(Lines):
 class ExportView(StepView):
     """View of step 7: file, difference, record."""
 
-    STEP = Step.EXPORT
     PANELS = ({"file": FilePanel, "diff": DiffPanel, "record": RecordPanel},)
     MAIN = "diff"
 

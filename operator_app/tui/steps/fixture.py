@@ -10,7 +10,6 @@ from operator_app.messages.errors import REACHES_NOTHING
 from operator_app.planning.live import Forecast
 from operator_app.report.spans import Line, entry, line, wrapped
 from operator_app.session.ui.snapshot import SessionSnapshot
-from operator_app.session.ui.steps import Step
 from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
 from operator_app.tui.widgets.list_panel import ListPanel
@@ -141,15 +140,9 @@ class ChecklistPanel(ListPanel):
 class FixtureView(StepView):
     """View of step 2: placement, checks, check list, drawing."""
 
-    STEP = Step.FIXTURE
     PANELS = (
         {"placement": PlacementPanel, "checks": ChecksPanel, "checklist": ChecklistPanel},
         {"fixture-arm": ArmView},
     )
     MAIN = "checklist"
     VIEWS = (("placement", "checklist"), ("checks",), ("fixture-arm",))
-
-    @property
-    def cursor(self) -> int:
-        """Index (from 0) of the marked item."""
-        return self.query_one("#checklist", ChecklistPanel).cursor

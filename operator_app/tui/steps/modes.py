@@ -8,7 +8,6 @@ from functools import partial
 from operator_app.report.spans import Line, line, short_entry, wrapped
 from operator_app.session.ui.guards import modes_problem
 from operator_app.session.ui.snapshot import SessionSnapshot
-from operator_app.session.ui.steps import Step
 from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
 from operator_app.tui.widgets.list_panel import JointTable
@@ -27,7 +26,7 @@ class PlanPanel(Lines):
     )
 
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        marked = s.wanted_joints
+        marked = s.selected_joints
         names = " ".join(f"J{k}" for k in marked) or "none"
         free = others_free(len(marked), s.procedure.arm.joint_count)
         rows = [short_entry("Marked", (names, "bold"), f" in position mode{free}")]
@@ -35,7 +34,7 @@ class PlanPanel(Lines):
             rows.append(line(("           as in the procedure; p marks the best ranked", "dim")))
         problem = modes_problem(s, marked)
         if problem:
-            rows += wrapped(" ▲ " + problem[0], width, "warn", "   ")
+            rows += wrapped(" ▲ " + problem, width, "warn", "   ")
         elif s.drives_ready and s.position_joints == marked:
             rows.append(line(" ✓ applied, and read back from every drive"))
         else:
@@ -72,15 +71,9 @@ def _whole(pairs: Sequence[Sequence[Line]], room: int) -> list[Line]:
 class ModesView(StepView):
     """View of step 3: table, plan, drawing."""
 
-    STEP = Step.MODES
     PANELS = (
-        {"modes-joints": partial(JointTable, show_wanted=True), "modes-plan": PlanPanel},
+        {"modes-joints": partial(JointTable, show_selected=True), "modes-plan": PlanPanel},
         {"modes-arm": ArmView},
     )
     MAIN = "modes-joints"
     VIEWS = (("modes-joints", "modes-plan"), ("modes-arm",))
-
-    @property
-    def cursor(self) -> int:
-        """Index (from 0) of the marked joint."""
-        return self.query_one("#modes-joints", JointTable).cursor

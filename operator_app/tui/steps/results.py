@@ -8,6 +8,7 @@ from textual.app import ComposeResult
 
 from operator_app.calibration.acceptance import Verdict
 from operator_app.calibration.result import Solution
+from operator_app.report.facts import Facts
 from operator_app.report.plots.calibration_plots import misses, rvdt_deviations
 from operator_app.report.quality_tables import truth_in_words
 from operator_app.report.session_tables import joint_table
@@ -16,7 +17,6 @@ from operator_app.report.subject import Subject, facts_on, no_facts, subject_on
 from operator_app.report.table import FactTable
 from operator_app.report.text import headline_spans, table_spans
 from operator_app.session.ui.snapshot import SessionSnapshot
-from operator_app.session.ui.steps import Step
 from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
 from operator_app.tui.widgets.list_panel import TablePanel
@@ -136,39 +136,34 @@ class ResultsPlot(Lines):
             self.count = self.words_from + 2 + tables
 
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        if self.framed:
-            return self._page(s, width, height)
-        rows = self._page(s, width, height - 1)
-        return [line((f" {self._title}", "header")), *rows] if rows else rows
-
-    def _entitle(self, title: str) -> None:
-        self._title = title
-        self.set_title(f"{title} (v: next)")
-
-    def _page(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        ascii_only = self.look.ascii_only
         subject, facts = subject_on(s), facts_on(s)
         if s.solution is None or subject is None or facts is None:
             return []
-        verdicts = s.solution.rvdt
-        tables = [table for ident in TABLES if (table := facts.table(ident)) is not None]
-        tables = [joint_table(subject, subject.implicit), *tables]
-        page = self.page % self.count
+        room = height if self.framed else height - 1
+        title, rows = self._page(s.solution, subject, facts, width, room)
+        self.set_title(f"{title} (v: next)")
+        return rows if self.framed or not rows else [line((f" {title}", "header")), *rows]
+
+    def _page(
+        self, solution: Solution, subject: Subject, facts: Facts, width: int, height: int
+    ) -> tuple[str, Sequence[Line]]:
+        """Return title and lines of the current page."""
+        ascii_only, page = self.look.ascii_only, self.page % self.count
         if page == 0:
-            self._entitle("Residuals")
-            picture = misses(subject, s.solution.identified)
-            return plot(picture, width, height, ascii_only=ascii_only)
+            picture = misses(subject, solution.identified)
+            return "Residuals", plot(picture, width, height, ascii_only=ascii_only)
         if page < self.words_from:
-            verdict = verdicts[page - 1]
-            self._entitle(f"RVDT of J{verdict.joint}")
-            return _of_rvdt(subject, verdict, width, height, ascii_only=ascii_only)
+            verdict = solution.rvdt[page - 1]
+            rows = _of_rvdt(subject, verdict, width, height, ascii_only=ascii_only)
+            return f"RVDT of J{verdict.joint}", rows
         if page == self.words_from:
-            self._entitle("Warnings in full")
-            return _in_full(s.solution, width)
-        table = tables[page - self.words_from - 1]
-        self._entitle(table.title)
-        head, rows = table_spans(table)
-        return [*head, *rows, (), *wrapped(f" {table.note}", width, "dim", " ")]
+            texts = [wrapped(f" ▲ {n.text}", width, "warn", "   ") for n in solution.warnings]
+            full = [row for lines in texts for row in (*lines, ())]
+            return "Warnings in full", full or [line((" none", "dim"))]
+        shown = [table for ident in TABLES if (table := facts.table(ident)) is not None]
+        table = [joint_table(subject, subject.implicit), *shown][page - self.words_from - 1]
+        head, body = table_spans(table)
+        return table.title, [*head, *body, (), *wrapped(f" {table.note}", width, "dim", " ")]
 
 
 def _of_rvdt(
@@ -185,17 +180,9 @@ def _of_rvdt(
     return [*rows, *verdict_rows[: height - len(rows)]]
 
 
-def _in_full(solution: Solution, width: int) -> list[Line]:
-    rows: list[Line] = []
-    for notice in solution.warnings:
-        rows += [*wrapped(f" ▲ {notice.text}", width, "warn", "   "), ()]
-    return rows or [line((" none", "dim"))]
-
-
 class ResultsView(StepView):
     """View of step 6: verdict on top, parameters and plots below."""
 
-    STEP = Step.RESULTS
     PANELS = ({"parameters": ParametersPanel}, {"results-plot": ResultsPlot})
     MAIN = "parameters"
     VIEWS = (("verdict", "parameters"), ("results-plot",))

@@ -21,13 +21,12 @@ class StepView(Container):
     small terminal shows together; `v` shows the next group. `MAIN`: name of the panel whose rows the arrow keys mark.
     """
 
-    STEP: ClassVar[Step]
     PANELS: ClassVar[tuple[Mapping[str, Callable[..., Lines]], ...]]
     VIEWS: ClassVar[tuple[tuple[str, ...], ...]] = ()
     MAIN: ClassVar[str] = ""
 
-    def __init__(self) -> None:
-        super().__init__(id=f"step-{int(self.STEP)}", classes="step")
+    def __init__(self, step: Step) -> None:
+        super().__init__(id=f"step-{int(step)}", classes="step")
         self.view = 0
         self.compact = False
 
@@ -63,10 +62,15 @@ class StepView(Container):
         """Number (from 1) of the view that a small terminal shows, and number of views."""
         return self.view + 1, max(1, len(self.VIEWS))
 
+    @property
+    def main(self) -> ListPanel:
+        """The main list."""
+        return self.query_one(f"#{self.MAIN}", ListPanel)
+
     def move(self, by: int) -> None:
         """Move the mark in the main list by `by` rows, or scroll the list."""
         if self.MAIN:
-            self.query_one(f"#{self.MAIN}", ListPanel).move(by)
+            self.main.move(by)
 
     def _apply_view(self) -> None:
         shown = {name for group in self.VIEWS for name in group}

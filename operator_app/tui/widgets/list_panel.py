@@ -16,12 +16,7 @@ from solver.chain.sensors import Encoder, NoSensor, Rvdt, Sensor
 
 
 class ListPanel(Lines):
-    """A list with a header; subclasses override `head`, `count` and `row`.
-
-    If `MARKS` is true, `cursor` is the marked row, which stays visible; otherwise `cursor` is the first visible row.
-    """
-
-    MARKS = True
+    """A list with a header; subclasses override `head`, `count` and `row`. `cursor`: marked row, always visible."""
 
     def __init__(self, *, id: str | None = None) -> None:  # noqa: A002 - Textual's name
         super().__init__(id=id)
@@ -41,28 +36,21 @@ class ListPanel(Lines):
         return ()
 
     def move(self, by: int) -> None:
-        """Move the marked row by `by` rows, or scroll by as many if the list has no mark."""
+        """Move the cursor by `by` rows."""
         self.cursor = max(0, min(self._last, self.cursor + by))
 
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         head, count = self.head(s, width), self.count(s)
         room = max(1, height - len(head))
-        if self.MARKS:
-            self._last = max(0, count - 1)
-            self.cursor = min(self.cursor, self._last)
-            first = max(0, min(self.cursor - room // 2, count - room))
-            visible = range(first, min(count, first + room))
-            return [*head, *(line for k in visible for line in self.row(s, k, width))]
-        rows = [line for k in range(count) for line in self.row(s, k, width)]
-        rows, shown, self.cursor = window(rows, self.cursor, room)
-        self._last = count - shown
-        return [*head, *rows]
+        self._last = max(0, count - 1)
+        self.cursor = min(self.cursor, self._last)
+        first = max(0, min(self.cursor - room // 2, count - room))
+        visible = range(first, min(count, first + room))
+        return [*head, *(line for k in visible for line in self.row(s, k, width))]
 
 
 class TablePanel(ListPanel):
-    """A panel with a table, which subclasses choose by overriding `table`."""
-
-    MARKS = False
+    """A table, which subclasses choose by overriding `table`; no row is marked, `cursor` is the first visible row."""
 
     def table(self, s: SessionSnapshot) -> FactTable | None:
         """Return the table to show; None if there is no table."""
@@ -70,20 +58,10 @@ class TablePanel(ListPanel):
 
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         table = self.table(s)
-        self._head, self._rows = ([], []) if table is None else table_spans(table)
-        return super()._build(s, width, height)
-
-    def count(self, s: SessionSnapshot) -> int:
-        """Number of rows."""
-        return len(self._rows)
-
-    def head(self, s: SessionSnapshot, width: int) -> Sequence[Line]:
-        """Column titles."""
-        return self._head
-
-    def row(self, s: SessionSnapshot, k: int, width: int) -> Sequence[Line]:
-        """Return one row of the table."""
-        return [self._rows[k]]
+        head, body = ([], []) if table is None else table_spans(table)
+        rows, shown, self.cursor = window(body, self.cursor, max(1, height - len(head)))
+        self._last = len(body) - shown
+        return [*head, *rows]
 
 
 NEAR_END = 0.04
@@ -98,7 +76,7 @@ _DRIVES = {
 
 
 class JointTable(ListPanel):
-    """List with one row for each joint; with `show_wanted`, also with a mark, the sensor and the requested mode."""
+    """List with one row for each joint; with `show_selected`, also with a mark, the sensor and the requested mode."""
 
     TITLE = "Joints"
     HELP = (
@@ -107,9 +85,9 @@ class JointTable(ListPanel):
         "Numbers older than 100 ms are marked with ? and what is derived from them is left out."
     )
 
-    def __init__(self, *, id: str | None = None, show_wanted: bool = False) -> None:  # noqa: A002
+    def __init__(self, *, id: str | None = None, show_selected: bool = False) -> None:  # noqa: A002
         super().__init__(id=id)
-        self.show_wanted = show_wanted
+        self.show_selected = show_selected
 
     def count(self, s: SessionSnapshot) -> int:
         """Number of joints."""
@@ -117,25 +95,20 @@ class JointTable(ListPanel):
 
     def _cells(self, width: int) -> int:
         """Number of cells of the range bar."""
-        return max(7, min(13, width - (58 if self.show_wanted else 68)))
+        return max(7, min(13, width - (58 if self.show_selected else 68)))
 
     def head(self, s: SessionSnapshot, width: int) -> Sequence[Line]:
         """Column titles."""
         bar = "-range+".center(self._cells(width))
         titles = f"  JOINT         MODE     POS[deg] V[deg/s] T[N m] {bar} STATE"
-        if self.show_wanted:
+        if self.show_selected:
             titles = f"  JOINT         SENS WANTED   ACTUAL    POS[deg] T[N m] {bar}"
         return [line((titles, "header"))]
 
     def row(self, s: SessionSnapshot, k: int, width: int) -> Sequence[Line]:
         """Return the row of one joint."""
-        state = s.arm.joints[k] if s.arm is not None else None
-        return [self._row(s, k, s.procedure.arm.joints[k], state, width)]
-
-    def _row(
-        self, s: SessionSnapshot, k: int, joint: Joint, state: JointState | None, width: int
-    ) -> Line:
-        marked = self.show_wanted and k == self.cursor
+        joint, state = s.procedure.arm.joints[k], s.arm.joints[k] if s.arm is not None else None
+        marked = self.show_selected and k == self.cursor
         spans: list[Span] = []
 
         def add(text: str, role: str = "text") -> None:
@@ -144,20 +117,20 @@ class JointTable(ListPanel):
         name = f"J{k + 1} {joint.name}"[:13].ljust(13)
         add("▌ " if marked else "  ")
         add(name + " ")
-        if self.show_wanted:
-            drives = k + 1 in s.wanted_joints
+        if self.show_selected:
+            drives = k + 1 in s.selected_joints
             requested = JointMode.POSITION if drives else JointMode.FREE
             add(_sensor(joint.sensor).ljust(5), "dim")
             add(_mode(requested).ljust(9), "accent" if drives else "text")
         if state is None:
             add("no data".ljust(9), "dim")
-            return tuple(spans)
+            return [tuple(spans)]
         stale = state.age_s > STALE_S
         role = "warn" if stale else "text"
         in_position = state.mode is JointMode.POSITION and s.drives_ready
         add(_mode(state.mode).ljust(9), "accent" if in_position else "text")
         add(f"{'?' if stale else ' '}{POSITION(state.position_rad).shown:>8}", role)
-        if not self.show_wanted:
+        if not self.show_selected:
             speed = "?"
             if s.motion is not None and not stale:
                 speed = JOINT_SPEED(float(s.motion.speed_rad_per_s[k])).shown
@@ -166,12 +139,12 @@ class JointTable(ListPanel):
         heavy = abs(state.torque_nm) > 0.6 * joint.max_torque_nm
         add(f" {torque:>6} ", "warn" if stale or heavy else "text")
         add(_bar(state.position_rad, joint, self._cells(width)))
-        if not self.show_wanted:
+        if not self.show_selected:
             word, figure, role = _state(s, state, joint, stale=stale)
             state_text = f"{word} {figure}" if figure else word
             fits = length(tuple(spans)) + 1 + len(state_text) <= width
             add(f" {state_text if fits else word}", role)
-        return tuple(spans)
+        return [tuple(spans)]
 
 
 def _bar(position_rad: float, joint: Joint, cells: int) -> str:

@@ -28,7 +28,7 @@ class SafetyStrip(Lines, can_focus=False):
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         short = width < 110
         stop: list[Span] = [(" STOP ", "badge"), (" SPC/F8" if short else " SPACE/F8", "key")]
-        parts = (_where, _bus, _heartbeat, _data, _modes, _drives)
+        parts = (_arm, _bus, _heartbeat, _data, _modes, _drives)
         cells = [stop, *(part(s, short=short) for part in parts)]
         row = _joined(cells, short=short)
         if length(row) > width:
@@ -85,7 +85,7 @@ def _stop_words(s: SessionSnapshot) -> str:
     return f"all {joints} drives stopped within {took}; R resets it"
 
 
-def _where(s: SessionSnapshot, *, short: bool) -> list[Span]:
+def _arm(s: SessionSnapshot, *, short: bool) -> list[Span]:
     kind = ("SIM" if short else "SIMULATED") if s.simulated else "REAL"
     serial = s.identity.serial_number if s.identity is not None else ""
     return [(kind, "bold"), *([(f" {serial}", "text")] if serial else [])]

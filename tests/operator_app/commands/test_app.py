@@ -46,8 +46,8 @@ def test_written_files_are_named(source):
     runner = source.runner
     assert runner is not None
     runner.operations.automatic()
-    runner.operations.results.calibrate("implicit", ())
-    runner.operations.results.write()
+    runner.operations.calibrate("implicit", ())
+    runner.operations.write()
     message = close_and_report(source)
     assert "parameters.yaml and poses.csv are in it" in message
     assert f"sarcal report {source.last}" in message

@@ -79,7 +79,7 @@ def test_the_apps_steps_recover_the_planted_values(tracked):
     operations = Operations(session, quiet)
     operations.connect()
     operations.check_fixture()
-    assert quiet.shown.wanted_joints == DRIVES
+    assert quiet.shown.selected_joints == DRIVES
     assert quiet.shown.forecast is not None
     assert quiet.shown.forecast.reachable.all()
     operations.set_modes(DRIVES)
@@ -90,7 +90,7 @@ def test_the_apps_steps_recover_the_planted_values(tracked):
     # Of the last pose, by the poses before it.
     assert 0.0 < live.predicted_m[8] < 0.02
     assert live.scaled_condition_number < 100.0
-    operations.results.calibrate("implicit", ())
+    operations.calibrate("implicit", ())
     found = quiet.shown.solution
     assert found is not None
     assert found.accepted, found.reasons
@@ -99,8 +99,8 @@ def test_the_apps_steps_recover_the_planted_values(tracked):
         if p.name.startswith("theta_off"):
             planted = paper_loop().table.theta_off_rad[int(p.name[-1])]
             assert abs(found.estimate.x[k] - planted) < 4.0 * sigma[k], p.name
-    operations.results.write()
-    operations.results.verify(2)
+    operations.write()
+    operations.verify(2)
     assert quiet.shown.verification is not None
 
 

@@ -26,7 +26,7 @@ WHISTLE = Action(
     help="Blow the whistle beside the arm.",
     steps=frozenset({Step.CONNECT}),
     footer=frozenset({Step.CONNECT}),
-    guard=lambda s: ("an arm is connected",) if s.connected else (),
+    guard=lambda s: "an arm is connected" if s.connected else "",
     work=lambda chosen: chosen.runner.say(Level.INFO, "whistled"),
 )
 
@@ -112,7 +112,7 @@ def test_guards_block_actions_while_a_task_runs():
                 missing = action.guard(task_running)
                 assert missing, action.name
                 if not action.guard(story()[name]):
-                    assert missing == ("wait: writing",), action.name
+                    assert missing == "wait: writing", action.name
                     blocked.add(action.name)
     assert {"connect", "capture", "go", "automatic", "undo", "calibrate"} <= blocked
     assert {"write", "upload", "report", "verify"} <= blocked

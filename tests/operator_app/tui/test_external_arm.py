@@ -92,6 +92,5 @@ def test_arm_without_parameter_store_is_not_offered_an_upload():
     s = story()["written"]
     s = replace(s, identity=replace(s.identity, keeps_parameters=False))
     assert next_action(Step.EXPORT, s).action == "quit"
-    assert guards.may_upload(s) == (
-        "this arm stores no parameters: use the files in the session folder",
-    )
+    reason = "this arm stores no parameters: use the files in the session folder"
+    assert guards.may_upload(s) == reason

@@ -204,17 +204,17 @@ async def test_brackets_and_digits_change_the_step(still):
 
 async def test_toggled_modes_show_their_risk_before_applying(still):
     async with still(story()["ticked"], step=Step.MODES) as d:
-        before = d.s.wanted_joints
+        before = d.s.selected_joints
         await d.press("down", "f")
         await d.until(lambda: "until a drive trips" in d.words("#modes-plan"))
-        assert 2 in d.s.wanted_joints
+        assert 2 in d.s.selected_joints
         await d.press("a")
         await d.until(lambda: "until a drive trips" in d.hint)
         await d.press("f", "up", "f")
         await d.until(lambda: "would sag" in d.words("#modes-plan"))
         await d.press("p")
         best = story()["ticked"].ranked[0].drives
-        assert d.s.wanted_joints == best != before
+        assert d.s.selected_joints == best != before
         assert d.runner.asked == []
 
 

@@ -10,7 +10,7 @@ from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import GuardError
 from operator_app.session.safety import preflight
-from operator_app.session.safety.closure_gate import ClosureFit, loop_at_reading
+from operator_app.session.safety.closure_gate import ClosureFit, LoopAtReading
 from operator_app.session.safety.preflight import check_closure_without_poses
 from operator_app.session.workflow.opening import Choices
 from operator_app.virtual_arms import virtual_arm
@@ -55,7 +55,7 @@ class ClosesAsWell:
 
 def test_a_counter_at_zero_without_effect_is_not_called_reset(monkeypatch):
     """The difference was a negative chi2, of which there is no probability."""
-    monkeypatch.setattr(preflight, "loop_at_reading", lambda *_, **__: ClosesAsWell())
+    monkeypatch.setattr(preflight, "LoopAtReading", lambda *_, **__: ClosesAsWell())
     procedure = load_procedure("hinge")
     assert check_closure_without_poses(procedure, reading_of(procedure, np.zeros(7))) > 0.9
 
@@ -170,7 +170,7 @@ def _zeroed(
 
 def test_a_loop_at_its_nominal_values_has_no_cost():
     procedure = load_procedure("hinge")
-    found = loop_at_reading(procedure, procedure.arm.home_rad).fit()
+    found = LoopAtReading(procedure, procedure.arm.home_rad).fit()
     assert 0.0 <= found.chi2 < 1.0
     assert found.dof == 5
     np.testing.assert_allclose(found.q_rad, procedure.arm.home_rad, atol=np.deg2rad(3.0))

@@ -78,7 +78,7 @@ def test_an_open_arm_drives_all_joints():
     """Nothing is free that could give way: the words say so before and after the question."""
     s = story()["ticked"]
     every = tuple(range(1, s.procedure.arm.joint_count + 1))
-    opened = replace(s, procedure=load_procedure("open_loop"), wanted_joints=every, mobility=7)
+    opened = replace(s, procedure=load_procedure("open_loop"), selected_joints=every, mobility=7)
     assert next_action(Step.MODES, opened).hint == (
         "Enter applies the modes: J1, J2, J3, J4, J5, J6 and J7 drive (it asks first)"
     )

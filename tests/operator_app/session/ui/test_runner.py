@@ -207,10 +207,10 @@ def test_a_new_calibration_is_not_verified(runner):
     work.connect()
     work.set_modes((1, 5))
     work.automatic()
-    work.results.calibrate("implicit", ())
-    work.results.verify(2)
+    work.calibrate("implicit", ())
+    work.verify(2)
     assert runner.snapshot().verification is not None
-    work.results.calibrate("implicit", ())
+    work.calibrate("implicit", ())
     shown = runner.snapshot()
     assert shown.verification is None
     assert shown.written is None
@@ -299,5 +299,5 @@ def test_resuming_marks_the_drive_joints_of_the_session(make_session):
     session.close("done")
     resumed = make_session(short_procedure(3), resume=True)
     runner = Runner(resumed, simulated=True, bus="none")
-    assert runner.snapshot().wanted_joints == (1, 4)
+    assert runner.snapshot().selected_joints == (1, 4)
     runner.close("end of the test")

@@ -69,7 +69,7 @@ def test_run_recovers_the_arm_and_uploads_its_parameters(make_session):
     assert result.exported is not None
     document = load_parameters(result.exported.parameters)
     assert document.arm.serial == "SDA-0001"
-    poses = load_poses(result.exported.folder / "poses.csv", joint_count=7).poses
+    poses = load_poses(result.exported.parameters.parent / "poses.csv", joint_count=7).poses
     assert len(poses) == 20
     assert document.pose_set_sha256 == session.state.pose_set().sha256() == poses.sha256()
     assert session.arm.active_parameters() == result.exported.parameters.read_bytes()

@@ -18,8 +18,9 @@ from operator_app.errors import Cancelled, GuardError
 from operator_app.session.store.journal import Journal, JournalEvent
 from operator_app.session.workflow.campaign_replay import is_same_action
 from operator_app.session.workflow.drive_selection import choose, retrace
-from operator_app.session.workflow.planned_capture import CampaignEnd, PlannedCapture
+from operator_app.session.workflow.planned_capture import PlannedCapture
 from operator_app.session.workflow.session import Session
+from solver.design.actions import Finished
 from tests.oracles.hearing import RecordingListener
 from tests.oracles.journal_events import event_data, journal_events
 from tests.oracles.opened import opened
@@ -45,7 +46,7 @@ class PlannedRun(RecordingListener):
         self.session = session
         self.capture = PlannedCapture(session, drives, self, candidates=CANDIDATES)
 
-    def run(self) -> CampaignEnd:
+    def run(self) -> Finished:
         self.session.connect()
         self.session.set_modes(self.capture.ready())
         return self.capture.run()
@@ -106,7 +107,7 @@ def test_return_to_the_first_pose_uses_known_paths_and_changes_no_plan(make_sess
     session = make_session(planned_procedure(4))
     run = PlannedRun(session)
     run.run()
-    before, drives = session.arm.snapshot().positions_rad, session.position_joints
+    before, drives = session.arm.snapshot().positions_rad, session.state.position_joints
     moves = len(event_data(session, "campaign_move"))
 
     missed, path = run.capture.to_first()
@@ -116,7 +117,7 @@ def test_return_to_the_first_pose_uses_known_paths_and_changes_no_plan(make_sess
     assert np.abs(session.arm.snapshot().positions_rad - first).max() < math.radians(0.1)
 
     retrace(session, path)
-    assert session.position_joints == drives
+    assert session.state.position_joints == drives
     assert np.abs(session.arm.snapshot().positions_rad - before).max() < math.radians(0.1)
     # A resumed session replays only what the plan proposed.
     assert len(event_data(session, "campaign_move")) == moves

@@ -13,15 +13,17 @@ from hardware.errors import (
     SensorFault,
 )
 from operator_app.errors import ConnectAgainError, GuardError
-from operator_app.session.ui.message_log import (
+from operator_app.session.ui.snapshot import (
     MAX_MESSAGES,
+    Level,
+    SessionSnapshot,
+    TaskKind,
     add_message,
     needs_reconnect,
     resolving_tasks,
     without_acknowledged,
     without_resolved,
 )
-from operator_app.session.ui.snapshot import Level, SessionSnapshot, TaskKind
 from tests.oracles.story import story
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from datetime import datetime, timedelta
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from operator_app.calibration.history import (
     ArmHistory,
@@ -13,6 +12,7 @@ from operator_app.calibration.history import (
     PastVerification,
     history_of,
 )
+from operator_app.config.parameters import ParametersDocument
 from operator_app.config.parameters_file import load_parameters
 from operator_app.config.resources import expanded
 from operator_app.effective_procedure import effective_procedure
@@ -25,13 +25,10 @@ from operator_app.session.store.folders import (
 )
 from operator_app.session.store.journal import read_journal
 from operator_app.session.store.parameters_document import parameters_document
+from operator_app.session.store.state import SessionState
 from operator_app.session.store.stored_calibration import StoredCalibration, journal_calibration
 from operator_app.session.workflow.importing import UNKNOWN_SERIAL_NUMBER
 from operator_app.session.workflow.opening import Choices, resume
-
-if TYPE_CHECKING:
-    from operator_app.config.parameters import ParametersDocument
-    from operator_app.session.store.state import SessionState
 
 
 def parameters_at(reference: str, root: Path) -> ParametersDocument:

@@ -143,7 +143,7 @@ def _unnamed(diagnosis: Diagnosis) -> Iterable[Finding]:
     elif ratio > 1.0:
         kind = FindingKind.UNEXPLAINED_SCATTER
     yield Finding(
-        kind=kind,
+        kind,
         names=tuple(test.code for test in diagnosis.tests if test.fires),
         figures={"times": float(np.sqrt(ratio))},
         probability=max(0.0, probability),
@@ -186,7 +186,7 @@ def each_once(causes: Iterable[Finding]) -> tuple[Finding, ...]:
 def too_few_poses(estimate: Estimate) -> tuple[Finding, ...]:
     """Return the finding that the poses are too few for a diagnosis; empty if they suffice."""
     dof, kind = estimate.dof, FindingKind.TOO_FEW_POSES
-    few = Finding(kind=kind, size=dof, blocking=dof < limits.REFUSED_DOF)
+    few = Finding(kind, size=dof, blocking=dof < limits.REFUSED_DOF)
     return (few,) if dof < limits.FEW_DOF else ()
 
 
@@ -225,7 +225,7 @@ def little_motion(
     source = narrows(worst) if narrows is not None else ""
     names = (source,) if source else ()
     kind = FindingKind.SIGMAS_USELESS if wide else FindingKind.SIGMAS_WIDE
-    return (Finding(kind=kind, sizes=(*wide, *coarse), names=names, blocking=refuses),)
+    return (Finding(kind, sizes=(*wide, *coarse), names=names, blocking=refuses),)
 
 
 def paper_test(paper: Estimate, implicit: Estimate) -> tuple[HypothesisTest, tuple[Finding, ...]]:
@@ -242,7 +242,7 @@ def paper_test(paper: Estimate, implicit: Estimate) -> tuple[HypothesisTest, tup
     p = paper.parameters[worst]
     return test, (
         Finding(
-            kind=FindingKind.PAPER_OFF,
+            FindingKind.PAPER_OFF,
             names=(p.name,),
             size=abs(float(paper.x[worst]) - implicit.value(p.name)),
             unit=p.unit,
@@ -321,7 +321,7 @@ def _slipped_since(read: RepeatedReading, repeat: Repeat, estimate: Estimate) ->
     share = odds / (1.0 + odds)
     if share < 0.5:
         return Finding(
-            kind=FindingKind.REPEAT_FIXTURE_MOVED,
+            FindingKind.REPEAT_FIXTURE_MOVED,
             poses=(read.label,),
             figures={
                 "after": read.after,
@@ -333,7 +333,7 @@ def _slipped_since(read: RepeatedReading, repeat: Repeat, estimate: Estimate) ->
         )
     sd = estimate.sd_by_name.get(f"theta_off_{repeat.joint}", 0.0)
     return Finding(
-        kind=FindingKind.REPEAT_READING_STEP,
+        FindingKind.REPEAT_READING_STEP,
         joint=repeat.joint,
         poses=(read.label,),
         size=repeat.size_rad,

@@ -27,9 +27,8 @@ from operator_app.calibration.alternatives import (
     step_alternative,
     wrong_distances,
 )
-from operator_app.calibration.closed_loops import placement_checks
-from operator_app.calibration.experiment import Experiment
-from operator_app.calibration.findings import exceeded, left_out_poses, motion_causes, range_finding
+from operator_app.calibration.experiment import Experiment, placement_checks
+from operator_app.calibration.findings import exceeded, motion_causes, range_finding
 from operator_app.calibration.multistart import has_diverged, local_minimum_causes, of_fixture
 from operator_app.calibration.placements import contradicted
 from operator_app.calibration.repeat_measurement import Repeat, RepeatedReading
@@ -64,15 +63,16 @@ UNEXPLAINED_KINDS = {
 class PriorInformation:
     """Results that the adjudication uses in addition to the tests of the fit.
 
-    `out_of_range`, `flipped`: readings outside the arm file's ranges; poses (indices) left out because the tool is, or
-    seems, upside down.
+    `out_of_range`, `flipped`: readings outside the arm file's ranges; number of poses left out because the tool is, or
+    seems, upside down. `left_out`: findings that state why these poses were left out.
     `checks`: set-up checks of the fixture's identified geometry.
     `returned`: repeated poses, each with the comparison of its two readings.
     `by_files`: parameters for which less than half of the information comes from the poses.
     """
 
     out_of_range: tuple[RangeFinding, ...] = ()
-    flipped: tuple[int, ...] = ()
+    flipped: int = 0
+    left_out: tuple[Finding, ...] = ()
     checks: tuple[SetupCheck, ...] = ()
     search: GlobalStart | None = None
     rvdt: tuple[RvdtVerdict, ...] = ()
@@ -167,7 +167,7 @@ def adjudicate(
     if far or any(cause.blocking for cause in of_fit):
         of_fit = (*hinge_alternative(case.stated), *of_fit)
     first = (
-        *_screening_causes(experiment, known),
+        *_screening_causes(experiment.poses, known),
         *too_few_poses(case.estimate),
         *lost,
         *(() if case.gross or diverged else _geometry_causes(known.checks)),
@@ -280,7 +280,7 @@ def _fit_causes(case: _Case, *, without_motion: bool) -> tuple[Finding, ...]:
     """Causes from the fit itself: no convergence, or large sigmas of parameters that are not known from the files."""
     estimate = case.estimate.given(case.known.by_files)
     open_end = Finding(
-        kind=FindingKind.NOT_CONVERGED, figures={"iterations": estimate.iterations}, blocking=True
+        FindingKind.NOT_CONVERGED, figures={"iterations": estimate.iterations}, blocking=True
     )
     # The arm's free entries are to be identified: the fixture's file states nothing about them.
     placed, arms = case.stated.fixture.tolerance, {entry.name for entry in case.stated.arm.free}
@@ -358,14 +358,12 @@ def _exceeded_specifications(fit: LinearFit, diagnosis: Diagnosis) -> tuple[Find
     return tuple(by_source.values())[: limits.MOST_SOURCES_REPORTED]
 
 
-def _screening_causes(experiment: Experiment, known: PriorInformation) -> tuple[Finding, ...]:
+def _screening_causes(poses: PoseSet, known: PriorInformation) -> tuple[Finding, ...]:
     """Return the causes that need no test: left-out poses, readings out of range, a second solution."""
-    arm, poses = experiment.arm, experiment.poses
-    many = len(known.flipped) > limits.FLIPPED_SHARE_REFUSED * len(poses)
-    left_out, out_of_range = left_out_poses(known.flipped, known.out_of_range, arm, poses)
+    many = known.flipped > limits.FLIPPED_SHARE_REFUSED * len(poses)
     return (
-        *(replace(f, blocking=many) for f in left_out),
-        *(range_finding(f, poses) for f in out_of_range),
+        *(replace(f, blocking=many) for f in known.left_out),
+        *(range_finding(f, poses) for f in known.out_of_range),
         *second_solution(known.search),
     )
 
@@ -375,14 +373,14 @@ def second_solution(search: GlobalStart | None) -> tuple[Finding, ...]:
     if search is None or not search.alternatives:
         return ()
     solutions = {"solutions": 1 + len(search.alternatives)}
-    return (Finding(kind=FindingKind.SECOND_SOLUTION, figures=solutions, blocking=True),)
+    return (Finding(FindingKind.SECOND_SOLUTION, figures=solutions, blocking=True),)
 
 
 def _geometry_causes(checks: tuple[SetupCheck, ...]) -> tuple[Finding, ...]:
     """Return findings on fixture axes so nearly parallel to a joint axis that D-H entries are ambiguous (Hayati)."""
     return tuple(
         Finding(
-            kind=FindingKind.PARALLEL_AXES,
+            FindingKind.PARALLEL_AXES,
             joint=c.joint,
             reported=(c.text, c.remedy),
             blocking=c.severity is Severity.REFUSED,

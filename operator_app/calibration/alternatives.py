@@ -204,7 +204,7 @@ def _same_loop(stated: Experiment) -> Iterator[Alternative]:
     for mistake in mistakes(arm, poses.q_rad):
         if mostly_in_range(arm, mistake.q_rad):
             finding = Finding(
-                kind=FindingKind.READING_MISTAKE,
+                FindingKind.READING_MISTAKE,
                 names=(mistake.code,),
                 reported=(mistake.text, mistake.remedy),
             )
@@ -212,7 +212,7 @@ def _same_loop(stated: Experiment) -> Iterator[Alternative]:
     offsets = arm.table.theta_off_rad
     if LEAST_CHANGE_RAD < float(np.abs(offsets).max()) < np.deg2rad(2.0 * np.pi):
         meant = replace(arm, table=replace(arm.table, theta_off_rad=offsets / np.deg2rad(1.0)))
-        yield Finding(kind=FindingKind.OFFSETS_IN_RADIANS), replace(stated, arm=meant)
+        yield Finding(FindingKind.OFFSETS_IN_RADIANS), replace(stated, arm=meant)
     for kind in ("s", "a"):
         lengths = getattr(arm.table, f"{kind}_m")
         for i, j in combinations(np.flatnonzero(np.abs(lengths) > LEAST_M), 2):
@@ -220,7 +220,7 @@ def _same_loop(stated: Experiment) -> Iterator[Alternative]:
                 order = np.arange(len(lengths))
                 order[[i, j]] = j, i
                 entries = (f"{kind}_{i + 1}", f"{kind}_{j + 1}")
-                finding = Finding(kind=FindingKind.ENTRIES_EXCHANGED, names=entries)
+                finding = Finding(FindingKind.ENTRIES_EXCHANGED, names=entries)
                 table = replace(arm.table, **{f"{kind}_m": lengths[order]})
                 yield finding, replace(stated, arm=replace(arm, table=table))
 
@@ -233,7 +233,7 @@ def _frozen(stated: Experiment) -> Iterator[Alternative]:
             rest = np.setdiff1d(np.arange(len(poses)), np.arange(first + 1, last))
             if len(rest) >= 4 and j not in stated.unsensed:
                 finding = Finding(
-                    kind=FindingKind.READING_FROZEN, joint=j, poses=poses.label[first:last]
+                    FindingKind.READING_FROZEN, joint=j, poses=poses.label[first:last]
                 )
                 yield finding, stated.at_poses(rest)
 
@@ -243,7 +243,7 @@ def _frozen_in_all_poses(stated: Experiment) -> Iterator[Alternative]:
     poses = stated.poses
     for j in range(1, poses.joint_count + 1):
         if constant_reading_runs(poses.q_rad, j, 0.0) == [(0, len(poses))]:
-            finding = Finding(kind=FindingKind.READING_FROZEN, joint=j, poses=poses.label)
+            finding = Finding(FindingKind.READING_FROZEN, joint=j, poses=poses.label)
             yield finding, without_reading(stated, j)
 
 

@@ -57,18 +57,18 @@ def innovation(experiment: Experiment, reading: PoseSet) -> Innovation | None:
     """Test a reading against earlier poses (`experiment`) of one placement; None if these poses cannot be fitted."""
     away = np.abs(experiment.poses.q_rad - reading.q_rad[0]).max(axis=1)
     experiment = experiment.at_poses(np.sort(np.argsort(away, kind="stable")[:NEAREST]))
-    by = stated_fit(experiment)
-    if by is None:
+    if (by := stated_fit(experiment)) is None:
         return None
+    model, _, fit = by
     before, count = experiment.poses, len(experiment.poses)
     both = replace(experiment, poses=concatenated_poses(before, reading))
     tolerance = free_within_tolerance(experiment.loop(), experiment.arm)[1]
     errors = error_model(both, tolerance=tolerance)
     try:
-        fitted = fit_as_stated(by.model, both.poses, errors, by.fit.x, old=count)
+        fitted = fit_as_stated(model, both.poses, errors, fit.x, old=count)
         # Fitted without the tested reading: a wrong one would change the linearisation.
         old = np.arange(count)
-        own = fit_as_stated(by.model, before, errors.at_poses(old), by.fit.x, old=count).fit
+        own = fit_as_stated(model, before, errors.at_poses(old), fit.x, old=count).fit
         residuals = predicted_residuals(fitted.fit, np.arange(count + 1) == count)
         usual = [predicted_residuals(own, old == k).chi2 for k in range(count)]
     except (PosesDoNotFitError, np.linalg.LinAlgError):
@@ -76,7 +76,7 @@ def innovation(experiment: Experiment, reading: PoseSet) -> Innovation | None:
     system = fitted.fit.whole.at_poses(np.array([count]))
     shifts = {}
     for j in range(1, experiment.arm.joint_count + 1):
-        if j not in by.model.unsensed_joints:
+        if j not in model.unsensed_joints:
             (s,), ((information,),) = residuals.score(system.B[..., [j - 1]])
             size, sigma = float(s / information), float(information**-0.5)
             shifts[j] = ShiftOfReading(size_rad=size, sigma_rad=sigma, explains=(size / sigma) ** 2)
@@ -95,10 +95,9 @@ def is_unpredicted(experiment: Experiment) -> bool:
     by = stated_fit(experiment.at_poses(np.arange(max(0, count - 1 - AT_MOST), count - 1)))
     if by is None:
         return False
+    model, _, fit = by
     last = experiment.at_poses(np.array([count - 1]))
-    model = by.model.at_poses(np.array([0]))
-    q, noise = last.poses.q_rad, stated_noise(last)
-    verified = verify(model, by.fit.x, by.fit.covariance, q, noise)
-    return float(verified.pose_chi2[0]) > max(
-        POSE_CHI2_UNPREDICTED, POSE_CHI2_RATIO_UNPREDICTED * float(by.fit.pose_chi2.max())
-    )
+    one_pose, noise = model.at_poses(np.array([0])), stated_noise(last)
+    verified = verify(one_pose, fit.x, fit.covariance, last.poses.q_rad, noise)
+    usual = POSE_CHI2_RATIO_UNPREDICTED * float(fit.pose_chi2.max())
+    return float(verified.pose_chi2[0]) > max(POSE_CHI2_UNPREDICTED, usual)

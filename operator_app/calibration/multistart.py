@@ -7,7 +7,7 @@ from itertools import islice
 
 import numpy as np
 
-from operator_app.calibration.closed_loops import in_order
+from operator_app.calibration.experiment import in_order
 from operator_app.messages.finding import Finding, FindingKind
 from solver.arrays import FloatArray, IntArray
 from solver.chain.parameters import Parameter, nominal_vector, wrap_angles
@@ -144,7 +144,7 @@ def local_minimum_causes(
     p, change = _farthest(far)
     return (
         Finding(
-            kind=FindingKind.OTHER_SOLUTION if better else FindingKind.FAR_FROM_NOMINAL,
+            FindingKind.OTHER_SOLUTION if better else FindingKind.FAR_FROM_NOMINAL,
             names=(p.name,),
             size=change,
             unit=p.unit,
@@ -176,7 +176,7 @@ def fixture_elsewhere(estimate: Estimate, model: ClosureModel) -> tuple[Finding,
     p, change = _farthest(far)
     socket = p.name.partition("[")[0] in GROUND
     kind = FindingKind.SOCKET_ELSEWHERE if socket else FindingKind.FIXTURE_ELSEWHERE
-    return (Finding(kind=kind, names=(p.name,), size=change, unit=p.unit),)
+    return (Finding(kind, names=(p.name,), size=change, unit=p.unit),)
 
 
 def best_about_nominal(hard: ClosureModel, q: FloatArray) -> FloatArray:

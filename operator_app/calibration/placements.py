@@ -68,7 +68,7 @@ def _pairs(model: Placements, estimate: Estimate) -> Iterator[Finding]:
             k = int(np.argmax(sigmas))
             parameter = model.of(one)[0].parameters[int(np.flatnonzero(own)[k])]
             yield Finding(
-                kind=FindingKind.SAME_PLACEMENT,
+                FindingKind.SAME_PLACEMENT,
                 joints=(one, other),
                 names=(parameter.name,),
                 size=abs(float(difference[k])),
@@ -176,7 +176,7 @@ def contradicted(
 def contradiction(between: tuple[int, int], deviation: float) -> Finding:
     """Return the finding that the poses contradict the distance between two sockets by `deviation` sigmas."""
     return Finding(
-        kind=FindingKind.DISTANCE_ABOVE if deviation > 0.0 else FindingKind.DISTANCE_BELOW,
+        FindingKind.DISTANCE_ABOVE if deviation > 0.0 else FindingKind.DISTANCE_BELOW,
         joints=between,
         figures={"sigmas": abs(deviation)},
     )

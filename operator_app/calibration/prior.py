@@ -13,9 +13,8 @@ import numpy as np
 
 from fixtures.base import ROUGH_PLACEMENT, EndpointConstraint
 from fixtures.errors import FixtureError
-from operator_app.calibration.closed_loops import in_order
 from operator_app.calibration.error_model import free_within_tolerance
-from operator_app.calibration.experiment import Experiment
+from operator_app.calibration.experiment import Experiment, in_order
 from operator_app.calibration.verification import stated_noise
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
@@ -85,46 +84,31 @@ def placement_prior(
     return PlacementPrior(mean=mean, covariance=covariance)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StatedFit:
-    """Fit of poses with the stated errors, all entries free within tolerances.
+def stated_fit(experiment: Experiment) -> tuple[ClosureModel, ParameterPrior, ImplicitFit] | None:
+    """Fit poses with the errors that the files state; None if the poses cannot be fitted.
 
-    `model`: the loop with its lengths and twists free. `nominal`, `sd`: nominal values and standard deviations (P,) of
-    the unknowns, from the files. `fit`: result of the fit.
+    Returns the loop with all entries free within tolerances, the prior of its unknowns from the files, and the fit.
     """
-
-    model: ClosureModel
-    nominal: FloatArray
-    sd: FloatArray
-    fit: ImplicitFit
-
-
-def stated_fit(experiment: Experiment) -> StatedFit | None:
-    """Fit poses with the errors that the files state; None if the poses cannot be fitted."""
     arm, q = experiment.arm, experiment.poses.q_rad
     try:
         loop = experiment.loop()
         model, stated = free_within_tolerance(loop, arm)
         sd = np.maximum(_by_files(model, arm, experiment.fixture, stated), EXACT)
-        nominal = nominal_vector(model.parameters)
         x0 = in_order(model, loop, estimate_paper(loop, q).x)
-        prior = ParameterPrior(mean=nominal, precision=sd**-2)
+        prior = ParameterPrior(mean=nominal_vector(model.parameters), precision=sd**-2)
         fitted = fit_implicit(model, q, stated_noise(experiment), x0, prior=prior)
     except (SolverError, FixtureError, np.linalg.LinAlgError):
         return None
-    if not fitted.converged or not np.isfinite(fitted.covariance).all():
-        return None
-    return StatedFit(model=model, nominal=nominal, sd=sd, fit=fitted)
+    valid = fitted.converged and np.isfinite(fitted.covariance).all()
+    return (model, prior, fitted) if valid else None
 
 
 def known_arm(experiment: Experiment) -> KnownArm | None:
     """Return the information from poses of earlier placements; None if these poses cannot be fitted."""
-    by = stated_fit(experiment)
-    if by is None:
+    if (by := stated_fit(experiment)) is None:
         return None
-    model, fitted = by.model, by.fit
-    stays = experiment.fixture.stays_on_hand
-    own = set(model.ground_side) | (set() if stays else set(model.hand_side))
+    model, prior, fitted = by
+    own = {*model.ground_side, *(() if experiment.fixture.stays_on_hand else model.hand_side)}
     shared, stood, ends = list[int](), list[int](), dict[str, list[float]]()
     for k, p in enumerate(model.parameters):
         if p.name not in own:
@@ -133,7 +117,7 @@ def known_arm(experiment: Experiment) -> KnownArm | None:
             ends.setdefault(p.name.partition("[")[0], []).append(float(fitted.x[k]))
         else:
             stood.append(k)
-    pulls = (fitted.x - by.nominal)[stood] / by.sd[stood]
+    pulls = (fitted.x - prior.mean)[stood] * np.sqrt(prior.precision[stood])
     # Poses that fit worse than stated carry less information: their covariance is scaled up.
     worse = max(1.0, fitted.chi2 / fitted.dof)
     return KnownArm(
@@ -161,10 +145,8 @@ def _by_files(
         placed = (tolerance.orientation_rad if p.is_angle else tolerance.position_m) / WITHIN
         if p.name.startswith("theta_off_"):
             sd.append(max(offset, placed if p.name in sides else 0.0))
+        elif p.name in sides:
+            sd.append(max(placed, stated.get(p.name, 0.0)))
         else:
-            sd.append(
-                max(placed, stated.get(p.name, 0.0))
-                if p.name in sides
-                else stated.get(p.name, placed)
-            )
+            sd.append(stated.get(p.name, placed))
     return np.array(sd)

@@ -8,17 +8,20 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fixtures.base import Compliance
-from operator_app.calibration.experiment import Experiment
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import NoSensor
 from solver.closing import close_loops
 from solver.design.motion import chain_motion
 from solver.loops.closure import ClosureModel
+
+if TYPE_CHECKING:
+    from operator_app.calibration.experiment import Experiment
 
 SMALLEST_DEFLECTION_RAD, SMALLEST_DEFLECTION_M = 1e-4, 1e-4
 """Rotation and displacement that scale a slip of a fixture whose stated compliance is zero."""

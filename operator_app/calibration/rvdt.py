@@ -8,9 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from operator_app.calibration.closed_loops import in_order
 from operator_app.calibration.error_model import free_within_tolerance
-from operator_app.calibration.experiment import Experiment
+from operator_app.calibration.experiment import Experiment, in_order
 from operator_app.calibration.findings import moved_while_read
 from operator_app.calibration.result import Solution
 from operator_app.config.parameter_records import RvdtRemedy
@@ -169,26 +168,18 @@ def measured_deviations(
 
 def rvdt_causes(verdicts: tuple[RvdtVerdict, ...], arm: ArmModel) -> tuple[Finding, ...]:
     """Findings of RVDTs out of specification but without other faults; the sigmas include the RVDTs' deviations."""
-    return tuple(
-        Finding(kind=_kind_of(v, arm), joint=v.joint, sensor="RVDT", reported=(v.text,))
-        for v in verdicts
-        if v.verdict is Soundness.OUT_OF_SPECIFICATION
-    )
-
-
-def _kind_of(verdict: RvdtVerdict, arm: ArmModel) -> FindingKind:
-    """Return the kind of finding for an RVDT out of specification, which determines the remedy."""
-    deviation = measured_deviations((verdict,), arm).get(verdict.joint)
-    sensor = arm.joints[verdict.joint - 1].sensor
-    if (
-        deviation is not None
-        and isinstance(sensor, Rvdt)
-        and deviation.beyond(sensor.linearity_rad)
-    ):
-        return FindingKind.RVDT_OUT_LINEARITY
-    if verdict.noise is not None and verdict.noise.from_spread:
-        return FindingKind.RVDT_OUT_SPREAD
-    return FindingKind.RVDT_OUT_NOISE
+    deviations, causes = measured_deviations(verdicts, arm), list[Finding]()
+    for v in verdicts:
+        if v.verdict is not Soundness.OUT_OF_SPECIFICATION:
+            continue
+        sensor, deviation = arm.joints[v.joint - 1].sensor, deviations.get(v.joint)
+        kind = FindingKind.RVDT_OUT_NOISE
+        if deviation and isinstance(sensor, Rvdt) and deviation.beyond(sensor.linearity_rad):
+            kind = FindingKind.RVDT_OUT_LINEARITY
+        elif v.noise is not None and v.noise.from_spread:
+            kind = FindingKind.RVDT_OUT_SPREAD
+        causes.append(Finding(kind, joint=v.joint, sensor="RVDT", reported=(v.text,)))
+    return tuple(causes)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

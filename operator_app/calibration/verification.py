@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -11,11 +11,7 @@ from fixtures.base import EndpointConstraint
 from operator_app.calibration.error_model import freed, noise_model
 from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.instrument_registration import with_calibrated_places
-from operator_app.calibration.prediction import (
-    CalibrationWithPoses,
-    predict_new_poses,
-    shift_in_words,
-)
+from operator_app.calibration.prediction import predict_new_poses, shift_in_words
 from operator_app.calibration.result import Solution
 from solver.arrays import BoolArray, FloatArray
 from solver.chain.arm_model import ArmModel
@@ -37,6 +33,7 @@ from solver.diagnostics.limits import (
     SAME_READING_RAD,
 )
 from solver.diagnostics.statistics import Chi2Test, chi2_test
+from solver.diagnostics.whitened_residuals import WhitenedResiduals
 from solver.estimators.component_report import Component
 from solver.estimators.error_model import SD_OF_PEAK
 from solver.estimators.estimate import ClosureSigmas, closure_at_readings
@@ -60,11 +57,11 @@ class Fixed:
     `unsensed_joints`: joints whose readings the calibration did not use.
     """
 
-    values: dict[str, float]
+    values: Mapping[str, float]
     covariance: FloatArray
-    rvdt_sd_rad: dict[int, float]
-    fixture_variance: FloatArray | None
     unsensed_joints: tuple[int, ...]
+    rvdt_sd_rad: Mapping[int, float] = field(default_factory=dict)
+    fixture_variance: FloatArray | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -149,21 +146,22 @@ def verify_poses(
     arm: ArmModel,
     fixture: EndpointConstraint,
     poses: PoseSet,
-    made: CalibrationWithPoses,
+    solution: Solution,
+    made_from: PoseSet,
     *,
     elsewhere: bool = False,
 ) -> VerificationResult:
     """Test new poses of the same arm in the same fixture, of one calibrated placement or of all of them.
 
-    Linearity deviation, sag and compliance are known from the calibration's own poses, and the test searches for one
-    common shift. `elsewhere`: the new poses may be of other placements; the fixture's place is then estimated from
-    them, with all other parameters fixed. Raises `ValueError` if the parameters are not those of this loop (another
-    fixture, or another number of placements).
+    Linearity deviation, sag and compliance are known from the calibration's own poses, `made_from` (with those on the
+    flipped branch), and the test searches for one common shift. `elsewhere`: the new poses may be of other placements;
+    the fixture's place is then estimated from them, with all other parameters fixed. Raises `ValueError` if the
+    parameters are not those of this loop (another fixture, or another number of placements).
     """
-    fixture = with_calibrated_places(fixture, made.solution.model)
-    calibrated = made.poses.placements
+    fixture = with_calibrated_places(fixture, solution.model)
+    calibrated = made_from.placements
     same = len(poses.placements) == 1 and not elsewhere
-    fixed = fixed_calibration(made.solution, poses.placements[0] if same else None)
+    fixed = fixed_calibration(solution, poses.placements[0] if same else None)
     new = Experiment(arm=arm, fixture=fixture, poses=poses, unsensed=fixed.unsensed_joints)
     # Lengths and twists that the calibration corrected within tolerances are parameters too.
     model = freed(new.loop(), fixed.values)
@@ -197,22 +195,19 @@ def verify_poses(
         only = np.full(len(poses), calibrated[0])
         new = replace(new, poses=replace(poses, placement=only))
     start = {p.name: float(x[k]) for k, p in enumerate(model.parameters) if p.name in unknown}
-    return _with_prediction(new, made, start, result)
+    predicted = predict_new_poses(new, solution, made_from, start)
+    return result if predicted is None else _with_prediction(result, *predicted)
 
 
 def _with_prediction(
-    new: Experiment,
-    made: CalibrationWithPoses,
-    start: Mapping[str, float],
     result: VerificationResult,
+    residuals: WhitenedResiduals,
+    sharp: Chi2Test,
+    subjects: Mapping[str, FloatArray],
 ) -> VerificationResult:
-    """Return the test that also uses the calibration's poses; if no model fits these and the new poses, `result`."""
+    """Return the test that also uses the calibration's poses; for the arguments, see `predict_new_poses`."""
     from scipy.special import chdtrc
 
-    predicted = predict_new_poses(new, made, start)
-    if predicted is None:
-        return result
-    residuals, sharp, subjects = predicted
     stated, named = chi2_test(residuals.chi2, residuals.dof), find_outliers(residuals)
     # A shift counts only if it remains without the outliers.
     shift = shifted(named.rest, subjects)
@@ -271,28 +266,20 @@ def _fixed_and_unknown(
     calibrated: tuple[int, ...],
 ) -> tuple[Fixed, tuple[str, ...]]:
     """Return the fixed parameters under their names in the new poses' model, and the parameters still unknown."""
-    sources: dict[str, str] = {}
-    unknown: list[str] = []
+    known, sources, unknown = list(fixed.values), dict[str, str](), list[str]()
     for p in model.parameters:
         base, _, number = p.name.rstrip("]").partition("[")
-        placement = int(number) if number else poses.placements[0]
-        if base not in ground_side:
-            sources[p.name] = p.name
-        elif placement not in calibrated:
+        placement, source = int(number) if number else poses.placements[0], p.name
+        if base in ground_side:
+            source = f"{base}[{placement}]" if len(calibrated) > 1 else base
+        if base in ground_side and placement not in calibrated:
             unknown.append(p.name)
-        else:
-            sources[p.name] = f"{base}[{placement}]" if len(calibrated) > 1 else base
-    known = list(fixed.values)
-    known_sources = {new: old for new, old in sources.items() if old in fixed.values}
-    rows = [known.index(old) for old in known_sources.values()]
-    return (
-        replace(
-            fixed,
-            values={new: fixed.values[old] for new, old in known_sources.items()},
-            covariance=fixed.covariance[np.ix_(rows, rows)],
-        ),
-        tuple(unknown),
-    )
+        elif source in known:
+            sources[p.name] = source
+    rows = [known.index(source) for source in sources.values()]
+    values = {name: fixed.values[source] for name, source in sources.items()}
+    covariance = fixed.covariance[np.ix_(rows, rows)]
+    return replace(fixed, values=values, covariance=covariance), tuple(unknown)
 
 
 def _with_placement_found(
@@ -368,8 +355,7 @@ def verify_new_poses(
         raise NoTestError(
             f"the new poses are of placement {new_placements[0]}, which was not calibrated"
         )
-    made = CalibrationWithPoses(solution=solution, poses=made_from)
-    return verify_poses(arm, fixture, new, made, elsewhere=elsewhere)
+    return verify_poses(arm, fixture, new, solution, made_from, elsewhere=elsewhere)
 
 
 def may_be_elsewhere(fixture: EndpointConstraint) -> bool:
@@ -406,7 +392,8 @@ def require_new(new: PoseSet, made_from: PoseSet, fixture: EndpointConstraint) -
 
 def _are_among(new: PoseSet, made_from: PoseSet, *, measured: bool) -> BoolArray:
     """Whether each new pose (m,) equals one of `made_from`, to the decimals that files have."""
-    rounded = any(_in_hundredths(p) for p in (new, made_from))
+    steps = [p.q_rad / HUNDREDTH_RAD for p in (new, made_from)]
+    rounded = any(np.all(np.abs(s - np.round(s)) < 1e-6) for s in steps)
     same_rad = 0.5 * HUNDREDTH_RAD + SAME_READING_RAD if rounded else SAME_READING_RAD
     both = [p.q_rad / same_rad for p in (new, made_from)]
     if measured and new.endpoint is not None and made_from.endpoint is not None:
@@ -418,8 +405,3 @@ def _are_among(new: PoseSet, made_from: PoseSet, *, measured: bool) -> BoolArray
 
     distance, _ = KDTree(both[1]).query(both[0], p=np.inf)
     return np.asarray(distance < 1.0)
-
-
-def _in_hundredths(poses: PoseSet) -> bool:
-    steps = poses.q_rad / HUNDREDTH_RAD
-    return bool(np.all(np.abs(steps - np.round(steps)) < 1e-6))

@@ -6,10 +6,8 @@ import argparse
 
 from fixtures.base import EndpointConstraint
 from operator_app.calibration.calibrate import calibrate
-from operator_app.calibration.closed_loops import pick_placements
 from operator_app.calibration.cross_validation import check
-from operator_app.calibration.experiment import Experiment
-from operator_app.calibration.prediction import CalibrationWithPoses
+from operator_app.calibration.experiment import Experiment, pick_placements
 from operator_app.calibration.rvdt import ReadingTable, corrected_poses
 from operator_app.calibration.verification import (
     NoTestError,
@@ -76,18 +74,17 @@ def execute(args: argparse.Namespace) -> int:
     except ReadingsOutOfRangeError as error:
         raise UsageError(f"{args.poses}: {error}") from error
     solution = solution.with_notices(
-        Finding(kind=FindingKind.REPORTED, names=(w.code,), reported=(w.text,))
-        for w in loaded.warnings
+        Finding(FindingKind.REPORTED, names=(w.code,), reported=(w.text,)) for w in loaded.warnings
     )
     if as_read.sha256() == table_of:
-        solution = solution.with_notices([Finding(kind=FindingKind.CIRCULAR_TABLE)])
+        solution = solution.with_notices([Finding(FindingKind.CIRCULAR_TABLE)])
     checks = check(solution, arm, fixture, poses) if args.checks else None
     facts = facts_of(solution, checks=checks)
     tested = None
     if args.test:
         new = corrected_poses(_test_poses(args, fixture, as_read), tables)
-        made = CalibrationWithPoses(solution=solution, poses=poses)
-        tested = verify_poses(arm, fixture, new, made, elsewhere=may_be_elsewhere(fixture))
+        elsewhere = may_be_elsewhere(fixture)
+        tested = verify_poses(arm, fixture, new, solution, poses, elsewhere=elsewhere)
     if args.json:
         document = facts.json
         if tested is not None:

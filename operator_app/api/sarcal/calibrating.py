@@ -105,7 +105,7 @@ def calibrate(
         length_tolerance_m=how.length_tolerance_m,
     )
     solution = solution.with_notices(
-        Finding(kind=FindingKind.REPORTED, names=(w.code,), reported=(w.text,))
+        Finding(FindingKind.REPORTED, names=(w.code,), reported=(w.text,))
         for w in its_poses._warnings
     )
     return Result(

@@ -11,13 +11,11 @@ import reprlib
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from functools import wraps
-from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from solver.arrays import FloatArray
-
+from solver.arrays import FloatArray
 
 LARGEST_TOLERANCE_MM = 100.0
 """Largest permitted standard deviation of lengths, as for ``--length-tolerance``."""

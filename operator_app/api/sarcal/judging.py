@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from operator_app.calibration.comparison import CalibrationComparison
 from operator_app.calibration.comparison import compare as compared
-from operator_app.calibration.verification import verify_new_poses
+from operator_app.calibration.verification import VerificationResult, verify_new_poses
+from operator_app.config.parameters import ParametersDocument
 from operator_app.documents import parameters_at
 from operator_app.report.results.comparison import comparison_json, comparison_text
 from operator_app.report.results.verification import verification_json, verification_text
@@ -18,10 +19,6 @@ from solver.diagnostics.limits import DRIFT_FALSE_ALARM_PROBABILITY
 from .calls import number, one_blas_thread, shown
 from .poses import Poses, load_poses
 from .result import Result
-
-if TYPE_CHECKING:
-    from operator_app.calibration.verification import VerificationResult
-    from operator_app.config.parameters import ParametersDocument
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,21 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from os import PathLike
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from operator_app.planning.preview import Preview, preview
 from operator_app.planning.simulated import simulated_poses
 from operator_app.report.results.plan import plan_json, plan_text
+from solver.arrays import FloatArray
 
 from .calls import joints, one_blas_thread, whole
 from .machines import Arm, Fixture, load_arm, load_fixture
 from .poses import Poses
 from .tables import with_units
-
-if TYPE_CHECKING:
-    from solver.arrays import FloatArray
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,20 +6,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from operator_app.config.poses_file import FileWarning, format_poses, parse_poses
 from operator_app.config.poses_file import load_poses as load_poses_file
+from solver.arrays import FloatArray, IntArray
 from solver.chain.poses import PoseSet
 
 from .calls import numbers, shape_wanted, shown, whole
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from solver.arrays import FloatArray, IntArray
 
 FRAME = "data frame"
 

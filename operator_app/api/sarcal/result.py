@@ -9,14 +9,19 @@ from functools import cached_property
 from os import PathLike
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, get_args
+from typing import Any, get_args
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from operator_app.calibration.calibrated_arm import CalibratedArm, Frame, calibrated_arm
+from operator_app.calibration.cross_validation import Checks
+from operator_app.calibration.result import Solution
 from operator_app.config.atomic import write_atomically
+from operator_app.config.parameters import ParametersDocument
 from operator_app.config.parameters_file import save_parameters
 from operator_app.config.poses_file import save_poses
+from operator_app.config.procedure import Procedure
 from operator_app.config.resources import DESCRIPTION_LIMIT_BYTES, read_limited
 from operator_app.errors import SessionError
 from operator_app.report.exports import EXPORT_FILES, Calibration, in_format, into_description
@@ -30,25 +35,16 @@ from operator_app.report.text import facts_text
 from operator_app.session.store.folders import PARAMETERS_NAME, POSES_NAME
 from operator_app.session.store.journal import read_journal
 from operator_app.session.store.parameters_document import export_reason, parameters_document
+from operator_app.session.store.state import SessionState
 from operator_app.session.store.stored_calibration import StoredCalibration
 from operator_app.session.workflow.importing import CalibrationOptions, ImportedSession
+from solver.arrays import FloatArray
 from solver.diagnostics.statistics import intervals
 
 from .calls import one_of, readings_rad
+from .machines import Arm, Fixture
+from .poses import Poses
 from .tables import Table, with_units
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from operator_app.calibration.cross_validation import Checks
-    from operator_app.calibration.result import Solution
-    from operator_app.config.parameters import ParametersDocument
-    from operator_app.config.procedure import Procedure
-    from operator_app.session.store.state import SessionState
-    from solver.arrays import FloatArray
-
-    from .machines import Arm, Fixture
-    from .poses import Poses
 
 YAML = ("yaml", "yml")
 """File name endings of a parameters file."""

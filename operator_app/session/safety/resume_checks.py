@@ -323,7 +323,5 @@ def parameters_from_poses(state: SessionState, procedure: Procedure) -> Fixed | 
     return Fixed(
         values=estimate.values_by_name,
         covariance=estimate.covariance,
-        rvdt_sd_rad={},
-        fixture_variance=None,
         unsensed_joints=experiment.unsensed,
     )

@@ -14,7 +14,6 @@ from hardware.arm import ArmIdentity
 from hardware.canopen.objects import EmergencyCode
 from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.innovation import is_unpredicted
-from operator_app.calibration.prediction import CalibrationWithPoses
 from operator_app.calibration.result import Solution
 from operator_app.calibration.verification import VerificationResult, verify_poses
 from operator_app.errors import GuardError
@@ -259,8 +258,8 @@ def verify(
         )
     new_poses = pose_set_of(session.state.readings[before:])
     new_poses = replace(new_poses, placement=np.full(len(new_poses), session.state.placement))
-    made = CalibrationWithPoses(solution=solution, poses=session.state.pose_set())
-    verdict = verify_poses(session.model, session.fixture, new_poses, made)
+    made_from = session.state.pose_set()
+    verdict = verify_poses(session.model, session.fixture, new_poses, solution, made_from)
     session.record("verified", _verification_data(verdict, new_poses))
     return verdict, new_poses
 

@@ -228,8 +228,12 @@ def little_motion(
     return (Finding(kind, sizes=(*wide, *coarse), names=names, blocking=refuses),)
 
 
-def paper_test(paper: Estimate, implicit: Estimate) -> tuple[HypothesisTest, tuple[Finding, ...]]:
-    """Test the paper's estimate against the implicit one, in sigmas; return the test and, if it fires, a finding."""
+def paper_test(
+    paper: Estimate | None, implicit: Estimate
+) -> tuple[tuple[HypothesisTest, ...], tuple[Finding, ...]]:
+    """Test the paper's estimate, if any, against the implicit one, in sigmas; a finding follows if the test fires."""
+    if paper is None:
+        return (), ()
     names = [p.name for p in implicit.parameters]
     columns = [names.index(p.name) for p in paper.parameters]
     apart = wrap_angles(paper.parameters, paper.x - implicit.x[columns])
@@ -237,19 +241,16 @@ def paper_test(paper: Estimate, implicit: Estimate) -> tuple[HypothesisTest, tup
     z = np.abs(apart) / np.where(sd > 0.0, sd, 1e-300)
     worst = int(np.argmax(z))
     test = HypothesisTest.of_sigmas("PAPER_DISTANCE", z)
-    if not test.fires:
-        return test, ()
     p = paper.parameters[worst]
-    return test, (
-        Finding(
-            FindingKind.PAPER_OFF,
-            names=(p.name,),
-            size=abs(float(paper.x[worst]) - implicit.value(p.name)),
-            unit=p.unit,
-            figures={"sigmas": float(z[worst])},
-            blocking=True,
-        ),
+    finding = Finding(
+        FindingKind.PAPER_OFF,
+        names=(p.name,),
+        size=abs(float(paper.x[worst]) - implicit.value(p.name)),
+        unit=p.unit,
+        figures={"sigmas": float(z[worst])},
+        blocking=True,
     )
+    return (test,), (finding,) if test.fires else ()
 
 
 READING_KINDS = {

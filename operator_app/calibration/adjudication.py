@@ -162,7 +162,7 @@ def adjudicate(
     diverged = has_diverged((*far, *by_tests), scale, case.estimate, judged, anywhere=anywhere)
     lost = _poorly_determined(case) if far or case.gross or diverged else ()
     of_returns, since = return_tests(known.returned, calibrated.estimate)
-    of_paper = () if paper is None else (paper_test(paper, calibrated.estimate),)
+    of_paper, off_paper = paper_test(paper, calibrated.estimate)
     of_fit = _fit_causes(case, without_motion=bool(lost) or diverged)
     if far or any(cause.blocking for cause in of_fit):
         of_fit = (*hinge_alternative(case.stated), *of_fit)
@@ -190,7 +190,7 @@ def adjudicate(
             *(c for c in not_yet_named(since, by_tests) if not c.blocking),
             *shaken,
             *(far if case.gross and not alternatives else ()),
-            *(cause for _, causes in of_paper for cause in causes),
+            *off_paper,
             *(
                 c
                 for c in distances
@@ -198,7 +198,7 @@ def adjudicate(
             ),
             *of_fit,
         ),
-        tests=(*case.diagnosis.tests, *of_returns, *(test for test, _ in of_paper)),
+        tests=(*case.diagnosis.tests, *of_returns, *of_paper),
         stated_chi2_per_dof=scale,
         diverged=diverged,
     )
@@ -222,15 +222,15 @@ def _misfit_causes(
     if len(wrong) == 1:
         either = (*wrong, *(replace(c, blocking=True) for c in by_tests[:1]))
         return tuple(replace(c, probability=0.5) for c in either), wrong, False
-    if case.gross:
+    # So large a compliance or length error may also mean that a file is wrong.
+    of_files = (
+        not case.gross
+        and scale > limits.CHI2_PER_DOF_REFUSED
+        and bool(case.suspects(Cause.GIVES, Cause.LENGTH, Cause.TWIST))
+    )
+    if case.gross or of_files:
         # Linear explanations are invalid far from the truth.
-        alternatives = case.alternatives()
-        by_tests = alternatives or by_tests
-    elif scale > limits.CHI2_PER_DOF_REFUSED and case.suspects(
-        Cause.GIVES, Cause.LENGTH, Cause.TWIST
-    ):
-        # So large a compliance or length error may also mean that a file is wrong.
-        alternatives = case.alternatives(of_files=True)
+        alternatives = case.alternatives(of_files=of_files)
         by_tests = alternatives or by_tests
     elif joint := case.suspects(Cause.READING):
         # The joint's readings may be wrong in every pose independently, or from one pose on.

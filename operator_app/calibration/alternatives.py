@@ -5,9 +5,9 @@ Used if no linear explanation accounts for the misfit, or if the solution is imp
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from itertools import combinations
+from itertools import chain, combinations
 from time import thread_time
 
 import numpy as np
@@ -27,7 +27,7 @@ from operator_app.calibration.alternative_model import (
     without_readings,
 )
 from operator_app.calibration.experiment import Experiment
-from operator_app.calibration.findings import reading_step, unrelated_reading
+from operator_app.calibration.findings import reading_step, sensor_name
 from operator_app.calibration.placements import compared, contradiction
 from operator_app.messages.finding import Finding, FindingKind
 from solver.arrays import FloatArray
@@ -79,11 +79,12 @@ def find_alternatives(
     as_it_is = np.inf if near or stated.unsensed else cost_of(stated)
     weighted: list[tuple[Finding, float]] = []
     fits: list[Experiment] = []
-    families = (
-        (_same_loop(stated), *((_without_each_reading(stated),) if sensors else ()))
-        if near or of_files
-        else (_frozen(stated), _same_loop(stated), _blind(stated))
-    )
+    blind = _without_each_reading(stated)
+    if near or of_files:
+        families: list[Iterable[Alternative]] = [_same_loop(stated), *([blind] if sensors else [])]
+    else:
+        elsewhere = chain(other_fixtures(replace(stated, unsensed=())), blind)
+        families = [_frozen(stated), _same_loop(stated), elsewhere]
     for family in families:
         for finding, alternative in _closest(
             family, deadline, below=PROMISING_COST_SHARE * as_it_is
@@ -247,17 +248,13 @@ def _frozen_in_all_poses(stated: Experiment) -> Iterator[Alternative]:
             yield finding, without_reading(stated, j)
 
 
-def _blind(stated: Experiment) -> Iterator[Alternative]:
-    """Yield alternatives with another fixture, or without one sensor's readings."""
-    yield from other_fixtures(replace(stated, unsensed=()))
-    yield from _without_each_reading(stated)
-
-
 def _without_each_reading(stated: Experiment) -> Iterator[Alternative]:
     """Yield alternatives in which one sensor's readings are useless in all poses."""
     for j in range(1, stated.poses.joint_count + 1):
         if j not in stated.unsensed:
-            yield unrelated_reading(j, stated.arm), without_reading(stated, j)
+            sensor = sensor_name(j, stated.arm)
+            finding = Finding(FindingKind.READING_UNRELATED, joint=j, sensor=sensor)
+            yield finding, without_reading(stated, j)
 
 
 def _shifted(blind: Experiment, unsensed: tuple[int, ...]) -> list[tuple[Finding, float, int]]:
@@ -287,7 +284,7 @@ def _shifted(blind: Experiment, unsensed: tuple[int, ...]) -> list[tuple[Finding
 
 
 def _closest(
-    alternatives: Iterator[Alternative], deadline: float, *, below: float
+    alternatives: Iterable[Alternative], deadline: float, *, below: float
 ) -> list[Alternative]:
     """Return at most `SOLVED_ALTERNATIVES` alternatives: those of smallest cost, none with a cost above `below`."""
     costs: list[tuple[float, Alternative]] = []

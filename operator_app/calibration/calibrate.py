@@ -356,6 +356,7 @@ def decide(diagnosed: Diagnosed) -> Solution:
         condition_at_readings=condition_at_readings(
             loops.identifiable, in_order(loops.identifiable, model, estimate.x), q
         ),
+        adjudication=diagnosed.adjudication,
         warnings=(),
         reasons=(),
     )
@@ -372,7 +373,6 @@ def decide(diagnosed: Diagnosed) -> Solution:
         if fitted.closes
         else (),
         as_stated=unidentifiable if task.by_paper else known.by_files,
-        adjudication=diagnosed.adjudication,
         limits=task.limits,
     )
 

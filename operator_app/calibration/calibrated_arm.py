@@ -87,10 +87,6 @@ class CalibratedArm:
             T[..., :3, 3] += (T[..., :3, :3] @ tip_m[:, None])[..., 0]
         return T
 
-    def tip_sigma_m(self, q_rad: FloatArray) -> FloatArray:
-        """Standard deviation of the tip's position error at readings (m, n): (m,), m."""
-        return self.tip_with_sigma_m(q_rad)[1]
-
     def tip_with_sigma_m(self, q_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Tip in the base frame (m, 3), and the standard deviation of its error (m,), m.
 
@@ -103,7 +99,7 @@ class CalibratedArm:
         return tip, np.sqrt(spread_along(rates, self._covariance))
 
     def stated_part_m(self, q_rad: FloatArray, names: Collection[str]) -> FloatArray:
-        """Part of `tip_sigma_m` (m,), m, due to the parameters `names`; it adds to the rest in quadrature."""
+        """Part of the sigma of `tip_with_sigma_m` due to the parameters `names`; it adds to the rest in quadrature."""
         known = [k for k, name in enumerate(self.free) if name in names]
         if not known:
             return np.zeros(len(q_rad))

@@ -180,9 +180,7 @@ def distinct_poses(poses: PoseSet, kept: BoolArray) -> tuple[IntArray, IntArray]
         np.column_stack(columns), axis=0, return_index=True, return_inverse=True
     )
     order = np.argsort(first)
-    rank = np.empty_like(order)
-    rank[order] = np.arange(len(order))
-    return indices[first[order]], rank[which.reshape(-1)]
+    return indices[first[order]], np.argsort(order)[which.reshape(-1)]
 
 
 def free_within_tolerance(

@@ -109,11 +109,6 @@ def exceeded(larger: ExceededSpecification, design: LinearModel) -> Finding:
     )
 
 
-def unrelated_reading(joint: int, arm: ArmModel) -> Finding:
-    """Return the finding that a joint's reading is unrelated to its angle."""
-    return Finding(FindingKind.READING_UNRELATED, joint=joint, sensor=sensor_name(joint, arm))
-
-
 def sensor_name(joint: int, arm: ArmModel) -> str:
     """Return the name of a joint's sensor as it appears in the codes of findings."""
     return "RVDT" if isinstance(arm.joints[joint - 1].sensor, Rvdt) else "ENCODER"
@@ -206,21 +201,18 @@ def _smooth(joint: int, candidate: Candidate, evidence: Evidence, faults: FaultM
             unit="rad",
             figures=figures,
         )
+    # Displacement (rms over the poses, rad) that the explanation causes along the joint.
+    B = faults.system.B[:, :, joint - 1]
+    displacement = candidate.moves(evidence.b, len(B))
+    along = (displacement * B).sum(-1) / np.maximum((B**2).sum(-1), 1e-300)
     cyclic = candidate.cause is Cause.TURN_ERROR
     return Finding(
         FindingKind.ENCODER_CYCLIC_ERROR if cyclic else FindingKind.JOINT_SAG,
         joint=joint,
         sensor="ENCODER" if cyclic else "",
-        size=_rms_along(joint, candidate, evidence, faults),
+        size=_rms(along),
         unit="rad",
     )
-
-
-def _rms_along(joint: int, candidate: Candidate, evidence: Evidence, faults: FaultModels) -> float:
-    """Displacement (rms over the poses, rad) that a fitted explanation causes along one joint."""
-    B = faults.system.B[:, :, joint - 1]
-    displacement = candidate.moves(evidence.b, len(B))
-    return _rms((displacement * B).sum(-1) / np.maximum((B**2).sum(-1), 1e-300))
 
 
 def rms_displacement(

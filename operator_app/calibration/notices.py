@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from fixtures.base import CheckKind, Severity
-from operator_app.calibration.acceptance import Adjudication
 from operator_app.calibration.adjudication import PriorInformation, second_solution
 from operator_app.calibration.calibrated_arm import (
     calibrated_arm,
@@ -52,15 +51,14 @@ def with_notices(
     known: PriorInformation,
     same: tuple[Finding, ...],
     as_stated: tuple[str, ...],
-    adjudication: Adjudication,
     limits: AcceptanceLimits,
 ) -> Solution:
-    """Add the accuracy of the tool, the verdict, and all notices in order.
+    """Add the accuracy of the tool, all notices in order, and the reasons for the verdict.
 
     `whole`: fit of all poses. `judged`: fit of the tested poses. `same`: findings of indistinguishable placements.
     `as_stated`: parameters known from the files rather than from the poses.
     """
-    arm = experiment.arm
+    arm, adjudication = experiment.arm, solution.adjudication
     accuracy = tool_accuracy(calibrated_arm(solution, arm), arm, as_stated, judged.linear)
     sound = not adjudication.diverged
     findings = (
@@ -90,7 +88,6 @@ def with_notices(
         solution,
         accuracy=accuracy,
         warnings=findings,
-        adjudication=adjudication,
         reasons=(*adjudication.reasons, *(f.sentence for f in exceeded)),
     )
 

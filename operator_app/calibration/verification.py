@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -34,7 +34,6 @@ from solver.diagnostics.limits import (
 )
 from solver.diagnostics.statistics import Chi2Test, chi2_test
 from solver.diagnostics.whitened_residuals import WhitenedResiduals
-from solver.estimators.component_report import Component
 from solver.estimators.error_model import SD_OF_PEAK
 from solver.estimators.estimate import ClosureSigmas, closure_at_readings
 from solver.estimators.implicit import NoiseModel
@@ -111,28 +110,23 @@ def fixed_calibration(solution: Solution, placement: int | None = None) -> Fixed
     `placement`: only parameters of this placement, under names without its number. None: those of all placements.
     """
     estimate, components = solution.estimate, solution.components
-    components_found = () if components is None else components.components
     names, columns = [p.name for p in estimate.parameters], np.arange(len(estimate.x))
     if placement is not None and isinstance(solution.model, Placements):
         part, columns = solution.model.of(placement)
         names = [p.name for p in part.parameters]
+    # Noise and linearity deviation of an RVDT both affect a new reading.
+    rvdt_sd: dict[int, float] = {}
+    for c in () if components is None else components.components:
+        kind, _, number = c.name.partition("_")
+        if kind in ("rvdt", "curve"):
+            rvdt_sd[int(number)] = float(np.hypot(rvdt_sd.get(int(number), 0.0), c.sd))
     return Fixed(
         values=dict(zip(names, estimate.x[columns].tolist(), strict=True)),
         covariance=estimate.covariance[np.ix_(columns, columns)],
-        rvdt_sd_rad=_rvdt_sd(components_found),
+        rvdt_sd_rad=rvdt_sd,
         fixture_variance=None if components is None else components.noise.fixture_variance,
         unsensed_joints=solution.model.unsensed_joints,
     )
-
-
-def _rvdt_sd(components: Sequence[Component]) -> dict[int, float]:
-    """Root sum square of noise and linearity deviation of each RVDT, rad: both affect a new reading."""
-    sd: dict[int, float] = {}
-    for c in components:
-        kind, _, number = c.name.partition("_")
-        if kind in ("rvdt", "curve"):
-            sd[int(number)] = float(np.hypot(sd.get(int(number), 0.0), c.sd))
-    return sd
 
 
 def predict(new: Experiment, fixed: Fixed) -> HeldOutPoses:

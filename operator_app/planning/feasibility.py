@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,7 +17,6 @@ from operator_app.planning.task import without_hidden
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import Parameter, nominal_vector
-from solver.chain.poses import PoseSet
 from solver.closing import close_loops
 from solver.diagnostics.identifiability import Identifiability, identifiability
 from solver.errors import UnidentifiableDirection
@@ -100,20 +99,12 @@ def assess_feasibility(
     )
 
 
-def identifiability_of_poses(
-    arm: ArmModel,
-    fixture: EndpointConstraint,
-    poses: PoseSet,
-    *,
-    unsensed_joints: tuple[int, ...] = (),
-) -> Identifiability:
-    """Return the identifiability of the parameters from captured poses.
-
-    Raises `SolverError` if the poses do not fit the fixture.
-    """
-    unsensed = tuple(sorted({*unsensed_joints, *arm.unsensed_joints}))
-    fixture = with_registered_instrument(arm, fixture, poses)
-    model = Experiment(arm=arm, fixture=fixture, poses=poses, unsensed=unsensed).loop()
+def identifiability_of_poses(experiment: Experiment) -> Identifiability:
+    """Return the identifiability from captured poses; raises `SolverError` if they do not fit the fixture."""
+    arm, poses = experiment.arm, experiment.poses
+    fixture = with_registered_instrument(arm, experiment.fixture, poses)
+    unsensed = tuple(sorted({*experiment.unsensed, *arm.unsensed_joints}))
+    model = replace(experiment, fixture=fixture, unsensed=unsensed).loop()
     return _identifiability_at(without_hidden(arm, fixture, model), poses.q_rad)
 
 

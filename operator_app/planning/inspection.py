@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from operator_app.calibration.experiment import Experiment
 from operator_app.config.any_file import FilesRead
 from operator_app.config.fixture_file import FixtureSpec
 from operator_app.config.poses_file import LoadedPoses
@@ -68,11 +69,11 @@ def _chain(
         file, loaded = looked.source.file, looked.holds
         if not isinstance(loaded, LoadedPoses) or loaded.poses.q_rad.shape[1] != arm.joint_count:
             continue
+        experiment = Experiment(
+            arm=arm, fixture=spec.fixture, poses=loaded.poses, unsensed=unsensed
+        )
         try:
-            determined = identifiability_of_poses(
-                arm, spec.fixture, loaded.poses, unsensed_joints=unsensed
-            )
-            identified.append((file, determined))
+            identified.append((file, identifiability_of_poses(experiment)))
         except (SolverError, ValueError) as error:
             unfit.append((file, str(error)))
     prospect = assess_feasibility(

@@ -224,7 +224,8 @@ class Result:
         () or (m,), m.
         """
         q = self._readings(q_rad)
-        return self._hand.tip_sigma_m(q.reshape(-1, q.shape[-1])).reshape(q.shape[:-1])
+        _, sigma_m = self._hand.tip_with_sigma_m(q.reshape(-1, q.shape[-1]))
+        return sigma_m.reshape(q.shape[:-1])
 
     # -- files -------------------------------------------------------------------------------------
 

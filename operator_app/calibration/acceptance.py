@@ -80,14 +80,13 @@ def causes_of(
     names = [p.name for p in estimate.parameters]
     columns = [names.index(name) for name in judged]
     sd = estimate.standard_deviation[columns]
+    scale = np.where(sd > 0.0, sd, 1.0)
     shift = diagnosis.parameter_shift[columns].copy()
     findings: list[Finding] = []
     for compared in diagnosis.rankings:
         # Every possible cause counts, not only the most likely: each implies other true values.
         possible = [
-            np.abs((shift + x.evidence.moved[columns]) / np.where(sd > 0.0, sd, 1.0)).max(
-                initial=0.0
-            )
+            np.abs((shift + x.evidence.moved[columns]) / scale).max(initial=0.0)
             for x in compared.known
             if x.probability >= limits.POSSIBLE_CAUSE_PROBABILITY
         ]

@@ -63,6 +63,8 @@ UNEXPLAINED_KINDS = {
 class PriorInformation:
     """Results that the adjudication uses in addition to the tests of the fit.
 
+    `judged`: names of the parameters that decide on acceptance. `paper`: the paper's estimate, if that estimator is
+    chosen.
     `out_of_range`, `flipped`: readings outside the arm file's ranges; number of poses left out because the tool is, or
     seems, upside down. `left_out`: findings that state why these poses were left out.
     `checks`: set-up checks of the fixture's identified geometry.
@@ -70,6 +72,8 @@ class PriorInformation:
     `by_files`: parameters for which less than half of the information comes from the poses.
     """
 
+    judged: tuple[str, ...]
+    paper: Estimate | None
     out_of_range: tuple[RangeFinding, ...] = ()
     flipped: int = 0
     left_out: tuple[Finding, ...] = ()
@@ -89,15 +93,13 @@ class _Case:
 
     found: Calibrated
     stated: Experiment
-    judged: tuple[str, ...]
     known: PriorInformation
-    paper: Estimate | None
     diagnosis: Diagnosis
 
     @property
     def estimate(self) -> Estimate:
         """The estimate to be adjudicated."""
-        return self.found.estimate if self.paper is None else self.paper
+        return self.known.paper or self.found.estimate
 
     @property
     def model(self) -> ClosureModel:
@@ -130,27 +132,18 @@ class _Case:
 
 
 def adjudicate(
-    calibrated: Calibrated,
-    experiment: Experiment,
-    distinct: IntArray,
-    *,
-    judged: tuple[str, ...],
-    known: PriorInformation,
-    paper: Estimate | None = None,
+    calibrated: Calibrated, experiment: Experiment, distinct: IntArray, known: PriorInformation
 ) -> Adjudication:
     """Return the causes of a misfit, the most probable first, and the verdict.
 
-    `distinct`: indices of the fitted poses, in the order in which they were taken. `judged`: names of the parameters
-    that decide on acceptance. `paper`: the paper's estimate, if that estimator is chosen.
+    `distinct`: indices of the fitted poses, in the order in which they were taken.
     """
-    arm = experiment.arm
+    arm, judged, paper = experiment.arm, known.judged, known.paper
     measured = measured_deviations(known.rvdt, arm)
     case = _Case(
         found=calibrated,
         stated=experiment.at_poses(distinct),
-        judged=judged,
         known=known,
-        paper=paper,
         diagnosis=diagnose(calibrated.linear, arm, taken=calibrated.order, measured=measured),
     )
     labels, scale = _labels(case.stated.poses), case.chi2_per_dof
@@ -180,8 +173,7 @@ def adjudicate(
     if not any(cause.blocking for cause in first):
         first, slipped = (*slipped, *first), ()
     # The paper's estimate does not use measured distances.
-    fixture, poses = case.stated.fixture, case.stated.poses
-    distances = () if paper is not None else contradicted(fixture, poses, calibrated.linear)
+    distances = () if paper is not None else contradicted(case.stated, calibrated.linear)
     return Adjudication(
         causes=(
             *first,
@@ -212,7 +204,7 @@ def _misfit_causes(
     Returns all causes, the alternative models among them, and whether a blocking misfit remains unexplained.
     """
     diagnosis, scale = case.diagnosis, case.chi2_per_dof
-    by_tests = causes_of(diagnosis, case.found.estimate, case.judged, labels)
+    by_tests = causes_of(diagnosis, case.found.estimate, case.known.judged, labels)
     alternatives: tuple[Finding, ...] = ()
     wrong = _wrong_distances(case, limits.EQUALLY_GOOD_CHI2) if diagnosis.fires else ()
     # A step between two placements changes the distance of their sockets, and may explain as much.
@@ -271,7 +263,7 @@ def _local_minimum_causes(case: _Case) -> tuple[Finding, ...]:
     if case.known.search is not None or case.model.unsensed_joints:
         return ()
     far = local_minimum_causes(
-        case.model, case.found.estimate, case.found.linear.design.q, case.judged
+        case.model, case.found.estimate, case.found.linear.design.q, case.known.judged
     )
     return (*case.alternatives(near=True), *far) if far and not case.gross else far
 
@@ -292,7 +284,7 @@ def _fit_causes(case: _Case, *, without_motion: bool) -> tuple[Finding, ...]:
     wide = little_motion(
         estimate.parameters,
         estimate.standard_deviation,
-        case.judged,
+        case.known.judged,
         stated_by_fixture,
         partial(exceeded_source, case.found),
     )
@@ -314,7 +306,8 @@ def _poorly_determined(case: _Case) -> tuple[Finding, ...]:
     expected = expected_fit(model, design.q, design.errors, nominal, group=group)
     sd = np.sqrt(np.maximum(np.diagonal(expected.covariance), 0.0))
     return tuple(
-        replace(cause, blocking=True) for cause in little_motion(model.parameters, sd, case.judged)
+        replace(cause, blocking=True)
+        for cause in little_motion(model.parameters, sd, case.known.judged)
     )
 
 

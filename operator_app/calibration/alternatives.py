@@ -30,7 +30,6 @@ from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.findings import reading_step, sensor_name
 from operator_app.calibration.placements import compared, contradiction
 from operator_app.messages.finding import Finding, FindingKind
-from solver.arrays import FloatArray
 from solver.diagnostics import limits
 from solver.diagnostics.fault_models import constant_reading_runs
 from solver.diagnostics.hypothesis_tests import HypothesisTest
@@ -139,7 +138,7 @@ def wrong_distances(stated: Experiment, fit: LinearFit, *, most_chi2: float) -> 
     is larger, the loops are solved again, since large errors are not linear.
     """
     fit_stated = fit.stated
-    known = compared(stated.fixture, stated.poses, fit_stated)
+    known = compared(stated, fit_stated)
     limit = sigmas_at(limits.DISTANCE_NOTICE_PROBABILITY, len(known))
     order = sorted(range(len(known)), key=lambda k: -abs(known[k][1]))[:SOLVED_ALTERNATIVES]
     alternative = stated
@@ -267,11 +266,9 @@ def _shifted(blind: Experiment, unsensed: tuple[int, ...]) -> list[tuple[Finding
         return []
     (joint,) = more
     q = blind.poses.q_rad
-
-    def angle() -> FloatArray | None:
-        return blind.loop().angle_of(without_readings(blind).unsensed, joint)
-
-    measured = tried(angle, None)
+    measured = tried(
+        lambda: blind.loop().angle_of(without_readings(blind).unsensed, joint), otherwise=None
+    )
     shift = None if measured is None else shift_of(q[:, joint - 1], measured)
     if shift is None:
         return []

@@ -1,6 +1,7 @@
-"""Calibration from a pose set in stages: prepare, fit, diagnose, decide.
+"""Calibration from a pose set in stages: prepare, fit, diagnose, collect the results, add notices.
 
-Each stage takes one frozen record and returns the next. `sarcal solve`, the session and the library call this.
+Each stage gets the frozen records of earlier stages, and only the options that it needs. `sarcal solve`, the session
+and the library call this.
 """
 
 from __future__ import annotations
@@ -114,43 +115,37 @@ def calibrate(
     unsensed = tuple(sorted({*unsensed_joints, *arm.unsensed_joints}))
     if estimator == "paper" and unsensed:
         raise ValueError("the paper's estimator needs every joint sensed (eqs. 10-13)")
-    task = Task(
-        experiment=Experiment(
-            arm=arm.with_length_tolerance(length_tolerance_m),
-            fixture=with_registered_instrument(arm, fixture, poses),
-            poses=poses,
-            unsensed=unsensed,
-        ),
-        by_paper=estimator == "paper",
-        search=search,
-        drop=drop,
-        length_tolerance_m=length_tolerance_m,
-        limits=AcceptanceLimits() if limits is None else limits,
-        rereads=rereads,
-        progress=progress,
+    experiment = Experiment(
+        arm=arm.with_length_tolerance(length_tolerance_m),
+        # The instrument's placements that no file states are estimated from the poses.
+        fixture=with_registered_instrument(arm, fixture, poses),
+        poses=poses,
+        unsensed=unsensed,
     )
-    return decide(diagnose(fit(prepare(task))))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Task:
-    """The checked arguments of `calibrate`; an instrument's unknown placements are estimated from the poses."""
-
-    experiment: Experiment
-    by_paper: bool
-    search: bool
-    drop: bool
-    length_tolerance_m: float | None
-    limits: AcceptanceLimits
-    rereads: tuple[RepeatedReading, ...]
-    progress: Progress | None
+    by_paper = estimator == "paper"
+    prepared = prepare(experiment, by_paper=by_paper, search=search, drop=drop, progress=progress)
+    fitted = fit(prepared, progress)
+    known, adjudication = diagnose(fitted, rereads)
+    solution = collect(fitted, known, adjudication, length_tolerance_m)
+    return with_notices(
+        solution,
+        experiment,
+        whole=fitted.whole,
+        judged=fitted.part,
+        known=known,
+        same=indistinguishable_placements(prepared.model, fitted.whole.estimate)
+        if fitted.closes
+        else (),
+        as_stated=prepared.not_fixed if by_paper else known.by_files,
+        limits=AcceptanceLimits() if limits is None else limits,
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Prepared:
     """Loops of the poses on one branch, with the model, data and error model of their fit.
 
-    `fixed`: unknowns that are fixed at their nominal values on request.
+    `fixed`: unidentifiable unknowns, fixed at their nominal values on request; `not_fixed`: these without the request.
     `hard`: model with the unknowns to identify; `model`: the same with all free parameters.
     `tolerance`: tolerance (rad, m), by name, of each entry free within a tolerance.
     `errors`: error model of the distinct poses.
@@ -159,10 +154,12 @@ class Prepared:
     `identifiability`: identifiability at the paper's estimate; None if it was not evaluated.
     """
 
-    task: Task
+    experiment: Experiment
+    by_paper: bool
     out_of_range: tuple[RangeFinding, ...]
     loops: IdentifiableLoops
     fixed: tuple[str, ...]
+    not_fixed: tuple[str, ...]
     hard: ClosureModel
     model: ClosureModel
     tolerance: Mapping[str, float]
@@ -175,15 +172,23 @@ class Prepared:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Fitted:
-    """The implicit fit of the distinct poses (`whole`), and the chosen estimator's result from all poses."""
+    """The implicit fit of the distinct poses (`whole`), and the chosen estimator's result from all poses.
+
+    `part`, `tested`: the fit of the poses that are tested, and their indices.
+    `shares`: share of each parameter's information that comes from the poses; empty with the paper's estimator.
+    """
 
     prepared: Prepared
     whole: Calibrated
+    part: Calibrated
+    tested: IntArray
     model: ClosureModel
     tolerance: Mapping[str, float]
     estimate: Estimate
     components: VarianceComponents | None
     implicit: Estimate | None
+    identifiability: Identifiability
+    shares: Mapping[str, float]
 
     @property
     def closes(self) -> bool:
@@ -191,42 +196,31 @@ class Fitted:
         return gross_misfit(self.whole) < CHI2_PER_DOF_GROSS
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Diagnosed:
-    """Results of the tests of a fit; `part`: the fit of the poses that were tested."""
-
-    fitted: Fitted
-    part: Calibrated
-    identifiability: Identifiability
-    shares: Mapping[str, float]
-    known: PriorInformation
-    adjudication: Adjudication
-
-
-def prepare(task: Task) -> Prepared:
+def prepare(
+    experiment: Experiment, *, by_paper: bool, search: bool, drop: bool, progress: Progress | None
+) -> Prepared:
     """Build the loops and the model of their fit; refuse poses that cannot be fitted.
 
     These are too few poses, readings out of range, placements with ambiguous parameters, and unidentifiable parameters.
     """
-    experiment, model = task.experiment, task.experiment.loop()
-    arm, poses = experiment.arm, experiment.poses
+    model, arm, poses = experiment.loop(), experiment.arm, experiment.poses
     require_enough_poses(model, len(poses))
     out_of_range = range_findings(arm, poses, unsensed_joints=experiment.unsensed)
     refuse_placement(experiment, model)
-    loops = identifiable_loops(
-        experiment, model, search=task.search, drop=task.drop, progress=task.progress
-    )
-    fixed = loops.unidentifiable if task.drop else ()
-    hard = loops.identifiable if task.by_paper else loops.model
+    loops = identifiable_loops(experiment, model, search=search, drop=drop, progress=progress)
+    fixed, not_fixed = (loops.unidentifiable, ()) if drop else ((), loops.unidentifiable)
+    hard = loops.identifiable if by_paper else loops.model
     # The implicit fit is always made, because the paper's estimate is compared with it.
     model, tolerance = free_within_tolerance(hard, arm, fixed=fixed)
     prior = stated_priors(hard, arm, experiment.fixture)
     distinct, which = distinct_poses(poses, loops.kept)
     prepared = Prepared(
-        task=task,
+        experiment=experiment,
+        by_paper=by_paper,
         out_of_range=out_of_range,
         loops=loops,
         fixed=fixed,
+        not_fixed=not_fixed,
         hard=hard,
         model=model,
         tolerance=tolerance,
@@ -237,18 +231,19 @@ def prepare(task: Task) -> Prepared:
     )
     # Before the fit, because along an unidentifiable direction without a prior no estimate is valid.
     if (paper := loops.paper) is not None and (
-        task.by_paper or not well_conditioned_at_readings(paper, loops.q)
+        by_paper or not well_conditioned_at_readings(paper, loops.q)
     ):
         return replace(prepared, identifiability=_identifiability(prepared, paper.x))
     return prepared
 
 
-def fit(prepared: Prepared) -> Fitted:
+def fit(prepared: Prepared, progress: Progress | None) -> Fitted:
     """Fit by the implicit estimator from several starts; return the paper's estimate if that estimator is chosen.
 
-    Raises `PosesDoNotFitError` if no start leads to a fit; the error lists the alternative models that fit.
+    Raises `PosesDoNotFitError` if no start leads to a fit; the error lists the alternative models that fit. Refuses
+    parameters that are unidentifiable at the estimate.
     """
-    task, loops, distinct = prepared.task, prepared.loops, prepared.distinct
+    experiment, loops, distinct = prepared.experiment, prepared.loops, prepared.distinct
     rows = np.searchsorted(np.flatnonzero(loops.kept), distinct)
     try:
         calibrated = fit_from_starts(
@@ -256,82 +251,79 @@ def fit(prepared: Prepared) -> Fitted:
             loops.q[rows],
             prepared.errors,
             _starts(prepared),
-            group=task.experiment.poses.placement[distinct],
-            progress=task.progress,
+            group=experiment.poses.placement[distinct],
+            progress=progress,
         )
     except PosesDoNotFitError as error:
         unknowns = len(loops.identifiable.parameters)
         dof = len(distinct) * prepared.hard.equations_per_pose - unknowns
-        stated = task.experiment.at_poses(distinct)
+        stated = experiment.at_poses(distinct)
         raise poses_do_not_fit(find_alternatives(stated, scale=np.inf, dof=dof)) from error
     estimate, components = calibrated.estimate, calibrated.components
     if len(prepared.which) != len(distinct):
         estimate = estimate.at_poses(prepared.which)
         components = components.at_poses(prepared.which)
-    paper = loops.paper if task.by_paper else None
+    part, chosen = calibrated.few(MOST_DIAGNOSED_POSES)
+    paper = loops.paper if prepared.by_paper else None
     return Fitted(
         prepared=prepared,
         whole=calibrated,
+        part=part,
+        tested=distinct[chosen],
         model=prepared.model if paper is None else prepared.hard,
         tolerance=prepared.tolerance if paper is None else {},
         estimate=estimate if paper is None else paper,
         components=components if paper is None else None,
         implicit=None if paper is None else estimate.without(tuple(prepared.tolerance)),
+        identifiability=_identifiability_of(prepared, part, estimate.x),
+        shares={} if prepared.by_paper else shares_of_poses(calibrated.linear),
     )
 
 
-def diagnose(fitted: Fitted) -> Diagnosed:
+def diagnose(
+    fitted: Fitted, rereads: tuple[RepeatedReading, ...]
+) -> tuple[PriorInformation, Adjudication]:
     """Test the fit and every RVDT, compare placements and repeated poses, and rank the causes."""
     prepared, model, x = fitted.prepared, fitted.model, fitted.estimate.x
-    task, loops, experiment = prepared.task, prepared.loops, prepared.task.experiment
-    part, chosen = fitted.whole.few(MOST_DIAGNOSED_POSES)
-    used = prepared.distinct[chosen]
+    loops, experiment = prepared.loops, prepared.experiment
+    part, tested, shares = fitted.part, fitted.tested, fitted.shares
     unknowns = tuple(p.name for p in prepared.hard.parameters)
-    shares = {} if task.by_paper else shares_of_poses(fitted.whole.linear)
-    identified = _identifiability_of(fitted, part)
     left_out, out_of_range = left_out_poses(
         loops.flipped, prepared.out_of_range, experiment.arm, experiment.poses
     )
     known = PriorInformation(
+        judged=unknowns,
+        paper=fitted.estimate if prepared.by_paper else None,
         out_of_range=out_of_range,
         flipped=len(loops.flipped),
         left_out=left_out,
         checks=placement_checks(experiment, model, x),
         search=loops.search,
-        rvdt=check_rvdts(experiment, loops.kept, used, part, fixed=prepared.fixed)
+        rvdt=check_rvdts(experiment, loops.kept, tested, part, fixed=prepared.fixed)
         if fitted.closes
         else (),
-        returned=repeats_of(task.rereads, experiment.at_poses(loops.kept), model, x),
+        returned=repeats_of(rereads, experiment.at_poses(loops.kept), model, x),
         by_files=tuple(n for n in unknowns if shares.get(n, 1.0) < LEAST_INFORMATION_SHARE),
     )
-    return Diagnosed(
-        fitted=fitted,
-        part=part,
-        identifiability=identified,
-        shares=shares,
-        known=known,
-        adjudication=adjudicate(
-            part,
-            experiment,
-            used,
-            judged=unknowns,
-            known=known,
-            paper=fitted.estimate if task.by_paper else None,
-        ),
-    )
+    return known, adjudicate(part, experiment, tested, known)
 
 
-def decide(diagnosed: Diagnosed) -> Solution:
-    """Collect the results of a calibration, its verdict and every notice."""
-    fitted, known, prepared = diagnosed.fitted, diagnosed.known, diagnosed.fitted.prepared
-    task, loops, calibrated = prepared.task, prepared.loops, fitted.whole
-    model, estimate, q, experiment = fitted.model, fitted.estimate, loops.q, task.experiment
+def collect(
+    fitted: Fitted,
+    known: PriorInformation,
+    adjudication: Adjudication,
+    length_tolerance_m: float | None,
+) -> Solution:
+    """Collect the results of a calibration, without its notices."""
+    prepared, calibrated, by_paper = fitted.prepared, fitted.whole, fitted.prepared.by_paper
+    loops, experiment = prepared.loops, prepared.experiment
+    model, estimate, q = fitted.model, fitted.estimate, loops.q
     arm, fixture, poses = experiment.arm, experiment.fixture, experiment.poses
     solution = Solution(
         model=model,
         estimate=estimate,
         paper=loops.paper,
-        identifiability=diagnosed.identifiability,
+        identifiability=fitted.identifiability,
         before=closure_at_readings(model, nominal_vector(model.parameters), q).sigmas,
         poses=len(q),
         dropped_flipped=loops.flipped,
@@ -344,42 +336,30 @@ def decide(diagnosed: Diagnosed) -> Solution:
         assumed=(*arm.assumed, *fixture.compliance.assumed),
         hand=tip_sigma(model, estimate, q),
         implicit=fitted.implicit,
-        length_tolerance_m=task.length_tolerance_m,
-        scales=() if task.by_paper else learned_scales(calibrated.linear, calibrated.found),
-        shares=diagnosed.shares,
+        length_tolerance_m=length_tolerance_m,
+        scales=() if by_paper else learned_scales(calibrated.linear, calibrated.found),
+        shares=fitted.shares,
         distances=distances(
             model,
             estimate,
             poses.placements,
-            () if task.by_paper else compared(fixture, poses, calibrated.linear),
+            () if by_paper else compared(experiment, calibrated.linear),
         ),
         condition_at_readings=condition_at_readings(
             loops.identifiable, in_order(loops.identifiable, model, estimate.x), q
         ),
-        adjudication=diagnosed.adjudication,
+        adjudication=adjudication,
         warnings=(),
         reasons=(),
     )
-    if not task.by_paper and not experiment.unsensed:
-        solution = with_best_table(solution, arm, calibrated, q)
-    unidentifiable = () if task.drop else loops.unidentifiable
-    return with_notices(
-        solution,
-        experiment,
-        whole=calibrated,
-        judged=diagnosed.part,
-        known=known,
-        same=indistinguishable_placements(prepared.model, calibrated.estimate)
-        if fitted.closes
-        else (),
-        as_stated=unidentifiable if task.by_paper else known.by_files,
-        limits=task.limits,
-    )
+    if by_paper or experiment.unsensed:
+        return solution
+    return with_best_table(solution, arm, calibrated, q)
 
 
 def _identifiability(prepared: Prepared, x: FloatArray) -> Identifiability:
     """Identifiability at parameters `x`, from the loop closure; raises the errors of `_require_identifiable`."""
-    loops, sigma_rad = prepared.loops, prepared.task.experiment.arm.sigma_rad()
+    loops, sigma_rad = prepared.loops, prepared.experiment.arm.sigma_rad()
     identified = identifiability(loops.identifiable, x, loops.q, sigma_rad=sigma_rad)
     return _require_identifiable(prepared, identified)
 
@@ -389,8 +369,8 @@ def _require_identifiable(prepared: Prepared, identified: Identifiability) -> Id
 
     The implicit estimator accepts directions that involve a parameter whose uncertainty the arm's file states.
     """
-    task, loops, model = prepared.task, prepared.loops, prepared.hard
-    known = frozenset[str]() if task.by_paper else prepared.prior
+    experiment, loops, model = prepared.experiment, prepared.loops, prepared.hard
+    known = frozenset[str]() if prepared.by_paper else prepared.prior
     blind = tuple(d for d in identified.directions if not known & set(d.parameters))
     if not blind:
         return identified
@@ -400,20 +380,19 @@ def _require_identifiable(prepared: Prepared, identified: Identifiability) -> Id
         error = UnidentifiableError(blind, code="TOO_FEW_POSES", note=note)
     raise explain_unidentifiable(
         error,
-        task.experiment.at_poses(loops.kept),
+        experiment.at_poses(loops.kept),
         loops.paper,
-        saturated_readings(prepared.out_of_range, task.experiment.poses),
+        saturated_readings(prepared.out_of_range, experiment.poses),
     )
 
 
-def _identifiability_of(fitted: Fitted, part: Calibrated) -> Identifiability:
+def _identifiability_of(prepared: Prepared, part: Calibrated, x: FloatArray) -> Identifiability:
     """Identifiability at the fitted parameters, from the fit's equations or, with unsensed joints, the loop closure."""
-    prepared, loops = fitted.prepared, fitted.prepared.loops
-    if prepared.task.by_paper and prepared.identifiability is not None:
+    loops = prepared.loops
+    if prepared.by_paper and prepared.identifiability is not None:
         return prepared.identifiability
     if loops.paper is None:
-        x = in_order(loops.identifiable, prepared.model, fitted.estimate.x)
-        return _identifiability(prepared, x)
+        return _identifiability(prepared, in_order(loops.identifiable, prepared.model, x))
     names = tuple(p.name for p in loops.identifiable.parameters)
     identified = identifiability_of_fit(part.linear, names, taken=part.order)
     return _require_identifiable(prepared, identified)
@@ -421,9 +400,9 @@ def _identifiability_of(fitted: Fitted, part: Calibrated) -> Identifiability:
 
 def _starts(prepared: Prepared) -> Iterator[FloatArray | None]:
     """Yield start values: fixture fitted alone, first estimate, nominal values, best solution near nominal values."""
-    loops, task, unsensed = prepared.loops, prepared.task, prepared.task.experiment.unsensed
+    loops, unsensed = prepared.loops, prepared.experiment.unsensed
     model, q, identifiable = prepared.model, loops.q, loops.identifiable
-    if prepared.prior and not task.search and not unsensed:
+    if prepared.prior and loops.search is None and not unsensed:
         # The fixture's placement alone, with the arm's stated entries at their nominal values.
         fixture_only = prepared.hard.without(prepared.prior)
         yield in_order(model, fixture_only, estimate_paper(fixture_only, q).x)

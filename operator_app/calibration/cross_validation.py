@@ -45,9 +45,8 @@ class Checks:
 
 def check(solution: Solution, arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet) -> Checks:
     """Check a solution with its own poses; the result is empty for the paper's estimator or too few poses."""
-    if solution.estimate.corrections is None:
-        return Checks()
-    if len(poses) - len(solution.dropped_flipped) < 2 * FOLDS:
+    few = len(poses) - len(solution.dropped_flipped) < 2 * FOLDS
+    if few or solution.estimate.corrections is None:
         return Checks()
     fixture, model = with_calibrated_places(fixture, solution.model), solution.model
     arm = arm.with_length_tolerance(solution.length_tolerance_m)

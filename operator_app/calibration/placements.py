@@ -14,12 +14,11 @@ from itertools import combinations
 import numpy as np
 
 from fixtures.ball import KnownDistance
-from fixtures.base import EndpointConstraint
 from operator_app.calibration.error_model import stated_distances
+from operator_app.calibration.experiment import Experiment
 from operator_app.messages.finding import Finding, FindingKind
 from solver.arrays import FloatArray
 from solver.chain.parameters import wrap_angles
-from solver.chain.poses import PoseSet
 from solver.diagnostics.limits import DISTANCE_NOTICE_PROBABILITY, REMOUNT_FALSE_ALARM_PROBABILITY
 from solver.diagnostics.statistics import sigmas_at
 from solver.estimators.error_model import distance_and_rates
@@ -156,19 +155,15 @@ def distances(
     return tuple(distances_found)
 
 
-def compared(
-    fixture: EndpointConstraint, poses: PoseSet, fit: LinearFit
-) -> tuple[tuple[KnownDistance, float], ...]:
+def compared(experiment: Experiment, fit: LinearFit) -> tuple[tuple[KnownDistance, float], ...]:
     """Return the measured distances used in a fit of these poses, each with its deviation in sigmas (`Distance`)."""
-    stated = stated_distances(fixture, poses.placements)
+    stated = stated_distances(experiment)
     return tuple(zip(stated, fit.distance_deviations().tolist(), strict=True))
 
 
-def contradicted(
-    fixture: EndpointConstraint, poses: PoseSet, fit: LinearFit
-) -> tuple[Finding, ...]:
+def contradicted(experiment: Experiment, fit: LinearFit) -> tuple[Finding, ...]:
     """Return a finding for each measured distance that the poses of a fit contradict."""
-    known = compared(fixture, poses, fit)
+    known = compared(experiment, fit)
     limit = sigmas_at(DISTANCE_NOTICE_PROBABILITY, len(known))
     return tuple(contradiction(d.between, sigmas) for d, sigmas in known if abs(sigmas) > limit)
 

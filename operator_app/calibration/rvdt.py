@@ -143,16 +143,13 @@ def _noise_of_rvdts(
         # The motion noise of fixture and joints is the estimated one, not the stated one.
         v, error = sensor_noise_with_found_motion(calibrated.linear)
         by_name = {c.name: c for c in components(calibrated.linear.design, v, error)}
-    noise_by_joint = {
-        j: single_noise(
-            sensor,
-            by_name.get(f"rvdt_{j}"),
-            None if spread is None else spread[still[j], j - 1],
-            samples[still[j]],
-        )
-        for j, sensor in sensors.items()
-    }
-    return {j: noise for j, noise in noise_by_joint.items() if noise is not None}
+    noise_by_joint: dict[int, SingleNoise] = {}
+    for j, sensor in sensors.items():
+        own_spread = None if spread is None else spread[still[j], j - 1]
+        noise = single_noise(sensor, by_name.get(f"rvdt_{j}"), own_spread, samples[still[j]])
+        if noise is not None:
+            noise_by_joint[j] = noise
+    return noise_by_joint
 
 
 def measured_deviations(

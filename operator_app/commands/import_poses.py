@@ -59,20 +59,23 @@ def execute(args: argparse.Namespace) -> int:
             drop_unidentifiable=args.drop_unidentifiable,
         ),
     )
+    unidentifiable = None
     try:
         solution, checks = session.calibrate()
     except UnidentifiableError as error:
-        # Keep the poses, for report and compare.
-        folder = _write(session, args.sessions)
-        if args.json:
-            undetermined = unidentifiable_json(error, session.procedure, folder, session.state)
-            say(as_json(undetermined | recordings))
-        else:
-            say(f"{unidentifiable_text(error)}\n\nSession     {folder}")
-        return ExitCode.NOT_IDENTIFIABLE
+        # The poses are kept, for report and compare.
+        unidentifiable = error
     except ReadingsOutOfRangeError as error:
         raise UsageError(f"{', '.join(args.poses)}: {error}") from error
-    folder = _write(session, args.sessions)
+    folder = session.write(root=args.sessions)
+    save_poses(folder / POSES_NAME, session.state.pose_set())
+    if unidentifiable is not None:
+        if args.json:
+            data = unidentifiable_json(unidentifiable, session.procedure, folder, session.state)
+            say(as_json(data | recordings))
+        else:
+            say(f"{unidentifiable_text(unidentifiable)}\n\nSession     {folder}")
+        return ExitCode.NOT_IDENTIFIABLE
     facts = facts_of(solution, checks=checks, limits=session.procedure.acceptance)
     if args.json:
         data = session_json(facts, solution.paper, folder, session.state)
@@ -81,13 +84,6 @@ def execute(args: argparse.Namespace) -> int:
         text = session_text(folder, session.state, accepted=solution.accepted)
         say(f"{facts_text(facts)}\n\n{text}")
     return ExitCode.ACCEPTED if solution.accepted else ExitCode.NOT_ACCEPTED
-
-
-def _write(session: ImportedSession, root: Path | None) -> Path:
-    """Write the session and its poses file; return the folder."""
-    folder = session.write(root=root)
-    save_poses(folder / POSES_NAME, session.state.pose_set())
-    return folder
 
 
 def _poses(

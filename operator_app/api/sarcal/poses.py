@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from operator_app.config.csv_table import write_records
 from operator_app.config.poses_file import FileWarning, format_poses, parse_poses
 from operator_app.config.poses_file import load_poses as load_poses_file
 from solver.arrays import FloatArray, IntArray
@@ -233,8 +234,6 @@ def _csv_of(frame: Any, columns: list[str]) -> bytes:
     count = len(next(iter(cells.values()), []))
     head = {"placement": ["1"] * count, "pose": [str(k) for k in range(1, count + 1)]}
     all_columns = head | cells
-    from operator_app.config.csv_table import write_records
-
     return write_records([list(all_columns), *zip(*all_columns.values(), strict=True)])
 
 

@@ -264,7 +264,8 @@ class Result:
             stale=(PARAMETERS_NAME, POSES_NAME, REPORT_NAME, *EXPORT_FILES.values()),
         )
         save_poses(where / POSES_NAME, session.state.pose_set())
-        if self.accepted and self._has_table:
+        has_table = self._solution.model.dh_table(self._solution.estimate.x) is not None
+        if self.accepted and has_table:
             save_parameters(where / PARAMETERS_NAME, self._document(session=session))
         calibration = StoredCalibration(
             solution=self._solution, checks=self._checks, recalculated_because=""
@@ -350,10 +351,6 @@ class Result:
         return str(join([*parts, *([] if parameters is None else [table_html(parameters)])]))
 
     # -- inside ------------------------------------------------------------------------------------
-
-    @property
-    def _has_table(self) -> bool:
-        return self._solution.model.dh_table(self._solution.estimate.x) is not None
 
     @cached_property
     def _subject(self) -> Subject:

@@ -13,7 +13,7 @@ import numpy as np
 from hardware.arm import ArmIdentity
 from hardware.canopen.objects import EmergencyCode
 from operator_app.calibration.experiment import Experiment
-from operator_app.calibration.innovation import is_unpredicted
+from operator_app.calibration.prior import is_unpredicted
 from operator_app.calibration.result import Solution
 from operator_app.calibration.verification import VerificationResult, verify_poses
 from operator_app.errors import GuardError

@@ -107,9 +107,9 @@ def open_arm(
         opening = replace(
             opening, procedure=replace(procedure, upload=keeps_parameters), choices=choices
         )
-        with closing(_outside_arm(outside, opening, bus, record_to)) as theirs:
+        with closing(_outside_arm(outside, opening, bus, record_to)) as outside_arm:
             instrument = _instrument(procedure, choices, None)
-            yield Rig(arm=theirs, opening=opening, simulated=False, instrument=instrument)
+            yield Rig(arm=outside_arm, opening=opening, simulated=False, instrument=instrument)
         return
     if procedure.profile.supervisor is None:
         # Without a supervisor nothing stores parameters: they stay in the session folder.

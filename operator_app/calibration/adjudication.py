@@ -91,7 +91,7 @@ class _Case:
     `stated`: the experiment with the files' values and the fitted poses in the order in which they were taken.
     """
 
-    found: Calibrated
+    fit: Calibrated
     stated: Experiment
     known: PriorInformation
     diagnosis: Diagnosis
@@ -99,12 +99,12 @@ class _Case:
     @property
     def estimate(self) -> Estimate:
         """The estimate to be adjudicated."""
-        return self.known.paper or self.found.estimate
+        return self.known.paper or self.fit.estimate
 
     @property
     def model(self) -> ClosureModel:
         """The closure model of the fit."""
-        return self.found.linear.design.model
+        return self.fit.linear.design.model
 
     @property
     def chi2_per_dof(self) -> float:
@@ -141,7 +141,7 @@ def adjudicate(
     arm, judged, paper = experiment.arm, known.judged, known.paper
     measured = measured_deviations(known.rvdt, arm)
     case = _Case(
-        found=calibrated,
+        fit=calibrated,
         stated=experiment.at_poses(distinct),
         known=known,
         diagnosis=diagnose(calibrated.linear, arm, taken=calibrated.order, measured=measured),
@@ -166,21 +166,21 @@ def adjudicate(
         *(() if case.gross or diverged else _geometry_causes(known.checks)),
         *(() if case.gross else far),
     )
-    shaken = motion_causes(case.stated, labels)
+    moved = motion_causes(case.stated, labels)
     if not case.estimate.converged:
-        by_tests, shaken = _blocking_when_probable(by_tests), _blocking_when_probable(shaken)
-    slipped, by_tests = proven_by_return(since, by_tests)
+        by_tests, moved = _blocking_when_probable(by_tests), _blocking_when_probable(moved)
+    proven, by_tests = proven_by_return(since, by_tests)
     if not any(cause.blocking for cause in first):
-        first, slipped = (*slipped, *first), ()
+        first, proven = (*proven, *first), ()
     # The paper's estimate does not use measured distances.
     distances = () if paper is not None else contradicted(case.stated, calibrated.linear)
     return Adjudication(
         causes=(
             *first,
-            *slipped,
+            *proven,
             *by_tests,
             *(c for c in not_yet_named(since, by_tests) if not c.blocking),
-            *shaken,
+            *moved,
             *(far if case.gross and not alternatives else ()),
             *off_paper,
             *(
@@ -204,7 +204,7 @@ def _misfit_causes(
     Returns all causes, the alternative models among them, and whether a blocking misfit remains unexplained.
     """
     diagnosis, scale = case.diagnosis, case.chi2_per_dof
-    by_tests = causes_of(diagnosis, case.found.estimate, case.known.judged, labels)
+    by_tests = causes_of(diagnosis, case.fit.estimate, case.known.judged, labels)
     alternatives: tuple[Finding, ...] = ()
     wrong = _wrong_distances(case, limits.EQUALLY_GOOD_CHI2) if diagnosis.fires else ()
     # A step between two placements changes the distance of their sockets, and may explain as much.
@@ -235,7 +235,7 @@ def _misfit_causes(
     nothing_fits = unexplained and not alternatives
     explained = not (alternatives or case.gross or nothing_fits)
     if by_tests and explained and not _single_cause(diagnosis):
-        by_tests = (*_exceeded_specifications(case.found.linear, diagnosis), *by_tests)
+        by_tests = (*_exceeded_specifications(case.fit.linear, diagnosis), *by_tests)
     if scale > limits.CHI2_PER_DOF_REFUSED and by_tests:
         # The misfit has widened the sigmas, so that no cause exceeds them: the first one has to block.
         by_tests = (replace(by_tests[0], blocking=True), *by_tests[1:])
@@ -246,7 +246,7 @@ def _wrong_distances(case: _Case, margin: float) -> tuple[Finding, ...]:
     """Findings of distances whose omission reduces chi2 to at most the best fault's plus `margin`; else empty."""
     best = case.diagnosis.best
     most_chi2 = np.inf if best is None else best.evidence.chi2 + margin
-    return wrong_distances(case.stated, case.found.linear, most_chi2=most_chi2)
+    return wrong_distances(case.stated, case.fit.linear, most_chi2=most_chi2)
 
 
 def _begins_with_a_placement(case: _Case) -> bool:
@@ -263,7 +263,7 @@ def _local_minimum_causes(case: _Case) -> tuple[Finding, ...]:
     if case.known.search is not None or case.model.unsensed_joints:
         return ()
     far = local_minimum_causes(
-        case.model, case.found.estimate, case.found.linear.design.q, case.known.judged
+        case.model, case.fit.estimate, case.fit.linear.design.q, case.known.judged
     )
     return (*case.alternatives(near=True), *far) if far and not case.gross else far
 
@@ -286,7 +286,7 @@ def _fit_causes(case: _Case, *, without_motion: bool) -> tuple[Finding, ...]:
         estimate.standard_deviation,
         case.known.judged,
         stated_by_fixture,
-        partial(exceeded_source, case.found),
+        partial(exceeded_source, case.fit),
     )
     return (*(() if estimate.converged else (open_end,)), *(() if without_motion else wide))
 
@@ -297,12 +297,12 @@ def _poorly_determined(case: _Case) -> tuple[Finding, ...]:
     Evaluated at the nominal values, since the sigmas of a diverged fit have no meaning. Also empty if parallel axes in
     the nominal geometry are the cause.
     """
-    design, model = case.found.linear.design, case.model
+    design, model = case.fit.linear.design, case.model
     nominal = nominal_vector(model.parameters)
     stated = case.stated
     if _geometry_causes(placement_checks(stated, model, nominal)):
         return ()
-    group = stated.poses.placement[case.found.order]
+    group = stated.poses.placement[case.fit.order]
     expected = expected_fit(model, design.q, design.errors, nominal, group=group)
     sd = np.sqrt(np.maximum(np.diagonal(expected.covariance), 0.0))
     return tuple(

@@ -131,7 +131,7 @@ def calibrate(
         solution,
         experiment,
         whole=fitted.whole,
-        judged=fitted.part,
+        tested=fitted.part,
         known=known,
         same=indistinguishable_placements(prepared.model, fitted.whole.estimate)
         if fitted.closes

@@ -47,7 +47,7 @@ def with_notices(
     experiment: Experiment,
     *,
     whole: Calibrated,
-    judged: Calibrated,
+    tested: Calibrated,
     known: PriorInformation,
     same: tuple[Finding, ...],
     as_stated: tuple[str, ...],
@@ -55,11 +55,11 @@ def with_notices(
 ) -> Solution:
     """Add the accuracy of the tool, all notices in order, and the reasons for the verdict.
 
-    `whole`: fit of all poses. `judged`: fit of the tested poses. `same`: findings of indistinguishable placements.
+    `whole`: fit of all poses. `tested`: fit of the tested poses. `same`: findings of indistinguishable placements.
     `as_stated`: parameters known from the files rather than from the poses.
     """
     arm, adjudication = experiment.arm, solution.adjudication
-    accuracy = tool_accuracy(calibrated_arm(solution, arm), arm, as_stated, judged.linear)
+    accuracy = tool_accuracy(calibrated_arm(solution, arm), arm, as_stated, tested.linear)
     sound = not adjudication.diverged
     findings = (
         *(() if sound else (Finding(K.DIVERGED),)),

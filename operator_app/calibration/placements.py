@@ -138,12 +138,12 @@ def distances(
         or b == a + 1
         or frozenset((placements[a], placements[b])) in stated
     ]
-    distances_found = []
+    listed = []
     for a, b in pairs:
         value, rates = distance_and_rates(where[a].tolist(), where[b].tolist(), estimate.x)
         between = (placements[a], placements[b])
         known, deviation = stated.get(frozenset(between), (None, 0.0))
-        distances_found.append(
+        listed.append(
             Distance(
                 between=between,
                 value_m=value,
@@ -152,7 +152,7 @@ def distances(
                 deviation=deviation,
             )
         )
-    return tuple(distances_found)
+    return tuple(listed)
 
 
 def compared(experiment: Experiment, fit: LinearFit) -> tuple[tuple[KnownDistance, float], ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -19,7 +19,7 @@ from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.multistart import evenly
 from operator_app.calibration.result import Solution
 from operator_app.units import SLIP_SIGMA
-from solver.arrays import FloatArray
+from solver.arrays import FloatArray, IntArray
 from solver.chain.poses import PoseSet, canonical_order
 from solver.diagnostics.cross_validation import (
     NOT_KNOWN,
@@ -83,7 +83,7 @@ def predict_new_poses(
     both = replace(new, poses=concatenated_poses(old, new.poses))
     later = np.arange(len(both.poses)) >= len(old)
     model, x0, column = _model(solution.estimate, old, both, start)
-    errors = _errors(solution, model, both, start)
+    errors = errors_as_calibrated(solution, model, both, without=start)
     learned = {} if solution.components is None else solution.components.variances
     try:
         fitted = fit_as_stated(
@@ -123,20 +123,29 @@ def predict_new_poses(
     return replace(residuals, dof=dof), chi2, subjects
 
 
-def _errors(
-    solution: Solution, model: ClosureModel, both: Experiment, start: Mapping[str, float]
+def errors_as_calibrated(
+    solution: Solution,
+    model: ClosureModel,
+    experiment: Experiment,
+    poses: IntArray | slice = slice(None),
+    *,
+    without: Collection[str] = (),
 ) -> ErrorModel:
-    """Stated errors of old and new poses, with the tolerances and priors that the calibration used."""
+    """Return the stated errors of `poses`, with the tolerances and priors that a calibration used.
+
+    `model`: loops of the poses with the calibration's parameters; those in `without` get no prior.
+    """
     tolerated = {p.name for p in model.parameters} & set(solution.tolerated)
     sought = model.without(tuple(tolerated))
-    arm = both.arm.with_length_tolerance(solution.length_tolerance_m)
+    arm = experiment.arm.with_length_tolerance(solution.length_tolerance_m)
     stated = free_within_tolerance(sought, arm, fixed=solution.held)[1]
     by_paper = solution.estimate.estimator == "paper"
-    prior = {} if by_paper else stated_priors(sought, arm, both.fixture)
+    prior = {} if by_paper else stated_priors(sought, arm, experiment.fixture)
     return error_model(
-        both,
+        experiment,
+        poses,
         tolerance={name: sd for name, sd in stated.items() if name in tolerated},
-        prior={name: sd for name, sd in prior.items() if name not in start},
+        prior={name: sd for name, sd in prior.items() if name not in without},
     )
 
 

@@ -117,15 +117,15 @@ def known_arm(experiment: Experiment) -> KnownArm | None:
         return None
     model, prior, fitted = by
     own = {*model.ground_side, *(() if experiment.fixture.stays_on_hand else model.hand_side)}
-    shared, stood, ends = list[int](), list[int](), dict[str, list[float]]()
+    shared, placed_columns, ends = list[int](), list[int](), dict[str, list[float]]()
     for k, p in enumerate(model.parameters):
         if p.name not in own:
             shared.append(k)
         elif p.name.startswith("theta_off_"):
             ends.setdefault(p.name.partition("[")[0], []).append(float(fitted.x[k]))
         else:
-            stood.append(k)
-    pulls = (fitted.x - prior.mean)[stood] * np.sqrt(prior.precision[stood])
+            placed_columns.append(k)
+    pulls = (fitted.x - prior.mean)[placed_columns] * np.sqrt(prior.precision[placed_columns])
     # Poses that fit worse than stated carry less information: their covariance is scaled up.
     worse = max(1.0, fitted.chi2 / fitted.dof)
     return KnownArm(
@@ -134,7 +134,7 @@ def known_arm(experiment: Experiment) -> KnownArm | None:
         covariance=worse * fitted.covariance[np.ix_(shared, shared)],
         ends={name: float(np.mean(values)) for name, values in ends.items()},
         placements=len(experiment.poses.placements),
-        placement_ratio=max(1.0, float(np.sqrt(np.mean(pulls**2)))) if stood else 1.0,
+        placement_ratio=max(1.0, float(np.sqrt(np.mean(pulls**2)))) if placed_columns else 1.0,
     )
 
 

@@ -18,6 +18,7 @@ from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector
 from solver.chain.poses import PoseSet
 from solver.closing import reduced_equations
+from solver.diagnostics import limits
 from solver.diagnostics.cross_validation import (
     NOT_KNOWN,
     CommonShift,
@@ -26,12 +27,6 @@ from solver.diagnostics.cross_validation import (
     verify,
 )
 from solver.diagnostics.hypothesis_tests import find_outliers, leave_one_out_chi2
-from solver.diagnostics.limits import (
-    FALSE_ALARM_PROBABILITY,
-    LEARNED_VARIANCE_FACTOR,
-    SAME_POINT_M,
-    SAME_READING_RAD,
-)
 from solver.diagnostics.statistics import Chi2Test, chi2_test
 from solver.diagnostics.whitened_residuals import WhitenedResiduals
 from solver.estimators.error_model import SD_OF_PEAK
@@ -166,7 +161,7 @@ def verify_poses(
         )
     x, covariance = _in_order(model, fixed)
     if unknown:
-        x, covariance = _with_placement_found(model, x, covariance, poses.q_rad, unknown)
+        x, covariance = _with_estimated_placement(model, x, covariance, poses.q_rad, unknown)
     tested = verify(model, x, covariance, poses.q_rad, stated_noise(new, fixed))
     if unknown:
         # Estimating the fixture's place uses as many equations as it has unknowns.
@@ -174,7 +169,9 @@ def verify_poses(
         dof = chi2.dof - len(unknown)
         tested = replace(tested, chi2=chi2_test(chi2.per_dof * chi2.dof, dof))
     nominal = nominal_vector(model.parameters)
-    improbable = (tested.pose_probability < FALSE_ALARM_PROBABILITY / len(poses)) | ~tested.closed
+    improbable = (
+        tested.pose_probability < limits.FALSE_ALARM_PROBABILITY / len(poses)
+    ) | ~tested.closed
     result = VerificationResult(
         verification=tested,
         nominal=closure_at_readings(model, nominal, poses.q_rad).sigmas,
@@ -202,28 +199,28 @@ def _with_prediction(
     """Return the test that also uses the calibration's poses; for the arguments, see `predict_new_poses`."""
     from scipy.special import chdtrc
 
-    stated, named = chi2_test(residuals.chi2, residuals.dof), find_outliers(residuals)
+    stated, outliers = chi2_test(residuals.chi2, residuals.dof), find_outliers(residuals)
     # A shift counts only if it remains without the outliers.
-    shift = shifted(named.rest, subjects)
+    shift = shifted(outliers.rest, subjects)
     if shift is not None:
         residuals = residuals.with_columns(subjects[shift.subject])
-        named = find_outliers(residuals)
+        outliers = find_outliers(residuals)
     chi2, dof = leave_one_out_chi2(residuals)
     # Without its outliers, a single pose leaves nothing to test.
-    others = chi2_test(named.rest.chi2, named.rest.dof) if named.rest.dof > 0 else None
+    others = chi2_test(outliers.rest.chi2, outliers.rest.dof) if outliers.rest.dof > 0 else None
     return replace(
         result,
         verification=replace(
             result.verification,
             chi2=replace(
                 sharp,
-                low=sharp.low / LEARNED_VARIANCE_FACTOR,
-                high=sharp.high * LEARNED_VARIANCE_FACTOR,
+                low=sharp.low / limits.LEARNED_VARIANCE_FACTOR,
+                high=sharp.high * limits.LEARNED_VARIANCE_FACTOR,
             ),
             pose_chi2=chi2,
             pose_probability=np.asarray(chdtrc(np.maximum(dof, 1), chi2)),
         ),
-        odd_poses=named.poses,
+        odd_poses=outliers.poses,
         shift=shift,
         stated=stated,
         others_fit=shift is None and others is not None and others.per_dof <= others.high,
@@ -276,7 +273,7 @@ def _fixed_and_unknown(
     return replace(fixed, values=values, covariance=covariance), tuple(unknown)
 
 
-def _with_placement_found(
+def _with_estimated_placement(
     model: ClosureModel,
     x: FloatArray,
     covariance: FloatArray,
@@ -388,11 +385,11 @@ def _are_among(new: PoseSet, made_from: PoseSet, *, measured: bool) -> BoolArray
     """Whether each new pose (m,) equals one of `made_from`, to the decimals that files have."""
     steps = [p.q_rad / HUNDREDTH_RAD for p in (new, made_from)]
     rounded = any(np.all(np.abs(s - np.round(s)) < 1e-6) for s in steps)
-    same_rad = 0.5 * HUNDREDTH_RAD + SAME_READING_RAD if rounded else SAME_READING_RAD
+    same_rad = 0.5 * HUNDREDTH_RAD + limits.SAME_READING_RAD if rounded else limits.SAME_READING_RAD
     both = [p.q_rad / same_rad for p in (new, made_from)]
     if measured and new.endpoint is not None and made_from.endpoint is not None:
         columns = min(new.endpoint.shape[1], made_from.endpoint.shape[1])
-        size = np.repeat((SAME_POINT_M, SAME_READING_RAD), 3)[:columns]
+        size = np.repeat((limits.SAME_POINT_M, limits.SAME_READING_RAD), 3)[:columns]
         ends = [p.endpoint[:, :columns] / size for p in (new, made_from) if p.endpoint is not None]
         both = [np.hstack(pair) for pair in zip(both, ends, strict=True)]
     from scipy.spatial import KDTree

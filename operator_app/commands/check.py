@@ -86,8 +86,8 @@ def _chain(
     unsensed = () if procedure is None else procedure.unsensed_joints
     identified: list[tuple[str, Identifiability]] = []
     unfit: list[tuple[str, str]] = []
-    for looked in files.of("poses"):
-        file, loaded = looked.source.file, looked.holds
+    for entry in files.of("poses"):
+        file, loaded = entry.source.file, entry.holds
         if not isinstance(loaded, LoadedPoses) or loaded.poses.q_rad.shape[1] != arm.joint_count:
             continue
         experiment = Experiment(

@@ -102,19 +102,20 @@ def plan(
     >>> planned.q_rad.shape
     (12, 7)
     """
-    its_arm, its_fixture = load_arm(arm), load_fixture(fixture)
+    loaded_arm, loaded_fixture = load_arm(arm), load_fixture(fixture)
     shown = preview(
-        its_arm._model,
-        its_fixture._spec.fixture,
+        loaded_arm._model,
+        loaded_fixture._spec.fixture,
         poses=whole("poses", poses, least=1),
         position_joints=None
         if drive_joints is None
-        else joints("drive_joints", drive_joints, its_arm.joint_count),
-        unsensed_joints=joints("unsensed_joints", unsensed_joints, its_arm.joint_count),
+        else joints("drive_joints", drive_joints, loaded_arm.joint_count),
+        unsensed_joints=joints("unsensed_joints", unsensed_joints, loaded_arm.joint_count),
         samples=whole("samples", samples, least=1),
         seed=whole("seed", seed),
     )
-    return Plan(shown, f"Plan: {its_arm.name} in fixture {its_fixture.name}, from nominal geometry")
+    names = f"{loaded_arm.name} in fixture {loaded_fixture.name}"
+    return Plan(shown, f"Plan: {names}, from nominal geometry")
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,10 +177,10 @@ def simulate(
     >>> "s_1_mm" in made.truth
     True
     """
-    its_arm, its_fixture = load_arm(arm), load_fixture(fixture)
+    loaded_arm, loaded_fixture = load_arm(arm), load_fixture(fixture)
     made = simulated_poses(
-        its_arm._model,
-        its_fixture._spec,
+        loaded_arm._model,
+        loaded_fixture._spec,
         poses=whole("poses", poses, least=1),
         samples=whole("samples", samples, least=1),
         seed=whole("seed", seed),

@@ -17,7 +17,7 @@ from operator_app.config.poses_file import load_poses as load_poses_file
 from solver.arrays import FloatArray, IntArray
 from solver.chain.poses import PoseSet
 
-from .calls import numbers, shape_wanted, shown, whole
+from .calls import numbers, required_shape, shown, whole
 
 FRAME = "data frame"
 
@@ -211,7 +211,7 @@ def load_poses(
     if isinstance(source, Poses):
         if joint_count is not None and source._set.joint_count != joint_count:
             shape = source.q_rad.shape
-            raise ValueError(f"the poses have shape {shape}: {shape_wanted(shape, joint_count)}")
+            raise ValueError(f"the poses have shape {shape}: {required_shape(shape, joint_count)}")
         return source
     if isinstance(source, str | PathLike):
         read = load_poses_file(fspath(source), joint_count=joint_count)

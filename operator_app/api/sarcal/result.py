@@ -92,7 +92,7 @@ class Result:
         self._checks = checks
         self._origin = origin
         self._facts: Facts = facts_of(solution, checks=checks)
-        self._hand: CalibratedArm = calibrated_arm(solution, arm._model)
+        self._calibrated_arm: CalibratedArm = calibrated_arm(solution, arm._model)
 
     # -- results ------------------------------------------------------------------------------
 
@@ -207,7 +207,7 @@ class Result:
             The readings are not valid for this arm, or there is no such frame.
         """
         one_of("frame", frame, get_args(Frame))
-        return self._hand.T_base(self._readings(q_rad), frame, corrected=corrections)
+        return self._calibrated_arm.T_base(self._readings(q_rad), frame, corrected=corrections)
 
     def tip_sigma(self, q_rad: ArrayLike) -> FloatArray:
         """Return the standard deviation of the tip position from `fk`: root of the sum of the three variances, in m.
@@ -224,7 +224,7 @@ class Result:
         () or (m,), m.
         """
         q = self._readings(q_rad)
-        _, sigma_m = self._hand.tip_with_sigma_m(q.reshape(-1, q.shape[-1]))
+        _, sigma_m = self._calibrated_arm.tip_with_sigma_m(q.reshape(-1, q.shape[-1]))
         return sigma_m.reshape(q.shape[:-1])
 
     # -- files -------------------------------------------------------------------------------------
@@ -369,14 +369,14 @@ class Result:
         origin = self._origin
         return origin if isinstance(origin, Journalled) else self._session(origin)
 
-    def _session(self, how: CalibrationOptions) -> ImportedSession:
+    def _session(self, options: CalibrationOptions) -> ImportedSession:
         made = ImportedSession(
             self.poses._set,
             arm=self.arm._resource,
             fixture=self.fixture._resource,
             file=self.poses.source,
             name=f"{self.arm.name}-{self.fixture.name}",
-            options=how,
+            options=options,
         )
         made.add(self._solution, self._checks)
         return made

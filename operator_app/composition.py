@@ -144,8 +144,7 @@ def open_arm(
             openers=openers,
         )
         arm = CanopenArm(on_bus, record_to=record_to)
-        recording_ended = partial(_recording_problem, arm)
-        stack.callback(_print_problem, recording_ended)
+        stack.callback(_print_recording_problem, arm)
         stack.callback(arm.close)
         choices = _completed(opening.choices, bus, embedded=embedded)
         yield Rig(
@@ -156,7 +155,7 @@ def open_arm(
             truths=partial(true_values, procedure.arm, procedure.fixture, opening.choices)
             if embedded
             else None,
-            recording_ended=recording_ended,
+            recording_ended=partial(_recording_problem, arm),
         )
 
 
@@ -190,8 +189,8 @@ def _recording_problem(arm: CanopenArm) -> str:
     )
 
 
-def _print_problem(problem_of: Callable[[], str]) -> None:
-    if problem := problem_of():
+def _print_recording_problem(arm: CanopenArm) -> None:
+    if problem := _recording_problem(arm):
         say(f"sarcal: {problem}.", err=True)
 
 

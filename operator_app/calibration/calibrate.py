@@ -127,6 +127,7 @@ def calibrate(
     fitted = fit(prepared, progress)
     known, adjudication = diagnose(fitted, rereads)
     solution = collect(fitted, known, adjudication, length_tolerance_m)
+    unidentifiable = () if drop else prepared.loops.unidentifiable
     return with_notices(
         solution,
         experiment,
@@ -136,7 +137,7 @@ def calibrate(
         same=indistinguishable_placements(prepared.model, fitted.whole.estimate)
         if fitted.closes
         else (),
-        as_stated=prepared.not_fixed if by_paper else known.by_files,
+        as_stated=unidentifiable if by_paper else known.by_files,
         limits=AcceptanceLimits() if limits is None else limits,
     )
 
@@ -145,7 +146,7 @@ def calibrate(
 class Prepared:
     """Loops of the poses on one branch, with the model, data and error model of their fit.
 
-    `fixed`: unidentifiable unknowns, fixed at their nominal values on request; `not_fixed`: these without the request.
+    `fixed`: unidentifiable unknowns that are fixed at their nominal values on request.
     `hard`: model with the unknowns to identify; `model`: the same with all free parameters.
     `tolerance`: tolerance (rad, m), by name, of each entry free within a tolerance.
     `errors`: error model of the distinct poses.
@@ -159,7 +160,6 @@ class Prepared:
     out_of_range: tuple[RangeFinding, ...]
     loops: IdentifiableLoops
     fixed: tuple[str, ...]
-    not_fixed: tuple[str, ...]
     hard: ClosureModel
     model: ClosureModel
     tolerance: Mapping[str, float]
@@ -208,7 +208,7 @@ def prepare(
     out_of_range = range_findings(arm, poses, unsensed_joints=experiment.unsensed)
     refuse_placement(experiment, model)
     loops = identifiable_loops(experiment, model, search=search, drop=drop, progress=progress)
-    fixed, not_fixed = (loops.unidentifiable, ()) if drop else ((), loops.unidentifiable)
+    fixed = loops.unidentifiable if drop else ()
     hard = loops.identifiable if by_paper else loops.model
     # The implicit fit is always made, because the paper's estimate is compared with it.
     model, tolerance = free_within_tolerance(hard, arm, fixed=fixed)
@@ -220,7 +220,6 @@ def prepare(
         out_of_range=out_of_range,
         loops=loops,
         fixed=fixed,
-        not_fixed=not_fixed,
         hard=hard,
         model=model,
         tolerance=tolerance,

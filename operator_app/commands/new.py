@@ -71,13 +71,7 @@ def execute(args: argparse.Namespace) -> int:
         stated = getattr(args, name)
         if stated is not None and not math.isfinite(stated):
             raise UsageError(f"{_typed(name)} {stated}: not a finite number, e.g. 0.5")
-    match args.what:
-        case "arm":
-            return _arm(args)
-        case "fixture":
-            return _fixture(args)
-        case _:
-            return _procedure(args)
+    return {"arm": _arm, "fixture": _fixture, "procedure": _procedure}[args.what](args)
 
 
 def _arm(args: argparse.Namespace) -> int:

@@ -11,16 +11,7 @@ from functools import partial
 import numpy as np
 
 from fixtures.base import CheckKind, SetupCheck, Severity
-from operator_app.calibration.acceptance import (
-    Adjudication,
-    causes_of,
-    little_motion,
-    not_yet_named,
-    paper_test,
-    proven_by_return,
-    return_tests,
-    too_few_poses,
-)
+from operator_app.calibration import acceptance
 from operator_app.calibration.alternatives import (
     find_alternatives,
     hinge_alternative,
@@ -133,7 +124,7 @@ class _Case:
 
 def adjudicate(
     calibrated: Calibrated, experiment: Experiment, distinct: IntArray, known: PriorInformation
-) -> Adjudication:
+) -> acceptance.Adjudication:
     """Return the causes of a misfit, the most probable first, and the verdict.
 
     `distinct`: indices of the fitted poses, in the order in which they were taken.
@@ -154,14 +145,14 @@ def adjudicate(
     anywhere = () if far or nothing_fits or case.gross else of_fixture(case.model)
     diverged = has_diverged((*far, *by_tests), scale, case.estimate, judged, anywhere=anywhere)
     lost = _poorly_determined(case) if far or case.gross or diverged else ()
-    of_returns, since = return_tests(known.returned, calibrated.estimate)
-    of_paper, off_paper = paper_test(paper, calibrated.estimate)
+    of_returns, since = acceptance.return_tests(known.returned, calibrated.estimate)
+    of_paper, off_paper = acceptance.paper_test(paper, calibrated.estimate)
     of_fit = _fit_causes(case, without_motion=bool(lost) or diverged)
     if far or any(cause.blocking for cause in of_fit):
         of_fit = (*hinge_alternative(case.stated), *of_fit)
     first = (
         *_screening_causes(experiment.poses, known),
-        *too_few_poses(case.estimate),
+        *acceptance.too_few_poses(case.estimate),
         *lost,
         *(() if case.gross or diverged else _geometry_causes(known.checks)),
         *(() if case.gross else far),
@@ -169,17 +160,17 @@ def adjudicate(
     moved = motion_causes(case.stated, labels)
     if not case.estimate.converged:
         by_tests, moved = _blocking_when_probable(by_tests), _blocking_when_probable(moved)
-    proven, by_tests = proven_by_return(since, by_tests)
+    proven, by_tests = acceptance.proven_by_return(since, by_tests)
     if not any(cause.blocking for cause in first):
         first, proven = (*proven, *first), ()
     # The paper's estimate does not use measured distances.
     distances = () if paper is not None else contradicted(case.stated, calibrated.linear)
-    return Adjudication(
+    return acceptance.Adjudication(
         causes=(
             *first,
             *proven,
             *by_tests,
-            *(c for c in not_yet_named(since, by_tests) if not c.blocking),
+            *(c for c in acceptance.not_yet_named(since, by_tests) if not c.blocking),
             *moved,
             *(far if case.gross and not alternatives else ()),
             *off_paper,
@@ -204,7 +195,7 @@ def _misfit_causes(
     Returns all causes, the alternative models among them, and whether a blocking misfit remains unexplained.
     """
     diagnosis, scale = case.diagnosis, case.chi2_per_dof
-    by_tests = causes_of(diagnosis, case.fit.estimate, case.known.judged, labels)
+    by_tests = acceptance.causes_of(diagnosis, case.fit.estimate, case.known.judged, labels)
     alternatives: tuple[Finding, ...] = ()
     wrong = _wrong_distances(case, limits.EQUALLY_GOOD_CHI2) if diagnosis.fires else ()
     # A step between two placements changes the distance of their sockets, and may explain as much.
@@ -281,7 +272,7 @@ def _fit_causes(case: _Case, *, without_motion: bool) -> tuple[Finding, ...]:
         for p in case.model.parameters
         if p.name.split("[")[0] not in arms
     }
-    wide = little_motion(
+    wide = acceptance.little_motion(
         estimate.parameters,
         estimate.standard_deviation,
         case.known.judged,
@@ -307,7 +298,7 @@ def _poorly_determined(case: _Case) -> tuple[Finding, ...]:
     sd = np.sqrt(np.maximum(np.diagonal(expected.covariance), 0.0))
     return tuple(
         replace(cause, blocking=True)
-        for cause in little_motion(model.parameters, sd, case.known.judged)
+        for cause in acceptance.little_motion(model.parameters, sd, case.known.judged)
     )
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fixtures.base import EndpointConstraint
+from operator_app.calibration import multistart
 from operator_app.calibration.acceptance import Adjudication
 from operator_app.calibration.adjudication import PriorInformation, adjudicate
 from operator_app.calibration.alternatives import find_alternatives
@@ -37,13 +38,6 @@ from operator_app.calibration.failure_analysis import (
 )
 from operator_app.calibration.findings import left_out_poses
 from operator_app.calibration.instrument_registration import with_registered_instrument
-from operator_app.calibration.multistart import (
-    SCREENING_POSES,
-    best_about_nominal,
-    evenly,
-    fit_from_starts,
-    gross_misfit,
-)
 from operator_app.calibration.notices import with_notices
 from operator_app.calibration.placements import compared, distances, indistinguishable_placements
 from operator_app.calibration.repeat_measurement import RepeatedReading, repeats_of
@@ -193,7 +187,7 @@ class Fitted:
     @property
     def closes(self) -> bool:
         """Whether the loops close well enough to test sensors and compare placements."""
-        return gross_misfit(self.whole) < CHI2_PER_DOF_GROSS
+        return multistart.gross_misfit(self.whole) < CHI2_PER_DOF_GROSS
 
 
 def prepare(
@@ -245,7 +239,7 @@ def fit(prepared: Prepared, progress: Progress | None) -> Fitted:
     experiment, loops, distinct = prepared.experiment, prepared.loops, prepared.distinct
     rows = np.searchsorted(np.flatnonzero(loops.kept), distinct)
     try:
-        calibrated = fit_from_starts(
+        calibrated = multistart.fit_from_starts(
             prepared.model.at_poses(rows),
             loops.q[rows],
             prepared.errors,
@@ -409,8 +403,9 @@ def _starts(prepared: Prepared) -> Iterator[FloatArray | None]:
     yield None if first is None else in_order(model, identifiable, first.x)
     yield nominal_vector(model.parameters)
     if not unsensed:
-        few = evenly(len(q), SCREENING_POSES)
-        yield in_order(model, identifiable, best_about_nominal(identifiable.at_poses(few), q[few]))
+        few = multistart.evenly(len(q), multistart.SCREENING_POSES)
+        best = multistart.best_about_nominal(identifiable.at_poses(few), q[few])
+        yield in_order(model, identifiable, best)
 
 
 def _outliers(calibrated: Calibrated, of_each: IntArray) -> tuple[int, ...]:

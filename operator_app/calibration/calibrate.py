@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fixtures.base import EndpointConstraint
-from operator_app.calibration import multistart
+from operator_app.calibration import failure_analysis, multistart
 from operator_app.calibration.acceptance import Adjudication
 from operator_app.calibration.adjudication import PriorInformation, adjudicate
 from operator_app.calibration.alternatives import find_alternatives
@@ -30,11 +30,6 @@ from operator_app.calibration.experiment import (
     in_order,
     placement_checks,
     refuse_placement,
-)
-from operator_app.calibration.failure_analysis import (
-    explain_unidentifiable,
-    poses_do_not_fit,
-    saturated_readings,
 )
 from operator_app.calibration.findings import left_out_poses
 from operator_app.calibration.instrument_registration import with_registered_instrument
@@ -251,7 +246,9 @@ def fit(prepared: Prepared, progress: Progress | None) -> Fitted:
         unknowns = len(loops.identifiable.parameters)
         dof = len(distinct) * prepared.hard.equations_per_pose - unknowns
         stated = experiment.at_poses(distinct)
-        raise poses_do_not_fit(find_alternatives(stated, scale=np.inf, dof=dof)) from error
+        raise failure_analysis.poses_do_not_fit(
+            find_alternatives(stated, scale=np.inf, dof=dof)
+        ) from error
     estimate, components = calibrated.estimate, calibrated.components
     if len(prepared.which) != len(distinct):
         estimate = estimate.at_poses(prepared.which)
@@ -371,11 +368,11 @@ def _require_identifiable(prepared: Prepared, identified: Identifiability) -> Id
     if poses * model.equations_per_pose - len(model.parameters) < FEW_DOF:
         note = f"{poses} poses are few: take at least 20"
         error = UnidentifiableError(blind, code="TOO_FEW_POSES", note=note)
-    raise explain_unidentifiable(
+    raise failure_analysis.explain_unidentifiable(
         error,
         experiment.at_poses(loops.kept),
         loops.paper,
-        saturated_readings(prepared.out_of_range, experiment.poses),
+        failure_analysis.saturated_readings(prepared.out_of_range, experiment.poses),
     )
 
 

@@ -13,11 +13,7 @@ from operator_app.config.poses_file import LoadedPoses
 from operator_app.config.procedure import Procedure
 from operator_app.config.resources import Resource, builtin_names, expanded, resolve
 from operator_app.exit_codes import ExitCode, UsageError
-from operator_app.planning.feasibility import (
-    Chain,
-    assess_feasibility,
-    identifiability_of_poses,
-)
+from operator_app.planning import feasibility
 from operator_app.planning.proposals import closing_home
 from operator_app.report.results.check import check_text, found_json, problems_text
 from operator_app.safe_output import as_json, say
@@ -69,7 +65,7 @@ def _read(kind: AnyKind | None, name: str) -> Resource:
     return read_any(name)
 
 
-def _chains(files: FilesRead) -> tuple[Chain, ...]:
+def _chains(files: FilesRead) -> tuple[feasibility.Chain, ...]:
     """Return the chain of each procedure or, without procedures, of every arm with every fixture."""
     procedures = [p.holds for p in files.of("procedure") if isinstance(p.holds, Procedure)]
     if procedures:
@@ -81,7 +77,7 @@ def _chains(files: FilesRead) -> tuple[Chain, ...]:
 
 def _chain(
     files: FilesRead, arm: ArmModel, spec: FixtureSpec, procedure: Procedure | None = None
-) -> Chain:
+) -> feasibility.Chain:
     drives = None if procedure is None else procedure.position_joints
     unsensed = () if procedure is None else procedure.unsensed_joints
     identified: list[tuple[str, Identifiability]] = []
@@ -94,13 +90,13 @@ def _chain(
             arm=arm, fixture=spec.fixture, poses=loaded.poses, unsensed=unsensed
         )
         try:
-            identified.append((file, identifiability_of_poses(experiment)))
+            identified.append((file, feasibility.identifiability_of_poses(experiment)))
         except (SolverError, ValueError) as error:
             unfit.append((file, str(error)))
-    prospect = assess_feasibility(
+    prospect = feasibility.assess_feasibility(
         arm, spec.fixture, position_joints=drives, unsensed_joints=unsensed
     )
-    return Chain(
+    return feasibility.Chain(
         arm=arm,
         fixture=spec,
         feasibility=prospect,

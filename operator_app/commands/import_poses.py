@@ -29,11 +29,7 @@ from operator_app.report.results.session import session_json, session_text, unid
 from operator_app.report.text import facts_text, unidentifiable_text
 from operator_app.safe_output import as_json, say
 from operator_app.session.store.folders import POSES_NAME
-from operator_app.session.workflow.importing import (
-    UNKNOWN_SERIAL_NUMBER,
-    CalibrationOptions,
-    ImportedSession,
-)
+from operator_app.session.workflow import importing
 from solver.chain.poses import PoseSet
 from solver.diagnostics.range_checks import ReadingsOutOfRangeError
 from solver.errors import UnidentifiableError
@@ -45,14 +41,14 @@ def execute(args: argparse.Namespace) -> int:
     model = parse_arm(arm.data, arm.file)
     unsensed = unsensed_joints(args, model.joint_count) or ()
     poses, recordings = _poses(args, tuple(joint.name for joint in model.joints))
-    session = ImportedSession(
+    session = importing.ImportedSession(
         poses,
         arm=arm,
         fixture=resolve("fixture", args.fixture),
         file=", ".join(args.poses),
         name=args.name or Path(args.poses[0]).stem,
-        serial_number=(args.serial or UNKNOWN_SERIAL_NUMBER).strip(),
-        options=CalibrationOptions(
+        serial_number=(args.serial or importing.UNKNOWN_SERIAL_NUMBER).strip(),
+        options=importing.CalibrationOptions(
             estimator=args.estimator or "implicit",
             unsensed_joints=unsensed,
             length_tolerance_m=tolerance_m(args),

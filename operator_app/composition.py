@@ -107,9 +107,9 @@ def open_arm(
         opening = replace(
             opening, procedure=replace(procedure, upload=keeps_parameters), choices=choices
         )
-        with closing(_outside_arm(outside, opening, bus, record_to)) as theirs:
+        with closing(_outside_arm(outside, opening, bus, record_to)) as outside_arm:
             instrument = _instrument(procedure, choices, None)
-            yield Rig(arm=theirs, opening=opening, simulated=False, instrument=instrument)
+            yield Rig(arm=outside_arm, opening=opening, simulated=False, instrument=instrument)
         return
     if procedure.profile.supervisor is None:
         # Without a supervisor nothing stores parameters: they stay in the session folder.
@@ -144,8 +144,7 @@ def open_arm(
             openers=openers,
         )
         arm = CanopenArm(on_bus, record_to=record_to)
-        recording_ended = partial(_recording_problem, arm)
-        stack.callback(_print_problem, recording_ended)
+        stack.callback(_print_recording_problem, arm)
         stack.callback(arm.close)
         choices = _completed(opening.choices, bus, embedded=embedded)
         yield Rig(
@@ -156,7 +155,7 @@ def open_arm(
             truths=partial(true_values, procedure.arm, procedure.fixture, opening.choices)
             if embedded
             else None,
-            recording_ended=recording_ended,
+            recording_ended=partial(_recording_problem, arm),
         )
 
 
@@ -190,8 +189,8 @@ def _recording_problem(arm: CanopenArm) -> str:
     )
 
 
-def _print_problem(problem_of: Callable[[], str]) -> None:
-    if problem := problem_of():
+def _print_recording_problem(arm: CanopenArm) -> None:
+    if problem := _recording_problem(arm):
         say(f"sarcal: {problem}.", err=True)
 
 

@@ -5,33 +5,19 @@ from __future__ import annotations
 import math
 from datetime import datetime, timedelta
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from operator_app.calibration.history import (
-    ArmHistory,
-    PastCalibration,
-    PastVerification,
-    history_of,
-)
-from operator_app.config.parameters_file import load_parameters
+from operator_app.calibration import history
+from operator_app.config.parameters_file import ParametersDocument, load_parameters
 from operator_app.config.resources import expanded
 from operator_app.effective_procedure import effective_procedure
 from operator_app.errors import SessionError
-from operator_app.session.store.folders import (
-    PARAMETERS_NAME,
-    find_session,
-    list_sessions,
-    read_session,
-)
+from operator_app.session.store import folders
 from operator_app.session.store.journal import read_journal
 from operator_app.session.store.parameters_document import parameters_document
+from operator_app.session.store.state import SessionState
 from operator_app.session.store.stored_calibration import StoredCalibration, journal_calibration
 from operator_app.session.workflow.importing import UNKNOWN_SERIAL_NUMBER
 from operator_app.session.workflow.opening import Choices, resume
-
-if TYPE_CHECKING:
-    from operator_app.config.parameters_file import ParametersDocument
-    from operator_app.session.store.state import SessionState
 
 
 def parameters_at(reference: str, root: Path) -> ParametersDocument:
@@ -43,20 +29,20 @@ def parameters_at(reference: str, root: Path) -> ParametersDocument:
     if where.is_file():
         return load_parameters(reference)
     try:
-        folder = find_session(root, reference)
+        folder = folders.find_session(root, reference)
     except SessionError:
         # The folder may contain only a parameters file, without a journal.
         folder = where
-        if not (where / PARAMETERS_NAME).is_file():
+        if not (where / folders.PARAMETERS_NAME).is_file():
             raise
-    state = read_session(folder).state
+    state = folders.read_session(folder).state
     calibration = None if state is None else journal_calibration(state)
     if state is not None and isinstance(calibration, StoredCalibration):
         return _document(folder, state, calibration)
-    file = folder / PARAMETERS_NAME
+    file = folder / folders.PARAMETERS_NAME
     if not file.is_file():
         raise SessionError(
-            f"{folder}: this session has no {PARAMETERS_NAME}",
+            f"{folder}: this session has no {folders.PARAMETERS_NAME}",
             f"write it with: sarcal export {folder}",
         )
     return load_parameters(file)
@@ -64,7 +50,7 @@ def parameters_at(reference: str, root: Path) -> ParametersDocument:
 
 def arm_history(
     serial: str, root: Path, *, kept_mounted: bool = False, interval: timedelta | None = None
-) -> ArmHistory:
+) -> history.ArmHistory:
     """Return the history of an arm, from the journals of the sessions below `root`.
 
     `kept_mounted`: the fixture stays mounted from one session to the next, except before a session with several
@@ -72,12 +58,12 @@ def arm_history(
     the date of the next one; None: usual interval of the past. Raises `SessionError` if this arm has no accepted
     calibration.
     """
-    calibrations: list[PastCalibration] = []
-    checks: list[PastVerification] = []
+    calibrations: list[history.PastCalibration] = []
+    checks: list[history.PastVerification] = []
     left_out: list[tuple[str, str]] = []
     serials: set[str] = set()
     mounting = 0
-    for entry in list_sessions(root):
+    for entry in folders.list_sessions(root):
         state, name = entry.state, entry.folder.name
         if state is None:
             left_out.append((name, f"its journal cannot be read: {entry.problem}"))
@@ -96,7 +82,7 @@ def arm_history(
         several = len({pose.placement for pose in state.used_poses}) > 1
         mounting += several or not kept_mounted
         calibrations.append(
-            PastCalibration(
+            history.PastCalibration(
                 session=name,
                 document=_document(entry.folder, state, calibration),
                 within=calibration.solution.within,
@@ -104,7 +90,7 @@ def arm_history(
             )
         )
         checks += [
-            PastVerification(
+            history.PastVerification(
                 session=name,
                 utc=datetime.fromisoformat(event.utc),
                 poses=int(event.data.get("poses", 0)),
@@ -121,7 +107,7 @@ def arm_history(
             f"{root}: no accepted calibration of an arm with serial number {serial}",
             f"serial numbers there: {known}; another folder: --sessions",
         )
-    return history_of(calibrations, checks, left_out=left_out, interval=interval)
+    return history.history_of(calibrations, checks, left_out=left_out, interval=interval)
 
 
 def _document(

@@ -80,14 +80,13 @@ def causes_of(
     names = [p.name for p in estimate.parameters]
     columns = [names.index(name) for name in judged]
     sd = estimate.standard_deviation[columns]
+    scale = np.where(sd > 0.0, sd, 1.0)
     shift = diagnosis.parameter_shift[columns].copy()
     findings: list[Finding] = []
     for compared in diagnosis.rankings:
         # Every possible cause counts, not only the most likely: each implies other true values.
         possible = [
-            np.abs((shift + x.evidence.moved[columns]) / np.where(sd > 0.0, sd, 1.0)).max(
-                initial=0.0
-            )
+            np.abs((shift + x.evidence.moved[columns]) / scale).max(initial=0.0)
             for x in compared.known
             if x.probability >= limits.POSSIBLE_CAUSE_PROBABILITY
         ]
@@ -143,7 +142,7 @@ def _unnamed(diagnosis: Diagnosis) -> Iterable[Finding]:
     elif ratio > 1.0:
         kind = FindingKind.UNEXPLAINED_SCATTER
     yield Finding(
-        kind=kind,
+        kind,
         names=tuple(test.code for test in diagnosis.tests if test.fires),
         figures={"times": float(np.sqrt(ratio))},
         probability=max(0.0, probability),
@@ -186,7 +185,7 @@ def each_once(causes: Iterable[Finding]) -> tuple[Finding, ...]:
 def too_few_poses(estimate: Estimate) -> tuple[Finding, ...]:
     """Return the finding that the poses are too few for a diagnosis; empty if they suffice."""
     dof, kind = estimate.dof, FindingKind.TOO_FEW_POSES
-    few = Finding(kind=kind, size=dof, blocking=dof < limits.REFUSED_DOF)
+    few = Finding(kind, size=dof, blocking=dof < limits.REFUSED_DOF)
     return (few,) if dof < limits.FEW_DOF else ()
 
 
@@ -225,11 +224,15 @@ def little_motion(
     source = narrows(worst) if narrows is not None else ""
     names = (source,) if source else ()
     kind = FindingKind.SIGMAS_USELESS if wide else FindingKind.SIGMAS_WIDE
-    return (Finding(kind=kind, sizes=(*wide, *coarse), names=names, blocking=refuses),)
+    return (Finding(kind, sizes=(*wide, *coarse), names=names, blocking=refuses),)
 
 
-def paper_test(paper: Estimate, implicit: Estimate) -> tuple[HypothesisTest, tuple[Finding, ...]]:
-    """Test the paper's estimate against the implicit one, in sigmas; return the test and, if it fires, a finding."""
+def paper_test(
+    paper: Estimate | None, implicit: Estimate
+) -> tuple[tuple[HypothesisTest, ...], tuple[Finding, ...]]:
+    """Test the paper's estimate, if any, against the implicit one, in sigmas; a finding follows if the test fires."""
+    if paper is None:
+        return (), ()
     names = [p.name for p in implicit.parameters]
     columns = [names.index(p.name) for p in paper.parameters]
     apart = wrap_angles(paper.parameters, paper.x - implicit.x[columns])
@@ -237,19 +240,16 @@ def paper_test(paper: Estimate, implicit: Estimate) -> tuple[HypothesisTest, tup
     z = np.abs(apart) / np.where(sd > 0.0, sd, 1e-300)
     worst = int(np.argmax(z))
     test = HypothesisTest.of_sigmas("PAPER_DISTANCE", z)
-    if not test.fires:
-        return test, ()
     p = paper.parameters[worst]
-    return test, (
-        Finding(
-            kind=FindingKind.PAPER_OFF,
-            names=(p.name,),
-            size=abs(float(paper.x[worst]) - implicit.value(p.name)),
-            unit=p.unit,
-            figures={"sigmas": float(z[worst])},
-            blocking=True,
-        ),
+    finding = Finding(
+        FindingKind.PAPER_OFF,
+        names=(p.name,),
+        size=abs(float(paper.x[worst]) - implicit.value(p.name)),
+        unit=p.unit,
+        figures={"sigmas": float(z[worst])},
+        blocking=True,
     )
+    return (test,), (finding,) if test.fires else ()
 
 
 READING_KINDS = {
@@ -321,7 +321,7 @@ def _slipped_since(read: RepeatedReading, repeat: Repeat, estimate: Estimate) ->
     share = odds / (1.0 + odds)
     if share < 0.5:
         return Finding(
-            kind=FindingKind.REPEAT_FIXTURE_MOVED,
+            FindingKind.REPEAT_FIXTURE_MOVED,
             poses=(read.label,),
             figures={
                 "after": read.after,
@@ -333,7 +333,7 @@ def _slipped_since(read: RepeatedReading, repeat: Repeat, estimate: Estimate) ->
         )
     sd = estimate.sd_by_name.get(f"theta_off_{repeat.joint}", 0.0)
     return Finding(
-        kind=FindingKind.REPEAT_READING_STEP,
+        FindingKind.REPEAT_READING_STEP,
         joint=repeat.joint,
         poses=(read.label,),
         size=repeat.size_rad,

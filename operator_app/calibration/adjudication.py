@@ -11,25 +11,15 @@ from functools import partial
 import numpy as np
 
 from fixtures.base import CheckKind, SetupCheck, Severity
-from operator_app.calibration.acceptance import (
-    Adjudication,
-    causes_of,
-    little_motion,
-    not_yet_named,
-    paper_test,
-    proven_by_return,
-    return_tests,
-    too_few_poses,
-)
+from operator_app.calibration import acceptance
 from operator_app.calibration.alternatives import (
     find_alternatives,
     hinge_alternative,
     step_alternative,
     wrong_distances,
 )
-from operator_app.calibration.closed_loops import placement_checks
-from operator_app.calibration.experiment import Experiment
-from operator_app.calibration.findings import exceeded, left_out_poses, motion_causes, range_finding
+from operator_app.calibration.experiment import Experiment, placement_checks
+from operator_app.calibration.findings import exceeded, motion_causes, range_finding
 from operator_app.calibration.multistart import has_diverged, local_minimum_causes, of_fixture
 from operator_app.calibration.placements import contradicted
 from operator_app.calibration.repeat_measurement import Repeat, RepeatedReading
@@ -64,15 +54,20 @@ UNEXPLAINED_KINDS = {
 class PriorInformation:
     """Results that the adjudication uses in addition to the tests of the fit.
 
-    `out_of_range`, `flipped`: readings outside the arm file's ranges; poses (indices) left out because the tool is, or
-    seems, upside down.
+    `judged`: names of the parameters that decide on acceptance. `paper`: the paper's estimate, if that estimator is
+    chosen.
+    `out_of_range`, `flipped`: readings outside the arm file's ranges; number of poses left out because the tool is, or
+    seems, upside down. `left_out`: findings that state why these poses were left out.
     `checks`: set-up checks of the fixture's identified geometry.
     `returned`: repeated poses, each with the comparison of its two readings.
     `by_files`: parameters for which less than half of the information comes from the poses.
     """
 
+    judged: tuple[str, ...]
+    paper: Estimate | None
     out_of_range: tuple[RangeFinding, ...] = ()
-    flipped: tuple[int, ...] = ()
+    flipped: int = 0
+    left_out: tuple[Finding, ...] = ()
     checks: tuple[SetupCheck, ...] = ()
     search: GlobalStart | None = None
     rvdt: tuple[RvdtVerdict, ...] = ()
@@ -87,22 +82,20 @@ class _Case:
     `stated`: the experiment with the files' values and the fitted poses in the order in which they were taken.
     """
 
-    found: Calibrated
+    fit: Calibrated
     stated: Experiment
-    judged: tuple[str, ...]
     known: PriorInformation
-    paper: Estimate | None
     diagnosis: Diagnosis
 
     @property
     def estimate(self) -> Estimate:
         """The estimate to be adjudicated."""
-        return self.found.estimate if self.paper is None else self.paper
+        return self.known.paper or self.fit.estimate
 
     @property
     def model(self) -> ClosureModel:
         """The closure model of the fit."""
-        return self.found.linear.design.model
+        return self.fit.linear.design.model
 
     @property
     def chi2_per_dof(self) -> float:
@@ -130,27 +123,18 @@ class _Case:
 
 
 def adjudicate(
-    calibrated: Calibrated,
-    experiment: Experiment,
-    distinct: IntArray,
-    *,
-    judged: tuple[str, ...],
-    known: PriorInformation,
-    paper: Estimate | None = None,
-) -> Adjudication:
+    calibrated: Calibrated, experiment: Experiment, distinct: IntArray, known: PriorInformation
+) -> acceptance.Adjudication:
     """Return the causes of a misfit, the most probable first, and the verdict.
 
-    `distinct`: indices of the fitted poses, in the order in which they were taken. `judged`: names of the parameters
-    that decide on acceptance. `paper`: the paper's estimate, if that estimator is chosen.
+    `distinct`: indices of the fitted poses, in the order in which they were taken.
     """
-    arm = experiment.arm
+    arm, judged, paper = experiment.arm, known.judged, known.paper
     measured = measured_deviations(known.rvdt, arm)
     case = _Case(
-        found=calibrated,
+        fit=calibrated,
         stated=experiment.at_poses(distinct),
-        judged=judged,
         known=known,
-        paper=paper,
         diagnosis=diagnose(calibrated.linear, arm, taken=calibrated.order, measured=measured),
     )
     labels, scale = _labels(case.stated.poses), case.chi2_per_dof
@@ -161,36 +145,35 @@ def adjudicate(
     anywhere = () if far or nothing_fits or case.gross else of_fixture(case.model)
     diverged = has_diverged((*far, *by_tests), scale, case.estimate, judged, anywhere=anywhere)
     lost = _poorly_determined(case) if far or case.gross or diverged else ()
-    of_returns, since = return_tests(known.returned, calibrated.estimate)
-    of_paper = () if paper is None else (paper_test(paper, calibrated.estimate),)
+    of_returns, since = acceptance.return_tests(known.returned, calibrated.estimate)
+    of_paper, off_paper = acceptance.paper_test(paper, calibrated.estimate)
     of_fit = _fit_causes(case, without_motion=bool(lost) or diverged)
     if far or any(cause.blocking for cause in of_fit):
         of_fit = (*hinge_alternative(case.stated), *of_fit)
     first = (
-        *_screening_causes(experiment, known),
-        *too_few_poses(case.estimate),
+        *_screening_causes(experiment.poses, known),
+        *acceptance.too_few_poses(case.estimate),
         *lost,
         *(() if case.gross or diverged else _geometry_causes(known.checks)),
         *(() if case.gross else far),
     )
-    shaken = motion_causes(case.stated, labels)
+    moved = motion_causes(case.stated, labels)
     if not case.estimate.converged:
-        by_tests, shaken = _blocking_when_probable(by_tests), _blocking_when_probable(shaken)
-    slipped, by_tests = proven_by_return(since, by_tests)
+        by_tests, moved = _blocking_when_probable(by_tests), _blocking_when_probable(moved)
+    proven, by_tests = acceptance.proven_by_return(since, by_tests)
     if not any(cause.blocking for cause in first):
-        first, slipped = (*slipped, *first), ()
+        first, proven = (*proven, *first), ()
     # The paper's estimate does not use measured distances.
-    fixture, poses = case.stated.fixture, case.stated.poses
-    distances = () if paper is not None else contradicted(fixture, poses, calibrated.linear)
-    return Adjudication(
+    distances = () if paper is not None else contradicted(case.stated, calibrated.linear)
+    return acceptance.Adjudication(
         causes=(
             *first,
-            *slipped,
+            *proven,
             *by_tests,
-            *(c for c in not_yet_named(since, by_tests) if not c.blocking),
-            *shaken,
+            *(c for c in acceptance.not_yet_named(since, by_tests) if not c.blocking),
+            *moved,
             *(far if case.gross and not alternatives else ()),
-            *(cause for _, causes in of_paper for cause in causes),
+            *off_paper,
             *(
                 c
                 for c in distances
@@ -198,7 +181,7 @@ def adjudicate(
             ),
             *of_fit,
         ),
-        tests=(*case.diagnosis.tests, *of_returns, *(test for test, _ in of_paper)),
+        tests=(*case.diagnosis.tests, *of_returns, *of_paper),
         stated_chi2_per_dof=scale,
         diverged=diverged,
     )
@@ -212,7 +195,7 @@ def _misfit_causes(
     Returns all causes, the alternative models among them, and whether a blocking misfit remains unexplained.
     """
     diagnosis, scale = case.diagnosis, case.chi2_per_dof
-    by_tests = causes_of(diagnosis, case.found.estimate, case.judged, labels)
+    by_tests = acceptance.causes_of(diagnosis, case.fit.estimate, case.known.judged, labels)
     alternatives: tuple[Finding, ...] = ()
     wrong = _wrong_distances(case, limits.EQUALLY_GOOD_CHI2) if diagnosis.fires else ()
     # A step between two placements changes the distance of their sockets, and may explain as much.
@@ -222,15 +205,15 @@ def _misfit_causes(
     if len(wrong) == 1:
         either = (*wrong, *(replace(c, blocking=True) for c in by_tests[:1]))
         return tuple(replace(c, probability=0.5) for c in either), wrong, False
-    if case.gross:
+    # So large a compliance or length error may also mean that a file is wrong.
+    of_files = (
+        not case.gross
+        and scale > limits.CHI2_PER_DOF_REFUSED
+        and bool(case.suspects(Cause.GIVES, Cause.LENGTH, Cause.TWIST))
+    )
+    if case.gross or of_files:
         # Linear explanations are invalid far from the truth.
-        alternatives = case.alternatives()
-        by_tests = alternatives or by_tests
-    elif scale > limits.CHI2_PER_DOF_REFUSED and case.suspects(
-        Cause.GIVES, Cause.LENGTH, Cause.TWIST
-    ):
-        # So large a compliance or length error may also mean that a file is wrong.
-        alternatives = case.alternatives(of_files=True)
+        alternatives = case.alternatives(of_files=of_files)
         by_tests = alternatives or by_tests
     elif joint := case.suspects(Cause.READING):
         # The joint's readings may be wrong in every pose independently, or from one pose on.
@@ -243,7 +226,7 @@ def _misfit_causes(
     nothing_fits = unexplained and not alternatives
     explained = not (alternatives or case.gross or nothing_fits)
     if by_tests and explained and not _single_cause(diagnosis):
-        by_tests = (*_exceeded_specifications(case.found.linear, diagnosis), *by_tests)
+        by_tests = (*_exceeded_specifications(case.fit.linear, diagnosis), *by_tests)
     if scale > limits.CHI2_PER_DOF_REFUSED and by_tests:
         # The misfit has widened the sigmas, so that no cause exceeds them: the first one has to block.
         by_tests = (replace(by_tests[0], blocking=True), *by_tests[1:])
@@ -254,7 +237,7 @@ def _wrong_distances(case: _Case, margin: float) -> tuple[Finding, ...]:
     """Findings of distances whose omission reduces chi2 to at most the best fault's plus `margin`; else empty."""
     best = case.diagnosis.best
     most_chi2 = np.inf if best is None else best.evidence.chi2 + margin
-    return wrong_distances(case.stated, case.found.linear, most_chi2=most_chi2)
+    return wrong_distances(case.stated, case.fit.linear, most_chi2=most_chi2)
 
 
 def _begins_with_a_placement(case: _Case) -> bool:
@@ -271,7 +254,7 @@ def _local_minimum_causes(case: _Case) -> tuple[Finding, ...]:
     if case.known.search is not None or case.model.unsensed_joints:
         return ()
     far = local_minimum_causes(
-        case.model, case.found.estimate, case.found.linear.design.q, case.judged
+        case.model, case.fit.estimate, case.fit.linear.design.q, case.known.judged
     )
     return (*case.alternatives(near=True), *far) if far and not case.gross else far
 
@@ -280,7 +263,7 @@ def _fit_causes(case: _Case, *, without_motion: bool) -> tuple[Finding, ...]:
     """Causes from the fit itself: no convergence, or large sigmas of parameters that are not known from the files."""
     estimate = case.estimate.given(case.known.by_files)
     open_end = Finding(
-        kind=FindingKind.NOT_CONVERGED, figures={"iterations": estimate.iterations}, blocking=True
+        FindingKind.NOT_CONVERGED, figures={"iterations": estimate.iterations}, blocking=True
     )
     # The arm's free entries are to be identified: the fixture's file states nothing about them.
     placed, arms = case.stated.fixture.tolerance, {entry.name for entry in case.stated.arm.free}
@@ -289,12 +272,12 @@ def _fit_causes(case: _Case, *, without_motion: bool) -> tuple[Finding, ...]:
         for p in case.model.parameters
         if p.name.split("[")[0] not in arms
     }
-    wide = little_motion(
+    wide = acceptance.little_motion(
         estimate.parameters,
         estimate.standard_deviation,
-        case.judged,
+        case.known.judged,
         stated_by_fixture,
-        partial(exceeded_source, case.found),
+        partial(exceeded_source, case.fit),
     )
     return (*(() if estimate.converged else (open_end,)), *(() if without_motion else wide))
 
@@ -305,16 +288,17 @@ def _poorly_determined(case: _Case) -> tuple[Finding, ...]:
     Evaluated at the nominal values, since the sigmas of a diverged fit have no meaning. Also empty if parallel axes in
     the nominal geometry are the cause.
     """
-    design, model = case.found.linear.design, case.model
+    design, model = case.fit.linear.design, case.model
     nominal = nominal_vector(model.parameters)
     stated = case.stated
     if _geometry_causes(placement_checks(stated, model, nominal)):
         return ()
-    group = stated.poses.placement[case.found.order]
+    group = stated.poses.placement[case.fit.order]
     expected = expected_fit(model, design.q, design.errors, nominal, group=group)
     sd = np.sqrt(np.maximum(np.diagonal(expected.covariance), 0.0))
     return tuple(
-        replace(cause, blocking=True) for cause in little_motion(model.parameters, sd, case.judged)
+        replace(cause, blocking=True)
+        for cause in acceptance.little_motion(model.parameters, sd, case.known.judged)
     )
 
 
@@ -358,14 +342,12 @@ def _exceeded_specifications(fit: LinearFit, diagnosis: Diagnosis) -> tuple[Find
     return tuple(by_source.values())[: limits.MOST_SOURCES_REPORTED]
 
 
-def _screening_causes(experiment: Experiment, known: PriorInformation) -> tuple[Finding, ...]:
+def _screening_causes(poses: PoseSet, known: PriorInformation) -> tuple[Finding, ...]:
     """Return the causes that need no test: left-out poses, readings out of range, a second solution."""
-    arm, poses = experiment.arm, experiment.poses
-    many = len(known.flipped) > limits.FLIPPED_SHARE_REFUSED * len(poses)
-    left_out, out_of_range = left_out_poses(known.flipped, known.out_of_range, arm, poses)
+    many = known.flipped > limits.FLIPPED_SHARE_REFUSED * len(poses)
     return (
-        *(replace(f, blocking=many) for f in left_out),
-        *(range_finding(f, poses) for f in out_of_range),
+        *(replace(f, blocking=many) for f in known.left_out),
+        *(range_finding(f, poses) for f in known.out_of_range),
         *second_solution(known.search),
     )
 
@@ -375,14 +357,14 @@ def second_solution(search: GlobalStart | None) -> tuple[Finding, ...]:
     if search is None or not search.alternatives:
         return ()
     solutions = {"solutions": 1 + len(search.alternatives)}
-    return (Finding(kind=FindingKind.SECOND_SOLUTION, figures=solutions, blocking=True),)
+    return (Finding(FindingKind.SECOND_SOLUTION, figures=solutions, blocking=True),)
 
 
 def _geometry_causes(checks: tuple[SetupCheck, ...]) -> tuple[Finding, ...]:
     """Return findings on fixture axes so nearly parallel to a joint axis that D-H entries are ambiguous (Hayati)."""
     return tuple(
         Finding(
-            kind=FindingKind.PARALLEL_AXES,
+            FindingKind.PARALLEL_AXES,
             joint=c.joint,
             reported=(c.text, c.remedy),
             blocking=c.severity is Severity.REFUSED,

@@ -16,14 +16,13 @@ from fixtures.ball import Ball
 from fixtures.base import Compliance
 from fixtures.hinge import Hinge
 from fixtures.rigid import Rigid
-from operator_app.calibration.closed_loops import in_order
 from operator_app.calibration.error_model import (
     error_model,
     free_within_tolerance,
     noise_model,
     stated_priors,
 )
-from operator_app.calibration.experiment import Experiment
+from operator_app.calibration.experiment import Experiment, in_order
 from operator_app.calibration.multistart import far_from_nominal
 from operator_app.messages.finding import Finding, FindingKind
 from operator_app.units import WHOLE_MM
@@ -206,9 +205,7 @@ def hinge_instead(stated: Experiment) -> Alternative:
     hand, base = map(_direction_text, along)
     lines = f"{_points(tip, ground)} --hand-direction={hand} --base-direction={base}"
     names = (fixture.kind, _new("hinge", arm, lines))
-    return Finding(kind=FindingKind.WRONG_FIXTURE_HINGE, names=names), replace(
-        stated, fixture=hinge
-    )
+    return Finding(FindingKind.WRONG_FIXTURE_HINGE, names=names), replace(stated, fixture=hinge)
 
 
 def _ball_instead(stated: Experiment) -> Alternative:
@@ -222,7 +219,7 @@ def _ball_instead(stated: Experiment) -> Alternative:
         tip, ground = _common_point(frames)
     names = (fixture.kind, _new("ball", stated.arm, _points(tip, ground)))
     ball = Ball(tip_m=_point(tip), ground_m=_point(ground), compliance=fixture.compliance)
-    return Finding(kind=FindingKind.WRONG_FIXTURE_BALL, names=names), replace(stated, fixture=ball)
+    return Finding(FindingKind.WRONG_FIXTURE_BALL, names=names), replace(stated, fixture=ball)
 
 
 def _frames(arm: ArmModel, poses: PoseSet) -> tuple[FloatArray, FloatArray]:

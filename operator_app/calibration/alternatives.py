@@ -5,9 +5,9 @@ Used if no linear explanation accounts for the misfit, or if the solution is imp
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from itertools import combinations
+from itertools import chain, combinations
 from time import thread_time
 
 import numpy as np
@@ -27,10 +27,9 @@ from operator_app.calibration.alternative_model import (
     without_readings,
 )
 from operator_app.calibration.experiment import Experiment
-from operator_app.calibration.findings import reading_step, unrelated_reading
+from operator_app.calibration.findings import reading_step, sensor_name
 from operator_app.calibration.placements import compared, contradiction
 from operator_app.messages.finding import Finding, FindingKind
-from solver.arrays import FloatArray
 from solver.diagnostics import limits
 from solver.diagnostics.fault_models import constant_reading_runs
 from solver.diagnostics.hypothesis_tests import HypothesisTest
@@ -79,11 +78,12 @@ def find_alternatives(
     as_it_is = np.inf if near or stated.unsensed else cost_of(stated)
     weighted: list[tuple[Finding, float]] = []
     fits: list[Experiment] = []
-    families = (
-        (_same_loop(stated), *((_without_each_reading(stated),) if sensors else ()))
-        if near or of_files
-        else (_frozen(stated), _same_loop(stated), _blind(stated))
-    )
+    blind = _without_each_reading(stated)
+    if near or of_files:
+        families: list[Iterable[Alternative]] = [_same_loop(stated), *([blind] if sensors else [])]
+    else:
+        elsewhere = chain(other_fixtures(replace(stated, unsensed=())), blind)
+        families = [_frozen(stated), _same_loop(stated), elsewhere]
     for family in families:
         for finding, alternative in _closest(
             family, deadline, below=PROMISING_COST_SHARE * as_it_is
@@ -138,7 +138,7 @@ def wrong_distances(stated: Experiment, fit: LinearFit, *, most_chi2: float) -> 
     is larger, the loops are solved again, since large errors are not linear.
     """
     fit_stated = fit.stated
-    known = compared(stated.fixture, stated.poses, fit_stated)
+    known = compared(stated, fit_stated)
     limit = sigmas_at(limits.DISTANCE_NOTICE_PROBABILITY, len(known))
     order = sorted(range(len(known)), key=lambda k: -abs(known[k][1]))[:SOLVED_ALTERNATIVES]
     alternative = stated
@@ -204,7 +204,7 @@ def _same_loop(stated: Experiment) -> Iterator[Alternative]:
     for mistake in mistakes(arm, poses.q_rad):
         if mostly_in_range(arm, mistake.q_rad):
             finding = Finding(
-                kind=FindingKind.READING_MISTAKE,
+                FindingKind.READING_MISTAKE,
                 names=(mistake.code,),
                 reported=(mistake.text, mistake.remedy),
             )
@@ -212,7 +212,7 @@ def _same_loop(stated: Experiment) -> Iterator[Alternative]:
     offsets = arm.table.theta_off_rad
     if LEAST_CHANGE_RAD < float(np.abs(offsets).max()) < np.deg2rad(2.0 * np.pi):
         meant = replace(arm, table=replace(arm.table, theta_off_rad=offsets / np.deg2rad(1.0)))
-        yield Finding(kind=FindingKind.OFFSETS_IN_RADIANS), replace(stated, arm=meant)
+        yield Finding(FindingKind.OFFSETS_IN_RADIANS), replace(stated, arm=meant)
     for kind in ("s", "a"):
         lengths = getattr(arm.table, f"{kind}_m")
         for i, j in combinations(np.flatnonzero(np.abs(lengths) > LEAST_M), 2):
@@ -220,7 +220,7 @@ def _same_loop(stated: Experiment) -> Iterator[Alternative]:
                 order = np.arange(len(lengths))
                 order[[i, j]] = j, i
                 entries = (f"{kind}_{i + 1}", f"{kind}_{j + 1}")
-                finding = Finding(kind=FindingKind.ENTRIES_EXCHANGED, names=entries)
+                finding = Finding(FindingKind.ENTRIES_EXCHANGED, names=entries)
                 table = replace(arm.table, **{f"{kind}_m": lengths[order]})
                 yield finding, replace(stated, arm=replace(arm, table=table))
 
@@ -233,7 +233,7 @@ def _frozen(stated: Experiment) -> Iterator[Alternative]:
             rest = np.setdiff1d(np.arange(len(poses)), np.arange(first + 1, last))
             if len(rest) >= 4 and j not in stated.unsensed:
                 finding = Finding(
-                    kind=FindingKind.READING_FROZEN, joint=j, poses=poses.label[first:last]
+                    FindingKind.READING_FROZEN, joint=j, poses=poses.label[first:last]
                 )
                 yield finding, stated.at_poses(rest)
 
@@ -243,21 +243,17 @@ def _frozen_in_all_poses(stated: Experiment) -> Iterator[Alternative]:
     poses = stated.poses
     for j in range(1, poses.joint_count + 1):
         if constant_reading_runs(poses.q_rad, j, 0.0) == [(0, len(poses))]:
-            finding = Finding(kind=FindingKind.READING_FROZEN, joint=j, poses=poses.label)
+            finding = Finding(FindingKind.READING_FROZEN, joint=j, poses=poses.label)
             yield finding, without_reading(stated, j)
-
-
-def _blind(stated: Experiment) -> Iterator[Alternative]:
-    """Yield alternatives with another fixture, or without one sensor's readings."""
-    yield from other_fixtures(replace(stated, unsensed=()))
-    yield from _without_each_reading(stated)
 
 
 def _without_each_reading(stated: Experiment) -> Iterator[Alternative]:
     """Yield alternatives in which one sensor's readings are useless in all poses."""
     for j in range(1, stated.poses.joint_count + 1):
         if j not in stated.unsensed:
-            yield unrelated_reading(j, stated.arm), without_reading(stated, j)
+            sensor = sensor_name(j, stated.arm)
+            finding = Finding(FindingKind.READING_UNRELATED, joint=j, sensor=sensor)
+            yield finding, without_reading(stated, j)
 
 
 def _shifted(blind: Experiment, unsensed: tuple[int, ...]) -> list[tuple[Finding, float, int]]:
@@ -270,11 +266,9 @@ def _shifted(blind: Experiment, unsensed: tuple[int, ...]) -> list[tuple[Finding
         return []
     (joint,) = more
     q = blind.poses.q_rad
-
-    def angle() -> FloatArray | None:
-        return blind.loop().angle_of(without_readings(blind).unsensed, joint)
-
-    measured = tried(angle, None)
+    measured = tried(
+        lambda: blind.loop().angle_of(without_readings(blind).unsensed, joint), otherwise=None
+    )
     shift = None if measured is None else shift_of(q[:, joint - 1], measured)
     if shift is None:
         return []
@@ -287,7 +281,7 @@ def _shifted(blind: Experiment, unsensed: tuple[int, ...]) -> list[tuple[Finding
 
 
 def _closest(
-    alternatives: Iterator[Alternative], deadline: float, *, below: float
+    alternatives: Iterable[Alternative], deadline: float, *, below: float
 ) -> list[Alternative]:
     """Return at most `SOLVED_ALTERNATIVES` alternatives: those of smallest cost, none with a cost above `below`."""
     costs: list[tuple[float, Alternative]] = []

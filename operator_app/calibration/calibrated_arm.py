@@ -62,11 +62,8 @@ class CalibratedArm:
             return self.flange if frame == "flange" else self.hand
         if frame == "tip":
             return self.best.table
-        rows, own = self.best.rows.copy(), self.flange.stacked()
         # The fixture's entries of the last link do not belong to the arm.
-        held = own[:, -1] != self.hand.stacked()[:, -1]
-        rows[held, -1] = own[held, -1]
-        return DhTable.from_stacked(rows)
+        return _with_last_link(self.best.rows, self.flange.stacked(), than=self.hand.stacked())
 
     @property
     def table_tip_m(self) -> FloatArray:
@@ -90,10 +87,6 @@ class CalibratedArm:
             T[..., :3, 3] += (T[..., :3, :3] @ tip_m[:, None])[..., 0]
         return T
 
-    def tip_sigma_m(self, q_rad: FloatArray) -> FloatArray:
-        """Standard deviation of the tip's position error at readings (m, n): (m,), m."""
-        return self.tip_with_sigma_m(q_rad)[1]
-
     def tip_with_sigma_m(self, q_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Tip in the base frame (m, 3), and the standard deviation of its error (m,), m.
 
@@ -106,7 +99,7 @@ class CalibratedArm:
         return tip, np.sqrt(spread_along(rates, self._covariance))
 
     def stated_part_m(self, q_rad: FloatArray, names: Collection[str]) -> FloatArray:
-        """Part of `tip_sigma_m` (m,), m, due to the parameters `names`; it adds to the rest in quadrature."""
+        """Part of the sigma of `tip_with_sigma_m` due to the parameters `names`; it adds to the rest in quadrature."""
         known = [k for k, name in enumerate(self.free) if name in names]
         if not known:
             return np.zeros(len(q_rad))
@@ -228,7 +221,8 @@ def calibrated_arm(solution: Solution, arm: ArmModel) -> CalibratedArm:
     free = [*entries, *(n for n in column if n in TIP_NAMES)]
     rows = [column[n] for n in free]
     flange = with_entries(arm.table, {n: x[n] for n in own})
-    held = _hand_rows(part, arm.table, flange)
+    # The fixture's entries of the last link, identified or not, are added to the calibrated rows.
+    held = _with_last_link(flange.stacked(), part.arm_rows(), than=arm.table.stacked())
     return CalibratedArm(
         flange=flange,
         hand=with_entries(held, {n: x[n] for n in entries}),
@@ -269,12 +263,10 @@ def with_best_table(
     )
 
 
-def _hand_rows(part: ClosureModel, nominal: DhTable, flange: DhTable) -> DhTable:
-    """Insert the fixture's entries of the last link, identified or not, into the calibrated rows."""
-    stated, ours = part.arm_rows(), nominal.stacked()
-    rows = flange.stacked()
-    last = stated[:, -1] != ours[:, -1]
-    rows[last, -1] = stated[last, -1]
+def _with_last_link(rows: FloatArray, other: FloatArray, *, than: FloatArray) -> DhTable:
+    """Return D-H rows (5, n) with those entries of the last link of `other` that differ from `than`."""
+    rows, differ = rows.copy(), other[:, -1] != than[:, -1]
+    rows[differ, -1] = other[differ, -1]
     return DhTable.from_stacked(rows)
 
 

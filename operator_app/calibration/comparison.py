@@ -275,29 +275,29 @@ def notices(
     """
     K, findings = FindingKind, []
     if a.utc > b.utc:
-        findings.append(Finding(kind=K.COMPARED_BACKWARDS))
+        findings.append(Finding(K.COMPARED_BACKWARDS))
     if a.pose_set_sha256 == b.pose_set_sha256:
-        findings.append(Finding(kind=K.COMPARED_SAME_POSES))
+        findings.append(Finding(K.COMPARED_SAME_POSES))
     for kind, one, other in (
         (K.COMPARED_FIXTURE_KINDS, a.fixture.kind, b.fixture.kind),
         (K.COMPARED_FIXTURES, a.fixture.name, b.fixture.name),
     ):
         if one != other:
-            findings.append(Finding(kind=kind, names=(one, other)))
+            findings.append(Finding(kind, names=(one, other)))
             break
     if a.estimator != b.estimator:
-        findings.append(Finding(kind=K.COMPARED_ESTIMATORS, names=(a.estimator, b.estimator)))
+        findings.append(Finding(K.COMPARED_ESTIMATORS, names=(a.estimator, b.estimator)))
     if {e.entry for e in a.calibrated} != {e.entry for e in b.calibrated}:
-        findings.append(Finding(kind=K.COMPARED_ENTRIES))
+        findings.append(Finding(K.COMPARED_ENTRIES))
     findings += _changed_constants(a, b)
     findings += [
-        Finding(kind=K.COMPARED_REFUSED, names=(w.code, name), reported=(w.text,))
+        Finding(K.COMPARED_REFUSED, names=(w.code, name), reported=(w.text,))
         for name, document in (("A", a), ("B", b))
         for w in document.warnings
         if w.code in REFUSED
     ]
     findings += [
-        Finding(kind=K.COMPARED_SCALED, names=(name,), size=scale, figures={"ratio": scale**2})
+        Finding(K.COMPARED_SCALED, names=(name,), size=scale, figures={"ratio": scale**2})
         for name, scale in zip("AB", scales, strict=True)
         if scale > REPORTED_SCALE
     ]
@@ -316,5 +316,5 @@ def _changed_constants(a: ParametersDocument, b: ParametersDocument) -> list[Fin
         if entry.name not in identified and abs(change) > SAME_NOMINAL:
             figures, unit = {"a": first, "b": second}, "rad" if angle else "m"
             kind = FindingKind.COMPARED_CONSTANT
-            findings.append(Finding(kind=kind, names=(entry.name,), unit=unit, figures=figures))
+            findings.append(Finding(kind, names=(entry.name,), unit=unit, figures=figures))
     return findings

@@ -7,14 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fixtures.base import EndpointConstraint
-from operator_app.calibration.error_model import (
-    error_model,
-    free_within_tolerance,
-    noise_model,
-    stated_priors,
-)
+from operator_app.calibration.error_model import noise_model
 from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.instrument_registration import with_calibrated_places
+from operator_app.calibration.prediction import errors_as_calibrated
 from operator_app.calibration.result import Solution
 from solver.arrays import FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
@@ -45,24 +41,15 @@ class Checks:
 
 def check(solution: Solution, arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet) -> Checks:
     """Check a solution with its own poses; the result is empty for the paper's estimator or too few poses."""
-    if solution.estimate.corrections is None:
-        return Checks()
-    if len(poses) - len(solution.dropped_flipped) < 2 * FOLDS:
+    few = len(poses) - len(solution.dropped_flipped) < 2 * FOLDS
+    if few or solution.estimate.corrections is None:
         return Checks()
     fixture, model = with_calibrated_places(fixture, solution.model), solution.model
-    arm = arm.with_length_tolerance(solution.length_tolerance_m)
     used = np.setdiff1d(np.arange(len(poses)), solution.dropped_flipped)
     experiment = Experiment(arm=arm, fixture=fixture, poses=poses, unsensed=model.unsensed_joints)
     stated = experiment.at_poses(used)
-    q, hard = stated.poses.q_rad, model.without(solution.tolerated)
-    tolerance = free_within_tolerance(hard, arm, fixed=solution.held)[1]
-    errors = error_model(
-        experiment,
-        used,
-        tolerance={name: tolerance[name] for name in tolerance if name in solution.tolerated},
-        prior=stated_priors(hard, arm, fixture),
-    )
-    components = solution.components
+    q, components = stated.poses.q_rad, solution.components
+    errors = errors_as_calibrated(solution, model, experiment, used)
     if components is not None:
         errors = replace(errors, signed=components.signed)
 

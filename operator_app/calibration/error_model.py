@@ -61,37 +61,32 @@ def error_model(
         give_m=fixture.compliance.position_m if passive else None,
         tolerance=tolerance,
         prior=prior,
-        distances=_measured(stated_distances(fixture, poses.placements)),
+        distances=tuple(
+            MeasuredDistance(
+                first=_socket(d.between[0]),
+                second=_socket(d.between[1]),
+                value_m=d.value_m,
+                sigma_m=d.sigma_m,
+            )
+            for d in stated_distances(experiment)
+        ),
         discrepancy=True,
         loads=_loads(experiment.at_poses(indices)),
         approach=approach_of(arm, poses, indices),
     )
 
 
-def stated_distances(
-    fixture: EndpointConstraint, placements: tuple[int, ...]
-) -> tuple[KnownDistance, ...]:
+def stated_distances(experiment: Experiment) -> tuple[KnownDistance, ...]:
     """Return the distances, stated in a ball's file, between those of its sockets in which poses were taken."""
+    fixture, placements = experiment.fixture, set(experiment.poses.placements)
     known = fixture.distances if isinstance(fixture, Ball) else ()
-    return tuple(d for d in known if set(d.between) <= set(placements))
+    return tuple(d for d in known if set(d.between) <= placements)
 
 
-def _measured(distances: tuple[KnownDistance, ...]) -> tuple[MeasuredDistance, ...]:
-    """Return the distances between sockets with the loop's names of the sockets' coordinates."""
-
-    def names(number: int) -> Names:
-        x, y, z = (f"{name}[{number}]" for name in GROUND)
-        return x, y, z
-
-    return tuple(
-        MeasuredDistance(
-            first=names(d.between[0]),
-            second=names(d.between[1]),
-            value_m=d.value_m,
-            sigma_m=d.sigma_m,
-        )
-        for d in distances
-    )
+def _socket(number: int) -> Names:
+    """Return the loop's names of the coordinates of a socket."""
+    x, y, z = (f"{name}[{number}]" for name in GROUND)
+    return x, y, z
 
 
 def _loads(experiment: Experiment) -> LoadBasis | None:
@@ -180,9 +175,7 @@ def distinct_poses(poses: PoseSet, kept: BoolArray) -> tuple[IntArray, IntArray]
         np.column_stack(columns), axis=0, return_index=True, return_inverse=True
     )
     order = np.argsort(first)
-    rank = np.empty_like(order)
-    rank[order] = np.arange(len(order))
-    return indices[first[order]], rank[which.reshape(-1)]
+    return indices[first[order]], np.argsort(order)[which.reshape(-1)]
 
 
 def free_within_tolerance(

@@ -1,18 +1,28 @@
-"""An experiment: measured poses of an arm in a fixture, joints whose readings are not used, and the closed loops."""
+"""An experiment: measured poses of an arm in a fixture, their closed loops, and the parameters that they identify."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
-from fixtures.base import EndpointConstraint
+import numpy as np
+
+from fixtures.base import EndpointConstraint, SetupCheck, Severity
+from fixtures.errors import FixtureError
 from fixtures.measured import Measured
-from solver.arrays import BoolArray, IntArray
+from solver.arrays import BoolArray, FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
+from solver.chain.parameters import DhEntry, DhKind, is_entry, nominal_vector
 from solver.chain.poses import PoseSet
 from solver.chain.rotations import rotation_matrix
+from solver.diagnostics.model_selection import drop_unidentifiable
 from solver.errors import SolverError
+from solver.estimators.estimate import Estimate, closure_at_readings, require_enough_poses
+from solver.estimators.least_squares import Progress
+from solver.estimators.paper import estimate_paper
 from solver.loops.closure import ClosureModel
 from solver.loops.placements import place
+from solver.search.global_start import GlobalStart, global_start
 
 
 class EndpointMissingError(SolverError):
@@ -52,3 +62,145 @@ class Experiment:
         if len(poses.placements) == 1:
             return model
         return place(model, poses.placement, same_hand=fixture.stays_on_hand)
+
+
+class IdentifiableLoops(NamedTuple):
+    """The loops to be fitted, and the parameters that the poses identify.
+
+    `model`: the loops with all unknowns; equals `identifiable` if dropping unidentifiable unknowns was requested.
+    `identifiable`, `unidentifiable`: the loops with the unknowns that the poses identify, and the names of the others.
+    `q`, `kept`: readings (k, n), rad, of the poses on the main branch, and a mask (m,) of these.
+    `paper`: the paper's estimate of `identifiable`; None with unsensed joints.
+    """
+
+    model: ClosureModel
+    identifiable: ClosureModel
+    q: FloatArray
+    kept: BoolArray
+    unidentifiable: tuple[str, ...]
+    search: GlobalStart | None
+    paper: Estimate | None
+
+    @property
+    def flipped(self) -> tuple[int, ...]:
+        """Indices of the poses that are not on the main branch."""
+        return tuple(np.flatnonzero(~self.kept).tolist())
+
+
+def identifiable_loops(
+    experiment: Experiment,
+    model: ClosureModel,
+    *,
+    search: bool,
+    drop: bool,
+    progress: Progress | None,
+) -> IdentifiableLoops:
+    """Choose the poses of one branch and their identifiable parameters; estimate these if all joints are sensed."""
+    q, arm, choice, made = experiment.poses.q_rad, experiment.arm, None, None
+    if search:
+        choice = global_start(model, q, progress=progress)
+        is_kept = ~np.isin(np.arange(len(q)), choice.set_aside)
+    else:
+        is_kept, made = on_main_branch(model, q)
+    model, q = model.at_poses(np.flatnonzero(is_kept)), q[is_kept]
+    require_enough_poses(model, len(q))
+    x0 = None if choice is None else choice.x
+    every_unknown = model
+    model, unidentifiable = _without_unidentifiable(model, arm, x0, q, drop=drop)
+    if unidentifiable:
+        require_enough_poses(model, len(q))
+        if search:
+            # Fixing parameters changes their values: the search is repeated without them.
+            choice = global_start(model, q, progress=progress)
+    paper = None
+    if not experiment.unsensed:
+        paper = None if unidentifiable else made
+        paper = paper or estimate_paper(model, q, x0=None if choice is None else choice.x)
+    loops = model if drop else every_unknown
+    return IdentifiableLoops(loops, model, q, is_kept, unidentifiable, choice, paper)
+
+
+def _without_unidentifiable(
+    model: ClosureModel, arm: ArmModel, x0: FloatArray | None, q: FloatArray, *, drop: bool
+) -> tuple[ClosureModel, tuple[str, ...]]:
+    """Fix unidentifiable parameters if `drop`, or if all are offsets of stated uncertainty; otherwise fix none."""
+    if not drop and arm.offset_tolerance_rad is None:
+        return model, ()
+    smaller, unidentifiable = drop_unidentifiable(model, x0, q, sigma_rad=arm.sigma_rad())
+    known = all(is_entry(n) and DhEntry.parse(n).kind is DhKind.THETA_OFF for n in unidentifiable)
+    # Files state uncertainties of offsets only: other parameters stay free, and are refused later.
+    return (smaller, unidentifiable) if drop or known else (model, ())
+
+
+def on_main_branch(model: ClosureModel, q: FloatArray) -> tuple[BoolArray, Estimate | None]:
+    """Separate poses (m, n), rad, on the hinge's main branch, which has most poses, from those on the other branch.
+
+    This uses the nominal placement, in which the tool of a flipped pose is upside down even if nominal values are
+    inaccurate; a fit through poses of both branches would lie between them. Returns a mask (m,) of the poses on the
+    main branch, and the paper's estimate from these as if all joints were sensed; None if it was not computed.
+    """
+    everything = np.ones(len(q), dtype=np.bool_), None
+    # Even the readings of unsensed joints are used: with errors of a degree they still distinguish the branches.
+    model = model.with_all_joints_sensed()
+    if len(q) * model.equations_per_pose <= len(model.parameters):
+        return everything
+    keep = ~closure_at_readings(model, nominal_vector(model.parameters), q).flipped
+    if 2 * int(keep.sum()) < len(q):
+        keep = ~keep
+    if bool(keep.all()):
+        judged = estimate_paper(model, q)
+        if not judged.flipped:
+            return keep, judged
+        keep[list(judged.flipped)] = False
+    part = model.at_poses(np.flatnonzero(keep))
+    if int(keep.sum()) * model.equations_per_pose <= len(model.parameters):
+        return everything
+    paper = estimate_paper(part, q[keep])
+    is_kept = ~closure_at_readings(model, paper.x, q).flipped
+    return is_kept, paper if np.array_equal(keep, is_kept) else None
+
+
+def pick_placements(poses: PoseSet, placements: tuple[int, ...]) -> PoseSet:
+    """Return the poses of some placements; ValueError if one does not exist."""
+    missing = sorted(set(placements) - set(poses.placements))
+    if missing:
+        known = ", ".join(str(p) for p in poses.placements)
+        raise ValueError(f"there is no placement {missing[0]}; the file has {known}")
+    return poses.at_poses(np.isin(poses.placement, placements))
+
+
+def in_order(model: ClosureModel, other: ClosureModel, x: FloatArray) -> FloatArray:
+    """Return values (P,) of the parameters of `model`: from `x` if `other` has the parameter too, otherwise nominal."""
+    known = {p.name: float(v) for p, v in zip(other.parameters, x, strict=True)}
+    return np.array([known.get(p.name, p.nominal) for p in model.parameters])
+
+
+class FixtureRefusedError(FixtureError):
+    """A set-up check refuses this placement; `checks` say why and what to remount."""
+
+    code = "PARALLEL_AXES"
+
+    def __init__(self, checks: tuple[SetupCheck, ...]) -> None:
+        self.checks = checks
+        super().__init__("; ".join(f"{c.text}: {c.remedy}" for c in checks))
+
+
+def refuse_placement(experiment: Experiment, model: ClosureModel) -> None:
+    """Raise `FixtureRefusedError` if parameters have no unique values in the nominal placement (Hayati)."""
+    part, *_ = model.parts()[0]
+    nominal = nominal_vector(part.parameters)
+    checks = experiment.fixture.placement_checks(experiment.arm, part, nominal)
+    refused = tuple(c for c in checks if c.severity is Severity.REFUSED)
+    if refused and model.parameters:
+        raise FixtureRefusedError(refused)
+
+
+def placement_checks(
+    experiment: Experiment, model: ClosureModel, x: FloatArray
+) -> tuple[SetupCheck, ...]:
+    """Check the geometry of every placement at the identified parameters `x` of `model`."""
+    by_name: dict[tuple[str, str], SetupCheck] = {}
+    for part, columns, _ in model.parts():
+        for check in experiment.fixture.placement_checks(experiment.arm, part, x[columns]):
+            by_name.setdefault((check.code, check.text), check)
+    return tuple(by_name.values())

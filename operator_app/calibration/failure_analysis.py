@@ -43,25 +43,18 @@ def explain_unidentifiable(
     if paper is None or error.note or any(d.immobile_joints for d in error.directions):
         # Too few poses and an immobile joint follow from the readings alone.
         return error
-    if _closes(paper):
-        back = _undetermined_at_solution(stated, paper)
-        return poses_do_not_fit(back) if back else error
-    # Where no loop closes the solution is arbitrary, and so is its identifiability.
-    alternatives = find_alternatives(stated, scale=np.inf, dof=paper.dof)
-    return (
-        poses_do_not_fit(alternatives)
-        if alternatives
-        else PosesDoNotFitError((_open_loops_text(paper),))
-    )
-
-
-def _undetermined_at_solution(stated: Experiment, paper: Estimate) -> tuple[Finding, ...]:
-    """Return mistakes that make the poses determine fewer parameters at the solution than at the nominal values."""
+    if not _closes(paper):
+        # Where no loop closes the solution is arbitrary, and so is its identifiability.
+        alternatives = find_alternatives(stated, scale=np.inf, dof=paper.dof)
+        text = _open_loops_text(paper)
+        return poses_do_not_fit(alternatives) if alternatives else PosesDoNotFitError((text,))
     model, q = stated.loop(), stated.poses.q_rad
     nominal = nominal_vector(model.parameters)
     if identifiability(model, nominal, q, sigma_rad=stated.arm.sigma_rad()).directions:
-        return ()
-    return find_alternatives(stated, scale=np.inf, dof=paper.dof, near=True, sensors=True)
+        return error
+    # A mistake makes the poses determine fewer parameters at the solution than at the nominal values.
+    back = find_alternatives(stated, scale=np.inf, dof=paper.dof, near=True, sensors=True)
+    return poses_do_not_fit(back) if back else error
 
 
 def saturated_readings(

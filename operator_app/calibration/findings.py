@@ -52,18 +52,16 @@ def finding_of(
             side = "table" if subject == "table" else "tool"
             size = rms_displacement(candidate, evidence, faults)
             between = _between(candidate.poses[0], labels)
-            return Finding(kind=K.FIXTURE_SLIPPED, names=(side,), poses=between, figures=size)
+            return Finding(K.FIXTURE_SLIPPED, names=(side,), poses=between, figures=size)
         case Cause.LOST_COUNTS:
             return reading_step(int(subject), first, candidate.poses[0], faults.arm, labels)
         case Cause.LENGTH_CHANGED:
             between = _between(candidate.poses[0], labels)
-            return Finding(
-                kind=K.LENGTH_STEP, names=(subject,), poses=between, size=first, unit="m"
-            )
+            return Finding(K.LENGTH_STEP, names=(subject,), poses=between, size=first, unit="m")
         case Cause.OUTLIERS:
-            return Finding(kind=K.OUTLIERS, poses=poses)
+            return Finding(K.OUTLIERS, poses=poses)
         case Cause.FROZEN:
-            return Finding(kind=K.READING_FROZEN, joint=int(subject), poses=poses)
+            return Finding(K.READING_FROZEN, joint=int(subject), poses=poses)
         case Cause.READING:
             return _reading_noise(int(subject), evidence, faults)
         case Cause.SCATTER:
@@ -72,11 +70,11 @@ def finding_of(
                 (1.0 - evidence.covariance / (evidence.size * candidate.expected_size) ** 2).sum()
             )
             rms = float(np.sqrt(evidence.b @ evidence.b / max(predicted, 1.0)))
-            return Finding(kind=K.ALL_READINGS_NOISE, size=rms, unit="rad")
+            return Finding(K.ALL_READINGS_NOISE, size=rms, unit="rad")
         case Cause.SCALE:
-            return Finding(kind=K.ENCODER_SCALE, joint=int(subject), size=first)
+            return Finding(K.ENCODER_SCALE, joint=int(subject), size=first)
         case Cause.DRIFT:
-            return Finding(kind=K.READING_DRIFT, joint=int(subject), size=first, unit="rad")
+            return Finding(K.READING_DRIFT, joint=int(subject), size=first, unit="rad")
         case Cause.LENGTH | Cause.TWIST:
             return _entry(candidate, evidence, faults)
         case Cause.GIVES:
@@ -84,7 +82,7 @@ def finding_of(
             stated = {"turn_rad": errors.give_rad or 0.0, "shift_m": errors.give_m or 0.0}
             more = any(size[k] > np.sqrt(3.0) * stated[k] for k in size)
             kind = K.FIXTURE_DEFLECTS_MORE if more else K.FIXTURE_DEFLECTS_OTHERWISE
-            return Finding(kind=kind, figures=size)
+            return Finding(kind, figures=size)
         case _:
             return _smooth(int(subject), candidate, evidence, faults)
 
@@ -97,25 +95,18 @@ def exceeded(larger: ExceededSpecification, design: LinearModel) -> Finding:
         turns = which == "rad"
         stated = design.errors.give_rad if turns else design.errors.give_m
         return Finding(
-            kind=FindingKind.FIXTURE_TURNS_RANDOMLY
-            if turns
-            else FindingKind.FIXTURE_SHIFTS_RANDOMLY,
+            FindingKind.FIXTURE_TURNS_RANDOMLY if turns else FindingKind.FIXTURE_SHIFTS_RANDOMLY,
             size=larger.times * (stated or 0.0),
             unit="rad" if turns else "m",
             figures=figures,
         )
     of_rvdt = name in ("rvdt", "curve", "gain")
     return Finding(
-        kind=EXCEEDED_KINDS.get(name, FindingKind.SAG_EXCEEDS),
+        EXCEEDED_KINDS.get(name, FindingKind.SAG_EXCEEDS),
         joint=int(which) if of_rvdt else 0,
         sensor="RVDT" if of_rvdt else "",
         figures=figures,
     )
-
-
-def unrelated_reading(joint: int, arm: ArmModel) -> Finding:
-    """Return the finding that a joint's reading is unrelated to its angle."""
-    return Finding(kind=FindingKind.READING_UNRELATED, joint=joint, sensor=sensor_name(joint, arm))
 
 
 def sensor_name(joint: int, arm: ArmModel) -> str:
@@ -134,7 +125,7 @@ def reading_step(
         figures = {counted: step_rad / sensor.resolution_rad}
     jump = abs(step_rad) > RESTARTED_RAD
     return Finding(
-        kind=FindingKind.READING_JUMP if jump else FindingKind.READING_STEP,
+        FindingKind.READING_JUMP if jump else FindingKind.READING_STEP,
         joint=joint,
         poses=_between(first, labels),
         size=step_rad,
@@ -146,7 +137,7 @@ def reading_step(
 def range_finding(out_of_range: RangeFinding, poses: PoseSet, *, notice: bool = False) -> Finding:
     """Return the finding of readings out of range; if saturated, they block acceptance unless `notice` is true."""
     return Finding(
-        kind=RANGE_KINDS[out_of_range.fault][notice],
+        RANGE_KINDS[out_of_range.fault][notice],
         joint=out_of_range.joint,
         poses=tuple(poses.label[k] for k in out_of_range.poses),
         size=out_of_range.reading_rad,
@@ -170,7 +161,7 @@ def _reading_noise(joint: int, evidence: Evidence, faults: FaultModels) -> Findi
     if isinstance(sensor, Encoder | Rvdt):
         figures = {"times": float(sd / np.sqrt(sensor.variance_of_mean_rad2(samples)))}
     return Finding(
-        kind=FindingKind.READING_NOISE,
+        FindingKind.READING_NOISE,
         joint=joint,
         sensor=sensor_name(joint, arm),
         size=sd,
@@ -185,7 +176,7 @@ def _entry(candidate: Candidate, evidence: Evidence, faults: FaultModels) -> Fin
     stated = float(design.soft_sd[list(design.soft_index).index(k)])
     angle = candidate.cause is Cause.TWIST
     return Finding(
-        kind=FindingKind.TWIST_OFF if angle else FindingKind.LENGTH_OFF,
+        FindingKind.TWIST_OFF if angle else FindingKind.LENGTH_OFF,
         names=(name,),
         # The residual is w + A dx, so that the coefficient has the opposite sign of the error.
         size=-float(evidence.b[0]),
@@ -202,7 +193,7 @@ def _smooth(joint: int, candidate: Candidate, evidence: Evidence, faults: FaultM
         if isinstance(sensor, Rvdt):
             figures |= {"full_scale_rad": sensor.full_scale_rad, "linearity": sensor.linearity}
         return Finding(
-            kind=FindingKind.RVDT_NONLINEAR,
+            FindingKind.RVDT_NONLINEAR,
             joint=joint,
             sensor="RVDT",
             size=peak,
@@ -210,21 +201,18 @@ def _smooth(joint: int, candidate: Candidate, evidence: Evidence, faults: FaultM
             unit="rad",
             figures=figures,
         )
-    cyclic = candidate.cause is Cause.TURN_ERROR
-    return Finding(
-        kind=FindingKind.ENCODER_CYCLIC_ERROR if cyclic else FindingKind.JOINT_SAG,
-        joint=joint,
-        sensor="ENCODER" if cyclic else "",
-        size=_rms_along(joint, candidate, evidence, faults),
-        unit="rad",
-    )
-
-
-def _rms_along(joint: int, candidate: Candidate, evidence: Evidence, faults: FaultModels) -> float:
-    """Displacement (rms over the poses, rad) that a fitted explanation causes along one joint."""
+    # Displacement (rms over the poses, rad) that the explanation causes along the joint.
     B = faults.system.B[:, :, joint - 1]
     displacement = candidate.moves(evidence.b, len(B))
-    return _rms((displacement * B).sum(-1) / np.maximum((B**2).sum(-1), 1e-300))
+    along = (displacement * B).sum(-1) / np.maximum((B**2).sum(-1), 1e-300)
+    cyclic = candidate.cause is Cause.TURN_ERROR
+    return Finding(
+        FindingKind.ENCODER_CYCLIC_ERROR if cyclic else FindingKind.JOINT_SAG,
+        joint=joint,
+        sensor="ENCODER" if cyclic else "",
+        size=_rms(along),
+        unit="rad",
+    )
 
 
 def rms_displacement(
@@ -264,7 +252,7 @@ def motion_causes(experiment: Experiment, labels: tuple[str, ...]) -> tuple[Find
         if moved_poses:
             findings.append(
                 Finding(
-                    kind=FindingKind.MOTION_DURING_SAMPLING,
+                    FindingKind.MOTION_DURING_SAMPLING,
                     joint=j,
                     sensor=sensor_name(j, arm),
                     poses=tuple(labels[k] for k in moved_poses),
@@ -310,17 +298,15 @@ def left_out_poses(
     findings = []
     if radians:
         labels = tuple(poses.label[k] for k in sorted(radians))
-        findings.append(Finding(kind=FindingKind.POSES_IN_RADIANS, poses=labels))
+        findings.append(Finding(FindingKind.POSES_IN_RADIANS, poses=labels))
     findings.extend(
-        Finding(
-            kind=FindingKind.POSE_OUT_OF_RANGE, poses=(poses.label[k],), joints=tuple(joints[k])
-        )
+        Finding(FindingKind.POSE_OUT_OF_RANGE, poses=(poses.label[k],), joints=tuple(joints[k]))
         for k in wrong
     )
     if flipped:
         findings.append(
             Finding(
-                kind=FindingKind.POSES_FLIPPED,
+                FindingKind.POSES_FLIPPED,
                 poses=tuple(poses.label[k] for k in flipped),
                 figures={"count": len(flipped), "of": len(poses)},
             )

@@ -170,8 +170,7 @@ def _part(group: Sequence[PastCalibration], side: Side) -> EntryHistory:
     chart = control_chart(names, values, within)
     smallest = np.full(len(names), np.nan)
     if len(group) > BASELINE and names:
-        between = chart.between[-1]
-        smallest = smallest_shift(between, len(group), len(names))
+        smallest = smallest_shift(chart.between[-1], len(group), len(names))
     return EntryHistory(
         side=side,
         calibrations=tuple(group),

@@ -7,7 +7,7 @@ from itertools import islice
 
 import numpy as np
 
-from operator_app.calibration.closed_loops import in_order
+from operator_app.calibration.experiment import in_order
 from operator_app.messages.finding import Finding, FindingKind
 from solver.arrays import FloatArray, IntArray
 from solver.chain.parameters import Parameter, nominal_vector, wrap_angles
@@ -102,16 +102,18 @@ def far_from_nominal(
 ) -> list[tuple[Parameter, float]]:
     """Parameters whose values (P,) are implausibly far from nominal, each with its change from nominal (rad, m).
 
+    The first exceeds its limit by the largest factor.
     Three standard deviations `sd` (P,), if given, are added to the limit, because a weakly determined parameter may
     have any value.
     """
     spread = np.zeros(len(x)) if sd is None else 3.0 * np.nan_to_num(sd, nan=np.inf)
     changes = wrap_angles(parameters, x - nominal_vector(parameters)).tolist()
-    return [
+    far = [
         (p, change)
         for p, change, more in zip(parameters, changes, spread, strict=True)
         if abs(change) > _limit(p) + more
     ]
+    return sorted(far, key=lambda item: -abs(item[1]) / _limit(item[0]))
 
 
 def local_minimum_causes(
@@ -133,7 +135,7 @@ def local_minimum_causes(
     better = best < limits.OTHER_SOLUTION_COST_SHARE * own
     near_nominal = any(
         limits.OTHER_SOLUTION_COST_SHARE * fit.cost < own
-        and not any(not p.name.endswith("]") for p, _ in far_from_nominal(hard.parameters, fit.x))
+        and all(p.name.endswith("]") for p, _ in far_from_nominal(hard.parameters, fit.x))
         for fit in fits
     )
     if not better and not near_nominal:
@@ -141,10 +143,10 @@ def local_minimum_causes(
         far = [item for item in far if item[0].name not in of_fixture(model)]
         if not far:
             return ()
-    p, change = _farthest(far)
+    p, change = far[0]
     return (
         Finding(
-            kind=FindingKind.OTHER_SOLUTION if better else FindingKind.FAR_FROM_NOMINAL,
+            FindingKind.OTHER_SOLUTION if better else FindingKind.FAR_FROM_NOMINAL,
             names=(p.name,),
             size=change,
             unit=p.unit,
@@ -173,10 +175,10 @@ def fixture_elsewhere(estimate: Estimate, model: ClosureModel) -> tuple[Finding,
     far = _far(estimate.without({p.name for p in estimate.parameters} - of_fixture(model)))
     if not far:
         return ()
-    p, change = _farthest(far)
+    p, change = far[0]
     socket = p.name.partition("[")[0] in GROUND
     kind = FindingKind.SOCKET_ELSEWHERE if socket else FindingKind.FIXTURE_ELSEWHERE
-    return (Finding(kind=kind, names=(p.name,), size=change, unit=p.unit),)
+    return (Finding(kind, names=(p.name,), size=change, unit=p.unit),)
 
 
 def best_about_nominal(hard: ClosureModel, q: FloatArray) -> FloatArray:
@@ -236,11 +238,6 @@ def has_diverged(
 
 def _far(estimate: Estimate) -> list[tuple[Parameter, float]]:
     return far_from_nominal(estimate.parameters, estimate.x, estimate.standard_deviation)
-
-
-def _farthest(far: list[tuple[Parameter, float]]) -> tuple[Parameter, float]:
-    """Return the parameter that exceeds its limit by the largest factor."""
-    return max(far, key=lambda item: abs(item[1]) / _limit(item[0]))
 
 
 def _limit(parameter: Parameter) -> float:

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from fixtures.base import CheckKind, Severity
-from operator_app.calibration.acceptance import Adjudication
 from operator_app.calibration.adjudication import PriorInformation, second_solution
 from operator_app.calibration.calibrated_arm import (
     calibrated_arm,
@@ -14,7 +13,7 @@ from operator_app.calibration.calibrated_arm import (
     tool_accuracy,
 )
 from operator_app.calibration.experiment import Experiment
-from operator_app.calibration.findings import left_out_poses, range_finding
+from operator_app.calibration.findings import range_finding
 from operator_app.calibration.multistart import fixture_elsewhere
 from operator_app.calibration.result import Solution
 from operator_app.calibration.tool_accuracy import HandAccuracy
@@ -48,29 +47,28 @@ def with_notices(
     experiment: Experiment,
     *,
     whole: Calibrated,
-    judged: Calibrated,
+    tested: Calibrated,
     known: PriorInformation,
     same: tuple[Finding, ...],
     as_stated: tuple[str, ...],
-    adjudication: Adjudication,
     limits: AcceptanceLimits,
 ) -> Solution:
-    """Add the accuracy of the tool, the verdict, and all notices in order.
+    """Add the accuracy of the tool, all notices in order, and the reasons for the verdict.
 
-    `whole`: fit of all poses. `judged`: fit of the tested poses. `same`: findings of indistinguishable placements.
+    `whole`: fit of all poses. `tested`: fit of the tested poses. `same`: findings of indistinguishable placements.
     `as_stated`: parameters known from the files rather than from the poses.
     """
-    arm = experiment.arm
-    accuracy = tool_accuracy(calibrated_arm(solution, arm), arm, as_stated, judged.linear)
+    arm, adjudication = experiment.arm, solution.adjudication
+    accuracy = tool_accuracy(calibrated_arm(solution, arm), arm, as_stated, tested.linear)
     sound = not adjudication.diverged
     findings = (
-        *(() if sound else (Finding(kind=K.DIVERGED),)),
+        *(() if sound else (Finding(K.DIVERGED),)),
         *_of_readings(experiment, known, whole.linear.stated, sound=sound),
         *_of_parameters(solution, accuracy, arm, as_stated),
         *_of_the_fit(solution, same, sound=sound),
         *(
             Finding(
-                kind=K.RVDT_HARMFUL if v.treat_as_unsensed else K.RVDT_VERDICT,
+                K.RVDT_HARMFUL if v.treat_as_unsensed else K.RVDT_VERDICT,
                 joint=v.joint,
                 sensor="RVDT",
                 names=(v.verdict.value,),
@@ -90,7 +88,6 @@ def with_notices(
         solution,
         accuracy=accuracy,
         warnings=findings,
-        adjudication=adjudication,
         reasons=(*adjudication.reasons, *(f.sentence for f in exceeded)),
     )
 
@@ -102,18 +99,16 @@ def _of_readings(
     from scipy.special import chdtrc
 
     fixture, poses = experiment.fixture, experiment.poses
-    arm = experiment.arm
-    left_out, out_of_range = left_out_poses(known.flipped, known.out_of_range, arm, poses)
     if stated.dof > 0 and float(chdtrc(stated.dof, stated.chi2)) < CHI2_NOTICE_PROBABILITY:
-        yield Finding(kind=K.CHI2_EXCEEDS, size=stated.chi2 / stated.dof)
-    for readings in out_of_range:
+        yield Finding(K.CHI2_EXCEEDS, size=stated.chi2 / stated.dof)
+    for readings in known.out_of_range:
         yield range_finding(readings, poses, notice=True)
     if poses.endpoint is not None and fixture.kind != "measured":
-        yield Finding(kind=K.ENDPOINTS_UNUSED, names=(fixture.kind,))
+        yield Finding(K.ENDPOINTS_UNUSED, names=(fixture.kind,))
     for c in known.checks if sound else ():
         if c.severity is not Severity.OK and c.kind is not CheckKind.HIDDEN:
-            yield Finding(kind=K.SETUP_CHECK, names=(c.code,), reported=(c.text, c.remedy))
-    yield from left_out
+            yield Finding(K.SETUP_CHECK, names=(c.code,), reported=(c.text, c.remedy))
+    yield from known.left_out
 
 
 def _of_parameters(
@@ -122,7 +117,7 @@ def _of_parameters(
     """Notices about dropped, fixed and mainly stated parameters, and about further solutions."""
     rates = {h.name: h.rate_m_per_rad for h in accuracy.holds_for}
     if solution.held:
-        yield Finding(kind=K.FIXED_UNSEEN, names=solution.held, figures=rates)
+        yield Finding(K.FIXED_UNSEEN, names=solution.held, figures=rates)
     fixed = {f"theta_off_{j}": j for j in offsets_not_sought(solution.model, arm)}
     offsets = tuple(
         NamedSize(name=name, size=float(arm.table.theta_off_rad[j - 1]), unit="rad")
@@ -131,9 +126,7 @@ def _of_parameters(
     )
     if offsets:
         tolerance = arm.offset_tolerance_rad
-        yield Finding(
-            kind=K.FIXED_BY_CHOICE, size=tolerance, unit="rad", sizes=offsets, figures=rates
-        )
+        yield Finding(K.FIXED_BY_CHOICE, size=tolerance, unit="rad", sizes=offsets, figures=rates)
     units = {p.name: p.unit for p in solution.estimate.parameters}
     sd, shares = solution.estimate.sd_by_name, solution.shares
     sizes = tuple(
@@ -141,7 +134,7 @@ def _of_parameters(
         for n in as_stated
     )
     if sizes:
-        yield Finding(kind=K.KNOWN_BY_FILES, sizes=sizes)
+        yield Finding(K.KNOWN_BY_FILES, sizes=sizes)
     yield from second_solution(solution.search)
 
 
@@ -150,7 +143,7 @@ def _of_the_fit(solution: Solution, same: tuple[Finding, ...], *, sound: bool) -
     compliance = None if solution.components is None else solution.components.compliance
     if sound and compliance is not None and compliance.deflects and not solution.tolerated:
         # Errors of link lengths may appear as compliance.
-        yield Finding(kind=K.LENGTHS_EXACT)
+        yield Finding(K.LENGTHS_EXACT)
     yield from same
     if sound:
         yield from fixture_elsewhere(solution.estimate, solution.model)
@@ -161,7 +154,7 @@ def exceeded_limits(estimate: Estimate, limits: AcceptanceLimits) -> tuple[Findi
     """Return a finding for each limit of the procedure that a calibration exceeds."""
     after, turned = estimate.sigmas, estimate.sigmas.orientation_rad
     return tuple(
-        Finding(kind=kind, size=value, figures={"limit": limit / per_si}, blocking=True)
+        Finding(kind, size=value, figures={"limit": limit / per_si}, blocking=True)
         for kind, value, limit, per_si in (
             (K.LIMIT_SIGMA_POS, after.position_m.rms, limits.sigma_pos_mm, 1e3),
             (K.LIMIT_SIGMA_ORI, None if turned is None else turned.rms, limits.sigma_ori_mrad, 1e3),
@@ -173,12 +166,12 @@ def exceeded_limits(estimate: Estimate, limits: AcceptanceLimits) -> tuple[Findi
 
 def outliers_still_used(labels: tuple[str, ...]) -> tuple[Finding, ...]:
     """Return the finding that some of the used poses do not fit the others."""
-    return (Finding(kind=K.OUTLIERS_COUNT, poses=labels),) if labels else ()
+    return (Finding(K.OUTLIERS_COUNT, poses=labels),) if labels else ()
 
 
 def _ill_conditioned(identified: Identifiability, limits: AcceptanceLimits) -> tuple[Finding, ...]:
     """Return a warning if the condition number exceeds the procedure's limit; it does not affect acceptance."""
     number, limit = identified.scaled_condition_number, limits.scaled_condition_number
     names, figures = identified.weakest.parameters, {"limit": limit}
-    condition = Finding(kind=K.CONDITION, names=names, size=number, figures=figures)
+    condition = Finding(K.CONDITION, names=names, size=number, figures=figures)
     return () if number <= limit else (condition,)

@@ -63,10 +63,9 @@ def check_open_loop(
     placed = placed_by_poses(arm, unknown, poses, values)
     opened = calibrate(arm, placed, poses, drop=True)
     estimate = opened.estimate
-    column = {p.name: k for k, p in enumerate(estimate.parameters)}
-    closed_column = {p.name: k for k, p in enumerate(closed.estimate.parameters)}
-    shared = [name for name in closed_column if name in column and name not in own]
-    a, b = [closed_column[name] for name in shared], [column[name] for name in shared]
+    names, known = ([p.name for p in e.parameters] for e in (estimate, closed.estimate))
+    shared = [name for name in known if name in names and name not in own]
+    a, b = ([listed.index(name) for name in shared] for listed in (known, names))
     parameters = [estimate.parameters[k] for k in b]
     change = wrap_angles(parameters, estimate.x[b] - closed.estimate.x[a])
     covariance = closed.estimate.covariance[np.ix_(a, a)] + estimate.covariance[np.ix_(b, b)]
@@ -89,7 +88,5 @@ def check_open_loop(
             for p, i, j, c, s in zip(parameters, a, b, change, sigma, strict=True)
         ),
         chi2=chi2_test(float(z @ np.linalg.pinv(scaled) @ z), len(shared)),
-        left_out=tuple(
-            name for name in closed_column if name not in shared and name.startswith("theta")
-        ),
+        left_out=tuple(n for n in known if n not in shared and n.startswith("theta")),
     )

@@ -14,12 +14,11 @@ from itertools import combinations
 import numpy as np
 
 from fixtures.ball import KnownDistance
-from fixtures.base import EndpointConstraint
 from operator_app.calibration.error_model import stated_distances
+from operator_app.calibration.experiment import Experiment
 from operator_app.messages.finding import Finding, FindingKind
 from solver.arrays import FloatArray
 from solver.chain.parameters import wrap_angles
-from solver.chain.poses import PoseSet
 from solver.diagnostics.limits import DISTANCE_NOTICE_PROBABILITY, REMOUNT_FALSE_ALARM_PROBABILITY
 from solver.diagnostics.statistics import sigmas_at
 from solver.estimators.error_model import distance_and_rates
@@ -68,7 +67,7 @@ def _pairs(model: Placements, estimate: Estimate) -> Iterator[Finding]:
             k = int(np.argmax(sigmas))
             parameter = model.of(one)[0].parameters[int(np.flatnonzero(own)[k])]
             yield Finding(
-                kind=FindingKind.SAME_PLACEMENT,
+                FindingKind.SAME_PLACEMENT,
                 joints=(one, other),
                 names=(parameter.name,),
                 size=abs(float(difference[k])),
@@ -139,12 +138,12 @@ def distances(
         or b == a + 1
         or frozenset((placements[a], placements[b])) in stated
     ]
-    distances_found = []
+    listed = []
     for a, b in pairs:
         value, rates = distance_and_rates(where[a].tolist(), where[b].tolist(), estimate.x)
         between = (placements[a], placements[b])
         known, deviation = stated.get(frozenset(between), (None, 0.0))
-        distances_found.append(
+        listed.append(
             Distance(
                 between=between,
                 value_m=value,
@@ -153,22 +152,18 @@ def distances(
                 deviation=deviation,
             )
         )
-    return tuple(distances_found)
+    return tuple(listed)
 
 
-def compared(
-    fixture: EndpointConstraint, poses: PoseSet, fit: LinearFit
-) -> tuple[tuple[KnownDistance, float], ...]:
+def compared(experiment: Experiment, fit: LinearFit) -> tuple[tuple[KnownDistance, float], ...]:
     """Return the measured distances used in a fit of these poses, each with its deviation in sigmas (`Distance`)."""
-    stated = stated_distances(fixture, poses.placements)
+    stated = stated_distances(experiment)
     return tuple(zip(stated, fit.distance_deviations().tolist(), strict=True))
 
 
-def contradicted(
-    fixture: EndpointConstraint, poses: PoseSet, fit: LinearFit
-) -> tuple[Finding, ...]:
+def contradicted(experiment: Experiment, fit: LinearFit) -> tuple[Finding, ...]:
     """Return a finding for each measured distance that the poses of a fit contradict."""
-    known = compared(fixture, poses, fit)
+    known = compared(experiment, fit)
     limit = sigmas_at(DISTANCE_NOTICE_PROBABILITY, len(known))
     return tuple(contradiction(d.between, sigmas) for d, sigmas in known if abs(sigmas) > limit)
 
@@ -176,7 +171,7 @@ def contradicted(
 def contradiction(between: tuple[int, int], deviation: float) -> Finding:
     """Return the finding that the poses contradict the distance between two sockets by `deviation` sigmas."""
     return Finding(
-        kind=FindingKind.DISTANCE_ABOVE if deviation > 0.0 else FindingKind.DISTANCE_BELOW,
+        FindingKind.DISTANCE_ABOVE if deviation > 0.0 else FindingKind.DISTANCE_BELOW,
         joints=between,
         figures={"sigmas": abs(deviation)},
     )

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -16,9 +16,10 @@ from operator_app.calibration.error_model import (
     stated_priors,
 )
 from operator_app.calibration.experiment import Experiment
+from operator_app.calibration.multistart import evenly
 from operator_app.calibration.result import Solution
 from operator_app.units import SLIP_SIGMA
-from solver.arrays import FloatArray
+from solver.arrays import FloatArray, IntArray
 from solver.chain.poses import PoseSet, canonical_order
 from solver.diagnostics.cross_validation import (
     NOT_KNOWN,
@@ -62,21 +63,10 @@ def shift_in_words(shift: CommonShift) -> str:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CalibrationWithPoses:
-    """A calibration with the poses from which it was made.
-
-    `poses`: all poses, including those on the flipped branch.
-    """
-
-    solution: Solution
-    poses: PoseSet
-
-
 def predict_new_poses(
-    new: Experiment, made: CalibrationWithPoses, start: Mapping[str, float]
+    new: Experiment, solution: Solution, made_from: PoseSet, start: Mapping[str, float]
 ) -> tuple[WhitenedResiduals, Chi2Test, Mapping[str, FloatArray]] | None:
-    """Predict new poses from the poses of the calibration.
+    """Predict new poses from the poses of the calibration: `made_from`, with those on the flipped branch.
 
     `start`: values (rad, m) from which to start for parameters that the calibration lacks, such as another socket's
     place, by their names in the loop of the new poses.
@@ -85,15 +75,15 @@ def predict_new_poses(
     with the variances estimated in the calibration; and the derivatives (m, E, k) of the E closure equations of each
     pose with respect to each possible shift, by joint number or `FIXTURE`. None if no model fits both sets of poses.
     """
-    solution, old = made.solution, _used(made)
+    old = _used(solution, made_from)
     if len(new.poses.placements) == 1:
         # A parameter that only the new poses have belongs to one placement of several.
         (number,) = new.poses.placements
         start = {f"{name}[{number}]": value for name, value in start.items()}
     both = replace(new, poses=concatenated_poses(old, new.poses))
     later = np.arange(len(both.poses)) >= len(old)
-    model, x0, column = _model(made, old, both, start)
-    errors = _errors(solution, model, both, start)
+    model, x0, column = _model(solution.estimate, old, both, start)
+    errors = errors_as_calibrated(solution, model, both, without=start)
     learned = {} if solution.components is None else solution.components.variances
     try:
         fitted = fit_as_stated(
@@ -133,20 +123,29 @@ def predict_new_poses(
     return replace(residuals, dof=dof), chi2, subjects
 
 
-def _errors(
-    solution: Solution, model: ClosureModel, both: Experiment, start: Mapping[str, float]
+def errors_as_calibrated(
+    solution: Solution,
+    model: ClosureModel,
+    experiment: Experiment,
+    poses: IntArray | slice = slice(None),
+    *,
+    without: Collection[str] = (),
 ) -> ErrorModel:
-    """Stated errors of old and new poses, with the tolerances and priors that the calibration used."""
+    """Return the stated errors of `poses`, with the tolerances and priors that a calibration used.
+
+    `model`: loops of the poses with the calibration's parameters; those in `without` get no prior.
+    """
     tolerated = {p.name for p in model.parameters} & set(solution.tolerated)
     sought = model.without(tuple(tolerated))
-    arm = both.arm.with_length_tolerance(solution.length_tolerance_m)
+    arm = experiment.arm.with_length_tolerance(solution.length_tolerance_m)
     stated = free_within_tolerance(sought, arm, fixed=solution.held)[1]
     by_paper = solution.estimate.estimator == "paper"
-    prior = {} if by_paper else stated_priors(sought, arm, both.fixture)
+    prior = {} if by_paper else stated_priors(sought, arm, experiment.fixture)
     return error_model(
-        both,
+        experiment,
+        poses,
         tolerance={name: sd for name, sd in stated.items() if name in tolerated},
-        prior={name: sd for name, sd in prior.items() if name not in start},
+        prior={name: sd for name, sd in prior.items() if name not in without},
     )
 
 
@@ -196,37 +195,34 @@ def fit_as_stated(
     return fitted
 
 
-def _used(made: CalibrationWithPoses) -> PoseSet:
+def _used(solution: Solution, poses: PoseSet) -> PoseSet:
     """Return the poses that the calibration used, each once, at most `MOST`."""
-    is_first = np.ones(len(made.poses), dtype=np.bool_)
-    is_first[list(made.solution.dropped_flipped)] = False
-    distinct = distinct_poses(made.poses, is_first)[0]
+    on_branch = np.ones(len(poses), dtype=np.bool_)
+    on_branch[list(solution.dropped_flipped)] = False
+    distinct = distinct_poses(poses, on_branch)[0]
     if len(distinct) > MOST:
-        order = canonical_order(made.poses.q_rad[distinct])
-        distinct = np.sort(distinct[order[np.linspace(0, len(order) - 1, MOST).astype(int)]])
-    return made.poses.at_poses(distinct)
+        order = canonical_order(poses.q_rad[distinct])
+        distinct = np.sort(distinct[order[evenly(len(order), MOST)]])
+    return poses.at_poses(distinct)
 
 
 def _model(
-    made: CalibrationWithPoses, old: PoseSet, both: Experiment, start: Mapping[str, float]
+    estimate: Estimate, old: PoseSet, both: Experiment, start: Mapping[str, float]
 ) -> tuple[ClosureModel, FloatArray, list[int | None]]:
     """Return the loops of all poses, the parameters' values, and their indices in the estimate (None: not in it)."""
-    estimate = made.solution.estimate
     known = {p.name: k for k, p in enumerate(estimate.parameters)}
     model = both.loop()
     if len(both.poses.placements) > 1 and len(old.placements) == 1:
         # With the new poses there are several placements, so that parameter names get a placement number.
         numbered = {p.name for p in model.parameters}
         (number,) = old.placements
-        names_here = {name: f"{name}[{number}]" for name in known}
         known = {
-            (names_here[name] if names_here[name] in numbered else name): k
+            (here if (here := f"{name}[{number}]") in numbered else name): k
             for name, k in known.items()
         }
     model = freed(model, known)
     values = dict(start) | {name: float(estimate.x[k]) for name, k in known.items()}
-    held = [p.name for p in model.parameters if p.name not in values]
-    model = model.without(tuple(held)) if held else model
+    model = model.without([p.name for p in model.parameters if p.name not in values])
     names = [p.name for p in model.parameters]
     return model, np.array([values[n] for n in names]), [known.get(n) for n in names]
 

@@ -1,26 +1,33 @@
-"""Prior of a loop's unknowns before the first pose of a placement, from the files and from earlier placements.
+"""Expectations before a reading: prior of a loop's unknowns in a new placement, and innovation of one more pose.
 
 Earlier poses determine the arm's own entries. Offsets that are measured from the fixture change within the fixture's
 tolerance at each remounting. If the fixture was once mounted outside its tolerance, this is expected again.
+
+In the same placement, earlier poses have also determined linearity deviation, sag and compliance near the reading, so
+that these errors add no uncertainty to its prediction, in contrast to a prediction from the parameters alone. The
+innovation is the deviation from this prediction.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fixtures.base import ROUGH_PLACEMENT, EndpointConstraint
 from fixtures.errors import FixtureError
-from operator_app.calibration.closed_loops import in_order
-from operator_app.calibration.error_model import free_within_tolerance
-from operator_app.calibration.experiment import Experiment
+from operator_app.calibration.error_model import error_model, free_within_tolerance
+from operator_app.calibration.experiment import Experiment, in_order
+from operator_app.calibration.prediction import concatenated_poses, fit_as_stated
 from operator_app.calibration.verification import stated_noise
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector
-from solver.errors import SolverError
+from solver.chain.poses import PoseSet
+from solver.diagnostics.cross_validation import predicted_residuals, verify
+from solver.diagnostics.limits import POSE_CHI2_RATIO_UNPREDICTED, POSE_CHI2_UNPREDICTED
+from solver.errors import PosesDoNotFitError, SolverError
 from solver.estimators.implicit import ImplicitFit, ParameterPrior, fit_implicit
 from solver.estimators.paper import estimate_paper
 from solver.loops.closure import ClosureModel
@@ -85,55 +92,40 @@ def placement_prior(
     return PlacementPrior(mean=mean, covariance=covariance)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StatedFit:
-    """Fit of poses with the stated errors, all entries free within tolerances.
+def stated_fit(experiment: Experiment) -> tuple[ClosureModel, ParameterPrior, ImplicitFit] | None:
+    """Fit poses with the errors that the files state; None if the poses cannot be fitted.
 
-    `model`: the loop with its lengths and twists free. `nominal`, `sd`: nominal values and standard deviations (P,) of
-    the unknowns, from the files. `fit`: result of the fit.
+    Returns the loop with all entries free within tolerances, the prior of its unknowns from the files, and the fit.
     """
-
-    model: ClosureModel
-    nominal: FloatArray
-    sd: FloatArray
-    fit: ImplicitFit
-
-
-def stated_fit(experiment: Experiment) -> StatedFit | None:
-    """Fit poses with the errors that the files state; None if the poses cannot be fitted."""
     arm, q = experiment.arm, experiment.poses.q_rad
     try:
         loop = experiment.loop()
         model, stated = free_within_tolerance(loop, arm)
         sd = np.maximum(_by_files(model, arm, experiment.fixture, stated), EXACT)
-        nominal = nominal_vector(model.parameters)
         x0 = in_order(model, loop, estimate_paper(loop, q).x)
-        prior = ParameterPrior(mean=nominal, precision=sd**-2)
+        prior = ParameterPrior(mean=nominal_vector(model.parameters), precision=sd**-2)
         fitted = fit_implicit(model, q, stated_noise(experiment), x0, prior=prior)
     except (SolverError, FixtureError, np.linalg.LinAlgError):
         return None
-    if not fitted.converged or not np.isfinite(fitted.covariance).all():
-        return None
-    return StatedFit(model=model, nominal=nominal, sd=sd, fit=fitted)
+    valid = fitted.converged and np.isfinite(fitted.covariance).all()
+    return (model, prior, fitted) if valid else None
 
 
 def known_arm(experiment: Experiment) -> KnownArm | None:
     """Return the information from poses of earlier placements; None if these poses cannot be fitted."""
-    by = stated_fit(experiment)
-    if by is None:
+    if (by := stated_fit(experiment)) is None:
         return None
-    model, fitted = by.model, by.fit
-    stays = experiment.fixture.stays_on_hand
-    own = set(model.ground_side) | (set() if stays else set(model.hand_side))
-    shared, stood, ends = list[int](), list[int](), dict[str, list[float]]()
+    model, prior, fitted = by
+    own = {*model.ground_side, *(() if experiment.fixture.stays_on_hand else model.hand_side)}
+    shared, placed_columns, ends = list[int](), list[int](), dict[str, list[float]]()
     for k, p in enumerate(model.parameters):
         if p.name not in own:
             shared.append(k)
         elif p.name.startswith("theta_off_"):
             ends.setdefault(p.name.partition("[")[0], []).append(float(fitted.x[k]))
         else:
-            stood.append(k)
-    pulls = (fitted.x - by.nominal)[stood] / by.sd[stood]
+            placed_columns.append(k)
+    pulls = (fitted.x - prior.mean)[placed_columns] * np.sqrt(prior.precision[placed_columns])
     # Poses that fit worse than stated carry less information: their covariance is scaled up.
     worse = max(1.0, fitted.chi2 / fitted.dof)
     return KnownArm(
@@ -142,7 +134,7 @@ def known_arm(experiment: Experiment) -> KnownArm | None:
         covariance=worse * fitted.covariance[np.ix_(shared, shared)],
         ends={name: float(np.mean(values)) for name, values in ends.items()},
         placements=len(experiment.poses.placements),
-        placement_ratio=max(1.0, float(np.sqrt(np.mean(pulls**2)))) if stood else 1.0,
+        placement_ratio=max(1.0, float(np.sqrt(np.mean(pulls**2)))) if placed_columns else 1.0,
     )
 
 
@@ -161,10 +153,90 @@ def _by_files(
         placed = (tolerance.orientation_rad if p.is_angle else tolerance.position_m) / WITHIN
         if p.name.startswith("theta_off_"):
             sd.append(max(offset, placed if p.name in sides else 0.0))
+        elif p.name in sides:
+            sd.append(max(placed, stated.get(p.name, 0.0)))
         else:
-            sd.append(
-                max(placed, stated.get(p.name, 0.0))
-                if p.name in sides
-                else stated.get(p.name, placed)
-            )
+            sd.append(stated.get(p.name, placed))
     return np.array(sd)
+
+
+NEAREST = 60
+"""Number of nearest poses that predict a reading, so that the computing time is bounded."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ShiftOfReading:
+    """Most likely shift of a joint in one reading and its sigma, both in rad, and the chi2 that the shift explains."""
+
+    size_rad: float
+    sigma_rad: float
+    explains: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Innovation:
+    """Deviation of a reading from the prediction by earlier poses.
+
+    `chi2`, `dof`: chi2 of the reading (infinite if the loop does not close there), and its degrees of freedom.
+    `usual`: largest chi2 of an earlier pose as predicted from the others; also large if the files are wrong.
+    `shifts`: shift of each used reading that would explain the deviation, by joint (1-based).
+    """
+
+    chi2: float
+    dof: int
+    usual: float
+    shifts: Mapping[int, ShiftOfReading]
+
+    def unseen(self, shift_rad: float, chi2: float) -> tuple[int, ...]:
+        """Return the joints in which a shift of `shift_rad` would explain less than `chi2` on average."""
+        return tuple(j for j, s in self.shifts.items() if (shift_rad / s.sigma_rad) ** 2 < chi2)
+
+
+def innovation(experiment: Experiment, reading: PoseSet) -> Innovation | None:
+    """Test a reading against earlier poses (`experiment`) of one placement; None if these poses cannot be fitted."""
+    away = np.abs(experiment.poses.q_rad - reading.q_rad[0]).max(axis=1)
+    experiment = experiment.at_poses(np.sort(np.argsort(away, kind="stable")[:NEAREST]))
+    if (by := stated_fit(experiment)) is None:
+        return None
+    model, _, fit = by
+    before, count = experiment.poses, len(experiment.poses)
+    both = replace(experiment, poses=concatenated_poses(before, reading))
+    tolerance = free_within_tolerance(experiment.loop(), experiment.arm)[1]
+    errors = error_model(both, tolerance=tolerance)
+    try:
+        fitted = fit_as_stated(model, both.poses, errors, fit.x, old=count)
+        # Fitted without the tested reading: a wrong one would change the linearisation.
+        old = np.arange(count)
+        own = fit_as_stated(model, before, errors.at_poses(old), fit.x, old=count).fit
+        residuals = predicted_residuals(fitted.fit, np.arange(count + 1) == count)
+        usual = [predicted_residuals(own, old == k).chi2 for k in range(count)]
+    except (PosesDoNotFitError, np.linalg.LinAlgError):
+        return None
+    system = fitted.fit.whole.at_poses(np.array([count]))
+    shifts = {}
+    for j in range(1, experiment.arm.joint_count + 1):
+        if j not in model.unsensed_joints:
+            (s,), ((information,),) = residuals.score(system.B[..., [j - 1]])
+            size, sigma = float(s / information), float(information**-0.5)
+            shifts[j] = ShiftOfReading(size_rad=size, sigma_rad=sigma, explains=(size / sigma) ** 2)
+    return Innovation(chi2=residuals.chi2, dof=residuals.dof, usual=max(usual), shifts=shifts)
+
+
+LEAST, AT_MOST = 10, 60
+"""Fewest earlier poses for a test, and number of latest poses to which the fit is limited, to bound its time."""
+
+
+def is_unpredicted(experiment: Experiment) -> bool:
+    """Whether the last pose contradicts its prediction from the poses before it; false if it cannot be predicted."""
+    count = len(experiment.poses)
+    if count <= LEAST or not experiment.fixture.holds_hand:
+        return False
+    by = stated_fit(experiment.at_poses(np.arange(max(0, count - 1 - AT_MOST), count - 1)))
+    if by is None:
+        return False
+    model, _, fit = by
+    last = experiment.at_poses(np.array([count - 1]))
+    one_pose, noise = model.at_poses(np.array([0])), stated_noise(last)
+    verified = verify(one_pose, fit.x, fit.covariance, last.poses.q_rad, noise)
+    usual = POSE_CHI2_RATIO_UNPREDICTED * float(fit.pose_chi2.max())
+    return float(verified.pose_chi2[0]) > max(POSE_CHI2_UNPREDICTED, usual)

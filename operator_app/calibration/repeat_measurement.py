@@ -8,17 +8,20 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fixtures.base import Compliance
-from operator_app.calibration.experiment import Experiment
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import NoSensor
 from solver.closing import close_loops
 from solver.design.motion import chain_motion
 from solver.loops.closure import ClosureModel
+
+if TYPE_CHECKING:
+    from operator_app.calibration.experiment import Experiment
 
 SMALLEST_DEFLECTION_RAD, SMALLEST_DEFLECTION_M = 1e-4, 1e-4
 """Rotation and displacement that scale a slip of a fixture whose stated compliance is zero."""
@@ -51,8 +54,6 @@ class Repeat:
     compliance.
     `joint`: joint (1-based) whose slip would explain more of this chi2 than the slip of any other joint.
     `size_rad`, `sigma_rad`: most likely value of that slip, and its standard uncertainty.
-    `chi2_left`: chi2 that remains after subtracting that slip, with one degree of freedom less; large if the fixture
-    slipped instead of a joint.
     `joint_odds`: likelihood ratio between a slip of that joint and a slip of the fixture, each at its most likely
     magnitude.
     `turned_rad`, `shifted_m`: rotation and displacement of the fixture, if the fixture slipped.
@@ -64,7 +65,6 @@ class Repeat:
     joint: int
     size_rad: float
     sigma_rad: float
-    chi2_left: float
     joint_odds: float
     turned_rad: float
     shifted_m: float
@@ -113,7 +113,9 @@ def compare_readings(
     by_joint_d = by_joint.T @ d
     explained = by_joint_d**2 / size
     k = int(np.argmax(explained))
-    chi2 = float(d @ d)
+    chi2, gained = float(d @ d), float(explained[k])
+    # Gain in log-likelihood from a step change of the joint's reading, at the step's most likely variance.
+    of_joint = 0.5 * (gained - 1.0 - float(np.log(gained))) if gained > 1.0 else 0.0
     shape = np.where(
         stated > 0.0,
         stated,
@@ -128,16 +130,10 @@ def compare_readings(
         joint=used[k] + 1,
         size_rad=float(by_joint_d[k] / size[k] * sigma[k]),
         sigma_rad=float(sigma[k] / np.sqrt(size[k])),
-        chi2_left=chi2 - float(explained[k]),
-        joint_odds=float(np.exp(np.clip(_of_joint(float(explained[k])) - gain, -300.0, 300.0))),
+        joint_odds=float(np.exp(np.clip(of_joint - gain, -300.0, 300.0))),
         turned_rad=float(np.linalg.norm(slip[:-3])),
         shifted_m=float(np.linalg.norm(slip[-3:])),
     )
-
-
-def _of_joint(explained: float) -> float:
-    """Gain in log-likelihood from a step change of one joint's reading, at the step's most likely variance."""
-    return 0.5 * (explained - 1.0 - float(np.log(explained))) if explained > 1.0 else 0.0
 
 
 def _of_fixture(d: FloatArray, columns: FloatArray) -> tuple[float, FloatArray]:

@@ -8,9 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from operator_app.calibration.closed_loops import in_order
 from operator_app.calibration.error_model import free_within_tolerance
-from operator_app.calibration.experiment import Experiment
+from operator_app.calibration.experiment import Experiment, in_order
 from operator_app.calibration.findings import moved_while_read
 from operator_app.calibration.result import Solution
 from operator_app.config.parameter_records import RvdtRemedy
@@ -144,16 +143,13 @@ def _noise_of_rvdts(
         # The motion noise of fixture and joints is the estimated one, not the stated one.
         v, error = sensor_noise_with_found_motion(calibrated.linear)
         by_name = {c.name: c for c in components(calibrated.linear.design, v, error)}
-    noise_by_joint = {
-        j: single_noise(
-            sensor,
-            by_name.get(f"rvdt_{j}"),
-            None if spread is None else spread[still[j], j - 1],
-            samples[still[j]],
-        )
-        for j, sensor in sensors.items()
-    }
-    return {j: noise for j, noise in noise_by_joint.items() if noise is not None}
+    noise_by_joint: dict[int, SingleNoise] = {}
+    for j, sensor in sensors.items():
+        own_spread = None if spread is None else spread[still[j], j - 1]
+        noise = single_noise(sensor, by_name.get(f"rvdt_{j}"), own_spread, samples[still[j]])
+        if noise is not None:
+            noise_by_joint[j] = noise
+    return noise_by_joint
 
 
 def measured_deviations(
@@ -169,26 +165,18 @@ def measured_deviations(
 
 def rvdt_causes(verdicts: tuple[RvdtVerdict, ...], arm: ArmModel) -> tuple[Finding, ...]:
     """Findings of RVDTs out of specification but without other faults; the sigmas include the RVDTs' deviations."""
-    return tuple(
-        Finding(kind=_kind_of(v, arm), joint=v.joint, sensor="RVDT", reported=(v.text,))
-        for v in verdicts
-        if v.verdict is Soundness.OUT_OF_SPECIFICATION
-    )
-
-
-def _kind_of(verdict: RvdtVerdict, arm: ArmModel) -> FindingKind:
-    """Return the kind of finding for an RVDT out of specification, which determines the remedy."""
-    deviation = measured_deviations((verdict,), arm).get(verdict.joint)
-    sensor = arm.joints[verdict.joint - 1].sensor
-    if (
-        deviation is not None
-        and isinstance(sensor, Rvdt)
-        and deviation.beyond(sensor.linearity_rad)
-    ):
-        return FindingKind.RVDT_OUT_LINEARITY
-    if verdict.noise is not None and verdict.noise.from_spread:
-        return FindingKind.RVDT_OUT_SPREAD
-    return FindingKind.RVDT_OUT_NOISE
+    deviations, causes = measured_deviations(verdicts, arm), list[Finding]()
+    for v in verdicts:
+        if v.verdict is not Soundness.OUT_OF_SPECIFICATION:
+            continue
+        sensor, deviation = arm.joints[v.joint - 1].sensor, deviations.get(v.joint)
+        kind = FindingKind.RVDT_OUT_NOISE
+        if deviation and isinstance(sensor, Rvdt) and deviation.beyond(sensor.linearity_rad):
+            kind = FindingKind.RVDT_OUT_LINEARITY
+        elif v.noise is not None and v.noise.from_spread:
+            kind = FindingKind.RVDT_OUT_SPREAD
+        causes.append(Finding(kind, joint=v.joint, sensor="RVDT", reported=(v.text,)))
+    return tuple(causes)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

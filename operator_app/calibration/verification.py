@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -11,17 +11,14 @@ from fixtures.base import EndpointConstraint
 from operator_app.calibration.error_model import freed, noise_model
 from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.instrument_registration import with_calibrated_places
-from operator_app.calibration.prediction import (
-    CalibrationWithPoses,
-    predict_new_poses,
-    shift_in_words,
-)
+from operator_app.calibration.prediction import predict_new_poses, shift_in_words
 from operator_app.calibration.result import Solution
 from solver.arrays import BoolArray, FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector
 from solver.chain.poses import PoseSet
 from solver.closing import reduced_equations
+from solver.diagnostics import limits
 from solver.diagnostics.cross_validation import (
     NOT_KNOWN,
     CommonShift,
@@ -30,14 +27,8 @@ from solver.diagnostics.cross_validation import (
     verify,
 )
 from solver.diagnostics.hypothesis_tests import find_outliers, leave_one_out_chi2
-from solver.diagnostics.limits import (
-    FALSE_ALARM_PROBABILITY,
-    LEARNED_VARIANCE_FACTOR,
-    SAME_POINT_M,
-    SAME_READING_RAD,
-)
 from solver.diagnostics.statistics import Chi2Test, chi2_test
-from solver.estimators.component_report import Component
+from solver.diagnostics.whitened_residuals import WhitenedResiduals
 from solver.estimators.error_model import SD_OF_PEAK
 from solver.estimators.estimate import ClosureSigmas, closure_at_readings
 from solver.estimators.implicit import NoiseModel
@@ -60,11 +51,11 @@ class Fixed:
     `unsensed_joints`: joints whose readings the calibration did not use.
     """
 
-    values: dict[str, float]
+    values: Mapping[str, float]
     covariance: FloatArray
-    rvdt_sd_rad: dict[int, float]
-    fixture_variance: FloatArray | None
     unsensed_joints: tuple[int, ...]
+    rvdt_sd_rad: Mapping[int, float] = field(default_factory=dict)
+    fixture_variance: FloatArray | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -114,28 +105,23 @@ def fixed_calibration(solution: Solution, placement: int | None = None) -> Fixed
     `placement`: only parameters of this placement, under names without its number. None: those of all placements.
     """
     estimate, components = solution.estimate, solution.components
-    components_found = () if components is None else components.components
     names, columns = [p.name for p in estimate.parameters], np.arange(len(estimate.x))
     if placement is not None and isinstance(solution.model, Placements):
         part, columns = solution.model.of(placement)
         names = [p.name for p in part.parameters]
+    # Noise and linearity deviation of an RVDT both affect a new reading.
+    rvdt_sd: dict[int, float] = {}
+    for c in () if components is None else components.components:
+        kind, _, number = c.name.partition("_")
+        if kind in ("rvdt", "curve"):
+            rvdt_sd[int(number)] = float(np.hypot(rvdt_sd.get(int(number), 0.0), c.sd))
     return Fixed(
         values=dict(zip(names, estimate.x[columns].tolist(), strict=True)),
         covariance=estimate.covariance[np.ix_(columns, columns)],
-        rvdt_sd_rad=_rvdt_sd(components_found),
+        rvdt_sd_rad=rvdt_sd,
         fixture_variance=None if components is None else components.noise.fixture_variance,
         unsensed_joints=solution.model.unsensed_joints,
     )
-
-
-def _rvdt_sd(components: Sequence[Component]) -> dict[int, float]:
-    """Root sum square of noise and linearity deviation of each RVDT, rad: both affect a new reading."""
-    sd: dict[int, float] = {}
-    for c in components:
-        kind, _, number = c.name.partition("_")
-        if kind in ("rvdt", "curve"):
-            sd[int(number)] = float(np.hypot(sd.get(int(number), 0.0), c.sd))
-    return sd
 
 
 def predict(new: Experiment, fixed: Fixed) -> HeldOutPoses:
@@ -149,21 +135,22 @@ def verify_poses(
     arm: ArmModel,
     fixture: EndpointConstraint,
     poses: PoseSet,
-    made: CalibrationWithPoses,
+    solution: Solution,
+    made_from: PoseSet,
     *,
     elsewhere: bool = False,
 ) -> VerificationResult:
     """Test new poses of the same arm in the same fixture, of one calibrated placement or of all of them.
 
-    Linearity deviation, sag and compliance are known from the calibration's own poses, and the test searches for one
-    common shift. `elsewhere`: the new poses may be of other placements; the fixture's place is then estimated from
-    them, with all other parameters fixed. Raises `ValueError` if the parameters are not those of this loop (another
-    fixture, or another number of placements).
+    Linearity deviation, sag and compliance are known from the calibration's own poses, `made_from` (with those on the
+    flipped branch), and the test searches for one common shift. `elsewhere`: the new poses may be of other placements;
+    the fixture's place is then estimated from them, with all other parameters fixed. Raises `ValueError` if the
+    parameters are not those of this loop (another fixture, or another number of placements).
     """
-    fixture = with_calibrated_places(fixture, made.solution.model)
-    calibrated = made.poses.placements
+    fixture = with_calibrated_places(fixture, solution.model)
+    calibrated = made_from.placements
     same = len(poses.placements) == 1 and not elsewhere
-    fixed = fixed_calibration(made.solution, poses.placements[0] if same else None)
+    fixed = fixed_calibration(solution, poses.placements[0] if same else None)
     new = Experiment(arm=arm, fixture=fixture, poses=poses, unsensed=fixed.unsensed_joints)
     # Lengths and twists that the calibration corrected within tolerances are parameters too.
     model = freed(new.loop(), fixed.values)
@@ -174,7 +161,7 @@ def verify_poses(
         )
     x, covariance = _in_order(model, fixed)
     if unknown:
-        x, covariance = _with_placement_found(model, x, covariance, poses.q_rad, unknown)
+        x, covariance = _with_estimated_placement(model, x, covariance, poses.q_rad, unknown)
     tested = verify(model, x, covariance, poses.q_rad, stated_noise(new, fixed))
     if unknown:
         # Estimating the fixture's place uses as many equations as it has unknowns.
@@ -182,7 +169,9 @@ def verify_poses(
         dof = chi2.dof - len(unknown)
         tested = replace(tested, chi2=chi2_test(chi2.per_dof * chi2.dof, dof))
     nominal = nominal_vector(model.parameters)
-    improbable = (tested.pose_probability < FALSE_ALARM_PROBABILITY / len(poses)) | ~tested.closed
+    improbable = (
+        tested.pose_probability < limits.FALSE_ALARM_PROBABILITY / len(poses)
+    ) | ~tested.closed
     result = VerificationResult(
         verification=tested,
         nominal=closure_at_readings(model, nominal, poses.q_rad).sigmas,
@@ -197,44 +186,41 @@ def verify_poses(
         only = np.full(len(poses), calibrated[0])
         new = replace(new, poses=replace(poses, placement=only))
     start = {p.name: float(x[k]) for k, p in enumerate(model.parameters) if p.name in unknown}
-    return _with_prediction(new, made, start, result)
+    predicted = predict_new_poses(new, solution, made_from, start)
+    return result if predicted is None else _with_prediction(result, *predicted)
 
 
 def _with_prediction(
-    new: Experiment,
-    made: CalibrationWithPoses,
-    start: Mapping[str, float],
     result: VerificationResult,
+    residuals: WhitenedResiduals,
+    sharp: Chi2Test,
+    subjects: Mapping[str, FloatArray],
 ) -> VerificationResult:
-    """Return the test that also uses the calibration's poses; if no model fits these and the new poses, `result`."""
+    """Return the test that also uses the calibration's poses; for the arguments, see `predict_new_poses`."""
     from scipy.special import chdtrc
 
-    predicted = predict_new_poses(new, made, start)
-    if predicted is None:
-        return result
-    residuals, sharp, subjects = predicted
-    stated, named = chi2_test(residuals.chi2, residuals.dof), find_outliers(residuals)
+    stated, outliers = chi2_test(residuals.chi2, residuals.dof), find_outliers(residuals)
     # A shift counts only if it remains without the outliers.
-    shift = shifted(named.rest, subjects)
+    shift = shifted(outliers.rest, subjects)
     if shift is not None:
         residuals = residuals.with_columns(subjects[shift.subject])
-        named = find_outliers(residuals)
+        outliers = find_outliers(residuals)
     chi2, dof = leave_one_out_chi2(residuals)
     # Without its outliers, a single pose leaves nothing to test.
-    others = chi2_test(named.rest.chi2, named.rest.dof) if named.rest.dof > 0 else None
+    others = chi2_test(outliers.rest.chi2, outliers.rest.dof) if outliers.rest.dof > 0 else None
     return replace(
         result,
         verification=replace(
             result.verification,
             chi2=replace(
                 sharp,
-                low=sharp.low / LEARNED_VARIANCE_FACTOR,
-                high=sharp.high * LEARNED_VARIANCE_FACTOR,
+                low=sharp.low / limits.LEARNED_VARIANCE_FACTOR,
+                high=sharp.high * limits.LEARNED_VARIANCE_FACTOR,
             ),
             pose_chi2=chi2,
             pose_probability=np.asarray(chdtrc(np.maximum(dof, 1), chi2)),
         ),
-        odd_poses=named.poses,
+        odd_poses=outliers.poses,
         shift=shift,
         stated=stated,
         others_fit=shift is None and others is not None and others.per_dof <= others.high,
@@ -271,31 +257,23 @@ def _fixed_and_unknown(
     calibrated: tuple[int, ...],
 ) -> tuple[Fixed, tuple[str, ...]]:
     """Return the fixed parameters under their names in the new poses' model, and the parameters still unknown."""
-    sources: dict[str, str] = {}
-    unknown: list[str] = []
+    known, sources, unknown = list(fixed.values), dict[str, str](), list[str]()
     for p in model.parameters:
         base, _, number = p.name.rstrip("]").partition("[")
-        placement = int(number) if number else poses.placements[0]
-        if base not in ground_side:
-            sources[p.name] = p.name
-        elif placement not in calibrated:
+        placement, source = int(number) if number else poses.placements[0], p.name
+        if base in ground_side:
+            source = f"{base}[{placement}]" if len(calibrated) > 1 else base
+        if base in ground_side and placement not in calibrated:
             unknown.append(p.name)
-        else:
-            sources[p.name] = f"{base}[{placement}]" if len(calibrated) > 1 else base
-    known = list(fixed.values)
-    known_sources = {new: old for new, old in sources.items() if old in fixed.values}
-    rows = [known.index(old) for old in known_sources.values()]
-    return (
-        replace(
-            fixed,
-            values={new: fixed.values[old] for new, old in known_sources.items()},
-            covariance=fixed.covariance[np.ix_(rows, rows)],
-        ),
-        tuple(unknown),
-    )
+        elif source in known:
+            sources[p.name] = source
+    rows = [known.index(source) for source in sources.values()]
+    values = {name: fixed.values[source] for name, source in sources.items()}
+    covariance = fixed.covariance[np.ix_(rows, rows)]
+    return replace(fixed, values=values, covariance=covariance), tuple(unknown)
 
 
-def _with_placement_found(
+def _with_estimated_placement(
     model: ClosureModel,
     x: FloatArray,
     covariance: FloatArray,
@@ -368,8 +346,7 @@ def verify_new_poses(
         raise NoTestError(
             f"the new poses are of placement {new_placements[0]}, which was not calibrated"
         )
-    made = CalibrationWithPoses(solution=solution, poses=made_from)
-    return verify_poses(arm, fixture, new, made, elsewhere=elsewhere)
+    return verify_poses(arm, fixture, new, solution, made_from, elsewhere=elsewhere)
 
 
 def may_be_elsewhere(fixture: EndpointConstraint) -> bool:
@@ -406,20 +383,16 @@ def require_new(new: PoseSet, made_from: PoseSet, fixture: EndpointConstraint) -
 
 def _are_among(new: PoseSet, made_from: PoseSet, *, measured: bool) -> BoolArray:
     """Whether each new pose (m,) equals one of `made_from`, to the decimals that files have."""
-    rounded = any(_in_hundredths(p) for p in (new, made_from))
-    same_rad = 0.5 * HUNDREDTH_RAD + SAME_READING_RAD if rounded else SAME_READING_RAD
+    steps = [p.q_rad / HUNDREDTH_RAD for p in (new, made_from)]
+    rounded = any(np.all(np.abs(s - np.round(s)) < 1e-6) for s in steps)
+    same_rad = 0.5 * HUNDREDTH_RAD + limits.SAME_READING_RAD if rounded else limits.SAME_READING_RAD
     both = [p.q_rad / same_rad for p in (new, made_from)]
     if measured and new.endpoint is not None and made_from.endpoint is not None:
         columns = min(new.endpoint.shape[1], made_from.endpoint.shape[1])
-        size = np.repeat((SAME_POINT_M, SAME_READING_RAD), 3)[:columns]
+        size = np.repeat((limits.SAME_POINT_M, limits.SAME_READING_RAD), 3)[:columns]
         ends = [p.endpoint[:, :columns] / size for p in (new, made_from) if p.endpoint is not None]
         both = [np.hstack(pair) for pair in zip(both, ends, strict=True)]
     from scipy.spatial import KDTree
 
     distance, _ = KDTree(both[1]).query(both[0], p=np.inf)
     return np.asarray(distance < 1.0)
-
-
-def _in_hundredths(poses: PoseSet) -> bool:
-    steps = poses.q_rad / HUNDREDTH_RAD
-    return bool(np.all(np.abs(steps - np.round(steps)) < 1e-6))

@@ -4,16 +4,22 @@ from __future__ import annotations
 
 import argparse
 
-from operator_app.config.any_file import AnyKind, read_any, read_files
+from operator_app.calibration.experiment import Experiment
+from operator_app.commands.table import FILE_ARGUMENTS
+from operator_app.config.any_file import AnyKind, FilesRead, read_any, read_files
 from operator_app.config.errors import ConfigError, Problem
-from operator_app.config.resources import Kind, Resource, builtin_names, expanded, resolve
+from operator_app.config.fixture_file import FixtureSpec
+from operator_app.config.poses_file import LoadedPoses
+from operator_app.config.procedure import Procedure
+from operator_app.config.resources import Resource, builtin_names, expanded, resolve
 from operator_app.exit_codes import ExitCode, UsageError
-from operator_app.planning.inspection import chains_of
+from operator_app.planning import feasibility
+from operator_app.planning.proposals import closing_home
 from operator_app.report.results.check import check_json, check_text, problems_text
 from operator_app.safe_output import as_json, say
-
-KINDS: tuple[Kind, ...] = ("arm", "fixture", "procedure")
-"""Kinds of file that have an option and built-in files."""
+from solver.chain.arm_model import ArmModel
+from solver.diagnostics.identifiability import Identifiability
+from solver.errors import SolverError
 
 
 def execute(args: argparse.Namespace) -> int:
@@ -22,7 +28,7 @@ def execute(args: argparse.Namespace) -> int:
     sources: list[Resource] = []
     known: dict[str, AnyKind] = {}
     named: list[tuple[AnyKind | None, str]] = [(None, file) for file in args.files]
-    named += [(kind, name) for kind in KINDS if (name := getattr(args, kind))]
+    named += [(kind, name) for kind in FILE_ARGUMENTS if (name := getattr(args, kind))]
     for kind, name in named:
         try:
             source = _read(kind, name)
@@ -35,7 +41,7 @@ def execute(args: argparse.Namespace) -> int:
     if not sources and not missing:
         raise UsageError("name a file, e.g. sarcal check my_arm.yaml my_hinge.yaml")
     files = read_files(sources, known, missing)
-    chains = () if files.problems else chains_of(files)
+    chains = () if files.problems else _chains(files)
     if args.json:
         say(as_json(check_json(files, chains)))
     else:
@@ -48,12 +54,55 @@ def execute(args: argparse.Namespace) -> int:
 
 def _read(kind: AnyKind | None, name: str) -> Resource:
     """Read a file; a built-in name is refused unless an option states its kind."""
-    if kind in KINDS:
+    if kind in FILE_ARGUMENTS:
         return resolve(kind, name)
-    builtin = [k for k in KINDS if name in builtin_names(k)]
+    builtin = [k for k in FILE_ARGUMENTS if name in builtin_names(k)]
     if builtin and not expanded(name).exists():
         options = " or ".join(f"--{k} {name}" for k in builtin)
         raise UsageError(
             f"{name} is not a file but a built-in {' and '.join(builtin)}: use {options}"
         )
     return read_any(name)
+
+
+def _chains(files: FilesRead) -> tuple[feasibility.Chain, ...]:
+    """Return the chain of each procedure or, without procedures, of every arm with every fixture."""
+    procedures = [p.content for p in files.of("procedure") if isinstance(p.content, Procedure)]
+    if procedures:
+        return tuple(_chain(files, p.arm, p.fixture, p) for p in procedures)
+    arms = [f.content for f in files.of("arm") if isinstance(f.content, ArmModel)]
+    fixtures = [f.content for f in files.of("fixture") if isinstance(f.content, FixtureSpec)]
+    return tuple(_chain(files, arm, fixture) for arm in arms for fixture in fixtures)
+
+
+def _chain(
+    files: FilesRead, arm: ArmModel, spec: FixtureSpec, procedure: Procedure | None = None
+) -> feasibility.Chain:
+    drives = None if procedure is None else procedure.position_joints
+    unsensed = () if procedure is None else procedure.unsensed_joints
+    identified: list[tuple[str, Identifiability]] = []
+    unfit: list[tuple[str, str]] = []
+    for entry in files.of("poses"):
+        file, loaded = entry.source.file, entry.content
+        if not isinstance(loaded, LoadedPoses) or loaded.poses.q_rad.shape[1] != arm.joint_count:
+            continue
+        experiment = Experiment(
+            arm=arm, fixture=spec.fixture, poses=loaded.poses, unsensed=unsensed
+        )
+        try:
+            identified.append((file, feasibility.identifiability_of_poses(experiment)))
+        except (SolverError, ValueError) as error:
+            unfit.append((file, str(error)))
+    prospect = feasibility.assess_feasibility(
+        arm, spec.fixture, position_joints=drives, unsensed_joints=unsensed
+    )
+    return feasibility.Chain(
+        arm=arm,
+        fixture=spec,
+        feasibility=prospect,
+        home=closing_home(arm, spec.fixture, prospect),
+        procedure="" if procedure is None else procedure.name,
+        held={} if procedure is None else procedure.held,
+        poses=tuple(identified),
+        unfit=tuple(unfit),
+    )

@@ -34,8 +34,7 @@ def execute(args: argparse.Namespace) -> int:
     opening = resume(args.session, chosen, root=args.sessions)
     state = read_session(opening.folder).state
     if state is None or not state.used_poses:
-        say(f"sarcal: {opening.folder} has no pose yet: nothing to export.", err=True)
-        return ExitCode.BAD_INPUT
+        raise UsageError(f"{opening.folder} has no pose yet: nothing to export.")
     procedure = effective_procedure(opening)
     calibration = session_calibration(
         state, procedure, estimator=chosen.estimator, unsensed_joints=chosen.unsensed_joints
@@ -91,10 +90,9 @@ def execute(args: argparse.Namespace) -> int:
             "uploaded": None if receipt is None else asdict(receipt),
         }
         say(as_json(shown))
-        return ExitCode.ACCEPTED if solution.accepted else ExitCode.NOT_ACCEPTED
-    if not to_stdout:
+    elif not to_stdout:
         say(f"Parameters  {target}")
-    if receipt is not None:
+    if receipt is not None and not args.json:
         say(
             f"Controller  {state.serial_number}: slot {receipt.slot} active, {receipt.length} bytes "
             f"read back, SHA-256 {receipt.sha256}",

@@ -29,11 +29,7 @@ from operator_app.report.results.session import session_json, session_text, unid
 from operator_app.report.text import facts_text, unidentifiable_text
 from operator_app.safe_output import as_json, say
 from operator_app.session.store.folders import POSES_NAME
-from operator_app.session.workflow.importing import (
-    UNKNOWN_SERIAL_NUMBER,
-    CalibrationOptions,
-    ImportedSession,
-)
+from operator_app.session.workflow import importing
 from solver.chain.poses import PoseSet
 from solver.diagnostics.range_checks import ReadingsOutOfRangeError
 from solver.errors import UnidentifiableError
@@ -45,34 +41,37 @@ def execute(args: argparse.Namespace) -> int:
     model = parse_arm(arm.data, arm.file)
     unsensed = unsensed_joints(args, model.joint_count) or ()
     poses, recordings = _poses(args, tuple(joint.name for joint in model.joints))
-    session = ImportedSession(
+    session = importing.ImportedSession(
         poses,
         arm=arm,
         fixture=resolve("fixture", args.fixture),
         file=", ".join(args.poses),
         name=args.name or Path(args.poses[0]).stem,
-        serial_number=(args.serial or UNKNOWN_SERIAL_NUMBER).strip(),
-        options=CalibrationOptions(
+        serial_number=(args.serial or importing.UNKNOWN_SERIAL_NUMBER).strip(),
+        options=importing.CalibrationOptions(
             estimator=args.estimator or "implicit",
             unsensed_joints=unsensed,
             length_tolerance_m=tolerance_m(args),
             drop_unidentifiable=args.drop_unidentifiable,
         ),
     )
+    unidentifiable = None
     try:
         solution, checks = session.calibrate()
     except UnidentifiableError as error:
-        # Keep the poses, for report and compare.
-        folder = _write(session, args.sessions)
-        if args.json:
-            undetermined = unidentifiable_json(error, session.procedure, folder, session.state)
-            say(as_json(undetermined | recordings))
-        else:
-            say(f"{unidentifiable_text(error)}\n\nSession     {folder}")
-        return ExitCode.NOT_IDENTIFIABLE
+        # The poses are kept, for report and compare.
+        unidentifiable = error
     except ReadingsOutOfRangeError as error:
         raise UsageError(f"{', '.join(args.poses)}: {error}") from error
-    folder = _write(session, args.sessions)
+    folder = session.write(root=args.sessions)
+    save_poses(folder / POSES_NAME, session.state.pose_set())
+    if unidentifiable is not None:
+        if args.json:
+            data = unidentifiable_json(unidentifiable, session.procedure, folder, session.state)
+            say(as_json(data | recordings))
+        else:
+            say(f"{unidentifiable_text(unidentifiable)}\n\nSession     {folder}")
+        return ExitCode.NOT_IDENTIFIABLE
     facts = facts_of(solution, checks=checks, limits=session.procedure.acceptance)
     if args.json:
         data = session_json(facts, solution.paper, folder, session.state)
@@ -81,13 +80,6 @@ def execute(args: argparse.Namespace) -> int:
         text = session_text(folder, session.state, accepted=solution.accepted)
         say(f"{facts_text(facts)}\n\n{text}")
     return ExitCode.ACCEPTED if solution.accepted else ExitCode.NOT_ACCEPTED
-
-
-def _write(session: ImportedSession, root: Path | None) -> Path:
-    """Write the session and its poses file; return the folder."""
-    folder = session.write(root=root)
-    save_poses(folder / POSES_NAME, session.state.pose_set())
-    return folder
 
 
 def _poses(

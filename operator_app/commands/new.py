@@ -16,6 +16,7 @@ from fixtures.ball import Ball
 from fixtures.base import Tolerance
 from fixtures.hinge import Hinge
 from operator_app.commands.file_arguments import OF_WHAT
+from operator_app.config import resources
 from operator_app.config.any_file import FileKind, save_with_schema, schema_line
 from operator_app.config.arm_file import load_arm, parse_arm
 from operator_app.config.atomic import dump_strict
@@ -23,14 +24,6 @@ from operator_app.config.fixture_file import load_fixture, parse_fixture
 from operator_app.config.new_files import copied, fixture_file, procedure_file
 from operator_app.config.procedure_file import parse_procedure
 from operator_app.config.quantities import short_degrees
-from operator_app.config.resources import (
-    DESCRIPTION_LIMIT_BYTES,
-    Resource,
-    builtin_names,
-    expanded,
-    read_limited,
-    resolve,
-)
 from operator_app.config.urdf_reading import COUNTS_PER_REV, arm_file_of, parse_urdf
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.planning.feasibility import home_to_closed_rad
@@ -71,13 +64,7 @@ def execute(args: argparse.Namespace) -> int:
         stated = getattr(args, name)
         if stated is not None and not math.isfinite(stated):
             raise UsageError(f"{_typed(name)} {stated}: not a finite number, e.g. 0.5")
-    match args.what:
-        case "arm":
-            return _arm(args)
-        case "fixture":
-            return _fixture(args)
-        case _:
-            return _procedure(args)
+    return {"arm": _arm, "fixture": _fixture, "procedure": _procedure}[args.what](args)
 
 
 def _arm(args: argparse.Namespace) -> int:
@@ -85,7 +72,9 @@ def _arm(args: argparse.Namespace) -> int:
         raise UsageError("new arm: give --urdf FILE or --from NAME")
     if args.packaged:
         return _copy(args, parse_arm)
-    data = read_limited(expanded(args.urdf), args.urdf, limit=DESCRIPTION_LIMIT_BYTES)
+    data = resources.read_limited(
+        resources.expanded(args.urdf), args.urdf, limit=resources.DESCRIPTION_LIMIT_BYTES
+    )
     chain = parse_urdf(data, args.urdf, base=args.base or "", tip=args.tip or "")
     name = _named(args.name or chain.name)
     body = dict(arm_file_of(chain, name=name))
@@ -179,13 +168,13 @@ def _fixture(args: argparse.Namespace) -> int:
 
 def _procedure(args: argparse.Namespace) -> int:
     def read(data: bytes, file: str) -> object:
-        return parse_procedure(Resource(file=file, folder=Path(file).parent, data=data))
+        return parse_procedure(resources.Resource(file=file, folder=Path(file).parent, data=data))
 
     if args.packaged:
         return _copy(args, read, refers=("arm", "fixture"))
     if not (args.arm and args.fixture):
         raise UsageError("new procedure: give --arm and --fixture, or --from NAME")
-    named = {kind: resolve(kind, getattr(args, kind)) for kind in ("arm", "fixture")}
+    named = {kind: resources.resolve(kind, getattr(args, kind)) for kind in ("arm", "fixture")}
     arm = parse_arm(named["arm"].data, named["arm"].file)
     spec = parse_fixture(named["fixture"].data, named["fixture"].file)
     name = _named(args.name or f"{arm.name}_in_{spec.name}")
@@ -252,9 +241,9 @@ def _save(
 
 def _reference(args: argparse.Namespace, name: str, file: str) -> str:
     """Return how a procedure file refers to another file: by name if built-in, else by absolute or relative path."""
-    if file in (*builtin_names("arm"), *builtin_names("fixture")):
+    if file in (*resources.builtin_names("arm"), *resources.builtin_names("fixture")):
         return file
-    path = expanded(file)
+    path = resources.expanded(file)
     if path.is_absolute():
         return str(path)
     return os.path.relpath(path, _target(args, name).parent)

@@ -53,22 +53,16 @@ def execute(args: argparse.Namespace) -> int:
         if advice is not None:
             data["advice"] = advice_json(advice, parameters)
         say(as_json(data))
-        return _code(shown)
-    title = (
-        f"Plan of {procedure.name}: {procedure.arm.name} in fixture {procedure.fixture.name}, "
-        f"from {basis}"
-    )
-    # A terminal that cannot show braille gets ASCII without an option.
-    plain = args.ascii or "utf" not in (sys.stdout.encoding or "").lower()
-    say(plan_text(shown, title=title, ascii_only=plain))
-    if advice is not None:
-        say()
-        say(advice_text(advice, parameters, procedure.arm.joint_count))
-    return _code(shown)
-
-
-def _code(shown: Preview) -> ExitCode:
-    """Return the exit code; if a fixture check refuses, it is the exit code that `sarcal run` would return."""
+    else:
+        where = f"{procedure.arm.name} in fixture {procedure.fixture.name}"
+        title = f"Plan of {procedure.name}: {where}, from {basis}"
+        # A terminal that cannot show braille gets ASCII without an option.
+        plain = args.ascii or "utf" not in (sys.stdout.encoding or "").lower()
+        say(plan_text(shown, title=title, ascii_only=plain))
+        if advice is not None:
+            say()
+            say(advice_text(advice, parameters, procedure.arm.joint_count))
+    # As `sarcal run` would return.
     refused = any(c.severity is Severity.REFUSED for c in shown.checks)
     return ExitCode.NOT_IDENTIFIABLE if refused else ExitCode.ACCEPTED
 

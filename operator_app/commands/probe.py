@@ -52,24 +52,23 @@ def execute(args: argparse.Namespace) -> int:
     fine = bool(result.nodes) and not problems
     if args.json:
         say(as_json(probe_json(result)))
-        return ExitCode.ACCEPTED if fine else ExitCode.ARM_FAULT
-    if _report_no_nodes(result, str(settings)):
-        return ExitCode.ARM_FAULT
-    rows = [
-        [
-            str(node.node),
-            node.device_name or "-",
-            f"{node.device_type:08X}h",
-            "-" if node.serial_number is None else str(node.serial_number),
-            "-" if node.position_counts is None else str(node.position_counts),
-            "differs" if node.problems else "as expected",
+    elif not _report_no_nodes(result, str(settings)):
+        rows = [
+            [
+                str(node.node),
+                node.device_name or "-",
+                f"{node.device_type:08X}h",
+                "-" if node.serial_number is None else str(node.serial_number),
+                "-" if node.position_counts is None else str(node.position_counts),
+                "differs" if node.problems else "as expected",
+            ]
+            for node in result.nodes
         ]
-        for node in result.nodes
-    ]
-    say(aligned([["node", "device", "type (1000h)", "serial", "6064h (counts)", "state"], *rows]))
-    for line in (*problems, *(note for node in result.nodes for note in node.notes)):
-        say(line)
-    say("Nothing was enabled and nothing has moved.")
+        header = ["node", "device", "type (1000h)", "serial", "6064h (counts)", "state"]
+        say(aligned([header, *rows]))
+        for line in (*problems, *(note for node in result.nodes for note in node.notes)):
+            say(line)
+        say("Nothing was enabled and nothing has moved.")
     return ExitCode.ACCEPTED if fine else ExitCode.ARM_FAULT
 
 

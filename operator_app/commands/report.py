@@ -13,12 +13,11 @@ from operator_app.exit_codes import ExitCode
 from operator_app.report.html.page import REPORT_NAME, report_html
 from operator_app.report.plots.figure_files import save_figures
 from operator_app.report.results.session import session_json, session_text, unidentifiable_json
-from operator_app.report.subject import Subject, subject_of_session
+from operator_app.report.subject import subject_of_session
 from operator_app.report.text import facts_text, unidentifiable_text
 from operator_app.safe_output import as_json, say
 from operator_app.session.store.journal import read_journal
 from operator_app.session.store.replay import session_state
-from operator_app.session.store.state import SessionState
 from operator_app.session.store.stored_calibration import session_calibration, with_checks
 from operator_app.session.workflow.opening import Choices, resume
 from solver.errors import UnidentifiableError
@@ -40,60 +39,41 @@ def execute(args: argparse.Namespace) -> int:
         calibration = with_checks(calibration, state, procedure)
     except UnidentifiableError as error:
         unidentifiable = error
-    name = opening.folder.resolve().name
+    folder = opening.folder
     subject = subject_of_session(
-        name,
+        folder.resolve().name,
         contents.events,
         procedure,
         calibration,
         torn=contents.torn,
         unidentifiable=unidentifiable,
     )
-    if args.json or args.text:
-        _print(args, subject, opening.folder, state)
-    elif args.plots is not None:
-        _draw(args.plots, subject)
-    else:
-        _write(args, subject, opening.folder)
-    if subject.solution is None:
-        return ExitCode.NOT_IDENTIFIABLE
-    return ExitCode.ACCEPTED if subject.solution.accepted else ExitCode.NOT_ACCEPTED
-
-
-def _print(args: argparse.Namespace, subject: Subject, folder: Path, state: SessionState) -> None:
-    unidentifiable, solution, facts = subject.unidentifiable, subject.solution, subject.facts
-    if unidentifiable is not None:
-        if args.text:
-            say(unidentifiable_text(unidentifiable))
-            return
+    solution, facts = subject.solution, subject.facts
+    if not (args.json or args.text or args.plots):
+        _write(args, report_html(subject), folder)
+    elif unidentifiable is not None and args.json:
+        estimator, joints = args.estimator, given_joints(args.unsensed)
         data = unidentifiable_json(
-            unidentifiable,
-            subject.procedure,
-            folder,
-            state,
-            estimator=args.estimator,
-            unsensed_joints=given_joints(args.unsensed),
+            unidentifiable, procedure, folder, state, estimator=estimator, unsensed_joints=joints
         )
         say(as_json(data))
-    if solution is None or facts is None:
-        return
-    if args.json:
-        data = session_json(facts, solution.paper, folder, state)
-        say(as_json(data))
-    else:
-        say(f"{facts_text(facts)}\n\n{session_text(folder, state, accepted=solution.accepted)}")
+    elif unidentifiable is not None:
+        say(unidentifiable_text(unidentifiable))
+    elif args.plots:
+        for file in save_figures(subject, args.plots):
+            say(f"Figure      {file}")
+    elif solution is not None and facts is not None:
+        say(
+            as_json(session_json(facts, solution.paper, folder, state))
+            if args.json
+            else f"{facts_text(facts)}\n\n{session_text(folder, state, accepted=solution.accepted)}"
+        )
+    if solution is None:
+        return ExitCode.NOT_IDENTIFIABLE
+    return ExitCode.ACCEPTED if solution.accepted else ExitCode.NOT_ACCEPTED
 
 
-def _draw(folder: Path, subject: Subject) -> None:
-    if subject.unidentifiable is not None:
-        say(unidentifiable_text(subject.unidentifiable))
-        return
-    for file in save_figures(subject, folder):
-        say(f"Figure      {file}")
-
-
-def _write(args: argparse.Namespace, subject: Subject, folder: Path) -> None:
-    page = report_html(subject)
+def _write(args: argparse.Namespace, page: bytes, folder: Path) -> None:
     if str(args.output) == "-":
         sys.stdout.buffer.write(page)
     else:

@@ -11,12 +11,7 @@ from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.report.results.session import repair_json, repair_text, session_table_text
 from operator_app.report.text import aligned
 from operator_app.safe_output import as_json, say
-from operator_app.session.store.folders import (
-    SessionEntry,
-    find_session,
-    list_sessions,
-    read_session,
-)
+from operator_app.session.store import folders
 from operator_app.session.store.journal_repair import repair_journal
 from operator_app.session.store.state import SessionState
 
@@ -24,7 +19,7 @@ from operator_app.session.store.state import SessionState
 def execute(args: argparse.Namespace) -> int:
     """Report on stdout."""
     if args.action == "list":
-        sessions = list_sessions(args.sessions)
+        sessions = folders.list_sessions(args.sessions)
         if args.json:
             say(as_json([_facts(entry) for entry in sessions]))
         elif not sessions:
@@ -37,10 +32,10 @@ def execute(args: argparse.Namespace) -> int:
     if args.action == "repair":
         if args.name is None:
             raise UsageError("session repair: name the session; `sarcal session list` shows them")
-        repair = repair_journal(find_session(args.sessions, args.name))
+        repair = repair_journal(folders.find_session(args.sessions, args.name))
         say(as_json(repair_json(repair)) if args.json else repair_text(repair))
         return ExitCode.ACCEPTED
-    entry = read_session(find_session(args.sessions, args.name or "latest"))
+    entry = folders.read_session(folders.find_session(args.sessions, args.name or "latest"))
     if entry.problem:
         raise JournalError(entry.problem, entry.remedy)
     if args.json:
@@ -51,7 +46,7 @@ def execute(args: argparse.Namespace) -> int:
     return ExitCode.ACCEPTED
 
 
-def _facts(entry: SessionEntry) -> dict[str, Any]:
+def _facts(entry: folders.SessionEntry) -> dict[str, Any]:
     state = entry.state
     if state is None:
         return {"folder": str(entry.folder), "problem": entry.problem}
@@ -68,7 +63,7 @@ def _facts(entry: SessionEntry) -> dict[str, Any]:
     }
 
 
-def _row(entry: SessionEntry) -> list[str]:
+def _row(entry: folders.SessionEntry) -> list[str]:
     folder, state = str(entry.folder), entry.state
     if state is None:
         # The folder is in the first column already.

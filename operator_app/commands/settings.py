@@ -5,13 +5,7 @@ from __future__ import annotations
 import argparse
 
 from operator_app.commands.file_arguments import SETTINGS_MEANING
-from operator_app.config.user_settings import (
-    KEYS,
-    changed,
-    load_settings,
-    save_settings,
-    settings_path,
-)
+from operator_app.config import user_settings
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import as_json, say
 
@@ -22,17 +16,19 @@ def execute(args: argparse.Namespace) -> int:
     for text in args.settings:
         key, equals, value = text.partition("=")
         if not equals:
-            raise UsageError(f"{text!r}: write KEY=VALUE, with KEY one of {', '.join(KEYS)}")
+            raise UsageError(
+                f"{text!r}: write KEY=VALUE, with KEY one of {', '.join(user_settings.KEYS)}"
+            )
         texts[key] = value.strip()
-    path = settings_path()
+    path = user_settings.settings_path()
     if texts:
-        settings = changed(texts)
+        settings = user_settings.changed(texts)
         try:
-            path = save_settings(settings)
+            path = user_settings.save_settings(settings)
         except OSError as error:
             raise UsageError(f"{path} cannot be written: {error.strerror}") from error
     else:
-        settings = load_settings()
+        settings = user_settings.load_settings()
     if args.json:
         say(as_json({"file": str(path), "settings": settings.stated}))
         return ExitCode.ACCEPTED

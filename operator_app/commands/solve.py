@@ -5,18 +5,11 @@ from __future__ import annotations
 import argparse
 
 from fixtures.base import EndpointConstraint
+from operator_app.calibration import verification
 from operator_app.calibration.calibrate import calibrate
-from operator_app.calibration.closed_loops import pick_placements
 from operator_app.calibration.cross_validation import check
-from operator_app.calibration.experiment import Experiment
-from operator_app.calibration.prediction import CalibrationWithPoses
+from operator_app.calibration.experiment import Experiment, pick_placements
 from operator_app.calibration.rvdt import ReadingTable, corrected_poses
-from operator_app.calibration.verification import (
-    NoTestError,
-    may_be_elsewhere,
-    require_new,
-    verify_poses,
-)
 from operator_app.commands.options import parse_numbers, tolerance_m, unsensed_joints
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
@@ -76,18 +69,17 @@ def execute(args: argparse.Namespace) -> int:
     except ReadingsOutOfRangeError as error:
         raise UsageError(f"{args.poses}: {error}") from error
     solution = solution.with_notices(
-        Finding(kind=FindingKind.REPORTED, names=(w.code,), reported=(w.text,))
-        for w in loaded.warnings
+        Finding(FindingKind.REPORTED, names=(w.code,), reported=(w.text,)) for w in loaded.warnings
     )
     if as_read.sha256() == table_of:
-        solution = solution.with_notices([Finding(kind=FindingKind.CIRCULAR_TABLE)])
+        solution = solution.with_notices([Finding(FindingKind.CIRCULAR_TABLE)])
     checks = check(solution, arm, fixture, poses) if args.checks else None
     facts = facts_of(solution, checks=checks)
     tested = None
     if args.test:
         new = corrected_poses(_test_poses(args, fixture, as_read), tables)
-        made = CalibrationWithPoses(solution=solution, poses=poses)
-        tested = verify_poses(arm, fixture, new, made, elsewhere=may_be_elsewhere(fixture))
+        elsewhere = verification.may_be_elsewhere(fixture)
+        tested = verification.verify_poses(arm, fixture, new, solution, poses, elsewhere=elsewhere)
     if args.json:
         document = facts.json
         if tested is not None:
@@ -105,7 +97,7 @@ def execute(args: argparse.Namespace) -> int:
 def _test_poses(args: argparse.Namespace, fixture: EndpointConstraint, poses: PoseSet) -> PoseSet:
     """Return the poses of ``--test``; raises UsageError if they are not independent of the calibration's poses."""
     new = load_poses(args.test, joint_count=poses.q_rad.shape[1]).poses
-    elsewhere = may_be_elsewhere(fixture)
+    elsewhere = verification.may_be_elsewhere(fixture)
     if not elsewhere and (len(new.placements) > 1 or len(poses.placements) > 1):
         raise UsageError("--test: both files must be from the same single placement")
     if elsewhere and args.test == args.poses and args.placements:
@@ -113,8 +105,8 @@ def _test_poses(args: argparse.Namespace, fixture: EndpointConstraint, poses: Po
         others = tuple(k for k in new.placements if k not in poses.placements)
         new = pick_placements(new, others) if others else new
     try:
-        require_new(new, poses, fixture)
-    except NoTestError as error:
+        verification.require_new(new, poses, fixture)
+    except verification.NoTestError as error:
         raise UsageError(f"--test {args.test}: {error}") from error
     return new
 

@@ -7,6 +7,7 @@ import importlib
 import os
 import shlex
 from collections.abc import Iterable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -71,7 +72,9 @@ def parser_of(command: str) -> argparse.ArgumentParser:
 
 FILE_ARGUMENTS: tuple[Kind, ...] = ("arm", "fixture", "procedure")
 COPIED = "packaged"
-SESSION_ARGUMENTS = ("session", "name", "a", "b", "resume")
+TOPIC = "topic"
+COMPLETED = (*FILE_ARGUMENTS, COPIED, TOPIC, "session", "name", "a", "b", "resume")
+"""Destinations of the arguments and options whose values are completed; the last five are sessions."""
 
 
 def words_to_complete() -> list[str] | None:
@@ -93,37 +96,30 @@ def complete(parser: argparse.ArgumentParser, command: argparse.ArgumentParser |
     except ImportError:
         return
     for action in () if command is None else command._actions:  # noqa: SLF001 - not listed elsewhere
-        if action.dest == "topic":
-            action.completer = _topics  # type: ignore[attr-defined]
-        elif action.dest in (*FILE_ARGUMENTS, *SESSION_ARGUMENTS, COPIED):
-            action.completer = _names(action.dest)  # type: ignore[attr-defined]
+        if action.dest in COMPLETED:
+            action.completer = partial(_names, action.dest)  # type: ignore[attr-defined]
     argcomplete.autocomplete(parser)
 
 
-def _topics(**_: object) -> Iterable[str]:
-    from operator_app.manual.pages import SECTIONS
+def _names(
+    dest: str, *, prefix: str, parsed_args: argparse.Namespace, **_: object
+) -> Iterable[str]:
+    if dest == TOPIC:
+        from operator_app.manual.pages import SECTIONS
 
-    return [topic for topics in SECTIONS.values() for topic in topics]
+        return [topic for topics in SECTIONS.values() for topic in topics]
+    from operator_app.config.resources import builtin_names
 
-
-def _names(dest: str) -> Any:
-    def completer(prefix: str, parsed_args: argparse.Namespace, **_: object) -> Iterable[str]:
-        from operator_app.config.resources import builtin_names
-
-        if dest == COPIED:
-            # The kind, as in `new arm --from`, is not parsed yet: take it from the typed words.
-            typed = words_to_complete() or []
-            return [
-                name for kind in FILE_ARGUMENTS if kind in typed for name in builtin_names(kind)
-            ]
-        if dest in FILE_ARGUMENTS:
-            # A path is valid too, and is completed only if the prefix begins like a path.
-            return [*builtin_names(dest), *_paths(prefix)]
-        root = getattr(parsed_args, "sessions", None) or Path("sessions")
-        folders = sorted(p.name for p in root.iterdir() if p.is_dir()) if root.is_dir() else []
-        return ["latest", *folders, *_paths(prefix)]
-
-    return completer
+    if dest == COPIED:
+        # The kind, as in `new arm --from`, is not parsed yet: take it from the typed words.
+        typed = words_to_complete() or []
+        return [name for kind in FILE_ARGUMENTS if kind in typed for name in builtin_names(kind)]
+    if dest in FILE_ARGUMENTS:
+        # A path is valid too, and is completed only if the prefix begins like a path.
+        return [*builtin_names(dest), *_paths(prefix)]
+    root = getattr(parsed_args, "sessions", None) or Path("sessions")
+    folders = sorted(p.name for p in root.iterdir() if p.is_dir()) if root.is_dir() else []
+    return ["latest", *folders, *_paths(prefix)]
 
 
 def _paths(prefix: str) -> Iterable[str]:

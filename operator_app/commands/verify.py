@@ -109,11 +109,11 @@ def _open_loop(
 
 
 def _open_arm(
-    args: argparse.Namespace, judged: Opening, count: int | None
+    args: argparse.Namespace, calibrated: Opening, count: int | None
 ) -> tuple[Measured, PoseSet]:
-    """Capture poses of the open arm in a new session, on the bus of session `judged`; return instrument and poses."""
+    """Capture poses of the open arm in a new session, on the bus of `calibrated`; return instrument and poses."""
     choices = replace(
-        judged.choices,
+        calibrated.choices,
         poses=OPEN_POSES if count is None else count,
         plan=None,
         estimator=None,
@@ -129,20 +129,20 @@ def _open_arm(
             f"--procedure: {args.procedure!r} closes the chain with a {instrument.kind}; name a procedure "
             "whose fixture is an instrument, such as open_loop"
         )
-    own_arm, other_arm = opening.procedure.arm, judged.procedure.arm
+    own_arm, other_arm = opening.procedure.arm, calibrated.procedure.arm
     if own_arm.name != other_arm.name or not np.array_equal(
         own_arm.table.stacked(), other_arm.table.stacked()
     ):
         raise UsageError(
             f"--procedure: {args.procedure} is for {own_arm.name}, not for the {other_arm.name} of "
-            f"{judged.folder}; name a procedure with that arm file"
+            f"{calibrated.folder}; name a procedure with that arm file"
         )
-    state, listener = read_session(judged.folder).state, ConsoleListener()
+    state, listener = read_session(calibrated.folder).state, ConsoleListener()
     with unattended(opening, record_to=recording(args, opening)) as session:
         identity = connect(session, listener)
         if state is not None and identity.serial_number != state.serial_number:
             raise UsageError(
-                f"{judged.folder} calibrated arm {state.serial_number}, and the arm on the bus is "
+                f"{calibrated.folder} calibrated arm {state.serial_number}, and the arm on the bus is "
                 f"{identity.serial_number}: connect that one"
             )
         take_poses(session, listener, drives_of(session), homing=args.go_home)

@@ -8,17 +8,9 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from fixtures.base import SetupCheck
+from hardware import errors
 from hardware.arm import ArmIdentity
 from hardware.canopen.objects import EmergencyCode
-from hardware.errors import (
-    DriveDiverged,
-    DriveDropout,
-    DriveFault,
-    HardwareError,
-    MappingMismatch,
-    PdoSetupFailed,
-    WrongArm,
-)
 from operator_app.calibration.result import Solution
 from operator_app.composition import CutShort
 from operator_app.messages.errors import stopped_words, trip_cause_remedy, words
@@ -144,7 +136,7 @@ def cut_short_lines(cut: CutShort) -> list[str]:
             f"{what}. {plural(poses, 'pose')} {'is' if poses == 1 else 'are'} kept in {folder}.",
             *_how_to_continue(cut),
         ]
-    if isinstance(cut.cause, DriveDiverged):
+    if isinstance(cut.cause, errors.DriveDiverged):
         # The arm has just moved by itself: state the cause first.
         lines.insert(0, f"{stopped_words(str(cut.cause))}.")
     if late := _lateness_note(cut):
@@ -164,7 +156,7 @@ def _danger(cut: CutShort) -> list[str]:
 def _lateness_note(cut: CutShort) -> str:
     """Return the message that this computer was late, if drives tripped on its missing heartbeat; else ""."""
     cause = cut.cause
-    if not (isinstance(cause, DriveFault) and cause.code == EmergencyCode.HEARTBEAT_LOST):
+    if not (isinstance(cause, errors.DriveFault) and cause.code == EmergencyCode.HEARTBEAT_LOST):
         return ""
     late = cut.session.reader.recorded_latency
     if late.times == 0:
@@ -181,17 +173,19 @@ def _how_to_continue(cut: CutShort) -> list[str]:
     cause, session = cut.cause, cut.session
     folder = session.journal.path.parent
     goes_on = f"Go on with: sarcal run --resume {folder}"
-    if isinstance(cause, DriveDropout):
+    if isinstance(cause, errors.DriveDropout):
         return [f"Find out why the drive of joint {cause.joint} left its state.", goes_on]
-    if isinstance(cause, DriveFault) and cause.code != EmergencyCode.HEARTBEAT_LOST:
+    if isinstance(cause, errors.DriveFault) and cause.code != EmergencyCode.HEARTBEAT_LOST:
         embedded = session.state.settings.get("interface") in (None, "virtual")
         reset = "" if embedded else f" Then clear its trip with: sarcal reset {folder}"
         return [f"{trip_cause_remedy(cause.code)}.{reset}", goes_on]
-    if isinstance(cause, DriveDiverged):
+    if isinstance(cause, errors.DriveDiverged):
         return [
             f"Only when you know why joint {cause.joint} diverged: {goes_on[0].lower()}{goes_on[1:]}"
         ]
-    wrong = isinstance(cause, MappingMismatch | PdoSetupFailed | WrongArm)
-    if isinstance(cause, KeyboardInterrupt) or (isinstance(cause, HardwareError) and not wrong):
+    wrong = isinstance(cause, errors.MappingMismatch | errors.PdoSetupFailed | errors.WrongArm)
+    if isinstance(cause, KeyboardInterrupt) or (
+        isinstance(cause, errors.HardwareError) and not wrong
+    ):
         return [goes_on]
     return []

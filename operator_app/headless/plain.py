@@ -17,19 +17,11 @@ from operator_app.manual.shown import as_text
 from operator_app.messages.errors import EXPECTED, words
 from operator_app.report.results.history import history_text
 from operator_app.safe_output import lines, sanitized, say
-from operator_app.session.ui import action_table, guards
+from operator_app.session.ui import action_table, guards, user_interface
 from operator_app.session.ui.runner import Runner
 from operator_app.session.ui.sessions import Sessions
 from operator_app.session.ui.snapshot import DataState, SessionSnapshot
 from operator_app.session.ui.steps import Step
-from operator_app.session.ui.user_interface import (
-    Action,
-    Question,
-    ShownAlarm,
-    Typed,
-    YesNo,
-    perform_action,
-)
 
 WAIT_S = 0.1
 PAGE_WIDTH = 80
@@ -143,7 +135,7 @@ class Plain:
         items.append(_Item(label="Quit: the arm is held, the session is kept", do=self._leave))
         return items
 
-    def _lines(self, action: Action, s: SessionSnapshot) -> list[_Item]:
+    def _lines(self, action: user_interface.Action, s: SessionSnapshot) -> list[_Item]:
         if not action.offered(s):
             return []
         rows = {None: action.words(s)} if action.rows is None else action.rows(s)
@@ -153,9 +145,9 @@ class Plain:
             for row, label in rows.items()
         ]
 
-    def _do(self, action: Action, row: int | None) -> None:
+    def _do(self, action: user_interface.Action, row: int | None) -> None:
         self._row = row
-        perform_action(action, self)
+        user_interface.perform_action(action, self)
 
     def _ways(self, s: SessionSnapshot) -> list[_Item]:
         ways = []
@@ -203,16 +195,16 @@ class Plain:
         """Write why an action is refused."""
         self._terminal.say(sanitized(f"Not done: {reason}."))
 
-    def ask(self, question: Question, then: Callable[[str], None]) -> None:
+    def ask(self, question: user_interface.Question, then: Callable[[str], None]) -> None:
         """Ask a question whose answer is yes, a line of text or a number; call `then` with a valid answer."""
         match question:
-            case YesNo():
+            case user_interface.YesNo():
                 typed = self._terminal.ask(f"{question.text} Type yes to go on: ").strip()
                 if typed.lower() == "yes":
                     then("yes")
                 else:
                     self.refuse("the answer was not yes")
-            case Typed():
+            case user_interface.Typed():
                 typed = self._terminal.ask(f"{question.text} ").strip()
                 if question.expected and typed != question.expected:
                     self.refuse(f"the answer was not {question.expected}; nothing was uploaded")
@@ -240,9 +232,10 @@ class Plain:
         """Return the index of the check list item that was chosen in the menu."""
         return self._row
 
-    def alarm(self, s: SessionSnapshot) -> ShownAlarm | None:
+    def alarm(self, s: SessionSnapshot) -> user_interface.ShownAlarm | None:
         """Return the alarm that was chosen in the menu."""
-        return None if self._row is None else ShownAlarm(number=self._row, all_visible=True)
+        row = self._row
+        return None if row is None else user_interface.ShownAlarm(number=row, all_visible=True)
 
     def open(self, make: Callable[[], Runner]) -> None:
         """Open another session; write why if that fails."""

@@ -7,8 +7,6 @@ right placement.
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -125,10 +123,7 @@ def next_placement(
     if opening.choices.interface == "virtual":
         listener.say(f"Placement {number} of {placements}: the virtual fixture is remounted.")
     else:
-        with _interrupted_in_words(opening, listener):
-            for line in words(opening, drives_off=drives_off):
-                listener.say(line)
-            _confirmed(opening, number)
+        _confirm(opening, listener, number, words(opening, drives_off=drives_off))
     record_in(opening.folder, "remounted", number)
     return resume(str(opening.folder), opening.choices, root=root)
 
@@ -141,20 +136,28 @@ def require_mounted(opening: Opening, listener: ConsoleListener) -> None:
     if not opening.unconfirmed_placement:
         return
     if opening.choices.interface != "virtual":
-        with _interrupted_in_words(opening, listener):
-            listener.say(
-                f"Placement {opening.placement} has no pose yet. Type {_WORD} and Enter when its fixture is "
-                "mounted and nobody is within reach: the arm will move."
-            )
-            _confirmed(opening, opening.placement)
+        line = (
+            f"Placement {opening.placement} has no pose yet. Type {_WORD} and Enter when its fixture is "
+            "mounted and nobody is within reach: the arm will move."
+        )
+        _confirm(opening, listener, opening.placement, (line,))
     record_in(opening.folder, "remounted", opening.placement)
 
 
-@contextmanager
-def _interrupted_in_words(opening: Opening, listener: ConsoleListener) -> Iterator[None]:
-    """Context for mounting the fixture: if the run is interrupted, the listener reports what has been saved."""
+def _confirm(
+    opening: Opening, listener: ConsoleListener, number: int, lines: tuple[str, ...]
+) -> None:
+    """Write `lines`, and wait for the confirming word (what was typed before is ignored); SessionError without it."""
     try:
-        yield
+        for line in lines:
+            listener.say(line)
+        if sys.stdin.isatty():
+            import termios
+
+            termios.tcflush(sys.stdin, termios.TCIFLUSH)
+        while line := sys.stdin.readline():
+            if line.strip().lower() == _WORD:
+                return
     except KeyboardInterrupt:
         listener.say(
             "The run was interrupted while the fixture was being mounted. Nothing commands the arm; all poses are "
@@ -162,17 +165,6 @@ def _interrupted_in_words(opening: Opening, listener: ConsoleListener) -> Iterat
         )
         listener.say(f"Go on with: sarcal run --resume {opening.folder}")
         raise
-
-
-def _confirmed(opening: Opening, number: int) -> None:
-    """Wait for the confirming word, ignoring what was typed before the prompt; SessionError if the input ends."""
-    if sys.stdin.isatty():
-        import termios
-
-        termios.tcflush(sys.stdin, termios.TCIFLUSH)
-    while line := sys.stdin.readline():
-        if line.strip().lower() == _WORD:
-            return
     raise SessionError(
         f"the mounting of the fixture for placement {number} was not confirmed",
         f"when it is mounted, go on with: sarcal run --resume {opening.folder}",

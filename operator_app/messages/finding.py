@@ -6,7 +6,7 @@ The kind of a finding has the templates of text and remedy; no code parses figur
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass, field
 from typing import Any
 
 from operator_app.messages.finding_kind import FindingKind
@@ -27,7 +27,7 @@ class NamedSize:
     share: float | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Finding:
     """One finding.
 
@@ -56,6 +56,7 @@ class Finding:
     """
 
     kind: FindingKind
+    _: KW_ONLY
     joint: int = 0
     joints: tuple[int, ...] = ()
     sensor: str = ""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,13 +12,13 @@ from fixtures.measured import Measured
 from fixtures.setup_checks import setup_checks
 from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.instrument_registration import with_registered_instrument
+from operator_app.config.fixture_file import FixtureSpec
 from operator_app.errors import SessionError
 from operator_app.planning.drives import DriveChoice, choose_drives, named_drives, predict_drives
 from operator_app.planning.task import without_hidden
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import Parameter, nominal_vector
-from solver.chain.poses import PoseSet
 from solver.closing import close_loops
 from solver.diagnostics.identifiability import Identifiability, identifiability
 from solver.errors import UnidentifiableDirection
@@ -100,20 +101,12 @@ def assess_feasibility(
     )
 
 
-def identifiability_of_poses(
-    arm: ArmModel,
-    fixture: EndpointConstraint,
-    poses: PoseSet,
-    *,
-    unsensed_joints: tuple[int, ...] = (),
-) -> Identifiability:
-    """Return the identifiability of the parameters from captured poses.
-
-    Raises `SolverError` if the poses do not fit the fixture.
-    """
-    unsensed = tuple(sorted({*unsensed_joints, *arm.unsensed_joints}))
-    fixture = with_registered_instrument(arm, fixture, poses)
-    model = Experiment(arm=arm, fixture=fixture, poses=poses, unsensed=unsensed).loop()
+def identifiability_of_poses(experiment: Experiment) -> Identifiability:
+    """Return the identifiability from captured poses; raises `SolverError` if they do not fit the fixture."""
+    arm, poses = experiment.arm, experiment.poses
+    fixture = with_registered_instrument(arm, experiment.fixture, poses)
+    unsensed = tuple(sorted({*experiment.unsensed, *arm.unsensed_joints}))
+    model = replace(experiment, fixture=fixture, unsensed=unsensed).loop()
     return _identifiability_at(without_hidden(arm, fixture, model), poses.q_rad)
 
 
@@ -126,3 +119,29 @@ def home_to_closed_rad(arm: ArmModel, fixture: EndpointConstraint) -> FloatArray
     model = fixture.model(arm)
     home = close_loops(model, nominal_vector(model.parameters), arm.home_rad[None])
     return home.q[0] - arm.home_rad if home.closed[0] else None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Chain:
+    """An arm in a fixture.
+
+    `procedure`: name of the procedure; empty without one. `held`: entries fixed at their value in the arm file, with
+    the reason. `home`: proposed home (n,), rad, with its `Feasibility`; None if the arm's own home is good, or no home
+    was found. `poses`: names of the poses files for this arm and fixture, each with the identifiability from its poses.
+    `unfit`: names of the poses files that do not fit this fixture, each with the reason.
+    """
+
+    arm: ArmModel
+    fixture: FixtureSpec
+    feasibility: Feasibility
+    procedure: str
+    held: Mapping[str, str]
+    home: tuple[FloatArray, Feasibility] | None
+    poses: tuple[tuple[str, Identifiability], ...]
+    unfit: tuple[tuple[str, str], ...]
+
+    @property
+    def refused(self) -> bool:
+        """Whether a calibration with these files would fail."""
+        unidentifiable = any(identified.directions for _, identified in self.poses)
+        return self.feasibility.refused or unidentifiable or bool(self.unfit)

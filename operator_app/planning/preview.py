@@ -8,7 +8,7 @@ import numpy as np
 
 from fixtures.base import EndpointConstraint, SetupCheck
 from fixtures.setup_checks import setup_checks
-from operator_app.calibration.closed_loops import in_order
+from operator_app.calibration.experiment import in_order
 from operator_app.errors import SessionError
 from operator_app.planning.drives import DriveChoice, choose_drives, named_drives, predict_drives
 from operator_app.planning.exploration import RANGE_END_MARGIN_RAD

@@ -87,9 +87,20 @@ def _moving(
     poses: int,
 ) -> tuple[FloatArray, Manifold]:
     """Return the true values (P,) and the poses of the first drawn placement that allows `poses` poses."""
-    ranges = ranges_of(arm).within(margin_rad(arm))
+    ranges, nominal = ranges_of(arm).within(margin_rad(arm)), nominal_vector(model.parameters)
+    offset_rad = arm.offset_tolerance_rad or PLANTED_OFFSET_RAD
+    mounted = {*model.ground_side, *model.hand_side}
+
+    def error(p: Parameter) -> float:
+        if p.name in spread:
+            return spread[p.name] * rng.standard_normal()
+        if p.name in mounted and not p.name.startswith("theta_off"):
+            most = fixture.tolerance_rad if p.is_angle else fixture.tolerance_m
+            return OF_TOLERANCE * most * rng.uniform(-1.0, 1.0)
+        return (offset_rad if p.is_angle else 0.0) * rng.standard_normal()
+
     for _ in range(SIMULATION_TRIES):
-        x = _drawn(fixture, model, spread, arm.offset_tolerance_rad or PLANTED_OFFSET_RAD, rng)
+        x = np.asarray(nominal + np.array([error(p) for p in model.parameters]))
         try:
             manifold = candidate_poses(model, x, arm.home_rad, ranges, count=ROOM * poses)
         except ValueError:
@@ -101,27 +112,6 @@ def _moving(
         f"{poses} poses in any of {SIMULATION_TRIES} drawn placements",
         "check the fixture's placement and the arm's home pose (sarcal plan), or request fewer poses",
     )
-
-
-def _drawn(
-    fixture: FixtureSpec,
-    model: ClosureModel,
-    spread: Mapping[str, float],
-    offset_rad: float,
-    rng: np.random.Generator,
-) -> FloatArray:
-    """Draw true values (P,) of all parameters."""
-    mounted = {*model.ground_side, *model.hand_side}
-    errors = []
-    for p in model.parameters:
-        if p.name in spread:
-            errors.append(spread[p.name] * rng.standard_normal())
-        elif p.name in mounted and not p.name.startswith("theta_off"):
-            most = fixture.tolerance_rad if p.is_angle else fixture.tolerance_m
-            errors.append(OF_TOLERANCE * most * rng.uniform(-1.0, 1.0))
-        else:
-            errors.append((offset_rad if p.is_angle else 0.0) * rng.standard_normal())
-    return np.asarray(nominal_vector(model.parameters) + np.array(errors))
 
 
 def _sensor(arm: ArmModel, joint: int, rng: np.random.Generator) -> JointSensor | None:

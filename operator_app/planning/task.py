@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from fixtures.measured import Measured
 from fixtures.setup_checks import setup_checks
 from operator_app.calibration.error_model import error_model, free_within_tolerance, stated_priors
 from operator_app.calibration.experiment import Experiment
+from operator_app.config.procedure import Procedure
 from operator_app.errors import SessionError
 from operator_app.units import MOUNTED_LENGTH, NOMINAL_OFFSET
 from solver.arrays import FloatArray
@@ -25,9 +25,6 @@ from solver.design.plan import PlanningTask
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.implicit import NoiseModel
 from solver.loops.closure import ClosureModel
-
-if TYPE_CHECKING:
-    from operator_app.config.procedure import Procedure
 
 MARGIN_RAD = float(np.deg2rad(3.0))
 """Margin of planned poses to the ends of the ranges, in addition to sensor errors."""
@@ -87,19 +84,34 @@ def planning_task(
     require_closed_chain(fixture)
     model = without_hidden(arm, fixture, fixture.model(arm))
     _, tolerance = free_within_tolerance(model, arm)
-    lost = {f"theta_off_{j}" for j in unsensed_joints}
+    lost, blind = {f"theta_off_{j}" for j in unsensed_joints}, [j - 1 for j in unsensed_joints]
     variance = (CURVE_SHARE * arm.linearity_rad()) ** 2
     for j, joint in enumerate(arm.joints):
-        if j + 1 in unsensed_joints:
-            variance[j] = UNSENSED_SIGMA_RAD**2
-        elif not isinstance(joint.sensor, NoSensor):
+        if not isinstance(joint.sensor, NoSensor):
             variance[j] += joint.sensor.variance_of_mean_rad2(samples)
+    variance[blind] = UNSENSED_SIGMA_RAD**2
+
+    def errors_at(q_rad: FloatArray) -> ErrorModel:
+        """Return the error model of poses (m, n), rad, that are means of `samples` readings."""
+        m = len(q_rad)
+        poses = PoseSet(
+            placement=np.ones(m, dtype=np.int64),
+            label=tuple(map(str, range(m))),
+            q_rad=q_rad,
+            samples=np.full(m, samples),
+        )
+        near = Experiment(arm=arm, fixture=fixture, poses=poses, unsensed=unsensed_joints)
+        errors = error_model(near, tolerance=tolerance)
+        by_pose = errors.joint_variance.copy()
+        by_pose[:, blind] = UNSENSED_SIGMA_RAD**2
+        return replace(errors, joint_variance=by_pose)
+
     return PlanningTask(
         model=model,
         ranges=ranges_of(arm),
         margin_rad=margin_rad(arm),
         noise=NoiseModel(joint_variance=variance),
-        errors_at=_errors_at(arm, fixture, tolerance, unsensed_joints, samples),
+        errors_at=errors_at,
         toleranced=tuple(DhEntry.parse(name) for name in tolerance),
         prior=stated_priors(model, arm, fixture),
         parameters=tuple(p.name for p in model.parameters if p.name not in lost),
@@ -135,29 +147,3 @@ def entries_to_fix(arm: ArmModel, fixture: EndpointConstraint) -> Mapping[str, s
         for check in setup_checks(fixture, arm, arm.home_rad)
         if check.kind in (CheckKind.HIDDEN, CheckKind.IMMOBILE)
     }
-
-
-def _errors_at(
-    arm: ArmModel,
-    fixture: EndpointConstraint,
-    tolerance: Mapping[str, float],
-    unsensed_joints: tuple[int, ...],
-    samples: int,
-) -> Callable[[FloatArray], ErrorModel]:
-    """Return a function from poses (m, n), rad, to their error model for means of `samples` readings."""
-
-    def at_readings(q_rad: FloatArray) -> ErrorModel:
-        m = len(q_rad)
-        poses = PoseSet(
-            placement=np.ones(m, dtype=np.int64),
-            label=tuple(map(str, range(m))),
-            q_rad=q_rad,
-            samples=np.full(m, samples),
-        )
-        near = Experiment(arm=arm, fixture=fixture, poses=poses, unsensed=unsensed_joints)
-        errors = error_model(near, tolerance=tolerance)
-        variance = errors.joint_variance.copy()
-        variance[:, [j - 1 for j in unsensed_joints]] = UNSENSED_SIGMA_RAD**2
-        return replace(errors, joint_variance=variance)
-
-    return at_readings

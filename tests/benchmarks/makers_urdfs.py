@@ -216,7 +216,7 @@ def tool_error(result: sarcal.Result, rig: Rig, q: np.ndarray) -> tuple[float, f
     starts = [least_squares(lambda x: off(x).ravel(), [t, 0.0]) for t in (0.0, 2.0, -2.0)]
     seen = min(starts, key=lambda r: r.cost)
     unseen = np.linalg.qr(seen.jac)[0]
-    best = result._hand.best
+    best = result._calibrated_arm.best
     rates = derivatives(best, q)
     rates = rates - unseen @ (unseen.T @ rates)
     sigma_m = math.sqrt(((rates @ best.covariance) * rates).sum() / len(q) + best.left_m**2)

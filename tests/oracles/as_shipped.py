@@ -1,9 +1,8 @@
 """The packaged arms in their fixtures, and calibrations of simulated sessions with them."""
 
 from operator_app.calibration.calibrate import calibrate
-from operator_app.calibration.closed_loops import pick_placements
 from operator_app.calibration.error_model import error_model, free_within_tolerance
-from operator_app.calibration.experiment import Experiment
+from operator_app.calibration.experiment import Experiment, pick_placements
 from operator_app.calibration.result import Solution
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture

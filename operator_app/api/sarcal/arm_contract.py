@@ -16,7 +16,6 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterable, Iterator
-from typing import TYPE_CHECKING
 
 import pytest
 
@@ -24,12 +23,10 @@ from hardware.arm import ArmIdentity, ArmInterface, ArmSnapshot, JointMode
 from hardware.commissioning import checks, clauses
 from hardware.commissioning.clauses import Bounds, Clause
 from operator_app.composition import describe, open_arm
+from operator_app.config.procedure import Procedure
 from operator_app.session.workflow.opening import Choices, begin
 from solver.chain.parameters import nominal_vector
 from solver.design.drive_joints import rank_at_pose
-
-if TYPE_CHECKING:
-    from operator_app.config.procedure import Procedure
 
 STEP_RAD = math.radians(2.0)
 BOUNDS = Bounds(samples=10, still_rad=math.radians(0.5), near_rad=math.radians(0.5))

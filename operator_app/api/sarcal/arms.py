@@ -12,9 +12,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from hardware.arm import (
     SIMULATED_NAME,
@@ -51,9 +51,6 @@ from operator_app.config.fixture_file import load_fixture
 from operator_app.session.workflow.opening import Choices
 from operator_app.virtual_arms import virtual_arm
 from solver.arrays import FloatArray, frozen
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
 
 __all__ = [
     "GROUP",

@@ -85,36 +85,36 @@ def calibrate(
     14
     """
     one_of("estimator", estimator, get_args(Estimator))
-    its_arm, its_fixture = load_arm(arm), load_fixture(fixture)
-    its_poses = load_poses(poses, joint_count=its_arm.joint_count)
-    how = CalibrationOptions(
+    loaded_arm, loaded_fixture = load_arm(arm), load_fixture(fixture)
+    loaded_poses = load_poses(poses, joint_count=loaded_arm.joint_count)
+    options = CalibrationOptions(
         estimator=estimator,
-        unsensed_joints=joints("unsensed_joints", unsensed_joints, its_arm.joint_count),
+        unsensed_joints=joints("unsensed_joints", unsensed_joints, loaded_arm.joint_count),
         length_tolerance_m=tolerance_m("length_tolerance_mm", length_tolerance_mm),
         drop_unidentifiable=drop_unidentifiable,
     )
-    model, metal = its_arm._model, its_fixture._spec.fixture
+    model, constraint = loaded_arm._model, loaded_fixture._spec.fixture
     solution = solve(
         model,
-        metal,
-        its_poses._set,
-        estimator=how.estimator,
-        unsensed_joints=how.unsensed_joints,
+        constraint,
+        loaded_poses._set,
+        estimator=options.estimator,
+        unsensed_joints=options.unsensed_joints,
         search=global_start,
-        drop=how.drop_unidentifiable,
-        length_tolerance_m=how.length_tolerance_m,
+        drop=options.drop_unidentifiable,
+        length_tolerance_m=options.length_tolerance_m,
     )
     solution = solution.with_notices(
-        Finding(kind=FindingKind.REPORTED, names=(w.code,), reported=(w.text,))
-        for w in its_poses._warnings
+        Finding(FindingKind.REPORTED, names=(w.code,), reported=(w.text,))
+        for w in loaded_poses._warnings
     )
     return Result(
-        arm=its_arm,
-        fixture=its_fixture,
-        poses=its_poses,
+        arm=loaded_arm,
+        fixture=loaded_fixture,
+        poses=loaded_poses,
         solution=solution,
-        checks=check(solution, model, metal, its_poses._set) if checks else None,
-        origin=how,
+        checks=check(solution, model, constraint, loaded_poses._set) if checks else None,
+        origin=options,
     )
 
 

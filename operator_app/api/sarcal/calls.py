@@ -11,13 +11,11 @@ import reprlib
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from functools import wraps
-from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from solver.arrays import FloatArray
-
+from solver.arrays import FloatArray
 
 LARGEST_TOLERANCE_MM = 100.0
 """Largest permitted standard deviation of lengths, as for ``--length-tolerance``."""
@@ -119,7 +117,7 @@ def readings_rad(name: str, value: Any, lower_rad: FloatArray, upper_rad: FloatA
     """Return sensor readings (n,) or (m, n), rad; refuse readings more than a turn beyond the joint ranges."""
     readings, n = numbers(name, value), len(lower_rad)
     if readings.ndim == 0 or readings.shape[-1] != n:
-        raise ValueError(f"{name} has shape {readings.shape}: {shape_wanted(readings.shape, n)}")
+        raise ValueError(f"{name} has shape {readings.shape}: {required_shape(readings.shape, n)}")
     far = np.argwhere((readings < lower_rad - math.tau) | (readings > upper_rad + math.tau))
     if len(far):
         q, joint = readings[tuple(far[0])], int(far[0][-1])
@@ -130,7 +128,7 @@ def readings_rad(name: str, value: Any, lower_rad: FloatArray, upper_rad: FloatA
     return readings
 
 
-def shape_wanted(shape: tuple[int, ...], joint_count: int) -> str:
+def required_shape(shape: tuple[int, ...], joint_count: int) -> str:
     """Return the required shape of readings, as text."""
     turned = len(shape) == 2 and shape[0] == joint_count
     return (

@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from operator_app.calibration.comparison import CalibrationComparison
 from operator_app.calibration.comparison import compare as compared
-from operator_app.calibration.verification import verify_new_poses
+from operator_app.calibration.verification import VerificationResult, verify_new_poses
+from operator_app.config.parameters_file import ParametersDocument
 from operator_app.documents import parameters_at
 from operator_app.report.results.comparison import comparison_json, comparison_text
 from operator_app.report.results.verification import verification_json, verification_text
@@ -19,40 +20,36 @@ from .calls import number, one_blas_thread, shown
 from .poses import Poses, load_poses
 from .result import Result
 
-if TYPE_CHECKING:
-    from operator_app.calibration.verification import VerificationResult
-    from operator_app.config.parameters_file import ParametersDocument
-
 
 @dataclass(frozen=True, slots=True)
 class Verification:
     """Test of a calibration with new poses; made by `verify`. Its ``str`` is text for 80 columns."""
 
-    _found: VerificationResult = field(repr=False)
+    _result: VerificationResult = field(repr=False)
     _poses: Poses = field(repr=False)
     _of: str = field(repr=False)
 
     @property
     def holds(self) -> bool:
         """Whether the calibration predicts the new poses within its stated uncertainty."""
-        return self._found.holds
+        return self._result.holds
 
     @property
     def chi2_per_dof(self) -> float:
         """chi2/dof with the uncertainties that the files state; about 1 or less if these are right."""
-        return self._found.verification.chi2.per_dof
+        return self._result.verification.chi2.per_dof
 
     @property
     def odd_poses(self) -> tuple[str, ...]:
         """Names of the poses that deviate by more than chance allows, the largest deviation first."""
-        return tuple(self._poses.names[k] for k in self._found.odd_poses)
+        return tuple(self._poses.names[k] for k in self._result.odd_poses)
 
     def to_json(self) -> dict[str, Any]:
         """Return the object of ``sarcal verify --json``."""
-        return verification_json(self._found, self._poses._set)
+        return verification_json(self._result, self._poses._set)
 
     def __str__(self) -> str:
-        return verification_text(self._found, self._poses._set, self._of)
+        return verification_text(self._result, self._poses._set, self._of)
 
     def __repr__(self) -> str:
         verdict = "holds" if self.holds else "does not hold"
@@ -94,36 +91,36 @@ def verify(result: Result, poses: str | PathLike[str] | Poses | Any) -> Verifica
             f"result={shown(result)}: give what sarcal.calibrate or sarcal.load_result returned"
         )
     new = load_poses(poses, joint_count=result.arm.joint_count)
-    result_found = verify_new_poses(
+    tested = verify_new_poses(
         result.arm._model,
         result.fixture._spec.fixture,
         result._solution,
         made_from=result.poses._set,
         new=new._set,
     )
-    return Verification(result_found, new, f"{result.arm.name} in {result.fixture.name}")
+    return Verification(tested, new, f"{result.arm.name} in {result.fixture.name}")
 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
     """Drift between two calibrations; made by `compare`. Its ``str`` is text for 80 columns."""
 
-    _found: CalibrationComparison = field(repr=False)
+    _result: CalibrationComparison = field(repr=False)
 
     @property
     def drifted(self) -> tuple[str, ...]:
         """Names of the parameters that changed significantly, the most significant first."""
-        return tuple(d.name for d in self._found.drifted)
+        return tuple(d.name for d in self._result.drifted)
 
     def to_json(self) -> dict[str, Any]:
         """Return the object of ``sarcal compare --json``."""
-        return comparison_json(self._found)
+        return comparison_json(self._result)
 
     def __str__(self) -> str:
-        return comparison_text(self._found)
+        return comparison_text(self._result)
 
     def __repr__(self) -> str:
-        return f"<sarcal.Comparison: {len(self.drifted)} of {len(self._found.drifts)} drifted>"
+        return f"<sarcal.Comparison: {len(self.drifted)} of {len(self._result.drifts)} drifted>"
 
 
 @one_blas_thread

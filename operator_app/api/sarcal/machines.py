@@ -4,20 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from os import PathLike, fspath
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
+
+from numpy.typing import ArrayLike
 
 from operator_app.calibration.calibrated_arm import T_base_flange
 from operator_app.config.arm_file import parse_arm
 from operator_app.config.fixture_file import FixtureSpec, parse_fixture
 from operator_app.config.resources import Resource, resolve
+from solver.arrays import FloatArray
+from solver.chain.arm_model import ArmModel
 
 from .calls import readings_rad, shown
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from solver.arrays import FloatArray
-    from solver.chain.arm_model import ArmModel
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,21 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from os import PathLike
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from operator_app.planning.preview import Preview, preview
 from operator_app.planning.simulated import simulated_poses
 from operator_app.report.results.plan import plan_json, plan_text
+from solver.arrays import FloatArray
 
 from .calls import joints, one_blas_thread, whole
 from .machines import Arm, Fixture, load_arm, load_fixture
 from .poses import Poses
 from .tables import with_units
-
-if TYPE_CHECKING:
-    from solver.arrays import FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,19 +102,20 @@ def plan(
     >>> planned.q_rad.shape
     (12, 7)
     """
-    its_arm, its_fixture = load_arm(arm), load_fixture(fixture)
+    loaded_arm, loaded_fixture = load_arm(arm), load_fixture(fixture)
     shown = preview(
-        its_arm._model,
-        its_fixture._spec.fixture,
+        loaded_arm._model,
+        loaded_fixture._spec.fixture,
         poses=whole("poses", poses, least=1),
         position_joints=None
         if drive_joints is None
-        else joints("drive_joints", drive_joints, its_arm.joint_count),
-        unsensed_joints=joints("unsensed_joints", unsensed_joints, its_arm.joint_count),
+        else joints("drive_joints", drive_joints, loaded_arm.joint_count),
+        unsensed_joints=joints("unsensed_joints", unsensed_joints, loaded_arm.joint_count),
         samples=whole("samples", samples, least=1),
         seed=whole("seed", seed),
     )
-    return Plan(shown, f"Plan: {its_arm.name} in fixture {its_fixture.name}, from nominal geometry")
+    names = f"{loaded_arm.name} in fixture {loaded_fixture.name}"
+    return Plan(shown, f"Plan: {names}, from nominal geometry")
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,10 +177,10 @@ def simulate(
     >>> "s_1_mm" in made.truth
     True
     """
-    its_arm, its_fixture = load_arm(arm), load_fixture(fixture)
+    loaded_arm, loaded_fixture = load_arm(arm), load_fixture(fixture)
     made = simulated_poses(
-        its_arm._model,
-        its_fixture._spec,
+        loaded_arm._model,
+        loaded_fixture._spec,
         poses=whole("poses", poses, least=1),
         samples=whole("samples", samples, least=1),
         seed=whole("seed", seed),

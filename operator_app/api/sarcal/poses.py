@@ -6,20 +6,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from operator_app.config.csv_table import write_records
 from operator_app.config.poses_file import FileWarning, format_poses, parse_poses
 from operator_app.config.poses_file import load_poses as load_poses_file
+from solver.arrays import FloatArray, IntArray
 from solver.chain.poses import PoseSet
 
-from .calls import numbers, shape_wanted, shown, whole
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from solver.arrays import FloatArray, IntArray
+from .calls import numbers, required_shape, shown, whole
 
 FRAME = "data frame"
 
@@ -213,7 +211,7 @@ def load_poses(
     if isinstance(source, Poses):
         if joint_count is not None and source._set.joint_count != joint_count:
             shape = source.q_rad.shape
-            raise ValueError(f"the poses have shape {shape}: {shape_wanted(shape, joint_count)}")
+            raise ValueError(f"the poses have shape {shape}: {required_shape(shape, joint_count)}")
         return source
     if isinstance(source, str | PathLike):
         read = load_poses_file(fspath(source), joint_count=joint_count)
@@ -236,8 +234,6 @@ def _csv_of(frame: Any, columns: list[str]) -> bytes:
     count = len(next(iter(cells.values()), []))
     head = {"placement": ["1"] * count, "pose": [str(k) for k in range(1, count + 1)]}
     all_columns = head | cells
-    from operator_app.config.csv_table import write_records
-
     return write_records([list(all_columns), *zip(*all_columns.values(), strict=True)])
 
 

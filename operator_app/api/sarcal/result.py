@@ -9,14 +9,18 @@ from functools import cached_property
 from os import PathLike
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, get_args
+from typing import Any, get_args
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from operator_app.calibration.calibrated_arm import CalibratedArm, Frame, calibrated_arm
+from operator_app.calibration.cross_validation import Checks
+from operator_app.calibration.result import Solution
 from operator_app.config.atomic import write_atomically
-from operator_app.config.parameters_file import save_parameters
+from operator_app.config.parameters_file import ParametersDocument, save_parameters
 from operator_app.config.poses_file import save_poses
+from operator_app.config.procedure import Procedure
 from operator_app.config.resources import DESCRIPTION_LIMIT_BYTES, read_limited
 from operator_app.errors import SessionError
 from operator_app.report.exports import EXPORT_FILES, Calibration, in_format, into_description
@@ -30,25 +34,16 @@ from operator_app.report.text import facts_text
 from operator_app.session.store.folders import PARAMETERS_NAME, POSES_NAME
 from operator_app.session.store.journal import read_journal
 from operator_app.session.store.parameters_document import export_reason, parameters_document
+from operator_app.session.store.state import SessionState
 from operator_app.session.store.stored_calibration import StoredCalibration
 from operator_app.session.workflow.importing import CalibrationOptions, ImportedSession
+from solver.arrays import FloatArray
 from solver.diagnostics.statistics import intervals
 
 from .calls import one_of, readings_rad
+from .machines import Arm, Fixture
+from .poses import Poses
 from .tables import Table, with_units
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from operator_app.calibration.cross_validation import Checks
-    from operator_app.calibration.result import Solution
-    from operator_app.config.parameters_file import ParametersDocument
-    from operator_app.config.procedure import Procedure
-    from operator_app.session.store.state import SessionState
-    from solver.arrays import FloatArray
-
-    from .machines import Arm, Fixture
-    from .poses import Poses
 
 YAML = ("yaml", "yml")
 """File name endings of a parameters file."""
@@ -96,7 +91,7 @@ class Result:
         self._checks = checks
         self._origin = origin
         self._facts: Facts = facts_of(solution, checks=checks)
-        self._hand: CalibratedArm = calibrated_arm(solution, arm._model)
+        self._calibrated_arm: CalibratedArm = calibrated_arm(solution, arm._model)
 
     # -- results ------------------------------------------------------------------------------
 
@@ -211,7 +206,7 @@ class Result:
             The readings are not valid for this arm, or there is no such frame.
         """
         one_of("frame", frame, get_args(Frame))
-        return self._hand.T_base(self._readings(q_rad), frame, corrected=corrections)
+        return self._calibrated_arm.T_base(self._readings(q_rad), frame, corrected=corrections)
 
     def tip_sigma(self, q_rad: ArrayLike) -> FloatArray:
         """Return the standard deviation of the tip position from `fk`: root of the sum of the three variances, in m.
@@ -228,7 +223,8 @@ class Result:
         () or (m,), m.
         """
         q = self._readings(q_rad)
-        return self._hand.tip_sigma_m(q.reshape(-1, q.shape[-1])).reshape(q.shape[:-1])
+        _, sigma_m = self._calibrated_arm.tip_with_sigma_m(q.reshape(-1, q.shape[-1]))
+        return sigma_m.reshape(q.shape[:-1])
 
     # -- files -------------------------------------------------------------------------------------
 
@@ -267,7 +263,8 @@ class Result:
             stale=(PARAMETERS_NAME, POSES_NAME, REPORT_NAME, *EXPORT_FILES.values()),
         )
         save_poses(where / POSES_NAME, session.state.pose_set())
-        if self.accepted and self._has_table:
+        has_table = self._solution.model.dh_table(self._solution.estimate.x) is not None
+        if self.accepted and has_table:
             save_parameters(where / PARAMETERS_NAME, self._document(session=session))
         calibration = StoredCalibration(
             solution=self._solution, checks=self._checks, recalculated_because=""
@@ -354,10 +351,6 @@ class Result:
 
     # -- inside ------------------------------------------------------------------------------------
 
-    @property
-    def _has_table(self) -> bool:
-        return self._solution.model.dh_table(self._solution.estimate.x) is not None
-
     @cached_property
     def _subject(self) -> Subject:
         source = self._state_source
@@ -375,14 +368,14 @@ class Result:
         origin = self._origin
         return origin if isinstance(origin, Journalled) else self._session(origin)
 
-    def _session(self, how: CalibrationOptions) -> ImportedSession:
+    def _session(self, options: CalibrationOptions) -> ImportedSession:
         made = ImportedSession(
             self.poses._set,
             arm=self.arm._resource,
             fixture=self.fixture._resource,
             file=self.poses.source,
             name=f"{self.arm.name}-{self.fixture.name}",
-            options=how,
+            options=options,
         )
         made.add(self._solution, self._checks)
         return made

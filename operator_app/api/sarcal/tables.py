@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from operator_app.report.html.markup import table_html
 from operator_app.report.table import FactTable as Facts
 from operator_app.report.table import shown
 from operator_app.report.text import table_text
 from operator_app.units import ANGLE, LENGTH
-
-if TYPE_CHECKING:
-    from solver.chain.parameters import Parameter
+from solver.chain.parameters import Parameter
 
 
 @dataclass(frozen=True, slots=True)

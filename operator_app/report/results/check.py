@@ -34,7 +34,7 @@ from solver.chain.sensors import Encoder, NoSensor, Rvdt
 if TYPE_CHECKING:
     from operator_app.config.any_file import FileRead, FilesRead
     from operator_app.config.errors import Problem
-    from operator_app.planning.inspection import Chain
+    from operator_app.planning.feasibility import Chain
     from solver.chain.arm_model import Joint
     from solver.diagnostics.identifiability import Identifiability
 

@@ -14,11 +14,11 @@ from fixtures.base import EndpointConstraint
 from fixtures.errors import FixtureError
 from hardware.arm import ArmIdentity, Reading
 from operator_app.calibration.experiment import Experiment
-from operator_app.calibration.innovation import Innovation, innovation
 from operator_app.calibration.instrument_registration import (
     with_calibrated_places,
     with_registered_instrument,
 )
+from operator_app.calibration.prior import Innovation, innovation
 from operator_app.calibration.verification import Fixed, fixed_calibration, predict, stated_noise
 from operator_app.config.procedure import Procedure
 from operator_app.errors import ClosureRefusedError, ConnectAgainError, GuardError
@@ -286,7 +286,5 @@ def parameters_from_poses(state: SessionState, procedure: Procedure) -> Fixed | 
     return Fixed(
         values=estimate.values_by_name,
         covariance=estimate.covariance,
-        rvdt_sd_rad={},
-        fixture_variance=None,
         unsensed_joints=experiment.unsensed,
     )

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 from hardware.arm import ArmIdentity
 from hardware.canopen.objects import EmergencyCode
 from operator_app.calibration.experiment import Experiment
-from operator_app.calibration.innovation import is_unpredicted
-from operator_app.calibration.prediction import CalibrationWithPoses
+from operator_app.calibration.prior import is_unpredicted
 from operator_app.calibration.result import Solution
 from operator_app.calibration.verification import VerificationResult, verify_poses
 from operator_app.errors import GuardError
@@ -249,8 +248,8 @@ def verify(
             "request fewer, or drive another pair of joints",
         )
     new_poses = pose_set_of(session.state.readings[before:])
-    made = CalibrationWithPoses(solution=solution, poses=session.state.pose_set())
-    verdict = verify_poses(session.model, session.fixture, new_poses, made)
+    made_from = session.state.pose_set()
+    verdict = verify_poses(session.model, session.fixture, new_poses, solution, made_from)
     tested = verdict.verification
     turned = tested.sigmas.orientation_rad
     record = {

@@ -26,7 +26,7 @@ from hardware.arm import (
 )
 from hardware.control.trajectory import coming_to_rest_s
 from hardware.errors import HardwareError
-from operator_app.calibration.closed_loops import FixtureRefusedError
+from operator_app.calibration.experiment import FixtureRefusedError
 from operator_app.config.procedure import Procedure
 from operator_app.errors import (
     Cancelled,

@@ -8,7 +8,7 @@ import pytest
 from fixtures.base import Compliance, Severity
 from fixtures.setup_checks import setup_checks
 from operator_app.calibration.calibrate import calibrate
-from operator_app.calibration.closed_loops import FixtureRefusedError
+from operator_app.calibration.experiment import FixtureRefusedError
 from operator_app.calibration.notices import outliers_still_used
 from operator_app.config.poses_file import load_poses
 from solver.chain.poses import PoseSet

@@ -9,7 +9,6 @@ from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.prediction import (
     FIXTURE,
-    CalibrationWithPoses,
     concatenated_poses,
 )
 from operator_app.calibration.verification import (
@@ -49,7 +48,7 @@ def test_fixture_slip_fails_verification_whatever_noise_was_estimated(sound):
 def retaken(sound):
     """A sound calibration with its poses, and poses of the same arm taken later."""
     poses = poses_of(session(SEED))
-    return CalibrationWithPoses(solution=sound, poses=poses), session(SEED, walk=1, poses=20)
+    return (sound, poses), session(SEED, walk=1, poses=20)
 
 
 def verification_of(retaken, where, error_deg):
@@ -57,7 +56,7 @@ def verification_of(retaken, where, error_deg):
     calibration, later = retaken
     readings = later.readings.copy()
     readings[where] += np.deg2rad(error_deg)
-    return verify_poses(ARM, HINGE, poses_of(replace(later, readings=readings)), calibration)
+    return verify_poses(ARM, HINGE, poses_of(replace(later, readings=readings)), *calibration)
 
 
 def test_later_sound_poses_hold(retaken):
@@ -85,7 +84,7 @@ def test_single_deviating_pose_has_no_others_that_fit(retaken):
     calibration, _ = retaken
     later = session(SEED, walk=1, poses=1)
     poses = poses_of(replace(later, readings=later.readings + np.deg2rad(3.0) * np.eye(7)[1]))
-    result = verify_poses(ARM, HINGE, poses, calibration)
+    result = verify_poses(ARM, HINGE, poses, *calibration)
     assert not result.holds
     assert not result.others_fit
 

@@ -113,7 +113,7 @@ def test_tool_errors_match_their_sigma():
         values = {n: v for n, v in truth.items() if DhEntry.parse(n).row and n not in ground}
         q = np.random.default_rng(seed).uniform(ARM.lower_rad, ARM.upper_rad, (60, 7))
         error = np.linalg.norm(calibrated.T_base(q)[:, :3, 3] - tool_positions(values, q), axis=1)
-        ratios.append(float(np.mean(error**2) / np.mean(calibrated.tip_sigma_m(q) ** 2)))
+        ratios.append(float(np.mean(error**2) / np.mean(calibrated.tip_with_sigma_m(q)[1] ** 2)))
     assert 0.3 < np.mean(ratios) < 1.5
 
 

@@ -65,7 +65,7 @@ def test_verification_uses_positions_only(result, halves):
         line for line in str(verification).splitlines() if line.lstrip().startswith("calibrated")
     ]
     assert row.split()[-2:] == ["n/a", "n/a"]
-    assert re.search(r": [\d.]+ mm rms, chi2", verified_words(verification._found))
+    assert re.search(r": [\d.]+ mm rms, chi2", verified_words(verification._result))
     hinge = story()["verified"].verification
     assert re.search(r": [\d.]+ mm, [\d.]+ mrad rms, chi2", verified_words(hinge))
     data = verification.to_json()

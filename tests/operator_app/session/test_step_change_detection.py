@@ -8,7 +8,7 @@ import pytest
 from hardware.virtual.axis import PlantReading
 from hardware.virtual.scenarios import scenario
 from operator_app.calibration.experiment import Experiment
-from operator_app.calibration.innovation import LEAST, is_unpredicted
+from operator_app.calibration.prior import LEAST, is_unpredicted
 from operator_app.config.poses_file import parse_poses
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure

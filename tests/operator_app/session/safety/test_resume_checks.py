@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from hardware.arm import Reading
-from operator_app.calibration.innovation import Innovation, ShiftOfReading
+from operator_app.calibration.prior import Innovation, ShiftOfReading
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import ConnectAgainError, GuardError

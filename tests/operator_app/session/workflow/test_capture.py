@@ -7,7 +7,7 @@ import pytest
 
 from fixtures.rigid import Rigid
 from hardware.virtual.true_loop import paper_loop
-from operator_app.calibration.closed_loops import FixtureRefusedError
+from operator_app.calibration.experiment import FixtureRefusedError
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.parameters_file import load_parameters
 from operator_app.config.poses_file import load_poses

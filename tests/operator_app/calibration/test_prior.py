@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from operator_app.calibration.experiment import Experiment
-from operator_app.calibration.innovation import innovation
+from operator_app.calibration.prior import innovation
 from operator_app.config.procedure_file import load_procedure
 from tests.oracles.as_shipped import poses_of
 from tests.oracles.shop_floor import Sizes, session

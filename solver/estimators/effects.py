@@ -21,8 +21,8 @@ import numpy as np
 from solver.arrays import BoolArray, FloatArray, IntArray, select_poses
 from solver.closing import Rates, ReducedEquations, reduced_equations
 from solver.estimators.error_model import distance_rows
-from solver.estimators.joint_shapes import JointShapes
 from solver.estimators.layout import FIXTURE_NOISE, Layout
+from solver.estimators.shapes import JointShapes
 
 CHUNK = 1024
 """Poses whitened at a time, so that memory does not grow with columns times poses."""
@@ -113,7 +113,7 @@ class LinearModel(Layout):
     @cached_property
     def along_joints(self) -> JointShapes:
         """Shapes of the effects that act along a joint."""
-        return JointShapes(self)
+        return JointShapes(self.q, self.accuracy, self.errors.curves, (self.play, self.sags))
 
     def at_poses(self, poses: IntArray) -> LinearModel:
         """Return the design of a selection of poses, with smooth functions made from these poses only."""
@@ -160,12 +160,11 @@ class LinearModel(Layout):
             own = slice(a.joint - 1, a.joint)
             add(f"rvdt_noise_{a.joint}", own, a.share[poses, None], f"rvdt_{a.joint}")
         add("counts", joints, errors.joint_variance[poses] * read)
-        if len(self.play_joints):
-            rate = self.play.missed[poses] * self.backlash**2
-            add("joint_play", joints, rate, "play_sides", missed=True)
+        if len(self.play.joints):
+            add("joint_play", joints, self.play.missed[poses], "play_sides", missed=True)
             add("joint_play", joints, self.backlash**2, "joint_play")
-        if len(self.sag_joints):
-            add("sag", joints, self.sags.missed[poses] * self.sag**2, "sag", missed=True)
+        if len(self.sags.joints):
+            add("sag", joints, self.sags.missed[poses], "sag", missed=True)
         if errors.endpoint_variance.any():
             add("instrument", closure, errors.endpoint_variance[6 - self.rows :])
         for rows, stated in self.deflecting_rows:

@@ -88,6 +88,11 @@ class ErrorModel:
     approach: FloatArray | None = None
     signed: bool = True
 
+    @property
+    def curves(self) -> tuple[SensorCurve, ...]:
+        """Curves of the analogue sensors that have one."""
+        return tuple(a.curve for a in self.analogue if a.curve is not None)
+
     def knows(self, name: str) -> bool:
         """Whether a parameter has a prior."""
         return name in self.tolerance or name in self.prior

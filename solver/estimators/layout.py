@@ -17,7 +17,7 @@ from solver.arrays import BoolArray, FloatArray, IntArray
 from solver.chain.parameters import DhKind, Parameter, nominal_vector
 from solver.chain.sensors import LOWEST
 from solver.estimators.error_model import ErrorModel
-from solver.estimators.load_shapes import (
+from solver.estimators.shapes import (
     UNMODELLED_SHARE,
     PoseBasis,
     PoseProcess,
@@ -325,24 +325,26 @@ class Layout:
 
     def _lay_out_joints(self, process: Callable[[], PoseProcess], like: Layout | None) -> None:
         """Add play and sag of every joint; set `expected` (m, n), rad, to the sum of their expected values."""
-        self.expected = np.zeros_like(self.q)
-        self.play_joints = np.flatnonzero(self.backlash)
-        self.play = sides_of_play(self.q, self.errors)
-        if len(self.play_joints):
-            self.expected += self.backlash * self.play.expected
+        self.sag_basis = _NOTHING
+        if self.sag.any():
+            self.sag_basis = process().leading(SAG_COLUMNS) if like is None else like.sag_basis
+        self.play, self.sags = self.play_and_sag(self.q, self.errors)
+        self.expected = self.play.expected + self.sags.expected
+        if len(self.play.joints):
             # Play taken up to the same side in every pose is not noise but looks like an offset.
             sides = ("play", "approach")[: self.play.width]
-            names = [f"{side}_{j + 1}" for j in self.play_joints for side in sides]
+            names = [f"{side}_{j + 1}" for j in self.play.joints for side in sides]
             self._group("joint_play", names, VarianceComponent(name="play_sides"))
-        self.sag_joints = np.flatnonzero(self.sag)
-        self.sag_basis = _NOTHING
-        self.sags = NO_SHAPES
-        if len(self.sag_joints):
-            self.sag_basis = process().leading(SAG_COLUMNS) if like is None else like.sag_basis
-            self.sags = shapes_of_sag(self.q, self.errors, self.sag_basis)
-            self.expected += self.sag * self.sags.expected
-            names = [f"sag{i}_{j + 1}" for j in self.sag_joints for i in range(self.sags.width)]
+        if len(self.sags.joints):
+            names = [f"sag{i}_{j + 1}" for j in self.sags.joints for i in range(self.sags.width)]
             self._group("sag", names, VarianceComponent(name="sag"))
+
+    def play_and_sag(self, q: FloatArray, errors: ErrorModel) -> tuple[Shapes, Shapes]:
+        """Return the shapes of play and of sag at readings `q` (m, n), rad, with the loads in `errors`."""
+        return (
+            sides_of_play(q, errors, self.backlash),
+            shapes_of_sag(q, errors, self.sag_basis, self.sag),
+        )
 
     def _smooth_deflection(self, alike: Callable[[], PoseProcess], like: Layout | None) -> None:
         groups = 1 if self.group is None else len(np.unique(self.group))
@@ -435,5 +437,4 @@ def _source(parameter: Parameter, fixture: Collection[str]) -> str:
     return "twists" if parameter.is_angle else "lengths"
 
 
-NO_SHAPES = Shapes(columns=np.zeros((0, 0, 0)), missed=np.zeros((0, 0)), expected=np.zeros((0, 0)))
 _NOTHING = PoseBasis(phi=np.zeros((0, 0)), missed=np.zeros(0))

@@ -71,33 +71,42 @@ CHUNK = 512
 """Poses computed at a time."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class JointLoads:
+    """Effects of gravity on n joints at m poses.
+
+    `expected`: expected twist (m, n). `columns` (m, n, c): deviations from it. `missed` (m, n): variance that these
+    columns leave out, the whole variance for a joint on which gravity has no lever arm. `side` (m, n): expected side,
+    between -1 and 1, to which gravity moves every joint within its play.
+    """
+
+    expected: FloatArray
+    columns: FloatArray
+    missed: FloatArray
+    side: FloatArray
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LoadBasis:
     """Effects of load at m poses; coefficients ~ N(0, 1), columns of mean square 1 over the poses.
 
     Attributes
     ----------
-    sag_expected, sag, sag_missed
-        Expected twist (m, n) of every joint, columns (m, n, c) of the deviation from it, and the variance (m, n) that
-        these columns leave out: the whole variance for a joint on which gravity has no lever arm.
+    joints
+        Effects on the joints.
     all_deflections, rows
         (M, k, c) deflection along the closure components in units of the stated deflection, and the index (m,) of each
         pose in this array. It is by far the largest array, and is shared by every selection of poses.
     deflection_missed
         (m, k) variance of the deflection that these columns leave out.
-    side
-        (m, n): expected side, between -1 and 1, to which gravity moves every joint within its play.
     gravity
         Twists and sides as functions of gravity's torque, for other poses.
     """
 
-    sag_expected: FloatArray
-    sag: FloatArray
-    sag_missed: FloatArray
+    joints: JointLoads
     all_deflections: FloatArray
     rows: IntArray
     deflection_missed: FloatArray
-    side: FloatArray
     gravity: Gravity
 
     def deflection_at(self, poses: slice = slice(None)) -> FloatArray:
@@ -106,19 +115,8 @@ class LoadBasis:
 
     def at_poses(self, poses: IntArray) -> LoadBasis:
         """Return the effects at a selection of poses."""
-        of_poses = ("sag_expected", "sag", "sag_missed", "rows", "deflection_missed", "side")
-        return select_poses(self, poses, *of_poses)
-
-    def joints_at(self, q: FloatArray) -> LoadBasis:
-        """Return the effects of load on joints without a fixture, at other angles `q` (m, n), rad."""
-        m, (_, k, c) = len(q), self.all_deflections.shape
-        torque = replace(self.gravity.part, q=q, u=np.zeros((m, 0))).torques(slice(None))
-        expected, sag, missed, side = self.gravity.sags(torque)
-        return LoadBasis(
-            sag_expected=expected, sag=sag, sag_missed=missed, all_deflections=np.zeros((1, k, c)),
-            rows=np.zeros(m, dtype=np.int64), deflection_missed=np.zeros((m, k)), side=side,
-            gravity=self.gravity,
-        )  # fmt: skip
+        joints = select_poses(self.joints, poses, *JointLoads.__slots__)
+        return replace(select_poses(self, poses, "rows", "deflection_missed"), joints=joints)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -155,8 +153,13 @@ class Gravity:
         rate = HALF_NORMAL_MEAN / scale[:, 0]
         return cls(part=part, size=size, turn=size[..., None] * leading, rate=rate)
 
-    def sags(self, torque: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Expected twist (m, n), deviations (m, n, c), variance that they omit (m, n), side of play (m, n)."""
+    def at(self, q: FloatArray) -> JointLoads:
+        """Return the effects at joint angles `q` (m, n), rad."""
+        part = replace(self.part, q=q, u=np.zeros((len(q), 0)))
+        return self.effects(part.torques(slice(None)))
+
+    def effects(self, torque: FloatArray) -> JointLoads:
+        """Return the effects of torques (m, n, s)."""
         blocks = []
         for cut in _cuts(len(torque)):
             block = torque[cut]
@@ -164,8 +167,7 @@ class Gravity:
             missed = np.maximum(((block * self.size) ** 2).sum(-1) - (columns**2).sum(-1), 0.0)
             missed = np.where(self.rate > 0.0, missed, 1.0)
             blocks.append((self.rate * block[..., 0], columns, missed, _side(block)))
-        expected, columns, missed, side = (np.concatenate(f) for f in zip(*blocks, strict=True))
-        return expected, columns, missed, side
+        return JointLoads(*(np.concatenate(of_all) for of_all in zip(*blocks, strict=True)))
 
 
 def load_basis(
@@ -197,7 +199,7 @@ def load_basis(
         for cut in _cuts(len(poses)):
             torque[poses[cut]] = one.torques(cut)
     gravity = Gravity.of(placements[0][1], torque)
-    expected, sag, missed_sag, side = gravity.sags(torque)
+    joints = gravity.effects(torque)
     # The largest array of all: with many poses it is not kept but computed again at each request.
     again = torque if m <= CHUNK else None
     del torque
@@ -210,13 +212,10 @@ def load_basis(
                 one, stated_deflection, deflection_columns, None if again is None else again[poses]
             )
     return LoadBasis(
-        sag_expected=expected,
-        sag=sag,
-        sag_missed=missed_sag,
+        joints=joints,
         all_deflections=deflection,
         rows=np.arange(m),
         deflection_missed=missed,
-        side=side,
         gravity=gravity,
     )
 

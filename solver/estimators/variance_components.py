@@ -268,11 +268,7 @@ def _report(fitted: MixedFit, back: IntArray) -> VarianceComponents:
         components=components(design, fit.v, error),
         compliance=compliance_test(stated, design),
         noise=noise_left(fitted, back),
-        curves_rad={
-            a.joint: -fitted.shift[back, a.joint - 1]
-            for a in design.errors.analogue
-            if a.curve is not None
-        },
+        curves_rad={c.joint: -fitted.shift[back, c.joint - 1] for c in design.errors.curves},
         repeatability=fit.repeatability,
         budget=fit.budget(),
         stated_chi2=stated.chi2,

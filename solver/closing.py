@@ -21,8 +21,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver.arrays import BoolArray, FloatArray
-from solver.loops.closure import BLOCK_POSES, ClosureModel, LoopError
+from solver.arrays import BLOCK_POSES, BoolArray, FloatArray, join_poses, pose_slices
+from solver.loops.closure import ClosureModel, LoopError, pose_blocks
 
 SINGULAR = 1e-7
 """Singular values below this share of the largest belong to directions that no free joint moves."""
@@ -125,19 +125,15 @@ def close_loops(
     """
     if len(q) > BLOCK_POSES:
         # Poses are closed in blocks, so that the Jacobians of all are never in memory at once.
-        parts = [
+        parts = (
             close_loops(
-                model.at_poses(block), x, q[block],
-                sigma_rad=sigma_rad, u=None if u is None else u[block],
+                part, x, part_q,
+                sigma_rad=sigma_rad, u=None if u is None else u[poses],
                 max_iterations=max_iterations, tolerance=tolerance,
             )
-            for block in np.split(np.arange(len(q)), range(BLOCK_POSES, len(q), BLOCK_POSES))
-        ]  # fmt: skip
-        return ClosedPoses(
-            q=np.concatenate([f.q for f in parts]),
-            u=np.concatenate([f.u for f in parts]),
-            closed=np.concatenate([f.closed for f in parts]),
-        )
+            for (part, part_q), poses in zip(pose_blocks(model, q), pose_slices(len(q)), strict=True)
+        )  # fmt: skip
+        return join_poses(parts, "q", "u", "closed")
     q = np.array(q, dtype=np.float64)
     u = np.array(model.initial_unsensed(x, q) if u is None else u, dtype=np.float64)
     sigma = np.ones(q.shape[-1]) if sigma_rad is None else np.asarray(sigma_rad)

@@ -39,9 +39,9 @@ from solver.diagnostics.limits import (
 from solver.diagnostics.statistics import Chi2Test, chi2_test
 from solver.estimators.component_report import Component
 from solver.estimators.error_model import SD_OF_PEAK
-from solver.estimators.estimate import ClosureSigmas, closure_at_readings
+from solver.estimators.estimate import closure_at_readings
 from solver.estimators.implicit import NoiseModel
-from solver.loops.closure import ClosureModel
+from solver.loops.closure import ClosureModel, ClosureSigmas
 from solver.loops.placements import Placements
 
 NEWTON_STEPS = 3

@@ -12,20 +12,16 @@ scales one or more groups; the stated value is the median of its prior (see `sol
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from solver.arrays import BoolArray, FloatArray, IntArray, select_poses
+from solver.arrays import BoolArray, FloatArray, IntArray, pose_slices, select_poses
 from solver.closing import Rates, ReducedEquations, reduced_equations
 from solver.estimators.error_model import distance_rows
 from solver.estimators.layout import FIXTURE_NOISE, Layout
 from solver.estimators.shapes import JointShapes
-
-CHUNK = 1024
-"""Poses whitened at a time, so that memory does not grow with columns times poses."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -208,10 +204,9 @@ class LinearModel(Layout):
 
     # ---- columns
 
-    def parts(self) -> Iterator[slice]:
-        """Yield slices of poses that are whitened together."""
-        for first in range(0, len(self.q), CHUNK):
-            yield slice(first, min(first + CHUNK, len(self.q)))
+    def parts(self) -> list[slice]:
+        """Slices of poses that are whitened together, so that memory does not grow with columns times poses."""
+        return pose_slices(len(self.q))
 
     def whiten(self, system: System, v: FloatArray, root: FloatArray, poses: slice) -> Whitened:
         """Whiten the Jacobian's columns at the `poses` that `system` holds.

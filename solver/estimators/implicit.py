@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver.arrays import FloatArray
+from solver.arrays import FloatArray, pose_slices
 from solver.chain.parameters import nominal_vector, wrap_angles
 from solver.chain.poses import back_to_caller, canonical_order
 from solver.closing import Rates, ReducedEquations, close_loops, reduced_equations
@@ -263,10 +263,8 @@ class _Loops:
         deflection_variance: FloatArray,
     ) -> None:
         self._q, self._variance, self._deflection_variance = q, variance, deflection_variance
-        self._parts, first = list[tuple[ClosureModel, slice]](), 0
-        for part, poses in pose_blocks(model, q):
-            self._parts.append((part, slice(first, first + len(poses))))
-            first += len(poses)
+        models = [part for part, _ in pose_blocks(model, q)]
+        self._parts = list(zip(models, pose_slices(len(q)), strict=True))
         self._blocks: dict[int, _Block] = {}
 
     def linearised(

@@ -46,7 +46,7 @@ class LinearFit:
         self.root = np.sqrt(design.group_variances(self.v))
         self.unit = np.ones(hard + soft)
         self.unit[design.soft_index] = design.soft_sd * self.root[:soft]
-        slices = list(design.parts())
+        slices = design.parts()
         self._kept: list[Whitened] = []
         self.H = np.diag(self._prior())
         right = np.zeros(design.width)

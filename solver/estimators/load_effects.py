@@ -29,7 +29,7 @@ from itertools import combinations
 
 import numpy as np
 
-from solver.arrays import FloatArray, IntArray, select_poses
+from solver.arrays import BLOCK_POSES, FloatArray, IntArray, join_poses, pose_slices, select_poses
 from solver.chain.statics import LinkMasses, torque_rates
 from solver.closing import left_null_space
 from solver.estimators.compliance import (
@@ -66,9 +66,6 @@ SMALLEST = 1e-9
 
 LEAST_TORQUE_NM = 1e-6
 """Smallest torque of gravity that is not neglected."""
-
-CHUNK = 512
-"""Poses computed at a time."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -138,7 +135,7 @@ class Gravity:
     def of(cls, part: ArmPoses, torque: FloatArray) -> Gravity:
         """Return the twists whose mean square is 1 under torques (m, n, s)."""
         m, n, s = torque.shape
-        cuts = _cuts(m)
+        cuts = pose_slices(m)
         rms = np.sqrt(sum(np.einsum("mns,mns->n", torque[cut], torque[cut]) for cut in cuts) / m)
         scale = np.where(rms > LEAST_TORQUE_NM, rms, np.inf)[:, None]
         # E[c^2] = 1 times the second moments of the torque, minus the square of the expected value.
@@ -161,13 +158,13 @@ class Gravity:
     def effects(self, torque: FloatArray) -> JointLoads:
         """Return the effects of torques (m, n, s)."""
         blocks = []
-        for cut in _cuts(len(torque)):
+        for cut in pose_slices(len(torque)):
             block = torque[cut]
             columns = (block.transpose(1, 0, 2) @ self.turn).transpose(1, 0, 2)
             missed = np.maximum(((block * self.size) ** 2).sum(-1) - (columns**2).sum(-1), 0.0)
             missed = np.where(self.rate > 0.0, missed, 1.0)
-            blocks.append((self.rate * block[..., 0], columns, missed, _side(block)))
-        return JointLoads(*(np.concatenate(of_all) for of_all in zip(*blocks, strict=True)))
+            blocks.append(JointLoads(self.rate * block[..., 0], columns, missed, _side(block)))
+        return join_poses(blocks, *JointLoads.__slots__)
 
 
 def load_basis(
@@ -196,12 +193,12 @@ def load_basis(
     ]
     torque = np.empty((m, model.joint_count, placements[0][1].shapes))
     for poses, one in placements:
-        for cut in _cuts(len(poses)):
+        for cut in pose_slices(len(poses)):
             torque[poses[cut]] = one.torques(cut)
     gravity = Gravity.of(placements[0][1], torque)
     joints = gravity.effects(torque)
     # The largest array of all: with many poses it is not kept but computed again at each request.
-    again = torque if m <= CHUNK else None
+    again = torque if m <= BLOCK_POSES else None
     del torque
     deflection = np.zeros((m, k, deflection_columns * len(parts)))
     missed = np.zeros((m, k))
@@ -226,11 +223,6 @@ def _side(torque: FloatArray) -> FloatArray:
 
     spread = np.sqrt(2.0 * (torque[..., 1:] ** 2).sum(-1))
     return np.asarray(erf(torque[..., 0] / np.maximum(spread, LEAST_TORQUE_NM)))
-
-
-def _cuts(m: int) -> list[slice]:
-    """Slices that divide m poses into blocks."""
-    return [slice(first, min(first + CHUNK, m)) for first in range(0, m, CHUNK)]
 
 
 def _wrenches(
@@ -296,7 +288,7 @@ def _load_deflection(
     root = vectors[:, : -count - 1 : -1] / np.sqrt(values[: -count - 1 : -1])
     deflection = np.zeros((m, k, columns))
     missed = np.zeros((m, k))
-    for cut in _cuts(m):
+    for cut in pose_slices(m):
         if not few:
             held = _pulled(part, cut, _wrenches(part, cut) * sized)
             across = covariance(held, centres_held, s)

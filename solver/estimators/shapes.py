@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver.arrays import FloatArray, IntArray
+from solver.arrays import FloatArray, IntArray, pose_slices
 from solver.chain.sensors import SensorCurve
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.load_effects import LoadBasis, farthest
@@ -28,9 +28,6 @@ BY_APPROACH = 0.5
 
 CENTRES = 64
 """Number of poses, chosen far apart, from which the others are interpolated."""
-
-CHUNK = 1024
-"""Poses computed at a time."""
 
 SCALES_RAD = (np.deg2rad(60.0), np.deg2rad(120.0))
 WEIGHTS = (0.5, 0.5)
@@ -78,7 +75,7 @@ def pose_process(q: FloatArray, *, group: IntArray | None = None) -> PoseProcess
     group = np.zeros(len(q), dtype=np.int64) if group is None else group
     far = farthest(np.column_stack((angle, 10.0 * group)), CENTRES)
 
-    def kernel(one: IntArray, two: IntArray) -> FloatArray:
+    def kernel(one: IntArray | slice, two: IntArray) -> FloatArray:
         a, b = angle[one], angle[two]
         d2 = np.maximum((a**2).sum(-1)[:, None] + (b**2).sum(-1)[None, :] - 2.0 * (a @ b.T), 0.0)
         k = CONSTANT + LINEAR * (linear[one] @ linear[two].T)
@@ -94,8 +91,7 @@ def pose_process(q: FloatArray, *, group: IntArray | None = None) -> PoseProcess
         turn = np.eye(values_at_poses.shape[1])
     else:
         root = vectors[:, good] / np.sqrt(values[good])
-        parts = np.array_split(np.arange(len(q)), -(-len(q) // CHUNK))
-        values_at_poses = np.concatenate([kernel(part, far) @ root for part in parts])
+        values_at_poses = np.concatenate([kernel(cut, far) @ root for cut in pose_slices(len(q))])
         turn = np.linalg.eigh(values_at_poses.T @ values_at_poses)[1]
     diagonal = CONSTANT + sum(WEIGHTS) + LINEAR * (linear**2).sum(-1)
     return PoseProcess(values=values_at_poses, turn=turn[:, ::-1], variance=diagonal)

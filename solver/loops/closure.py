@@ -6,6 +6,7 @@ closure error and its Jacobians.
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
@@ -14,13 +15,10 @@ from typing import Self
 
 import numpy as np
 
-from solver.arrays import BoolArray, FloatArray, IntArray, select_poses
+from solver.arrays import BLOCK_POSES, BoolArray, FloatArray, IntArray, pose_slices, select_poses
 from solver.chain.kinematics import DhTable
 from solver.chain.parameters import DhEntry, Parameter, wrap_angles
 from solver.loops.endpoint_geometry import Line
-
-BLOCK_POSES = 1024
-"""Poses evaluated at a time: kinematics and Jacobian of this many fit in a core's cache."""
 
 Which = IntArray | slice
 """Indices of some parameters or poses, or ``slice(None)`` for all."""
@@ -60,6 +58,53 @@ class ReducedError:
     rotation_rows: int
     unsensed: FloatArray
     flipped: BoolArray
+
+    @property
+    def flipped_poses(self) -> tuple[int, ...]:
+        """Indices of poses on the flipped branch."""
+        return tuple(np.flatnonzero(self.flipped).tolist())
+
+    @property
+    def sigmas(self) -> ClosureSigmas:
+        """sigma_pos and sigma_ori of all poses."""
+        return closure_sigmas(self.residual, self.rotation_rows)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ResidualSigma:
+    """A standard deviation, calculated according to two interpretations of the paper's formula.
+
+    `rms` divides inside the root, sqrt(sum / (k m)), the only interpretation that gives values as large as the
+    paper's; `as_printed` divides outside the root, sqrt(sum) / (k m). k: components, m: poses.
+    """
+
+    rms: float
+    as_printed: float
+
+    @classmethod
+    def of(cls, rows: FloatArray) -> ResidualSigma:
+        """Return the standard deviation of residuals (m, k); 0 if there are none."""
+        root, count = float(np.sqrt(np.sum(rows**2))), max(rows.size, 1)
+        return cls(rms=root / math.sqrt(count), as_printed=root / count)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ClosureSigmas:
+    """Standard deviations of the closure error: position in m, orientation in rad.
+
+    `orientation_rad` is None if orientation is not part of the closure error (ball, measured positions).
+    """
+
+    position_m: ResidualSigma
+    orientation_rad: ResidualSigma | None
+
+
+def closure_sigmas(residual: FloatArray, rotation_rows: int) -> ClosureSigmas:
+    """Compute both sigmas of reduced residuals (m, r), rotation rows first (eqs. 14 and 15)."""
+    return ClosureSigmas(
+        position_m=ResidualSigma.of(residual[:, rotation_rows:]),
+        orientation_rad=ResidualSigma.of(residual[:, :rotation_rows]) if rotation_rows else None,
+    )
 
 
 class ConstrainedPart(Enum):
@@ -241,8 +286,8 @@ def pose_blocks(model: ClosureModel, q: FloatArray) -> tuple[tuple[ClosureModel,
     """Cut the poses `q` (m, n) into blocks: the model of each block's poses, and their joint angles (m_k, n)."""
     if len(q) <= BLOCK_POSES:
         return ((model, q),)
-    cuts = np.split(np.arange(len(q)), np.arange(BLOCK_POSES, len(q), BLOCK_POSES))
-    return tuple((model.at_poses(cut), q[cut]) for cut in cuts)
+    every = np.arange(len(q))
+    return tuple((model.at_poses(every[cut]), q[cut]) for cut in pose_slices(len(q)))
 
 
 def unsensed_at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> FloatArray:

@@ -243,7 +243,7 @@ def _estimated_variances(
         return None
     errors = replace(task.errors_at(readings), prior=task.prior)
     try:
-        fit = settle(model, readings, errors, x0=x).fit.fit
+        fit = settle(model, readings, errors, x0=x)[0].fit
     except SolverError:
         return None
     return {c.name: float(v) for c, v in zip(fit.design.components, fit.v, strict=True)}

@@ -15,7 +15,7 @@ import numpy as np
 
 from solver.arrays import FloatArray, IntArray
 from solver.estimators.effects import Linearisation, LinearModel, System, Whitened
-from solver.estimators.likelihood import Derivatives, likelihood_derivatives
+from solver.estimators.scoring import Derivatives, likelihood_derivatives
 
 SMALL = 64
 """Number of rows below which a matrix is not divided further."""

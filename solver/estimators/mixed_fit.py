@@ -19,9 +19,15 @@ from solver.estimators.effects import Linearisation, LinearModel, State, System
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.layout import Layout
 from solver.estimators.least_squares import Progress
-from solver.estimators.likelihood import Derivatives
 from solver.estimators.linear_fit import LinearFit
-from solver.estimators.scoring import ScoringStep, VarianceSearch, scale_spread, step, with_priors
+from solver.estimators.scoring import (
+    Derivatives,
+    ScoringStep,
+    VarianceSearch,
+    scale_spread,
+    step,
+    with_priors,
+)
 from solver.loops.closure import ClosureModel, unsensed_at_readings
 
 MIXED_ITERATIONS = 40

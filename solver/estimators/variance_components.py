@@ -28,9 +28,9 @@ from solver.estimators.estimate import Estimate, closure_at_readings, require_en
 from solver.estimators.implicit import NoiseModel, estimate_implicit
 from solver.estimators.layout import Layout
 from solver.estimators.least_squares import Progress
-from solver.estimators.likelihood import Derivatives
 from solver.estimators.linear_fit import LinearFit
 from solver.estimators.mixed_fit import FitStart, MixedFit, fit_mixed
+from solver.estimators.scoring import Derivatives
 from solver.loops.closure import ClosureModel, nearest_equivalent
 
 EQUAL = 1e-9
@@ -139,47 +139,38 @@ def estimate_with_errors(
     their nominal values. `group`: placement of each pose (m,). Raises `ValueError` if the errors name a joint whose
     reading is not used, or a parameter that is not free; `TooFewPosesError` if no degree of freedom would be left.
     """
-    settled = settle(model, q, errors, x0=x0, group=group, progress=progress)
-    fitted, back = settled.fit, back_to_caller(settled.order)
+    fitted, order = settle(model, q, errors, x0=x0, group=group, progress=progress)
+    back = back_to_caller(order)
     return Calibrated(
-        estimate=estimate_of(settled, model, q),
+        estimate=estimate_of(fitted, order),
         components=_report(fitted, back),
         linear=fitted.fit,
         found=fitted.derivatives(),
-        order=settled.order,
+        order=order,
         unsensed=fitted.unsensed[back],
     )
 
 
-def estimate_of(settled: SettledFit, model: ClosureModel, q: FloatArray) -> Estimate:
-    """Return the estimate from a fit to joint angles `q` (m, n), rad, with poses in the order of `q`."""
-    fitted = settled.fit
-    error = closure_at_readings(model.at_poses(settled.order), fitted.x, q[settled.order])
+def estimate_of(fitted: MixedFit, order: IntArray) -> Estimate:
+    """Return the estimate from a fit, in the caller's order of poses; `order` (m,): index there of each pose."""
+    design = fitted.fit.design
+    error = closure_at_readings(design.model, fitted.x, design.q)
     return Estimate(
         estimator="implicit",
-        parameters=model.parameters,
+        parameters=design.model.parameters,
         x=fitted.x,
         covariance=fitted.fit.covariance,
         residual=error.residual,
         rotation_rows=error.rotation_rows,
         sigmas=error.sigmas,
         flipped=error.flipped_poses,
-        dof=settled.dof,
+        dof=require_enough_poses(design.model, len(design.q), known=len(design.errors.tolerance)),
         chi2=fitted.fit.chi2,
         pose_chi2=_pose_chi2(fitted.fit),
         corrections=fitted.corrections,
         iterations=fitted.iterations,
         converged=fitted.converged,
-    ).at_poses(back_to_caller(settled.order))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SettledFit:
-    """Result of the iteration; `order` (m,) are the caller's indices of the poses in `fit`."""
-
-    fit: MixedFit
-    order: IntArray
-    dof: int
+    ).at_poses(back_to_caller(order))
 
 
 def settle(
@@ -192,8 +183,8 @@ def settle(
     near: FitStart | None = None,
     variances: Callable[[Layout], FloatArray] | Mapping[str, float] | None = None,
     progress: Progress | None = None,
-) -> SettledFit:
-    """Make the fit of `estimate_with_errors`, without the report.
+) -> tuple[MixedFit, IntArray]:
+    """Make the fit of `estimate_with_errors`, without the report; also return the caller's index of each of its poses.
 
     `near`, `variances` (also a mapping by name): see `fit_mixed`.
     """
@@ -204,7 +195,7 @@ def settle(
     group = None if group is None else group[order]
     if near is not None:
         near = select_poses(near, order, "corrections", "unsensed")
-    dof = require_enough_poses(model, len(q), known=len(errors.tolerance))
+    require_enough_poses(model, len(q), known=len(errors.tolerance))
     nominal = nominal_vector(model.parameters)
     if x0 is None:
         x0 = _first(model, q, errors, progress)
@@ -216,7 +207,7 @@ def settle(
     if np.abs(x - fitted.x).max() > EQUAL:
         # An equivalent parameter vector has another covariance: continue there.
         fitted = fit_mixed(model, q, fitted.fit.design.errors, x, group=group, variances=variances)
-    return SettledFit(fit=fitted, order=order, dof=dof)
+    return fitted, order
 
 
 def _near(

@@ -186,18 +186,9 @@ def newton_step(error: LoopError, sigma: FloatArray) -> tuple[FloatArray, FloatA
     return dq, unsensed_step(error, (error.jac_q @ dq[..., None])[..., 0])
 
 
-def unsensed_step(error: LoopError, displacement: FloatArray | None = None) -> FloatArray:
+def unsensed_step(error: LoopError, displacement: FloatArray) -> FloatArray:
     """Change of the unsensed angles (..., m, U) that cancels the residual plus `displacement` (..., m, k)."""
-    rest = error.residual if displacement is None else error.residual + displacement
-    return -(left_inverse(error.jac_u) @ rest[..., None])[..., 0]
-
-
-def reduced_jacobian(
-    model: ClosureModel, x: FloatArray, q: FloatArray, u: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return ``E' C`` (..., m, r, P) and ``E' J_q`` (..., m, r, n) of a model at given angles."""
-    reduced = reduced_equations(model.loop(x, q, u))
-    return reduced.A, reduced.B
+    return -(left_inverse(error.jac_u) @ (error.residual + displacement)[..., None])[..., 0]
 
 
 def left_null_space(N: FloatArray) -> FloatArray:

@@ -115,20 +115,6 @@ class ConstrainedPart(Enum):
     FRAME = "frame"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ToolConstraint:
-    """Where a fixture acts on the tool and on the table.
-
-    `ground`, `hand`: lines of the table and of the tool that a hinge makes coincide, in the frames of
-    `constrained_axis_entries`; other fixtures use the points only. `rotation`: mean (3, 3) of the tool's rotation
-    matrices over the poses, in the frame of `ground`; the mean is itself a rotation only with a rigid fixture.
-    """
-
-    ground: Line
-    hand: Line
-    rotation: FloatArray
-
-
 class ClosureModel(ABC):
     """A loop formed by an arm and a fixture.
 
@@ -262,9 +248,16 @@ class ClosureModel(ABC):
         """Part of the tool that the fixture constrains; None if it does not constrain the tool."""
         return None
 
-    def constraint_entries(self, at: ToolConstraint) -> dict[str, float]:
-        """Values of the fixture's unknowns, by name, for constraint `at`; ValueError if the tool is not constrained."""
-        raise ValueError(f"{type(self).__name__} does not constrain the tool ({at})")
+    def constraint_entries(
+        self, ground: Line, hand: Line, rotation: FloatArray
+    ) -> dict[str, float]:
+        """Values of the fixture's unknowns, by name; ValueError if the tool is not constrained.
+
+        `ground`, `hand`: lines of the table and of the tool that a hinge makes coincide, in the frames of
+        `constrained_axis_entries`; other fixtures use their points only. `rotation`: mean (3, 3) of the tool's rotation
+        matrices over the poses, in the frame of `ground`; the mean is itself a rotation only with a rigid fixture.
+        """
+        raise ValueError(f"{type(self).__name__} does not constrain the tool")
 
     def dh_table(self, x: FloatArray) -> DhTable | None:
         """D-H table of links 0..n, with the entries in `x` (P,); None if the loop does not consist of links 0..n."""

@@ -93,10 +93,6 @@ class ErrorModel:
         """Curves of the analogue sensors that have one."""
         return tuple(a.curve for a in self.analogue if a.curve is not None)
 
-    def knows(self, name: str) -> bool:
-        """Whether a parameter has a prior."""
-        return name in self.tolerance or name in self.prior
-
     def at_poses(self, poses: IntArray) -> ErrorModel:
         """Return the error model of a selection of poses."""
         return replace(

@@ -288,8 +288,7 @@ def _advance(design: LinearModel, at: Linearisation, fit: LinearFit) -> tuple[St
     u, closed_q, closed_u = old.closed_u.copy(), design.q.copy(), old.closed_u.copy()
     for part in fit.parts():
         poses, system = part.poses, at.at_poses(part.poses)
-        residual = (part.w + part.times(fit.coefficients))[..., None]
-        multipliers = np.swapaxes(part.L_inverse, -1, -2) @ residual
+        multipliers = np.swapaxes(part.L_inverse, -1, -2) @ fit.residual(part)[..., None]
         noise = part.noise * (np.swapaxes(system.noise_columns, -1, -2) @ multipliers)[..., 0]
         e[poses] -= noise[:, : e.shape[1]]
         deflection[poses] -= noise[:, e.shape[1] :]

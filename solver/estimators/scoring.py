@@ -86,15 +86,13 @@ def likelihood_derivatives(fit: LinearFit) -> Derivatives:
     for part in fit.parts():
         m, r = part.w.shape
         M = part.M.reshape(m * r, width)
-        X = M @ fit.H_inverse
-        P = np.eye(r) - X.reshape(m, r, width) @ np.swapaxes(part.M, -1, -2)
-        residual = (part.w + part.times(fit.coefficients))[..., None]
+        X, P = fit.leverage(part)
         # A component's derivative of the noise's covariance is C diag(rates) C'.
         own, noise = design.noise_rates(part.poses)
         C, rows = part.C, m * part.C.shape[-1]
         by_own = noise.reshape(rows, -1)
         Ct = np.swapaxes(C, -1, -2)
-        pulled_residual = Ct @ residual
+        pulled_residual = Ct @ fit.residual(part)[..., None]
         pulled = -M[:, hard:] @ effects
         pulled[:, own] += (C @ (noise * pulled_residual)).reshape(m * r, -1)
         inner += pulled.T @ pulled
@@ -106,7 +104,7 @@ def likelihood_derivatives(fit: LinearFit) -> Derivatives:
         squared = (Ct @ PC) * (Ct @ C) @ noise
         information[np.ix_(own, own)] += by_own.T @ squared.reshape(rows, -1)
         # The projector P times the effects' columns of each pose, along the noise columns.
-        effect_columns = (Ct @ X.reshape(m, r, width)[..., hard:]).reshape(rows, -1)
+        effect_columns = (Ct @ X[..., hard:]).reshape(rows, -1)
         across = (by_own.T @ effect_columns**2) @ rates
         information[own] += across
         information[:, own] += across.T

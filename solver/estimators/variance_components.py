@@ -153,20 +153,20 @@ def estimate_with_errors(
 
 def estimate_of(fitted: MixedFit, order: IntArray) -> Estimate:
     """Return the estimate from a fit, in the caller's order of poses; `order` (m,): index there of each pose."""
-    design = fitted.fit.design
+    fit, design = fitted.fit, fitted.fit.design
     error = closure_at_readings(design.model, fitted.x, design.q)
     return Estimate(
         estimator="implicit",
         parameters=design.model.parameters,
         x=fitted.x,
-        covariance=fitted.fit.covariance,
+        covariance=fit.covariance,
         residual=error.residual,
         rotation_rows=error.rotation_rows,
         sigmas=error.sigmas,
         flipped=error.flipped_poses,
         dof=require_enough_poses(design.model, len(design.q), known=len(design.errors.tolerance)),
-        chi2=fitted.fit.chi2,
-        pose_chi2=_pose_chi2(fitted.fit),
+        chi2=fit.chi2,
+        pose_chi2=np.concatenate([(fit.residual(part) ** 2).sum(-1) for part in fit.parts()]),
         corrections=fitted.corrections,
         iterations=fitted.iterations,
         converged=fitted.converged,
@@ -214,7 +214,8 @@ def _near(
     model: ClosureModel, errors: ErrorModel, x: FloatArray, nominal: FloatArray
 ) -> FloatArray:
     """Bring each angle that has a prior within half a turn of the prior's mean: 181 deg near 180 deg, not -179 deg."""
-    known = [p.is_angle and errors.knows(p.name) for p in model.parameters]
+    priors = {*errors.tolerance, *errors.prior}
+    known = [p.is_angle and p.name in priors for p in model.parameters]
     return np.where(known, nominal + wrap_angle(x - nominal), x)
 
 
@@ -232,13 +233,6 @@ def _first(
     exact = model.without(tuple(errors.tolerance))
     x[hard] = estimate_implicit(exact, q, noise, progress=progress).x
     return x
-
-
-def _pose_chi2(fit: LinearFit) -> FloatArray:
-    """Remaining chi2 of each pose (m,) after all effects."""
-    return np.concatenate(
-        [((part.w + part.times(fit.coefficients)) ** 2).sum(-1) for part in fit.parts()]
-    )
 
 
 def noise_left(fitted: MixedFit, back: IntArray) -> NoiseModel:

@@ -7,7 +7,6 @@ relinearises the loops where they close, unless the change is too small for nonl
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -112,46 +111,31 @@ class FitStart:
 
 
 def fit_mixed(
-    model: ClosureModel,
-    q: FloatArray,
-    errors: ErrorModel,
+    design: LinearModel,
     x0: FloatArray,
     *,
-    group: IntArray | None = None,
-    variances: Callable[[Layout], FloatArray] | None = None,
+    variances: FloatArray | None = None,
     near: FitStart | None = None,
     progress: Progress | None = None,
 ) -> MixedFit:
-    """Fit parameters, effects, joint corrections and variances to readings `q` (m, n), rad, from `x0` (P,).
+    """Fit parameters, effects, joint corrections and variances to the readings of `design`, from `x0` (P,).
 
-    `group`: placement of each pose (m,); deflections of the fixture in different placements are independent.
-    `variances`: function that returns the variances (K,) for a layout; they and `errors.signed` stay fixed. None:
-    variances and `signed` are estimated. `near`: another fit to start from; only with fixed variances.
+    `variances` (K,), if given, and `errors.signed` of the design stay fixed; otherwise both are estimated. `near`:
+    another fit to start from; only with fixed variances.
     """
-    if variances is None and len(q) > 2 * POSES_FOR_VARIANCES:
-        # Evenly over the poses in canonical order, so that the selection does not depend on their order.
-        subset = np.linspace(0, len(q) - 1, POSES_FOR_VARIANCES).astype(np.int64)
-        of_subset = _iterate(
-            LinearModel(
-                model.at_poses(subset), q[subset], errors.at_poses(subset),
-                group=None if group is None else group[subset],
-            ),
-            x0, None, progress,
-        )  # fmt: skip
-        errors = replace(errors, signed=of_subset.fit.design.errors.signed)
-        design = LinearModel(model, q, errors, group=group)
-        of_all = _iterate(
-            design, of_subset.x, of_subset.fit.v, progress, derivatives=of_subset.found
-        )
-        return replace(
-            of_all,
-            iterations=of_subset.iterations + of_all.iterations,
-            converged=of_subset.converged and of_all.converged,
-        )
-    like = None if near is None else near.layout
-    design = LinearModel(model, q, errors, group=group, like=like)
-    v = None if variances is None else variances(design)
-    return _iterate(design, x0, v, progress, near)
+    if variances is not None or len(design.q) <= 2 * POSES_FOR_VARIANCES:
+        return _iterate(design, x0, variances, progress, near)
+    # Evenly over the poses in canonical order, so that the selection does not depend on their order.
+    subset = np.linspace(0, len(design.q) - 1, POSES_FOR_VARIANCES).astype(np.int64)
+    first = _iterate(design.at_poses(subset), x0, None, progress)
+    if first.fit.design.errors.signed != design.errors.signed:
+        design = design.unsigned()
+    fitted = _iterate(design, first.x, first.fit.v, progress, derivatives=first.found)
+    return replace(
+        fitted,
+        iterations=first.iterations + fitted.iterations,
+        converged=first.converged and fitted.converged,
+    )
 
 
 def _iterate(

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import partial
 
 import numpy as np
 
@@ -23,6 +22,7 @@ from solver.estimators.component_report import (
     components,
     standard_errors,
 )
+from solver.estimators.effects import LinearModel
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.estimate import Estimate, closure_at_readings, require_enough_poses
 from solver.estimators.implicit import NoiseModel, estimate_implicit
@@ -186,10 +186,8 @@ def settle(
 ) -> tuple[MixedFit, IntArray]:
     """Make the fit of `estimate_with_errors`, without the report; also return the caller's index of each of its poses.
 
-    `near`, `variances` (also a mapping by name): see `fit_mixed`.
+    `near`: see `fit_mixed`. `variances`: fixed variances by name, or a function of the layout that returns them (K,).
     """
-    if isinstance(variances, Mapping):
-        variances = partial(Layout.variances_by_name, named=variances)
     order = canonical_order(q)
     model, q, errors = model.at_poses(order), q[order], errors.at_poses(order)
     group = None if group is None else group[order]
@@ -200,13 +198,17 @@ def settle(
     if x0 is None:
         x0 = _first(model, q, errors, progress)
     x0 = _near(model, errors, x0, nominal)
-    fitted = fit_mixed(
-        model, q, errors, x0, group=group, near=near, variances=variances, progress=progress
-    )
+    like = None if near is None else near.layout
+    design = LinearModel(model, q, errors, group=group, like=like)
+    if isinstance(variances, Mapping):
+        v: FloatArray | None = design.variances_by_name(variances)
+    else:
+        v = None if variances is None else variances(design)
+    fitted = fit_mixed(design, x0, near=near, variances=v, progress=progress)
     x = _near(model, errors, nearest_equivalent(model, fitted.x, nominal), nominal)
     if np.abs(x - fitted.x).max() > EQUAL:
         # An equivalent parameter vector has another covariance: continue there.
-        fitted = fit_mixed(model, q, fitted.fit.design.errors, x, group=group, variances=variances)
+        fitted = fit_mixed(fitted.fit.design, x, variances=v)
     return fitted, order
 
 

@@ -135,18 +135,11 @@ class LinearModel(Layout):
 
     def _sources_at(self, poses: slice) -> NoiseSources:
         n, errors = self.model.joint_count, self.errors
-        listed: list[tuple[str, int, bool]] = []
+        listed: list[tuple[str, int]] = []
         rates: list[FloatArray] = []
 
-        def add(
-            source: str,
-            columns: slice,
-            rate: FloatArray | float,
-            component: str = "",
-            *,
-            missed: bool = False,
-        ) -> None:
-            listed.append((source, self.index.get(component, -1), missed))
+        def add(source: str, columns: slice, rate: FloatArray | float, name: str = "") -> None:
+            listed.append((source, self.index.get(name, -1)))
             rates.append(np.zeros((len(self.q[poses]), n + self.rows)))
             rates[-1][:, columns] = rate
 
@@ -157,27 +150,26 @@ class LinearModel(Layout):
             add(f"rvdt_noise_{a.joint}", own, a.share[poses, None], f"rvdt_{a.joint}")
         add("counts", joints, errors.joint_variance[poses] * read)
         if len(self.play.joints):
-            add("joint_play", joints, self.play.missed[poses], "play_sides", missed=True)
+            add("joint_play", joints, self.play.missed[poses], "play_sides")
             add("joint_play", joints, self.backlash**2, "joint_play")
         if len(self.sags.joints):
-            add("sag", joints, self.sags.missed[poses], "sag", missed=True)
+            add("sag", joints, self.sags.missed[poses], "sag")
         if errors.endpoint_variance.any():
             add("instrument", closure, errors.endpoint_variance[6 - self.rows :])
         for rows, stated in self.deflecting_rows:
             rate = self.deflection_basis.missed[poses, None] * self.free_deflection * stated**2
             along_rows = slice(n + rows.start, n + rows.stop)
-            add("fixture_give", along_rows, rate, "smooth_give", missed=True)
+            add("fixture_give", along_rows, rate, "smooth_give")
         if self.loaded is not None:
-            add("fixture_give", closure, self.loaded.missed(poses), "compliance", missed=True)
+            add("fixture_give", closure, self.loaded.missed(poses), "compliance")
         for name, rows in zip(FIXTURE_NOISE, (slice(n, n + 3), slice(-3, None)), strict=True):
             if name in self.index:
                 add("fixture_give", rows, 1.0, name)
-        names, component, missed = zip(*listed, strict=True)
+        names, component = zip(*listed, strict=True)
+        # A component that scales columns has only that noise which its columns do not represent.
+        missed = np.append(self.variance_rates.any(axis=0), False)[list(component)]
         return NoiseSources(
-            names=names,
-            component=np.array(component),
-            missed=np.array(missed),
-            rates=np.stack(rates),
+            names=names, component=np.array(component), missed=missed, rates=np.stack(rates)
         )
 
     def noise_variance(self, v: FloatArray) -> FloatArray:

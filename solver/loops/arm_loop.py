@@ -56,12 +56,8 @@ class ArmLoop(ClosureModel):
             raise ValueError("a free entry names a link the table does not have")
         if len(set(zip(kinds, rows, strict=True))) != len(self.entries):
             raise ValueError("a free entry is listed twice")
-        if any(not 1 <= j <= self.joint_count for j in self.unsensed_joints):
-            raise ValueError("an unsensed joint is not a joint of the arm")
         if any(e.kind is DhKind.THETA_OFF and e.row in self.unsensed_joints for e in self.entries):
             raise ValueError(f"joints {self.unsensed_joints} are unsensed: they have no offset")
-        if not set(self.own) <= set(self.OWN) or len(set(self.own)) != len(self.own):
-            raise ValueError(f"this endpoint has the unknowns {self.OWN}, each once")
         stacked = self.table.stacked()
         object.__setattr__(self, "_stacked", stacked)
         object.__setattr__(self, "_indices", (kinds, rows))

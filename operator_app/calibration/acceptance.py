@@ -244,7 +244,7 @@ def paper_test(paper: Estimate, implicit: Estimate) -> tuple[HypothesisTest, tup
         Finding(
             kind=FindingKind.PAPER_OFF,
             names=(p.name,),
-            size=abs(float(paper.x[worst]) - implicit.values_by_name[p.name]),
+            size=abs(float(paper.x[worst]) - implicit.value(p.name)),
             unit=p.unit,
             figures={"sigmas": float(z[worst])},
             blocking=True,

@@ -112,6 +112,10 @@ class Estimate:
             flipped=tuple(np.flatnonzero(np.isin(poses, self.flipped)).tolist()),
         )
 
+    def value(self, name: str) -> float:
+        """Value of one parameter, rad or m."""
+        return float(self.x[[p.name for p in self.parameters].index(name)])
+
 
 def require_enough_poses(model: ClosureModel, poses: int, *, known: int = 0) -> int:
     """Return the degrees of freedom that `poses` poses leave; TooFewPosesError if none is left.

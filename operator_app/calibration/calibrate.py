@@ -354,7 +354,7 @@ def decide(diagnosed: Diagnosed) -> Solution:
         hand=tip_sigma(model, estimate, q),
         implicit=fitted.implicit,
         length_tolerance_m=task.length_tolerance_m,
-        scales=() if task.by_paper else learned_scales(calibrated.linear, calibrated.found),
+        scales=() if task.by_paper else learned_scales(calibrated.linear, calibrated.derivatives),
         shares=diagnosed.shares,
         distances=distances(
             model,

@@ -19,7 +19,6 @@ from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import DhEntry, nominal_vector
 from solver.chain.poses import PoseSet
-from solver.chain.sensors import NoSensor
 from solver.design.motion import Ranges
 from solver.design.plan import PlanningTask
 from solver.estimators.error_model import ErrorModel
@@ -92,7 +91,7 @@ def planning_task(
     for j, joint in enumerate(arm.joints):
         if j + 1 in unsensed_joints:
             variance[j] = UNSENSED_SIGMA_RAD**2
-        elif not isinstance(joint.sensor, NoSensor):
+        else:
             variance[j] += joint.sensor.variance_of_mean_rad2(samples)
     return PlanningTask(
         model=model,

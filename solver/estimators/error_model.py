@@ -14,7 +14,7 @@ import numpy as np
 from solver.arrays import FloatArray, IntArray, select_poses
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import Parameter
-from solver.chain.sensors import DITHER, NoSensor, Rvdt, SensorCurve, curves_of
+from solver.chain.sensors import DITHER, Rvdt, SensorCurve, curves_of
 from solver.estimators.load_effects import LoadBasis
 
 SD_OF_PEAK = 0.5
@@ -151,13 +151,9 @@ def stated_errors(
 
 def variance_of_means(arm: ArmModel, samples: IntArray) -> FloatArray:
     """Variance (m, n), rad^2, of means of `samples` (m,) readings, from the sensors' specifications."""
-    variance = np.zeros((len(samples), arm.joint_count))
     counts, which = np.unique(samples, return_inverse=True)
-    for j, joint in enumerate(arm.joints):
-        if not isinstance(joint.sensor, NoSensor):
-            each = [joint.sensor.variance_of_mean_rad2(int(k)) for k in counts]
-            variance[:, j] = np.array(each)[which]
-    return variance
+    by_count = [[j.sensor.variance_of_mean_rad2(int(k)) for j in arm.joints] for k in counts]
+    return np.array(by_count).reshape(-1, arm.joint_count)[which]
 
 
 def _spread(sd_rad: FloatArray, samples: IntArray) -> tuple[float, int]:

@@ -21,7 +21,7 @@ from solver.estimators.shapes import (
     UNMODELLED_SHARE,
     PoseBasis,
     Shapes,
-    loaded_give,
+    deflection_under_load,
     pose_process,
     shapes_of_sag,
     sides_of_play,
@@ -187,7 +187,9 @@ class Layout:
             for rows, stated in blocks[: self.rows // 3]
             if stated > 0.0 or errors.discrepancy
         ]
-        self.loaded = loaded_give(errors, np.repeat((turn_rad, shift_m), (self.rows - 3, 3)))
+        self.loaded = deflection_under_load(
+            errors, np.repeat((turn_rad, shift_m), (self.rows - 3, 3))
+        )
         self.components: list[VarianceComponent] = []
         self.groups: list[Group] = []
         self._set_smooth_functions(like)
@@ -370,7 +372,7 @@ class Layout:
                 Group(source="fixture_give", names=tuple(names), rates=rates, fixed=1e-18)
             )
         if self.loaded is not None:
-            names = [f"load{i}" for i in range(self.loaded.width)]
+            names = [f"load{i}" for i in range(self.loaded.loads.all_deflections.shape[-1])]
             self._group("fixture_give", names, VarianceComponent(name="compliance"))
 
     @property

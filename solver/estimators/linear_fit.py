@@ -47,7 +47,7 @@ class LinearFit:
         self.unit = np.ones(hard + soft)
         self.unit[design.soft_index] = design.soft_sd * self.root[:soft]
         slices = design.parts()
-        self._kept: list[Whitened] = []
+        self._whitened: list[Whitened] = []
         self.H = np.diag(self._prior())
         right = np.zeros(design.width)
         square, logdet = 0.0, 0.0
@@ -59,7 +59,7 @@ class LinearFit:
             square += float((part.w**2).sum())
             logdet -= float(np.log(np.diagonal(part.L_inverse, axis1=-2, axis2=-1)).sum())
             if len(slices) == 1:
-                self._kept.append(part)
+                self._whitened.append(part)
         w, rows = self._distances()
         if len(w):
             self.H += rows.T @ rows
@@ -116,7 +116,7 @@ class LinearFit:
 
     def parts(self) -> Iterator[Whitened]:
         """Yield whitened poses, with effects scaled to unit variance; they are computed again if not kept."""
-        yield from self._kept or (self._whiten(poses) for poses in self.design.parts())
+        yield from self._whitened or (self._whiten(poses) for poses in self.design.parts())
 
     def residual(self, part: Whitened) -> FloatArray:
         """Whitened residuals (m, r) of some poses."""

@@ -197,17 +197,17 @@ def load_basis(
             torque[poses[cut]] = one.torques(cut)
     gravity = Gravity.of(placements[0][1], torque)
     joints = gravity.effects(torque)
-    # The largest array of all: with many poses it is not kept but computed again at each request.
-    again = torque if m <= BLOCK_POSES else None
+    # The largest array of all: with many poses it is computed once more at each request.
+    of_few = torque if m <= BLOCK_POSES else None
     del torque
     deflection = np.zeros((m, k, deflection_columns * len(parts)))
     missed = np.zeros((m, k))
-    for number, (poses, one) in enumerate(placements):
-        if max(stated_deflection) > 0.0:
-            ours = slice(number * deflection_columns, (number + 1) * deflection_columns)
-            deflection[poses, :, ours], missed[poses] = _load_deflection(
-                one, stated_deflection, deflection_columns, None if again is None else again[poses]
-            )
+    for number, (poses, one) in enumerate(placements if max(stated_deflection) > 0.0 else ()):
+        torque_there = None if of_few is None else of_few[poses]
+        ours = slice(number * deflection_columns, (number + 1) * deflection_columns)
+        deflection[poses, :, ours], missed[poses] = _load_deflection(
+            one, stated_deflection, deflection_columns, torque_there
+        )
     return LoadBasis(
         joints=joints,
         all_deflections=deflection,
@@ -246,8 +246,8 @@ def _wrenches(
     sets = driven_sets(model.joint_count, J.shape[-2] - own)
     free = np.array([[j for j in range(model.joint_count) if j not in driven] for driven in sets])
     # (m, sets, k, 4 n): the free joints of every set.
-    held = wrench_of(np.moveaxis(J[..., free], -2, -3), E[:, None], moments[:, free])
-    return np.moveaxis(held, 1, -1)
+    wrenches = wrench_of(np.moveaxis(J[..., free], -2, -3), E[:, None], moments[:, free])
+    return np.moveaxis(wrenches, 1, -1)
 
 
 def _load_deflection(
@@ -261,7 +261,7 @@ def _load_deflection(
     centres = farthest(part.q, CENTRES)
     # All poses at once if they are few; else the centres first, then all poses, some at a time.
     few = torque is not None
-    first, among = (np.arange(m), centres) if few else (centres, np.arange(len(centres)))
+    first, of_centres = (np.arange(m), centres) if few else (centres, np.arange(len(centres)))
     W = _wrenches(part, first, torque)
     if not W.any():
         # With exact masses the gravity compensation has no error that could deflect the fixture.
@@ -269,18 +269,18 @@ def _load_deflection(
     # Every set of driven joints has the same weight, in moments and in forces.
     unit = np.ones((k, W.shape[-1]))
     for rows in blocks(k):
-        size = np.sqrt((W[among, rows] ** 2).sum((1, 2)).mean(0))
+        size = np.sqrt((W[of_centres, rows] ** 2).sum((1, 2)).mean(0))
         unit[rows] = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
     unit /= np.sqrt(W.shape[-1])
     s = compliance_sizes(stated_deflection, rotations=k - 3)
     size = np.array([stated_deflection[0]] * (k - 3) + [stated_deflection[1]] * 3)
     scale = np.divide(1.0, size, out=np.zeros(k), where=size > 0.0)
     sized = unit[:, None] * s[:, None, None]
-    held = _pulled(part, first, W * sized)
-    centres_held = held.at_poses(among)
-    across = covariance(held, centres_held, s)
+    loads = _pulled(part, first, W * sized)
+    centre_loads = loads.at_poses(of_centres)
+    across = covariance(loads, centre_loads, s)
     values, vectors = np.linalg.eigh(
-        across.reshape(len(first), k, -1)[among].reshape(-1, across.shape[-1])
+        across.reshape(len(first), k, -1)[of_centres].reshape(-1, across.shape[-1])
     )
     good = values > SMALLEST * values[-1]
     # Keep the largest, whose eigenvectors come last.
@@ -290,10 +290,10 @@ def _load_deflection(
     missed = np.zeros((m, k))
     for cut in pose_slices(m):
         if not few:
-            held = _pulled(part, cut, _wrenches(part, cut) * sized)
-            across = covariance(held, centres_held, s)
+            loads = _pulled(part, cut, _wrenches(part, cut) * sized)
+            across = covariance(loads, centre_loads, s)
         deflection[cut, :, :count] = (across @ root).reshape(-1, k, count) * scale[:, None]
-        total = variance(held, s) * scale**2
+        total = variance(loads, s) * scale**2
         missed[cut] = np.maximum(total - (deflection[cut] ** 2).sum(-1), 0.0)
     return deflection, missed
 
@@ -307,8 +307,8 @@ def _pulled(part: ArmPoses, poses: IntArray | slice, W: FloatArray) -> FixtureLo
         T = np.zeros((*W.shape[:2], W.shape[1]))
         for rows in blocks(W.shape[1]):
             T[:, rows, rows] = turn
-        still = bool((turn == np.eye(3)).all())
-        halves.append((size, None if still else T))
+        fixed = bool((turn == np.eye(3)).all())
+        halves.append((size, None if fixed else T))
     return FixtureLoads(pull=W.reshape(*W.shape[:2], -1), halves=tuple(halves))
 
 
@@ -321,8 +321,8 @@ def wrench_of(
     freedom. `friction_m`: friction torque of a free joint per force at the fixture, N m/N.
     """
     K = np.swapaxes(E, -1, -2) @ J
-    held = K @ np.swapaxes(K, -1, -2) + friction_m**2 * np.eye(K.shape[-2])
-    return np.asarray(-(E @ np.linalg.solve(held, K)) @ torque)
+    square = K @ np.swapaxes(K, -1, -2) + friction_m**2 * np.eye(K.shape[-2])
+    return np.asarray(-(E @ np.linalg.solve(square, K)) @ torque)
 
 
 def driven_sets(joints: int, equations: int) -> list[tuple[int, ...]]:

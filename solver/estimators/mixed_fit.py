@@ -79,8 +79,8 @@ class MixedFit:
     """Result of the iteration, with the poses in the order given; `fit`: the linear fit at the solution.
 
     `x`: parameters (P,). `corrections`, `unsensed`: joint corrections e (m, n) and unsensed angles (m, U), rad.
-    `shift`: part of the corrections that the effects predict (m, n), rad. `found`: derivatives of the likelihood at the
-    solution, from the poses that determined the variances; None if the variances were given.
+    `shift`: part of the corrections that the effects predict (m, n), rad. `final_derivatives`: derivatives of the
+    likelihood at the solution, from the poses that determined the variances; None if the variances were given.
     """
 
     x: FloatArray
@@ -88,13 +88,13 @@ class MixedFit:
     unsensed: FloatArray
     shift: FloatArray
     fit: LinearFit
-    found: Derivatives | None
+    final_derivatives: Derivatives | None
     iterations: int
     converged: bool
 
     def derivatives(self) -> Derivatives:
         """Derivatives, at the solution, of the likelihood with respect to the variances."""
-        return with_priors(self.fit) if self.found is None else self.found
+        return with_priors(self.fit) if self.final_derivatives is None else self.final_derivatives
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -130,7 +130,7 @@ def fit_mixed(
     first = _iterate(design.at_poses(subset), x0, None, progress)
     if first.fit.design.errors.signed != design.errors.signed:
         design = design.unsigned()
-    fitted = _iterate(design, first.x, first.fit.v, progress, derivatives=first.found)
+    fitted = _iterate(design, first.x, first.fit.v, progress, derivatives=first.final_derivatives)
     return replace(
         fitted,
         iterations=first.iterations + fitted.iterations,
@@ -207,7 +207,7 @@ def _iterate(
             state, _, _ = _advance(design, linearisation, fit)
     shift, _ = design.effects_at(fit.b, design.q + state.e)
     return MixedFit(
-        x=state.x, corrections=state.e, unsensed=state.u, shift=shift, fit=fit, found=derivatives,
+        x=state.x, corrections=state.e, unsensed=state.u, shift=shift, fit=fit, final_derivatives=derivatives,
         iterations=iterations, converged=converged,
     )  # fmt: skip
 

@@ -251,7 +251,7 @@ class VarianceSearch:
         self.fast = fast
         self._from: tuple[FloatArray, float, ScoringStep] | None = None
         self._share = 1.0
-        self._wanted: float | None = None
+        self._last_size: float | None = None
 
     def next_variances(
         self, fit: LinearFit, derivatives: Derivatives, newton_step: ScoringStep, *, far: bool
@@ -260,9 +260,9 @@ class VarianceSearch:
 
         `far`: whether the next linearisation will be so different that slopes cannot be compared.
         """
-        if self._wanted is not None:
-            self.fast = newton_step.largest < FAST_SHARE * self._wanted
-        self._wanted = newton_step.largest
+        if self._last_size is not None:
+            self.fast = newton_step.largest < FAST_SHARE * self._last_size
+        self._last_size = newton_step.largest
         if self._from is not None:
             start, likelihood, last = self._from
             slope = float(derivatives.score @ last.change)

@@ -243,11 +243,6 @@ class LoadedDeflection:
     loads: LoadBasis
     sizes: FloatArray
 
-    @property
-    def width(self) -> int:
-        """Number c of shapes."""
-        return int(self.loads.all_deflections.shape[-1])
-
     def columns(self, poses: slice) -> FloatArray:
         """Shapes (m, k, c) along the closure components."""
         scale = np.sqrt(1.0 - UNMODELLED_SHARE) * self.sizes
@@ -260,7 +255,7 @@ class LoadedDeflection:
         )
 
 
-def loaded_give(errors: ErrorModel, sizes: FloatArray) -> LoadedDeflection | None:
+def deflection_under_load(errors: ErrorModel, sizes: FloatArray) -> LoadedDeflection | None:
     """Return the deflection under load; None if loads are unknown or zero, or `sizes` (k,) are all zero."""
     if errors.loads is None or not sizes.any() or not errors.loads.all_deflections.any():
         return None

@@ -92,14 +92,14 @@ class Calibrated:
     """An estimate, its variance components, and the linear fit that further tests use.
 
     `linear`, `order`: the fit, with its poses in canonical order, and the caller's index (m,) of each of these poses.
-    `found`: derivatives, at the solution, of the likelihood with respect to the variances. `unsensed`: unsensed angles
+    `derivatives`: those of the likelihood with respect to the variances, at the solution. `unsensed`: unsensed angles
     (m, U), rad, in the caller's order.
     """
 
     estimate: Estimate
     components: VarianceComponents
     linear: LinearFit
-    found: Derivatives
+    derivatives: Derivatives
     order: IntArray
     unsensed: FloatArray
 
@@ -145,7 +145,7 @@ def estimate_with_errors(
         estimate=estimate_of(fitted, order),
         components=_report(fitted, back),
         linear=fitted.fit,
-        found=fitted.derivatives(),
+        derivatives=fitted.derivatives(),
         order=order,
         unsensed=fitted.unsensed[back],
     )

@@ -84,10 +84,3 @@ class PointClosure(ArmLoop):
     def fixture_axis(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Centre of the socket, m, and a zero axis."""
         return self.own_values(x)[0, 3:], np.zeros(3)
-
-    def tip_position(self, x: FloatArray, q: FloatArray) -> FloatArray:
-        """Centre of the ball in the base frame for every pose (..., m, 3), m.
-
-        Raises `ValueError` if arm joints are unsensed: then the readings do not determine the position.
-        """
-        return np.asarray(self.reduced(x, q).residual + self.own_values(x)[..., 3:])

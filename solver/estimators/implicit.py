@@ -197,14 +197,12 @@ def estimate_implicit(
         fixture_variance=noise.fixture_variance,
     )
     nominal = nominal_vector(model.parameters)
-    sensed = model.with_all_joints_sensed()
-    names = [p.name for p in sensed.parameters]
-    columns = [names.index(p.name) for p in model.parameters]
     if x0 is None:
         require_enough_poses(model, len(q))
-        x0 = nominal
-        if len(q) * sensed.equations_per_pose > len(names):
-            x0 = estimate_paper(sensed, q, progress=progress).x[columns]
+        x0, sensed = nominal, model.with_all_joints_sensed()
+        if len(q) * sensed.equations_per_pose > len(sensed.parameters):
+            by_name = estimate_paper(sensed, q, progress=progress).values_by_name
+            x0 = np.array([by_name[p.name] for p in model.parameters])
     fit = fit_implicit(model, q, noise, x0, progress=progress)
     x = nearest_equivalent(model, fit.x, nominal)
     if np.abs(wrap_angles(model.parameters, x - fit.x)).max(initial=0.0) > SAME_DESCRIPTION:

@@ -66,15 +66,13 @@ class ArmLoop(ClosureModel):
         object.__setattr__(self, "_moved", entries)
         object.__setattr__(self, "_unknown", Entries.of(kinds, rows))
         nominal = dict(zip(self.OWN, self._own_nominal().tolist(), strict=True))
-        positions = [
-            Parameter(name=e.name, is_angle=e.kind.is_angle, nominal=float(value))
+        unknowns = [
+            (e.name, e.kind.is_angle, float(value))
             for e, value in zip(self.entries, stacked[kinds, rows], strict=True)
         ]
-        positions += [
-            Parameter(name=name, is_angle=name in self.OWN_ANGLES, nominal=nominal[name])
-            for name in self.own
-        ]
-        object.__setattr__(self, "parameters", tuple(positions))
+        unknowns += [(name, name in self.OWN_ANGLES, nominal[name]) for name in self.own]
+        parameters = (Parameter(name=n, is_angle=a, nominal=v) for n, a, v in unknowns)
+        object.__setattr__(self, "parameters", tuple(parameters))
 
     def _own_nominal(self) -> FloatArray:
         """Nominal values (O,) of all unknowns listed in `OWN`."""

@@ -212,15 +212,11 @@ class Placements(ClosureModel):
 
     def without(self, names: Collection[str]) -> Placements:
         """Return the same loops with the named unknowns fixed at their nominal values."""
-        return replace(
-            self,
-            models=tuple(
-                model.without(
-                    {p.name for p in model.parameters if self._name(p.name, number) in names}
-                )
-                for number, model in zip(self.numbers, self.models, strict=True)
-            ),
-        )
+        models = [
+            model.without({p.name for p in model.parameters if self._name(p.name, number) in names})
+            for number, model in zip(self.numbers, self.models, strict=True)
+        ]
+        return replace(self, models=tuple(models))
 
     def freed(self, entries: Sequence[DhEntry]) -> Placements:
         """Return the same loops in which these entries of the arm's table are unknown, too."""

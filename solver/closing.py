@@ -21,7 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver.arrays import BLOCK_POSES, BoolArray, FloatArray, join_poses, pose_slices
+from solver.arrays import BLOCK_POSES, BoolArray, FloatArray, join_poses, pose_slices, select_poses
 from solver.loops.closure import ClosureModel, LoopError, pose_blocks
 
 SINGULAR = 1e-7
@@ -147,7 +147,8 @@ def close_loops(
         if iteration == max_iterations or not open_still.any():
             break
         if not open_still.all():
-            going, error = going[open_still], error.of_poses(open_still)
+            going = going[open_still]
+            error = select_poses(error, open_still, *LoopError.__slots__)
             part_model = model.at_poses(going)
         dq, du = newton_step(error, sigma)
         longest = np.concatenate((np.abs(dq), np.abs(du)), axis=-1).max(-1, keepdims=True)

@@ -101,10 +101,6 @@ class ErrorModel:
             loads=None if self.loads is None else self.loads.at_poses(poses),
         )
 
-    def without_joints(self, joints: tuple[int, ...]) -> ErrorModel:
-        """Return the error model without the readings of some joints (1-based)."""
-        return replace(self, analogue=tuple(a for a in self.analogue if a.joint not in joints))
-
 
 def stated_errors(
     arm: ArmModel,

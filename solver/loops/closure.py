@@ -15,7 +15,7 @@ from typing import Self
 
 import numpy as np
 
-from solver.arrays import BLOCK_POSES, BoolArray, FloatArray, IntArray, pose_slices, select_poses
+from solver.arrays import BLOCK_POSES, BoolArray, FloatArray, IntArray, pose_slices
 from solver.chain.kinematics import DhTable
 from solver.chain.parameters import DhEntry, Parameter, wrap_angles
 from solver.loops.endpoint_geometry import Line
@@ -37,10 +37,6 @@ class LoopError:
     jac_x: FloatArray
     jac_q: FloatArray
     jac_u: FloatArray
-
-    def of_poses(self, poses: IntArray | BoolArray) -> LoopError:
-        """Return the error of a selection of poses."""
-        return select_poses(self, poses, "residual", "jac_x", "jac_q", "jac_u")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

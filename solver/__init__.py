@@ -13,7 +13,7 @@ Functions for the equations of the paper (Giugovaz and Hollerbach); phi is ``x``
     eqs. 8, 9, 10  closure of a loop, frame -1     solver.loops.dh.DhLoop.loop
     eqs. 11, 12    theta_0 of the hinge            solver.loops.dh.DhLoop.initial_unsensed
     eq. 13         (dx, dy, dp), hinge eliminated  solver.loops.dh.DhLoop.reduced
-    eqs. 14, 15    sigma_pos, sigma_ori            solver.estimators.estimate.closure_sigmas
+    eqs. 14, 15    sigma_pos, sigma_ori            solver.loops.closure.closure_sigmas
     (section 3)    scaled condition number [13]    solver.diagnostics.identifiability.identifiability_of_jacobian
     Tables 1, 2    phi in the D-H table            solver.loops.arm_loop.ArmLoop.tables
 

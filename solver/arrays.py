@@ -1,8 +1,8 @@
-"""Array types of the solver, read-only copies of arrays, and selections of poses from records of arrays."""
+"""Array types of the solver, read-only copies of arrays, and records of arrays with one row per pose."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, TypeVar
 
@@ -19,6 +19,9 @@ FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
+
+BLOCK_POSES = 1024
+"""Poses computed at a time: kinematics and Jacobian of this many fit in a core's cache."""
 
 
 def frozen(values: Sequence[float] | FloatArray) -> FloatArray:
@@ -39,3 +42,15 @@ def select_poses(record: Record, poses: IntArray | BoolArray | slice, *fields: s
             values = values[poses]
         selected[name] = values
     return replace(record, **selected)
+
+
+def join_poses(records: Iterable[Record], *fields: str) -> Record:
+    """Return the first record with the arrays `fields` (m, ...) of all `records`, one after the other."""
+    parts = list(records)
+    joined = {name: np.concatenate([getattr(p, name) for p in parts]) for name in fields}
+    return replace(parts[0], **joined)
+
+
+def pose_slices(m: int) -> list[slice]:
+    """Cut m poses into slices of at most `BLOCK_POSES`."""
+    return [slice(k, min(k + BLOCK_POSES, m)) for k in range(0, m, BLOCK_POSES)]

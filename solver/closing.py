@@ -21,8 +21,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver.arrays import BoolArray, FloatArray
-from solver.loops.closure import BLOCK_POSES, ClosureModel, LoopError
+from solver.arrays import BLOCK_POSES, BoolArray, FloatArray, join_poses, pose_slices, select_poses
+from solver.loops.closure import ClosureModel, LoopError, pose_blocks
 
 SINGULAR = 1e-7
 """Singular values below this share of the largest belong to directions that no free joint moves."""
@@ -125,19 +125,15 @@ def close_loops(
     """
     if len(q) > BLOCK_POSES:
         # Poses are closed in blocks, so that the Jacobians of all are never in memory at once.
-        parts = [
+        parts = (
             close_loops(
-                model.at_poses(block), x, q[block],
-                sigma_rad=sigma_rad, u=None if u is None else u[block],
+                part, x, part_q,
+                sigma_rad=sigma_rad, u=None if u is None else u[poses],
                 max_iterations=max_iterations, tolerance=tolerance,
             )
-            for block in np.split(np.arange(len(q)), range(BLOCK_POSES, len(q), BLOCK_POSES))
-        ]  # fmt: skip
-        return ClosedPoses(
-            q=np.concatenate([f.q for f in parts]),
-            u=np.concatenate([f.u for f in parts]),
-            closed=np.concatenate([f.closed for f in parts]),
-        )
+            for (part, part_q), poses in zip(pose_blocks(model, q), pose_slices(len(q)), strict=True)
+        )  # fmt: skip
+        return join_poses(parts, "q", "u", "closed")
     q = np.array(q, dtype=np.float64)
     u = np.array(model.initial_unsensed(x, q) if u is None else u, dtype=np.float64)
     sigma = np.ones(q.shape[-1]) if sigma_rad is None else np.asarray(sigma_rad)
@@ -151,7 +147,8 @@ def close_loops(
         if iteration == max_iterations or not open_still.any():
             break
         if not open_still.all():
-            going, error = going[open_still], error.of_poses(open_still)
+            going = going[open_still]
+            error = select_poses(error, open_still, *LoopError.__slots__)
             part_model = model.at_poses(going)
         dq, du = newton_step(error, sigma)
         longest = np.concatenate((np.abs(dq), np.abs(du)), axis=-1).max(-1, keepdims=True)
@@ -190,18 +187,9 @@ def newton_step(error: LoopError, sigma: FloatArray) -> tuple[FloatArray, FloatA
     return dq, unsensed_step(error, (error.jac_q @ dq[..., None])[..., 0])
 
 
-def unsensed_step(error: LoopError, displacement: FloatArray | None = None) -> FloatArray:
+def unsensed_step(error: LoopError, displacement: FloatArray) -> FloatArray:
     """Change of the unsensed angles (..., m, U) that cancels the residual plus `displacement` (..., m, k)."""
-    rest = error.residual if displacement is None else error.residual + displacement
-    return -(left_inverse(error.jac_u) @ rest[..., None])[..., 0]
-
-
-def reduced_jacobian(
-    model: ClosureModel, x: FloatArray, q: FloatArray, u: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return ``E' C`` (..., m, r, P) and ``E' J_q`` (..., m, r, n) of a model at given angles."""
-    reduced = reduced_equations(model.loop(x, q, u))
-    return reduced.A, reduced.B
+    return -(left_inverse(error.jac_u) @ (error.residual + displacement)[..., None])[..., 0]
 
 
 def left_null_space(N: FloatArray) -> FloatArray:

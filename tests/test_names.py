@@ -34,7 +34,7 @@ REPEATED_MODULES = {
 }
 
 REPEATED_CONSTANTS = {
-    "CHUNK", "CENTRES", "DEFLECTION_COLUMNS", "SAG_COLUMNS",  # sizes of the solver's own bases, each by one module
+    "CENTRES", "DEFLECTION_COLUMNS", "SAG_COLUMNS",  # sizes of the solver's own bases, each by one module
     "FREE", "NEAR_RAD", "SEEN", "TIMES", "TINY",  # limits of its iterations
     "MAX_ITERATIONS", "RANK_TOLERANCE", "STEP_TOLERANCE",  # likewise
 }  # fmt: skip

@@ -9,7 +9,7 @@ import numpy as np
 from hardware.virtual.loop_point import BallPoint, ChainPoint, LoopPoint
 from solver.arrays import FloatArray, frozen
 from solver.chain.kinematics import DhTable
-from solver.chain.parameters import DhEntry, DhKind, entries, nominal_vector, wrap_angle
+from solver.chain.parameters import DhEntry, DhKind, nominal_vector, wrap_angle
 from solver.closing import close_loops
 from solver.loops.dh import DhLoop
 from solver.loops.open_arm import MeasuredClosure
@@ -154,7 +154,8 @@ MAX_GRADIENT = 4.0
 
 def draw_wild_loop(rng: np.random.Generator) -> Truth:
     """Draw a true loop that closes exactly at `PAPER_HOME_RAD`."""
-    loop = DhLoop(table=paper_loop().table, entries=entries(PLACEMENT_ENTRIES), hinge=True)
+    entries = tuple(DhEntry.parse(name) for name in PLACEMENT_ENTRIES)
+    loop = DhLoop(table=paper_loop().table, entries=entries, hinge=True)
     nominal = nominal_vector(loop.parameters)
     reach = np.where([p.is_angle for p in loop.parameters], WILD_HINGE_RAD, WILD_HINGE_M)
     twists = [PLACEMENT_ENTRIES.index("alpha_0"), PLACEMENT_ENTRIES.index("alpha_7")]

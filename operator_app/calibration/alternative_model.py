@@ -35,8 +35,8 @@ from solver.diagnostics import limits
 from solver.diagnostics.change_points import Suspect, steps
 from solver.diagnostics.whitened_residuals import WhitenedResiduals
 from solver.errors import SolverError
+from solver.estimators.effects import LinearModel
 from solver.estimators.implicit import ImplicitFit, fit_implicit
-from solver.estimators.layout import Layout
 from solver.estimators.least_squares import solve_damped
 from solver.estimators.mixed_fit import fit_mixed
 from solver.estimators.paper import closure_problem
@@ -123,10 +123,9 @@ def solved(alternative: Experiment) -> tuple[float, int]:
         model, tolerance = free_within_tolerance(hard, arm)
         prior = stated_priors(hard, arm, alternative.fixture)
         errors = error_model(alternative, tolerance=tolerance, prior=prior)
-        fit = fit_mixed(
-            model, poses.q_rad, errors, in_order(model, hard, x),
-            group=poses.placement, variances=Layout.stated_variances,
-        ).fit  # fmt: skip
+        design = LinearModel(model, poses.q_rad, errors, group=poses.placement)
+        v = design.stated_variances()
+        fit = fit_mixed(design, in_order(model, hard, x), variances=v).fit
         return fit.chi2 / max(fit.dof, 1), fit.dof
 
     return tried(solve, (np.inf, 0))

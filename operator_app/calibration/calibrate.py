@@ -327,7 +327,7 @@ def collect(
         hand=tip_sigma(model, estimate, q),
         implicit=fitted.implicit,
         length_tolerance_m=length_tolerance_m,
-        scales=() if by_paper else learned_scales(calibrated.linear, calibrated.found),
+        scales=() if by_paper else learned_scales(calibrated.linear, calibrated.derivatives),
         shares=fitted.shares,
         distances=distances(
             model,

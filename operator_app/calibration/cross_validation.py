@@ -21,7 +21,8 @@ from solver.diagnostics.statistics import jackknife
 from solver.errors import SolverError
 from solver.estimators.estimate import Estimate
 from solver.estimators.linear_fit import LinearFit
-from solver.estimators.variance_components import SettledFit, estimate_of, settle
+from solver.estimators.mixed_fit import MixedFit
+from solver.estimators.variance_components import estimate_of, settle
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,7 +54,7 @@ def check(solution: Solution, arm: ArmModel, fixture: EndpointConstraint, poses:
     if components is not None:
         errors = replace(errors, signed=components.signed)
 
-    def settled(rest: IntArray) -> SettledFit:
+    def settled(rest: IntArray) -> tuple[MixedFit, IntArray]:
         return settle(
             model.at_poses(rest),
             q[rest],
@@ -65,7 +66,7 @@ def check(solution: Solution, arm: ArmModel, fixture: EndpointConstraint, poses:
         )
 
     def estimated(rest: IntArray) -> Estimate:
-        return estimate_of(settled(rest), model.at_poses(rest), q[rest])
+        return estimate_of(*settled(rest))
 
     noise = noise_model(stated)
 
@@ -78,7 +79,7 @@ def check(solution: Solution, arm: ArmModel, fixture: EndpointConstraint, poses:
 
     return Checks(
         jackknife_sd=_jackknife_sd(
-            settled(np.arange(len(q))).fit.fit,
+            settled(np.arange(len(q)))[0].fit,
             [k for k, p in enumerate(model.parameters) if p.name not in solution.tolerated],
         ),
         held_out=held_out(fold_poses(q, FOLDS)),

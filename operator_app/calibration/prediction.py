@@ -31,7 +31,7 @@ from solver.diagnostics.limits import STATED_VARIANCE_SHARE
 from solver.diagnostics.statistics import Chi2Test, chi2_test
 from solver.diagnostics.whitened_residuals import WhitenedResiduals
 from solver.errors import PosesDoNotFitError
-from solver.estimators.effects import Linearisation
+from solver.estimators.effects import Linearisation, LinearModel
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.estimate import Estimate
 from solver.estimators.layout import Layout
@@ -182,16 +182,15 @@ def fit_as_stated(
     variances: Callable[[Layout], FloatArray] = Layout.stated_variances,
 ) -> MixedFit:
     """Fit old and new poses together; sag is expected along gravity only if the first `old` poses show this."""
-    fitted = fit_mixed(model, both.q_rad, errors, x0, variances=variances, group=both.placement)
+    design = LinearModel(model, both.q_rad, errors, group=both.placement)
+    v = variances(design)
+    fitted = fit_mixed(design, x0, variances=v)
     if (
         fitted.fit.design.expected.any()
         and gravity_share(fitted.fit.at_poses(np.arange(old))) < 0.5
     ):
         # By the calibration's own poses the arm does not sag in the direction of gravity.
-        fitted = fit_mixed(
-            model, both.q_rad, replace(errors, signed=False), fitted.x,
-            variances=variances, group=both.placement,
-        )  # fmt: skip
+        fitted = fit_mixed(design.unsigned(), fitted.x, variances=v)
     return fitted
 
 

@@ -17,9 +17,9 @@ from operator_app.messages.finding import Finding
 from solver.diagnostics.identifiability import Identifiability
 from solver.diagnostics.rvdt import RvdtVerdict
 from solver.diagnostics.stated_sizes import Scale
-from solver.estimators.estimate import ClosureSigmas, Estimate
+from solver.estimators.estimate import Estimate
 from solver.estimators.variance_components import VarianceComponents
-from solver.loops.closure import ClosureModel
+from solver.loops.closure import ClosureModel, ClosureSigmas
 from solver.posterior.best_table import BestTable
 from solver.posterior.corrections import Corrections
 from solver.search.global_start import GlobalStart

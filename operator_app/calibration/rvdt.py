@@ -80,12 +80,12 @@ def check_rvdts(
         )
     model, tolerance = free_within_tolerance(model, arm, fixed=fixed)
     # The loads are the same whether a joint's reading is used or not.
-    errors = calibrated.linear.design.errors
-    prior = {p.name: errors.prior[p.name] for p in model.parameters if p.name in errors.prior}
+    errors = calibrated.linear.design.errors.at_poses(back_to_caller(calibrated.order))
     errors = replace(
-        errors.at_poses(back_to_caller(calibrated.order)).without_joints(blind),
+        errors,
+        analogue=tuple(a for a in errors.analogue if a.joint not in blind),
         tolerance=tolerance,
-        prior=prior,
+        prior={p.name: errors.prior[p.name] for p in model.parameters if p.name in errors.prior},
     )
     return rvdt_verdicts(
         model,

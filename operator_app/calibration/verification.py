@@ -30,9 +30,9 @@ from solver.diagnostics.hypothesis_tests import find_outliers, leave_one_out_chi
 from solver.diagnostics.statistics import Chi2Test, chi2_test
 from solver.diagnostics.whitened_residuals import WhitenedResiduals
 from solver.estimators.error_model import SD_OF_PEAK
-from solver.estimators.estimate import ClosureSigmas, closure_at_readings
+from solver.estimators.estimate import closure_at_readings
 from solver.estimators.implicit import NoiseModel
-from solver.loops.closure import ClosureModel
+from solver.loops.closure import ClosureModel, ClosureSigmas
 from solver.loops.placements import Placements
 
 NEWTON_STEPS = 3

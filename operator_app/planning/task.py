@@ -19,7 +19,6 @@ from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import DhEntry, nominal_vector
 from solver.chain.poses import PoseSet
-from solver.chain.sensors import NoSensor
 from solver.design.motion import Ranges
 from solver.design.plan import PlanningTask
 from solver.estimators.error_model import ErrorModel
@@ -87,8 +86,7 @@ def planning_task(
     lost, blind = {f"theta_off_{j}" for j in unsensed_joints}, [j - 1 for j in unsensed_joints]
     variance = (CURVE_SHARE * arm.linearity_rad()) ** 2
     for j, joint in enumerate(arm.joints):
-        if not isinstance(joint.sensor, NoSensor):
-            variance[j] += joint.sensor.variance_of_mean_rad2(samples)
+        variance[j] += joint.sensor.variance_of_mean_rad2(samples)
     variance[blind] = UNSENSED_SIGMA_RAD**2
 
     def errors_at(q_rad: FloatArray) -> ErrorModel:

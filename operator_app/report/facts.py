@@ -53,7 +53,8 @@ from operator_app.units import ANGLE, CHI2, CONDITION, SIGMA_ORI, SIGMA_POS, Fig
 if TYPE_CHECKING:
     from operator_app.calibration.cross_validation import Checks
     from operator_app.messages.finding import Finding
-    from solver.estimators.estimate import Estimate, ResidualSigma
+    from solver.estimators.estimate import Estimate
+    from solver.loops.closure import ResidualSigma
 
 
 CONDITION_PAPER = 28

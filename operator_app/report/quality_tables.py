@@ -25,7 +25,8 @@ from operator_app.units import (
     significant,
 )
 from solver.diagnostics.hypothesis_tests import FOLDS
-from solver.estimators.estimate import ClosureSigmas, Estimate
+from solver.estimators.estimate import Estimate
+from solver.loops.closure import ClosureSigmas
 
 BAR_PER_DECADE, BAR_DECADES = 10, 4
 """Length of the bar of a condition number: 20 characters for 100, 40 for 10,000 or more."""

@@ -67,11 +67,6 @@ class DhEntry:
         return cls(DhKind(_SYMBOLS.index(match[1])), int(match[2]))
 
 
-def entries(names: Sequence[str]) -> tuple[DhEntry, ...]:
-    """Parse names such as ``theta_off_1``; ValueError for any other name."""
-    return tuple(DhEntry.parse(name) for name in names)
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Parameter:
     """One unknown: its name, whether it is an angle, its nominal value (rad or m)."""

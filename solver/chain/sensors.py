@@ -104,6 +104,10 @@ class NoSensor:
     linearity_rad: ClassVar[float] = 0.0
     gain_rad: ClassVar[float] = 0.0
 
+    def variance_of_mean_rad2(self, samples: int) -> float:
+        """Return 0."""
+        return 0.0
+
 
 Sensor = Encoder | Rvdt | NoSensor
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from solver.arrays import BoolArray, FloatArray
 from solver.chain.parameters import DhEntry
-from solver.closing import close_loops, reduced_jacobian
+from solver.closing import close_loops, reduced_equations
 from solver.design.d_optimal import TooFewCandidatesError, choose_poses
 from solver.design.drive_joints import RankedDrives, rank_over_region
 from solver.design.manifold import Manifold, candidate_poses
@@ -243,7 +243,7 @@ def _estimated_variances(
         return None
     errors = replace(task.errors_at(readings), prior=task.prior)
     try:
-        fit = settle(model, readings, errors, x0=x).fit.fit
+        fit = settle(model, readings, errors, x0=x)[0].fit
     except SolverError:
         return None
     return {c.name: float(v) for c, v in zip(fit.design.components, fit.v, strict=True)}
@@ -261,9 +261,9 @@ def prediction_sigma(
 
     With the drives fixed, the loop moves the free joints (columns J_p of J_q) by ``dq = -(E' J_p)^+ E' C dphi``.
     """
-    A, B = reduced_jacobian(model, x, q, u)
+    reduced = reduced_equations(model.loop(x, q, u))
     free = [j for j in range(q.shape[-1]) if j + 1 not in drives]
-    G = np.linalg.pinv(B[..., free]) @ A
+    G = np.linalg.pinv(reduced.B[..., free]) @ reduced.A
     variance = ((G @ covariance) * G).sum(-1)
     return np.asarray(np.sqrt(np.maximum(variance, 0.0)).max(-1))
 

@@ -18,10 +18,10 @@ from solver.diagnostics.limits import FALSE_ALARM_PROBABILITY
 from solver.diagnostics.pose_adjustment import adjust_poses
 from solver.diagnostics.statistics import Chi2Test, chi2_test
 from solver.diagnostics.whitened_residuals import WhitenedResiduals
-from solver.estimators.estimate import ClosureSigmas, Estimate, closure_at_readings, closure_sigmas
+from solver.estimators.estimate import Estimate, closure_at_readings
 from solver.estimators.implicit import NoiseModel
 from solver.estimators.linear_fit import LinearFit, inverse_root
-from solver.loops.closure import ClosureModel
+from solver.loops.closure import ClosureModel, ClosureSigmas, closure_sigmas
 
 Estimator = Callable[[IntArray], Estimate]
 """Fits the model of a pose set to a selection of its poses."""

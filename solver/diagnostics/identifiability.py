@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver.arrays import FloatArray, IntArray
-from solver.closing import close_loops, left_null_space, reduced_jacobian
+from solver.closing import close_loops, left_null_space, reduced_equations
 from solver.diagnostics.limits import IMMOBILE_RAD, WELL_CONDITIONED
 from solver.errors import UnidentifiableDirection
 from solver.estimators.estimate import Estimate
@@ -139,7 +139,7 @@ def jacobian_at_closed(
     if not poses.closed.all():
         judged = np.where(poses.closed[:, None], judged, q)
         u = np.where(poses.closed[:, None], u, model.initial_unsensed(x, q))
-    return reduced_jacobian(model, x, judged, u)[0]
+    return reduced_equations(model.loop(x, judged, u)).A
 
 
 def identifiability_of_jacobian(

@@ -99,8 +99,8 @@ def rvdt_verdicts(
         values = [variances.get(c.name, v) for c, v in zip(design.components, start, strict=True)]
         return np.maximum(start, values)
 
-    settled = settle(model, q, errors, x0=x0, near=near, variances=at_least_stated)
-    fitted, back = settled.fit, back_to_caller(settled.order)
+    fitted, order = settle(model, q, errors, x0=x0, near=near, variances=at_least_stated)
+    back = back_to_caller(order)
     angles = {
         a.joint: a
         for a in loop_angles(

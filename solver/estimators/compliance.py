@@ -106,11 +106,11 @@ def _turned(C: FloatArray, turn_a: FloatArray | None, turn_b: FloatArray | None)
     return (turn_b @ rows.transpose(1, 2, 0)).reshape(b, k, a, k).transpose(2, 3, 0, 1)
 
 
-def variance(held: FixtureLoads, s: FloatArray) -> FloatArray:
+def variance(loads: FixtureLoads, s: FloatArray) -> FloatArray:
     """Diagonal (m, k) of `covariance`; the diagonal does not depend on the axes of the halves."""
-    squares = (held.pull**2).sum(-1)
+    squares = (loads.pull**2).sum(-1)
     every = squares + (squares + squares.sum(-1, keepdims=True)) / WISHART_DOF
-    return np.asarray(sum(share**2 for share, _ in held.halves) * every * s**2)
+    return np.asarray(sum(share**2 for share, _ in loads.halves) * every * s**2)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -58,24 +58,16 @@ MOST_CERTAIN = 1e6
 
 def components(design: LinearModel, v: FloatArray, error: FloatArray) -> tuple[Component, ...]:
     """Report noise and linearity of RVDTs, and fixture noise, from variances `v` (K,) and their standard `error`."""
-    stated, out = design.stated_variances(), []
+    out = []
     for k, c in enumerate(design.components):
         kind = c.name.split("_")[0]
         if kind not in ("rvdt", "curve", "fixture"):
             continue
         to_sd = rms_per_amplitude() if kind == "curve" else 1.0
-        low, high = interval(float(v[k]), float(error[k]))
-        sizes = np.sqrt([v[k], low, high]) * to_sd
-        out.append(
-            Component(
-                name=c.name,
-                unit="m" if c.name.endswith("_m") else "rad",
-                sd=float(sizes[0]),
-                low=float(sizes[1]),
-                high=float(sizes[2]),
-                stated=float(np.sqrt(stated[k]) * to_sd),
-            )
-        )
+        variances = (v[k], *interval(float(v[k]), float(error[k])), c.stated)
+        sd, low, high, stated = (np.sqrt(variances) * to_sd).tolist()
+        unit = "m" if c.name.endswith("_m") else "rad"
+        out.append(Component(name=c.name, unit=unit, sd=sd, low=low, high=high, stated=stated))
     return tuple(out)
 
 

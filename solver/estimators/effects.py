@@ -12,20 +12,16 @@ scales one or more groups; the stated value is the median of its prior (see `sol
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from solver.arrays import BoolArray, FloatArray, IntArray, select_poses
+from solver.arrays import BoolArray, FloatArray, IntArray, pose_slices, select_poses
 from solver.closing import Rates, ReducedEquations, reduced_equations
 from solver.estimators.error_model import distance_rows
-from solver.estimators.joint_shapes import JointShapes
 from solver.estimators.layout import FIXTURE_NOISE, Layout
-
-CHUNK = 1024
-"""Poses whitened at a time, so that memory does not grow with columns times poses."""
+from solver.estimators.shapes import JointShapes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -113,7 +109,7 @@ class LinearModel(Layout):
     @cached_property
     def along_joints(self) -> JointShapes:
         """Shapes of the effects that act along a joint."""
-        return JointShapes(self)
+        return JointShapes(self.q, self.accuracy, self.errors.curves, (self.play, self.sags))
 
     def at_poses(self, poses: IntArray) -> LinearModel:
         """Return the design of a selection of poses, with smooth functions made from these poses only."""
@@ -139,18 +135,11 @@ class LinearModel(Layout):
 
     def _sources_at(self, poses: slice) -> NoiseSources:
         n, errors = self.model.joint_count, self.errors
-        listed: list[tuple[str, int, bool]] = []
+        listed: list[tuple[str, int]] = []
         rates: list[FloatArray] = []
 
-        def add(
-            source: str,
-            columns: slice,
-            rate: FloatArray | float,
-            component: str = "",
-            *,
-            missed: bool = False,
-        ) -> None:
-            listed.append((source, self.index.get(component, -1), missed))
+        def add(source: str, columns: slice, rate: FloatArray | float, name: str = "") -> None:
+            listed.append((source, self.index.get(name, -1)))
             rates.append(np.zeros((len(self.q[poses]), n + self.rows)))
             rates[-1][:, columns] = rate
 
@@ -160,29 +149,27 @@ class LinearModel(Layout):
             own = slice(a.joint - 1, a.joint)
             add(f"rvdt_noise_{a.joint}", own, a.share[poses, None], f"rvdt_{a.joint}")
         add("counts", joints, errors.joint_variance[poses] * read)
-        if len(self.play_joints):
-            rate = self.play.missed[poses] * self.backlash**2
-            add("joint_play", joints, rate, "play_sides", missed=True)
+        if len(self.play.joints):
+            add("joint_play", joints, self.play.missed[poses], "play_sides")
             add("joint_play", joints, self.backlash**2, "joint_play")
-        if len(self.sag_joints):
-            add("sag", joints, self.sags.missed[poses] * self.sag**2, "sag", missed=True)
+        if len(self.sags.joints):
+            add("sag", joints, self.sags.missed[poses], "sag")
         if errors.endpoint_variance.any():
             add("instrument", closure, errors.endpoint_variance[6 - self.rows :])
         for rows, stated in self.deflecting_rows:
             rate = self.deflection_basis.missed[poses, None] * self.free_deflection * stated**2
             along_rows = slice(n + rows.start, n + rows.stop)
-            add("fixture_give", along_rows, rate, "smooth_give", missed=True)
+            add("fixture_give", along_rows, rate, "smooth_give")
         if self.loaded is not None:
-            add("fixture_give", closure, self.loaded.missed(poses), "compliance", missed=True)
+            add("fixture_give", closure, self.loaded.missed(poses), "compliance")
         for name, rows in zip(FIXTURE_NOISE, (slice(n, n + 3), slice(-3, None)), strict=True):
             if name in self.index:
                 add("fixture_give", rows, 1.0, name)
-        names, component, missed = zip(*listed, strict=True)
+        names, component = zip(*listed, strict=True)
+        # A component that scales columns has only that noise which its columns do not represent.
+        missed = np.append(self.variance_rates.any(axis=0), False)[list(component)]
         return NoiseSources(
-            names=names,
-            component=np.array(component),
-            missed=np.array(missed),
-            rates=np.stack(rates),
+            names=names, component=np.array(component), missed=missed, rates=np.stack(rates)
         )
 
     def noise_variance(self, v: FloatArray) -> FloatArray:
@@ -209,10 +196,9 @@ class LinearModel(Layout):
 
     # ---- columns
 
-    def parts(self) -> Iterator[slice]:
-        """Yield slices of poses that are whitened together."""
-        for first in range(0, len(self.q), CHUNK):
-            yield slice(first, min(first + CHUNK, len(self.q)))
+    def parts(self) -> list[slice]:
+        """Slices of poses that are whitened together, so that memory does not grow with columns times poses."""
+        return pose_slices(len(self.q))
 
     def whiten(self, system: System, v: FloatArray, root: FloatArray, poses: slice) -> Whitened:
         """Whiten the Jacobian's columns at the `poses` that `system` holds.

@@ -14,7 +14,7 @@ import numpy as np
 from solver.arrays import FloatArray, IntArray, select_poses
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import Parameter
-from solver.chain.sensors import DITHER, NoSensor, Rvdt, SensorCurve, curves_of
+from solver.chain.sensors import DITHER, Rvdt, SensorCurve, curves_of
 from solver.estimators.load_effects import LoadBasis
 
 SD_OF_PEAK = 0.5
@@ -88,9 +88,10 @@ class ErrorModel:
     approach: FloatArray | None = None
     signed: bool = True
 
-    def knows(self, name: str) -> bool:
-        """Whether a parameter has a prior."""
-        return name in self.tolerance or name in self.prior
+    @property
+    def curves(self) -> tuple[SensorCurve, ...]:
+        """Curves of the analogue sensors that have one."""
+        return tuple(a.curve for a in self.analogue if a.curve is not None)
 
     def at_poses(self, poses: IntArray) -> ErrorModel:
         """Return the error model of a selection of poses."""
@@ -99,10 +100,6 @@ class ErrorModel:
             analogue=tuple(select_poses(a, poses, "share") for a in self.analogue),
             loads=None if self.loads is None else self.loads.at_poses(poses),
         )
-
-    def without_joints(self, joints: tuple[int, ...]) -> ErrorModel:
-        """Return the error model without the readings of some joints (1-based)."""
-        return replace(self, analogue=tuple(a for a in self.analogue if a.joint not in joints))
 
 
 def stated_errors(
@@ -150,13 +147,9 @@ def stated_errors(
 
 def variance_of_means(arm: ArmModel, samples: IntArray) -> FloatArray:
     """Variance (m, n), rad^2, of means of `samples` (m,) readings, from the sensors' specifications."""
-    variance = np.zeros((len(samples), arm.joint_count))
     counts, which = np.unique(samples, return_inverse=True)
-    for j, joint in enumerate(arm.joints):
-        if not isinstance(joint.sensor, NoSensor):
-            each = [joint.sensor.variance_of_mean_rad2(int(k)) for k in counts]
-            variance[:, j] = np.array(each)[which]
-    return variance
+    by_count = [[j.sensor.variance_of_mean_rad2(int(k)) for j in arm.joints] for k in counts]
+    return np.array(by_count).reshape(-1, arm.joint_count)[which]
 
 
 def _spread(sd_rad: FloatArray, samples: IntArray) -> tuple[float, int]:

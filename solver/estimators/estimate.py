@@ -11,11 +11,17 @@ from typing import Literal
 
 import numpy as np
 
-from solver.arrays import BoolArray, FloatArray, IntArray, select_poses
+from solver.arrays import FloatArray, IntArray, join_poses, select_poses
 from solver.chain.parameters import Parameter
 from solver.closing import close_loops
 from solver.errors import TooFewPosesError
-from solver.loops.closure import ClosureModel, ReducedError, pose_blocks, poses_needed
+from solver.loops.closure import (
+    ClosureModel,
+    ClosureSigmas,
+    ReducedError,
+    pose_blocks,
+    poses_needed,
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -128,78 +134,13 @@ def require_enough_poses(model: ClosureModel, poses: int, *, known: int = 0) -> 
     return dof
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ResidualSigma:
-    """A standard deviation, calculated according to two interpretations of the paper's formula.
-
-    `rms` divides inside the root, sqrt(sum / (k m)), the only interpretation that gives values as large as the
-    paper's; `as_printed` divides outside the root, sqrt(sum) / (k m). k: components, m: poses.
-    """
-
-    rms: float
-    as_printed: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ClosureSigmas:
-    """Standard deviations of the closure error: position in m, orientation in rad.
-
-    `orientation_rad` is None if orientation is not part of the closure error (ball, measured positions).
-    """
-
-    position_m: ResidualSigma
-    orientation_rad: ResidualSigma | None
-
-
-def closure_sigmas(residual: FloatArray, rotation_rows: int) -> ClosureSigmas:
-    """Compute both sigmas of reduced residuals (m, r), rotation rows first (eqs. 14 and 15)."""
-    return ClosureSigmas(
-        position_m=_residual_sigma(residual[:, rotation_rows:]),
-        orientation_rad=_residual_sigma(residual[:, :rotation_rows]) if rotation_rows else None,
-    )
-
-
-def _residual_sigma(rows: FloatArray) -> ResidualSigma:
-    poses, components = rows.shape
-    total = float(np.sum(rows**2))
-    count = components * poses
-    if count == 0:
-        return ResidualSigma(rms=0.0, as_printed=0.0)
-    return ResidualSigma(
-        rms=float(np.sqrt(total / count)), as_printed=float(np.sqrt(total) / count)
-    )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ClosureAtReadings:
-    """Reduced closure error of every pose at the measured joint angles; fields as in `ReducedError`."""
-
-    residual: FloatArray
-    rotation_rows: int
-    flipped: BoolArray
-
-    @property
-    def sigmas(self) -> ClosureSigmas:
-        """sigma_pos and sigma_ori of all poses."""
-        return closure_sigmas(self.residual, self.rotation_rows)
-
-    @property
-    def flipped_poses(self) -> tuple[int, ...]:
-        """Indices of poses on the flipped branch."""
-        return tuple(np.flatnonzero(self.flipped).tolist())
-
-
-def closure_at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> ClosureAtReadings:
-    """Closure error at the *measured* joint angles (m, n), so that estimators can be compared.
+def closure_at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> ReducedError:
+    """Closure error at the *measured* joint angles (m, n), without derivatives, so that estimators can be compared.
 
     Unsensed joints take the angles that close each loop best; their readings are not used.
     """
-    errors = [_at_readings(part, x, part_q) for part, part_q in pose_blocks(model, q)]
-    return ClosureAtReadings(
-        residual=np.concatenate([error.residual for error in errors]),
-        rotation_rows=errors[0].rotation_rows,
-        flipped=np.concatenate([error.flipped for error in errors]),
-    )
+    errors = (_at_readings(part, x, part_q) for part, part_q in pose_blocks(model, q))
+    return join_poses(errors, "residual", "jac_x", "unsensed", "flipped")
 
 
 def _at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> ReducedError:
@@ -213,14 +154,10 @@ def _at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> ReducedEr
 
 def _at_unsensed_angles(model: ClosureModel, x: FloatArray, q: FloatArray) -> ReducedError:
     """Closure error of one placement, with the unsensed joints at the angles that close each loop best."""
-    still = np.zeros(q.shape[-1])
-    u = close_loops(model, x, q, sigma_rad=still, max_iterations=50).u
-    filled = q.copy()
-    offsets = {p.name: p.nominal for p in model.with_all_joints_sensed().parameters}
+    u = close_loops(model, x, q, sigma_rad=np.zeros(q.shape[-1]), max_iterations=50).u
+    sensed, filled = model.with_all_joints_sensed(), q.copy()
+    values = {p.name: p.nominal for p in sensed.parameters}
+    values |= {p.name: value for p, value in zip(model.parameters, x.tolist(), strict=True)}
     for joint in model.unsensed_joints:
-        filled[:, joint - 1] = model.angle_of(u, joint) - offsets[f"theta_off_{joint}"]
-    sensed = model.with_all_joints_sensed()
-    values = {p.name: value for p, value in zip(model.parameters, x, strict=True)}
-    return sensed.reduced(
-        np.array([values.get(p.name, p.nominal) for p in sensed.parameters]), filled, rates=False
-    )
+        filled[:, joint - 1] = model.angle_of(u, joint) - values[f"theta_off_{joint}"]
+    return sensed.reduced(np.array(list(values.values())), filled, rates=False)

@@ -22,13 +22,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver.arrays import FloatArray
+from solver.arrays import FloatArray, pose_slices
 from solver.chain.parameters import nominal_vector, wrap_angles
 from solver.chain.poses import back_to_caller, canonical_order
 from solver.closing import Rates, ReducedEquations, close_loops, reduced_equations
 from solver.errors import PosesDoNotFitError
 from solver.estimators.estimate import Estimate, closure_at_readings, require_enough_poses
-from solver.estimators.least_squares import Progress, Triangle, triangle_of
+from solver.estimators.least_squares import Progress, triangle_of
 from solver.estimators.paper import SAME_DESCRIPTION, estimate_paper
 from solver.loops.closure import (
     ClosureModel,
@@ -129,12 +129,27 @@ def fit_implicit(
         # Readings are poor initial angles: take them from loops closed as well as `x0` allows.
         sigma = np.sqrt(variance.mean(axis=0))
         u = close_loops(model, x, q, sigma_rad=sigma, u=u, max_iterations=3).u
-    loops = _Loops(model, q, variance, noise.deflection_variance)
+    models = [part for part, _ in pose_blocks(model, q)]
+    parts = list(zip(models, pose_slices(len(q)), strict=True))
+    blocks: list[_Block] = []
+
+    def linearised() -> Iterator[tuple[FloatArray, FloatArray]]:
+        """Yield all equations, a block at a time, so that only one block's Jacobians are in memory."""
+        blocks.clear()
+        for part, poses in parts:
+            error = part.loop(x, q[poses] + e[poses], u[poses])
+            blocks.append(_Block.of(error, e[poses], variance[poses], noise))
+            yield blocks[-1].w, blocks[-1].A
+        if prior is not None:
+            root = np.sqrt(prior.precision)
+            yield root * (x - prior.mean), np.diag(root)
+
     iterations, converged = 0, False
     for iterations in range(1, max_iterations + 1):
-        triangle = loops.linearised(x, e, u, prior)
+        triangle = triangle_of(linearised())
         step, _ = triangle.step()
-        e_new, du, pose_chi2 = loops.after(step)
+        after = zip(*(block.after(step) for block in blocks), strict=True)
+        e_new, du, pose_chi2 = (np.concatenate(values) for values in after)
         largest = max(
             float(np.abs(step).max(initial=0.0)),
             float(np.abs(e_new - e).max(initial=0.0)),
@@ -182,14 +197,12 @@ def estimate_implicit(
         fixture_variance=noise.fixture_variance,
     )
     nominal = nominal_vector(model.parameters)
-    sensed = model.with_all_joints_sensed()
-    names = [p.name for p in sensed.parameters]
-    columns = [names.index(p.name) for p in model.parameters]
     if x0 is None:
         require_enough_poses(model, len(q))
-        x0 = nominal
-        if len(q) * sensed.equations_per_pose > len(names):
-            x0 = estimate_paper(sensed, q, progress=progress).x[columns]
+        x0, sensed = nominal, model.with_all_joints_sensed()
+        if len(q) * sensed.equations_per_pose > len(sensed.parameters):
+            by_name = estimate_paper(sensed, q, progress=progress).values_by_name
+            x0 = np.array([by_name[p.name] for p in model.parameters])
     fit = fit_implicit(model, q, noise, x0, progress=progress)
     x = nearest_equivalent(model, fit.x, nominal)
     if np.abs(wrap_angles(model.parameters, x - fit.x)).max(initial=0.0) > SAME_DESCRIPTION:
@@ -250,67 +263,29 @@ class _Block:
     B: FloatArray
     Et: FloatArray
     rates: Rates
+    joint_variance: FloatArray
+    deflection_variance: FloatArray
 
-
-class _Loops:
-    """The loops of all poses, linearised a block at a time, so that only one block's Jacobians are in memory."""
-
-    def __init__(
-        self,
-        model: ClosureModel,
-        q: FloatArray,
-        variance: FloatArray,
-        deflection_variance: FloatArray,
-    ) -> None:
-        self._q, self._variance, self._deflection_variance = q, variance, deflection_variance
-        self._parts, first = list[tuple[ClosureModel, slice]](), 0
-        for part, poses in pose_blocks(model, q):
-            self._parts.append((part, slice(first, first + len(poses))))
-            first += len(poses)
-        self._blocks: dict[int, _Block] = {}
-
-    def linearised(
-        self, x: FloatArray, e: FloatArray, u: FloatArray, prior: ParameterPrior | None
-    ) -> Triangle:
-        """Return all equations, linearised at parameters (P,), corrections (m, n) and unsensed angles (m, U)."""
-
-        def blocks() -> Iterator[tuple[FloatArray, FloatArray]]:
-            for k, (part, poses) in enumerate(self._parts):
-                # Overwrites the last iteration's block, so that no memory is allocated again.
-                self._blocks[k] = block = self._block(part, poses, x, e[poses], u[poses])
-                yield block.w, block.A
-            if prior is not None:
-                root = np.sqrt(prior.precision)
-                yield root * (x - prior.mean), np.diag(root)
-
-        return triangle_of(blocks())
-
-    def _block(
-        self, part: ClosureModel, poses: slice, x: FloatArray, e: FloatArray, u: FloatArray
-    ) -> _Block:
-        error = part.loop(x, self._q[poses] + e, u)
-        system = linearise(error, e, self._variance[poses], self._deflection_variance)
+    @classmethod
+    def of(cls, error: LoopError, e: FloatArray, variance: FloatArray, noise: NoiseModel) -> _Block:
+        """Return loops linearised at corrections e (m, n), whose joint readings have variances `variance` (m, n)."""
+        deflection_variance = noise.deflection_variance
+        system = linearise(error, e, variance, deflection_variance)
         whiten = whitener(system.V)
-        return _Block(
+        return cls(
             w=(whiten @ system.w[..., None])[..., 0],
             A=whiten @ system.A,
             B=whiten @ system.B,
             Et=whiten @ np.swapaxes(system.E, -1, -2),
             rates=Rates.of(error, e),
+            joint_variance=variance,
+            deflection_variance=deflection_variance[-error.residual.shape[-1] :],
         )
 
     def after(self, step: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """New corrections (m, n), changes of unsensed angles (m, U) and each pose's chi2 (m,), after a step (P,)."""
-        results = []
-        for (_, poses), block in zip(self._parts, self._blocks.values(), strict=True):
-            residual = block.w + block.A @ step
-            across = residual[..., None, :]
-            e = -self._variance[poses] * (across @ block.B)[..., 0, :]
-            slack = (
-                -self._deflection_variance[-block.Et.shape[-1] :] * (across @ block.Et)[..., 0, :]
-            )
-            results.append(
-                (e, block.rates.unsensed_step(step, e, slack), (residual * residual).sum(-1))
-            )
-        e, du, pose_chi2 = (np.concatenate(values) for values in zip(*results, strict=True))
-        return e, du, pose_chi2
+        residual = self.w + self.A @ step
+        across = residual[..., None, :]
+        e = -self.joint_variance * (across @ self.B)[..., 0, :]
+        deflection = -self.deflection_variance * (across @ self.Et)[..., 0, :]
+        return e, self.rates.unsensed_step(step, e, deflection), (residual * residual).sum(-1)

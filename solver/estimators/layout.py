@@ -6,7 +6,7 @@ of the columns are calculated in `solver.estimators.effects`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache, partial
 from itertools import pairwise
@@ -17,12 +17,11 @@ from solver.arrays import BoolArray, FloatArray, IntArray
 from solver.chain.parameters import DhKind, Parameter, nominal_vector
 from solver.chain.sensors import LOWEST
 from solver.estimators.error_model import ErrorModel
-from solver.estimators.load_shapes import (
+from solver.estimators.shapes import (
     UNMODELLED_SHARE,
     PoseBasis,
-    PoseProcess,
     Shapes,
-    loaded_give,
+    deflection_under_load,
     pose_process,
     shapes_of_sag,
     sides_of_play,
@@ -137,7 +136,7 @@ class Layout:
 
     `like` is a layout of the same poses, whose smooth functions are reused. `floors`, `ceilings`, `raise_limits`,
     `test_floors` and `scaled` (K,) have one value per component; `index`: its index by name. `column` (P,):
-    column of each parameter, those without a prior first.
+    column of each parameter, those without a prior first. `expected` (m, n), rad: expected play and sag.
     """
 
     def __init__(
@@ -178,9 +177,25 @@ class Layout:
             np.zeros(model.joint_count) if values is None else np.where(read, values, 0.0)
             for values in (errors.accuracy_rad, errors.backlash_rad, errors.sag_rad)
         )
+        sizes = list(zip(FIXTURE_NOISE, (errors.give_rad, errors.give_m), strict=True))
+        self.stated_deflection = {k: s for k, s in sizes[self.rows != 6 :] if s is not None}
+        turn_rad, shift_m = (self.stated_deflection.get(key, 0.0) for key in FIXTURE_NOISE)
+        blocks = [(slice(self.rows - 3, self.rows), shift_m), (slice(0, 3), turn_rad)]
+        # Rows of the closure components that deflect, and the stated deflection along them.
+        self.deflecting_rows = [
+            (rows, stated)
+            for rows, stated in blocks[: self.rows // 3]
+            if stated > 0.0 or errors.discrepancy
+        ]
+        self.loaded = deflection_under_load(
+            errors, np.repeat((turn_rad, shift_m), (self.rows - 3, 3))
+        )
         self.components: list[VarianceComponent] = []
         self.groups: list[Group] = []
-        self._lay_out(names, like)
+        self._set_smooth_functions(like)
+        self.play, self.sags = self.play_and_sag(q, errors)
+        self.expected = self.play.expected + self.sags.expected
+        self._lay_out(names)
         self.index = {c.name: k for k, c in enumerate(self.components)}
         self.floors = np.array([c.floor for c in self.components])
         self.ceilings = np.array([c.ceiling for c in self.components])
@@ -201,6 +216,20 @@ class Layout:
                 row[c] = rate
         self.variance_rates = np.repeat(rates, wide, axis=0)
 
+    def _set_smooth_functions(self, like: Layout | None) -> None:
+        """Set the functions smooth over all poses, for sag and deflection; by default those of `like`."""
+        self.sag_basis = self.deflection_basis = _NOTHING
+        if like is not None:
+            self.sag_basis, self.deflection_basis = like.sag_basis, like.deflection_basis
+            return
+        process = cache(partial(pose_process, self.q))
+        if self.sag.any():
+            self.sag_basis = process().leading(SAG_COLUMNS)
+        if self.deflecting_rows:
+            groups = 1 if self.group is None else len(np.unique(self.group))
+            by_group = process() if groups == 1 else pose_process(self.q, group=self.group)
+            self.deflection_basis = by_group.leading(DEFLECTION_COLUMNS * groups)
+
     def _component(self, component: VarianceComponent) -> int:
         """Add a component and return its index."""
         self.components.append(component)
@@ -211,10 +240,8 @@ class Layout:
         rates = ((self._component(component), 1.0),)
         self.groups.append(Group(source=source, names=tuple(names), rates=rates))
 
-    def _lay_out(self, names: list[str], like: Layout | None) -> None:
-        # Functions smooth over all poses: computed once, if at all, and not kept.
-        process = cache(partial(pose_process, self.q))
-        stated = self._lay_out_noise()
+    def _lay_out(self, names: list[str]) -> None:
+        self._lay_out_noise()
         for k, source in enumerate(_SOFT):
             listed = tuple(names[i] for i in self.soft_index if self.soft_kind[i] == k)
             if listed and source == OFFSETS:
@@ -233,11 +260,11 @@ class Layout:
             names = [f"{wave}_{j + 1}" for j in turning for wave in waves]
             self._group("encoder_accuracy", names, VarianceComponent(name="encoder_accuracy"))
         self._lay_out_curves()
-        self._lay_out_joints(process, like)
-        self._lay_out_deflection(stated, process, like)
+        self._lay_out_joints()
+        self._lay_out_deflection()
 
-    def _lay_out_noise(self) -> dict[str, float]:
-        """Add the components of noise; return the fixture's stated deflections (rad, m) by name of component."""
+    def _lay_out_noise(self) -> None:
+        """Add the components of noise."""
         for a in self.errors.analogue:
             self._component(
                 VarianceComponent(
@@ -251,9 +278,7 @@ class Layout:
                     spread_dof=a.spread_dof,
                 )
             )
-        sizes = zip(FIXTURE_NOISE, (self.errors.give_rad, self.errors.give_m), strict=True)
-        stated_deflection = {k: s for k, s in list(sizes)[self.rows != 6 :] if s is not None}
-        for key, stated in stated_deflection.items():
+        for key, stated in self.stated_deflection.items():
             start = NON_REPEATABLE_SHARE * stated
             self._component(
                 VarianceComponent(
@@ -273,30 +298,6 @@ class Layout:
                     name="joint_play", start=start**2, floor=(SMALLEST_SCALE * start) ** 2
                 )
             )
-        return stated_deflection
-
-    def _lay_out_deflection(
-        self,
-        stated_sizes: dict[str, float],
-        process: Callable[[], PoseProcess],
-        like: Layout | None,
-    ) -> None:
-        """Add the part of the fixture's deflection that repeats at the same pose or under the same load."""
-        # Rows of the closure components, and the stated deflection along them.
-        self.deflecting_rows: list[tuple[slice, float]] = []
-        misfit = (self.rows == 6) * [slice(0, 3)] + [slice(self.rows - 3, self.rows)]
-        turn_rad, shift_m = (stated_sizes.get(key, 0.0) for key in FIXTURE_NOISE)
-        for rows, stated in zip(misfit[::-1], (shift_m, turn_rad), strict=False):
-            if stated > 0.0 or self.errors.discrepancy:
-                self.deflecting_rows.append((rows, stated))
-        self.deflection_basis = _NOTHING
-        along = np.repeat((turn_rad, shift_m), (self.rows - 3, 3))
-        self.loaded = loaded_give(self.errors, along)
-        if self.deflecting_rows:
-            self._smooth_deflection(process, like)
-        if self.loaded is not None:
-            names = [f"load{i}" for i in range(self.loaded.width)]
-            self._group("fixture_give", names, VarianceComponent(name="compliance"))
 
     def _lay_out_curves(self) -> None:
         """Add gain and curve of every analogue sensor."""
@@ -323,35 +324,29 @@ class Layout:
                 names = [f"curve{k}_{a.joint}" for k in range(LOWEST, LOWEST + a.curve.bends)]
                 self._group(f"rvdt_curve_{a.joint}", names, bend)
 
-    def _lay_out_joints(self, process: Callable[[], PoseProcess], like: Layout | None) -> None:
-        """Add play and sag of every joint; set `expected` (m, n), rad, to the sum of their expected values."""
-        self.expected = np.zeros_like(self.q)
-        self.play_joints = np.flatnonzero(self.backlash)
-        self.play = sides_of_play(self.q, self.errors)
-        if len(self.play_joints):
-            self.expected += self.backlash * self.play.expected
+    def _lay_out_joints(self) -> None:
+        """Add play and sag of every joint."""
+        if len(self.play.joints):
             # Play taken up to the same side in every pose is not noise but looks like an offset.
             sides = ("play", "approach")[: self.play.width]
-            names = [f"{side}_{j + 1}" for j in self.play_joints for side in sides]
+            names = [f"{side}_{j + 1}" for j in self.play.joints for side in sides]
             self._group("joint_play", names, VarianceComponent(name="play_sides"))
-        self.sag_joints = np.flatnonzero(self.sag)
-        self.sag_basis = _NOTHING
-        self.sags = NO_SHAPES
-        if len(self.sag_joints):
-            self.sag_basis = process().leading(SAG_COLUMNS) if like is None else like.sag_basis
-            self.sags = shapes_of_sag(self.q, self.errors, self.sag_basis)
-            self.expected += self.sag * self.sags.expected
-            names = [f"sag{i}_{j + 1}" for j in self.sag_joints for i in range(self.sags.width)]
+        if len(self.sags.joints):
+            names = [f"sag{i}_{j + 1}" for j in self.sags.joints for i in range(self.sags.width)]
             self._group("sag", names, VarianceComponent(name="sag"))
 
-    def _smooth_deflection(self, alike: Callable[[], PoseProcess], like: Layout | None) -> None:
-        groups = 1 if self.group is None else len(np.unique(self.group))
-        if like is None:
-            process = alike() if groups == 1 else pose_process(self.q, group=self.group)
-            self.deflection_basis = process.leading(DEFLECTION_COLUMNS * groups)
-        else:
-            self.deflection_basis = like.deflection_basis
-        rates_of_all: tuple[tuple[int, float], ...] = ()
+    def play_and_sag(self, q: FloatArray, errors: ErrorModel) -> tuple[Shapes, Shapes]:
+        """Return the shapes of play and of sag at readings `q` (m, n), rad, with the loads in `errors`."""
+        return (
+            sides_of_play(q, errors, self.backlash),
+            shapes_of_sag(q, errors, self.sag_basis, self.sag),
+        )
+
+    def _lay_out_deflection(self) -> None:
+        """Add the part of the fixture's deflection that repeats at the same pose or under the same load."""
+        # The basis has a variance of 2: a constant and a linear part in addition to its scales.
+        self.free_deflection = 1.0 if self.loaded is None else 0.5 * UNMODELLED_SHARE
+        discrepancies: tuple[tuple[int, float], ...] = ()
         if self.errors.discrepancy:
             discrepancy = VarianceComponent(
                 name="discrepancy",
@@ -363,21 +358,22 @@ class Layout:
                 ceiling=LARGEST_DISCREPANCY**2,
                 raise_limit=0.04,
             )
-            rates_of_all = ((self._component(discrepancy), UNIT_DISCREPANCY**2),)
-        k = self.deflection_basis.phi.shape[1]
-        # The basis has a variance of 2: a constant and a linear part in addition to its scales.
-        self.free_deflection = 1.0 if self.loaded is None else 0.5 * UNMODELLED_SHARE
+            discrepancies = ((self._component(discrepancy), UNIT_DISCREPANCY**2),)
         smooth = None
         if any(stated > 0.0 for _, stated in self.deflecting_rows):
             smooth = self._component(VarianceComponent(name="smooth_give"))
+        functions = range(self.deflection_basis.phi.shape[1])
         for rows, stated in self.deflecting_rows:
-            rates = rates_of_all
+            rates = discrepancies
             if smooth is not None and stated > 0.0:
                 rates = (*rates, (smooth, self.free_deflection * stated**2))
-            names = [f"give{i}_{row}" for row in range(rows.start, rows.stop) for i in range(k)]
+            names = [f"give{i}_{row}" for row in range(rows.start, rows.stop) for i in functions]
             self.groups.append(
                 Group(source="fixture_give", names=tuple(names), rates=rates, fixed=1e-18)
             )
+        if self.loaded is not None:
+            names = [f"load{i}" for i in range(self.loaded.loads.all_deflections.shape[-1])]
+            self._group("fixture_give", names, VarianceComponent(name="compliance"))
 
     @property
     def motion_components(self) -> list[int]:
@@ -435,5 +431,4 @@ def _source(parameter: Parameter, fixture: Collection[str]) -> str:
     return "twists" if parameter.is_angle else "lengths"
 
 
-NO_SHAPES = Shapes(columns=np.zeros((0, 0, 0)), missed=np.zeros((0, 0)), expected=np.zeros((0, 0)))
 _NOTHING = PoseBasis(phi=np.zeros((0, 0)), missed=np.zeros(0))

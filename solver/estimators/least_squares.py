@@ -74,7 +74,8 @@ class Triangle:
         if damping == 0.0 and self._full_rank():
             plain, _ = lapack.dtrtrs(self.T, self.b)
             return np.asarray(-plain), 0.5 * float(self.b @ self.b)
-        scale, U, s, Vt = self._scaled()
+        scale = column_scale(self.T)
+        U, s, Vt = np.linalg.svd(self.T / scale)
         determined = s > UNSEEN * s[0]
         gain = np.where(determined, s / np.where(determined, s**2 + damping, 1.0), 0.0)
         beta = U.T @ self.b
@@ -96,12 +97,6 @@ class Triangle:
 
         condition, _ = lapack.dtrcon(self.T / column_scale(self.T))
         return bool(condition > WELL_SEEN)
-
-    def _scaled(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Column norms of J, and the SVD (U, s, V') of its triangle scaled to unit columns."""
-        scale = column_scale(self.T)
-        U, s, Vt = np.linalg.svd(self.T / scale)
-        return scale, U, s, Vt
 
 
 def triangle_of(blocks: Iterable[tuple[FloatArray, FloatArray]]) -> Triangle:

@@ -15,7 +15,7 @@ import numpy as np
 
 from solver.arrays import FloatArray, IntArray
 from solver.estimators.effects import Linearisation, LinearModel, System, Whitened
-from solver.estimators.likelihood import Derivatives, likelihood_derivatives
+from solver.estimators.scoring import Derivatives, likelihood_derivatives
 
 SMALL = 64
 """Number of rows below which a matrix is not divided further."""
@@ -46,8 +46,8 @@ class LinearFit:
         self.root = np.sqrt(design.group_variances(self.v))
         self.unit = np.ones(hard + soft)
         self.unit[design.soft_index] = design.soft_sd * self.root[:soft]
-        slices = list(design.parts())
-        self._kept: list[Whitened] = []
+        slices = design.parts()
+        self._whitened: list[Whitened] = []
         self.H = np.diag(self._prior())
         right = np.zeros(design.width)
         square, logdet = 0.0, 0.0
@@ -59,7 +59,7 @@ class LinearFit:
             square += float((part.w**2).sum())
             logdet -= float(np.log(np.diagonal(part.L_inverse, axis1=-2, axis2=-1)).sum())
             if len(slices) == 1:
-                self._kept.append(part)
+                self._whitened.append(part)
         w, rows = self._distances()
         if len(w):
             self.H += rows.T @ rows
@@ -116,7 +116,21 @@ class LinearFit:
 
     def parts(self) -> Iterator[Whitened]:
         """Yield whitened poses, with effects scaled to unit variance; they are computed again if not kept."""
-        yield from self._kept or (self._whiten(poses) for poses in self.design.parts())
+        yield from self._whitened or (self._whiten(poses) for poses in self.design.parts())
+
+    def residual(self, part: Whitened) -> FloatArray:
+        """Whitened residuals (m, r) of some poses."""
+        return part.w + part.times(self.coefficients)
+
+    def leverage(self, part: Whitened) -> tuple[FloatArray, FloatArray]:
+        """Return ``M H^-1`` (m, r, width) and the blocks (m, r, r) of the projector P of some poses."""
+        gain = part.times(self.H_inverse)
+        return gain, np.eye(part.w.shape[1]) - gain @ np.swapaxes(part.M, -1, -2)
+
+    def _columns(self, G: FloatArray) -> Iterator[tuple[Whitened, FloatArray]]:
+        """Yield whitened poses with further columns G (m, r, k) there, whitened too, (m r, k)."""
+        for part in self.parts():
+            yield part, (part.L_inverse @ G[part.poses]).reshape(-1, G.shape[-1])
 
     @property
     def whole(self) -> System:
@@ -217,8 +231,7 @@ class LinearFit:
         """
         k = G.shape[-1]
         Gw, GG, GM = np.zeros(k), np.zeros((k, k)), np.zeros((k, self.design.width))
-        for part in self.parts():
-            white = (part.L_inverse @ G[part.poses]).reshape(-1, k)
+        for part, white in self._columns(G):
             Gw += part.w.reshape(-1) @ white
             GG += white.T @ white
             GM += white.T @ part.M.reshape(-1, self.design.width)
@@ -230,8 +243,7 @@ class LinearFit:
         They are rows of ``-H^-1 M'G``: the change of each parameter if the coefficient of one column is 1.
         """
         MG = np.zeros((self.design.width, G.shape[-1]))
-        for part in self.parts():
-            white = (part.L_inverse @ G[part.poses]).reshape(-1, G.shape[-1])
+        for part, white in self._columns(G):
             MG += part.M.reshape(-1, self.design.width).T @ white
         return np.asarray(-self._gain() @ MG)
 
@@ -240,9 +252,7 @@ class LinearFit:
 
         No refit is needed: with the projector P and a group's rows F, chi2 is ``(P w)_F' P_FF^-1 (P w)_F``.
         """
-        rows = [
-            (part.times(self.half), part.w + part.times(self.coefficients)) for part in self.parts()
-        ]
+        rows = [(part.times(self.half), self.residual(part)) for part in self.parts()]
         N, residual = (np.concatenate(arrays) for arrays in zip(*rows, strict=True))
         return [
             _held_out(N[poses].reshape(-1, self.design.width), residual[poses].reshape(-1))
@@ -253,10 +263,9 @@ class LinearFit:
         """Misfit of each pose to its prediction from all other poses: chi2 (m,) and degrees of freedom (m,)."""
         chi2, dof = [], []
         for part in self.parts():
-            P = np.eye(part.w.shape[1]) - part.times(self.H_inverse) @ np.swapaxes(part.M, -1, -2)
+            _, P = self.leverage(part)
             values, vectors = np.linalg.eigh(0.5 * (P + np.swapaxes(P, -1, -2)))
-            residual = (part.w + part.times(self.coefficients))[..., None]
-            along = (np.swapaxes(vectors, -1, -2) @ residual)[..., 0]
+            along = (np.swapaxes(vectors, -1, -2) @ self.residual(part)[..., None])[..., 0]
             good = values > 1e-9
             chi2.append((along**2 / np.where(good, values, np.inf)).sum(-1))
             dof.append(good.sum(-1))
@@ -270,10 +279,8 @@ class LinearFit:
         """
         steps = []
         for part in self.parts():
-            gain = part.times(self.H_inverse)
-            P = np.eye(part.w.shape[1]) - gain @ np.swapaxes(part.M, -1, -2)
-            residual = (part.w + part.times(self.coefficients))[..., None]
-            pull = np.linalg.pinv(P, rcond=1e-9, hermitian=True) @ residual
+            gain, P = self.leverage(part)
+            pull = np.linalg.pinv(P, rcond=1e-9, hermitian=True) @ self.residual(part)[..., None]
             steps.append((np.swapaxes(gain[..., self.design.column], -1, -2) @ pull)[..., 0])
         return np.asarray(np.concatenate(steps) * self.unit)
 

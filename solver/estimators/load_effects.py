@@ -29,7 +29,7 @@ from itertools import combinations
 
 import numpy as np
 
-from solver.arrays import FloatArray, IntArray, select_poses
+from solver.arrays import BLOCK_POSES, FloatArray, IntArray, join_poses, pose_slices, select_poses
 from solver.chain.statics import LinkMasses, torque_rates
 from solver.closing import left_null_space
 from solver.estimators.compliance import (
@@ -67,8 +67,20 @@ SMALLEST = 1e-9
 LEAST_TORQUE_NM = 1e-6
 """Smallest torque of gravity that is not neglected."""
 
-CHUNK = 512
-"""Poses computed at a time."""
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointLoads:
+    """Effects of gravity on n joints at m poses.
+
+    `expected`: expected twist (m, n). `columns` (m, n, c): deviations from it. `missed` (m, n): variance that these
+    columns leave out, the whole variance for a joint on which gravity has no lever arm. `side` (m, n): expected side,
+    between -1 and 1, to which gravity moves every joint within its play.
+    """
+
+    expected: FloatArray
+    columns: FloatArray
+    missed: FloatArray
+    side: FloatArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -77,27 +89,21 @@ class LoadBasis:
 
     Attributes
     ----------
-    sag_expected, sag, sag_missed
-        Expected twist (m, n) of every joint, columns (m, n, c) of the deviation from it, and the variance (m, n) that
-        these columns leave out: the whole variance for a joint on which gravity has no lever arm.
+    joints
+        Effects on the joints.
     all_deflections, rows
         (M, k, c) deflection along the closure components in units of the stated deflection, and the index (m,) of each
         pose in this array. It is by far the largest array, and is shared by every selection of poses.
     deflection_missed
         (m, k) variance of the deflection that these columns leave out.
-    side
-        (m, n): expected side, between -1 and 1, to which gravity moves every joint within its play.
     gravity
         Twists and sides as functions of gravity's torque, for other poses.
     """
 
-    sag_expected: FloatArray
-    sag: FloatArray
-    sag_missed: FloatArray
+    joints: JointLoads
     all_deflections: FloatArray
     rows: IntArray
     deflection_missed: FloatArray
-    side: FloatArray
     gravity: Gravity
 
     def deflection_at(self, poses: slice = slice(None)) -> FloatArray:
@@ -106,19 +112,8 @@ class LoadBasis:
 
     def at_poses(self, poses: IntArray) -> LoadBasis:
         """Return the effects at a selection of poses."""
-        of_poses = ("sag_expected", "sag", "sag_missed", "rows", "deflection_missed", "side")
-        return select_poses(self, poses, *of_poses)
-
-    def joints_at(self, q: FloatArray) -> LoadBasis:
-        """Return the effects of load on joints without a fixture, at other angles `q` (m, n), rad."""
-        m, (_, k, c) = len(q), self.all_deflections.shape
-        torque = replace(self.gravity.part, q=q, u=np.zeros((m, 0))).torques(slice(None))
-        expected, sag, missed, side = self.gravity.sags(torque)
-        return LoadBasis(
-            sag_expected=expected, sag=sag, sag_missed=missed, all_deflections=np.zeros((1, k, c)),
-            rows=np.zeros(m, dtype=np.int64), deflection_missed=np.zeros((m, k)), side=side,
-            gravity=self.gravity,
-        )  # fmt: skip
+        joints = select_poses(self.joints, poses, *JointLoads.__slots__)
+        return replace(select_poses(self, poses, "rows", "deflection_missed"), joints=joints)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -140,7 +135,7 @@ class Gravity:
     def of(cls, part: ArmPoses, torque: FloatArray) -> Gravity:
         """Return the twists whose mean square is 1 under torques (m, n, s)."""
         m, n, s = torque.shape
-        cuts = _cuts(m)
+        cuts = pose_slices(m)
         rms = np.sqrt(sum(np.einsum("mns,mns->n", torque[cut], torque[cut]) for cut in cuts) / m)
         scale = np.where(rms > LEAST_TORQUE_NM, rms, np.inf)[:, None]
         # E[c^2] = 1 times the second moments of the torque, minus the square of the expected value.
@@ -155,17 +150,21 @@ class Gravity:
         rate = HALF_NORMAL_MEAN / scale[:, 0]
         return cls(part=part, size=size, turn=size[..., None] * leading, rate=rate)
 
-    def sags(self, torque: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Expected twist (m, n), deviations (m, n, c), variance that they omit (m, n), side of play (m, n)."""
+    def at(self, q: FloatArray) -> JointLoads:
+        """Return the effects at joint angles `q` (m, n), rad."""
+        part = replace(self.part, q=q, u=np.zeros((len(q), 0)))
+        return self.effects(part.torques(slice(None)))
+
+    def effects(self, torque: FloatArray) -> JointLoads:
+        """Return the effects of torques (m, n, s)."""
         blocks = []
-        for cut in _cuts(len(torque)):
+        for cut in pose_slices(len(torque)):
             block = torque[cut]
             columns = (block.transpose(1, 0, 2) @ self.turn).transpose(1, 0, 2)
             missed = np.maximum(((block * self.size) ** 2).sum(-1) - (columns**2).sum(-1), 0.0)
             missed = np.where(self.rate > 0.0, missed, 1.0)
-            blocks.append((self.rate * block[..., 0], columns, missed, _side(block)))
-        expected, columns, missed, side = (np.concatenate(f) for f in zip(*blocks, strict=True))
-        return expected, columns, missed, side
+            blocks.append(JointLoads(self.rate * block[..., 0], columns, missed, _side(block)))
+        return join_poses(blocks, *JointLoads.__slots__)
 
 
 def load_basis(
@@ -194,29 +193,26 @@ def load_basis(
     ]
     torque = np.empty((m, model.joint_count, placements[0][1].shapes))
     for poses, one in placements:
-        for cut in _cuts(len(poses)):
+        for cut in pose_slices(len(poses)):
             torque[poses[cut]] = one.torques(cut)
     gravity = Gravity.of(placements[0][1], torque)
-    expected, sag, missed_sag, side = gravity.sags(torque)
-    # The largest array of all: with many poses it is not kept but computed again at each request.
-    again = torque if m <= CHUNK else None
+    joints = gravity.effects(torque)
+    # The largest array of all: with many poses it is computed once more at each request.
+    of_few = torque if m <= BLOCK_POSES else None
     del torque
     deflection = np.zeros((m, k, deflection_columns * len(parts)))
     missed = np.zeros((m, k))
-    for number, (poses, one) in enumerate(placements):
-        if max(stated_deflection) > 0.0:
-            ours = slice(number * deflection_columns, (number + 1) * deflection_columns)
-            deflection[poses, :, ours], missed[poses] = _load_deflection(
-                one, stated_deflection, deflection_columns, None if again is None else again[poses]
-            )
+    for number, (poses, one) in enumerate(placements if max(stated_deflection) > 0.0 else ()):
+        torque_there = None if of_few is None else of_few[poses]
+        ours = slice(number * deflection_columns, (number + 1) * deflection_columns)
+        deflection[poses, :, ours], missed[poses] = _load_deflection(
+            one, stated_deflection, deflection_columns, torque_there
+        )
     return LoadBasis(
-        sag_expected=expected,
-        sag=sag,
-        sag_missed=missed_sag,
+        joints=joints,
         all_deflections=deflection,
         rows=np.arange(m),
         deflection_missed=missed,
-        side=side,
         gravity=gravity,
     )
 
@@ -227,11 +223,6 @@ def _side(torque: FloatArray) -> FloatArray:
 
     spread = np.sqrt(2.0 * (torque[..., 1:] ** 2).sum(-1))
     return np.asarray(erf(torque[..., 0] / np.maximum(spread, LEAST_TORQUE_NM)))
-
-
-def _cuts(m: int) -> list[slice]:
-    """Slices that divide m poses into blocks."""
-    return [slice(first, min(first + CHUNK, m)) for first in range(0, m, CHUNK)]
 
 
 def _wrenches(
@@ -255,8 +246,8 @@ def _wrenches(
     sets = driven_sets(model.joint_count, J.shape[-2] - own)
     free = np.array([[j for j in range(model.joint_count) if j not in driven] for driven in sets])
     # (m, sets, k, 4 n): the free joints of every set.
-    held = wrench_of(np.moveaxis(J[..., free], -2, -3), E[:, None], moments[:, free])
-    return np.moveaxis(held, 1, -1)
+    wrenches = wrench_of(np.moveaxis(J[..., free], -2, -3), E[:, None], moments[:, free])
+    return np.moveaxis(wrenches, 1, -1)
 
 
 def _load_deflection(
@@ -270,7 +261,7 @@ def _load_deflection(
     centres = farthest(part.q, CENTRES)
     # All poses at once if they are few; else the centres first, then all poses, some at a time.
     few = torque is not None
-    first, among = (np.arange(m), centres) if few else (centres, np.arange(len(centres)))
+    first, of_centres = (np.arange(m), centres) if few else (centres, np.arange(len(centres)))
     W = _wrenches(part, first, torque)
     if not W.any():
         # With exact masses the gravity compensation has no error that could deflect the fixture.
@@ -278,18 +269,18 @@ def _load_deflection(
     # Every set of driven joints has the same weight, in moments and in forces.
     unit = np.ones((k, W.shape[-1]))
     for rows in blocks(k):
-        size = np.sqrt((W[among, rows] ** 2).sum((1, 2)).mean(0))
+        size = np.sqrt((W[of_centres, rows] ** 2).sum((1, 2)).mean(0))
         unit[rows] = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
     unit /= np.sqrt(W.shape[-1])
     s = compliance_sizes(stated_deflection, rotations=k - 3)
     size = np.array([stated_deflection[0]] * (k - 3) + [stated_deflection[1]] * 3)
     scale = np.divide(1.0, size, out=np.zeros(k), where=size > 0.0)
     sized = unit[:, None] * s[:, None, None]
-    held = _pulled(part, first, W * sized)
-    centres_held = held.at_poses(among)
-    across = covariance(held, centres_held, s)
+    loads = _pulled(part, first, W * sized)
+    centre_loads = loads.at_poses(of_centres)
+    across = covariance(loads, centre_loads, s)
     values, vectors = np.linalg.eigh(
-        across.reshape(len(first), k, -1)[among].reshape(-1, across.shape[-1])
+        across.reshape(len(first), k, -1)[of_centres].reshape(-1, across.shape[-1])
     )
     good = values > SMALLEST * values[-1]
     # Keep the largest, whose eigenvectors come last.
@@ -297,12 +288,12 @@ def _load_deflection(
     root = vectors[:, : -count - 1 : -1] / np.sqrt(values[: -count - 1 : -1])
     deflection = np.zeros((m, k, columns))
     missed = np.zeros((m, k))
-    for cut in _cuts(m):
+    for cut in pose_slices(m):
         if not few:
-            held = _pulled(part, cut, _wrenches(part, cut) * sized)
-            across = covariance(held, centres_held, s)
+            loads = _pulled(part, cut, _wrenches(part, cut) * sized)
+            across = covariance(loads, centre_loads, s)
         deflection[cut, :, :count] = (across @ root).reshape(-1, k, count) * scale[:, None]
-        total = variance(held, s) * scale**2
+        total = variance(loads, s) * scale**2
         missed[cut] = np.maximum(total - (deflection[cut] ** 2).sum(-1), 0.0)
     return deflection, missed
 
@@ -316,8 +307,8 @@ def _pulled(part: ArmPoses, poses: IntArray | slice, W: FloatArray) -> FixtureLo
         T = np.zeros((*W.shape[:2], W.shape[1]))
         for rows in blocks(W.shape[1]):
             T[:, rows, rows] = turn
-        still = bool((turn == np.eye(3)).all())
-        halves.append((size, None if still else T))
+        fixed = bool((turn == np.eye(3)).all())
+        halves.append((size, None if fixed else T))
     return FixtureLoads(pull=W.reshape(*W.shape[:2], -1), halves=tuple(halves))
 
 
@@ -330,8 +321,8 @@ def wrench_of(
     freedom. `friction_m`: friction torque of a free joint per force at the fixture, N m/N.
     """
     K = np.swapaxes(E, -1, -2) @ J
-    held = K @ np.swapaxes(K, -1, -2) + friction_m**2 * np.eye(K.shape[-2])
-    return np.asarray(-(E @ np.linalg.solve(held, K)) @ torque)
+    square = K @ np.swapaxes(K, -1, -2) + friction_m**2 * np.eye(K.shape[-2])
+    return np.asarray(-(E @ np.linalg.solve(square, K)) @ torque)
 
 
 def driven_sets(joints: int, equations: int) -> list[tuple[int, ...]]:

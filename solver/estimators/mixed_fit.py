@@ -7,7 +7,6 @@ relinearises the loops where they close, unless the change is too small for nonl
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,9 +18,15 @@ from solver.estimators.effects import Linearisation, LinearModel, State, System
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.layout import Layout
 from solver.estimators.least_squares import Progress
-from solver.estimators.likelihood import Derivatives
 from solver.estimators.linear_fit import LinearFit
-from solver.estimators.scoring import ScoringStep, VarianceSearch, scale_spread, step, with_priors
+from solver.estimators.scoring import (
+    Derivatives,
+    ScoringStep,
+    VarianceSearch,
+    scale_spread,
+    step,
+    with_priors,
+)
 from solver.loops.closure import ClosureModel, unsensed_at_readings
 
 MIXED_ITERATIONS = 40
@@ -74,8 +79,8 @@ class MixedFit:
     """Result of the iteration, with the poses in the order given; `fit`: the linear fit at the solution.
 
     `x`: parameters (P,). `corrections`, `unsensed`: joint corrections e (m, n) and unsensed angles (m, U), rad.
-    `shift`: part of the corrections that the effects predict (m, n), rad. `found`: derivatives of the likelihood at the
-    solution, from the poses that determined the variances; None if the variances were given.
+    `shift`: part of the corrections that the effects predict (m, n), rad. `final_derivatives`: derivatives of the
+    likelihood at the solution, from the poses that determined the variances; None if the variances were given.
     """
 
     x: FloatArray
@@ -83,13 +88,13 @@ class MixedFit:
     unsensed: FloatArray
     shift: FloatArray
     fit: LinearFit
-    found: Derivatives | None
+    final_derivatives: Derivatives | None
     iterations: int
     converged: bool
 
     def derivatives(self) -> Derivatives:
         """Derivatives, at the solution, of the likelihood with respect to the variances."""
-        return with_priors(self.fit) if self.found is None else self.found
+        return with_priors(self.fit) if self.final_derivatives is None else self.final_derivatives
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -106,46 +111,31 @@ class FitStart:
 
 
 def fit_mixed(
-    model: ClosureModel,
-    q: FloatArray,
-    errors: ErrorModel,
+    design: LinearModel,
     x0: FloatArray,
     *,
-    group: IntArray | None = None,
-    variances: Callable[[Layout], FloatArray] | None = None,
+    variances: FloatArray | None = None,
     near: FitStart | None = None,
     progress: Progress | None = None,
 ) -> MixedFit:
-    """Fit parameters, effects, joint corrections and variances to readings `q` (m, n), rad, from `x0` (P,).
+    """Fit parameters, effects, joint corrections and variances to the readings of `design`, from `x0` (P,).
 
-    `group`: placement of each pose (m,); deflections of the fixture in different placements are independent.
-    `variances`: function that returns the variances (K,) for a layout; they and `errors.signed` stay fixed. None:
-    variances and `signed` are estimated. `near`: another fit to start from; only with fixed variances.
+    `variances` (K,), if given, and `errors.signed` of the design stay fixed; otherwise both are estimated. `near`:
+    another fit to start from; only with fixed variances.
     """
-    if variances is None and len(q) > 2 * POSES_FOR_VARIANCES:
-        # Evenly over the poses in canonical order, so that the selection does not depend on their order.
-        subset = np.linspace(0, len(q) - 1, POSES_FOR_VARIANCES).astype(np.int64)
-        of_subset = _iterate(
-            LinearModel(
-                model.at_poses(subset), q[subset], errors.at_poses(subset),
-                group=None if group is None else group[subset],
-            ),
-            x0, None, progress,
-        )  # fmt: skip
-        errors = replace(errors, signed=of_subset.fit.design.errors.signed)
-        design = LinearModel(model, q, errors, group=group)
-        of_all = _iterate(
-            design, of_subset.x, of_subset.fit.v, progress, derivatives=of_subset.found
-        )
-        return replace(
-            of_all,
-            iterations=of_subset.iterations + of_all.iterations,
-            converged=of_subset.converged and of_all.converged,
-        )
-    like = None if near is None else near.layout
-    design = LinearModel(model, q, errors, group=group, like=like)
-    v = None if variances is None else variances(design)
-    return _iterate(design, x0, v, progress, near)
+    if variances is not None or len(design.q) <= 2 * POSES_FOR_VARIANCES:
+        return _iterate(design, x0, variances, progress, near)
+    # Evenly over the poses in canonical order, so that the selection does not depend on their order.
+    subset = np.linspace(0, len(design.q) - 1, POSES_FOR_VARIANCES).astype(np.int64)
+    first = _iterate(design.at_poses(subset), x0, None, progress)
+    if first.fit.design.errors.signed != design.errors.signed:
+        design = design.unsigned()
+    fitted = _iterate(design, first.x, first.fit.v, progress, derivatives=first.final_derivatives)
+    return replace(
+        fitted,
+        iterations=first.iterations + fitted.iterations,
+        converged=first.converged and fitted.converged,
+    )
 
 
 def _iterate(
@@ -217,7 +207,7 @@ def _iterate(
             state, _, _ = _advance(design, linearisation, fit)
     shift, _ = design.effects_at(fit.b, design.q + state.e)
     return MixedFit(
-        x=state.x, corrections=state.e, unsensed=state.u, shift=shift, fit=fit, found=derivatives,
+        x=state.x, corrections=state.e, unsensed=state.u, shift=shift, fit=fit, final_derivatives=derivatives,
         iterations=iterations, converged=converged,
     )  # fmt: skip
 
@@ -282,8 +272,7 @@ def _advance(design: LinearModel, at: Linearisation, fit: LinearFit) -> tuple[St
     u, closed_q, closed_u = old.closed_u.copy(), design.q.copy(), old.closed_u.copy()
     for part in fit.parts():
         poses, system = part.poses, at.at_poses(part.poses)
-        residual = (part.w + part.times(fit.coefficients))[..., None]
-        multipliers = np.swapaxes(part.L_inverse, -1, -2) @ residual
+        multipliers = np.swapaxes(part.L_inverse, -1, -2) @ fit.residual(part)[..., None]
         noise = part.noise * (np.swapaxes(system.noise_columns, -1, -2) @ multipliers)[..., 0]
         e[poses] -= noise[:, : e.shape[1]]
         deflection[poses] -= noise[:, e.shape[1] :]

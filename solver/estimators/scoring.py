@@ -1,19 +1,23 @@
-"""One scoring step of the variances of a mixed model, by restricted maximum likelihood.
+"""Derivatives of the restricted likelihood of a mixed model, and one scoring step of its variances.
 
-`solver.estimators.likelihood` has the derivatives. The scale of a source of errors has a log-normal prior whose median
-is the stated scale (method, section 10, "Scales").
+Restricted likelihood (Patterson & Thompson 1971) estimates variances from the part of the data that no parameter can
+explain, so degrees of freedom are accounted for. Its derivatives need only the inverse of the mixed-model equations and
+blocks of single poses. The scale of a source of errors has a log-normal prior whose median is the stated scale (method,
+section 10, "Scales").
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from solver.arrays import FloatArray
 from solver.estimators.layout import PLACEMENT, Layout
-from solver.estimators.likelihood import Derivatives
-from solver.estimators.linear_fit import LinearFit
+
+if TYPE_CHECKING:
+    from solver.estimators.linear_fit import LinearFit
 
 TINY = 1e-300
 """Lower limit of a logarithm's argument."""
@@ -37,7 +41,6 @@ NEWTON_SIGMA = 0.3
 LEAST_CURVATURE = 0.05
 """Smallest eigenvalue of the curvature, in units of the expected information, for Newton's step."""
 
-
 SCALE_SD = float(np.log(2.0))
 """Standard deviation of the logarithm of a source's scale (ratio to the stated one): a factor of two is one sigma."""
 
@@ -47,6 +50,71 @@ of the variance is common, so sources that the poses hardly determine follow the
 
 FAST_SHARE = 0.3
 """Convergence is fast if a step is below this share of the step before."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Derivatives:
+    """Gradient (K,), expected information and negative second derivative (K, K) of the likelihood.
+
+    Twice the gradient is a quadratic form of the residuals minus its expectation, `expected` (K,).
+    """
+
+    score: FloatArray
+    information: FloatArray
+    curvature: FloatArray
+    expected: FloatArray
+
+
+def likelihood_derivatives(fit: LinearFit) -> Derivatives:
+    """Differentiate the restricted log-likelihood with respect to every variance component, at `fit`."""
+    design, K = fit.design, len(fit.v)
+    hard, width = design.hard, design.width
+    # Rates of the logarithm of each effect column's variance.
+    rates = design.variance_rates / design.group_variances(fit.v)[:, None]
+    # Effects: with T = Z' P Z = I - H^-1 in units of their variance, all traces are sums over its blocks.
+    determined = 1.0 - np.diagonal(fit.H_inverse)[hard:]
+    squares = fit.H_inverse[hard:, hard:] ** 2
+    np.fill_diagonal(squares, determined**2)
+    expected = determined @ rates
+    score = fit.unit_b**2 @ rates - expected
+    information = rates.T @ (squares @ rates)
+    # The mean of expected and observed information needs no trace: it is a Gram matrix of each component's covariance
+    # times the weighted residual (Gilmour, Thompson & Cullis 1995).
+    inner, along = np.zeros((K, K)), np.zeros((K, width))
+    effects = rates * fit.unit_b[:, None]
+    # Noise: blocks of P on the diagonal, pose by pose.
+    for part in fit.parts():
+        m, r = part.w.shape
+        M = part.M.reshape(m * r, width)
+        X, P = fit.leverage(part)
+        # A component's derivative of the noise's covariance is C diag(rates) C'.
+        own, noise = design.noise_rates(part.poses)
+        C, rows = part.C, m * part.C.shape[-1]
+        by_own = noise.reshape(rows, -1)
+        Ct = np.swapaxes(C, -1, -2)
+        pulled_residual = Ct @ fit.residual(part)[..., None]
+        pulled = -M[:, hard:] @ effects
+        pulled[:, own] += (C @ (noise * pulled_residual)).reshape(m * r, -1)
+        inner += pulled.T @ pulled
+        along += pulled.T @ M
+        PC = P @ C
+        expected_part = (PC * C).sum(1).ravel() @ by_own
+        expected[own] += expected_part
+        score[own] += pulled_residual.ravel() ** 2 @ by_own - expected_part
+        squared = (Ct @ PC) * (Ct @ C) @ noise
+        information[np.ix_(own, own)] += by_own.T @ squared.reshape(rows, -1)
+        # The projector P times the effects' columns of each pose, along the noise columns.
+        effect_columns = (Ct @ X[..., hard:]).reshape(rows, -1)
+        across = (by_own.T @ effect_columns**2) @ rates
+        information[own] += across
+        information[:, own] += across.T
+    average = inner - along @ fit.H_inverse @ along.T
+    return Derivatives(
+        score=0.5 * score,
+        information=0.5 * information,
+        curvature=average - 0.5 * information,
+        expected=expected,
+    )
 
 
 def with_priors(fit: LinearFit) -> Derivatives:
@@ -183,7 +251,7 @@ class VarianceSearch:
         self.fast = fast
         self._from: tuple[FloatArray, float, ScoringStep] | None = None
         self._share = 1.0
-        self._wanted: float | None = None
+        self._last_size: float | None = None
 
     def next_variances(
         self, fit: LinearFit, derivatives: Derivatives, newton_step: ScoringStep, *, far: bool
@@ -192,9 +260,9 @@ class VarianceSearch:
 
         `far`: whether the next linearisation will be so different that slopes cannot be compared.
         """
-        if self._wanted is not None:
-            self.fast = newton_step.largest < FAST_SHARE * self._wanted
-        self._wanted = newton_step.largest
+        if self._last_size is not None:
+            self.fast = newton_step.largest < FAST_SHARE * self._last_size
+        self._last_size = newton_step.largest
         if self._from is not None:
             start, likelihood, last = self._from
             slope = float(derivatives.score @ last.change)

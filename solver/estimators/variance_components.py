@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import partial
 
 import numpy as np
 
@@ -23,14 +22,15 @@ from solver.estimators.component_report import (
     components,
     standard_errors,
 )
+from solver.estimators.effects import LinearModel
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.estimate import Estimate, closure_at_readings, require_enough_poses
 from solver.estimators.implicit import NoiseModel, estimate_implicit
 from solver.estimators.layout import Layout
 from solver.estimators.least_squares import Progress
-from solver.estimators.likelihood import Derivatives
 from solver.estimators.linear_fit import LinearFit
 from solver.estimators.mixed_fit import FitStart, MixedFit, fit_mixed
+from solver.estimators.scoring import Derivatives
 from solver.loops.closure import ClosureModel, nearest_equivalent
 
 EQUAL = 1e-9
@@ -92,14 +92,14 @@ class Calibrated:
     """An estimate, its variance components, and the linear fit that further tests use.
 
     `linear`, `order`: the fit, with its poses in canonical order, and the caller's index (m,) of each of these poses.
-    `found`: derivatives, at the solution, of the likelihood with respect to the variances. `unsensed`: unsensed angles
+    `derivatives`: those of the likelihood with respect to the variances, at the solution. `unsensed`: unsensed angles
     (m, U), rad, in the caller's order.
     """
 
     estimate: Estimate
     components: VarianceComponents
     linear: LinearFit
-    found: Derivatives
+    derivatives: Derivatives
     order: IntArray
     unsensed: FloatArray
 
@@ -139,47 +139,38 @@ def estimate_with_errors(
     their nominal values. `group`: placement of each pose (m,). Raises `ValueError` if the errors name a joint whose
     reading is not used, or a parameter that is not free; `TooFewPosesError` if no degree of freedom would be left.
     """
-    settled = settle(model, q, errors, x0=x0, group=group, progress=progress)
-    fitted, back = settled.fit, back_to_caller(settled.order)
+    fitted, order = settle(model, q, errors, x0=x0, group=group, progress=progress)
+    back = back_to_caller(order)
     return Calibrated(
-        estimate=estimate_of(settled, model, q),
+        estimate=estimate_of(fitted, order),
         components=_report(fitted, back),
         linear=fitted.fit,
-        found=fitted.derivatives(),
-        order=settled.order,
+        derivatives=fitted.derivatives(),
+        order=order,
         unsensed=fitted.unsensed[back],
     )
 
 
-def estimate_of(settled: SettledFit, model: ClosureModel, q: FloatArray) -> Estimate:
-    """Return the estimate from a fit to joint angles `q` (m, n), rad, with poses in the order of `q`."""
-    fitted = settled.fit
-    error = closure_at_readings(model.at_poses(settled.order), fitted.x, q[settled.order])
+def estimate_of(fitted: MixedFit, order: IntArray) -> Estimate:
+    """Return the estimate from a fit, in the caller's order of poses; `order` (m,): index there of each pose."""
+    fit, design = fitted.fit, fitted.fit.design
+    error = closure_at_readings(design.model, fitted.x, design.q)
     return Estimate(
         estimator="implicit",
-        parameters=model.parameters,
+        parameters=design.model.parameters,
         x=fitted.x,
-        covariance=fitted.fit.covariance,
+        covariance=fit.covariance,
         residual=error.residual,
         rotation_rows=error.rotation_rows,
         sigmas=error.sigmas,
         flipped=error.flipped_poses,
-        dof=settled.dof,
-        chi2=fitted.fit.chi2,
-        pose_chi2=_pose_chi2(fitted.fit),
+        dof=require_enough_poses(design.model, len(design.q), known=len(design.errors.tolerance)),
+        chi2=fit.chi2,
+        pose_chi2=np.concatenate([(fit.residual(part) ** 2).sum(-1) for part in fit.parts()]),
         corrections=fitted.corrections,
         iterations=fitted.iterations,
         converged=fitted.converged,
-    ).at_poses(back_to_caller(settled.order))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SettledFit:
-    """Result of the iteration; `order` (m,) are the caller's indices of the poses in `fit`."""
-
-    fit: MixedFit
-    order: IntArray
-    dof: int
+    ).at_poses(back_to_caller(order))
 
 
 def settle(
@@ -192,38 +183,41 @@ def settle(
     near: FitStart | None = None,
     variances: Callable[[Layout], FloatArray] | Mapping[str, float] | None = None,
     progress: Progress | None = None,
-) -> SettledFit:
-    """Make the fit of `estimate_with_errors`, without the report.
+) -> tuple[MixedFit, IntArray]:
+    """Make the fit of `estimate_with_errors`, without the report; also return the caller's index of each of its poses.
 
-    `near`, `variances` (also a mapping by name): see `fit_mixed`.
+    `near`: see `fit_mixed`. `variances`: fixed variances by name, or a function of the layout that returns them (K,).
     """
-    if isinstance(variances, Mapping):
-        variances = partial(Layout.variances_by_name, named=variances)
     order = canonical_order(q)
     model, q, errors = model.at_poses(order), q[order], errors.at_poses(order)
     group = None if group is None else group[order]
     if near is not None:
         near = select_poses(near, order, "corrections", "unsensed")
-    dof = require_enough_poses(model, len(q), known=len(errors.tolerance))
+    require_enough_poses(model, len(q), known=len(errors.tolerance))
     nominal = nominal_vector(model.parameters)
     if x0 is None:
         x0 = _first(model, q, errors, progress)
     x0 = _near(model, errors, x0, nominal)
-    fitted = fit_mixed(
-        model, q, errors, x0, group=group, near=near, variances=variances, progress=progress
-    )
+    like = None if near is None else near.layout
+    design = LinearModel(model, q, errors, group=group, like=like)
+    if isinstance(variances, Mapping):
+        v: FloatArray | None = design.variances_by_name(variances)
+    else:
+        v = None if variances is None else variances(design)
+    fitted = fit_mixed(design, x0, near=near, variances=v, progress=progress)
     x = _near(model, errors, nearest_equivalent(model, fitted.x, nominal), nominal)
     if np.abs(x - fitted.x).max() > EQUAL:
         # An equivalent parameter vector has another covariance: continue there.
-        fitted = fit_mixed(model, q, fitted.fit.design.errors, x, group=group, variances=variances)
-    return SettledFit(fit=fitted, order=order, dof=dof)
+        fitted = fit_mixed(fitted.fit.design, x, variances=v)
+    return fitted, order
 
 
 def _near(
     model: ClosureModel, errors: ErrorModel, x: FloatArray, nominal: FloatArray
 ) -> FloatArray:
     """Bring each angle that has a prior within half a turn of the prior's mean: 181 deg near 180 deg, not -179 deg."""
-    known = [p.is_angle and errors.knows(p.name) for p in model.parameters]
+    priors = {*errors.tolerance, *errors.prior}
+    known = [p.is_angle and p.name in priors for p in model.parameters]
     return np.where(known, nominal + wrap_angle(x - nominal), x)
 
 
@@ -241,13 +235,6 @@ def _first(
     exact = model.without(tuple(errors.tolerance))
     x[hard] = estimate_implicit(exact, q, noise, progress=progress).x
     return x
-
-
-def _pose_chi2(fit: LinearFit) -> FloatArray:
-    """Remaining chi2 of each pose (m,) after all effects."""
-    return np.concatenate(
-        [((part.w + part.times(fit.coefficients)) ** 2).sum(-1) for part in fit.parts()]
-    )
 
 
 def noise_left(fitted: MixedFit, back: IntArray) -> NoiseModel:
@@ -268,11 +255,7 @@ def _report(fitted: MixedFit, back: IntArray) -> VarianceComponents:
         components=components(design, fit.v, error),
         compliance=compliance_test(stated, design),
         noise=noise_left(fitted, back),
-        curves_rad={
-            a.joint: -fitted.shift[back, a.joint - 1]
-            for a in design.errors.analogue
-            if a.curve is not None
-        },
+        curves_rad={c.joint: -fitted.shift[back, c.joint - 1] for c in design.errors.curves},
         repeatability=fit.repeatability,
         budget=fit.budget(),
         stated_chi2=stated.chi2,

@@ -11,7 +11,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from solver.arrays import FloatArray
+from solver.arrays import FloatArray, frozen
 from solver.chain.kinematics import DhTable, Entries, Frames, forward, jacobian
 from solver.chain.parameters import DhEntry, DhKind, Parameter
 from solver.chain.rotations import skew
@@ -32,6 +32,8 @@ class ArmLoop(ClosureModel):
     OWN_ANGLES: ClassVar[tuple[str, ...]] = ()
     GROUND_SIDE: ClassVar[tuple[str, ...]] = ()
     """Unknowns that an endpoint can have, which of them are angles, and which place the fixture on the table."""
+    ARRAYS: ClassVar[tuple[str, ...]] = ()
+    """Fields that hold arrays."""
 
     table: DhTable
     entries: tuple[DhEntry, ...]
@@ -45,18 +47,17 @@ class ArmLoop(ClosureModel):
     _moved: Entries = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
+        for name in self.ARRAYS:
+            if (value := getattr(self, name)) is not None:
+                object.__setattr__(self, name, frozen(value))
         kinds = [int(e.kind) for e in self.entries]
         rows = [e.row - self.FIRST_LINK for e in self.entries]
         if not set(rows) <= set(range(self.table.links)):
             raise ValueError("a free entry names a link the table does not have")
         if len(set(zip(kinds, rows, strict=True))) != len(self.entries):
             raise ValueError("a free entry is listed twice")
-        if any(not 1 <= j <= self.joint_count for j in self.unsensed_joints):
-            raise ValueError("an unsensed joint is not a joint of the arm")
         if any(e.kind is DhKind.THETA_OFF and e.row in self.unsensed_joints for e in self.entries):
             raise ValueError(f"joints {self.unsensed_joints} are unsensed: they have no offset")
-        if not set(self.own) <= set(self.OWN) or len(set(self.own)) != len(self.own):
-            raise ValueError(f"this endpoint has the unknowns {self.OWN}, each once")
         stacked = self.table.stacked()
         object.__setattr__(self, "_stacked", stacked)
         object.__setattr__(self, "_indices", (kinds, rows))
@@ -65,15 +66,13 @@ class ArmLoop(ClosureModel):
         object.__setattr__(self, "_moved", entries)
         object.__setattr__(self, "_unknown", Entries.of(kinds, rows))
         nominal = dict(zip(self.OWN, self._own_nominal().tolist(), strict=True))
-        positions = [
-            Parameter(name=e.name, is_angle=e.kind.is_angle, nominal=float(value))
+        unknowns = [
+            (e.name, e.kind.is_angle, float(value))
             for e, value in zip(self.entries, stacked[kinds, rows], strict=True)
         ]
-        positions += [
-            Parameter(name=name, is_angle=name in self.OWN_ANGLES, nominal=nominal[name])
-            for name in self.own
-        ]
-        object.__setattr__(self, "parameters", tuple(positions))
+        unknowns += [(name, name in self.OWN_ANGLES, nominal[name]) for name in self.own]
+        parameters = (Parameter(name=n, is_angle=a, nominal=v) for n, a, v in unknowns)
+        object.__setattr__(self, "parameters", tuple(parameters))
 
     def _own_nominal(self) -> FloatArray:
         """Nominal values (O,) of all unknowns listed in `OWN`."""
@@ -168,6 +167,13 @@ class ArmLoop(ClosureModel):
     def with_table(self, table: DhTable) -> Self:
         """Return the same loop with other nominal values of its links."""
         return replace(self, table=table)
+
+    def drawn(self, x: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+        """Origins of frames 0..n and the fixture's point (n + 2, 3), m, and a zero axis, for joint angles `q` (n,)."""
+        frames = self.frames(x, q[None, :], np.zeros((1, len(self.unsensed_joints))))
+        tip = self.OWN.index("tip_x")
+        point = frames.p_end + frames.R_end[0] @ self.own_values(x)[0, tip : tip + 3]
+        return np.concatenate((frames.origins_m[0], point)), np.zeros(3)
 
     def columns(self, frames: Frames, lever_m: FloatArray | None = None) -> FloatArray:
         """Screws (..., 6, P_entries + links) of the unknown entries, then of every link's angle.

@@ -6,6 +6,7 @@ closure error and its Jacobians.
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
@@ -14,13 +15,10 @@ from typing import Self
 
 import numpy as np
 
-from solver.arrays import BoolArray, FloatArray, IntArray, select_poses
+from solver.arrays import BLOCK_POSES, BoolArray, FloatArray, IntArray, pose_slices
 from solver.chain.kinematics import DhTable
 from solver.chain.parameters import DhEntry, Parameter, wrap_angles
 from solver.loops.endpoint_geometry import Line
-
-BLOCK_POSES = 1024
-"""Poses evaluated at a time: kinematics and Jacobian of this many fit in a core's cache."""
 
 Which = IntArray | slice
 """Indices of some parameters or poses, or ``slice(None)`` for all."""
@@ -40,10 +38,6 @@ class LoopError:
     jac_q: FloatArray
     jac_u: FloatArray
 
-    def of_poses(self, poses: IntArray | BoolArray) -> LoopError:
-        """Return the error of a selection of poses."""
-        return select_poses(self, poses, "residual", "jac_x", "jac_q", "jac_u")
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReducedError:
@@ -61,6 +55,53 @@ class ReducedError:
     unsensed: FloatArray
     flipped: BoolArray
 
+    @property
+    def flipped_poses(self) -> tuple[int, ...]:
+        """Indices of poses on the flipped branch."""
+        return tuple(np.flatnonzero(self.flipped).tolist())
+
+    @property
+    def sigmas(self) -> ClosureSigmas:
+        """sigma_pos and sigma_ori of all poses."""
+        return closure_sigmas(self.residual, self.rotation_rows)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ResidualSigma:
+    """A standard deviation, calculated according to two interpretations of the paper's formula.
+
+    `rms` divides inside the root, sqrt(sum / (k m)), the only interpretation that gives values as large as the
+    paper's; `as_printed` divides outside the root, sqrt(sum) / (k m). k: components, m: poses.
+    """
+
+    rms: float
+    as_printed: float
+
+    @classmethod
+    def of(cls, rows: FloatArray) -> ResidualSigma:
+        """Return the standard deviation of residuals (m, k); 0 if there are none."""
+        root, count = float(np.sqrt(np.sum(rows**2))), max(rows.size, 1)
+        return cls(rms=root / math.sqrt(count), as_printed=root / count)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ClosureSigmas:
+    """Standard deviations of the closure error: position in m, orientation in rad.
+
+    `orientation_rad` is None if orientation is not part of the closure error (ball, measured positions).
+    """
+
+    position_m: ResidualSigma
+    orientation_rad: ResidualSigma | None
+
+
+def closure_sigmas(residual: FloatArray, rotation_rows: int) -> ClosureSigmas:
+    """Compute both sigmas of reduced residuals (m, r), rotation rows first (eqs. 14 and 15)."""
+    return ClosureSigmas(
+        position_m=ResidualSigma.of(residual[:, rotation_rows:]),
+        orientation_rad=ResidualSigma.of(residual[:, :rotation_rows]) if rotation_rows else None,
+    )
+
 
 class ConstrainedPart(Enum):
     """Part of the tool that a fixture constrains."""
@@ -68,20 +109,6 @@ class ConstrainedPart(Enum):
     POINT = "point"
     AXIS = "axis"
     FRAME = "frame"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ToolConstraint:
-    """Where a fixture acts on the tool and on the table.
-
-    `ground`, `hand`: lines of the table and of the tool that a hinge makes coincide, in the frames of
-    `constrained_axis_entries`; other fixtures use the points only. `rotation`: mean (3, 3) of the tool's rotation
-    matrices over the poses, in the frame of `ground`; the mean is itself a rotation only with a rigid fixture.
-    """
-
-    ground: Line
-    hand: Line
-    rotation: FloatArray
 
 
 class ClosureModel(ABC):
@@ -217,9 +244,16 @@ class ClosureModel(ABC):
         """Part of the tool that the fixture constrains; None if it does not constrain the tool."""
         return None
 
-    def constraint_entries(self, at: ToolConstraint) -> dict[str, float]:
-        """Values of the fixture's unknowns, by name, for constraint `at`; ValueError if the tool is not constrained."""
-        raise ValueError(f"{type(self).__name__} does not constrain the tool ({at})")
+    def constraint_entries(
+        self, ground: Line, hand: Line, rotation: FloatArray
+    ) -> dict[str, float]:
+        """Values of the fixture's unknowns, by name; ValueError if the tool is not constrained.
+
+        `ground`, `hand`: lines of the table and of the tool that a hinge makes coincide, in the frames of
+        `constrained_axis_entries`; other fixtures use their points only. `rotation`: mean (3, 3) of the tool's rotation
+        matrices over the poses, in the frame of `ground`; the mean is itself a rotation only with a rigid fixture.
+        """
+        raise ValueError(f"{type(self).__name__} does not constrain the tool")
 
     def dh_table(self, x: FloatArray) -> DhTable | None:
         """D-H table of links 0..n, with the entries in `x` (P,); None if the loop does not consist of links 0..n."""
@@ -241,8 +275,8 @@ def pose_blocks(model: ClosureModel, q: FloatArray) -> tuple[tuple[ClosureModel,
     """Cut the poses `q` (m, n) into blocks: the model of each block's poses, and their joint angles (m_k, n)."""
     if len(q) <= BLOCK_POSES:
         return ((model, q),)
-    cuts = np.split(np.arange(len(q)), np.arange(BLOCK_POSES, len(q), BLOCK_POSES))
-    return tuple((model.at_poses(cut), q[cut]) for cut in cuts)
+    every = np.arange(len(q))
+    return tuple((model.at_poses(every[cut]), q[cut]) for cut in pose_slices(len(q)))
 
 
 def unsensed_at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> FloatArray:

@@ -19,14 +19,12 @@ from solver.chain.rotations import (
     rotation_vector_differential,
 )
 from solver.loops.arm_loop import ArmLoop
-from solver.loops.closure import (
-    ClosureModel,
-    ConstrainedPart,
-    LoopError,
-    ReducedError,
-    ToolConstraint,
+from solver.loops.closure import ClosureModel, ConstrainedPart, LoopError, ReducedError
+from solver.loops.endpoint_geometry import (
+    Line,
+    constrained_axis_entries,
+    constrained_frame_entries,
 )
-from solver.loops.endpoint_geometry import constrained_axis_entries, constrained_frame_entries
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -160,11 +158,13 @@ class DhLoop(ArmLoop):
         """Part of the tool that the fixture constrains: a line (hinge) or the whole frame (rigid)."""
         return ConstrainedPart.AXIS if self.hinge else ConstrainedPart.FRAME
 
-    def constraint_entries(self, at: ToolConstraint) -> dict[str, float]:
+    def constraint_entries(
+        self, ground: Line, hand: Line, rotation: FloatArray
+    ) -> dict[str, float]:
         """D-H entries of the fixture by name, rad and m, for this constraint of the tool."""
         if not self.hinge:
-            return constrained_frame_entries(at.rotation, at.ground.point_m, self.joint_count)
-        return constrained_axis_entries(at.ground, at.hand, self.joint_count)
+            return constrained_frame_entries(rotation, ground.point_m, self.joint_count)
+        return constrained_axis_entries(ground, hand, self.joint_count)
 
     def dh_table(self, x: FloatArray) -> DhTable:
         """D-H table of links 0..n."""

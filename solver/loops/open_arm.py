@@ -11,7 +11,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from solver.arrays import FloatArray, IntArray, frozen, select_poses
+from solver.arrays import FloatArray, IntArray, select_poses
 from solver.chain.rotations import rotation_matrix, rotation_vector, rotation_vector_differential
 from solver.loops.arm_loop import ArmLoop
 from solver.loops.closure import LoopError
@@ -19,7 +19,6 @@ from solver.loops.closure import LoopError
 BASE = ("base_x", "base_y", "base_z", "base_rx", "base_ry", "base_rz")
 TIP_POINT = ("tip_x", "tip_y", "tip_z")
 TIP_TURN = ("tip_rx", "tip_ry", "tip_rz")
-_ARRAYS = ("base_m", "base_rotation", "tip_m", "tip_rotation", "endpoint_m", "endpoint_rotation")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,6 +38,9 @@ class MeasuredClosure(ArmLoop):
     OWN: ClassVar[tuple[str, ...]] = BASE + TIP_POINT + TIP_TURN
     OWN_ANGLES: ClassVar[tuple[str, ...]] = BASE[3:] + TIP_TURN
     GROUND_SIDE: ClassVar[tuple[str, ...]] = BASE
+    ARRAYS: ClassVar[tuple[str, ...]] = (
+        "base_m", "base_rotation", "tip_m", "tip_rotation", "endpoint_m", "endpoint_rotation",
+    )  # fmt: skip
 
     base_m: FloatArray
     base_rotation: FloatArray
@@ -47,17 +49,6 @@ class MeasuredClosure(ArmLoop):
     full_pose: bool
     endpoint_m: FloatArray | None = None
     endpoint_rotation: FloatArray | None = None
-
-    def __post_init__(self) -> None:
-        for name in _ARRAYS:
-            value = getattr(self, name)
-            if value is not None:
-                object.__setattr__(self, name, frozen(value))
-        if not self.full_pose and set(self.own) & set(TIP_TURN):
-            raise ValueError(
-                "positions alone do not determine the target's orientation on the tool"
-            )
-        ArmLoop.__post_init__(self)
 
     def _own_nominal(self) -> FloatArray:
         return np.concatenate((self.base_m, np.zeros(3), self.tip_m, np.zeros(3)))
@@ -74,10 +65,6 @@ class MeasuredClosure(ArmLoop):
         if self.full_pose != (rotation is not None):
             requirement = "needs" if self.full_pose else "does not use"
             raise ValueError(f"this measurement {requirement} orientations")
-        if position_m.ndim != 2 or position_m.shape[1] != 3:
-            raise ValueError("positions must be (m, 3)")
-        if rotation is not None and rotation.shape != (len(position_m), 3, 3):
-            raise ValueError("one orientation per position is required")
         return replace(self, endpoint_m=position_m, endpoint_rotation=rotation)
 
     def predicted(self, x: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -134,12 +121,6 @@ class MeasuredClosure(ArmLoop):
     def at_poses(self, poses: IntArray) -> MeasuredClosure:
         """Return the model bound to the measurements of these poses only."""
         return select_poses(self, poses, "endpoint_m", "endpoint_rotation")
-
-    def drawn(self, x: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Origins of frames 0..n and the target (n + 2, 3), m, and a zero axis, for joint angles `q` (n,)."""
-        frames = self.frames(x, q[None, :], np.zeros((1, len(self.unsensed_joints))))
-        target = frames.p_end[0] + frames.R_end[0] @ self.own_values(x)[0, 6:9]
-        return np.concatenate((frames.origins_m[0], target[None, :])), np.zeros(3)
 
     def fixture_axis(self, x: FloatArray) -> tuple[FloatArray, FloatArray] | None:
         """Target's measured position in the base frame, m, and a zero axis; None unless the model is of one pose."""

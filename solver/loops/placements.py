@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from solver.arrays import FloatArray, IntArray
 from solver.chain.kinematics import DhTable
 from solver.chain.parameters import DhEntry, Parameter
+from solver.chain.poses import back_to_caller
 from solver.loops.closure import ClosureModel, LoopError, ReducedError
 
 MAX_COMBINATIONS = 4096
@@ -114,7 +115,7 @@ class Placements(ClosureModel):
             model.initial_unsensed(own_x, q[..., poses, :])
             for model, own_x, poses in self._each(x, q)
         ]
-        return self._gathered_array(angles, 1)
+        return self._in_order(angles, 1)
 
     def reduced(self, x: FloatArray, q: FloatArray, *, rates: bool = True) -> ReducedError:
         """Reduced closure error of every pose in its own placement."""
@@ -142,36 +143,21 @@ class Placements(ClosureModel):
     def _gathered(
         self, errors: Sequence[LoopError | ReducedError], **trailing: int
     ) -> dict[str, Any]:
-        """Combine arrays of the placements' errors; `trailing`: number of axes after the poses, by field."""
-        return {
-            name: self._gathered_array(
-                [getattr(e, name) for e in errors], axes, by_parameters=name == "jac_x"
-            )
-            for name, axes in trailing.items()
-        }
+        """Join arrays of the placements' errors; `trailing`: number of axes after the poses, by field."""
+        arrays = {name: [getattr(e, name) for e in errors] for name in trailing}
+        if arrays["jac_x"][0].shape[-1]:
+            # From each placement's parameters to all parameters.
+            for k, (own, (_, columns, _)) in enumerate(
+                zip(arrays["jac_x"], self.parts(), strict=True)
+            ):
+                arrays["jac_x"][k] = np.zeros((*own.shape[:-1], len(self.parameters)))
+                arrays["jac_x"][k][..., columns] = own
+        return {name: self._in_order(arrays[name], axes) for name, axes in trailing.items()}
 
-    def _gathered_array(
-        self, parts: list[NDArray[Any]], trailing: int, *, by_parameters: bool = False
-    ) -> NDArray[Any]:
-        """Put values (..., m_k, <trailing>) of each placement at the indices of its poses.
-
-        With `by_parameters`, the last axis is expanded from the placement's parameters to all parameters, unless it
-        has length 0.
-        """
-        first, axis = parts[0], -1 - trailing
-        spread = by_parameters and first.shape[-1] > 0
-        shape = list(first.shape)
-        shape[axis] = len(self.placement)
-        if spread:
-            shape[-1] = len(self.parameters)
-        out = np.zeros(shape, dtype=first.dtype)
-        for (_, columns, poses), part in zip(self.parts(), parts, strict=True):
-            gathered = part
-            if spread:
-                gathered = np.zeros((*part.shape[:-1], shape[-1]), dtype=first.dtype)
-                gathered[..., columns] = part
-            np.moveaxis(out, axis, 0)[poses] = np.moveaxis(gathered, axis, 0)
-        return out
+    def _in_order(self, arrays: Sequence[NDArray[Any]], trailing: int) -> NDArray[Any]:
+        """Join values (..., m_k, <trailing>) of each placement's poses in the order of all poses."""
+        order, axis = np.concatenate([poses for *_, poses in self.parts()]), -1 - trailing
+        return np.take(np.concatenate(arrays, axis=axis), back_to_caller(order), axis=axis)
 
     def equivalents(self, x: FloatArray) -> FloatArray:
         """Equivalent parameter vectors of all loops together (E, P).
@@ -226,15 +212,11 @@ class Placements(ClosureModel):
 
     def without(self, names: Collection[str]) -> Placements:
         """Return the same loops with the named unknowns fixed at their nominal values."""
-        return replace(
-            self,
-            models=tuple(
-                model.without(
-                    {p.name for p in model.parameters if self._name(p.name, number) in names}
-                )
-                for number, model in zip(self.numbers, self.models, strict=True)
-            ),
-        )
+        models = [
+            model.without({p.name for p in model.parameters if self._name(p.name, number) in names})
+            for number, model in zip(self.numbers, self.models, strict=True)
+        ]
+        return replace(self, models=tuple(models))
 
     def freed(self, entries: Sequence[DhEntry]) -> Placements:
         """Return the same loops in which these entries of the arm's table are unknown, too."""

@@ -12,9 +12,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from solver.arrays import FloatArray, frozen
+from solver.arrays import FloatArray
 from solver.loops.arm_loop import ArmLoop
-from solver.loops.closure import ConstrainedPart, LoopError, ToolConstraint
+from solver.loops.closure import ConstrainedPart, LoopError
+from solver.loops.endpoint_geometry import Line
 
 TIP = ("tip_x", "tip_y", "tip_z")
 GROUND = ("ground_x", "ground_y", "ground_z")
@@ -31,20 +32,13 @@ class PointClosure(ArmLoop):
 
     OWN: ClassVar[tuple[str, ...]] = TIP + GROUND
     GROUND_SIDE: ClassVar[tuple[str, ...]] = GROUND
+    ARRAYS: ClassVar[tuple[str, ...]] = ("tip_m", "ground_m")
     components: ClassVar[int] = 3
     constrained_part: ClassVar[ConstrainedPart] = ConstrainedPart.POINT
 
     tip_m: FloatArray
     ground_m: FloatArray
     own: tuple[str, ...] = TIP + GROUND
-
-    def __post_init__(self) -> None:
-        for name in ("tip_m", "ground_m"):
-            value = frozen(getattr(self, name))
-            if value.shape != (3,):
-                raise ValueError(f"{name} must have three components")
-            object.__setattr__(self, name, value)
-        ArmLoop.__post_init__(self)
 
     def _own_nominal(self) -> FloatArray:
         return np.concatenate((self.tip_m, self.ground_m))
@@ -68,36 +62,25 @@ class PointClosure(ArmLoop):
         table, _ = ArmLoop.fixture_axes(self, x, q, u)
         return table, self.frames(x, q, u).R_end
 
-    def constraint_entries(self, at: ToolConstraint) -> dict[str, float]:
-        """Centres of ball and socket by name, m: the points in `at` moved by the nominal theta_off_1, s_1 and row n."""
+    def constraint_entries(
+        self, ground: Line, hand: Line, rotation: FloatArray
+    ) -> dict[str, float]:
+        """Centres of ball and socket by name, m: the points moved by the nominal theta_off_1, s_1 and row n."""
         table = self.table
         # Links n and 1 have their nominal values.
         c, s = np.cos(table.theta_off_rad), np.sin(table.theta_off_rad)
         ca, sa = np.cos(table.alpha_rad[-1]), np.sin(table.alpha_rad[-1])
-        x, y, z = at.hand.point_m
+        x, y, z = hand.point_m
         along, across, up = (
             c[-1] * x + s[-1] * y - table.a_m[-1],
             c[-1] * y - s[-1] * x,
             z - table.s_m[-1],
         )
         tip = (along, ca * across + sa * up, ca * up - sa * across)
-        x, y, z = at.ground.point_m
-        ground = (c[0] * x - s[0] * y, s[0] * x + c[0] * y, z + table.s_m[0])
-        return dict(zip(TIP + GROUND, map(float, (*tip, *ground)), strict=True))
-
-    def drawn(self, x: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Origins of frames 0..n and the ball's centre (n + 2, 3), m, and a zero axis, for joint angles `q` (n,)."""
-        frames = self.frames(x, q[None, :], np.zeros((1, len(self.unsensed_joints))))
-        ball = frames.p_end[0] + frames.R_end[0] @ self.own_values(x)[0, :3]
-        return np.concatenate((frames.origins_m[0], ball[None, :])), np.zeros(3)
+        x, y, z = ground.point_m
+        socket = (c[0] * x - s[0] * y, s[0] * x + c[0] * y, z + table.s_m[0])
+        return dict(zip(TIP + GROUND, map(float, (*tip, *socket)), strict=True))
 
     def fixture_axis(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Centre of the socket, m, and a zero axis."""
         return self.own_values(x)[0, 3:], np.zeros(3)
-
-    def tip_position(self, x: FloatArray, q: FloatArray) -> FloatArray:
-        """Centre of the ball in the base frame for every pose (..., m, 3), m.
-
-        Raises `ValueError` if arm joints are unsensed: then the readings do not determine the position.
-        """
-        return np.asarray(self.reduced(x, q).residual + self.own_values(x)[..., 3:])

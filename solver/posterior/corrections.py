@@ -23,10 +23,8 @@ from solver.chain.kinematics import forward
 from solver.chain.parameters import DhKind
 from solver.chain.sensors import powers_of
 from solver.chain.statics import LinkMasses, torque_rates
-from solver.estimators.joint_shapes import JointPoses, JointShapes
-from solver.estimators.layout import NO_SHAPES, Layout
 from solver.estimators.linear_fit import LinearFit
-from solver.estimators.load_shapes import UNMODELLED_SHARE, shapes_of_sag, sides_of_play
+from solver.estimators.shapes import UNMODELLED_SHARE, JointShapes
 
 LEAST_RAD = 1e-9
 """Smaller corrections are left out."""
@@ -109,24 +107,23 @@ def corrections_of(joints: JointCorrections, readings: CorrectionShapes) -> Corr
                 coefficients=design.accuracy[j] * some(4),
             )
         )  # fmt: skip
-    for a in errors.analogue:
-        if a.curve is not None:
-            each.append(
-                ReadingCorrection(
-                    source="rvdt", joint=a.joint, kind="linearity",
-                    coefficients=powers_of(a.curve, some(a.curve.width)),
-                    middle_rad=a.curve.middle_rad, half_scale_rad=a.curve.half_scale_rad,
-                )
-            )  # fmt: skip
+    for curve in errors.curves:
+        each.append(
+            ReadingCorrection(
+                source="rvdt", joint=curve.joint, kind="linearity",
+                coefficients=powers_of(curve, some(curve.width)),
+                middle_rad=curve.middle_rad, half_scale_rad=curve.half_scale_rad,
+            )
+        )  # fmt: skip
     first = at
-    some(len(design.play_joints) * design.play.width)
-    each.extend(_play(design, joints, readings, slice(first, at)))
+    some(len(design.play.joints) * design.play.width)
+    each.extend(_play(joints, readings, slice(first, at)))
     rows = np.zeros((5, design.model.joint_count))
-    if errors.loads is not None and len(design.sag_joints):
+    if errors.loads is not None and len(design.sags.joints):
         gravity = errors.loads.gravity
         rows = gravity.part.arm_rows()
         width = design.sags.width
-        for j in design.sag_joints:
+        for j in design.sags.joints:
             own, scale = some(width), np.sqrt(1.0 - UNMODELLED_SHARE) * design.sag[j]
             columns = gravity.turn.shape[-1]
             shapes = gravity.turn[j] @ own[:columns]
@@ -138,14 +135,14 @@ def corrections_of(joints: JointCorrections, readings: CorrectionShapes) -> Corr
 
 
 def _play(
-    design: Layout, joints: JointCorrections, readings: CorrectionShapes, columns: slice
+    joints: JointCorrections, readings: CorrectionShapes, columns: slice
 ) -> Iterator[ReadingCorrection]:
     """Yield each joint's correction for play: expected plus fitted part, as mean over the readings."""
     mean = (readings.shapes[:, columns] * joints.coefficients[columns]).mean(axis=0)
     for k, j in enumerate(joints.joint_of[columns]):
         size = float(mean[k])
         if k == 0 or joints.joint_of[columns][k - 1] != j:
-            size += float((design.backlash[j] * readings.side[:, j]).mean())
+            size += float(readings.play[:, j].mean())
         yield ReadingCorrection(
             source="joint_play", joint=int(j) + 1, kind="offset", coefficients=np.array([size])
         )
@@ -172,17 +169,17 @@ class CorrectionShapes:
     """Parts of the corrections at readings `q` (m, n), rad.
 
     `shapes`: (m, c), rad for a unit of each coefficient. `expected`: correction (m, n), rad, expected before the fit;
-    `side`: expected side (m, n) of every joint's play, which `expected` includes.
+    `play`: expected play (m, n), rad, which `expected` includes.
     """
 
     q: FloatArray
     shapes: FloatArray
     expected: FloatArray
-    side: FloatArray
+    play: FloatArray
 
     def first(self, count: int) -> CorrectionShapes:
         """Return the parts at the first `count` poses."""
-        return select_poses(self, slice(count), "q", "shapes", "expected", "side")
+        return select_poses(self, slice(count), "q", "shapes", "expected", "play")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -218,22 +215,20 @@ class JointCorrections:
     def at(self, q: FloatArray) -> CorrectionShapes:
         """Return the shapes of the corrections at readings q (m, n), rad."""
         design = self.fit.design
-        errors, m = design.errors, len(q)
+        errors, loads = design.errors, design.errors.loads
         errors_there = replace(
             errors,
-            loads=None if errors.loads is None else errors.loads.joints_at(q),
+            loads=None if loads is None else replace(loads, joints=loads.gravity.at(q)),
             # The direction of approach is unknown in advance, so the side that depends on it is zero.
             approach=None if errors.approach is None else np.zeros_like(q),
         )
-        play = sides_of_play(q, errors_there)
-        expected = design.backlash * play.expected
-        sags = NO_SHAPES
-        if len(design.sag_joints):
-            sags = shapes_of_sag(q, errors_there, design.sag_basis)
-            expected = expected + design.sag * sags.expected
-        along = JointShapes(design, JointPoses(q=q, play=play, sags=sags))
+        play, sags = design.play_and_sag(q, errors_there)
+        along = JointShapes(q, design.accuracy, errors.curves, (play, sags))
         return CorrectionShapes(
-            shapes=along.at(q, slice(0, m)), q=q, expected=expected, side=play.expected
+            shapes=along.at(q, slice(0, len(q))),
+            q=q,
+            expected=play.expected + sags.expected,
+            play=play.expected,
         )
 
     def with_parameters(self, index: IntArray) -> FloatArray:

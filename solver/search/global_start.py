@@ -159,7 +159,7 @@ def _solve(
             x=x[columns],
             rms=float(np.sqrt(np.mean(error.residual**2))),
             starts=count,
-            flipped=tuple(np.flatnonzero(error.flipped).tolist()),
+            flipped=error.flipped_poses,
         )
         for k, (other, known) in enumerate(solutions):
             if _same_loop(sensed, x, other):

@@ -24,7 +24,7 @@ from solver.arrays import FloatArray
 from solver.chain.kinematics import DhTable, Frames, forward
 from solver.chain.parameters import DhKind, wrap_angle
 from solver.estimators.load_effects import farthest
-from solver.loops.closure import ClosureModel, ConstrainedPart, ToolConstraint, Which
+from solver.loops.closure import ClosureModel, ConstrainedPart, Which
 from solver.loops.endpoint_geometry import Line
 
 RIDGE = 1e-9
@@ -96,22 +96,19 @@ class InnerProblem:
             f"theta_off_{j}": float(wrap_angle(v))
             for j, v in zip(self.searched, offsets, strict=True)
         }
-        values |= self.model.constraint_entries(self._constraint(offsets))
+        values |= self.model.constraint_entries(*self._constraint(offsets))
         return np.array([values.get(p.name, p.nominal) for p in self.model.parameters])
 
-    def _constraint(self, offsets: FloatArray) -> ToolConstraint:
-        """Geometry of the fixture for given offsets (K,)."""
+    def _constraint(self, offsets: FloatArray) -> tuple[Line, Line, FloatArray]:
+        """Lines of table and tool, and the tool's mean rotation, for given offsets (K,)."""
         frames = self._frames(offsets[None, :])
         M, p = frames.R_end, frames.p_end
         mean = M.mean(-3, keepdims=True)
         h, t = self._projected(M, M - mean, p)
         along = mean[0, 0] @ h[0]
         point = (p + (M @ t[:, None, :, None])[..., 0]).mean(-2)[0]
-        return ToolConstraint(
-            ground=Line(point_m=point, direction=along / np.linalg.norm(along)),
-            hand=Line(point_m=t[0], direction=h[0]),
-            rotation=mean[0, 0],
-        )
+        ground = Line(point_m=point, direction=along / np.linalg.norm(along))
+        return ground, Line(point_m=t[0], direction=h[0]), mean[0, 0]
 
     def _frames(self, offsets: FloatArray) -> Frames:
         theta = np.broadcast_to(self.q, (len(offsets), *self.q.shape)) + self.table.theta_off_rad

@@ -1,5 +1,6 @@
 """The solver's models of the paper's closed loop and arm, and the oracle's true parameters."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -7,11 +8,22 @@ import pytest
 
 from solver.chain.arm_model import ArmModel, Joint
 from solver.chain.kinematics import DhTable
-from solver.chain.parameters import entries
+from solver.chain.parameters import DhEntry
 from solver.chain.sensors import Encoder, Rvdt
 from solver.loops.dh import DhLoop
+from solver.loops.point import PointClosure
 from tests.oracles.loop_oracle import Truth, paper_truth
 from tests.oracles.shop_floor import PARAMETERS as NAMES
+
+
+def entries(names: Sequence[str]) -> tuple[DhEntry, ...]:
+    """D-H entries by name."""
+    return tuple(DhEntry.parse(name) for name in names)
+
+
+def tip_position(model: PointClosure, x: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """Centre of the ball in the base frame for every pose (..., m, 3), m."""
+    return model.reduced(x, q).residual + model.own_values(x)[..., 3:]
 
 
 def loop_of(

@@ -24,9 +24,8 @@ from operator_app.session.store.state import SessionState
 from operator_app.session.store.stored_calibration import software_version
 from solver.arrays import FloatArray, IntArray
 from solver.chain.kinematics import DhTable
-from solver.estimators.estimate import ResidualSigma
 from solver.loops.arm_loop import ArmLoop
-from solver.loops.closure import ClosureModel
+from solver.loops.closure import ClosureModel, ResidualSigma
 from solver.loops.placements import Placements
 
 

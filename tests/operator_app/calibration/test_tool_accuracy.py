@@ -15,6 +15,7 @@ from solver.chain.kinematics import DhTable
 from solver.chain.parameters import DhEntry
 from tests.oracles.as_shipped import ARM, BALL, HINGE, PANDA, panda_poses
 from tests.oracles.pinocchio_chain import PinocchioChain
+from tests.solver.conftest import tip_position
 
 
 @pytest.mark.campaign
@@ -25,9 +26,9 @@ def test_tool_uncertainty_matches_sampled_tool_positions():
     sampled = np.random.default_rng(1).multivariate_normal(
         estimate.x, estimate.covariance, size=1500, method="eigh"
     )
-    tools = np.array([model.tip_position(x, poses.q_rad) for x in sampled])
+    tools = np.array([tip_position(model, x, poses.q_rad) for x in sampled])
     rms_by_pose = np.sqrt(
-        ((tools - model.tip_position(estimate.x, poses.q_rad)) ** 2).sum(-1).mean(0)
+        ((tools - tip_position(model, estimate.x, poses.q_rad)) ** 2).sum(-1).mean(0)
     )
     assert solution.hand.rms == pytest.approx(float(np.sqrt((rms_by_pose**2).mean())), rel=0.06)
     assert solution.hand.worst == pytest.approx(float(rms_by_pose.max()), rel=0.08)
@@ -48,7 +49,7 @@ def test_uncertainty_of_unseen_offsets_is_reported_apart():
         estimate.x, estimate.covariance, size=600, method="eigh"
     )
     q = np.random.default_rng(2).uniform(PANDA.lower_rad, PANDA.upper_rad, size=(40, 7))
-    tools = np.array([part.tip_position(x[columns], q).ravel() for x in sampled])
+    tools = np.array([tip_position(part, x[columns], q).ravel() for x in sampled])
     names = [p.name for p in estimate.parameters]
     stated = sampled[:, [names.index(name) for name in accuracy.stated]]
     stated, tools = stated - stated.mean(0), tools - tools.mean(0)

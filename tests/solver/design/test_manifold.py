@@ -5,11 +5,12 @@ import pytest
 from scipy.spatial import cKDTree
 
 from solver.chain.kinematics import DhTable
-from solver.chain.parameters import entries, nominal_vector
+from solver.chain.parameters import nominal_vector
 from solver.design.manifold import candidate_poses, grow_manifold
 from solver.design.motion import Ranges
 from solver.loops.dh import DhLoop
 from tests.oracles.loop_oracle import closed_poses, closure, paper_truth, product
+from tests.solver.conftest import entries
 from tests.solver.design.conftest import REGION_STEP_RAD
 
 TRUTH = paper_truth()

@@ -157,7 +157,7 @@ def test_columns_and_missed_variance_add_up_to_the_stated(model, q):
         total = (found.deflection_at() ** 2).sum(-1) + found.deflection_missed
         assert total[:, :3].mean() == pytest.approx(1.0, rel=1e-6)
         assert total[:, 3:].mean() == pytest.approx(1.0, rel=1e-6)
-        twist = found.sag_expected**2 + (found.sag**2).sum(-1) + found.sag_missed
+        twist = found.joints.expected**2 + (found.joints.columns**2).sum(-1) + found.joints.missed
         assert twist.mean(0) == pytest.approx(np.ones(7), rel=1e-9)
     assert many.deflection_missed.max() < 0.02 < few.deflection_missed.mean()
 
@@ -176,7 +176,10 @@ def test_other_masses_within_tolerance_lie_in_the_columns(model, q):
         torque = np.array([oracle.holding_torque(p + offsets, s, a, alpha) for p in q])
         for j in range(7):
             shape = torque[:, j] / np.sqrt((torque[:, j] ** 2).mean())
-            left = shape - found.sag[:, j] @ np.linalg.lstsq(found.sag[:, j], shape)[0]
+            left = (
+                shape
+                - found.joints.columns[:, j] @ np.linalg.lstsq(found.joints.columns[:, j], shape)[0]
+            )
             assert np.sqrt((left**2).mean()) < 0.15
 
 
@@ -191,9 +194,9 @@ def test_expected_sag_is_that_of_half_normal_compliances(model, q):
     for j in range(4):
         shape = falling[:, j] / np.sqrt((falling[:, j] ** 2).mean())
         # Uncertain masses take a share of the mean square: less of it is expected, never more.
-        along = (found.sag_expected[:, j] @ shape) / (shape @ shape)
+        along = (found.joints.expected[:, j] @ shape) / (shape @ shape)
         assert 0.85 * mean < along < 1.01 * mean
-        left = found.sag_expected[:, j] - along * shape
+        left = found.joints.expected[:, j] - along * shape
         assert np.sqrt((left**2).mean()) < 0.1
 
 
@@ -201,19 +204,21 @@ def test_play_follows_a_certain_load_and_is_unknown_otherwise(model, q):
     found = basis(model, q)
     sure = replace(MASSES, mass_sd_kg=np.zeros(7), centre_sd_m=np.zeros(7), down_sd_rad=0.0)
     torque = arm_torque(model, q, MASSES)
-    np.testing.assert_array_equal(basis(model, q, sure).side, np.sign(torque))
-    assert np.all(np.abs(found.side) <= 1.0)
+    np.testing.assert_array_equal(basis(model, q, sure).joints.side, np.sign(torque))
+    assert np.all(np.abs(found.joints.side) <= 1.0)
     # The hand's roll about its own axis hardly has a lever, the shoulder has a large one.
-    assert np.abs(found.side[:, 1]).min() > 0.9
-    assert np.abs(found.side[:, 6]).mean() < np.abs(found.side[:, 1]).mean()
+    assert np.abs(found.joints.side[:, 1]).min() > 0.9
+    assert np.abs(found.joints.side[:, 6]).mean() < np.abs(found.joints.side[:, 1]).mean()
 
 
 def test_gravity_along_an_axis_causes_no_torque(model, q):
     along = replace(MASSES, down=np.array([0.0, 0.0, -1.0]), down_sd_rad=0.0)
     found = basis(model, q, along)
-    assert np.abs(found.sag[:, 0]).max() == np.abs(found.sag_expected[:, 0]).max() == 0.0
-    assert np.all(found.sag_missed[:, 0] == 1.0)
-    np.testing.assert_allclose(found.side[:, 0], 0.0, atol=1e-6)
+    assert (
+        np.abs(found.joints.columns[:, 0]).max() == np.abs(found.joints.expected[:, 0]).max() == 0.0
+    )
+    assert np.all(found.joints.missed[:, 0] == 1.0)
+    np.testing.assert_allclose(found.joints.side[:, 0], 0.0, atol=1e-6)
 
 
 def test_nothing_stated_gives_no_effects(model, q):
@@ -235,7 +240,7 @@ def test_placements_deflect_independently(model, q):
     np.testing.assert_allclose(found.deflection_at()[number == 2][..., 10:], alone.deflection_at())
     picked = found.at_poses(np.flatnonzero(number == 2))
     np.testing.assert_array_equal(picked.deflection_at(), found.deflection_at()[number == 2])
-    np.testing.assert_array_equal(picked.side, found.side[number == 2])
+    np.testing.assert_array_equal(picked.joints.side, found.joints.side[number == 2])
 
 
 def test_a_ball_deflects_along_three_components(q):
@@ -255,7 +260,7 @@ def test_an_unsensed_wrist_changes_no_load(q):
     """Its readings are not used; gravity and equilibrium are the same."""
     whole, blind = (loop_of(paper_truth(), unsensed=u) for u in ((), (6, 7)))
     one, two = basis(whole, q), basis(blind, q)
-    np.testing.assert_allclose(one.sag, two.sag, atol=1e-9)
+    np.testing.assert_allclose(one.joints.columns, two.joints.columns, atol=1e-9)
     np.testing.assert_allclose(
         np.einsum("aic,bjc->aibj", one.deflection_at(), one.deflection_at()),
         np.einsum("aic,bjc->aibj", two.deflection_at(), two.deflection_at()),

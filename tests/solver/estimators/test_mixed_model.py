@@ -9,7 +9,7 @@ from solver.chain.parameters import nominal_vector
 from solver.estimators.effects import LinearModel, System
 from solver.estimators.error_model import ErrorModel, stated_errors
 from solver.estimators.linear_fit import LinearFit
-from solver.estimators.load_shapes import pose_process
+from solver.estimators.shapes import pose_process
 from tests.oracles.loop_oracle import Truth, paper_truth
 from tests.oracles.simulated_loops import LENGTHS, Simulation
 from tests.solver.conftest import NAMES, loop_of, paper_arm

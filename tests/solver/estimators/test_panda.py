@@ -3,7 +3,7 @@
 import numpy as np
 
 from solver.chain.kinematics import DhTable
-from solver.chain.parameters import DhKind, entries
+from solver.chain.parameters import DhKind
 from solver.diagnostics.identifiability import identifiability
 from solver.diagnostics.model_selection import drop_unidentifiable
 from solver.estimators.estimate import Estimate
@@ -12,6 +12,7 @@ from solver.estimators.paper import estimate_paper
 from solver.loops.placements import Placements, place
 from solver.loops.point import PointClosure
 from tests.oracles.panda import TRAINING, panda_columns, panda_readings, scatter_mm
+from tests.solver.conftest import entries, tip_position
 
 OFFSETS = tuple(f"theta_off_{j}" for j in range(1, 8))
 EVERYTHING = tuple(f"{kind.symbol}_{j}" for kind in DhKind for j in range(1, 8))
@@ -40,7 +41,7 @@ def scatters(model: Placements, estimate: Estimate) -> tuple[float, float]:
     placement, q = panda_readings()
     single, x = model.models[0], estimate.x[model.columns(TRAINING[0])]
     assert isinstance(single, PointClosure)
-    centres = single.tip_position(x, q)
+    centres = tip_position(single, x, q)
     here = np.isin(placement, TRAINING)
     return scatter_mm(centres[here], placement[here]), scatter_mm(centres[~here], placement[~here])
 

@@ -4,10 +4,10 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from solver.estimators.likelihood import Derivatives
 from solver.estimators.scoring import (
     SCALE_CORRELATION,
     SCALE_SD,
+    Derivatives,
     ScoringStep,
     VarianceSearch,
     step,

@@ -7,14 +7,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from solver.chain.kinematics import DhTable
-from solver.chain.parameters import entries, nominal_vector
+from solver.chain.parameters import nominal_vector
 from solver.chain.rotations import rotation_matrix
 from solver.estimators.implicit import NoiseModel, estimate_implicit
 from solver.loops.endpoint_geometry import constrained_frame_entries
 from solver.loops.point import PointClosure
 from tests.contracts.planted import ball, measured
 from tests.oracles.loop_oracle import Truth, paper_truth, product
-from tests.solver.conftest import paper_arm
+from tests.solver.conftest import entries, paper_arm, tip_position
 
 
 def columns(seed: int) -> tuple[np.ndarray, ...]:
@@ -36,7 +36,7 @@ def test_ball_position_agrees_with_matrices():
     x = nominal_vector(model.parameters)
     expected = (product(q + off, s, a, alpha) @ np.append(tip, 1.0))[:, :3]
     np.testing.assert_allclose(model.reduced(x, q).residual, expected - ground, atol=1e-14)
-    np.testing.assert_allclose(model.tip_position(x, q), expected, atol=1e-14)
+    np.testing.assert_allclose(tip_position(model, x, q), expected, atol=1e-14)
     assert model.reduced(x, q).rotation_rows == 0
     points, axis = model.drawn(x, q[0])
     np.testing.assert_allclose(points[-1], expected[0], atol=1e-14)
@@ -128,9 +128,9 @@ def test_compliance_of_a_ball_is_a_variance_in_metres():
     target = model.ground_m + deflection_m * rng.normal(size=(40, 3))
     for _ in range(40):
         error = model.loop(x, q, np.zeros((40, 0)))
-        misclosure = model.tip_position(x, q) - target
+        misclosure = tip_position(model, x, q) - target
         q = q - (np.linalg.pinv(error.jac_q) @ misclosure[..., None])[..., 0]
-    assert np.abs(model.tip_position(x, q) - target).max() < 1e-12
+    assert np.abs(tip_position(model, x, q) - target).max() < 1e-12
     noise = NoiseModel(
         joint_variance=np.full(7, 1e-6**2),
         fixture_variance=np.array(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from solver.chain.kinematics import DhTable
-from solver.chain.parameters import entries, wrap_angle, wrap_angles
+from solver.chain.parameters import wrap_angle, wrap_angles
 from solver.errors import TooFewPosesError
 from solver.estimators.least_squares import solve_damped
 from solver.estimators.paper import closure_problem
@@ -18,7 +18,7 @@ from solver.loops.point import PointClosure
 from solver.search.global_start import CLOSED, global_start
 from tests.oracles.loop_oracle import paper_truth, product
 from tests.oracles.wild_loops import random_hinge_problem, with_sensor_errors
-from tests.solver.conftest import NAMES, loop_of, read_poses
+from tests.solver.conftest import NAMES, entries, loop_of, read_poses
 
 
 def model_without_initial_guess() -> DhLoop:

@@ -39,8 +39,11 @@ def errors(model, q):
 
 def joint_variance_by_source(design: Layout, source: str) -> np.ndarray:
     """What the columns of play or sag bring to every joint, in squares of what is stated."""
-    shapes = {"joint_play": design.play, "sag": design.sags}[source]
-    return shapes.expected**2 + (shapes.columns**2).sum(-1) + shapes.missed
+    shapes, stated = {
+        "joint_play": (design.play, design.backlash), "sag": (design.sags, design.sag)
+    }[source]  # fmt: skip
+    assert shapes.joints.tolist() == list(range(7))
+    return (shapes.expected**2 + (shapes.columns**2).sum(-1) + shapes.missed) / stated**2
 
 
 def test_the_stated_variance_is_reproduced(model, q, errors):
@@ -63,11 +66,12 @@ def test_play_follows_the_load_with_probability_one_half(model, q, errors):
     rng = np.random.default_rng(1)
     follows = rng.random(20_000) < 0.5
     leads = rng.choice((-1.0, 1.0), size=20_000)
-    load, came = design.errors.loads.side[:, 1], design.errors.approach[:, 1]
+    load, came = design.errors.loads.joints.side[:, 1], design.errors.approach[:, 1]
     drawn = np.where(follows[:, None], load, leads[:, None] * came)
-    assert design.play.expected[:, 1] == pytest.approx(drawn.mean(0), abs=0.02)
+    size = design.backlash[1]
+    assert design.play.expected[:, 1] / size == pytest.approx(drawn.mean(0), abs=0.02)
     spread = np.cov(drawn.T)
-    columns = design.play.columns[:, 1]
+    columns = design.play.columns[:, 1] / size
     assert columns @ columns.T == pytest.approx(spread, abs=0.04)
 
 
@@ -90,7 +94,7 @@ def test_expected_effects_are_subtracted_from_the_readings(model, q, errors):
 
 def test_without_masses_effects_are_smooth_functions(model, q, errors):
     bare = LinearModel(model, q, replace(errors, loads=None, approach=None))
-    np.testing.assert_array_equal(bare.play.columns, 1.0)
+    np.testing.assert_array_equal(bare.play.columns[..., 0] / bare.backlash, np.ones_like(q))
     assert bare.loaded is None
     assert {c.name: c.start for c in bare.components}["joint_play"] == pytest.approx(0.4**2)
 
@@ -128,12 +132,14 @@ def test_without_a_sign_second_moments_are_equal(model, q, errors):
     signed, free = (LinearModel(model, q, replace(errors, signed=s)) for s in (True, False))
     assert signed.expected.any()
     assert not free.expected.any()
-    for one, other in ((signed.sags, free.sags), (signed.play, free.play)):
-        for j in range(7):
+    for one, other, sizes in (
+        (signed.sags, free.sags, signed.sag), (signed.play, free.play, signed.backlash),
+    ):  # fmt: skip
+        for j, size in enumerate(sizes):
             both = [s.columns[:, j] @ s.columns[:, j].T for s in (one, other)]
             both[0] = both[0] + np.outer(one.expected[:, j], one.expected[:, j])
-            np.testing.assert_allclose(both[0], both[1], atol=1e-12)
-        np.testing.assert_allclose(one.missed, other.missed, atol=1e-12)
+            np.testing.assert_allclose(both[0] / size**2, both[1] / size**2, atol=1e-12)
+        np.testing.assert_allclose(one.missed / sizes**2, other.missed / sizes**2, atol=1e-12)
 
 
 @pytest.mark.parametrize(("share", "signed"), [(1.0, True), (0.0, False), (-1.0, False)])
@@ -141,5 +147,5 @@ def test_the_readings_decide_the_sign_of_gravity(model, errors, share, signed):
     """Readings with so much of the sag and play that is expected; those of an exact arm have none of it."""
     q = Simulation(poses=POSES, wrist_sd=1e-7, encoder_sd=1e-7).readings(0)
     expected = LinearModel(model, q, errors).expected
-    found = settle(model, q - share * expected, errors)
-    assert found.fit.fit.design.errors.signed is signed
+    found, _ = settle(model, q - share * expected, errors)
+    assert found.fit.design.errors.signed is signed

@@ -1,4 +1,4 @@
-"""Effects that repeat at the same pose: sides of play, sag and deflection, as shapes over the poses.
+"""Effects as shapes over the poses: errors of sensors, sides of play, sag and deflection.
 
 If masses are stated, the shapes follow from the load (`solver.estimators.load_effects`); otherwise they are smooth
 functions of the pose. Shapes have coefficients ~ N(0, 1); the rest of a stated variance is independent between poses.
@@ -10,11 +10,13 @@ values of the process at all poses are ``Phi b`` with b ~ N(0, I); ``Phi`` (m, k
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from solver.arrays import FloatArray, IntArray
+from solver.arrays import FloatArray, IntArray, pose_slices
+from solver.chain.sensors import SensorCurve
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.load_effects import LoadBasis, farthest
 
@@ -24,12 +26,8 @@ UNMODELLED_SHARE = 0.15
 BY_APPROACH = 0.5
 """Probability that play follows the direction of approach; otherwise it follows the load."""
 
-
 CENTRES = 64
 """Number of poses, chosen far apart, from which the others are interpolated."""
-
-CHUNK = 1024
-"""Poses computed at a time."""
 
 SCALES_RAD = (np.deg2rad(60.0), np.deg2rad(120.0))
 WEIGHTS = (0.5, 0.5)
@@ -77,7 +75,7 @@ def pose_process(q: FloatArray, *, group: IntArray | None = None) -> PoseProcess
     group = np.zeros(len(q), dtype=np.int64) if group is None else group
     far = farthest(np.column_stack((angle, 10.0 * group)), CENTRES)
 
-    def kernel(one: IntArray, two: IntArray) -> FloatArray:
+    def kernel(one: IntArray | slice, two: IntArray) -> FloatArray:
         a, b = angle[one], angle[two]
         d2 = np.maximum((a**2).sum(-1)[:, None] + (b**2).sum(-1)[None, :] - 2.0 * (a @ b.T), 0.0)
         k = CONSTANT + LINEAR * (linear[one] @ linear[two].T)
@@ -93,8 +91,7 @@ def pose_process(q: FloatArray, *, group: IntArray | None = None) -> PoseProcess
         turn = np.eye(values_at_poses.shape[1])
     else:
         root = vectors[:, good] / np.sqrt(values[good])
-        parts = np.array_split(np.arange(len(q)), -(-len(q) // CHUNK))
-        values_at_poses = np.concatenate([kernel(part, far) @ root for part in parts])
+        values_at_poses = np.concatenate([kernel(cut, far) @ root for cut in pose_slices(len(q))])
         turn = np.linalg.eigh(values_at_poses.T @ values_at_poses)[1]
     diagonal = CONSTANT + sum(WEIGHTS) + LINEAR * (linear**2).sum(-1)
     return PoseProcess(values=values_at_poses, turn=turn[:, ::-1], variance=diagonal)
@@ -102,15 +99,29 @@ def pose_process(q: FloatArray, *, group: IntArray | None = None) -> PoseProcess
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Shapes:
-    """Shapes (m, d, c) along d joints, and the variance (m, d) that they leave out.
+    """An effect that repeats at the same pose: play or sag of those joints that have any.
 
-    `expected` (m, d) is the expected value; the shapes are deviations from it. All are in units of each joint's stated
-    standard deviation.
+    `joints` (d,): these joints, from 0. `columns` (m, d, c): shapes of the deviation from the expected value, rad.
+    `missed`, `expected` (m, n), of all joints: variance that the shapes leave out, rad^2, and the expected value, rad.
     """
 
+    joints: IntArray
     columns: FloatArray
     missed: FloatArray
     expected: FloatArray
+
+    @classmethod
+    def of(
+        cls, sd_rad: FloatArray, columns: FloatArray, missed: FloatArray, expected: FloatArray
+    ) -> Shapes:
+        """Scale shapes (m, n, c), variance and expected value (m, n) by each joint's standard deviation (n,)."""
+        joints = np.flatnonzero(sd_rad)
+        return cls(
+            joints=joints,
+            columns=sd_rad[joints, None] * columns[:, joints],
+            missed=sd_rad**2 * missed,
+            expected=sd_rad * expected,
+        )
 
     @property
     def width(self) -> int:
@@ -118,15 +129,17 @@ class Shapes:
         return int(self.columns.shape[-1])
 
 
-def sides_of_play(q: FloatArray, errors: ErrorModel) -> Shapes:
+def sides_of_play(q: FloatArray, errors: ErrorModel, sd_rad: FloatArray) -> Shapes:
     """Shapes of play: the side to which the load acts, and the side of approach if it is known.
 
     It is unknown which of the two a joint follows. With probability p = 1 - `BY_APPROACH` the joint follows the load,
     and the link rests on the side to which gravity moves it. Otherwise the joint follows the approach, and since link
     or drive may lead, both sides are equally likely. So the expected value is p times the side of the load, and the
     variance about it is 1 - p^2.
+
+    `sd_rad`: play of each joint at readings `q` (m, n), as a standard deviation (n,).
     """
-    by_load = np.ones_like(q) if errors.loads is None else errors.loads.side
+    by_load = np.ones_like(q) if errors.loads is None else errors.loads.joints.side
     signed = errors.signed and errors.loads is not None
     expected = (1.0 - BY_APPROACH if signed else 0.0) * by_load
     shares, sides = [1.0], [by_load]
@@ -135,30 +148,88 @@ def sides_of_play(q: FloatArray, errors: ErrorModel) -> Shapes:
     if signed:
         shares[0] -= (1.0 - BY_APPROACH) ** 2
     columns = np.sqrt(shares) * np.stack(sides, axis=-1)
-    return Shapes(
-        columns=columns, missed=1.0 - (columns**2).sum(-1) - expected**2, expected=expected
-    )
+    return Shapes.of(sd_rad, columns, 1.0 - (columns**2).sum(-1) - expected**2, expected)
 
 
-def shapes_of_sag(q: FloatArray, errors: ErrorModel, basis: PoseBasis) -> Shapes:
-    """Shapes of every joint's twist under gravity; without stated masses, the smooth functions `basis`."""
-    loads, (m, n) = errors.loads, q.shape
-    if loads is None:
-        return Shapes(
-            columns=np.broadcast_to(basis.phi[:, None], (m, n, basis.phi.shape[1])),
-            missed=np.broadcast_to(basis.missed[:, None], (m, n)),
-            expected=np.zeros((m, n)),
-        )
-    columns, expected = loads.sag, loads.sag_expected
+def shapes_of_sag(
+    q: FloatArray, errors: ErrorModel, basis: PoseBasis, sd_rad: FloatArray
+) -> Shapes:
+    """Shapes of every joint's twist under gravity; without stated masses, the smooth functions `basis`.
+
+    `sd_rad`: sag of each joint at readings `q` (m, n), as a standard deviation (n,).
+    """
+    nothing = np.zeros_like(q)
+    if not sd_rad.any():
+        return Shapes.of(sd_rad, nothing[..., None], nothing, nothing)
+    if errors.loads is None:
+        columns = np.broadcast_to(basis.phi[:, None], (*q.shape, basis.phi.shape[1]))
+        return Shapes.of(sd_rad, columns, basis.missed[:, None], nothing)
+    loads = errors.loads.joints
+    columns, expected = loads.columns, loads.expected
     if not errors.signed:
         # The same second moments about zero.
-        columns = np.concatenate((columns, expected[..., None]), axis=-1)
-        expected = np.zeros_like(expected)
-    return Shapes(
-        columns=np.sqrt(1.0 - UNMODELLED_SHARE) * columns,
-        missed=(1.0 - UNMODELLED_SHARE) * loads.sag_missed + UNMODELLED_SHARE,
-        expected=np.sqrt(1.0 - UNMODELLED_SHARE) * expected,
-    )
+        columns, expected = np.concatenate((columns, expected[..., None]), axis=-1), nothing
+    modelled = np.sqrt(1.0 - UNMODELLED_SHARE)
+    missed = (1.0 - UNMODELLED_SHARE) * loads.missed + UNMODELLED_SHARE
+    return Shapes.of(sd_rad, modelled * columns, missed, modelled * expected)
+
+
+class JointShapes:
+    """All effects that act along a joint, as shapes over the poses with readings `q` (m, n), rad.
+
+    They are, in this order, harmonics of encoders with standard deviations `accuracy_rad` (n,), gains and curves of
+    analogue sensors, and further effects. A curve depends on the corrected angle; all other shapes are constant during
+    a fit. `joint_of`: joint (c,), from 0, along which each shape acts.
+    """
+
+    def __init__(
+        self,
+        q: FloatArray,
+        accuracy_rad: FloatArray,
+        curves: Sequence[SensorCurve],
+        effects: Sequence[Shapes],
+    ) -> None:
+        turning = np.flatnonzero(accuracy_rad)
+        self._q, self._turning, self._accuracy_rad = q, turning, accuracy_rad[turning, None]
+        self._effects = effects
+        joints = np.repeat(turning, 4).tolist()
+        self._curves = []
+        for curve in curves:
+            self._curves.append((curve, slice(len(joints), len(joints) + curve.width)))
+            joints += [curve.joint - 1] * curve.width
+        for effect in effects:
+            joints += np.repeat(effect.joints, effect.width).tolist()
+        self.joint_of: IntArray = np.array(joints, dtype=np.int64)
+        self._along = np.zeros((len(joints), q.shape[1]))
+        self._along[np.arange(len(joints)), self.joint_of] = 1.0
+        # Poses and angles of the last request, which a fit repeats, with their shapes.
+        self._constant: tuple[slice, FloatArray] | None = None
+        self._last: tuple[FloatArray, FloatArray] | None = None
+
+    def at(self, angle: FloatArray, poses: slice) -> FloatArray:
+        """Shapes (m, c) at the poses of a slice; `angle` (m, n): their corrected joint angles, rad."""
+        if self._constant is None or self._constant[0] != poses:
+            self._constant, self._last = (poses, self._constant_shapes(poses)), None
+        if self._last is None or not np.array_equal(self._last[0], angle):
+            shapes = self._constant[1].copy()
+            for curve, where in self._curves:
+                shapes[:, where] = curve.basis(angle[:, curve.joint - 1])
+            self._last = (angle, shapes)
+        return self._last[1]
+
+    def shift(self, b: FloatArray, angle: FloatArray, poses: slice) -> FloatArray:
+        """Joint corrections (m, n), rad, from coefficients b (c,)."""
+        return np.asarray(self.at(angle, poses) @ (self._along * b[:, None]))
+
+    def _constant_shapes(self, poses: slice) -> FloatArray:
+        """Shapes (m, c); those that depend on the corrected angles (linearity deviations) are zero."""
+        turn = self._q[poses, self._turning]
+        waves = np.stack((np.sin(turn), np.cos(turn), np.sin(2 * turn), np.cos(2 * turn)), axis=-1)
+        m = len(turn)
+        shapes = [(self._accuracy_rad * waves).reshape(m, -1)]
+        shapes += [np.zeros((m, curve.width)) for curve, _ in self._curves]
+        shapes += [effect.columns[poses].reshape(m, -1) for effect in self._effects]
+        return np.concatenate(shapes, axis=-1)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -172,11 +243,6 @@ class LoadedDeflection:
     loads: LoadBasis
     sizes: FloatArray
 
-    @property
-    def width(self) -> int:
-        """Number c of shapes."""
-        return int(self.loads.all_deflections.shape[-1])
-
     def columns(self, poses: slice) -> FloatArray:
         """Shapes (m, k, c) along the closure components."""
         scale = np.sqrt(1.0 - UNMODELLED_SHARE) * self.sizes
@@ -189,7 +255,7 @@ class LoadedDeflection:
         )
 
 
-def loaded_give(errors: ErrorModel, sizes: FloatArray) -> LoadedDeflection | None:
+def deflection_under_load(errors: ErrorModel, sizes: FloatArray) -> LoadedDeflection | None:
     """Return the deflection under load; None if loads are unknown or zero, or `sizes` (k,) are all zero."""
     if errors.loads is None or not sizes.any() or not errors.loads.all_deflections.any():
         return None

@@ -274,8 +274,6 @@ class Campaign:
         it may come nearer to the end of a range than either candidate.
         """
         return plan.graph.route(
-            self.task.model,
-            plan.x,
             self.task.ranges.within(0.8 * np.asarray(self.task.margin_rad)),
             source=self._node,
             target=target,
@@ -311,7 +309,7 @@ class Campaign:
             return None
         manifold = self.plan.manifold
         known, candidates = information_of(
-            self.task, self.plan.x, self.readings_rad, manifold.q, manifold.u
+            self.task, manifold.x, self.readings_rad, manifold.q, manifold.u
         )
         return stop_decision(
             known,

@@ -35,12 +35,14 @@ COARSE_STEP_RAD = 0.15
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Manifold:
-    """Closed poses that cover the region reachable from pose 0 inside the ranges.
+    """Closed poses of the loop `model` that cover the region reachable from pose 0 inside the ranges.
 
-    `q`, `u`: joint angles (m, n) and unsensed angles (m, U), rad; pose 0 is the start. `motion`: tangents at all poses.
-    `neighbours` (E, 2): pairs of neighbouring poses, lower index first, sorted.
+    `x` (P,): parameters of the loop. `q`, `u`: joint angles (m, n) and unsensed angles (m, U), rad; pose 0 is the
+    start. `motion`: tangents at all poses. `neighbours` (E, 2): pairs of neighbouring poses, lower index first, sorted.
     """
 
+    model: ClosureModel
+    x: FloatArray
     q: FloatArray
     u: FloatArray
     motion: ChainMotion
@@ -98,7 +100,8 @@ def grow_manifold(
         points = np.concatenate((points, front))
     q, u = points[:, :n].copy(), points[:, n:].copy()
     motion = chain_motion(model, x, q, u)
-    return Manifold(q=q, u=u, motion=motion, neighbours=_touching(points, motion, step_rad))
+    neighbours = _touching(points, motion, step_rad)
+    return Manifold(model=model, x=np.array(x), q=q, u=u, motion=motion, neighbours=neighbours)
 
 
 def candidate_poses(
@@ -117,15 +120,8 @@ def candidate_poses(
     first = COARSE_STEP_RAD if count > 1000 else 2.0 * COARSE_STEP_RAD
     coarse = grow_manifold(model, x, q_start, ranges, step_rad=first, most=4 * count, seed=seed)
     step = first * (coarse.size / count) ** (1.0 / coarse.motion.degrees)
-    return grow_manifold(
-        model,
-        x,
-        q_start,
-        ranges,
-        step_rad=float(np.clip(step, 0.01, 2.0 * COARSE_STEP_RAD)),
-        most=2 * count,
-        seed=seed,
-    )
+    step = float(np.clip(step, 0.01, 2.0 * COARSE_STEP_RAD))
+    return grow_manifold(model, x, q_start, ranges, step_rad=step, most=2 * count, seed=seed)
 
 
 def _wave(

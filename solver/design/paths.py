@@ -17,7 +17,6 @@ import numpy as np
 from solver.arrays import BoolArray, FloatArray
 from solver.design.manifold import Manifold
 from solver.design.motion import MotionLimits, Ranges, drive_straight
-from solver.loops.closure import ClosureModel
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -96,25 +95,17 @@ class PathGraph:
         return np.asarray(between.reshape(layers, count, layers, count).min(axis=(0, 2)))
 
     def route(
-        self,
-        model: ClosureModel,
-        x: FloatArray,
-        ranges: Ranges,
-        *,
-        source: int,
-        target: int,
-        drives: tuple[int, ...],
+        self, ranges: Ranges, *, source: int, target: int, drives: tuple[int, ...]
     ) -> tuple[Leg, ...] | None:
-        """Find a path, check it along its whole length, and return its legs; None if no path passes the check.
+        """Find a path, check along its whole length that it is safe inside `ranges`, and return its legs.
 
-        `model`, `x`, `ranges`: loop closure, parameters (P,) and ranges for tracing and checking the path.
-        `drives`: drive joints at pose `source`.
+        None if no path passes the check. `drives`: drive joints at pose `source`.
         """
         for _ in range(ATTEMPTS):
             nodes = self._search(source, target, drives)
             if nodes is None:
                 return None
-            legs = self._follow(model, x, ranges, nodes)
+            legs = self._follow(ranges, nodes)
             if legs is not None:
                 return legs
             self._graph = self._assemble()
@@ -188,23 +179,19 @@ class PathGraph:
             nodes.append(int(before[nodes[-1]]))
         return [divmod(node, size) for node in reversed(nodes)]
 
-    def _follow(
-        self, model: ClosureModel, x: FloatArray, ranges: Ranges, nodes: list[tuple[int, int]]
-    ) -> tuple[Leg, ...] | None:
+    def _follow(self, ranges: Ranges, nodes: list[tuple[int, int]]) -> tuple[Leg, ...] | None:
         """Return the straight moves along a path; if an edge fails, remove it and return None."""
         legs = []
         for layer, group in groupby(nodes, key=lambda node: node[0]):
             poses = [pose for _, pose in group]
             if len(poses) > 1:
-                leg = self._leg(model, x, ranges, layer, poses)
+                leg = self._leg(ranges, layer, poses)
                 if leg is None:
                     return None
                 legs.append(leg)
         return tuple(legs)
 
-    def _leg(
-        self, model: ClosureModel, x: FloatArray, ranges: Ranges, layer: int, poses: list[int]
-    ) -> Leg | None:
+    def _leg(self, ranges: Ranges, layer: int, poses: list[int]) -> Leg | None:
         """Join poses by few safe straight moves; where none is safe, remove the edge ahead and return None."""
         drives = self.drive_sets[layer]
         columns = [j - 1 for j in drives]
@@ -216,8 +203,8 @@ class PathGraph:
             targets = q[ahead][:, columns]
             longest = float(np.abs(targets - q[position, columns]).max())
             lines = drive_straight(
-                model,
-                x,
+                self.manifold.model,
+                self.manifold.x,
                 np.repeat(q[position : position + 1], len(ahead), axis=0),
                 np.repeat(u[position : position + 1], len(ahead), axis=0),
                 drives,

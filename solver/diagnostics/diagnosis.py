@@ -179,7 +179,7 @@ def _residual_tests(
     """
     outliers = find_outliers(residuals)
     tests = [outliers.test]
-    change_points = steps(residuals, faults.suspects(), low_noise=low_noise)
+    change_points = steps(residuals, faults.changes(), low_noise=low_noise)
     if change_points:
         tests.append(
             HypothesisTest(
@@ -230,9 +230,8 @@ def _changes(
 ) -> Iterable[Candidate]:
     """Yield the steps and outliers in the residuals as candidates; `outliers`: result of `find_outliers` at scale 1."""
     scale = noise_scale(residuals.chi2, residuals.dof)
-    changes = faults.changes()
-    for step in steps(residuals, faults.suspects(), scale=scale):
-        yield changes[step.suspect].from_pose(step.pose)
+    for step in steps(residuals, faults.changes(), scale=scale):
+        yield step.suspect.from_pose(step.pose)
     poses = (outliers if scale == 1.0 else find_outliers(residuals, scale=scale)).poses
     m = len(residuals.white)
     for count in range(1, len(poses) + 1):

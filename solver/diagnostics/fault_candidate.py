@@ -44,6 +44,11 @@ class PeakDeviation(NamedTuple):
         return self.peak - CERTAIN_SIGMAS * self.sd > stated
 
 
+LENGTHS_SHARE = 0.1
+"""Share of the false alarms for a changed length, relative to other suspects: a metal link hardly ever changes its
+length during a session."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Candidate:
     """One possible cause.
@@ -80,6 +85,11 @@ class Candidate:
     measured: PeakDeviation | None = None
     lines: FloatArray | None = None
     entries: tuple[str, ...] = ()
+
+    @property
+    def false_alarm_share(self) -> float:
+        """Probability of a false alarm of a step test for this candidate, relative to other candidates."""
+        return LENGTHS_SHARE if self.cause is Cause.LENGTH_CHANGED else 1.0
 
     def from_pose(self, first: int) -> Candidate:
         """Return the candidate of a step at pose `first`, an index in time order."""

@@ -219,7 +219,7 @@ def _with_cause(
 ) -> WhitenedResiduals:
     """Return the residuals if coefficients of `cause` are part of the model, with prior standard deviations `sd`."""
     if cause.own is None:
-        return residuals.with_drawn(cause.columns, sd)
+        return residuals.with_columns(cause.columns, sd)
     return OwnColumns.of(
         residuals, cause.own, cause.columns * sd.reshape(len(cause.own), 1, -1)
     ).drawn(residuals)

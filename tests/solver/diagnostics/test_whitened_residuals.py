@@ -76,7 +76,7 @@ def test_random_effects_and_priors_are_in_the_covariance():
     s, C = left.score(G)
     np.testing.assert_allclose(s, G.reshape(-1, 3).T @ P @ w.reshape(-1), rtol=1e-8, atol=1e-9)
     np.testing.assert_allclose(C, G.reshape(-1, 3).T @ P @ G.reshape(-1, 3), rtol=1e-8, atol=1e-9)
-    with_columns = fit_residuals(w, A, V, prior_sd=prior).with_drawn(Z, np.ones(5))
+    with_columns = fit_residuals(w, A, V, prior_sd=prior).with_columns(Z, np.ones(5))
     assert with_columns.chi2 == pytest.approx(left.chi2)
     np.testing.assert_allclose(covariance(with_columns), covariance(left), rtol=1e-8, atol=1e-12)
     np.testing.assert_allclose(with_columns.score(G)[0], s, rtol=1e-8, atol=1e-9)
@@ -260,7 +260,7 @@ def test_random_columns_count_as_noise_of_their_poses(left):
     rng = np.random.default_rng(7)
     own, other = np.array([3, 20, 31]), rng.normal(size=(MORE_POSES, ROWS, 2))
     blocks = 5.0 * pose_columns(left, own)
-    there = left.with_drawn(written_out(own, blocks), np.ones(len(own) * ROWS))
+    there = left.with_columns(written_out(own, blocks), np.ones(len(own) * ROWS))
     here = OwnColumns.of(left, own, blocks).drawn(left)
     assert here.U.shape == left.U.shape
     assert here.chi2 == pytest.approx(there.chi2)

@@ -6,6 +6,7 @@ explains the residuals best is fitted, and this is repeated until the residuals 
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from math import log
@@ -32,7 +33,6 @@ from solver.diagnostics.hypothesis_tests import (
 from solver.diagnostics.model_selection import (
     Evidence,
     evidence,
-    evidence_of_own,
     log_likelihood,
     noise_scale,
     probabilities,
@@ -178,15 +178,14 @@ def _residual_tests(
     describes badly resemble a change of the geometry rather than a step of a single reading.
     """
     outliers = find_outliers(residuals)
-    tests = [outliers.test]
-    change_points = steps(residuals, faults.changes(), low_noise=low_noise)
-    if change_points:
-        tests.append(
-            HypothesisTest(
-                code="STEP", statistic=change_points[0].chi2, threshold=change_points[0].threshold
-            )
-        )
-    return outliers, tests
+    most_significant = steps(residuals, faults.changes(), low_noise=low_noise)[:1]
+    return outliers, [
+        outliers.test,
+        *(
+            HypothesisTest(code="STEP", statistic=step.chi2, threshold=step.threshold)
+            for step in most_significant
+        ),
+    ]
 
 
 def _explanations(
@@ -206,11 +205,11 @@ def _explanations(
             return
         size = best.evidence.size * best.candidate.expected_size
         residuals = _with_cause(residuals, best.candidate, size)
+        if residuals.dof <= 0:
+            return
         outliers, tests = _residual_tests(faults, residuals, residuals)
-        if residuals.dof <= 0 or not any(
-            t.fires
-            for t in (HypothesisTest.of_chi2("CHI2_STATED", residuals.chi2, residuals.dof), *tests)
-        ):
+        tests.append(HypothesisTest.of_chi2("CHI2_STATED", residuals.chi2, residuals.dof))
+        if not any(test.fires for test in tests):
             return
 
 
@@ -248,24 +247,16 @@ def _changes(
             )
 
 
-def _evidence(residuals: WhitenedResiduals, c: Candidate) -> Evidence | None:
-    if c.own is None:
-        return evidence(residuals, c.columns, c.expected_size, most=c.most)
-    return evidence_of_own(residuals, c.own, c.columns, c.expected_size, most=c.most)
-
-
 def _ranked(residuals: WhitenedResiduals, candidates: Iterable[Candidate]) -> CauseRanking:
     """Rank all candidates against each other, no fault, and an unknown fault."""
     listed = [
         (c, e)
         for c in candidates
-        if (e := _evidence(residuals, c)) is not None
+        if (e := evidence(residuals, c.columns, c.expected_size, own=c.own, most=c.most))
         and not c.within_specification(e.b, e.covariance)
         and float(np.sqrt(np.mean((e.b / c.expected_size) ** 2))) <= c.most
     ]
-    counts: dict[Cause, int] = {}
-    for c, _ in listed:
-        counts[c.cause] = counts.get(c.cause, 0) + 1
+    counts = Counter(c.cause for c, _ in listed)
     weights = [
         e.log_likelihood
         + np.log(PRIORS[c.cause] / counts[c.cause])
@@ -279,16 +270,16 @@ def _ranked(residuals: WhitenedResiduals, candidates: Iterable[Candidate]) -> Ca
         log_likelihood(residuals, most_noise=np.inf) + np.log(UNNAMED),
     ]
     chance = probabilities(np.array(weights))
-    candidates_with_evidence = [
+    explanations = [
         Explanation(candidate=c, evidence=e, probability=float(p))
         for (c, e), p in zip(listed, chance[:-2], strict=True)
     ]
-    candidates_with_evidence.sort(key=lambda explanation: -explanation.probability)
+    explanations.sort(key=lambda explanation: -explanation.probability)
     unknown = float(chance[-1])
     return CauseRanking(
         known=tuple(
             x
-            for k, x in enumerate(candidates_with_evidence)
+            for k, x in enumerate(explanations)
             if x.probability >= limits.LEAST_REPORTED_CAUSE_PROBABILITY
             or (k == 0 and x.probability >= unknown)
         ),

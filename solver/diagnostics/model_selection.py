@@ -69,17 +69,25 @@ def log_likelihood(residuals: WhitenedResiduals, *, most_noise: float) -> float:
 
 
 def evidence(
-    residuals: WhitenedResiduals, G: FloatArray, expected_size: FloatArray, *, most: float = np.inf
+    residuals: WhitenedResiduals,
+    G: FloatArray,
+    expected_size: FloatArray,
+    *,
+    own: IntArray | None = None,
+    most: float = np.inf,
 ) -> Evidence | None:
     """Compute the evidence of columns G (m, r, c), with coefficients of expected magnitude `expected_size` (c,).
 
-    None if the fit already contains all of these columns. `most`: largest multiple of `expected_size` to try.
+    None if the fit already contains all of these columns. `own`: poses (p,) that have columns G (p, r, c) and
+    coefficients (p * c,) of their own. `most`: largest multiple of `expected_size` to try.
     """
+    if own is not None:
+        return _evidence_of_own(residuals, own, G, expected_size, most)
     s, C = residuals.score(G)
     s, C = expected_size * s, expected_size[:, None] * C * expected_size
     values, vectors = np.linalg.eigh(C)
-    own = float((residuals.whiten(G * expected_size) ** 2).sum(axis=(0, 1)).max(initial=0.0))
-    free = values > max(1e-7 * own, 1e-30)
+    square = float((residuals.whiten(G * expected_size) ** 2).sum(axis=(0, 1)).max(initial=0.0))
+    free = values > max(1e-7 * square, 1e-30)
     if not free.any():
         return None
     values, vectors = values[free], vectors[:, free]
@@ -104,15 +112,13 @@ def evidence(
     )
 
 
-def evidence_of_own(
+def _evidence_of_own(
     residuals: WhitenedResiduals,
     own: IntArray,
     G: FloatArray,
     expected_size: FloatArray,
-    *,
-    most: float = np.inf,
+    most: float,
 ) -> Evidence | None:
-    """Compute evidence like `evidence`, but with separate columns and coefficients for each of the poses `own` (p,)."""
     p, _, c = G.shape
     columns = OwnColumns.of(residuals, own, G * expected_size.reshape(p, 1, c))
     if not (columns.own > 0.0).any():

@@ -11,7 +11,6 @@ import pytest
 from solver.diagnostics.hypothesis_tests import find_outliers, pose_columns
 from solver.diagnostics.model_selection import (
     evidence,
-    evidence_of_own,
     log_likelihood,
     noise_scale,
     probabilities,
@@ -244,7 +243,7 @@ def test_evidence_equals_that_of_explicit_columns(left, count, width):
     blocks = rng.normal(size=(count, ROWS, width))
     expected_size = np.tile(rng.uniform(0.5, 2.0, width), count)
     there = evidence(left, written_out(own, blocks), expected_size)
-    here = evidence_of_own(left, own, blocks, expected_size)
+    here = evidence(left, blocks, expected_size, own=own)
     assert there is not None
     assert here is not None
     assert here.log_likelihood == pytest.approx(there.log_likelihood)
@@ -281,7 +280,7 @@ def test_a_thousand_outliers_need_no_dense_columns():
     eye = np.broadcast_to(np.eye(r), (m, r, r))
     left, own = fit_residuals(w, A, eye), np.arange(0, m, 3)
     tracemalloc.start()
-    found = evidence_of_own(left, own, pose_columns(left, own), np.full(len(own) * r, 3.0))
+    found = evidence(left, pose_columns(left, own), np.full(len(own) * r, 3.0), own=own)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert found is not None

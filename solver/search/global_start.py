@@ -1,6 +1,6 @@
 """Calibration without a first guess: offsets anywhere in +-180 deg, the fixture unknown.
 
-Many starts are minimised in one batch. If the fixture can be projected out (`solver.search.inner`), only the inner
+Many starts are minimised in one batch (`solver.search.starts`). If the fixture can be projected out, only the inner
 joints' offsets are guessed, and a few poses far apart suffice. The best minima are then refined with all unknowns on
 all poses. The result states how many starts led to each minimum, and whether a non-equivalent solution fits as well.
 """

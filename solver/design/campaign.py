@@ -107,15 +107,12 @@ class Campaign:
         return np.array(self._readings).reshape(-1, len(self._q))
 
     def propose(self) -> Action:
-        """Return the next action, always the same until its end is reported; `ValueError` after the campaign's end."""
+        """Return the next action, always the same until its end is reported; the last one is `Finished`."""
         while not self._queue:
-            match self.phase:
-                case Phase.EXPLORING:
-                    self._explore()
-                case Phase.PLANNED:
-                    self._next_visit()
-                case Phase.FINISHED:
-                    raise ValueError("the campaign has ended")
+            if self.phase is Phase.EXPLORING:
+                self._explore()
+            else:
+                self._next_visit()
         return self._queue[0]
 
     def observe(self, q_rad: FloatArray, stopped: str = "") -> None:
@@ -230,19 +227,19 @@ class Campaign:
     # -- visiting --------------------------------------------------------------------------------
 
     def _next_visit(self) -> None:
-        if self._taken >= self.poses:
-            decision = self._stop_decision()
-            more = "" if decision is None else f"; {decision.text}"
-            text = f"all {self._taken} planned poses are taken{more}"
-            self._finish(text, complete=True, decision=decision)
-            return
-        if self.plan is None and not self._try_plan():
+        is_over = self._taken >= self.poses
+        if self.plan is None and not is_over and not self._try_plan():
             self._finish(
                 f"{self._taken} of {self.poses} planned poses: "
                 "no further pose can be reached safely from here"
             )
             return
         decision = self._stop_decision()
+        if is_over:
+            more = "" if decision is None else f"; {decision.text}"
+            text = f"all {self._taken} planned poses are taken{more}"
+            self._finish(text, complete=True, decision=decision)
+            return
         if decision is not None and decision.stop:
             is_reached = decision.standing is PrecisionStatus.REACHED
             self._finish(decision.text, complete=is_reached, decision=decision)

@@ -291,23 +291,21 @@ def visiting_order(distances: FloatArray) -> tuple[int, ...]:
     Points 1..k-1 in visiting order.
     """
     size = len(distances)
-    finite = np.where(np.isfinite(distances), distances, FAR_RAD)
+    # The open end is a point at distance 0 from all others.
+    finite = np.pad(np.where(np.isfinite(distances), distances, FAR_RAD), (0, 1))
     tour, unvisited = [0], set(range(1, size))
     while unvisited:
         tour.append(min(unvisited, key=lambda p: (float(finite[tour[-1], p]), p)))
         unvisited.remove(tour[-1])
+    tour.append(size)
     for _ in range(MOST_SWEEPS):
         improved = False
-        for a in range(1, size - 1):
-            for b in range(a + 1, size):
-                old = finite[tour[a - 1], tour[a]]
-                new = finite[tour[a - 1], tour[b]]
-                if b + 1 < size:
-                    old = old + finite[tour[b], tour[b + 1]]
-                    new = new + finite[tour[a], tour[b + 1]]
-                if new < old - 1e-9:
-                    tour[a : b + 1] = reversed(tour[a : b + 1])
-                    improved = True
+        for a, b in combinations(range(1, size), 2):
+            before, first, last, after = tour[a - 1], tour[a], tour[b], tour[b + 1]
+            old = finite[before, first] + finite[last, after]
+            if finite[before, last] + finite[first, after] < old - 1e-9:
+                tour[a : b + 1] = reversed(tour[a : b + 1])
+                improved = True
         if not improved:
             break
-    return tuple(tour[1:])
+    return tuple(tour[1:-1])

@@ -249,18 +249,15 @@ def shifted(residuals: WhitenedResiduals, subjects: Mapping[str, FloatArray]) ->
         s, information = residuals.score(columns)
         values, vectors = np.linalg.eigh(information)
         determined = values > SEEN * max(float(values[-1]), 1e-300)
-        chi2 = float(((vectors.T @ s)[determined] ** 2 / values[determined]).sum())
         single = columns.shape[-1] == 1 and bool(determined.all())
-        threshold = float(
-            chdtri(max(int(determined.sum()), 1), FALSE_ALARM_PROBABILITY / len(subjects))
-        )
+        dof = max(int(determined.sum()), 1)
         shifts.append(
             CommonShift(
                 subject=name,
                 size=float(s[0] / values[0]) if single else None,
                 sigma=float(values[0] ** -0.5) if single else None,
-                chi2=chi2,
-                threshold=threshold,
+                chi2=float(((vectors.T @ s)[determined] ** 2 / values[determined]).sum()),
+                threshold=float(chdtri(dof, FALSE_ALARM_PROBABILITY / len(subjects))),
             )
         )
     best = max(shifts, key=lambda shift: shift.chi2 - shift.threshold, default=None)

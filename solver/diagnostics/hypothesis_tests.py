@@ -44,24 +44,12 @@ class HypothesisTest:
         return not self.statistic <= self.threshold
 
     @classmethod
-    def of_chi2(
-        cls,
-        code: str,
-        chi2: float,
-        dof: int,
-        *,
-        false_alarm: float = FALSE_ALARM_PROBABILITY,
-        among: int = 1,
-    ) -> HypothesisTest:
+    def of_chi2(cls, code: str, chi2: float, dof: int, *, among: int = 1) -> HypothesisTest:
         """Test `chi2`, the largest of `among` values; it has `dof` degrees of freedom."""
         from scipy.special import chdtri
 
-        return cls(
-            code=code,
-            statistic=chi2,
-            threshold=float(chdtri(dof, false_alarm / among)),
-            false_alarm=false_alarm,
-        )
+        threshold = float(chdtri(dof, FALSE_ALARM_PROBABILITY / among))
+        return cls(code=code, statistic=chi2, threshold=threshold)
 
     @classmethod
     def of_squares(

@@ -15,9 +15,8 @@ from solver.chain.poses import back_to_caller
 from solver.chain.sensors import Rvdt
 from solver.diagnostics import limits
 from solver.diagnostics.fault_candidate import PeakDeviation
-from solver.diagnostics.pose_adjustment import loop_angles
+from solver.diagnostics.pose_adjustment import LoopAngle, loop_angles
 from solver.diagnostics.rvdt_response import RvdtFigures, SingleNoise, measure, sensor_angle
-from solver.diagnostics.smooth_curve import Scatter
 from solver.estimators.component_report import compliance_test
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.layout import Layout
@@ -118,7 +117,7 @@ def rvdt_verdicts(
     verdicts = []
     for joint, sensor in sensors.items():
         reading, angle = q[:, joint - 1], angles[joint]
-        reason = _undecidable(reading, angle.scatter, sensor)
+        reason = _undecidable(reading, angle, sensor)
         if not fitted.converged:
             reason = "the calibration without the RVDTs did not converge"
         if reason:
@@ -146,7 +145,7 @@ def _without_compliance(
     return {**noise, **uncertain} if compliance is not None and compliance.deflects else noise
 
 
-def _undecidable(reading: FloatArray, of_loops: Scatter, sensor: Rvdt) -> str:
+def _undecidable(reading: FloatArray, measured: LoopAngle, sensor: Rvdt) -> str:
     """Reason why these poses cannot determine the curve; empty if they can."""
     if len(reading) < limits.RVDT_LEAST_POSES:
         return f"{len(reading)} poses are too few, {limits.RVDT_LEAST_POSES} are needed"
@@ -156,7 +155,7 @@ def _undecidable(reading: FloatArray, of_loops: Scatter, sensor: Rvdt) -> str:
             f"the joint turned through only {100.0 * span:.0f} % of full scale, "
             f"{100.0 * limits.RVDT_LEAST_SPAN:.0f} % are needed"
         )
-    sd = float(np.sqrt(np.mean(of_loops.variance)))
+    sd = float(np.sqrt(np.mean(measured.variance)))
     if sd > 0.5 * sensor.linearity_rad:
         return (
             f"the loop measures the joint's angle only to {1e3 * sd:.1f} mrad, "

@@ -15,30 +15,6 @@ POINTS_PER_TERM = 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Scatter:
-    """Covariance of points, ``diag(own) + common common'``: the full matrix is never formed.
-
-    `own` (m,): independent variance of each point. `common` (m, c): part common to all points.
-    """
-
-    own: FloatArray
-    common: FloatArray
-
-    @property
-    def variance(self) -> FloatArray:
-        """Variance of each point (m,)."""
-        return np.asarray(self.own + (self.common**2).sum(-1))
-
-    def also_own(self, variance: float) -> Scatter:
-        """Return the scatter with `variance` added to each element of `own`."""
-        return Scatter(own=self.own + variance, common=self.common)
-
-    def variance_of(self, H: FloatArray) -> FloatArray:
-        """Variance (k,) of linear combinations H (k, m) of the points."""
-        return np.asarray((H**2) @ self.own + ((H @ self.common) ** 2).sum(-1))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class SmoothCurve:
     """Legendre series over the covered range, fitted by least squares.
 

@@ -90,7 +90,7 @@ def parameter_table(
         columns += figures("identified", group=beside.estimator)
     places, round_places = precision(estimate), nominal_places(estimate.parameters)
     theirs = {} if beside is None else {p.name: value for p, value, _ in values_of(beside)}
-    bounds, rows = intervals(estimate), []
+    (low, high), rows = intervals(estimate), []
     for k, (p, value, sd) in enumerate(values_of(estimate)):
         quantity, name = quantity_of(p), p.name
         figure = partial(Figure, quantity=quantity, places=places(quantity))
@@ -106,8 +106,8 @@ def parameter_table(
         if repeatability is not None:
             row.append(figure(float(repeatability[k]), key=("repeatability", name)))
         row += [
-            figure(bounds[k].low, key=("interval_95", name, 0)),
-            figure(bounds[k].high, key=("interval_95", name, 1)),
+            figure(float(low[k]), key=("interval_95", name, 0)),
+            figure(float(high[k]), key=("interval_95", name, 1)),
         ]
         if sides is not None:
             row.append(sides[name])

@@ -81,9 +81,7 @@ def control_chart(names: Sequence[str], values: FloatArray, within: FloatArray) 
     from scipy.special import stdtrit
 
     count, width = values.shape
-    centre, between, shewhart, ewma, ewma_limit = (
-        np.full((count, width), np.nan) for _ in range(5)
-    )
+    centre, between, shewhart, ewma, ewma_limit = np.full((5, count, width), np.nan)
     begin = np.zeros(width, dtype=np.int64)
     changes: list[ChartSignal] = []
     for t in range(BASELINE, count):

@@ -41,25 +41,6 @@ from solver.diagnostics.stated_sizes import with_estimated_motion_noise
 from solver.diagnostics.whitened_residuals import OwnColumns, WhitenedResiduals
 from solver.estimators.linear_fit import LinearFit
 
-PRIORS = {
-    Cause.SLIPPED: 0.02,
-    Cause.LOST_COUNTS: 0.02,
-    Cause.OUTLIERS: 0.02,
-    Cause.FROZEN: 0.01,
-    Cause.READING: 0.01,
-    Cause.CURVE: 0.02,
-    Cause.LENGTH: 0.02,
-    Cause.TWIST: 0.01,
-    Cause.GIVES: 0.01,
-    Cause.TURN_ERROR: 0.005,
-    Cause.SAG: 0.003,
-    Cause.SCATTER: 0.005,
-    Cause.DRIFT: 0.001,
-    Cause.SCALE: 0.003,
-    Cause.LENGTH_CHANGED: 2e-5,
-}
-"""Prior probability of each cause, shared among its subjects."""
-
 UNNAMED = 0.002
 """Prior probability of any other cause."""
 
@@ -259,14 +240,15 @@ def _ranked(residuals: WhitenedResiduals, candidates: Iterable[Candidate]) -> Ca
     counts = Counter(c.cause for c, _ in listed)
     weights = [
         e.log_likelihood
-        + np.log(PRIORS[c.cause] / counts[c.cause])
+        + np.log(c.cause.prior / counts[c.cause])
         - log(c.places)
         # A cause that leaves the rest larger than stated needs a second, unknown one.
         + (np.log(UNNAMED) if e.chi2 > limits.CHI2_PER_DOF_EXPLAINED * max(e.dof, 1) else 0.0)
         for c, e in listed
     ]
     weights += [
-        log_likelihood(residuals, most_noise=1.0) + np.log(1.0 - sum(PRIORS.values())),
+        log_likelihood(residuals, most_noise=1.0)
+        + np.log(1.0 - sum(cause.prior for cause in Cause)),
         log_likelihood(residuals, most_noise=np.inf) + np.log(UNNAMED),
     ]
     chance = probabilities(np.array(weights))

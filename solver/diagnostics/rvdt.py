@@ -95,8 +95,8 @@ def rvdt_verdicts(
 
     def at_least_stated(design: Layout) -> FloatArray:
         start = design.start_variances()
-        values = [variances.get(c.name, v) for c, v in zip(design.components, start, strict=True)]
-        return np.maximum(start, values)
+        known = (variances.get(component.name, 0.0) for component in design.components)
+        return np.maximum(start, list(known))
 
     settled = settle(model, q, errors, x0=x0, near=near, variances=at_least_stated)
     fitted, back = settled.fit, back_to_caller(settled.order)
@@ -112,8 +112,10 @@ def rvdt_verdicts(
         )
     }
     noise = _without_compliance(noise, fitted.fit)
-    offsets = {j: sensor_angle(q[:, j - 1], a)[1] for j, a in angles.items()}
+    sensed = model.with_all_joints_sensed()
     known = dict(zip((p.name for p in model.parameters), fitted.x.tolist(), strict=True))
+    for j, angle in angles.items():
+        known[f"theta_off_{j}"] = float(wrap_angle(sensor_angle(q[:, j - 1], angle)[1]))
     verdicts = []
     for joint, sensor in sensors.items():
         reading, angle = q[:, joint - 1], angles[joint]
@@ -126,8 +128,7 @@ def rvdt_verdicts(
         figures = measure(
             reading, angle, sensor, noise.get(joint), samples=float(1.0 / np.mean(1.0 / samples))
         )
-        offsets_of_joints = offsets | {joint: figures.theta_off_rad}
-        share = _share(model.with_all_joints_sensed(), known, q, joint, figures, offsets_of_joints)
+        share = _share(sensed, known, q, joint, figures)
         verdicts.append(_judge(joint, sensor, figures, share))
     return tuple(verdicts)
 
@@ -246,15 +247,10 @@ def _noise_words(noise: SingleNoise, sensor: Rvdt) -> list[str]:
 
 
 def _share(
-    sensed: ClosureModel,
-    known: dict[str, float],
-    q: FloatArray,
-    joint: int,
-    figures: RvdtFigures,
-    offsets_rad: dict[int, float],
+    sensed: ClosureModel, known: dict[str, float], q: FloatArray, joint: int, figures: RvdtFigures
 ) -> float:
     """Share of the squared closure error at the readings that is removed by correcting those of one joint."""
-    known = known | {f"theta_off_{j}": float(wrap_angle(v)) for j, v in offsets_rad.items()}
+    known = known | {f"theta_off_{joint}": float(wrap_angle(figures.theta_off_rad))}
     x = np.array([known.get(p.name, p.nominal) for p in sensed.parameters])
     better = q.copy()
     better[:, joint - 1] = figures.corrected(q[:, joint - 1])

@@ -157,46 +157,41 @@ def drive_straight(
 
     `drives`: joints (1-based) in position mode; the others are free. `steps`: number of steps along each line.
     """
-    columns = [j - 1 for j in drives]
-    held = measure_with_fixed(drives, q.shape[-1])
-    start = q[:, columns]
-    share = np.linspace(0.0, 1.0, steps + 1)
-    here_q, here_u = np.array(q), np.array(u)
-    closed = np.ones(len(q), dtype=np.bool_)
-    trace_q, trace_u, trace_leverage = [], [], []
-    fastest = np.zeros(len(q))
-    for k in range(steps + 1):
-        motion = chain_motion(model, x, here_q, here_u)
-        trace_q.append(here_q.copy())
-        trace_u.append(here_u.copy())
-        trace_leverage.append(motion.leverage(drives))
-        if k == steps:
-            break
-        line = start + share[k + 1] * (targets_rad - start)
-        by_drive = line - here_q[:, columns]
-        rows = motion.tangent[:, columns, :]
-        along = np.linalg.pinv(rows) @ by_drive[..., None]
+    columns, n = [j - 1 for j in drives], q.shape[-1]
+    held = measure_with_fixed(drives, n)
+    here = np.concatenate((q, u), axis=-1)
+    start = here[:, columns]
+    closed, fastest = np.ones(len(q), dtype=np.bool_), np.zeros(len(q))
+    trace, leverage = [], []
+    for share in np.linspace(0.0, 1.0, steps + 1)[1:].tolist():
+        motion = chain_motion(model, x, here[:, :n], here[:, n:])
+        trace.append(here)
+        leverage.append(motion.leverage(drives))
+        line = start + share * (targets_rad - start)
+        by_drive = line - here[:, columns]
+        along = np.linalg.pinv(motion.tangent[:, columns, :]) @ by_drive[..., None]
         velocity = (motion.tangent @ along)[..., 0]
-        n = q.shape[-1]
         # Past a singularity the prediction is meaningless: the line is not followed any further.
         lost = np.abs(velocity).max(-1) > 4.0 * LOST_RAD
         velocity[lost] = 0.0
-        first_q, first_u = here_q + velocity[:, :n], here_u + velocity[:, n:]
-        first_q[:, columns] = line
+        first = here + velocity
+        first[:, columns] = line
         found = close_loops(
-            model, x, first_q, u=first_u, sigma_rad=held, max_iterations=6, tolerance=1e-11
-        )
-        jumped = np.abs(found.q - first_q).max(-1) > LOST_RAD
+            model, x, first[:, :n],
+            u=first[:, n:], sigma_rad=held, max_iterations=6, tolerance=1e-11,
+        )  # fmt: skip
+        jumped = np.abs(found.q - first[:, :n]).max(-1) > LOST_RAD
         closed &= found.closed & ~jumped & ~lost
-        step = np.abs(found.q - here_q).max(-1) / np.maximum(np.abs(by_drive).max(-1), 1e-12)
-        moves = np.abs(by_drive).max(-1) > 1e-9
-        fastest = np.where(closed & moves, np.maximum(fastest, step), fastest)
-        here_q = np.where(closed[:, None], found.q, here_q)
-        here_u = np.where(closed[:, None], found.u, here_u)
+        by_drive = np.abs(by_drive).max(-1)
+        step = np.abs(found.q - here[:, :n]).max(-1) / np.maximum(by_drive, 1e-12)
+        fastest = np.where(closed & (by_drive > 1e-9), np.maximum(fastest, step), fastest)
+        here = np.where(closed[:, None], np.concatenate((found.q, found.u), axis=-1), here)
+    angles = np.stack((*trace, here), axis=1)
+    end = chain_motion(model, x, here[:, :n], here[:, n:])
     return DriveTraces(
-        q=np.stack(trace_q, axis=1),
-        u=np.stack(trace_u, axis=1),
-        leverage=np.stack(trace_leverage, axis=1),
+        q=angles[..., :n],
+        u=angles[..., n:],
+        leverage=np.stack((*leverage, end.leverage(drives)), axis=1),
         rate=fastest,
         closed=closed,
     )

@@ -243,7 +243,7 @@ def with_best_table(
     own = calibrated_arm(solution, arm)
     part, column = _first_placement(solution)
     index = np.array([column[name] for name in own.free], dtype=np.int64)
-    joints = JointCorrections.of(calibrated.linear)
+    joints = JointCorrections(fit=calibrated.linear)
     sampled = q[evenly(len(q), MOST_POSES_SAMPLED)]
     used, weight = where_used(sampled, arm.lower_rad, arm.upper_rad)
     parts = joints.at(used)

@@ -32,9 +32,9 @@ class RankedDrives:
     `drives`: joints (1-based) to be put into position mode. `score`: value by which sets are ranked, in [0, 1].
     `leverage`: smallest singular value of the drives' share in the self-motion, from 0 at a singularity to 1 if the
     drives determine all motion; over a region, the median over the poses that the set reaches. `fastest_passive`,
-    `fastest_joint`: largest ratio of a passive joint's speed to the drives' speed, and this joint. `still`: passive
-    joints that hardly move. `reach`: share of the region's poses that can be reached from pose 0; None if the ranking
-    is not over a region. `reasons`: the most important first.
+    `fastest_joint`: largest ratio of a passive joint's speed to the drives' speed, and this joint. `reach`:
+    share of the region's poses that can be reached from pose 0; None if the ranking is not over a region. `reasons`:
+    the most important first.
     """
 
     drives: tuple[int, ...]
@@ -43,7 +43,6 @@ class RankedDrives:
     leverage: float
     fastest_passive: float
     fastest_joint: int
-    still: tuple[int, ...]
     reach: float | None
     reasons: tuple[str, ...]
 
@@ -131,7 +130,7 @@ def _verdict(
     """Return the rank of a drive set; `rates` (n,): motion of every joint per motion of the drives."""
     rates = np.where(np.isin(np.arange(1, len(rates) + 1), drives), 0.0, rates)
     passive = [j for j in range(1, len(rates) + 1) if j not in drives]
-    still = tuple(j for j in passive if rates[j - 1] < 0.05)
+    still = [j for j in passive if rates[j - 1] < 0.05]
     joint = int(np.argmax(rates)) + 1
     fastest = float(rates[joint - 1])
     usable = leverage >= LIMITS.least_leverage and fastest <= LIMITS.most_rate and not stopped
@@ -160,7 +159,6 @@ def _verdict(
         leverage=leverage,
         fastest_passive=fastest,
         fastest_joint=joint,
-        still=still,
         reach=reach,
         reasons=tuple(reasons),
     )

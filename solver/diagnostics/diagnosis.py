@@ -122,13 +122,15 @@ def diagnose(
     faults = FaultModels.of(arm, stated, order, measured or {})
     residuals = residuals_of_fit(fit.at_known_noise, order)
     low_noise = residuals_of_fit(with_estimated_motion_noise(fit), order)
-    tests = [HypothesisTest.of_chi2("CHI2_STATED", stated.chi2, stated.dof)]
-    outliers, more = _residual_tests(faults, residuals, low_noise)
-    tests += more
-    tests += pull_tests(stated)
-    tests += without_curves_in_specification(variance_tests(stated), faults, residuals)
-    tests.append(prediction_test(stated))
-    tests += scale_tests(faults, residuals)
+    outliers, residual_tests = _residual_tests(faults, residuals, low_noise)
+    tests = (
+        HypothesisTest.of_chi2("CHI2_STATED", stated.chi2, stated.dof),
+        *residual_tests,
+        *pull_tests(stated),
+        *without_curves_in_specification(variance_tests(stated), faults, residuals),
+        prediction_test(stated),
+        *scale_tests(faults, residuals),
+    )
     fires = any(test.fires for test in tests)
     doubtful = not fires and any(
         test.fires for test in pull_tests(stated, limits.ENTRY_SUSPICION_PROBABILITY)
@@ -136,7 +138,7 @@ def diagnose(
     rankings = tuple(_explanations(faults, residuals, outliers)) if fires else ()
     suspected = next(_explanations(faults, residuals, outliers)).known if doubtful else ()
     return Diagnosis(
-        tests=tuple(tests),
+        tests=tests,
         rankings=rankings,
         suspected_entries=tuple(
             x for x in suspected if x.candidate.cause in (Cause.LENGTH, Cause.TWIST)

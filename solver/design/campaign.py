@@ -241,7 +241,7 @@ class Campaign:
             self._finish(text, complete=True, decision=decision)
             return
         if decision is not None and decision.stop:
-            is_reached = decision.standing is PrecisionStatus.REACHED
+            is_reached = decision.status is PrecisionStatus.REACHED
             self._finish(decision.text, complete=is_reached, decision=decision)
             return
         plan = self.plan

@@ -158,7 +158,7 @@ def drive_straight(
     `drives`: joints (1-based) in position mode; the others are free. `steps`: number of steps along each line.
     """
     columns, n = [j - 1 for j in drives], q.shape[-1]
-    held = measure_with_fixed(drives, n)
+    fixed = measure_with_fixed(drives, n)
     here = np.concatenate((q, u), axis=-1)
     start = here[:, columns]
     closed, fastest = np.ones(len(q), dtype=np.bool_), np.zeros(len(q))
@@ -176,16 +176,18 @@ def drive_straight(
         velocity[lost] = 0.0
         first = here + velocity
         first[:, columns] = line
-        found = close_loops(
+        closed_poses = close_loops(
             model, x, first[:, :n],
-            u=first[:, n:], sigma_rad=held, max_iterations=6, tolerance=1e-11,
+            u=first[:, n:], sigma_rad=fixed, max_iterations=6, tolerance=1e-11,
         )  # fmt: skip
-        jumped = np.abs(found.q - first[:, :n]).max(-1) > LOST_RAD
-        closed &= found.closed & ~jumped & ~lost
+        jumped = np.abs(closed_poses.q - first[:, :n]).max(-1) > LOST_RAD
+        closed &= closed_poses.closed & ~jumped & ~lost
         by_drive = np.abs(by_drive).max(-1)
-        step = np.abs(found.q - here[:, :n]).max(-1) / np.maximum(by_drive, 1e-12)
+        step = np.abs(closed_poses.q - here[:, :n]).max(-1) / np.maximum(by_drive, 1e-12)
         fastest = np.where(closed & (by_drive > 1e-9), np.maximum(fastest, step), fastest)
-        here = np.where(closed[:, None], np.concatenate((found.q, found.u), axis=-1), here)
+        here = np.where(
+            closed[:, None], np.concatenate((closed_poses.q, closed_poses.u), axis=-1), here
+        )
     angles = np.stack((*trace, here), axis=1)
     end = chain_motion(model, x, here[:, :n], here[:, n:])
     return DriveTraces(

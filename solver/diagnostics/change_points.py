@@ -68,13 +68,13 @@ def steps(
     level = false_alarm / sum(s.false_alarm_share for s in suspects)
     change_points: list[ChangePoint] = []
     for of_reading in (False, True):
-        judged = low_noise if of_reading and low_noise is not None else residuals
+        tested = low_noise if of_reading and low_noise is not None else residuals
         of_kind = [s for s in suspects if (s.cause is Cause.LOST_COUNTS) == of_reading]
         for width in dict.fromkeys(s.columns.shape[-1] for s in of_kind):
             alike = [s for s in of_kind if s.columns.shape[-1] == width]
-            lot = max(1, AT_ONCE // (m * judged.U.shape[-1] * width))
+            lot = max(1, AT_ONCE // (m * tested.U.shape[-1] * width))
             for first in range(0, len(alike), lot):
-                change_points += _largest(judged, alike[first : first + lot], scale, level)
+                change_points += _largest(tested, alike[first : first + lot], scale, level)
     return tuple(sorted(change_points, key=lambda step: step.threshold - step.chi2))
 
 

@@ -119,7 +119,7 @@ def diagnose(
     """
     stated = fit.stated
     order = np.argsort(taken, kind="stable")
-    faults = FaultModels.of(arm, stated, order, measured or {})
+    faults = FaultModels(arm, stated, order, measured or {})
     residuals = residuals_of_fit(fit.at_known_noise, order)
     low_noise = residuals_of_fit(with_estimated_motion_noise(fit), order)
     outliers, residual_tests = _residual_tests(faults, residuals, low_noise)
@@ -202,9 +202,8 @@ def _with_cause(
     """Return the residuals if coefficients of `cause` are part of the model, with prior standard deviations `sd`."""
     if cause.own is None:
         return residuals.with_columns(cause.columns, sd)
-    return OwnColumns.of(
-        residuals, cause.own, cause.columns * sd.reshape(len(cause.own), 1, -1)
-    ).drawn(residuals)
+    own = cause.columns * sd.reshape(len(cause.own), 1, -1)
+    return OwnColumns(residuals, cause.own, own).drawn()
 
 
 def _changes(

@@ -7,7 +7,7 @@ compared without a refit.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,7 +16,6 @@ from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import Encoder, Rvdt, SensorCurve
 from solver.diagnostics.fault_candidate import Candidate, Cause, PeakDeviation
 from solver.diagnostics.limits import FROZEN_POSES, OTHERS_MOVED_RAD
-from solver.estimators.effects import LinearModel, System
 from solver.estimators.linear_fit import LinearFit
 
 ANGLE_RAD, LENGTH_M = 1e-3, 1e-3
@@ -26,38 +25,23 @@ SCALE = 1e-2
 """Expected magnitude of a scale error."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FaultModels:
-    """A fit's system with poses in the order in which they were taken.
+    """Fault models of a fit at the stated variances, with poses in the order in which they were taken.
 
-    `order` (m,): the fit's index of the k-th pose taken. `readings` (m, n), rad, are in time order.
+    `order` (m,): the fit's index of the k-th pose taken. `readings` (m, n), rad, and `system` are in time order.
     `measured`: linearity deviations of sensors as determined by the loops, by joint (1-based).
     """
 
-    arm: ArmModel
-    design: LinearModel
-    system: System
-    readings: FloatArray
-    order: IntArray
-    measured: Mapping[int, PeakDeviation]
-
-    @classmethod
-    def of(
-        cls,
+    def __init__(
+        self,
         arm: ArmModel,
         stated: LinearFit,
         order: IntArray,
         measured: Mapping[int, PeakDeviation],
-    ) -> FaultModels:
-        """Return the fault models of a fit at the stated variances, with poses in the given `order` (m,)."""
-        return cls(
-            arm=arm,
-            design=stated.design,
-            system=stated.whole.at_poses(order),
-            readings=stated.design.q[order],
-            order=order,
-            measured=measured,
-        )
+    ) -> None:
+        self.arm, self.order, self.measured = arm, order, measured
+        self.design, self.system = stated.design, stated.whole.at_poses(order)
+        self.readings = self.design.q[order]
 
     @property
     def sensed(self) -> tuple[int, ...]:

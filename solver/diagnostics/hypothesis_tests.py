@@ -180,7 +180,7 @@ def _as_stated(j: int, faults: FaultModels, residuals: WhitenedResiduals) -> boo
 OUTLIER_SEARCH_STEPS = 100
 """Approximate upper limit of the number of steps in which poses are set aside."""
 
-ALIKE = 0.5
+SET_ASIDE_SHARE = 0.5
 """Poses set aside with the worst one exceed the threshold by at least this share of the worst one's excess."""
 
 FREE = 1e-6
@@ -222,7 +222,7 @@ def find_outliers(residuals: WhitenedResiduals, *, scale: float = 1.0) -> Outlie
         )
         if not largest > 0.0 or len(chi2_of) >= most:
             break
-        set_aside = worst[excess[worst] >= ALIKE * largest][: most - len(chi2_of)]
+        set_aside = worst[excess[worst] >= SET_ASIDE_SHARE * largest][: most - len(chi2_of)]
         chi2_of |= dict(zip(set_aside.tolist(), chi2[set_aside].tolist(), strict=True))
         is_kept[set_aside] = False
         rest = rest.without(set_aside)

@@ -120,7 +120,7 @@ def _evidence_of_own(
     most: float,
 ) -> Evidence | None:
     p, _, c = G.shape
-    columns = OwnColumns.of(residuals, own, G * expected_size.reshape(p, 1, c))
+    columns = OwnColumns(residuals, own, G * expected_size.reshape(p, 1, c))
     if not (columns.own > 0.0).any():
         return None
     sizes, dof = SIZES[most >= SIZES], max(residuals.dof, 1)
@@ -149,7 +149,7 @@ def _evidence_of_own(
         size=float(sizes[best]),
         b=expected_size * b,
         covariance=expected_size**2 * variance,
-        moved=columns.moved(residuals, solution),
+        moved=columns.moved(solution),
     )
 
 

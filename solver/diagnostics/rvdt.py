@@ -60,9 +60,6 @@ class RvdtVerdict:
     noise: SingleNoise | None = None
 
 
-NOTHING_FOUND: Mapping[str, float] = {}
-
-
 def rvdt_verdicts(
     model: ClosureModel,
     arm: ArmModel,
@@ -71,7 +68,7 @@ def rvdt_verdicts(
     *,
     noise: Mapping[int, SingleNoise],
     samples: IntArray,
-    variances: Mapping[str, float] = NOTHING_FOUND,
+    variances: Mapping[str, float],
     x0: FloatArray | None = None,
     near: FitStart | None = None,
 ) -> tuple[RvdtVerdict, ...]:
@@ -129,7 +126,7 @@ def rvdt_verdicts(
             reading, angle, sensor, noise.get(joint), samples=float(1.0 / np.mean(1.0 / samples))
         )
         share = _share(sensed, known, q, joint, figures)
-        verdicts.append(_judge(joint, sensor, figures, share))
+        verdicts.append(_verdict(joint, sensor, figures, share))
     return tuple(verdicts)
 
 
@@ -193,7 +190,7 @@ def linearity_deviation(figures: RvdtFigures, sensor: Rvdt) -> PeakDeviation:
     )
 
 
-def _judge(joint: int, sensor: Rvdt, figures: RvdtFigures, share: float) -> RvdtVerdict:
+def _verdict(joint: int, sensor: Rvdt, figures: RvdtFigures, share: float) -> RvdtVerdict:
     curved = figures.line_probability < limits.CURVATURE_FALSE_ALARM_PROBABILITY
     too_curved = linearity_deviation(figures, sensor).beyond(sensor.linearity_rad)
     too_noisy = _too_noisy(figures.noise, sensor)

@@ -31,16 +31,15 @@ class Chi2Test:
         return self.low <= self.per_dof <= self.high
 
 
-def intervals(estimate: Estimate, *, level: float = 0.95) -> tuple[FloatArray, FloatArray]:
-    """Lower and upper ends (P,) of two-sided intervals of all parameters, rad and m.
+def intervals(estimate: Estimate) -> tuple[FloatArray, FloatArray]:
+    """Lower and upper ends (P,) of two-sided 95 % intervals of all parameters, rad and m.
 
     They are normal intervals if the noise is stated or estimated beforehand, and Student's t intervals if the noise is
     calculated from the residuals, as by the `paper` estimator.
     """
     from scipy.special import ndtri, stdtrit
 
-    tail = 0.5 * (1.0 + level)
-    width = float(stdtrit(estimate.dof, tail) if estimate.chi2 is None else ndtri(tail))
+    width = float(stdtrit(estimate.dof, 0.975) if estimate.chi2 is None else ndtri(0.975))
     half = width * estimate.standard_deviation
     return estimate.x - half, estimate.x + half
 

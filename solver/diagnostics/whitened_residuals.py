@@ -117,7 +117,6 @@ ROUNDING = 1e-13
 """Least eigenvalue of ``I - W' W`` (see `OwnColumns.solved`) that is distinguishable from zero."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class OwnColumns:
     """Whitened columns of some poses, rotated to be orthogonal within each pose.
 
@@ -128,27 +127,14 @@ class OwnColumns:
     `inside`: (p * c, K): projection of the rotated columns on the fit's columns.
     """
 
-    poses: IntArray
-    white: FloatArray
-    turn: FloatArray
-    own: FloatArray
-    score: FloatArray
-    inside: FloatArray
-
-    @classmethod
-    def of(cls, residuals: WhitenedResiduals, poses: IntArray, columns: FloatArray) -> OwnColumns:
-        """Whiten columns (p, r, c) of `poses`; make those of each pose orthogonal."""
-        white = residuals.whitener[poses] @ columns
-        own, turn = np.linalg.eigh(np.swapaxes(white, -1, -2) @ white)
-        turned = np.swapaxes(white @ turn, -1, -2)
-        return cls(
-            poses=poses,
-            white=white,
-            turn=turn,
-            own=np.maximum(own, 0.0).reshape(-1),
-            score=(turned @ residuals.white[poses][..., None]).reshape(-1),
-            inside=(turned @ residuals.U[poses]).reshape(own.size, -1),
-        )
+    def __init__(self, residuals: WhitenedResiduals, poses: IntArray, columns: FloatArray) -> None:
+        self.residuals, self.poses = residuals, poses
+        self.white = residuals.whitener[poses] @ columns
+        own, self.turn = np.linalg.eigh(np.swapaxes(self.white, -1, -2) @ self.white)
+        turned = np.swapaxes(self.white @ self.turn, -1, -2)
+        self.own = np.maximum(own, 0.0).reshape(-1)
+        self.score = (turned @ residuals.white[poses][..., None]).reshape(-1)
+        self.inside = (turned @ residuals.U[poses]).reshape(own.size, -1)
 
     def solved(self, variance: float) -> SolvedColumns:
         """Solve for the coefficients, each with prior variance `variance`."""
@@ -183,13 +169,13 @@ class OwnColumns:
         b = (self.turn @ solved.b.reshape(p, c, 1)).reshape(-1)
         return b, variance.reshape(-1)
 
-    def moved(self, residuals: WhitenedResiduals, solved: SolvedColumns) -> FloatArray:
+    def moved(self, solved: SolvedColumns) -> FloatArray:
         """Change of the parameters (P,) when these columns are fitted."""
-        return np.asarray(residuals.to_x @ (self.inside.T @ solved.b))
+        return np.asarray(self.residuals.to_x @ (self.inside.T @ solved.b))
 
-    def drawn(self, residuals: WhitenedResiduals) -> WhitenedResiduals:
+    def drawn(self) -> WhitenedResiduals:
         """Return the residuals with these columns, times N(0, 1) coefficients, as further noise of their poses."""
-        solved = self.solved(1.0)
+        residuals, solved = self.residuals, self.solved(1.0)
         b = (self.turn @ solved.b.reshape(len(self.poses), -1, 1))[..., 0]
         white = residuals.white + residuals.U @ (self.inside.T @ solved.b)
         white[self.poses] -= (self.white @ b[..., None])[..., 0]

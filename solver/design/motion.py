@@ -122,13 +122,12 @@ LOST_RAD = 0.25
 class DriveTraces:
     """Predicted motion of b straight drive moves, sampled at s + 1 points each.
 
-    `q`, `u`: (b, s + 1, n) and (b, s + 1, U), rad. `leverage` (b, s + 1): leverage of the drive joints; 0 at a
-    singularity. `rate` (b,): largest motion of any arm joint per motion of the drive joint that moves most. `closed`
-    (b,): whether the chain could be followed to the end of the line.
+    `q`: (b, s + 1, n), rad. `leverage` (b,): least leverage of the drive joints on the way; 0 at a singularity. `rate`
+    (b,): largest motion of any arm joint per motion of the drive joint that moves most. `closed` (b,): whether the
+    chain could be followed to the end of the line.
     """
 
     q: FloatArray
-    u: FloatArray
     leverage: FloatArray
     rate: FloatArray
     closed: BoolArray
@@ -138,7 +137,7 @@ class DriveTraces:
         return np.asarray(
             self.closed
             & (ranges.clearance(self.q).min(-1) >= 0.0)
-            & (self.leverage.min(-1) >= limits.least_leverage)
+            & (self.leverage >= limits.least_leverage)
             & (self.rate <= limits.most_rate)
         )
 
@@ -159,14 +158,10 @@ def drive_straight(
     """
     columns, n = [j - 1 for j in drives], q.shape[-1]
     fixed = measure_with_fixed(drives, n)
-    here = np.concatenate((q, u), axis=-1)
-    start = here[:, columns]
+    here, motion = np.concatenate((q, u), axis=-1), chain_motion(model, x, q, u)
+    start, trace, leverage = here[:, columns], [here[:, :n]], motion.leverage(drives)
     closed, fastest = np.ones(len(q), dtype=np.bool_), np.zeros(len(q))
-    trace, leverage = [], []
     for share in np.linspace(0.0, 1.0, steps + 1)[1:].tolist():
-        motion = chain_motion(model, x, here[:, :n], here[:, n:])
-        trace.append(here)
-        leverage.append(motion.leverage(drives))
         line = start + share * (targets_rad - start)
         by_drive = line - here[:, columns]
         along = np.linalg.pinv(motion.tangent[:, columns, :]) @ by_drive[..., None]
@@ -176,24 +171,17 @@ def drive_straight(
         velocity[lost] = 0.0
         first = here + velocity
         first[:, columns] = line
-        closed_poses = close_loops(
+        after = close_loops(
             model, x, first[:, :n],
             u=first[:, n:], sigma_rad=fixed, max_iterations=6, tolerance=1e-11,
         )  # fmt: skip
-        jumped = np.abs(closed_poses.q - first[:, :n]).max(-1) > LOST_RAD
-        closed &= closed_poses.closed & ~jumped & ~lost
+        jumped = np.abs(after.q - first[:, :n]).max(-1) > LOST_RAD
+        closed &= after.closed & ~jumped & ~lost
         by_drive = np.abs(by_drive).max(-1)
-        step = np.abs(closed_poses.q - here[:, :n]).max(-1) / np.maximum(by_drive, 1e-12)
+        step = np.abs(after.q - here[:, :n]).max(-1) / np.maximum(by_drive, 1e-12)
         fastest = np.where(closed & (by_drive > 1e-9), np.maximum(fastest, step), fastest)
-        here = np.where(
-            closed[:, None], np.concatenate((closed_poses.q, closed_poses.u), axis=-1), here
-        )
-    angles = np.stack((*trace, here), axis=1)
-    end = chain_motion(model, x, here[:, :n], here[:, n:])
-    return DriveTraces(
-        q=angles[..., :n],
-        u=angles[..., n:],
-        leverage=np.stack((*leverage, end.leverage(drives)), axis=1),
-        rate=fastest,
-        closed=closed,
-    )
+        here = np.where(closed[:, None], np.concatenate((after.q, after.u), axis=-1), here)
+        trace.append(here[:, :n])
+        motion = chain_motion(model, x, here[:, :n], here[:, n:])
+        leverage = np.minimum(leverage, motion.leverage(drives))
+    return DriveTraces(q=np.stack(trace, axis=1), leverage=leverage, rate=fastest, closed=closed)

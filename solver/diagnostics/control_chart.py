@@ -140,14 +140,11 @@ def _variances(
     values: FloatArray, within: FloatArray, begin: IntArray, ends: IntArray, tested: IntArray
 ) -> tuple[FloatArray, FloatArray]:
     """Moderated between-session variances of the tested quantities, and their degrees of freedom."""
-    own, stated, nu = np.zeros(len(tested)), np.zeros(len(tested)), np.zeros(len(tested))
-    for k, j in enumerate(tested.tolist()):
-        rows = slice(int(begin[j]), int(ends[j]))
-        own[k] = values[rows, j].var(ddof=1)
-        stated[k] = np.mean(within[rows, j] ** 2)
-        nu[k] = rows.stop - rows.start - 1
+    columns = [(slice(int(begin[j]), int(ends[j])), j) for j in tested.tolist()]
+    own = np.array([values[column].var(ddof=1) for column in columns])
     # A value stated to repeat exactly still scatters by rounding.
-    stated = np.maximum(stated, 1e-24)
+    stated = np.maximum([np.mean(within[column] ** 2) for column in columns], 1e-24)
+    nu = (ends - begin - 1.0)[tested]
     ratio = max(float(np.sum(nu * own / stated) / nu.sum()), LEAST_RATIO**2)
     prior = np.minimum(PRIOR_DOF, nu.sum())
     variance = (prior * ratio * stated + nu * own) / (prior + nu)

@@ -179,37 +179,21 @@ def drop_unidentifiable(
     """
     x = nearly_closing_parameters(model, q) if x is None else x
     J = jacobian_at_closed(model, x, q, sigma_rad)
-    names = [p.name for p in model.parameters]
+    every = names = [p.name for p in model.parameters]
     fixture = {*model.ground_side, *model.hand_side}
-    remaining = list(range(len(names)))
-    while remaining:
-        remaining_names = [names[k] for k in remaining]
-        result = identifiability_of_jacobian(J[..., remaining], remaining_names, q)
-        if not result.directions:
-            break
-        del remaining[
-            _choose(
-                J[..., remaining].reshape(-1, len(remaining)),
-                remaining_names,
-                result.directions,
-                fixture,
-            )
-        ]
-    kept_names = {names[k] for k in remaining}
-    dropped = tuple(name for name in names if name not in kept_names)
+    while names and (directions := identifiability_of_jacobian(J, names, q).directions):
+        k = _choose(J.reshape(-1, len(names)), names, directions, fixture)
+        J, names = np.delete(J, k, axis=-1), names[:k] + names[k + 1 :]
+    dropped = tuple(name for name in every if name not in names)
     return (model.without(dropped) if dropped else model), dropped
 
 
 def nearly_closing_parameters(model: ClosureModel, q: FloatArray) -> FloatArray:
     """Parameters (P,) that nearly close the loops: offsets and fixture fitted, the rest nominal."""
-    names = [p.name for p in model.parameters]
     fixture = {*model.ground_side, *model.hand_side}
-    sensed = model.with_all_joints_sensed()
-    plain = sensed.without(
-        {n for n in names if n not in fixture and not n.startswith("theta_off_")}
-    )
-    start = nominal_vector(plain.parameters)
-    fit = solve_damped(closure_problem(plain, q), start)
+    known = {p.name for p in model.parameters if not p.name.startswith("theta_off_")} - fixture
+    plain = model.with_all_joints_sensed().without(known)
+    fit = solve_damped(closure_problem(plain, q), nominal_vector(plain.parameters))
     fitted = dict(zip([p.name for p in plain.parameters], fit.x, strict=True))
     return np.array([fitted.get(p.name, p.nominal) for p in model.parameters])
 
@@ -229,8 +213,7 @@ def _choose(
     # Share of each parameter in the null space: the part of it that least squares cannot determine.
     scaled = J / column_scale(J)
     share = 1.0 - np.diagonal(np.linalg.pinv(scaled, rcond=1e-7) @ scaled)
-    order = sorted(
+    return min(
         (k for k in range(len(names)) if names[k] in named),
         key=lambda k: (names[k] in fixture, -round(float(share[k]), 6), k),
     )
-    return order[0]

@@ -162,7 +162,8 @@ def _solve(
             flipped=tuple(np.flatnonzero(error.flipped).tolist()),
         )
         for k, (other, known) in enumerate(solutions):
-            if _same_loop(sensed, x, other):
+            apart = wrap_angles(sensed.parameters, nearest_equivalent(sensed, x, other) - other)
+            if np.abs(apart).max(initial=0.0) < SAME_SOLUTION:
                 better = min(minimum, known, key=lambda b: b.rms)
                 merged = replace(better, starts=known.starts + count)
                 solutions[k] = (x if better is minimum else other, merged)
@@ -195,10 +196,3 @@ def _main_branch(
         if quality[0] >= EXPLAINED * len(q) and upright.sum() > over.sum() and quality > score:
             best, score = ~over, quality
     return best
-
-
-def _same_loop(model: ClosureModel, x: FloatArray, other: FloatArray) -> bool:
-    near = nearest_equivalent(model, x, other)
-    return bool(
-        np.abs(wrap_angles(model.parameters, near - other)).max(initial=0.0) < SAME_SOLUTION
-    )

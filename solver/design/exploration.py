@@ -85,12 +85,11 @@ class Explorer:
         count = len(self.drives)
         unit = np.eye(count)
         wiggles = [_Ray(direction=s * e, steps=1) for e in unit for s in (1.0, -1.0)]
-        signs = [np.array(v, dtype=np.float64) for v in product((1.0, -1.0, 0.0), repeat=count)]
-        signs = [v for v in signs if np.any(v)]
-        signs.sort(key=lambda v: int(np.abs(v).sum()))
+        signs = [v for v in product((1.0, -1.0, 0.0), repeat=count) if any(v)]
+        signs.sort(key=lambda v: sum(map(abs, v)))
         steps = int(REACH_RAD / RAY_STEP_RAD)
         # On a diagonal each drive moves as far as on a ray of its own.
-        return wiggles + [_Ray(direction=v, steps=steps) for v in signs]
+        return wiggles + [_Ray(direction=np.array(v), steps=steps) for v in signs]
 
     def _explore(self) -> Iterator[tuple[GoTo | Capture, ...]]:
         """Yield the moves of all rays and returns; `observe` has stored the readings when a move is over."""

@@ -200,13 +200,9 @@ def _of_spread(sd_lsb: FloatArray, samples: IntArray) -> SingleNoise:
     dof = float((samples - 1).sum())
     if between > 0.0:
         dof = min(dof, 2.0 * pooled**2 / between)
-    low, high = (pooled * dof / chdtri(dof, (0.025, 0.975))).tolist()
-    return SingleNoise(
-        lsb=noise_of_spread(pooled),
-        low=noise_of_spread(low),
-        high=noise_of_spread(high),
-        from_spread=True,
-    )
+    interval = (pooled * dof / chdtri(dof, (0.025, 0.975))).tolist()
+    lsb, low, high = map(noise_of_spread, (pooled, *interval))
+    return SingleNoise(lsb=lsb, low=low, high=high, from_spread=True)
 
 
 def spread_of(noise_lsb: float) -> float:

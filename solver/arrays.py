@@ -1,4 +1,4 @@
-"""Array types of the solver, read-only copies of arrays, and records of arrays with one row per pose."""
+"""Array types, read-only copies of arrays, records with one row per pose, and evenly spread points."""
 
 from __future__ import annotations
 
@@ -54,3 +54,17 @@ def join_poses(records: Iterable[Record], *fields: str) -> Record:
 def pose_slices(m: int) -> list[slice]:
     """Cut m poses into slices of at most `BLOCK_POSES`."""
     return [slice(k, min(k + BLOCK_POSES, m)) for k in range(0, m, BLOCK_POSES)]
+
+
+def even_points(count: int, n: int, start: float | FloatArray = 0.5) -> FloatArray:
+    """Points (count, n) of the unit cube, spread far more evenly than random points.
+
+    They follow an additive recurrence (Roberts' R_n: steps are powers of 1/g, with ``g^(n+1) = g + 1``) from `start`,
+    a number or (n,), and are the same on every machine.
+    """
+    g = 2.0
+    for _ in range(60):
+        g = (1.0 + g) ** (1.0 / (n + 1))
+    return np.asarray(
+        (start + np.arange(1, count + 1)[:, None] * g ** -np.arange(1.0, n + 1)) % 1.0
+    )

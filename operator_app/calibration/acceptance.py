@@ -14,7 +14,7 @@ from operator_app.messages.finding import Finding, FindingKind, NamedSize
 from solver.arrays import FloatArray
 from solver.chain.parameters import Parameter, wrap_angles
 from solver.diagnostics import limits
-from solver.diagnostics.diagnosis import PRIORS, Diagnosis, Explanation
+from solver.diagnostics.diagnosis import Diagnosis, Explanation
 from solver.diagnostics.fault_candidate import Candidate, Cause
 from solver.diagnostics.hypothesis_tests import HypothesisTest
 from solver.diagnostics.model_selection import Evidence
@@ -316,8 +316,8 @@ def _slipped_since(read: RepeatedReading, repeat: Repeat, estimate: Estimate) ->
     from scipy.special import chdtri
 
     # Prior odds: a step in one of n joints, against a slip or a deflection of the fixture.
-    of_joint = PRIORS[Cause.LOST_COUNTS] / len(repeat.difference_rad)
-    odds = repeat.joint_odds * of_joint / (PRIORS[Cause.SLIPPED] + PRIORS[Cause.GIVES])
+    of_joint = Cause.LOST_COUNTS.prior / len(repeat.difference_rad)
+    odds = repeat.joint_odds * of_joint / (Cause.SLIPPED.prior + Cause.GIVES.prior)
     share = odds / (1.0 + odds)
     if share < 0.5:
         return Finding(

@@ -32,7 +32,8 @@ from solver.chain.kinematics import forward
 from solver.chain.parameters import nominal_vector, wrap_angle
 from solver.chain.poses import PoseSet
 from solver.diagnostics import limits
-from solver.diagnostics.change_points import Suspect, steps
+from solver.diagnostics.change_points import steps
+from solver.diagnostics.fault_candidate import Candidate, Cause
 from solver.diagnostics.whitened_residuals import WhitenedResiduals
 from solver.errors import SolverError
 from solver.estimators.effects import LinearModel
@@ -165,7 +166,10 @@ def shift_of(reading_rad: FloatArray, angle_rad: FloatArray) -> tuple[int, float
         to_x=np.zeros((0, BENDS + 1)),
         dof=m - BENDS - 1,
     )
-    for step in steps(residuals, (Suspect(name="reading", columns=np.ones((m, 1, 1))),)):
+    reading = Candidate(
+        cause=Cause.LOST_COUNTS, subject="", columns=np.ones((m, 1, 1)), expected_size=np.ones(1)
+    )
+    for step in steps(residuals, (reading,)):
         if residuals.chi2 - step.chi2 <= limits.STEP_RESIDUAL_SHARE * residuals.chi2:
             return step.pose, float(step.size[0])
     return None

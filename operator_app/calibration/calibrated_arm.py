@@ -14,17 +14,22 @@ import numpy as np
 from operator_app.calibration.multistart import evenly
 from operator_app.calibration.result import Solution
 from operator_app.calibration.tool_accuracy import HandAccuracy, HeldOffset, spread_along, spread_of
-from solver.arrays import FloatArray
+from solver.arrays import FloatArray, even_points
 from solver.chain.arm_model import ArmModel
 from solver.chain.kinematics import DhTable, forward
-from solver.chain.parameters import DhEntry, DhKind, is_entry, nominal_vector
+from solver.chain.parameters import DhEntry, DhKind, is_entry
 from solver.chain.sensors import NoSensor
 from solver.estimators.linear_fit import LinearFit
 from solver.estimators.variance_components import Calibrated
 from solver.loops.closure import ClosureModel
 from solver.loops.open_arm import MeasuredClosure
 from solver.loops.point import TIP, PointClosure
-from solver.posterior.best_table import BestTable, best_table, even_steps, where_used
+from solver.posterior.best_table import (
+    BestTable,
+    best_table,
+    tool_positions,
+    where_used,
+)
 from solver.posterior.corrections import Corrections, JointCorrections, corrections_of
 
 Frame = Literal["tip", "flange"]
@@ -119,17 +124,7 @@ class CalibratedArm:
 
     def _rates(self, q_rad: FloatArray, names: tuple[str, ...]) -> tuple[FloatArray, FloatArray]:
         """Tip position from the identified entries (m, 3), m, and its derivatives with respect to `names` (m, 3, k)."""
-        point = PointClosure(
-            table=self.hand,
-            entries=tuple(DhEntry.parse(name) for name in names if name not in TIP_NAMES),
-            tip_m=self.tip_m,
-            ground_m=np.zeros(3),
-            own=tuple(name for name in names if name in TIP_NAMES),
-        )
-        order = [p.name for p in point.parameters]
-        # With the socket at the base's origin, the residual is the tip's position.
-        tip = point.loop(nominal_vector(point.parameters), q_rad, np.zeros((*q_rad.shape[:-1], 0)))
-        return tip.residual, tip.jac_x[..., [order.index(name) for name in names]]
+        return tool_positions(self.hand, self.tip_m, names, q_rad)[:2]
 
 
 def T_base_flange(table: DhTable, q_rad: FloatArray) -> FloatArray:
@@ -166,7 +161,7 @@ class HandErrors:
 
 def even_poses(arm: ArmModel) -> FloatArray:
     """Readings (m, n), rad, evenly spread over the ranges of all joints."""
-    even = even_steps(RANGE_SAMPLES, arm.joint_count)
+    even = even_points(RANGE_SAMPLES, arm.joint_count)
     return np.asarray(arm.lower_rad + even * (arm.upper_rad - arm.lower_rad))
 
 
@@ -242,7 +237,7 @@ def with_best_table(
     own = calibrated_arm(solution, arm)
     part, column = _first_placement(solution)
     index = np.array([column[name] for name in own.free], dtype=np.int64)
-    joints = JointCorrections.of(calibrated.linear)
+    joints = JointCorrections(fit=calibrated.linear)
     sampled = q[evenly(len(q), MOST_POSES_SAMPLED)]
     used, weight = where_used(sampled, arm.lower_rad, arm.upper_rad)
     parts = joints.at(used)

@@ -96,12 +96,14 @@ def compare_readings(
     sigma = np.sqrt(variances)
     closed = close_loops(model, x, np.asarray(read.first_rad)[None])
     motion = chain_motion(model, x, closed.q, closed.u)
+    error = model.loop(x, closed.q, closed.u)
+    J = np.concatenate((error.jac_q[0], error.jac_u[0]), axis=-1)
     difference = np.asarray(read.again_rad - read.first_rad)
     # Orthogonal to the motions: J dq = f for a fixture displaced by f; all such dq differ by motions only.
     basis = np.linalg.qr(motion.tangent[0, used] / sigma[:, None], mode="complete")[0]
     open_directions = basis[:, motion.degrees :]
     d: FloatArray = np.asarray(open_directions.T @ (difference[used] / sigma), dtype=np.float64)
-    by_give = open_directions.T @ (np.linalg.pinv(motion.jacobian[0])[used] / sigma[:, None])
+    by_give = open_directions.T @ (np.linalg.pinv(J)[used] / sigma[:, None])
     rows = by_give.shape[1]
     stated = np.repeat([compliance.orientation_rad, compliance.position_m], 3)[6 - rows :]
     bends = by_give * stated

@@ -31,7 +31,7 @@ from solver.diagnostics.rvdt import (
     undecided,
 )
 from solver.diagnostics.rvdt_response import SingleNoise, single_noise
-from solver.diagnostics.stated_sizes import sensor_noise_with_found_motion
+from solver.diagnostics.stated_sizes import sensor_noise_with_estimated_motion
 from solver.estimators.component_report import Component, components
 from solver.estimators.mixed_fit import FitStart
 from solver.estimators.variance_components import Calibrated
@@ -141,7 +141,7 @@ def _noise_of_rvdts(
     by_name: dict[str, Component] = {}
     if unmeasured:
         # The motion noise of fixture and joints is the estimated one, not the stated one.
-        v, error = sensor_noise_with_found_motion(calibrated.linear)
+        v, error = sensor_noise_with_estimated_motion(calibrated.linear)
         by_name = {c.name: c for c in components(calibrated.linear.design, v, error)}
     noise_by_joint: dict[int, SingleNoise] = {}
     for j, sensor in sensors.items():

@@ -84,7 +84,7 @@ def predict_drives(
         manifold = candidate_poses(model, x, q_rad, ranges, count=REGION_POSES, seed=seed)
         prediction = DrivePrediction(
             here=rank_at_pose(model, x, q_rad),
-            region=rank_over_region(model, manifold),
+            region=rank_over_region(manifold),
             manifold=manifold,
             inexact=frozenset(
                 j for j, error in enumerate(arm.linearity_rad(), 1) if error > INEXACT_RAD

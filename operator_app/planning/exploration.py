@@ -15,7 +15,7 @@ import numpy as np
 
 from hardware.arm import ArmSnapshot, Watch
 from operator_app.config.procedure import CapturePlan, Exploration
-from solver.arrays import FloatArray
+from solver.arrays import FloatArray, even_points
 from solver.chain.arm_model import ArmModel
 
 RANGE_END_MARGIN_RAD = float(np.deg2rad(2.0))
@@ -88,7 +88,8 @@ def waypoints(box: Box, *, poses: int, seed: int) -> tuple[Mapping[int, float], 
     Cached, because each visit needs all waypoints.
     """
     low, high = np.array(box.lower_rad), np.array(box.upper_rad)
-    points = low + additive_recurrence(3 * poses, len(low), seed) * (high - low)
+    start = np.random.default_rng(seed).random(len(low))
+    points = low + even_points(3 * poses, len(low), start) * (high - low)
     order: list[int] = []
     current = np.array(box.centre_rad)
     for first in range(0, len(points), BATCH):
@@ -101,16 +102,6 @@ def waypoints(box: Box, *, poses: int, seed: int) -> tuple[Mapping[int, float], 
     return tuple(
         MappingProxyType(dict(zip(box.joints, points[k].tolist(), strict=True))) for k in order
     )
-
-
-def additive_recurrence(count: int, dimensions: int, seed: int) -> FloatArray:
-    """Return low-discrepancy points (count, dimensions) in the unit cube: R-sequence, generalised golden ratio."""
-    root = 2.0
-    for _ in range(64):
-        root = (1.0 + root) ** (1.0 / (dimensions + 1))
-    steps = root ** -np.arange(1.0, dimensions + 1)
-    shift = np.random.default_rng(seed).random(dimensions)
-    return np.asarray((shift + np.outer(np.arange(1, count + 1), steps)) % 1.0)
 
 
 def overload(arm: ArmModel, snapshot: ArmSnapshot) -> str:

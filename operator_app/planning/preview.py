@@ -130,8 +130,6 @@ def _visited(
     poses, position = [], 0
     for target in plan.visits:
         route = plan.graph.route(
-            task.model,
-            plan.x,
             task.ranges.within(RANGE_END_MARGIN_RAD),
             source=position,
             target=target,

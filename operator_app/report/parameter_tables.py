@@ -96,7 +96,7 @@ def parameter_table(
     format_of = formats(estimate)
     nominal_of = nominal_formats((p, p.nominal) for p in estimate.parameters)
     theirs = {} if beside is None else {p.name: value for p, value, _ in values_of(beside)}
-    bounds, rows = intervals(estimate), []
+    (low, high), rows = intervals(estimate), []
     for k, (p, value, sd) in enumerate(values_of(estimate)):
         figure, name = format_of(p), p.name
         row: list[Cell] = [
@@ -109,7 +109,7 @@ def parameter_table(
         ]
         if repeatability is not None:
             row.append(figure(float(repeatability[k]), key=("repeatability", name)))
-        ends = enumerate((bounds[k].low, bounds[k].high))
+        ends = enumerate((float(low[k]), float(high[k])))
         row += [figure(end, key=("interval_95", name, which)) for which, end in ends]
         row += [] if sides is None else [sides[name]]
         if beside is not None:

@@ -107,15 +107,12 @@ class Campaign:
         return np.array(self._readings).reshape(-1, len(self._q))
 
     def propose(self) -> Action:
-        """Return the next action, always the same until its end is reported; `ValueError` after the campaign's end."""
+        """Return the next action, always the same until its end is reported; the last one is `Finished`."""
         while not self._queue:
-            match self.phase:
-                case Phase.EXPLORING:
-                    self._explore()
-                case Phase.PLANNED:
-                    self._next_visit()
-                case Phase.FINISHED:
-                    raise ValueError("the campaign has ended")
+            if self.phase is Phase.EXPLORING:
+                self._explore()
+            else:
+                self._next_visit()
         return self._queue[0]
 
     def observe(self, q_rad: FloatArray, stopped: str = "") -> None:
@@ -230,21 +227,21 @@ class Campaign:
     # -- visiting --------------------------------------------------------------------------------
 
     def _next_visit(self) -> None:
-        if self._taken >= self.poses:
-            decision = self._stop_decision()
-            more = "" if decision is None else f"; {decision.text}"
-            text = f"all {self._taken} planned poses are taken{more}"
-            self._finish(text, complete=True, decision=decision)
-            return
-        if self.plan is None and not self._try_plan():
+        is_over = self._taken >= self.poses
+        if self.plan is None and not is_over and not self._try_plan():
             self._finish(
                 f"{self._taken} of {self.poses} planned poses: "
                 "no further pose can be reached safely from here"
             )
             return
         decision = self._stop_decision()
+        if is_over:
+            more = "" if decision is None else f"; {decision.text}"
+            text = f"all {self._taken} planned poses are taken{more}"
+            self._finish(text, complete=True, decision=decision)
+            return
         if decision is not None and decision.stop:
-            is_reached = decision.standing is PrecisionStatus.REACHED
+            is_reached = decision.status is PrecisionStatus.REACHED
             self._finish(decision.text, complete=is_reached, decision=decision)
             return
         plan = self.plan
@@ -274,8 +271,6 @@ class Campaign:
         it may come nearer to the end of a range than either candidate.
         """
         return plan.graph.route(
-            self.task.model,
-            plan.x,
             self.task.ranges.within(0.8 * np.asarray(self.task.margin_rad)),
             source=self._node,
             target=target,
@@ -311,7 +306,7 @@ class Campaign:
             return None
         manifold = self.plan.manifold
         known, candidates = information_of(
-            self.task, self.plan.x, self.readings_rad, manifold.q, manifold.u
+            self.task, manifold.x, self.readings_rad, manifold.q, manifold.u
         )
         return stop_decision(
             known,

@@ -58,7 +58,9 @@ def _gains(root: FloatArray, information: FloatArray) -> FloatArray:
     m, r, N = root.shape
     L = np.linalg.cholesky(information)
     white = (root.reshape(-1, N) @ np.linalg.inv(L).T).reshape(m, r, N)
-    return _log_det_one_plus(white @ np.swapaxes(white, -1, -2))
+    square = white @ np.swapaxes(white, -1, -2)
+    diagonal = np.linalg.cholesky(square + np.eye(r))[..., range(r), range(r)]
+    return np.asarray(2.0 * np.log(diagonal).sum(-1))
 
 
 def choose_poses(
@@ -159,10 +161,8 @@ class _Search:
     def random_start(self, count: int, rng: np.random.Generator) -> list[int]:
         chosen: list[int] = []
         for _ in range(count):
-            candidates = np.flatnonzero(self.open(chosen))
-            if len(candidates) == 0:
-                break
-            chosen.append(int(rng.choice(candidates)))
+            if len(candidates := np.flatnonzero(self.open(chosen))):
+                chosen.append(int(rng.choice(candidates)))
         return chosen
 
     def fill(self, M: FloatArray, chosen: list[int], count: int) -> None:
@@ -192,10 +192,3 @@ class _Search:
                     changed = True
             if not changed:
                 break
-
-
-def _log_det_one_plus(S: FloatArray) -> FloatArray:
-    """log det(I + S) of symmetric positive S (m, r, r)."""
-    r = S.shape[-1]
-    diagonal = np.linalg.cholesky(S + np.eye(r))[..., range(r), range(r)]
-    return np.asarray(2.0 * np.log(diagonal).sum(-1))

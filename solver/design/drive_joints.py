@@ -31,21 +31,18 @@ class RankedDrives:
 
     `drives`: joints (1-based) to be put into position mode. `score`: value by which sets are ranked, in [0, 1].
     `leverage`: smallest singular value of the drives' share in the self-motion, from 0 at a singularity to 1 if the
-    drives determine all motion; over a region, the median over the poses that the set reaches. `passive_conditioning`:
-    smallest singular value of the passive joints' closure Jacobian, over a region the median; None after trials.
-    `fastest_passive`, `fastest_joint`: largest ratio of a passive joint's speed to the drives' speed, and this joint.
-    `still`: passive joints that hardly move. `reach`: share of the region's poses that can be reached from pose 0; None
-    if the ranking is not over a region. `reasons`: the most important first.
+    drives determine all motion; over a region, the median over the poses that the set reaches. `fastest_passive`,
+    `fastest_joint`: largest ratio of a passive joint's speed to the drives' speed, and this joint. `reach`:
+    share of the region's poses that can be reached from pose 0; None if the ranking is not over a region. `reasons`:
+    the most important first.
     """
 
     drives: tuple[int, ...]
     score: float
     usable: bool
     leverage: float
-    passive_conditioning: float | None
     fastest_passive: float
     fastest_joint: int
-    still: tuple[int, ...]
     reach: float | None
     reasons: tuple[str, ...]
 
@@ -55,22 +52,18 @@ def rank_at_pose(model: ClosureModel, x: FloatArray, q: FloatArray) -> tuple[Ran
     pose = close_loops(model, x, np.asarray(q, dtype=np.float64)[None, :])
     motion = chain_motion(model, x, pose.q, pose.u)
     sets = _sets(model, motion.degrees)
-    return _sorted(_ranked(motion, drives, reach=None) for drives in sets)
+    return _sorted(_ranked(motion, drives) for drives in sets)
 
 
-def rank_over_region(model: ClosureModel, manifold: Manifold) -> tuple[RankedDrives, ...]:
+def rank_over_region(manifold: Manifold) -> tuple[RankedDrives, ...]:
     """Rank all drive sets by the share of a manifold that each reaches from pose 0, and by leverage; best first."""
     ranked = []
-    for drives in _sets(model, manifold.motion.degrees):
+    for drives in _sets(manifold.model, manifold.motion.degrees):
         reachable = PathGraph(manifold, [drives], LIMITS).reachable(0)
         indices = np.flatnonzero(reachable)
         # Medians need no more than some hundreds of poses.
         indices = indices[:: max(1, len(indices) // SAMPLE)]
-        motion = replace(
-            manifold.motion,
-            tangent=manifold.motion.tangent[indices],
-            jacobian=manifold.motion.jacobian[indices],
-        )
+        motion = replace(manifold.motion, tangent=manifold.motion.tangent[indices])
         ranked.append(_ranked(motion, drives, reach=float(reachable.mean())))
     return _sorted(ranked)
 
@@ -103,16 +96,11 @@ def _sets(model: ClosureModel, degrees: int) -> list[tuple[int, ...]]:
     return list(combinations(usable, degrees))
 
 
-def _ranked(motion: ChainMotion, drives: tuple[int, ...], *, reach: float | None) -> RankedDrives:
-    rates = np.linalg.norm(motion.rates(drives), axis=-1)
-    rates[:, [j - 1 for j in drives]] = 0.0
-    return _verdict(
-        drives,
-        leverage=float(np.median(motion.leverage(drives))),
-        conditioning=float(np.median(motion.passive_conditioning(drives))),
-        rates=np.median(rates, axis=0),
-        reach=reach,
-    )
+def _ranked(
+    motion: ChainMotion, drives: tuple[int, ...], *, reach: float | None = None
+) -> RankedDrives:
+    rates = np.median(np.linalg.norm(motion.rates(drives), axis=-1), axis=0)
+    return _verdict(drives, float(np.median(motion.leverage(drives))), rates, reach=reach)
 
 
 def _ranked_by_trial(trial: DriveTrial) -> RankedDrives:
@@ -122,35 +110,27 @@ def _ranked_by_trial(trial: DriveTrial) -> RankedDrives:
         )
     # Motion of every joint per motion of each drive (n, d).
     measured = np.linalg.lstsq(trial.commanded_rad, trial.moved_rad, rcond=None)[0].T
-    size = np.linalg.norm(measured, axis=-1)
     followed = float(np.diagonal(measured[[j - 1 for j in trial.drives]]).min())
-    size[[j - 1 for j in trial.drives]] = 0.0
     # All joints move by R d when the drives move by d: at least 1 / sigma_max(R) of the whole motion.
-    leverage = float(1.0 / np.linalg.svd(measured, compute_uv=False)[0])
+    leverage = min(float(1.0 / np.linalg.svd(measured, compute_uv=False)[0]), 1.0)
     stopped = trial.stopped
     if not stopped and followed < 0.8:
         stopped = f"a drive moved only {followed:.0%} of its commanded angle"
-    return _verdict(
-        trial.drives,
-        leverage=min(leverage, 1.0),
-        conditioning=None,
-        rates=size,
-        reach=None,
-        stopped=stopped,
-    )
+    return _verdict(trial.drives, leverage, np.linalg.norm(measured, axis=-1), stopped=stopped)
 
 
 def _verdict(
     drives: tuple[int, ...],
-    *,
     leverage: float,
-    conditioning: float | None,
     rates: FloatArray,
-    reach: float | None,
+    *,
+    reach: float | None = None,
     stopped: str = "",
 ) -> RankedDrives:
+    """Return the rank of a drive set; `rates` (n,): motion of every joint per motion of the drives."""
+    rates = np.where(np.isin(np.arange(1, len(rates) + 1), drives), 0.0, rates)
     passive = [j for j in range(1, len(rates) + 1) if j not in drives]
-    still = tuple(j for j in passive if rates[j - 1] < 0.05)
+    still = [j for j in passive if rates[j - 1] < 0.05]
     joint = int(np.argmax(rates)) + 1
     fastest = float(rates[joint - 1])
     usable = leverage >= LIMITS.least_leverage and fastest <= LIMITS.most_rate and not stopped
@@ -177,10 +157,8 @@ def _verdict(
         score=score if usable else 0.0,
         usable=usable,
         leverage=leverage,
-        passive_conditioning=conditioning,
         fastest_passive=fastest,
         fastest_joint=joint,
-        still=still,
         reach=reach,
         reasons=tuple(reasons),
     )

@@ -8,12 +8,13 @@ and predicts whether the next step would reach the end of a range or a singulari
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
 
-from solver.arrays import FloatArray, frozen
+from solver.arrays import FloatArray
 from solver.design.actions import Capture, GoTo
 from solver.design.motion import Ranges
 
@@ -41,19 +42,6 @@ class _Ray:
     ended: str = ""
 
 
-@dataclass(slots=True)
-class _Here:
-    """Latest readings, and the joints' rates at these readings."""
-
-    q: FloatArray
-    rates: FloatArray
-    rate: float = 0.0
-    growth: float = 1.0
-    on_ray: int = 0
-    away: bool = False
-    returning: int = 0
-
-
 class Explorer:
     """Policy of the exploration. Alternate `propose` and `observe` until `propose` returns an empty tuple.
 
@@ -65,102 +53,103 @@ class Explorer:
         self.drives = drives
         self._ranges = ranges
         self._columns = [j - 1 for j in drives]
-        self._start = frozen(start_rad)
+        self._start = np.array(start_rad)
         self._start_rates = np.zeros((len(start_rad), len(drives)))
         self._start_rates[self._columns, range(len(drives))] = 1.0
-        self._here = _Here(q=np.array(start_rad), rates=self._start_rates.copy())
-        # One drive has two rays and no diagonals: every step is captured.
-        self._every = 1 if len(drives) == 1 else CAPTURE_EVERY
+        self._q, self._moved, self._stopped = self._start, np.zeros_like(self._start), ""
         self.rays = self._plan_rays()
-        self._ray = 0
-        self._pending: FloatArray | None = None
         self.failure = ""
+        self._proposed: tuple[GoTo | Capture, ...] = ()
+        self._moves = self._explore()
 
     def propose(self) -> tuple[GoTo | Capture, ...]:
         """Return the next move, followed by a capture if the pose at the end of the move is to be measured.
 
         The result is empty when the exploration is over (`failure` is the reason if it failed).
         """
-        if self.failure:
-            return ()
-        while self._ray < len(self.rays):
-            ray = self.rays[self._ray]
-            if ray.ended or self._here.on_ray >= ray.steps:
-                if self._here.away:
-                    return self._return(ray)
-                self._finish()
-                continue
-            wiggle = self._ray < 2 * len(self.drives)
-            step = WIGGLE_RAD if wiggle else RAY_STEP_RAD
-            move = step * ray.direction
-            ray.ended = self._ahead(move, trusted=not wiggle)
-            if ray.ended:
-                continue
-            target = self._here.q[self._columns] + move
-            steps = self._here.on_ray + 1
-            if wiggle:
-                return self._move(
-                    target, "small trial motion that shows how the other joints follow"
-                )
-            why = f"exploring, ray {self._ray - 2 * len(self.drives) + 1}, step {steps}"
-            capture = Capture(planned=False, why=why)
-            return self._move(target, why) + (capture,) * (steps % self._every == 0)
-        return ()
+        self._proposed = self._proposed or next(self._moves, ())
+        return self._proposed
 
     def observe(self, q_rad: FloatArray, stopped: str = "") -> None:
         """Report the readings (n,) at the end of the proposed move; `stopped` says why it ended early.
 
         Raises `ValueError` if no move was proposed.
         """
-        if self._pending is None:
+        if not self._proposed:
             raise ValueError("nothing was proposed")
-        start, ray = self._here, self.rays[self._ray]
-        target, self._pending = self._pending, None
-        displacement, by = q_rad - start.q, (q_rad - start.q)[self._columns]
-        start.q = np.array(q_rad)
-        length = float(np.linalg.norm(by))
-        if start.returning:
-            self._observe_return(target, stopped)
-            return
-        start.away = True
-        start.on_ray += 1
-        if length > 0.2 * WIGGLE_RAD:
-            start.rates = start.rates + np.outer(displacement - start.rates @ by, by) / length**2
-            fastest = int(np.argmax(np.abs(displacement)))
-            rate = float(np.abs(displacement[fastest])) / float(np.abs(by).max())
-            # Growth per step. A first step's mean rate follows that at its start after half a step: squared.
-            before = start.rate if start.on_ray > 1 else self._start_rate(ray.direction)
-            ratio = rate / before if before > 0.0 else 1.0
-            start.growth = max(1.0, ratio if start.on_ray > 1 else ratio**2)
-            start.rate = rate
-            if rate > self._most_rate(ray.direction):
-                ray.ended = f"joint {fastest + 1} moved {rate:.1f} times as far as the drives"
-        elif not stopped:
-            ray.ended = "the drives did not move"
-        if stopped:
-            ray.ended = stopped
+        self._proposed = ()
+        self._moved, self._q, self._stopped = q_rad - self._q, np.array(q_rad), stopped
 
     def _plan_rays(self) -> list[_Ray]:
         """Plan trial motions of each drive, then rays: first along single drives, then diagonal."""
         count = len(self.drives)
         unit = np.eye(count)
         wiggles = [_Ray(direction=s * e, steps=1) for e in unit for s in (1.0, -1.0)]
-        signs = [np.array(v, dtype=np.float64) for v in product((1.0, -1.0, 0.0), repeat=count)]
-        signs = [v for v in signs if np.any(v)]
-        signs.sort(key=lambda v: int(np.abs(v).sum()))
+        signs = [v for v in product((1.0, -1.0, 0.0), repeat=count) if any(v)]
+        signs.sort(key=lambda v: sum(map(abs, v)))
         steps = int(REACH_RAD / RAY_STEP_RAD)
         # On a diagonal each drive moves as far as on a ray of its own.
-        return wiggles + [_Ray(direction=v, steps=steps) for v in signs]
+        return wiggles + [_Ray(direction=np.array(v), steps=steps) for v in signs]
 
-    def _ahead(self, move: FloatArray, *, trusted: bool) -> str:
-        """Reason not to make the step `move` (d,), rad; "" if none. `trusted`: whether the rates are learnt."""
-        start = self._here
-        change = start.rates @ move
+    def _explore(self) -> Iterator[tuple[GoTo | Capture, ...]]:
+        """Yield the moves of all rays and returns; `observe` has stored the readings when a move is over."""
+        trials = 2 * len(self.drives)
+        # One drive has two rays and no diagonals: every step is captured.
+        every = 1 if len(self.drives) == 1 else CAPTURE_EVERY
+        for number, ray in enumerate(self.rays, 1 - trials):
+            is_trial, taken = number < 1, 0
+            move = (WIGGLE_RAD if is_trial else RAY_STEP_RAD) * ray.direction
+            # At the start the rates learnt from the trial motions apply.
+            rates, rate, growth = self._start_rates, self._start_rate(ray.direction), 1.0
+            while taken < ray.steps and not ray.ended:
+                ray.ended = self._ahead(move, rates, growth, trusted=not is_trial)
+                if ray.ended:
+                    break
+                taken += 1
+                why = f"exploring, ray {number}, step {taken}"
+                if is_trial:
+                    why = "small trial motion that shows how the other joints follow"
+                capture = Capture(planned=False, why=why)
+                is_captured = not is_trial and taken % every == 0
+                yield self._move(self._q[self._columns] + move, why), *(capture,) * is_captured
+                moved, by = np.abs(self._moved), self._moved[self._columns]
+                length = float(np.linalg.norm(by))
+                if length > 0.2 * WIGGLE_RAD:
+                    rates = rates + np.outer(self._moved - rates @ by, by) / length**2
+                    before, rate = rate, float(moved.max()) / float(np.abs(by).max())
+                    # Growth per step. A first step's mean rate follows that at its start after half a step: squared.
+                    ratio = rate / before if before > 0.0 else 1.0
+                    growth = max(1.0, ratio if taken > 1 else ratio**2)
+                    if rate > self._most_rate(ray.direction):
+                        joint = int(np.argmax(moved)) + 1
+                        ray.ended = f"joint {joint} moved {rate:.1f} times as far as the drives"
+                elif not self._stopped:
+                    ray.ended = "the drives did not move"
+                ray.ended = self._stopped or ray.ended
+            if taken:
+                yield from self._return(ray)
+            if self.failure:
+                return
+            if is_trial:
+                self._start_rates = rates
+
+    def _return(self, ray: _Ray) -> Iterator[tuple[GoTo, ...]]:
+        """Yield moves to the start until the arm is there; set `failure` after three moves that do not reach it."""
+        home = self._start[self._columns]
+        for _ in range(3):
+            yield (self._move(home, f"back to the start ({ray.ended or 'the end of the ray'})"),)
+            if np.abs(self._q[self._columns] - home).max() <= 0.5 * WIGGLE_RAD:
+                return
+        self.failure = f"the arm does not return to the start: {self._stopped or 'it stopped'}"
+
+    def _ahead(self, move: FloatArray, rates: FloatArray, growth: float, *, trusted: bool) -> str:
+        """Reason not to make the step `move` (d,), rad; "" if none. `trusted`: whether `rates` (n, d) are learnt."""
+        change = rates @ move
         # Until the rates are learnt, assume the largest allowed rate.
         slack = RAY_MARGIN_RAD + 0.3 * np.abs(change)
         if not trusted:
             slack = np.full(len(change), 2.0 * MOST_RATE * np.abs(move).max())
-        after = start.q + change
+        after = self._q + change
         low = after - slack < self._ranges.lower_rad
         high = after + slack > self._ranges.upper_rad
         outward = (low & (change <= 0.0)) | (high & (change >= 0.0))
@@ -171,7 +160,7 @@ class Explorer:
             return f"joint {joint} would come close to the end of its range"
         # Towards a singularity rates grow faster and faster. Learnt rates are means over the last step, so the end of
         # the next step is one and a half steps away.
-        rate = np.abs(change) / np.abs(move).max() * start.growth**1.5
+        rate = np.abs(change) / np.abs(move).max() * growth**1.5
         if trusted and float(rate.max()) > self._most_rate(move):
             return f"joint {int(np.argmax(rate)) + 1} would move too far: a singularity is near"
         return ""
@@ -184,31 +173,6 @@ class Explorer:
         """Largest ratio, at the start, of a joint's motion to the drives' in this direction."""
         return float(np.abs(self._start_rates @ direction).max() / np.abs(direction).max())
 
-    def _return(self, ray: _Ray) -> tuple[GoTo, ...]:
-        self._here.returning += 1
-        why = f"back to the start ({ray.ended or 'the end of the ray'})"
-        return self._move(self._start[self._columns], why)
-
-    def _observe_return(self, target: FloatArray, stopped: str) -> None:
-        start = self._here
-        gap = float(np.abs(start.q[self._columns] - target).max())
-        if gap > 0.5 * WIGGLE_RAD:
-            if start.returning >= 3:
-                self.failure = f"the arm does not return to the start: {stopped or 'it stopped'}"
-            return
-        start.returning = 0
-        start.away = False
-        self._finish()
-
-    def _finish(self) -> None:
-        """End the ray: the arm is back at the start, where the rates learnt from the trial motions apply."""
-        if self._ray < 2 * len(self.drives):
-            self._start_rates = self._here.rates.copy()
-        self._here.rates = self._start_rates.copy()
-        self._here.on_ray, self._here.rate, self._here.growth = 0, 0.0, 1.0
-        self._ray += 1
-
-    def _move(self, target: FloatArray, reason: str) -> tuple[GoTo, ...]:
-        """Propose a straight move of the drives to `target` (d,)."""
-        self._pending = target
-        return (GoTo(targets_rad=dict(zip(self.drives, target.tolist(), strict=True)), why=reason),)
+    def _move(self, target: FloatArray, reason: str) -> GoTo:
+        """Straight move of the drives to `target` (d,)."""
+        return GoTo(targets_rad=dict(zip(self.drives, target.tolist(), strict=True)), why=reason)

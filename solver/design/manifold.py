@@ -22,11 +22,11 @@ if TYPE_CHECKING:
 
 SPACING = 0.75
 """New poses are at least this share of a step from all others; a disc packing at this distance leaves few gaps."""
-SHORT = 0.8
+INNER_RING_SHARE = 0.8
 """Length of the tangent steps of the second ring, as a share of a step; just longer than the spacing."""
-TOUCHING = 1.7
+NEIGHBOUR_STEPS = 1.7
 """Poses within this many steps are neighbours: this includes the six around a pose, but not the next ring."""
-BENT = 0.35
+MOST_BEND_SHARE = 0.35
 """A neighbour farther from the tangent plane than this share of its distance is on another sheet."""
 LEAST_SPACING_SHARE = 0.2
 """The end of a tangent step is dropped before closing if an earlier end is nearer than this share of a step."""
@@ -35,12 +35,14 @@ COARSE_STEP_RAD = 0.15
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Manifold:
-    """Closed poses that cover the region reachable from pose 0 inside the ranges.
+    """Closed poses of the loop `model` that cover the region reachable from pose 0 inside the ranges.
 
-    `q`, `u`: joint angles (m, n) and unsensed angles (m, U), rad; pose 0 is the start. `motion`: tangents at all poses.
-    `neighbours` (E, 2): pairs of neighbouring poses, lower index first, sorted.
+    `x` (P,): parameters of the loop. `q`, `u`: joint angles (m, n) and unsensed angles (m, U), rad; pose 0 is the
+    start. `motion`: tangents at all poses. `neighbours` (E, 2): pairs of neighbouring poses, lower index first, sorted.
     """
 
+    model: ClosureModel
+    x: FloatArray
     q: FloatArray
     u: FloatArray
     motion: ChainMotion
@@ -98,7 +100,8 @@ def grow_manifold(
         points = np.concatenate((points, front))
     q, u = points[:, :n].copy(), points[:, n:].copy()
     motion = chain_motion(model, x, q, u)
-    return Manifold(q=q, u=u, motion=motion, neighbours=_touching(points, motion, step_rad))
+    neighbours = _neighbours(points, motion, step_rad)
+    return Manifold(model=model, x=np.array(x), q=q, u=u, motion=motion, neighbours=neighbours)
 
 
 def candidate_poses(
@@ -117,15 +120,8 @@ def candidate_poses(
     first = COARSE_STEP_RAD if count > 1000 else 2.0 * COARSE_STEP_RAD
     coarse = grow_manifold(model, x, q_start, ranges, step_rad=first, most=4 * count, seed=seed)
     step = first * (coarse.size / count) ** (1.0 / coarse.motion.degrees)
-    return grow_manifold(
-        model,
-        x,
-        q_start,
-        ranges,
-        step_rad=float(np.clip(step, 0.01, 2.0 * COARSE_STEP_RAD)),
-        most=2 * count,
-        seed=seed,
-    )
+    step = float(np.clip(step, 0.01, 2.0 * COARSE_STEP_RAD))
+    return grow_manifold(model, x, q_start, ranges, step_rad=step, most=2 * count, seed=seed)
 
 
 def _wave(
@@ -142,7 +138,7 @@ def _wave(
         angle = rng.uniform(0.0, np.pi / 3.0, (poses, 1)) + np.concatenate(
             (turn, turn + np.pi / 12.0)
         )
-        length = np.repeat([1.0, SHORT], 12)[:, None]
+        length = np.repeat([1.0, INNER_RING_SHARE], 12)[:, None]
         directions = length * np.stack((np.cos(angle), np.sin(angle)), axis=-1)
     else:
         directions = rng.normal(size=(poses, 3 * degrees, degrees))
@@ -177,9 +173,9 @@ def _spread(points: FloatArray, distance: float) -> IntArray:
     return np.flatnonzero(~dropped)
 
 
-def _touching(points: FloatArray, motion: ChainMotion, step_rad: float) -> IntArray:
+def _neighbours(points: FloatArray, motion: ChainMotion, step_rad: float) -> IntArray:
     """Pairs of poses that are neighbours along the manifold (E, 2)."""
-    pairs = _tree(points).query_pairs(TOUCHING * step_rad, output_type="ndarray")
+    pairs = _tree(points).query_pairs(NEIGHBOUR_STEPS * step_rad, output_type="ndarray")
     if len(pairs) == 0:
         return np.zeros((0, 2), dtype=np.int64)
     pairs = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
@@ -190,5 +186,5 @@ def _touching(points: FloatArray, motion: ChainMotion, step_rad: float) -> IntAr
         T = motion.tangent[pairs[:, end]]
         along = (np.swapaxes(T, -1, -2) @ apart[..., None])[..., 0]
         offset = np.sqrt(np.maximum(length**2 - (along**2).sum(-1), 0.0))
-        flat &= offset <= BENT * length
+        flat &= offset <= MOST_BEND_SHARE * length
     return np.asarray(pairs[flat], dtype=np.int64)

@@ -61,11 +61,10 @@ class ChainMotion:
     """First-order motion of a closed chain at m closed poses.
 
     `tangent` (m, n + U, d): orthonormal directions of the self-motion, arm joints first, then the unsensed angles of
-    the model. `jacobian` (m, k, n + U): closure Jacobian of all joints. `joint_count`: n.
+    the model. `joint_count`: n.
     """
 
     tangent: FloatArray
-    jacobian: FloatArray
     joint_count: int
 
     @property
@@ -100,11 +99,6 @@ class ChainMotion:
         inverse = np.linalg.inv(rows + 1e-12 * np.eye(rows.shape[-1]))
         return np.asarray(self.tangent[:, : self.joint_count] @ inverse)
 
-    def passive_conditioning(self, drives: Sequence[int]) -> FloatArray:
-        """Smallest singular value of the passive joints' closure Jacobian (m,); 1 m weighs as 1 rad."""
-        passive = [c for c in range(self.jacobian.shape[-1]) if c + 1 not in drives]
-        return np.asarray(np.linalg.svd(self.jacobian[..., passive], compute_uv=False)[..., -1])
-
 
 def chain_motion(model: ClosureModel, x: FloatArray, q: FloatArray, u: FloatArray) -> ChainMotion:
     """First-order motion at closed poses `q` (m, n), `u` (m, U), rad, for parameters `x` (P,).
@@ -117,11 +111,7 @@ def chain_motion(model: ClosureModel, x: FloatArray, q: FloatArray, u: FloatArra
     equations, joints = J.shape[-2:]
     if joints <= equations:
         raise ValueError(f"{joints} joints in {equations} closure equations leave no motion")
-    return ChainMotion(
-        tangent=np.asarray(left_null_space(np.swapaxes(J, -1, -2))),
-        jacobian=J,
-        joint_count=q.shape[-1],
-    )
+    return ChainMotion(tangent=left_null_space(np.swapaxes(J, -1, -2)), joint_count=q.shape[-1])
 
 
 LOST_RAD = 0.25
@@ -132,13 +122,12 @@ LOST_RAD = 0.25
 class DriveTraces:
     """Predicted motion of b straight drive moves, sampled at s + 1 points each.
 
-    `q`, `u`: (b, s + 1, n) and (b, s + 1, U), rad. `leverage` (b, s + 1): leverage of the drive joints; 0 at a
-    singularity. `rate` (b,): largest motion of any arm joint per motion of the drive joint that moves most. `closed`
-    (b,): whether the chain could be followed to the end of the line.
+    `q`: (b, s + 1, n), rad. `leverage` (b,): least leverage of the drive joints on the way; 0 at a singularity. `rate`
+    (b,): largest motion of any arm joint per motion of the drive joint that moves most. `closed` (b,): whether the
+    chain could be followed to the end of the line.
     """
 
     q: FloatArray
-    u: FloatArray
     leverage: FloatArray
     rate: FloatArray
     closed: BoolArray
@@ -148,7 +137,7 @@ class DriveTraces:
         return np.asarray(
             self.closed
             & (ranges.clearance(self.q).min(-1) >= 0.0)
-            & (self.leverage.min(-1) >= limits.least_leverage)
+            & (self.leverage >= limits.least_leverage)
             & (self.rate <= limits.most_rate)
         )
 
@@ -167,46 +156,32 @@ def drive_straight(
 
     `drives`: joints (1-based) in position mode; the others are free. `steps`: number of steps along each line.
     """
-    columns = [j - 1 for j in drives]
-    held = measure_with_fixed(drives, q.shape[-1])
-    start = q[:, columns]
-    share = np.linspace(0.0, 1.0, steps + 1)
-    here_q, here_u = np.array(q), np.array(u)
-    closed = np.ones(len(q), dtype=np.bool_)
-    trace_q, trace_u, trace_leverage = [], [], []
-    fastest = np.zeros(len(q))
-    for k in range(steps + 1):
-        motion = chain_motion(model, x, here_q, here_u)
-        trace_q.append(here_q.copy())
-        trace_u.append(here_u.copy())
-        trace_leverage.append(motion.leverage(drives))
-        if k == steps:
-            break
-        line = start + share[k + 1] * (targets_rad - start)
-        by_drive = line - here_q[:, columns]
-        rows = motion.tangent[:, columns, :]
-        along = np.linalg.pinv(rows) @ by_drive[..., None]
+    columns, n = [j - 1 for j in drives], q.shape[-1]
+    fixed = measure_with_fixed(drives, n)
+    here, motion = np.concatenate((q, u), axis=-1), chain_motion(model, x, q, u)
+    start, trace, leverage = here[:, columns], [here[:, :n]], motion.leverage(drives)
+    closed, fastest = np.ones(len(q), dtype=np.bool_), np.zeros(len(q))
+    for share in np.linspace(0.0, 1.0, steps + 1)[1:].tolist():
+        line = start + share * (targets_rad - start)
+        by_drive = line - here[:, columns]
+        along = np.linalg.pinv(motion.tangent[:, columns, :]) @ by_drive[..., None]
         velocity = (motion.tangent @ along)[..., 0]
-        n = q.shape[-1]
         # Past a singularity the prediction is meaningless: the line is not followed any further.
         lost = np.abs(velocity).max(-1) > 4.0 * LOST_RAD
         velocity[lost] = 0.0
-        first_q, first_u = here_q + velocity[:, :n], here_u + velocity[:, n:]
-        first_q[:, columns] = line
-        found = close_loops(
-            model, x, first_q, u=first_u, sigma_rad=held, max_iterations=6, tolerance=1e-11
-        )
-        jumped = np.abs(found.q - first_q).max(-1) > LOST_RAD
-        closed &= found.closed & ~jumped & ~lost
-        step = np.abs(found.q - here_q).max(-1) / np.maximum(np.abs(by_drive).max(-1), 1e-12)
-        moves = np.abs(by_drive).max(-1) > 1e-9
-        fastest = np.where(closed & moves, np.maximum(fastest, step), fastest)
-        here_q = np.where(closed[:, None], found.q, here_q)
-        here_u = np.where(closed[:, None], found.u, here_u)
-    return DriveTraces(
-        q=np.stack(trace_q, axis=1),
-        u=np.stack(trace_u, axis=1),
-        leverage=np.stack(trace_leverage, axis=1),
-        rate=fastest,
-        closed=closed,
-    )
+        first = here + velocity
+        first[:, columns] = line
+        after = close_loops(
+            model, x, first[:, :n],
+            u=first[:, n:], sigma_rad=fixed, max_iterations=6, tolerance=1e-11,
+        )  # fmt: skip
+        jumped = np.abs(after.q - first[:, :n]).max(-1) > LOST_RAD
+        closed &= after.closed & ~jumped & ~lost
+        by_drive = np.abs(by_drive).max(-1)
+        step = np.abs(after.q - here[:, :n]).max(-1) / np.maximum(by_drive, 1e-12)
+        fastest = np.where(closed & (by_drive > 1e-9), np.maximum(fastest, step), fastest)
+        here = np.where(closed[:, None], np.concatenate((after.q, after.u), axis=-1), here)
+        trace.append(here[:, :n])
+        motion = chain_motion(model, x, here[:, :n], here[:, n:])
+        leverage = np.minimum(leverage, motion.leverage(drives))
+    return DriveTraces(q=np.stack(trace, axis=1), leverage=leverage, rate=fastest, closed=closed)

@@ -17,7 +17,6 @@ import numpy as np
 from solver.arrays import BoolArray, FloatArray
 from solver.design.manifold import Manifold
 from solver.design.motion import MotionLimits, Ranges, drive_straight
-from solver.loops.closure import ClosureModel
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -73,8 +72,13 @@ class PathGraph:
         self.drive_sets = tuple(tuple(drives) for drives in drive_sets)
         self.limits = limits
         self._allowed = np.ones(manifold.size, dtype=np.bool_) if allowed is None else allowed
-        self._open = [self._passable(drives) for drives in self.drive_sets]
-        self._cost = [self._costs(drives) for drives in self.drive_sets]
+        self._leverage = np.array([manifold.motion.leverage(drives) for drives in self.drive_sets])
+        self._open = [self._passable(layer) for layer in range(len(self.drive_sets))]
+        # The cost of an edge is its length, increased where the drives have little leverage.
+        i, j = manifold.neighbours.T
+        least = np.maximum(np.minimum(self._leverage[:, i], self._leverage[:, j]), 1e-3)
+        length = np.linalg.norm(manifold.q[i] - manifold.q[j], axis=-1)
+        self._cost = length * (1.0 + (limits.least_leverage / least) ** 2)
         self._graph = self._assemble()
 
     def reachable(self, source: int) -> BoolArray:
@@ -96,39 +100,31 @@ class PathGraph:
         return np.asarray(between.reshape(layers, count, layers, count).min(axis=(0, 2)))
 
     def route(
-        self,
-        model: ClosureModel,
-        x: FloatArray,
-        ranges: Ranges,
-        *,
-        source: int,
-        target: int,
-        drives: tuple[int, ...],
+        self, ranges: Ranges, *, source: int, target: int, drives: tuple[int, ...]
     ) -> tuple[Leg, ...] | None:
-        """Find a path, check it along its whole length, and return its legs; None if no path passes the check.
+        """Find a path, check along its whole length that it is safe inside `ranges`, and return its legs.
 
-        `model`, `x`, `ranges`: loop closure, parameters (P,) and ranges for tracing and checking the path.
-        `drives`: drive joints at pose `source`.
+        None if no path passes the check. `drives`: drive joints at pose `source`.
         """
         for _ in range(ATTEMPTS):
             nodes = self._search(source, target, drives)
             if nodes is None:
                 return None
-            legs = self._follow(model, x, ranges, nodes)
+            legs = self._follow(ranges, nodes)
             if legs is not None:
                 return legs
             self._graph = self._assemble()
         return None
 
-    def _passable(self, drives: tuple[int, ...]) -> BoolArray:
+    def _passable(self, layer: int) -> BoolArray:
+        """Whether the drives of a layer can move the chain along each edge (E,)."""
         i, j = self.manifold.neighbours.T
-        motion = self.manifold.motion
-        leverage = motion.leverage(drives)
+        motion, drives = self.manifold.motion, self.drive_sets[layer]
         volume = motion.orientation(drives)
         # Without a singularity between, transport of the tangent keeps the sign of the drives' rows.
         carried = np.linalg.det(np.swapaxes(motion.tangent[i], -1, -2) @ motion.tangent[j])
         least, most = self._thresholds()
-        usable = self._allowed & (leverage >= least)
+        usable = self._allowed & (self._leverage[layer] >= least)
         usable &= np.linalg.norm(motion.rates(drives), axis=-1).max(-1) <= most
         return np.asarray(usable[i] & usable[j] & (volume[i] * volume[j] * carried > 0.0))
 
@@ -140,15 +136,6 @@ class PathGraph:
         most[0] /= AT_START
         return least, most
 
-    def _costs(self, drives: tuple[int, ...]) -> FloatArray:
-        """Cost of each edge: its length, increased where the drives have little leverage."""
-        i, j = self.manifold.neighbours.T
-        leverage = self.manifold.motion.leverage(drives)
-        near = self.limits.least_leverage / np.maximum(np.minimum(leverage[i], leverage[j]), 1e-3)
-        return np.asarray(
-            np.linalg.norm(self.manifold.q[i] - self.manifold.q[j], axis=-1) * (1.0 + near**2)
-        )
-
     def _assemble(self) -> csr_array:
         from scipy.sparse import csr_array
 
@@ -158,10 +145,9 @@ class PathGraph:
             (i[open_] + k * size, j[open_] + k * size, cost[open_])
             for k, (open_, cost) in enumerate(zip(self._open, self._cost, strict=True))
         ]
-        leverage = [self.manifold.motion.leverage(drives) for drives in self.drive_sets]
-        least, _ = self._thresholds()
+        usable = self._allowed & (self._leverage >= self._thresholds()[0])
         for a, b in combinations(range(layers), 2):
-            both = np.flatnonzero(self._allowed & (np.minimum(leverage[a], leverage[b]) >= least))
+            both = np.flatnonzero(usable[a] & usable[b])
             change = np.full(len(both), CHANGE_COST_RAD)
             edges.append((both + a * size, both + b * size, change))
         rows, columns, values = map(np.concatenate, zip(*edges, strict=True))
@@ -188,23 +174,19 @@ class PathGraph:
             nodes.append(int(before[nodes[-1]]))
         return [divmod(node, size) for node in reversed(nodes)]
 
-    def _follow(
-        self, model: ClosureModel, x: FloatArray, ranges: Ranges, nodes: list[tuple[int, int]]
-    ) -> tuple[Leg, ...] | None:
+    def _follow(self, ranges: Ranges, nodes: list[tuple[int, int]]) -> tuple[Leg, ...] | None:
         """Return the straight moves along a path; if an edge fails, remove it and return None."""
         legs = []
         for layer, group in groupby(nodes, key=lambda node: node[0]):
             poses = [pose for _, pose in group]
             if len(poses) > 1:
-                leg = self._leg(model, x, ranges, layer, poses)
+                leg = self._leg(ranges, layer, poses)
                 if leg is None:
                     return None
                 legs.append(leg)
         return tuple(legs)
 
-    def _leg(
-        self, model: ClosureModel, x: FloatArray, ranges: Ranges, layer: int, poses: list[int]
-    ) -> Leg | None:
+    def _leg(self, ranges: Ranges, layer: int, poses: list[int]) -> Leg | None:
         """Join poses by few safe straight moves; where none is safe, remove the edge ahead and return None."""
         drives = self.drive_sets[layer]
         columns = [j - 1 for j in drives]
@@ -216,8 +198,8 @@ class PathGraph:
             targets = q[ahead][:, columns]
             longest = float(np.abs(targets - q[position, columns]).max())
             lines = drive_straight(
-                model,
-                x,
+                self.manifold.model,
+                self.manifold.x,
                 np.repeat(q[position : position + 1], len(ahead), axis=0),
                 np.repeat(u[position : position + 1], len(ahead), axis=0),
                 drives,

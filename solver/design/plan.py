@@ -85,15 +85,13 @@ class PlanningTask:
 class PosePlan:
     """Poses to visit, and what the next plan needs.
 
-    `x` (P,): parameters with which the plan was made. `information`: of the candidates, which are the poses of
-    `manifold`; `graph`: paths between them. `allowed` (m,): whether each candidate can be reached, is predicted
-    reliably, and gives the drives enough leverage. `visits`: indices of the chosen candidates in visiting order.
-    `ranked`: drive sets ranked over the region, best first; empty when the task states its drive sets.
-    `predicted_sigma` (P,): standard deviations with all chosen and captured poses; inf if undetermined. `design`:
-    identifiability from the chosen poses under the paper's Jacobian.
+    `information`: of the candidates, which are the poses of `manifold`; `graph`: paths between them. `allowed` (m,):
+    whether each candidate can be reached, is predicted reliably, and gives the drives enough leverage. `visits`:
+    indices of the chosen candidates in visiting order. `ranked`: drive sets ranked over the region, best first; empty
+    when the task states its drive sets. `predicted_sigma` (P,): standard deviations with all chosen and captured poses;
+    inf if undetermined. `design`: identifiability from the chosen poses under the paper's Jacobian.
     """
 
-    x: FloatArray
     manifold: Manifold
     information: PoseInformation
     graph: PathGraph
@@ -142,7 +140,7 @@ def make_plan(
         count=task.candidates,
         seed=task.seed,
     )
-    trusted = _trusted(task, x, manifold, covariance)
+    trusted = _trusted(task, manifold, covariance)
     for pose in () if avoid_rad is None else avoid_rad:
         # The arm must be able to leave a pose near its present one.
         radius = min(AVOID_RADIUS_RAD, 0.5 * float(np.linalg.norm(q_start - pose)))
@@ -152,7 +150,7 @@ def make_plan(
     ranked: tuple[RankedDrives, ...] = ()
     sets = task.drive_sets
     if sets is None:
-        ranked = rank_over_region(task.model, manifold)
+        ranked = rank_over_region(manifold)
         sets = (ranked[0].drives,)
     graph = PathGraph(manifold, sets, task.limits, allowed=trusted)
     allowed = graph.reachable(0)
@@ -164,7 +162,6 @@ def make_plan(
     chosen_q = manifold.q[list(visits)]
     J = task.model.reduced(x, chosen_q).jac_x
     return PosePlan(
-        x=np.array(x),
         manifold=manifold,
         information=information,
         graph=graph,
@@ -250,27 +247,21 @@ def _estimated_variances(
 
 
 def prediction_sigma(
-    model: ClosureModel,
-    x: FloatArray,
-    q: FloatArray,
-    u: FloatArray,
-    covariance: FloatArray,
-    drives: tuple[int, ...],
+    A: FloatArray, B: FloatArray, covariance: FloatArray, drives: tuple[int, ...]
 ) -> FloatArray:
     """Largest standard deviation of a free joint's predicted angle at given drive angles, for each pose (m,), rad.
 
-    With the drives fixed, the loop moves the free joints (columns J_p of J_q) by ``dq = -(E' J_p)^+ E' C dphi``.
+    `A`, `B`: the poses' reduced Jacobians (m, r, P), (m, r, n). With the drives fixed, the loop moves the free joints
+    (columns J_p of J_q) by ``dq = -(E' J_p)^+ E' C dphi``.
     """
-    reduced = reduced_equations(model.loop(x, q, u))
-    free = [j for j in range(q.shape[-1]) if j + 1 not in drives]
-    G = np.linalg.pinv(reduced.B[..., free]) @ reduced.A
+    free = [j for j in range(B.shape[-1]) if j + 1 not in drives]
+    G = np.linalg.pinv(B[..., free]) @ A
     variance = ((G @ covariance) * G).sum(-1)
     return np.asarray(np.sqrt(np.maximum(variance, 0.0)).max(-1))
 
 
-def _trusted(
-    task: PlanningTask, x: FloatArray, manifold: Manifold, covariance: FloatArray | None
-) -> BoolArray:
+def _trusted(task: PlanningTask, manifold: Manifold, covariance: FloatArray | None) -> BoolArray:
+    """Whether the angles of the free joints are predicted reliably (m,)."""
     if covariance is None:
         return np.ones(manifold.size, dtype=np.bool_)
     sets = task.drive_sets
@@ -278,10 +269,8 @@ def _trusted(
         motion = manifold.motion
         every = combinations(range(1, motion.joint_count + 1), motion.degrees)
         sets = (max(every, key=lambda drives: float(np.median(motion.leverage(drives)))),)
-    sigmas = [
-        prediction_sigma(task.model, x, manifold.q, manifold.u, covariance, drives)
-        for drives in sets
-    ]
+    reduced = reduced_equations(manifold.model.loop(manifold.x, manifold.q, manifold.u))
+    sigmas = [prediction_sigma(reduced.A, reduced.B, covariance, drives) for drives in sets]
     sigma = np.min(sigmas, axis=0)
     room = task.ranges.within(task.margin_rad).clearance(manifold.q)
     return np.asarray((sigma <= MOST_UNCERTAIN_RAD) & (room >= 3.0 * sigma))
@@ -303,23 +292,21 @@ def visiting_order(distances: FloatArray) -> tuple[int, ...]:
     Points 1..k-1 in visiting order.
     """
     size = len(distances)
-    finite = np.where(np.isfinite(distances), distances, FAR_RAD)
+    # The open end is a point at distance 0 from all others.
+    finite = np.pad(np.where(np.isfinite(distances), distances, FAR_RAD), (0, 1))
     tour, unvisited = [0], set(range(1, size))
     while unvisited:
         tour.append(min(unvisited, key=lambda p: (float(finite[tour[-1], p]), p)))
         unvisited.remove(tour[-1])
+    tour.append(size)
     for _ in range(MOST_SWEEPS):
         improved = False
-        for a in range(1, size - 1):
-            for b in range(a + 1, size):
-                old = finite[tour[a - 1], tour[a]]
-                new = finite[tour[a - 1], tour[b]]
-                if b + 1 < size:
-                    old = old + finite[tour[b], tour[b + 1]]
-                    new = new + finite[tour[a], tour[b + 1]]
-                if new < old - 1e-9:
-                    tour[a : b + 1] = reversed(tour[a : b + 1])
-                    improved = True
+        for a, b in combinations(range(1, size), 2):
+            before, first, last, after = tour[a - 1], tour[a], tour[b], tour[b + 1]
+            old = finite[before, first] + finite[last, after]
+            if finite[before, last] + finite[first, after] < old - 1e-9:
+                tour[a : b + 1] = reversed(tour[a : b + 1])
+                improved = True
         if not improved:
             break
-    return tuple(tour[1:])
+    return tuple(tour[1:-1])

@@ -16,7 +16,7 @@ from solver.arrays import BoolArray, FloatArray
 from solver.design.pose_information import PoseInformation, about_parameters
 from solver.estimators.least_squares import column_scale
 
-BLIND = 1e-12
+UNDETERMINED_SHARE = 1e-12
 """Directions whose scaled information is below this share of the largest are not determined. Subtracting the effects'
 part leaves rounding of about 1e-13."""
 
@@ -30,7 +30,7 @@ class PrecisionStatus(Enum):
 
     REACHED = "reached"
     GOING_ON = "going on"
-    HOPELESS = "no remaining pose helps"
+    UNREACHABLE = "no remaining pose helps"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,18 +51,18 @@ class WeakParameter:
 class StopDecision:
     """Whether to stop, the reason, and the parameters that are not yet precise enough.
 
-    `standing`: status relative to the requested precision. `weak`: parameters less precise than requested, the worst
+    `status`: status relative to the requested precision. `weak`: parameters less precise than requested, the worst
     (largest ratio of sigma to request) first. `text`: the decision in one sentence.
     """
 
-    standing: PrecisionStatus
+    status: PrecisionStatus
     weak: tuple[WeakParameter, ...]
     text: str
 
     @property
     def stop(self) -> bool:
         """Whether there is a reason to stop."""
-        return self.standing is not PrecisionStatus.GOING_ON
+        return self.status is not PrecisionStatus.GOING_ON
 
 
 def standard_deviations(information: FloatArray, parameters: int | None = None) -> FloatArray:
@@ -75,10 +75,10 @@ def standard_deviations(information: FloatArray, parameters: int | None = None) 
     d = np.sqrt(np.diagonal(information))
     d = np.where(d > 0.0, d, 1.0)
     values, vectors = np.linalg.eigh(information / np.outer(d, d))
-    blind = values <= BLIND * max(float(values[-1]), 1e-300)
-    variance = (vectors[:, ~blind] ** 2 / values[~blind]).sum(-1)
-    touched = (vectors[:, blind] ** 2).sum(-1) > 1e-6
-    return np.asarray(np.where(touched, np.inf, np.sqrt(variance) / d))
+    undetermined = values <= UNDETERMINED_SHARE * max(float(values[-1]), 1e-300)
+    variance = (vectors[:, ~undetermined] ** 2 / values[~undetermined]).sum(-1)
+    affected = (vectors[:, undetermined] ** 2).sum(-1) > 1e-6
+    return np.asarray(np.where(affected, np.inf, np.sqrt(variance) / d))
 
 
 def stop_decision(
@@ -105,7 +105,7 @@ def stop_decision(
     now = standard_deviations(information, P)[columns]
     if np.all(now <= goal):
         return StopDecision(
-            standing=PrecisionStatus.REACHED,
+            status=PrecisionStatus.REACHED,
             weak=(),
             text="every parameter is known as well as requested, for errors of stated size",
         )
@@ -124,7 +124,7 @@ def stop_decision(
     )
     if needed is not None:
         text = f"about {needed} more poses to reach the request; {weak[0].name} is weakest"
-        return StopDecision(standing=PrecisionStatus.GOING_ON, weak=weak, text=text)
+        return StopDecision(status=PrecisionStatus.GOING_ON, weak=weak, text=text)
     short = [w.name for w in weak if w.forecast > w.requested] or [weak[0].name]
     worst = max(weak, key=lambda w: w.forecast / w.requested)
     named = ", ".join(short[:3]) + (f" and {len(short) - 3} others" if len(short) > 3 else "")
@@ -137,7 +137,7 @@ def stop_decision(
     )
     nearer = _ratio(later, goal).max() < (1.0 - WORTHWHILE_SHARE) * _ratio(now, goal).max()
     return StopDecision(
-        standing=PrecisionStatus.GOING_ON if nearer else PrecisionStatus.HOPELESS,
+        status=PrecisionStatus.GOING_ON if nearer else PrecisionStatus.UNREACHABLE,
         weak=weak,
         text=text,
     )

@@ -1,7 +1,8 @@
 """Change points: score tests for a step change of any quantity ("suspect") at any pose.
 
-A suspect is a joint's offset, a length or a side of the fixture; the test asks whether a constant added from pose k
-on explains the whitened residuals. Poses are in time order; sums from the last pose backwards give all k at once.
+A suspect is a candidate that acts in all poses (a joint's offset, a length or a side of the fixture); the test asks
+whether a constant added from pose k on explains the whitened residuals. Poses are in time order; sums from the last
+pose backwards give all k at once.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from functools import lru_cache
 import numpy as np
 
 from solver.arrays import FloatArray
+from solver.diagnostics.fault_candidate import Candidate, Cause
 from solver.diagnostics.limits import FALSE_ALARM_PROBABILITY, STEP_EDGE_POSES
 from solver.diagnostics.whitened_residuals import WhitenedResiduals
 
@@ -27,20 +29,6 @@ FREE = 1e-7
 """Least share of a column's sum of squares that the fit must leave for a step along it to be detectable."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Suspect:
-    """Quantity that may have changed; `columns` (m, r, d): derivatives of the misclosures with respect to it.
-
-    `share`: probability of a false alarm for this suspect, relative to other suspects. `of_reading`: the change shifts
-    a reading, not the geometry of the loop.
-    """
-
-    name: str
-    columns: FloatArray
-    share: float = 1.0
-    of_reading: bool = False
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChangePoint:
     """The most significant step of one suspect.
@@ -52,7 +40,7 @@ class ChangePoint:
     sets.
     """
 
-    suspect: str
+    suspect: Candidate
     pose: int
     size: FloatArray
     chi2: float
@@ -62,7 +50,7 @@ class ChangePoint:
 
 def steps(
     residuals: WhitenedResiduals,
-    suspects: Sequence[Suspect],
+    suspects: Sequence[Candidate],
     *,
     low_noise: WhitenedResiduals | None = None,
     scale: float = 1.0,
@@ -71,30 +59,31 @@ def steps(
     """Return the most significant step of each suspect, in order of significance.
 
     `residuals`: whitened residuals of the fit, poses in time order. `low_noise`: residuals whitened with smaller noise,
-    for suspects with `of_reading`. `scale`: ratio of the variances to those of the fit.
+    for lost counts, which shift a reading and not the geometry of the loop. `scale`: ratio of the variances to those of
+    the fit.
     """
     m = len(residuals.white)
     if m < 2 * STEP_EDGE_POSES or not suspects:
         return ()
-    level = false_alarm / sum(s.share for s in suspects)
+    level = false_alarm / sum(s.false_alarm_share for s in suspects)
     change_points: list[ChangePoint] = []
     for of_reading in (False, True):
-        judged = low_noise if of_reading and low_noise is not None else residuals
-        of_kind = [s for s in suspects if s.of_reading == of_reading]
+        tested = low_noise if of_reading and low_noise is not None else residuals
+        of_kind = [s for s in suspects if (s.cause is Cause.LOST_COUNTS) == of_reading]
         for width in dict.fromkeys(s.columns.shape[-1] for s in of_kind):
             alike = [s for s in of_kind if s.columns.shape[-1] == width]
-            lot = max(1, AT_ONCE // (m * judged.U.shape[-1] * width))
+            lot = max(1, AT_ONCE // (m * tested.U.shape[-1] * width))
             for first in range(0, len(alike), lot):
-                change_points += _largest(judged, alike[first : first + lot], scale, level)
+                change_points += _largest(tested, alike[first : first + lot], scale, level)
     return tuple(sorted(change_points, key=lambda step: step.threshold - step.chi2))
 
 
 def _largest(
-    residuals: WhitenedResiduals, suspects: Sequence[Suspect], scale: float, level: float
+    residuals: WhitenedResiduals, suspects: Sequence[Candidate], scale: float, level: float
 ) -> Iterator[ChangePoint]:
     """Yield the most significant step of each of S suspects with d columns each.
 
-    `level`: probability of a false alarm for a suspect with `share` 1.
+    `level`: probability of a false alarm for a suspect with `false_alarm_share` 1.
     """
     m, r, K = residuals.U.shape
     S, d = len(suspects), suspects[0].columns.shape[-1]
@@ -120,12 +109,12 @@ def _largest(
             continue
         dof = int(free[candidate].sum())
         yield ChangePoint(
-            suspect=suspects[k].name,
+            suspect=suspects[k],
             pose=best + STEP_EDGE_POSES,
             size=(vectors[candidate] @ (inverse[candidate] * along[candidate])) / size[k],
             chi2=float(chi2[candidate]) / scale,
             dof=dof,
-            threshold=step_threshold(m, dof, suspects[k].share * level),
+            threshold=step_threshold(m, dof, suspects[k].false_alarm_share * level),
         )
 
 

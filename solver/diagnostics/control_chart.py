@@ -81,24 +81,22 @@ def control_chart(names: Sequence[str], values: FloatArray, within: FloatArray) 
     from scipy.special import stdtrit
 
     count, width = values.shape
-    centre, between, shewhart, ewma, ewma_limit = (
-        np.full((count, width), np.nan) for _ in range(5)
-    )
+    centre, between, shewhart, ewma, ewma_limit = np.full((5, count, width), np.nan)
     begin = np.zeros(width, dtype=np.int64)
     changes: list[ChartSignal] = []
     for t in range(BASELINE, count):
-        judged = np.flatnonzero(t - begin >= BASELINE)
-        if not len(judged):
+        tested = np.flatnonzero(t - begin >= BASELINE)
+        if not len(tested):
             continue
         ends = np.where(t + 1 - RECENT - begin >= BASELINE, t + 1 - RECENT, t)
-        variance, dof = _variances(values, within, begin, ends, judged)
-        for j, var, nu in zip(judged.tolist(), variance.tolist(), dof.tolist(), strict=True):
+        variance, dof = _variances(values, within, begin, ends, tested)
+        for j, var, nu in zip(tested.tolist(), variance.tolist(), dof.tolist(), strict=True):
             first, last = int(begin[j]), int(ends[j])
             mean, size = values[first:last, j].mean(), last - first
             recent = values[last : t + 1, j]
             weights = LAMBDA * (1.0 - LAMBDA) ** np.arange(len(recent))[::-1]
             weights /= weights.sum()
-            tail = 0.5 * CONTROL_CHART_FALSE_ALARM_PROBABILITY / len(judged)
+            tail = 0.5 * CONTROL_CHART_FALSE_ALARM_PROBABILITY / len(tested)
             limit, single_limit = -stdtrit(nu, (tail, SHEWHART_SHARE * tail))
             centre[t, j], between[t, j] = mean, np.sqrt(var)
             shewhart[t, j] = single_limit * np.sqrt(var * (1.0 + 1.0 / size))
@@ -139,17 +137,14 @@ def smallest_shift(between: FloatArray, sessions: int, quantities: int) -> Float
 
 
 def _variances(
-    values: FloatArray, within: FloatArray, begin: IntArray, ends: IntArray, judged: IntArray
+    values: FloatArray, within: FloatArray, begin: IntArray, ends: IntArray, tested: IntArray
 ) -> tuple[FloatArray, FloatArray]:
     """Moderated between-session variances of the tested quantities, and their degrees of freedom."""
-    own, stated, nu = np.zeros(len(judged)), np.zeros(len(judged)), np.zeros(len(judged))
-    for k, j in enumerate(judged.tolist()):
-        rows = slice(int(begin[j]), int(ends[j]))
-        own[k] = values[rows, j].var(ddof=1)
-        stated[k] = np.mean(within[rows, j] ** 2)
-        nu[k] = rows.stop - rows.start - 1
+    columns = [(slice(int(begin[j]), int(ends[j])), j) for j in tested.tolist()]
+    own = np.array([values[column].var(ddof=1) for column in columns])
     # A value stated to repeat exactly still scatters by rounding.
-    stated = np.maximum(stated, 1e-24)
+    stated = np.maximum([np.mean(within[column] ** 2) for column in columns], 1e-24)
+    nu = (ends - begin - 1.0)[tested]
     ratio = max(float(np.sum(nu * own / stated) / nu.sum()), LEAST_RATIO**2)
     prior = np.minimum(PRIOR_DOF, nu.sum())
     variance = (prior * ratio * stated + nu * own) / (prior + nu)

@@ -23,9 +23,6 @@ from solver.estimators.implicit import NoiseModel
 from solver.estimators.linear_fit import LinearFit, inverse_root
 from solver.loops.closure import ClosureModel, ClosureSigmas, closure_sigmas
 
-Estimator = Callable[[IntArray], Estimate]
-"""Fits the model of a pose set to a selection of its poses."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeldOutPoses:
@@ -136,7 +133,7 @@ def far_block(q: FloatArray, share: float = 0.2) -> IntArray:
 
 
 def hold_out(
-    estimator: Estimator,
+    estimate_of: Callable[[IntArray], Estimate],
     model: ClosureModel,
     q: FloatArray,
     noise: NoiseModel,
@@ -144,12 +141,13 @@ def hold_out(
 ) -> HoldOut:
     """For each part of the poses, estimate from all other poses, and verify the part with this estimate.
 
-    Raises `TooFewPosesError` if the rest is too small for an estimate.
+    `estimate_of`: fits the model to the poses with these indices (k,). Raises `TooFewPosesError` if the rest is too
+    small for an estimate.
     """
     variance = np.broadcast_to(noise.joint_variance, q.shape)
     verified, outside, inside, rows = [], [], [], 0
     for poses in parts:
-        estimate = estimator(np.setdiff1d(np.arange(len(q)), poses))
+        estimate = estimate_of(np.setdiff1d(np.arange(len(q)), poses))
         part_model, own = model.at_poses(poses), replace(noise, joint_variance=variance[poses])
         verified.append(verify(part_model, estimate.x, estimate.covariance, q[poses], own).chi2)
         error = closure_at_readings(part_model, estimate.x, q[poses])
@@ -205,15 +203,14 @@ def predicted_residuals(
     """
     width, hard = fit.design.width, fit.design.hard
     gram, right = np.zeros((width, width)), np.zeros(width)
-    whitener, M, w = [], [], []
+    rows = []
     for part in fit.parts():
         new = later[part.poses]
         before = part.M[~new].reshape(-1, width)
         gram += before.T @ before
         right += part.w[~new].reshape(-1) @ before
-        whitener.append(part.L_inverse[new])
-        M.append(part.M[new])
-        w.append(part.w[new])
+        rows.append((part.L_inverse[new], part.M[new], part.w[new]))
+    whitener, M, w = (np.concatenate(parts) for parts in zip(*rows, strict=True))
     if given is None:
         precision = np.repeat((NOT_KNOWN**-2, 1.0), (hard, width - hard))
         half = inverse_root(gram + np.diag(precision))[0]
@@ -223,15 +220,14 @@ def predicted_residuals(
         half, coefficients = np.eye(width), np.zeros(width)
         half[:hard, :hard] = vectors * np.sqrt(np.maximum(values, 0.0))
         coefficients[:hard] = given.x
-    columns = np.concatenate(M)
-    m, r, _ = columns.shape
-    N = columns.reshape(m * r, width) @ half
-    y = np.concatenate(w).reshape(-1) + columns.reshape(m * r, width) @ coefficients
+    m, r = w.shape
+    columns = M.reshape(m * r, width)
+    N, y = columns @ half, w.reshape(-1) + columns @ coefficients
     # (I + N N')^-1 = I - U U'
     U = N @ inverse_root(np.eye(width) + N.T @ N)[0]
     white = y - U @ (U.T @ y)
     return WhitenedResiduals(
-        whitener=np.concatenate(whitener),
+        whitener=whitener,
         U=U.reshape(m, r, width),
         white=white.reshape(m, r),
         chi2=float(y @ white),
@@ -249,18 +245,15 @@ def shifted(residuals: WhitenedResiduals, subjects: Mapping[str, FloatArray]) ->
         s, information = residuals.score(columns)
         values, vectors = np.linalg.eigh(information)
         determined = values > SEEN * max(float(values[-1]), 1e-300)
-        chi2 = float(((vectors.T @ s)[determined] ** 2 / values[determined]).sum())
         single = columns.shape[-1] == 1 and bool(determined.all())
-        threshold = float(
-            chdtri(max(int(determined.sum()), 1), FALSE_ALARM_PROBABILITY / len(subjects))
-        )
+        dof = max(int(determined.sum()), 1)
         shifts.append(
             CommonShift(
                 subject=name,
                 size=float(s[0] / values[0]) if single else None,
                 sigma=float(values[0] ** -0.5) if single else None,
-                chi2=chi2,
-                threshold=threshold,
+                chi2=float(((vectors.T @ s)[determined] ** 2 / values[determined]).sum()),
+                threshold=float(chdtri(dof, FALSE_ALARM_PROBABILITY / len(subjects))),
             )
         )
     best = max(shifts, key=lambda shift: shift.chi2 - shift.threshold, default=None)

@@ -6,6 +6,7 @@ explains the residuals best is fitted, and this is repeated until the residuals 
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from math import log
@@ -32,7 +33,6 @@ from solver.diagnostics.hypothesis_tests import (
 from solver.diagnostics.model_selection import (
     Evidence,
     evidence,
-    evidence_of_own,
     log_likelihood,
     noise_scale,
     probabilities,
@@ -40,25 +40,6 @@ from solver.diagnostics.model_selection import (
 from solver.diagnostics.stated_sizes import with_estimated_motion_noise
 from solver.diagnostics.whitened_residuals import OwnColumns, WhitenedResiduals
 from solver.estimators.linear_fit import LinearFit
-
-PRIORS = {
-    Cause.SLIPPED: 0.02,
-    Cause.LOST_COUNTS: 0.02,
-    Cause.OUTLIERS: 0.02,
-    Cause.FROZEN: 0.01,
-    Cause.READING: 0.01,
-    Cause.CURVE: 0.02,
-    Cause.LENGTH: 0.02,
-    Cause.TWIST: 0.01,
-    Cause.GIVES: 0.01,
-    Cause.TURN_ERROR: 0.005,
-    Cause.SAG: 0.003,
-    Cause.SCATTER: 0.005,
-    Cause.DRIFT: 0.001,
-    Cause.SCALE: 0.003,
-    Cause.LENGTH_CHANGED: 2e-5,
-}
-"""Prior probability of each cause, shared among its subjects."""
 
 UNNAMED = 0.002
 """Prior probability of any other cause."""
@@ -138,16 +119,18 @@ def diagnose(
     """
     stated = fit.stated
     order = np.argsort(taken, kind="stable")
-    faults = FaultModels.of(arm, stated, order, measured or {})
+    faults = FaultModels(arm, stated, order, measured or {})
     residuals = residuals_of_fit(fit.at_known_noise, order)
     low_noise = residuals_of_fit(with_estimated_motion_noise(fit), order)
-    tests = [HypothesisTest.of_chi2("CHI2_STATED", stated.chi2, stated.dof)]
-    outliers, more = _residual_tests(faults, residuals, low_noise)
-    tests += more
-    tests += pull_tests(stated)
-    tests += without_curves_in_specification(variance_tests(stated), faults, residuals)
-    tests.append(prediction_test(stated))
-    tests += scale_tests(faults, residuals)
+    outliers, residual_tests = _residual_tests(faults, residuals, low_noise)
+    tests = (
+        HypothesisTest.of_chi2("CHI2_STATED", stated.chi2, stated.dof),
+        *residual_tests,
+        *pull_tests(stated),
+        *without_curves_in_specification(variance_tests(stated), faults, residuals),
+        prediction_test(stated),
+        *scale_tests(faults, residuals),
+    )
     fires = any(test.fires for test in tests)
     doubtful = not fires and any(
         test.fires for test in pull_tests(stated, limits.ENTRY_SUSPICION_PROBABILITY)
@@ -155,7 +138,7 @@ def diagnose(
     rankings = tuple(_explanations(faults, residuals, outliers)) if fires else ()
     suspected = next(_explanations(faults, residuals, outliers)).known if doubtful else ()
     return Diagnosis(
-        tests=tuple(tests),
+        tests=tests,
         rankings=rankings,
         suspected_entries=tuple(
             x for x in suspected if x.candidate.cause in (Cause.LENGTH, Cause.TWIST)
@@ -178,15 +161,14 @@ def _residual_tests(
     describes badly resemble a change of the geometry rather than a step of a single reading.
     """
     outliers = find_outliers(residuals)
-    tests = [outliers.test]
-    change_points = steps(residuals, faults.suspects(), low_noise=low_noise)
-    if change_points:
-        tests.append(
-            HypothesisTest(
-                code="STEP", statistic=change_points[0].chi2, threshold=change_points[0].threshold
-            )
-        )
-    return outliers, tests
+    most_significant = steps(residuals, faults.changes(), low_noise=low_noise)[:1]
+    return outliers, [
+        outliers.test,
+        *(
+            HypothesisTest(code="STEP", statistic=step.chi2, threshold=step.threshold)
+            for step in most_significant
+        ),
+    ]
 
 
 def _explanations(
@@ -206,11 +188,11 @@ def _explanations(
             return
         size = best.evidence.size * best.candidate.expected_size
         residuals = _with_cause(residuals, best.candidate, size)
+        if residuals.dof <= 0:
+            return
         outliers, tests = _residual_tests(faults, residuals, residuals)
-        if residuals.dof <= 0 or not any(
-            t.fires
-            for t in (HypothesisTest.of_chi2("CHI2_STATED", residuals.chi2, residuals.dof), *tests)
-        ):
+        tests.append(HypothesisTest.of_chi2("CHI2_STATED", residuals.chi2, residuals.dof))
+        if not any(test.fires for test in tests):
             return
 
 
@@ -219,10 +201,9 @@ def _with_cause(
 ) -> WhitenedResiduals:
     """Return the residuals if coefficients of `cause` are part of the model, with prior standard deviations `sd`."""
     if cause.own is None:
-        return residuals.with_drawn(cause.columns, sd)
-    return OwnColumns.of(
-        residuals, cause.own, cause.columns * sd.reshape(len(cause.own), 1, -1)
-    ).drawn(residuals)
+        return residuals.with_columns(cause.columns, sd)
+    own = cause.columns * sd.reshape(len(cause.own), 1, -1)
+    return OwnColumns(residuals, cause.own, own).drawn()
 
 
 def _changes(
@@ -230,9 +211,8 @@ def _changes(
 ) -> Iterable[Candidate]:
     """Yield the steps and outliers in the residuals as candidates; `outliers`: result of `find_outliers` at scale 1."""
     scale = noise_scale(residuals.chi2, residuals.dof)
-    changes = faults.changes()
-    for step in steps(residuals, faults.suspects(), scale=scale):
-        yield changes[step.suspect].from_pose(step.pose)
+    for step in steps(residuals, faults.changes(), scale=scale):
+        yield step.suspect.from_pose(step.pose)
     poses = (outliers if scale == 1.0 else find_outliers(residuals, scale=scale)).poses
     m = len(residuals.white)
     for count in range(1, len(poses) + 1):
@@ -249,47 +229,40 @@ def _changes(
             )
 
 
-def _evidence(residuals: WhitenedResiduals, c: Candidate) -> Evidence | None:
-    if c.own is None:
-        return evidence(residuals, c.columns, c.expected_size, most=c.most)
-    return evidence_of_own(residuals, c.own, c.columns, c.expected_size, most=c.most)
-
-
 def _ranked(residuals: WhitenedResiduals, candidates: Iterable[Candidate]) -> CauseRanking:
     """Rank all candidates against each other, no fault, and an unknown fault."""
     listed = [
         (c, e)
         for c in candidates
-        if (e := _evidence(residuals, c)) is not None
+        if (e := evidence(residuals, c.columns, c.expected_size, own=c.own, most=c.most))
         and not c.within_specification(e.b, e.covariance)
         and float(np.sqrt(np.mean((e.b / c.expected_size) ** 2))) <= c.most
     ]
-    counts: dict[Cause, int] = {}
-    for c, _ in listed:
-        counts[c.cause] = counts.get(c.cause, 0) + 1
+    counts = Counter(c.cause for c, _ in listed)
     weights = [
         e.log_likelihood
-        + np.log(PRIORS[c.cause] / counts[c.cause])
+        + np.log(c.cause.prior / counts[c.cause])
         - log(c.places)
         # A cause that leaves the rest larger than stated needs a second, unknown one.
         + (np.log(UNNAMED) if e.chi2 > limits.CHI2_PER_DOF_EXPLAINED * max(e.dof, 1) else 0.0)
         for c, e in listed
     ]
     weights += [
-        log_likelihood(residuals, most_noise=1.0) + np.log(1.0 - sum(PRIORS.values())),
+        log_likelihood(residuals, most_noise=1.0)
+        + np.log(1.0 - sum(cause.prior for cause in Cause)),
         log_likelihood(residuals, most_noise=np.inf) + np.log(UNNAMED),
     ]
     chance = probabilities(np.array(weights))
-    candidates_with_evidence = [
+    explanations = [
         Explanation(candidate=c, evidence=e, probability=float(p))
         for (c, e), p in zip(listed, chance[:-2], strict=True)
     ]
-    candidates_with_evidence.sort(key=lambda explanation: -explanation.probability)
+    explanations.sort(key=lambda explanation: -explanation.probability)
     unknown = float(chance[-1])
     return CauseRanking(
         known=tuple(
             x
-            for k, x in enumerate(candidates_with_evidence)
+            for k, x in enumerate(explanations)
             if x.probability >= limits.LEAST_REPORTED_CAUSE_PROBABILITY
             or (k == 0 and x.probability >= unknown)
         ),

@@ -13,23 +13,26 @@ from solver.diagnostics.limits import CERTAIN_SIGMAS
 
 
 class Cause(Enum):
-    """Kind of fault."""
+    """Kind of fault; `prior`: its prior probability, shared among its subjects."""
 
-    SLIPPED = "slipped"
-    LOST_COUNTS = "lost counts"
-    LENGTH_CHANGED = "length changed"
-    OUTLIERS = "odd poses"
-    FROZEN = "frozen"
-    READING = "reading"
-    SCATTER = "scatter of all readings"
-    DRIFT = "drift"
-    CURVE = "curve"
-    TURN_ERROR = "once-per-turn error"
-    SCALE = "scale of an encoder"
-    SAG = "sag"
-    LENGTH = "length"
-    TWIST = "twist"
-    GIVES = "gives"
+    SLIPPED = ("slipped", 0.02)
+    LOST_COUNTS = ("lost counts", 0.02)
+    OUTLIERS = ("outliers", 0.02)
+    FROZEN = ("frozen", 0.01)
+    READING = ("reading", 0.01)
+    CURVE = ("curve", 0.02)
+    LENGTH = ("length", 0.02)
+    TWIST = ("twist", 0.01)
+    GIVES = ("gives", 0.01)
+    TURN_ERROR = ("once-per-turn error", 0.005)
+    SAG = ("sag", 0.003)
+    SCATTER = ("scatter of all readings", 0.005)
+    DRIFT = ("drift", 0.001)
+    SCALE = ("scale of an encoder", 0.003)
+    LENGTH_CHANGED = ("length changed", 2e-5)
+
+    def __init__(self, kind: str, prior: float) -> None:
+        self.kind, self.prior = kind, prior
 
 
 class PeakDeviation(NamedTuple):
@@ -42,6 +45,11 @@ class PeakDeviation(NamedTuple):
     def beyond(self, stated: float) -> bool:
         """Whether the peak exceeds the stated value by more than chance would explain."""
         return self.peak - CERTAIN_SIGMAS * self.sd > stated
+
+
+LENGTHS_SHARE = 0.1
+"""Share of the false alarms for a changed length, relative to other suspects: a metal link hardly ever changes its
+length during a session."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -80,6 +88,11 @@ class Candidate:
     measured: PeakDeviation | None = None
     lines: FloatArray | None = None
     entries: tuple[str, ...] = ()
+
+    @property
+    def false_alarm_share(self) -> float:
+        """Probability of a false alarm of a step test for this candidate, relative to other candidates."""
+        return LENGTHS_SHARE if self.cause is Cause.LENGTH_CHANGED else 1.0
 
     def from_pose(self, first: int) -> Candidate:
         """Return the candidate of a step at pose `first`, an index in time order."""

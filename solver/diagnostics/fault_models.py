@@ -6,18 +6,16 @@ compared without a refit.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from solver.arrays import FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import Encoder, Rvdt, SensorCurve
-from solver.diagnostics.change_points import Suspect
 from solver.diagnostics.fault_candidate import Candidate, Cause, PeakDeviation
 from solver.diagnostics.limits import FROZEN_POSES, OTHERS_MOVED_RAD
-from solver.estimators.effects import LinearModel, System
 from solver.estimators.linear_fit import LinearFit
 
 ANGLE_RAD, LENGTH_M = 1e-3, 1e-3
@@ -27,43 +25,23 @@ SCALE = 1e-2
 """Expected magnitude of a scale error."""
 
 
-LENGTHS_SHARE = 0.1
-"""Share of the false alarms for a changed length, relative to other suspects: a metal link hardly ever changes its
-length during a session."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FaultModels:
-    """A fit's system with poses in the order in which they were taken.
+    """Fault models of a fit at the stated variances, with poses in the order in which they were taken.
 
-    `order` (m,): the fit's index of the k-th pose taken. `readings` (m, n), rad, are in time order.
+    `order` (m,): the fit's index of the k-th pose taken. `readings` (m, n), rad, and `system` are in time order.
     `measured`: linearity deviations of sensors as determined by the loops, by joint (1-based).
     """
 
-    arm: ArmModel
-    design: LinearModel
-    system: System
-    readings: FloatArray
-    order: IntArray
-    measured: Mapping[int, PeakDeviation]
-
-    @classmethod
-    def of(
-        cls,
+    def __init__(
+        self,
         arm: ArmModel,
         stated: LinearFit,
         order: IntArray,
         measured: Mapping[int, PeakDeviation],
-    ) -> FaultModels:
-        """Return the fault models of a fit at the stated variances, with poses in the given `order` (m,)."""
-        return cls(
-            arm=arm,
-            design=stated.design,
-            system=stated.whole.at_poses(order),
-            readings=stated.design.q[order],
-            order=order,
-            measured=measured,
-        )
+    ) -> None:
+        self.arm, self.order, self.measured = arm, order, measured
+        self.design, self.system = stated.design, stated.whole.at_poses(order)
+        self.readings = self.design.q[order]
 
     @property
     def sensed(self) -> tuple[int, ...]:
@@ -71,71 +49,59 @@ class FaultModels:
         unsensed = self.design.model.unsensed_joints
         return tuple(j for j in range(1, self.arm.joint_count + 1) if j not in unsensed)
 
-    def sides(self) -> Iterator[tuple[str, IntArray]]:
-        """Yield the fixture's halves on table and tool, with the indices of the parameters that a slip changes."""
-        model = self.design.model
-        names = [p.name for p in model.parameters]
-        # A slip along the fixture's axis changes s_0, whichever half slips.
-        along = tuple(name for name in model.ground_side if name.partition("[")[0] == "s_0")
-        for side, own in (("table", model.ground_side), ("hand", (*model.hand_side, *along))):
-            if len(own) > len(along):
-                yield side, np.array([names.index(name) for name in own])
-
     def joint(self, j: int) -> FloatArray:
         """Derivatives (m, r, 1) of the misclosures with respect to the reading of joint j."""
         return self.system.B[:, :, j - 1, None]
 
     def _along(
-        self, cause: Cause, j: int, shapes: FloatArray, size: float = ANGLE_RAD
+        self,
+        cause: Cause,
+        j: int,
+        shapes: FloatArray,
+        size: float = ANGLE_RAD,
+        *,
+        most: float = 300.0,
+        least: float = 0.0,
     ) -> Candidate:
         """Return the candidate for an error of joint j's reading with `shapes` (m, c) and expected magnitude `size`."""
-        columns = self.joint(j) * shapes[:, None, :]
-        expected_size = np.full(shapes.shape[1], size)
-        return Candidate(cause=cause, subject=str(j), columns=columns, expected_size=expected_size)
-
-    def changes(self) -> dict[str, Candidate]:
-        """Candidates for a change that lasts from some pose on (`from_pose`), by the name of the changed quantity."""
-        design, parameters = self.design, self.design.model.parameters
-        candidates = {
-            f"joint {j}": Candidate(
-                cause=Cause.LOST_COUNTS,
-                subject=str(j),
-                columns=self.joint(j),
-                expected_size=np.array([ANGLE_RAD]),
-            )
-            for j in self.sensed
-        }
-        for side, from_pose in self.sides():
-            own = [parameters[k] for k in from_pose]
-            candidates[side] = Candidate(
-                cause=Cause.SLIPPED,
-                subject=side,
-                columns=self.system.A[:, :, from_pose],
-                expected_size=np.array([ANGLE_RAD if p.is_angle else LENGTH_M for p in own]),
-                entries=tuple(p.name for p in own),
-            )
-        for k in design.soft_index:
-            name = parameters[k].name
-            if name in design.errors.tolerance and not parameters[k].is_angle:
-                candidates[name] = Candidate(
-                    cause=Cause.LENGTH_CHANGED,
-                    subject=name,
-                    columns=self.system.A[:, :, k, None],
-                    expected_size=np.array([LENGTH_M]),
-                )
-        return candidates
-
-    def suspects(self) -> tuple[Suspect, ...]:
-        """Quantities that may have changed during the session."""
-        return tuple(
-            Suspect(
-                name=name,
-                columns=c.columns,
-                share=LENGTHS_SHARE if c.cause is Cause.LENGTH_CHANGED else 1.0,
-                of_reading=c.cause is Cause.LOST_COUNTS,
-            )
-            for name, c in self.changes().items()
+        return Candidate(
+            cause=cause,
+            subject=str(j),
+            columns=self.joint(j) * shapes[:, None, :],
+            expected_size=np.full(shapes.shape[1], size),
+            shapes=shapes,
+            most=most,
+            least=least,
         )
+
+    def _of_parameters(self, cause: Cause, subject: str, names: Sequence[str]) -> Candidate:
+        """Return the candidate for a change of these parameters."""
+        parameters = self.design.model.parameters
+        columns = [k for name in names for k, p in enumerate(parameters) if p.name == name]
+        return Candidate(
+            cause=cause,
+            subject=subject,
+            columns=self.system.A[:, :, columns],
+            expected_size=np.array(
+                [ANGLE_RAD if parameters[k].is_angle else LENGTH_M for k in columns]
+            ),
+        )
+
+    def changes(self) -> list[Candidate]:
+        """Return candidates for a change that lasts from some pose on (`Candidate.from_pose`)."""
+        model = self.design.model
+        always = np.ones((len(self.readings), 1))
+        candidates = [self._along(Cause.LOST_COUNTS, j, always) for j in self.sensed]
+        # A slip along the fixture's axis changes s_0, whichever half slips.
+        along = tuple(name for name in model.ground_side if name.partition("[")[0] == "s_0")
+        for side, own in (("table", model.ground_side), ("hand", (*model.hand_side, *along))):
+            if len(own) > len(along):
+                slip = self._of_parameters(Cause.SLIPPED, side, own)
+                candidates.append(replace(slip, entries=own))
+        for p in (model.parameters[k] for k in self.design.soft_index):
+            if p.name in self.design.errors.tolerance and not p.is_angle:
+                candidates.append(self._of_parameters(Cause.LENGTH_CHANGED, p.name, (p.name,)))
+        return candidates
 
     def persistent_faults(self) -> Iterator[Candidate]:
         """Yield the causes that act in all poses, or in a run of them."""
@@ -157,14 +123,14 @@ class FaultModels:
         self, cause: Cause, subject: str, joints: tuple[int, ...], most: float
     ) -> Candidate:
         """Return the candidate of independent errors of equal size in all readings of these joints (1-based)."""
-        columns = [j - 1 for j in joints]
+        columns, m = [j - 1 for j in joints], len(self.readings)
         stated = self.design.noise_variance(self.design.stated_variances())[:, columns]
         return Candidate(
             cause=cause,
             subject=subject,
             columns=self.system.B[:, :, columns],
-            own=self._all,
-            expected_size=np.full(len(self._all) * len(columns), ANGLE_RAD),
+            own=np.arange(m),
+            expected_size=np.full(m * len(columns), ANGLE_RAD),
             most=most,
             least=2.0 * float(np.sqrt(np.mean(stated))),
         )
@@ -178,8 +144,9 @@ class FaultModels:
 
     def _frozen(self) -> Iterator[Candidate]:
         """Yield a candidate for each run of poses in which a sensor reads the same while other joints move."""
+        tolerance = 3.0 * np.maximum(self.arm.sigma_rad(), 1e-6)
         for j in self.sensed:
-            for first, last in constant_reading_runs(self.readings, j, 3.0 * self._noise(j)):
+            for first, last in constant_reading_runs(self.readings, j, float(tolerance[j - 1])):
                 poses = np.arange(first + 1, last)
                 yield Candidate(
                     cause=Cause.FROZEN,
@@ -200,47 +167,45 @@ class FaultModels:
         shapes = SensorCurve(
             joint=j, middle_rad=middle, half_scale_rad=half, gain=0.5 / half
         ).basis(turn)
-        candidate = self._along(Cause.CURVE, j, shapes, max(sensor.linearity_rad, ANGLE_RAD))
+        stated = sensor.linearity_rad
+        candidate = self._along(
+            Cause.CURVE, j, shapes, max(stated, ANGLE_RAD), most=10.0, least=0.5 * stated
+        )
+        line = np.stack((np.ones_like(turn), turn - turn.mean()), axis=-1)
         return replace(
             candidate,
-            most=10.0,
-            shapes=shapes,
-            least=0.5 * sensor.linearity_rad,
-            most_stated=sensor.linearity_rad,
+            most_stated=stated,
             measured=self.measured.get(j),
-            lines=_lines(turn),
+            lines=np.linalg.qr(line)[0],
         )
 
     def _smooth(self) -> Iterator[Candidate]:
         """Yield candidates for each joint: an error of its reading that is a function of its angle, or of the pose."""
         for j in self.sensed:
-            sensor, turn = self.arm.joints[j - 1].sensor, self.readings[:, j - 1]
-            linearity_curve = self.linearity_curve(j)
-            if linearity_curve is not None:
-                yield linearity_curve
-            elif isinstance(sensor, Encoder):
-                shapes = np.stack([f(k * turn) for k in (1, 2) for f in (np.sin, np.cos)], axis=-1)
-                error, least = self._along(Cause.TURN_ERROR, j, shapes), 2.0 * sensor.accuracy_rad
-                yield replace(error, most=30.0, shapes=shapes, least=least)
+            joint, turn = self.arm.joints[j - 1], self.readings[:, j - 1]
+            if (curve := self.linearity_curve(j)) is not None:
+                yield curve
+            elif isinstance(joint.sensor, Encoder):
+                waves = np.stack([f(k * turn) for k in (1, 2) for f in (np.sin, np.cos)], axis=-1)
+                least = 2.0 * joint.sensor.accuracy_rad
+                yield self._along(Cause.TURN_ERROR, j, waves, most=30.0, least=least)
             if (phi := self._in_time(self.design.sag_basis.phi)).size:
-                sag, least = self._along(Cause.SAG, j, phi), 2.0 * self.arm.joints[j - 1].sag_rad
-                yield replace(sag, most=30.0, shapes=phi, least=least)
+                yield self._along(Cause.SAG, j, phi, most=30.0, least=2.0 * joint.sag_rad)
 
     def _entries(self) -> Iterator[Candidate]:
         """Yield a candidate for each toleranced entry of the maker's table: an error beyond its tolerance."""
         design = self.design
         for k, sd in zip(design.soft_index, design.soft_sd, strict=True):
             parameter = design.model.parameters[k]
-            if parameter.name not in design.errors.tolerance:
-                continue
-            yield Candidate(
-                cause=Cause.TWIST if parameter.is_angle else Cause.LENGTH,
-                subject=parameter.name,
-                columns=self.system.A[:, :, k, None],
-                expected_size=np.array([sd]),
-                most=100.0,
-                least=2.0 * sd,
-            )
+            if parameter.name in design.errors.tolerance:
+                yield Candidate(
+                    cause=Cause.TWIST if parameter.is_angle else Cause.LENGTH,
+                    subject=parameter.name,
+                    columns=self.system.A[:, :, k, None],
+                    expected_size=np.array([sd]),
+                    most=100.0,
+                    least=2.0 * sd,
+                )
 
     def _fixture(self) -> Iterator[Candidate]:
         """Yield candidates for a compliant fixture: deflections random in each pose, or smooth functions of pose."""
@@ -248,12 +213,12 @@ class FaultModels:
             return
         Et = np.swapaxes(self.system.E, -1, -2)
         m, r, k = Et.shape
-        expected_size = np.concatenate((np.full(k - 3, ANGLE_RAD), np.full(3, LENGTH_M)))
+        expected_size = np.repeat((ANGLE_RAD, LENGTH_M), (k - 3, 3))
         yield Candidate(
             cause=Cause.GIVES,
             subject="in every pose",
             columns=Et,
-            own=self._all,
+            own=np.arange(m),
             expected_size=np.tile(expected_size, m),
             most=15.0,
         )
@@ -269,20 +234,6 @@ class FaultModels:
     def _in_time(self, phi: FloatArray) -> FloatArray:
         """Return the rows of `phi` (m, k), a basis over the fit's poses, in time order."""
         return np.asarray(phi[self.order] if phi.size else np.zeros((len(self.order), 0)))
-
-    @property
-    def _all(self) -> IntArray:
-        """Indices of all poses."""
-        return np.arange(len(self.readings))
-
-    def _noise(self, j: int) -> float:
-        return max(float(self.arm.sigma_rad()[j - 1]), 1e-6)
-
-
-def _lines(angle: FloatArray) -> FloatArray:
-    """Constant and straight line over angles (m,), as orthonormal columns (m, 2)."""
-    both = np.stack((np.ones_like(angle), angle - angle.mean()), axis=-1)
-    return np.asarray(np.linalg.qr(both)[0])
 
 
 def constant_reading_runs(q: FloatArray, joint: int, tolerance_rad: float) -> list[tuple[int, int]]:

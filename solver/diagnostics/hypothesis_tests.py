@@ -44,24 +44,12 @@ class HypothesisTest:
         return not self.statistic <= self.threshold
 
     @classmethod
-    def of_chi2(
-        cls,
-        code: str,
-        chi2: float,
-        dof: int,
-        *,
-        false_alarm: float = FALSE_ALARM_PROBABILITY,
-        among: int = 1,
-    ) -> HypothesisTest:
+    def of_chi2(cls, code: str, chi2: float, dof: int, *, among: int = 1) -> HypothesisTest:
         """Test `chi2`, the largest of `among` values; it has `dof` degrees of freedom."""
         from scipy.special import chdtri
 
-        return cls(
-            code=code,
-            statistic=chi2,
-            threshold=float(chdtri(dof, false_alarm / among)),
-            false_alarm=false_alarm,
-        )
+        threshold = float(chdtri(dof, FALSE_ALARM_PROBABILITY / among))
+        return cls(code=code, statistic=chi2, threshold=threshold)
 
     @classmethod
     def of_squares(
@@ -192,7 +180,7 @@ def _as_stated(j: int, faults: FaultModels, residuals: WhitenedResiduals) -> boo
 OUTLIER_SEARCH_STEPS = 100
 """Approximate upper limit of the number of steps in which poses are set aside."""
 
-ALIKE = 0.5
+SET_ASIDE_SHARE = 0.5
 """Poses set aside with the worst one exceed the threshold by at least this share of the worst one's excess."""
 
 FREE = 1e-6
@@ -234,7 +222,7 @@ def find_outliers(residuals: WhitenedResiduals, *, scale: float = 1.0) -> Outlie
         )
         if not largest > 0.0 or len(chi2_of) >= most:
             break
-        set_aside = worst[excess[worst] >= ALIKE * largest][: most - len(chi2_of)]
+        set_aside = worst[excess[worst] >= SET_ASIDE_SHARE * largest][: most - len(chi2_of)]
         chi2_of |= dict(zip(set_aside.tolist(), chi2[set_aside].tolist(), strict=True))
         is_kept[set_aside] = False
         rest = rest.without(set_aside)

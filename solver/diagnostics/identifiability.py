@@ -29,7 +29,7 @@ CLOSED = 1e-9
 """Closure error (rad, m) below which a loop counts as closed, small enough for true zeros to be recognised."""
 
 
-NOT_AT_ALL_DEG = 0.05
+LEAST_MOTION_DEG = 0.05
 """Change of a reading, deg, below which it is noise and deflection, not motion."""
 
 
@@ -135,11 +135,11 @@ def jacobian_at_closed(
 ) -> FloatArray:
     """Reduced Jacobian (m, r, P) on the closed loops nearest to `q` (m, n); at `q` for poses that do not close."""
     poses = close_loops(model, x, q, sigma_rad=sigma_rad, tolerance=CLOSED)
-    judged, u = poses.q, poses.u
+    closed_q, u = poses.q, poses.u
     if not poses.closed.all():
-        judged = np.where(poses.closed[:, None], judged, q)
+        closed_q = np.where(poses.closed[:, None], closed_q, q)
         u = np.where(poses.closed[:, None], u, model.initial_unsensed(x, q))
-    return reduced_equations(model.loop(x, judged, u)).A
+    return reduced_equations(model.loop(x, closed_q, u)).A
 
 
 def identifiability_of_jacobian(
@@ -256,7 +256,7 @@ def _immobile_words(joints: tuple[int, ...], spans_rad: FloatArray) -> str:
     several = len(joints) > 1
     which = f"joint{'s' * several} {' and '.join(map(str, joints))}"
     most = float(np.rad2deg(max(spans_rad[j - 1] for j in joints)))
-    if most < NOT_AT_ALL_DEG:
+    if most < LEAST_MOTION_DEG:
         return f"{which} {'do' if several else 'does'} not move"
     return f"{which} move{'s' * (not several)} by no more than {most:.2g} deg"
 

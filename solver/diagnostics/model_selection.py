@@ -69,17 +69,25 @@ def log_likelihood(residuals: WhitenedResiduals, *, most_noise: float) -> float:
 
 
 def evidence(
-    residuals: WhitenedResiduals, G: FloatArray, expected_size: FloatArray, *, most: float = np.inf
+    residuals: WhitenedResiduals,
+    G: FloatArray,
+    expected_size: FloatArray,
+    *,
+    own: IntArray | None = None,
+    most: float = np.inf,
 ) -> Evidence | None:
     """Compute the evidence of columns G (m, r, c), with coefficients of expected magnitude `expected_size` (c,).
 
-    None if the fit already contains all of these columns. `most`: largest multiple of `expected_size` to try.
+    None if the fit already contains all of these columns. `own`: poses (p,) that have columns G (p, r, c) and
+    coefficients (p * c,) of their own. `most`: largest multiple of `expected_size` to try.
     """
+    if own is not None:
+        return _evidence_of_own(residuals, own, G, expected_size, most)
     s, C = residuals.score(G)
     s, C = expected_size * s, expected_size[:, None] * C * expected_size
     values, vectors = np.linalg.eigh(C)
-    own = float((residuals.whiten(G * expected_size) ** 2).sum(axis=(0, 1)).max(initial=0.0))
-    free = values > max(1e-7 * own, 1e-30)
+    square = float((residuals.whiten(G * expected_size) ** 2).sum(axis=(0, 1)).max(initial=0.0))
+    free = values > max(1e-7 * square, 1e-30)
     if not free.any():
         return None
     values, vectors = values[free], vectors[:, free]
@@ -104,17 +112,15 @@ def evidence(
     )
 
 
-def evidence_of_own(
+def _evidence_of_own(
     residuals: WhitenedResiduals,
     own: IntArray,
     G: FloatArray,
     expected_size: FloatArray,
-    *,
-    most: float = np.inf,
+    most: float,
 ) -> Evidence | None:
-    """Compute evidence like `evidence`, but with separate columns and coefficients for each of the poses `own` (p,)."""
     p, _, c = G.shape
-    columns = OwnColumns.of(residuals, own, G * expected_size.reshape(p, 1, c))
+    columns = OwnColumns(residuals, own, G * expected_size.reshape(p, 1, c))
     if not (columns.own > 0.0).any():
         return None
     sizes, dof = SIZES[most >= SIZES], max(residuals.dof, 1)
@@ -143,7 +149,7 @@ def evidence_of_own(
         size=float(sizes[best]),
         b=expected_size * b,
         covariance=expected_size**2 * variance,
-        moved=columns.moved(residuals, solution),
+        moved=columns.moved(solution),
     )
 
 
@@ -173,37 +179,21 @@ def drop_unidentifiable(
     """
     x = nearly_closing_parameters(model, q) if x is None else x
     J = jacobian_at_closed(model, x, q, sigma_rad)
-    names = [p.name for p in model.parameters]
+    every = names = [p.name for p in model.parameters]
     fixture = {*model.ground_side, *model.hand_side}
-    remaining = list(range(len(names)))
-    while remaining:
-        remaining_names = [names[k] for k in remaining]
-        result = identifiability_of_jacobian(J[..., remaining], remaining_names, q)
-        if not result.directions:
-            break
-        del remaining[
-            _choose(
-                J[..., remaining].reshape(-1, len(remaining)),
-                remaining_names,
-                result.directions,
-                fixture,
-            )
-        ]
-    kept_names = {names[k] for k in remaining}
-    dropped = tuple(name for name in names if name not in kept_names)
+    while names and (directions := identifiability_of_jacobian(J, names, q).directions):
+        k = _choose(J.reshape(-1, len(names)), names, directions, fixture)
+        J, names = np.delete(J, k, axis=-1), names[:k] + names[k + 1 :]
+    dropped = tuple(name for name in every if name not in names)
     return (model.without(dropped) if dropped else model), dropped
 
 
 def nearly_closing_parameters(model: ClosureModel, q: FloatArray) -> FloatArray:
     """Parameters (P,) that nearly close the loops: offsets and fixture fitted, the rest nominal."""
-    names = [p.name for p in model.parameters]
     fixture = {*model.ground_side, *model.hand_side}
-    sensed = model.with_all_joints_sensed()
-    plain = sensed.without(
-        {n for n in names if n not in fixture and not n.startswith("theta_off_")}
-    )
-    start = nominal_vector(plain.parameters)
-    fit = solve_damped(closure_problem(plain, q), start)
+    known = {p.name for p in model.parameters if not p.name.startswith("theta_off_")} - fixture
+    plain = model.with_all_joints_sensed().without(known)
+    fit = solve_damped(closure_problem(plain, q), nominal_vector(plain.parameters))
     fitted = dict(zip([p.name for p in plain.parameters], fit.x, strict=True))
     return np.array([fitted.get(p.name, p.nominal) for p in model.parameters])
 
@@ -223,8 +213,7 @@ def _choose(
     # Share of each parameter in the null space: the part of it that least squares cannot determine.
     scaled = J / column_scale(J)
     share = 1.0 - np.diagonal(np.linalg.pinv(scaled, rcond=1e-7) @ scaled)
-    order = sorted(
+    return min(
         (k for k in range(len(names)) if names[k] in named),
         key=lambda k: (names[k] in fixture, -round(float(share[k]), 6), k),
     )
-    return order[0]

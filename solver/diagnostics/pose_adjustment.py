@@ -11,7 +11,6 @@ import numpy as np
 
 from solver.arrays import BoolArray, FloatArray
 from solver.closing import close_loops, left_inverse, unsensed_step
-from solver.diagnostics.smooth_curve import Scatter
 from solver.estimators.implicit import LinearisedPoses, NoiseModel, linearise
 from solver.loops.closure import ClosureModel, LoopError
 
@@ -83,17 +82,27 @@ def adjust_poses(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoopAngle:
-    """True angle of one unsensed joint at every pose.
+    """True angle of one unsensed joint at every pose, with the covariance ``diag(own) + common common'``, rad^2.
 
     `joint`: 1-based.
     `angle_rad`: theta' (m,), continuous, near the reading plus the nominal offset.
-    `scatter`: covariance of the angles, rad^2: `own` due to each pose's readings, `common` due to errors of the
-    parameters.
+    `own` (m,): independent variance of each angle, due to the pose's readings.
+    `common` (m, c): part common to all angles, due to errors of the parameters.
     """
 
     joint: int
     angle_rad: FloatArray
-    scatter: Scatter
+    own: FloatArray
+    common: FloatArray
+
+    @property
+    def variance(self) -> FloatArray:
+        """Variance of each angle (m,)."""
+        return np.asarray(self.own + (self.common**2).sum(-1))
+
+    def variance_of(self, H: FloatArray) -> FloatArray:
+        """Variance (k,) of linear combinations H (k, m) of the angles."""
+        return np.asarray((H**2) @ self.own + ((H @ self.common) ** 2).sum(-1))
 
 
 def loop_angles(
@@ -129,10 +138,9 @@ def loop_angles(
     return tuple(
         LoopAngle(
             joint=joint,
-            angle_rad=adjusted.unsensed[:, first + k],
-            scatter=Scatter(
-                own=spread[:, first + k, first + k], common=rates[:, first + k, :] @ root
-            ),
+            angle_rad=adjusted.unsensed[:, k],
+            own=spread[:, k, k],
+            common=rates[:, k, :] @ root,
         )
-        for k, joint in enumerate(model.unsensed_joints)
+        for k, joint in enumerate(model.unsensed_joints, first)
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from itertools import combinations
@@ -82,40 +82,34 @@ class Mistake:
 
 def mistakes(arm: ArmModel, q: FloatArray) -> Iterator[Mistake]:
     """Yield possible simple mistakes in readings (m, n), rad: a wrong unit or sign, whole turns, columns exchanged."""
-    yield Mistake(
-        code="RADIANS",
-        text="the readings are in range if taken as radians",
-        remedy="a poses file has degrees (multiply its angles by 57.29578, or use sarcal import --rad)",
-        q_rad=np.rad2deg(q),
-    )
-    n = q.shape[1]
-    as_radians = _like_radians(arm, q)
-    for columns in dict.fromkeys((tuple(as_radians), *((j,) for j in as_radians))):
-        if 0 < len(columns) < n:
-            of = f"joint{'s' if len(columns) > 1 else ''} {', '.join(str(j + 1) for j in columns)}"
-            yield Mistake(
-                code="_".join(("RADIANS", *(str(j + 1) for j in columns))),
-                text=f"the readings of {of} are in range if taken as radians",
-                remedy=f"a poses file has degrees (multiply the angles of {of} by 57.29578)",
-                q_rad=np.where(np.isin(np.arange(n), columns), np.rad2deg(q), q),
-            )
-    rows = rows_in_radians(arm, q)
+    n, rows, columns = q.shape[1], rows_in_radians(arm, q), _like_radians(arm, q)
+    # Where the readings are in radians: everywhere, in some columns, or in some rows.
+    radians = [
+        ("RADIANS", "", "its angles by 57.29578, or use sarcal import --rad", np.full(n, True))
+    ]
+    for some in dict.fromkeys((tuple(columns), *((j,) for j in columns))):
+        if 0 < len(some) < n:
+            code, of = "_".join(("RADIANS", *(str(j + 1) for j in some))), f" of {_joints(some)}"
+            where = np.isin(np.arange(n), some)
+            radians.append((code, of, f"the angles{of} by 57.29578", where))
     if 0 < len(rows) < len(q):
-        first = f"{len(rows)} of {len(q)} poses (the first is number {rows[0] + 1})"
+        of = f" of {len(rows)} of {len(q)} poses (the first is number {rows[0] + 1})"
+        where = np.isin(np.arange(len(q)), rows)[:, None]
+        radians.append(("RADIANS_POSES", of, "the angles of these rows by 57.29578", where))
+    for code, of, factor, where in radians:
         yield Mistake(
-            code="RADIANS_POSES",
-            text=f"the readings of {first} are in range if taken as radians",
-            remedy="a poses file has degrees (multiply the angles of these rows by 57.29578)",
-            q_rad=np.where(np.isin(np.arange(len(q)), rows)[:, None], np.rad2deg(q), q),
+            code=code,
+            text=f"the readings{of} are in range if taken as radians",
+            remedy=f"a poses file has degrees (multiply {factor})",
+            q_rad=np.where(where, np.rad2deg(q), q),
         )
     middle = np.array([joint.middle_rad for joint in arm.joints])
     wrapped = q - 2.0 * np.pi * np.round((q - middle) / (2.0 * np.pi))
-    if far := [j + 1 for j in np.flatnonzero((np.abs(wrapped - q) > np.pi).any(axis=0))]:
-        of = f"joint{'s' if len(far) > 1 else ''} {', '.join(map(str, far))}"
+    if far := np.flatnonzero((np.abs(wrapped - q) > np.pi).any(axis=0)).tolist():
         yield Mistake(
-            code="_".join(("WHOLE_TURNS", *map(str, far))),
-            text=f"the readings of {of} are in range without whole turns",
-            remedy=f"add or subtract 360 deg where a reading of {of} is outside its range",
+            code="_".join(("WHOLE_TURNS", *(str(j + 1) for j in far))),
+            text=f"the readings of {_joints(far)} are in range without whole turns",
+            remedy=f"add or subtract 360 deg where a reading of {_joints(far)} is outside its range",
             q_rad=wrapped,
         )
     for j in range(n):
@@ -138,6 +132,10 @@ def mistakes(arm: ArmModel, q: FloatArray) -> Iterator[Mistake]:
             remedy=f"exchange their columns, or the nodes of joints {i + 1} and {j + 1}",
             q_rad=q[:, order],
         )
+
+
+def _joints(columns: Sequence[int]) -> str:
+    return f"joint{'s' if len(columns) > 1 else ''} {', '.join(str(j + 1) for j in columns)}"
 
 
 def _like_radians(arm: ArmModel, q: FloatArray) -> list[int]:
@@ -198,7 +196,12 @@ def range_findings(
                     upper_rad=joint.upper_rad,
                 )
             )
-    _refuse(arm, poses, tuple(findings), outside)
+    refused = tuple(f for f in findings if f.fault is ReadingFault.OUTSIDE)
+    far = outside > limits.FAR_OUT_OF_RANGE_SHARE * (arm.upper_rad - arm.lower_rad)
+    far[:, [f.joint - 1 for f in findings if f.fault is ReadingFault.WHOLE_TURN]] = False
+    if refused and 2 * int(far.any(axis=1).sum()) >= len(poses):
+        known = {m.code: m for m in mistakes(arm, q) if mostly_in_range(arm, m.q_rad)}
+        raise ReadingsOutOfRangeError(refused, poses, tuple(known.values()))
     return tuple(findings)
 
 
@@ -233,18 +236,3 @@ def _saturated_poses(reading: FloatArray, middle_rad: float, sensor: Rvdt) -> In
         if len(saturated) >= limits.SATURATED_POSES:
             return saturated
     return np.zeros(0, dtype=np.int64)
-
-
-def _refuse(
-    arm: ArmModel, poses: PoseSet, findings: tuple[RangeFinding, ...], outside: FloatArray
-) -> None:
-    refused = tuple(f for f in findings if f.fault is ReadingFault.OUTSIDE)
-    if not refused:
-        return
-    turned = [f.joint - 1 for f in findings if f.fault is ReadingFault.WHOLE_TURN]
-    far = outside > limits.FAR_OUT_OF_RANGE_SHARE * (arm.upper_rad - arm.lower_rad)
-    far[:, turned] = False
-    if 2 * int(far.any(axis=1).sum()) < len(poses):
-        return
-    known = {m.code: m for m in mistakes(arm, poses.q_rad) if mostly_in_range(arm, m.q_rad)}
-    raise ReadingsOutOfRangeError(refused, poses, tuple(known.values()))

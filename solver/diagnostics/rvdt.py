@@ -15,9 +15,8 @@ from solver.chain.poses import back_to_caller
 from solver.chain.sensors import Rvdt
 from solver.diagnostics import limits
 from solver.diagnostics.fault_candidate import PeakDeviation
-from solver.diagnostics.pose_adjustment import loop_angles
+from solver.diagnostics.pose_adjustment import LoopAngle, loop_angles
 from solver.diagnostics.rvdt_response import RvdtFigures, SingleNoise, measure, sensor_angle
-from solver.diagnostics.smooth_curve import Scatter
 from solver.estimators.component_report import compliance_test
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.layout import Layout
@@ -61,9 +60,6 @@ class RvdtVerdict:
     noise: SingleNoise | None = None
 
 
-NOTHING_FOUND: Mapping[str, float] = {}
-
-
 def rvdt_verdicts(
     model: ClosureModel,
     arm: ArmModel,
@@ -72,7 +68,7 @@ def rvdt_verdicts(
     *,
     noise: Mapping[int, SingleNoise],
     samples: IntArray,
-    variances: Mapping[str, float] = NOTHING_FOUND,
+    variances: Mapping[str, float],
     x0: FloatArray | None = None,
     near: FitStart | None = None,
 ) -> tuple[RvdtVerdict, ...]:
@@ -96,8 +92,8 @@ def rvdt_verdicts(
 
     def at_least_stated(design: Layout) -> FloatArray:
         start = design.start_variances()
-        values = [variances.get(c.name, v) for c, v in zip(design.components, start, strict=True)]
-        return np.maximum(start, values)
+        known = (variances.get(component.name, 0.0) for component in design.components)
+        return np.maximum(start, list(known))
 
     fitted, order = settle(model, q, errors, x0=x0, near=near, variances=at_least_stated)
     back = back_to_caller(order)
@@ -113,12 +109,14 @@ def rvdt_verdicts(
         )
     }
     noise = _without_compliance(noise, fitted.fit)
-    offsets = {j: sensor_angle(q[:, j - 1], a)[1] for j, a in angles.items()}
+    sensed = model.with_all_joints_sensed()
     known = dict(zip((p.name for p in model.parameters), fitted.x.tolist(), strict=True))
+    for j, angle in angles.items():
+        known[f"theta_off_{j}"] = float(wrap_angle(sensor_angle(q[:, j - 1], angle)[1]))
     verdicts = []
     for joint, sensor in sensors.items():
         reading, angle = q[:, joint - 1], angles[joint]
-        reason = _undecidable(reading, angle.scatter, sensor)
+        reason = _undecidable(reading, angle, sensor)
         if not fitted.converged:
             reason = "the calibration without the RVDTs did not converge"
         if reason:
@@ -127,9 +125,8 @@ def rvdt_verdicts(
         figures = measure(
             reading, angle, sensor, noise.get(joint), samples=float(1.0 / np.mean(1.0 / samples))
         )
-        offsets_of_joints = offsets | {joint: figures.theta_off_rad}
-        share = _share(model.with_all_joints_sensed(), known, q, joint, figures, offsets_of_joints)
-        verdicts.append(_judge(joint, sensor, figures, share))
+        share = _share(sensed, known, q, joint, figures)
+        verdicts.append(_verdict(joint, sensor, figures, share))
     return tuple(verdicts)
 
 
@@ -146,7 +143,7 @@ def _without_compliance(
     return {**noise, **uncertain} if compliance is not None and compliance.deflects else noise
 
 
-def _undecidable(reading: FloatArray, of_loops: Scatter, sensor: Rvdt) -> str:
+def _undecidable(reading: FloatArray, measured: LoopAngle, sensor: Rvdt) -> str:
     """Reason why these poses cannot determine the curve; empty if they can."""
     if len(reading) < limits.RVDT_LEAST_POSES:
         return f"{len(reading)} poses are too few, {limits.RVDT_LEAST_POSES} are needed"
@@ -156,7 +153,7 @@ def _undecidable(reading: FloatArray, of_loops: Scatter, sensor: Rvdt) -> str:
             f"the joint turned through only {100.0 * span:.0f} % of full scale, "
             f"{100.0 * limits.RVDT_LEAST_SPAN:.0f} % are needed"
         )
-    sd = float(np.sqrt(np.mean(of_loops.variance)))
+    sd = float(np.sqrt(np.mean(measured.variance)))
     if sd > 0.5 * sensor.linearity_rad:
         return (
             f"the loop measures the joint's angle only to {1e3 * sd:.1f} mrad, "
@@ -193,7 +190,7 @@ def linearity_deviation(figures: RvdtFigures, sensor: Rvdt) -> PeakDeviation:
     )
 
 
-def _judge(joint: int, sensor: Rvdt, figures: RvdtFigures, share: float) -> RvdtVerdict:
+def _verdict(joint: int, sensor: Rvdt, figures: RvdtFigures, share: float) -> RvdtVerdict:
     curved = figures.line_probability < limits.CURVATURE_FALSE_ALARM_PROBABILITY
     too_curved = linearity_deviation(figures, sensor).beyond(sensor.linearity_rad)
     too_noisy = _too_noisy(figures.noise, sensor)
@@ -247,15 +244,10 @@ def _noise_words(noise: SingleNoise, sensor: Rvdt) -> list[str]:
 
 
 def _share(
-    sensed: ClosureModel,
-    known: dict[str, float],
-    q: FloatArray,
-    joint: int,
-    figures: RvdtFigures,
-    offsets_rad: dict[int, float],
+    sensed: ClosureModel, known: dict[str, float], q: FloatArray, joint: int, figures: RvdtFigures
 ) -> float:
     """Share of the squared closure error at the readings that is removed by correcting those of one joint."""
-    known = known | {f"theta_off_{j}": float(wrap_angle(v)) for j, v in offsets_rad.items()}
+    known = known | {f"theta_off_{joint}": float(wrap_angle(figures.theta_off_rad))}
     x = np.array([known.get(p.name, p.nominal) for p in sensed.parameters])
     better = q.copy()
     better[:, joint - 1] = figures.corrected(q[:, joint - 1])

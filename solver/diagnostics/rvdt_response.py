@@ -10,7 +10,7 @@ from solver.arrays import FloatArray, IntArray
 from solver.chain.sensors import DITHER, Rvdt
 from solver.diagnostics.limits import NOISE_INTERVAL_RATIO
 from solver.diagnostics.pose_adjustment import LoopAngle
-from solver.diagnostics.smooth_curve import Scatter, SmoothCurve, fit_curve
+from solver.diagnostics.smooth_curve import SmoothCurve, fit_curve
 from solver.estimators.component_report import Component
 
 TABLE_POINTS = 25
@@ -91,18 +91,24 @@ def measure(
     curve = fit_curve(angle, deviation)
     # The constant belongs to theta_off: deviations average to zero over the covered range.
     constant = float(np.mean(curve(np.linspace(curve.low, curve.high, GRID_POINTS))))
-    angle, deviation, curve = angle + constant, deviation - constant, _shifted(curve, constant)
+    angle, deviation = angle + constant, deviation - constant
+    curve = replace(
+        curve,
+        low=curve.low + constant,
+        high=curve.high + constant,
+        coefficients=np.concatenate((curve.coefficients[:1] - constant, curve.coefficients[1:])),
+    )
     grid = np.linspace(curve.low, curve.high, GRID_POINTS)
     fitted = curve(grid)
     bend, slope = _off_line(grid, fitted), float(np.polyfit(grid, fitted, 1)[0])
     squares = float(curve.residual @ curve.residual)
-    own = float(np.mean(measured.scatter.own))
+    own = float(np.mean(measured.own))
     variance = max(squares / curve.dof - own, 0.0)
     if noise is None:
         most = max(squares / float(chdtri(curve.dof, 0.975)) - own, 0.0)
         lsb, high = (np.sqrt(np.array([variance, most]) * samples) / sensor.resolution_rad).tolist()
         noise = SingleNoise(lsb=lsb, low=0.0, high=high, from_spread=False)
-    of_points = measured.scatter.also_own(variance)
+    of_points = replace(measured, own=measured.own + variance)
     # The uncertainty of a straight line includes the bends that it could hide.
     bendable = curve if curve.degree >= LEAST_BEND else fit_curve(angle, deviation, LEAST_BEND)
     off_line = _off_line(grid, bendable.by_points(grid))
@@ -115,7 +121,7 @@ def measure(
         linearity_sd=float(np.sqrt(of_points.variance_of(off_line).max()) / sensor.full_scale_rad),
         half_range=float(0.5 * np.ptp(fitted) / sensor.full_scale_rad),
         noise=noise,
-        loop_sd_rad=float(np.sqrt(np.mean(measured.scatter.variance))),
+        loop_sd_rad=float(np.sqrt(np.mean(measured.variance))),
         line_probability=curve.line_probability,
         angle_rad=angle,
         deviation_rad=deviation,
@@ -131,16 +137,7 @@ def _off_line(x: FloatArray, y: FloatArray) -> FloatArray:
     return np.asarray(y - y.mean(axis=0) - np.multiply.outer(across, across @ y))
 
 
-def _shifted(curve: SmoothCurve, constant: float) -> SmoothCurve:
-    """Return the curve with `constant` subtracted from its values and added to its abscissae."""
-    coefficients = curve.coefficients.copy()
-    coefficients[0] -= constant
-    return replace(
-        curve, low=curve.low + constant, high=curve.high + constant, coefficients=coefficients
-    )
-
-
-def _table(curve: SmoothCurve, of_points: Scatter) -> FloatArray:
+def _table(curve: SmoothCurve, of_points: LoopAngle) -> FloatArray:
     grid = np.linspace(curve.low, curve.high, TABLE_POINTS)
     by_points, deviation = curve.by_points(grid), curve(grid)
     # Covariance of the deviation from its own mean.
@@ -203,13 +200,9 @@ def _of_spread(sd_lsb: FloatArray, samples: IntArray) -> SingleNoise:
     dof = float((samples - 1).sum())
     if between > 0.0:
         dof = min(dof, 2.0 * pooled**2 / between)
-    low, high = (pooled * dof / chdtri(dof, (0.025, 0.975))).tolist()
-    return SingleNoise(
-        lsb=noise_of_spread(pooled),
-        low=noise_of_spread(low),
-        high=noise_of_spread(high),
-        from_spread=True,
-    )
+    interval = (pooled * dof / chdtri(dof, (0.025, 0.975))).tolist()
+    lsb, low, high = map(noise_of_spread, (pooled, *interval))
+    return SingleNoise(lsb=lsb, low=low, high=high, from_spread=True)
 
 
 def spread_of(noise_lsb: float) -> float:

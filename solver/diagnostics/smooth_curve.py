@@ -15,30 +15,6 @@ POINTS_PER_TERM = 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Scatter:
-    """Covariance of points, ``diag(own) + common common'``: the full matrix is never formed.
-
-    `own` (m,): independent variance of each point. `common` (m, c): part common to all points.
-    """
-
-    own: FloatArray
-    common: FloatArray
-
-    @property
-    def variance(self) -> FloatArray:
-        """Variance of each point (m,)."""
-        return np.asarray(self.own + (self.common**2).sum(-1))
-
-    def also_own(self, variance: float) -> Scatter:
-        """Return the scatter with `variance` added to each element of `own`."""
-        return Scatter(own=self.own + variance, common=self.common)
-
-    def variance_of(self, H: FloatArray) -> FloatArray:
-        """Variance (k,) of linear combinations H (k, m) of the points."""
-        return np.asarray((H**2) @ self.own + ((H @ self.common) ** 2).sum(-1))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class SmoothCurve:
     """Legendre series over the covered range, fitted by least squares.
 
@@ -64,17 +40,13 @@ class SmoothCurve:
         """Selected degree; 1 is a straight line."""
         return len(self.coefficients) - 1
 
-    def basis(self, abscissa: FloatArray) -> FloatArray:
-        """Legendre polynomials (..., degree + 1) at points of the covered range."""
-        return _basis(abscissa, self.low, self.high, self.degree)
-
     def __call__(self, abscissa: FloatArray) -> FloatArray:
         """Value of the curve."""
-        return np.asarray(self.basis(abscissa) @ self.coefficients)
+        return np.asarray(_basis(abscissa, self.low, self.high, self.degree) @ self.coefficients)
 
     def by_points(self, abscissa: FloatArray) -> FloatArray:
         """Derivatives (k, m) of the curve at `abscissa` (k,) with respect to the points' values."""
-        return np.asarray(self.basis(abscissa) @ self.smoother)
+        return np.asarray(_basis(abscissa, self.low, self.high, self.degree) @ self.smoother)
 
 
 def fit_curve(abscissa: FloatArray, values: FloatArray, least_degree: int = 1) -> SmoothCurve:
@@ -124,5 +96,6 @@ def fit_curve(abscissa: FloatArray, values: FloatArray, least_degree: int = 1) -
 
 
 def _basis(abscissa: FloatArray, low: float, high: float, degree: int) -> FloatArray:
+    """Legendre polynomials (..., degree + 1) at points of the range from `low` to `high`."""
     x = (2.0 * np.asarray(abscissa) - low - high) / (high - low)
     return np.asarray(np.polynomial.legendre.legvander(x, degree))

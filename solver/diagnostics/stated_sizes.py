@@ -47,7 +47,7 @@ def with_estimated_motion_noise(fit: LinearFit) -> LinearFit:
     return LinearFit(design, fit.system, v)
 
 
-def sensor_noise_with_found_motion(fit: LinearFit) -> tuple[FloatArray, FloatArray]:
+def sensor_noise_with_estimated_motion(fit: LinearFit) -> tuple[FloatArray, FloatArray]:
     """Estimate the noise variances of `fit` again without priors; return all variances (K,) and their standard errors.
 
     Priors at the stated values keep sigmas from being too small, but attribute part of a sensor's noise to fixture and

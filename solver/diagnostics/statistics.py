@@ -13,18 +13,6 @@ from solver.estimators.linear_fit import LinearFit
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Interval:
-    """One parameter with standard deviation and confidence interval (rad or m)."""
-
-    name: str
-    unit: str
-    value: float
-    sd: float
-    low: float
-    high: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Chi2Test:
     """chi2/dof, and the band in which it lies if the noise model is right.
 
@@ -43,29 +31,17 @@ class Chi2Test:
         return self.low <= self.per_dof <= self.high
 
 
-def intervals(estimate: Estimate, *, level: float = 0.95) -> tuple[Interval, ...]:
-    """Two-sided intervals of all parameters.
+def intervals(estimate: Estimate) -> tuple[FloatArray, FloatArray]:
+    """Lower and upper ends (P,) of two-sided 95 % intervals of all parameters, rad and m.
 
     They are normal intervals if the noise is stated or estimated beforehand, and Student's t intervals if the noise is
     calculated from the residuals, as by the `paper` estimator.
     """
     from scipy.special import ndtri, stdtrit
 
-    tail = 0.5 * (1.0 + level)
-    width = float(stdtrit(estimate.dof, tail) if estimate.chi2 is None else ndtri(tail))
-    return tuple(
-        Interval(
-            name=p.name,
-            unit=p.unit,
-            value=float(value),
-            sd=float(sd),
-            low=float(value - width * sd),
-            high=float(value + width * sd),
-        )
-        for p, value, sd in zip(
-            estimate.parameters, estimate.x, estimate.standard_deviation, strict=True
-        )
-    )
+    width = float(stdtrit(estimate.dof, 0.975) if estimate.chi2 is None else ndtri(0.975))
+    half = width * estimate.standard_deviation
+    return estimate.x - half, estimate.x + half
 
 
 def correlations(covariance: FloatArray) -> FloatArray:

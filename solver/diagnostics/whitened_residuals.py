@@ -58,32 +58,30 @@ class WhitenedResiduals:
         white = (self.whiten(G) @ b).reshape(-1)
         return np.asarray(self.to_x @ (self.U.reshape(len(white), -1).T @ white))
 
-    def with_columns(self, G: FloatArray) -> WhitenedResiduals:
-        """Return the residuals after the columns G (m, r, c) are fitted as well."""
-        m, r, K = self.U.shape
-        white = self.whiten(G).reshape(m * r, -1)
-        U = self.U.reshape(m * r, K)
-        s, C = self.score(G)
-        values, vectors = np.linalg.eigh(C)
-        size = np.linalg.norm(white, axis=0).max(initial=1e-300) ** 2
-        free = values > FREE * size
-        root = vectors[:, free] / np.sqrt(values[free])
-        inside = U.T @ white @ root
-        # In the metric of the prior's rows the new columns are orthogonal to the old ones.
-        extended = self._extended(white @ root - U @ inside, root.T @ s, inside)
-        return replace(extended, dof=self.dof - int(free.sum()))
+    def with_columns(self, G: FloatArray, sd: FloatArray | None = None) -> WhitenedResiduals:
+        """Return the residuals after the columns G (m, r, c) are fitted as well.
 
-    def _extended(
-        self, new: FloatArray, along: FloatArray, inside: FloatArray
-    ) -> WhitenedResiduals:
-        """Append `new` fitted columns (m * r, c) to U, orthogonal to it, with scores `along` (c,)."""
-        m, r, _ = self.U.shape
+        `sd` (c,): standard deviations of the columns' coefficients; None if nothing is known about the coefficients.
+        """
+        m, r, K = self.U.shape
+        G, prior = (G, 0.0) if sd is None else (G * sd, 1.0)
+        white, U = self.whiten(G).reshape(m * r, -1), self.U.reshape(m * r, K)
+        s, C = self.score(G)
+        values, vectors = np.linalg.eigh(C + prior * np.eye(len(s)))
+        values = np.maximum(values, prior)
+        size = np.linalg.norm(white, axis=0).max(initial=1e-300) ** 2
+        free = values > (FREE * size if sd is None else 0.0)
+        root = vectors[:, free] / np.sqrt(values[free])
+        inside, along = U.T @ white @ root, root.T @ s
+        # In the metric of the prior's rows the new columns are orthogonal to the old ones.
+        new = (white @ root - U @ inside).reshape(m, r, -1)
         return replace(
             self,
-            U=np.concatenate((self.U, new.reshape(m, r, -1)), axis=-1),
-            white=self.white - (new @ along).reshape(m, r),
+            U=np.concatenate((self.U, new), axis=-1),
+            white=self.white - new @ along,
             chi2=self.chi2 - float(along @ along),
             to_x=np.concatenate((self.to_x, -self.to_x @ inside), axis=1),
+            dof=self.dof - (int(free.sum()) if sd is None else 0),
         )
 
     def without(self, poses: IntArray) -> WhitenedResiduals:
@@ -114,23 +112,11 @@ class WhitenedResiduals:
             dof=self.dof - int(free.sum()),
         )
 
-    def with_drawn(self, G: FloatArray, sd: FloatArray) -> WhitenedResiduals:
-        """Return the residuals if columns G (m, r, c) have random coefficients of standard deviations `sd` (c,)."""
-        m, r, K = self.U.shape
-        s, C = self.score(G * sd)
-        values, vectors = np.linalg.eigh(C + np.eye(len(s)))
-        root = vectors / np.sqrt(np.maximum(values, 1.0))
-        white = self.whiten(G * sd).reshape(m * r, -1) @ root
-        U = self.U.reshape(m * r, K)
-        inside = U.T @ white
-        return self._extended(white - U @ inside, root.T @ s, inside)
-
 
 ROUNDING = 1e-13
 """Least eigenvalue of ``I - W' W`` (see `OwnColumns.solved`) that is distinguishable from zero."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class OwnColumns:
     """Whitened columns of some poses, rotated to be orthogonal within each pose.
 
@@ -141,27 +127,14 @@ class OwnColumns:
     `inside`: (p * c, K): projection of the rotated columns on the fit's columns.
     """
 
-    poses: IntArray
-    white: FloatArray
-    turn: FloatArray
-    own: FloatArray
-    score: FloatArray
-    inside: FloatArray
-
-    @classmethod
-    def of(cls, residuals: WhitenedResiduals, poses: IntArray, columns: FloatArray) -> OwnColumns:
-        """Whiten columns (p, r, c) of `poses`; make those of each pose orthogonal."""
-        white = residuals.whitener[poses] @ columns
-        own, turn = np.linalg.eigh(np.swapaxes(white, -1, -2) @ white)
-        turned = np.swapaxes(white @ turn, -1, -2)
-        return cls(
-            poses=poses,
-            white=white,
-            turn=turn,
-            own=np.maximum(own, 0.0).reshape(-1),
-            score=(turned @ residuals.white[poses][..., None]).reshape(-1),
-            inside=(turned @ residuals.U[poses]).reshape(own.size, -1),
-        )
+    def __init__(self, residuals: WhitenedResiduals, poses: IntArray, columns: FloatArray) -> None:
+        self.residuals, self.poses = residuals, poses
+        self.white = residuals.whitener[poses] @ columns
+        own, self.turn = np.linalg.eigh(np.swapaxes(self.white, -1, -2) @ self.white)
+        turned = np.swapaxes(self.white @ self.turn, -1, -2)
+        self.own = np.maximum(own, 0.0).reshape(-1)
+        self.score = (turned @ residuals.white[poses][..., None]).reshape(-1)
+        self.inside = (turned @ residuals.U[poses]).reshape(own.size, -1)
 
     def solved(self, variance: float) -> SolvedColumns:
         """Solve for the coefficients, each with prior variance `variance`."""
@@ -196,13 +169,13 @@ class OwnColumns:
         b = (self.turn @ solved.b.reshape(p, c, 1)).reshape(-1)
         return b, variance.reshape(-1)
 
-    def moved(self, residuals: WhitenedResiduals, solved: SolvedColumns) -> FloatArray:
+    def moved(self, solved: SolvedColumns) -> FloatArray:
         """Change of the parameters (P,) when these columns are fitted."""
-        return np.asarray(residuals.to_x @ (self.inside.T @ solved.b))
+        return np.asarray(self.residuals.to_x @ (self.inside.T @ solved.b))
 
-    def drawn(self, residuals: WhitenedResiduals) -> WhitenedResiduals:
+    def drawn(self) -> WhitenedResiduals:
         """Return the residuals with these columns, times N(0, 1) coefficients, as further noise of their poses."""
-        solved = self.solved(1.0)
+        residuals, solved = self.residuals, self.solved(1.0)
         b = (self.turn @ solved.b.reshape(len(self.poses), -1, 1))[..., 0]
         white = residuals.white + residuals.U @ (self.inside.T @ solved.b)
         white[self.poses] -= (self.white @ b[..., None])[..., 0]

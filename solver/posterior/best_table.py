@@ -19,7 +19,7 @@ from math import radians
 
 import numpy as np
 
-from solver.arrays import FloatArray
+from solver.arrays import FloatArray, even_points
 from solver.chain.kinematics import DhTable
 from solver.chain.parameters import DhEntry, DhKind, nominal_vector
 from solver.loops.point import TIP, PointClosure
@@ -60,19 +60,30 @@ class BestTable:
 
     def tool(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Tip in the base frame (m, 3), m, and the standard deviation of its error (m,), m."""
-        point = tool_point(self.table, self.tip_m, _entries_of(self.entries))
-        at = point.loop(nominal_vector(point.parameters), q, np.zeros((len(q), 0)))
-        order = [p.name for p in point.parameters]
-        J = at.jac_x[..., [order.index(name) for name in self.entries]].reshape(3 * len(q), -1)
+        position, by_names, _ = tool_positions(self.table, self.tip_m, self.entries, q)
+        J = by_names.reshape(3 * len(q), -1)
         spread = ((J @ self.covariance) * J).reshape(len(q), -1).sum(-1)
-        return at.residual, np.sqrt(np.maximum(spread, 0.0) + self.left_m**2)
+        return position, np.sqrt(np.maximum(spread, 0.0) + self.left_m**2)
 
 
-def tool_point(table: DhTable, tip_m: FloatArray, entries: Sequence[DhEntry]) -> PointClosure:
-    """Return a loop of links 1..n whose closure error is the position of the tool's point in the base frame."""
-    return PointClosure(
-        table=table, entries=tuple(entries), tip_m=tip_m, ground_m=np.zeros(3), own=TIP
+def tool_positions(
+    table: DhTable, tip_m: FloatArray, names: Sequence[str], q: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the tool's point in the base frame (m, 3), m, at readings q (m, n), rad, and its derivatives.
+
+    Derivatives are with respect to the entries and tip coordinates `names` (m, 3, k), and to the readings (m, 3, n).
+    """
+    point = PointClosure(
+        table=table,
+        entries=tuple(_entries_of(names)),
+        tip_m=tip_m,
+        ground_m=np.zeros(3),
+        own=tuple(name for name in names if name in TIP),
     )
+    # With the socket at the base's origin, the closure error is the position.
+    at = point.loop(nominal_vector(point.parameters), q, np.zeros((*q.shape[:-1], 0)))
+    order = [p.name for p in point.parameters]
+    return at.residual, at.jac_x[..., [order.index(name) for name in names]], at.jac_q
 
 
 def _entries_of(names: Sequence[str]) -> list[DhEntry]:
@@ -98,7 +109,7 @@ def where_used(
     The session's readings (k, n) come first. `lower_rad` and `upper_rad` (n,) are the joints' ranges.
     """
     k = len(q)
-    even = even_steps(TIMES * k, q.shape[1])
+    even = even_points(TIMES * k, q.shape[1])
     near = np.tile(q, (TIMES, 1)) + NEAR_RAD * (2.0 * even - 1.0)
     anywhere = lower_rad + even * (upper_rad - lower_rad)
     share = np.array(
@@ -106,18 +117,6 @@ def where_used(
     )
     weight = np.repeat(share / k, (k, TIMES * k, TIMES * k))
     return np.concatenate((q, near, anywhere)), weight
-
-
-def even_steps(count: int, n: int) -> FloatArray:
-    """Points (count, n) of the unit cube, spread far more evenly than random points.
-
-    They follow an additive recurrence (Roberts' R_n: steps are powers of 1/g, with ``g^(n+1) = g + 1``) and are the
-    same on every machine.
-    """
-    g = 2.0
-    for _ in range(60):
-        g = (1.0 + g) ** (1.0 / (n + 1))
-    return np.asarray((0.5 + np.arange(1, count + 1)[:, None] * g ** -np.arange(1.0, n + 1)) % 1.0)
 
 
 def best_table(
@@ -142,18 +141,15 @@ def best_table(
     centre is no D-H entry.
     """
     m = len(weight)
-    point = tool_point(table, tip_m, every_entry(table.links, hayati))
-    at = point.loop(nominal_vector(point.parameters), readings.q, np.zeros((m, 0)))
-    every = [p.name for p in point.parameters]
+    every = (*(entry.name for entry in every_entry(table.links, hayati)), *TIP)
     names = [n for n in every if n in known or (n not in fixed and (tip or n not in TIP))]
+    _, by_names, by_q = tool_positions(table, tip_m, names, readings.q)
     size = np.array([_size(name) for name in names])
     root = np.sqrt(np.repeat(weight, 3))
-    J = at.jac_x[..., [every.index(name) for name in names]].reshape(3 * m, -1)
-    by_corrections = (at.jac_q[..., corrections.joint_of] * readings.shapes[:, None, :]).reshape(
-        3 * m, -1
-    )
-    base = (at.jac_q @ readings.expected[..., None]).reshape(-1)
-    corrected = np.column_stack((by_corrections, base))
+    J = by_names.reshape(3 * m, -1)
+    by_corrections = by_q[..., corrections.joint_of] * readings.shapes[:, None, :]
+    base = (by_q @ readings.expected[..., None]).reshape(-1)
+    corrected = np.column_stack((by_corrections.reshape(3 * m, -1), base))
     A = (root / CLOSE_M)[:, None] * J * size
     # With the unit matrix, the normal equations are well conditioned.
     normal = A.T @ A + np.eye(len(names))

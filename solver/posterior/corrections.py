@@ -8,7 +8,7 @@ True angle = reading + theta_off + the sum of a joint's corrections, each a func
     offset     c1                                                           play that lies to one side
 
 `tests/solver/posterior/reference_corrections.py` computes the corrections in plain Python. `JointCorrections` gives
-their mean and covariance at any pose. A fixture's deflection belongs to the mounting; it is no correction of the arm.
+their coefficients and covariance. A fixture's deflection belongs to the mounting; it is no correction of the arm.
 """
 
 from __future__ import annotations
@@ -184,22 +184,9 @@ class CorrectionShapes:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class JointCorrections:
-    """The effects in a fit that act along joints.
-
-    `fit`: the linear fit at the solution. `first`, `end`: half-open range of these effects' columns among all columns
-    of the fit.
-    """
+    """The effects in a fit that act along joints; `fit`: the linear fit at the solution."""
 
     fit: LinearFit
-    first: int
-    end: int
-
-    @classmethod
-    def of(cls, fit: LinearFit) -> JointCorrections:
-        """Return the joint corrections of a fit."""
-        design = fit.design
-        first = design.hard + len(design.soft_index)
-        return cls(fit=fit, first=first, end=first + len(design.along_joints.joint_of))
 
     @property
     def joint_of(self) -> IntArray:
@@ -207,10 +194,15 @@ class JointCorrections:
         return self.fit.design.along_joints.joint_of
 
     @property
+    def _effects(self) -> slice:
+        """Range of these effects among all effects of the fit: they follow the toleranced parameters."""
+        first = len(self.fit.design.soft_index)
+        return slice(first, first + len(self.joint_of))
+
+    @property
     def coefficients(self) -> FloatArray:
         """Posterior mean of the coefficients (c,)."""
-        design = self.fit.design
-        return self.fit.b[self.first - design.hard : self.end - design.hard]
+        return self.fit.b[self._effects]
 
     def at(self, q: FloatArray) -> CorrectionShapes:
         """Return the shapes of the corrections at readings q (m, n), rad."""
@@ -233,15 +225,9 @@ class JointCorrections:
 
     def with_parameters(self, index: IntArray) -> FloatArray:
         """Covariance (k + c, k + c) of the parameters with indices `index` (k,) and of the coefficients; rad, m, 1."""
-        fit, hard = self.fit, self.fit.design.hard
-        columns = np.concatenate((fit.design.column[index], np.arange(self.first, self.end)))
-        size = np.concatenate((fit.unit[index], fit.root[self.first - hard : self.end - hard]))
+        fit, effects = self.fit, self._effects
+        columns = np.arange(fit.design.hard, fit.design.width)[effects]
+        columns = np.concatenate((fit.design.column[index], columns))
+        size = np.concatenate((fit.unit[index], fit.root[effects]))
         block = fit.H_inverse[np.ix_(columns, columns)] * np.outer(size, size)
         return np.asarray(0.5 * (block + block.T))
-
-    def mean(self, q: FloatArray) -> FloatArray:
-        """Corrections (m, n), rad, to be added to readings q (m, n)."""
-        parts = self.at(q)
-        along = np.zeros((len(self.joint_of), q.shape[1]))
-        along[np.arange(len(along)), self.joint_of] = self.coefficients
-        return np.asarray(parts.expected + parts.shapes @ along)

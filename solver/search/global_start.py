@@ -1,6 +1,6 @@
 """Calibration without a first guess: offsets anywhere in +-180 deg, the fixture unknown.
 
-Many starts are minimised in one batch. If the fixture can be projected out (`solver.search.inner`), only the inner
+Many starts are minimised in one batch (`solver.search.starts`). If the fixture can be projected out, only the inner
 joints' offsets are guessed, and a few poses far apart suffice. The best minima are then refined with all unknowns on
 all poses. The result states how many starts led to each minimum, and whether a non-equivalent solution fits as well.
 """
@@ -162,7 +162,8 @@ def _solve(
             flipped=error.flipped_poses,
         )
         for k, (other, known) in enumerate(solutions):
-            if _same_loop(sensed, x, other):
+            apart = wrap_angles(sensed.parameters, nearest_equivalent(sensed, x, other) - other)
+            if np.abs(apart).max(initial=0.0) < SAME_SOLUTION:
                 better = min(minimum, known, key=lambda b: b.rms)
                 merged = replace(better, starts=known.starts + count)
                 solutions[k] = (x if better is minimum else other, merged)
@@ -195,10 +196,3 @@ def _main_branch(
         if quality[0] >= EXPLAINED * len(q) and upright.sum() > over.sum() and quality > score:
             best, score = ~over, quality
     return best
-
-
-def _same_loop(model: ClosureModel, x: FloatArray, other: FloatArray) -> bool:
-    near = nearest_equivalent(model, x, other)
-    return bool(
-        np.abs(wrap_angles(model.parameters, near - other)).max(initial=0.0) < SAME_SOLUTION
-    )

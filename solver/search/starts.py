@@ -1,20 +1,37 @@
 """Minimises from all starts of a global start in one batch, by damped Gauss-Newton iteration.
 
 Every start has its own damping; starts that have converged leave the batch. `global_start` refines the results.
+
+If the fixture is passive, only the offsets of the inner joints are unknown in the search: the fixture's unknowns are
+projected out. The part constrained by the fixture does not move in the base frame. With M_i = R_1 .. R_{n-1}
+Rz(theta_n) and p_i the origin of frame n-1 at pose i,
+
+    hinge:  M_i h = const (a line of the tool keeps its direction),  p_i + M_i t = const (and its place),
+    ball:                                                          p_i + M_i t = const,
+    rigid:  M_i   = const,                                         p_i = const.
+
+For given offsets of joints 2 .. n-1 the tool's h and t and the constants follow in closed form: h is the
+dominant right singular vector of the mean of M_i, t solves linear equations, the constants are means. So a
+hinge problem with 14 unknowns is a search over 5 angles (variable projection, Golub & Pereyra, with
+Kaufman's Jacobian), without any guess about the fixture. The direction of the line is common to all
+poses, so a pose on the flipped branch never looks closed.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from solver.arrays import FloatArray
-from solver.chain.parameters import nominal_vector, wrap_angle
+from solver.chain.kinematics import DhTable, Frames, forward
+from solver.chain.parameters import DhKind, nominal_vector, wrap_angle
 from solver.estimators.least_squares import Progress
-from solver.loops.closure import ClosureModel
-from solver.search.inner import projectable_parts, spread_poses
+from solver.estimators.load_effects import farthest
+from solver.loops.closure import ClosureModel, ConstrainedPart, Which
+from solver.loops.endpoint_geometry import Line
 
 HALT_AFTER = 8
 SURVIVING_SHARE, FEWEST_SURVIVORS = 1.0 / 3.0, 30
@@ -51,48 +68,36 @@ def best_minima(
     progress: Progress | None,
 ) -> list[tuple[FloatArray, int]]:
     """Minimise from all starts; return the best minima (P,), with the number of starts that ended in each."""
-    parts, nominal = projectable_parts(model, q), nominal_vector(model.parameters)
-    if not (parts and parts[0].searched):
-        return _best_of_all_unknowns(model, q, starts, rng, progress)
-    # The placement with the most poses determines the arm's offsets; the others only their own fixtures.
-    largest = max(parts, key=lambda part: len(part.q))
-    count = -(-SEARCH_EQUATIONS // model.equations_per_pose)
-    few = replace(largest, q=spread_poses(largest.q, count))
-    nominal_offsets = np.array([largest.table.theta_off_rad[j - 1] for j in largest.searched])
-    x0 = np.concatenate(
-        (nominal_offsets[None, :], rng.uniform(-np.pi, np.pi, (starts - 1, len(nominal_offsets))))
-    )
+    parameters, parts = model.parameters, projectable_parts(model, q)
+    if parts and parts[0].searched:
+        # The placement with the most poses determines the arm's offsets; the others only their own fixtures.
+        largest = max(parts, key=lambda part: len(part.q))
+        count = -(-SEARCH_EQUATIONS // model.equations_per_pose)
+        problem: BatchProblem = replace(largest, q=spread_poses(largest.q, count))
+        nominal = np.array([largest.table.theta_off_rad[j - 1] for j in largest.searched])
+        guessed = angles = list(range(len(nominal)))
+    else:
+        parts, problem = [], partial(_all_equations, model, q)
+        nominal = nominal_vector(parameters)
+        guessed = [k for k, p in enumerate(parameters) if p.name.startswith("theta_off_")]
+        angles = [k for k, p in enumerate(parameters) if p.is_angle]
+    x0 = np.tile(nominal, (starts, 1))
+    x0[1:, guessed] = rng.uniform(-np.pi, np.pi, (starts - 1, len(guessed)))
     minima = []
-    for offsets, starts_there in _minima(
-        *_minimised(few, x0, progress), angles=range(len(nominal_offsets))
-    ):
-        x = nominal.copy()
+    for unknowns, starts_there in _minima(*_minimised(problem, x0, progress), angles=angles):
+        x = nominal_vector(parameters) if parts else unknowns
         for part in parts:
-            x[part.columns] = part.filled(offsets)
+            x[part.columns] = part.filled(unknowns)
         minima.append((x, starts_there))
     return minima
 
 
-def _best_of_all_unknowns(
-    model: ClosureModel,
-    q: FloatArray,
-    starts: int,
-    rng: np.random.Generator,
-    progress: Progress | None,
-) -> list[tuple[FloatArray, int]]:
-    """Search over all unknowns, for models whose fixture cannot be projected out."""
-    parameters = model.parameters
-    turned = [k for k, p in enumerate(parameters) if p.name.startswith("theta_off_")]
-    x0 = np.tile(nominal_vector(parameters), (starts, 1))
-    x0[1:, turned] = rng.uniform(-np.pi, np.pi, (starts - 1, len(turned)))
-
-    def problem(x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        error = model.reduced(x, q)
-        count = len(x)
-        return error.residual.reshape(count, -1), error.jac_x.reshape(count, -1, len(parameters))
-
-    angles = [k for k, p in enumerate(parameters) if p.is_angle]
-    return _minima(*_minimised(problem, x0, progress), angles=angles)
+def _all_equations(
+    model: ClosureModel, q: FloatArray, x: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """The `BatchProblem` over all unknowns, for models whose fixture cannot be projected out."""
+    error, count = model.reduced(x, q), len(x)
+    return error.residual.reshape(count, -1), error.jac_x.reshape(count, -1, x.shape[1])
 
 
 def _minima(
@@ -112,11 +117,7 @@ def _minima(
 def _minimised(
     problem: BatchProblem, x0: FloatArray, progress: Progress | None
 ) -> tuple[FloatArray, FloatArray]:
-    """Minimise the sum of squares from every row of `x0` (S, K); return the last unknowns (S, K) and sums (S,).
-
-    After `HALT_AFTER` iterations only the starts of least cost continue; the starts that would reach the solution are
-    nearly always among them.
-    """
+    """Minimise the sum of squares from every row of `x0` (S, K); return the last unknowns (S, K) and sums (S,)."""
     survivors = max(FEWEST_SURVIVORS, int(SURVIVING_SHARE * len(x0)))
     x = np.array(x0, dtype=np.float64)
     r, J = problem(x)
@@ -138,10 +139,8 @@ def _minimised(
         cost_new = np.einsum("sr,sr->s", r_new, r_new)
         better = cost_new < cost[active]
         x[active[better]], cost[active[better]] = trial[better], cost_new[better]
-        r, J = (
-            np.where(better[:, None], r_new, r),
-            np.where(better[:, None, None], J_new, J),
-        )
+        r = np.where(better[:, None], r_new, r)
+        J = np.where(better[:, None, None], J_new, J)
         damping[active] *= np.where(better, EASIER, HARDER)
         if progress is not None:
             progress(iteration, float(cost.min()))
@@ -152,3 +151,151 @@ def _minimised(
         if not len(active):
             break
     return x, cost
+
+
+RIDGE = 1e-9
+"""Ridge that keeps the projection defined if t may slide along h; too small to affect the result."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InnerProblem:
+    """A `BatchProblem` over the offsets of some inner joints in one placement.
+
+    `model`, `columns`: loop of the placement, and the indices of its parameters in the whole vector. `table`: D-H rows
+    1..n; the offsets of joints 1 and n, s_1, and the lengths and twists of row n are zero. `searched`: joints (1-based)
+    whose offsets are sought, never 1 or n; the offsets of the others keep their values. `q`: joint angles (m, n), rad.
+    `per_m`: weight of positions relative to directions, 1/m.
+    """
+
+    model: ClosureModel
+    columns: Which
+    table: DhTable
+    searched: tuple[int, ...]
+    q: FloatArray
+    per_m: float
+
+    def __call__(self, offsets: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Residuals (S, R) and their Jacobian (S, R, K) at offsets (S, K), with the fixture projected out."""
+        frames = self._frames(offsets)
+        M, p = frames.R_end, frames.p_end
+        before = [j - 1 for j in self.searched]
+        z = frames.axes[..., 2][..., before, :]
+        o = frames.origins_m[..., before, :]
+        M_c = M - M.mean(-3, keepdims=True)
+        rows, rates, basis = [], [], []
+        if self.model.constrained_part is ConstrainedPart.FRAME:
+            for k in range(3):
+                rows.append(M_c[..., k])
+                rates.append(np.cross(z, M[..., None, :, k]))
+            end, by_point = p, None
+        else:
+            h, t = self._projected(M, M_c, p)
+            end = p + (M @ t[:, None, :, None])[..., 0]
+            by_point = self.per_m * M_c
+            if self.model.constrained_part is ConstrainedPart.AXIS:
+                direction = (M @ h[:, None, :, None])[..., 0]
+                rows.append(direction)
+                rates.append(np.cross(z, direction[..., None, :]))
+                zero = np.zeros_like(M_c)
+                basis.append(np.concatenate((M_c @ _tangents(h)[:, None], zero), axis=-1))
+                by_point = np.concatenate((zero[..., :2], by_point), axis=-1)
+        rows.append(self.per_m * end)
+        rates.append(self.per_m * np.cross(z, end[..., None, :] - o))
+        if by_point is not None:
+            basis.append(by_point)
+        count = len(offsets)
+        # The table's constants are means over the poses, so subtracting the means projects them out.
+        r = np.stack(rows, axis=-2)
+        r = (r - r.mean(-3, keepdims=True)).reshape(count, -1)
+        J = np.swapaxes(np.stack(rates, axis=-3), -1, -2)
+        J = (J - J.mean(1, keepdims=True)).reshape(count, r.shape[1], -1)
+        if not basis:
+            return r, J
+        L = np.stack(basis, axis=-3).reshape(count, r.shape[1], -1)
+        Lt = np.swapaxes(L, -1, -2)
+        N = Lt @ L + RIDGE * len(self.q) * np.eye(L.shape[-1])
+        return r, J - L @ np.linalg.solve(N, Lt @ J)
+
+    def filled(self, offsets: FloatArray) -> FloatArray:
+        """Parameters (P,) of the placement's loop for joint offsets (K,)."""
+        values = {
+            f"theta_off_{j}": float(wrap_angle(v))
+            for j, v in zip(self.searched, offsets, strict=True)
+        }
+        values |= self.model.constraint_entries(*self._constraint(offsets))
+        return np.array([values.get(p.name, p.nominal) for p in self.model.parameters])
+
+    def _constraint(self, offsets: FloatArray) -> tuple[Line, Line, FloatArray]:
+        """Lines of table and tool, and the tool's mean rotation, for given offsets (K,)."""
+        frames = self._frames(offsets[None, :])
+        M, p = frames.R_end, frames.p_end
+        mean = M.mean(-3, keepdims=True)
+        h, t = self._projected(M, M - mean, p)
+        along = mean[0, 0] @ h[0]
+        point = (p + (M @ t[:, None, :, None])[..., 0]).mean(-2)[0]
+        ground = Line(point_m=point, direction=along / np.linalg.norm(along))
+        return ground, Line(point_m=t[0], direction=h[0]), mean[0, 0]
+
+    def _frames(self, offsets: FloatArray) -> Frames:
+        theta = np.broadcast_to(self.q, (len(offsets), *self.q.shape)) + self.table.theta_off_rad
+        for k, joint in enumerate(self.searched):
+            theta[..., joint - 1] = offsets[:, None, k] + self.q[:, joint - 1]
+        return forward(theta, *self.table.stacked()[1:])
+
+    def _projected(
+        self, M: FloatArray, M_c: FloatArray, p: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Best direction h (S, 3) and point t (S, 3) of the tool; t is zero for a rigid fixture."""
+        count = len(M)
+        if self.model.constrained_part is ConstrainedPart.FRAME:
+            return np.tile([0.0, 0.0, 1.0], (count, 1)), np.zeros((count, 3))
+        h = np.linalg.svd(M.mean(-3))[2][:, 0]
+        A = M_c.reshape(count, -1, 3)
+        b = (p - p.mean(-2, keepdims=True)).reshape(count, -1, 1)
+        At = np.swapaxes(A, -1, -2)
+        t = -np.linalg.solve(At @ A + RIDGE * M.shape[1] * np.eye(3), At @ b)[..., 0]
+        return h, t
+
+
+def _tangents(h: FloatArray) -> FloatArray:
+    """Two unit vectors perpendicular to each unit vector (S, 3), as columns (S, 3, 2)."""
+    first = np.cross(h, np.eye(3)[np.argmin(np.abs(h), axis=-1)])
+    first = first / np.linalg.norm(first, axis=-1, keepdims=True)
+    return np.stack((first, np.cross(h, first)), axis=-1)
+
+
+def spread_poses(q: FloatArray, count: int) -> FloatArray:
+    """Choose `count` of the poses (m, n), far from each other; the order of the poses does not matter.
+
+    Farthest-point selection over the points (cos q, sin q); the first is the pose farthest from the mean.
+    """
+    points = np.concatenate((np.cos(q), np.sin(q)), axis=-1)
+    points -= points.mean(0)
+    return q[farthest(points, count, first=int(np.argmax((points**2).sum(-1))))]
+
+
+def projectable_parts(model: ClosureModel, q: FloatArray) -> list[InnerProblem]:
+    """Return the inner problem of each placement; an empty list if a fixture cannot be projected out."""
+    parts = []
+    n = model.joint_count
+    for piece, columns, poses in model.parts():
+        if piece.constrained_part is None:
+            return []
+        stacked = piece.arm_rows()
+        stacked[[DhKind.THETA_OFF, DhKind.S], 0] = 0.0
+        stacked[:, -1] = 0.0
+        reach = float(np.abs(stacked[[DhKind.S, DhKind.A]]).sum())
+        parts.append(
+            InnerProblem(
+                model=piece,
+                columns=columns,
+                table=DhTable.from_stacked(stacked),
+                searched=tuple(
+                    e.row for e in piece.entries if e.kind is DhKind.THETA_OFF and 1 < e.row < n
+                ),
+                q=q[poses],
+                # Half an arm's length counts as one radian.
+                per_m=2.0 / reach if reach > 0.0 else 1.0,
+            )
+        )
+    return parts

@@ -27,8 +27,7 @@ import yaml
 from scipy.optimize import least_squares
 
 from operator_app.cli import main as command
-from solver.chain.parameters import DhEntry, is_entry, nominal_vector
-from solver.posterior.best_table import BestTable, tool_point
+from solver.posterior.best_table import BestTable, tool_positions
 from tests.oracles.makers_urdfs import Chain, Held, Steps, built, nominal, read
 
 NAMES = ("ur5", "xarm6", "kinova_gen3_lite", "abb_irb120", "kuka_iiwa14")
@@ -226,11 +225,7 @@ def tool_error(result: sarcal.Result, rig: Rig, q: np.ndarray) -> tuple[float, f
 
 def derivatives(best: BestTable, q: np.ndarray) -> np.ndarray:
     """Of the tool's points (3m,) with respect to the best table's entries, one by one."""
-    entries = [DhEntry.parse(name) for name in best.entries if is_entry(name)]
-    point = tool_point(best.table, best.tip_m, entries)
-    at = point.loop(nominal_vector(point.parameters), q, np.zeros((len(q), 0)))
-    order = [p.name for p in point.parameters]
-    return at.jac_x[..., [order.index(name) for name in best.entries]].reshape(3 * len(q), -1)
+    return tool_positions(best.table, best.tip_m, best.entries, q)[1].reshape(3 * len(q), -1)
 
 
 def tip_of(result: sarcal.Result, rig: Rig) -> np.ndarray:

@@ -11,7 +11,6 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, get_args
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from operator_app.calibration.calibrated_arm import CalibratedArm, Frame, calibrated_arm
@@ -128,10 +127,7 @@ class Result:
     @property
     def intervals_95(self) -> Mapping[str, tuple[float, float]]:
         """95 % intervals of the values, lower and upper end, with the keys of `values`."""
-        by_name = intervals(self._solution.identified)
-        low, high = (
-            self._by_name(np.array([getattr(i, end) for i in by_name])) for end in ("low", "high")
-        )
+        low, high = map(self._by_name, intervals(self._solution.identified))
         return MappingProxyType({name: (low[name], high[name]) for name in low})
 
     @property

@@ -175,7 +175,7 @@ def drawings(subject: Subject) -> Mapping[str, Panels]:
 
 def _parameters(subject: Subject, solution: Solution) -> Panels:
     """Return, per unit, a panel of the changes with their intervals and, beside it, a panel of the sigmas."""
-    estimate, limits = solution.identified, intervals(solution.identified)
+    estimate, (low, high) = solution.identified, intervals(solution.identified)
     arm, fixture = subject.procedure.arm, subject.procedure.fixture.fixture
     arm = arm.with_length_tolerance(solution.length_tolerance_m)
     stated = stated_priors(solution.model, arm, fixture)
@@ -188,7 +188,7 @@ def _parameters(subject: Subject, solution: Solution) -> Panels:
         names, x = [p.name for p in listed], estimate.x[rows].tolist()
         change = [scale * change_of(p, v, p.nominal) for p, v in zip(listed, x, strict=True)]
         ends = [
-            (c + scale * (limits[k].low - v), c + scale * (limits[k].high - v))
+            (c + scale * float(low[k] - v), c + scale * float(high[k] - v))
             for k, c, v in zip(rows, change, x, strict=True)
         ]
         x_axis = axis("change from nominal", [*chain(*ends), 0.0], unit=quantity.unit)

@@ -27,8 +27,8 @@ def with_truth(solution: Solution, arm: ArmModel, truths: Truths, *, first: int 
     """
     estimate = solution.identified
     inside, of = 0, 0
-    for parameter, x, bound in zip(
-        estimate.parameters, estimate.x.tolist(), intervals(estimate), strict=True
+    for parameter, x, low, high in zip(
+        estimate.parameters, estimate.x.tolist(), *intervals(estimate), strict=True
     ):
         name, _, number = parameter.name.partition("[")
         true = truths(int(number[:-1]) if number else first).get(name)
@@ -38,7 +38,7 @@ def with_truth(solution: Solution, arm: ArmModel, truths: Truths, *, first: int 
         if parameter.is_angle:
             error = math.remainder(error, 2.0 * math.pi)
         of += 1
-        inside += bound.low <= x + error <= bound.high
+        inside += bool(low <= x + error <= high)
     # The identified entries are compared, since the best table also includes errors of readings.
     calibrated = replace(calibrated_arm(solution, arm), best=None)
     part = solution.model.parts()[0][0]

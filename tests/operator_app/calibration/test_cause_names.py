@@ -10,7 +10,7 @@ from operator_app.messages.finding import Finding, FindingKind
 from solver.diagnostics.diagnosis import CauseRanking, Explanation, diagnose
 from solver.diagnostics.fault_candidate import Cause
 from solver.diagnostics.hypothesis_tests import HypothesisTest
-from solver.diagnostics.model_selection import evidence, evidence_of_own
+from solver.diagnostics.model_selection import evidence
 from tests.oracles.as_shipped import ARM, SEED, fit_of
 from tests.oracles.shop_floor import session
 
@@ -122,10 +122,7 @@ def test_cause_wording_follows_its_probability(
 
 def evidence_with(diagnosis, candidate, *, b):
     """The evidence of a candidate, had its coefficients been `b` and moved no parameter."""
-    if candidate.own is None:
-        result = evidence(diagnosis.residuals, candidate.columns, candidate.expected_size)
-    else:
-        result = evidence_of_own(
-            diagnosis.residuals, candidate.own, candidate.columns, candidate.expected_size
-        )
+    result = evidence(
+        diagnosis.residuals, candidate.columns, candidate.expected_size, own=candidate.own
+    )
     return replace(result, b=np.full_like(result.b, b), moved=np.zeros_like(result.moved))

@@ -30,7 +30,7 @@ def far_poses(reached_by_first_pair: np.ndarray, count: int) -> list[int]:
 def test_routes_arrive_in_range_with_closed_loops(graph, reached_by_first_pair, loop, x, ranges):
     position, drives = 0, (1, 5)
     for target in far_poses(reached_by_first_pair, 12):
-        route = graph.route(loop, x, ranges, source=position, target=target, drives=drives)
+        route = graph.route(ranges, source=position, target=target, drives=drives)
         assert route is not None
         assert route[-1].waypoints_rad[-1] == pytest.approx(graph.manifold.q[target], abs=1e-6)
         for leg in route:
@@ -42,9 +42,9 @@ def test_routes_arrive_in_range_with_closed_loops(graph, reached_by_first_pair, 
         position, drives = target, route[-1].drives
 
 
-def test_drives_move_in_straight_lines(graph, reached_by_first_pair, loop, x, ranges):
+def test_drives_move_in_straight_lines(graph, reached_by_first_pair, ranges):
     (target,) = far_poses(reached_by_first_pair, 1)
-    route = graph.route(loop, x, ranges, source=0, target=target, drives=(1, 5))
+    route = graph.route(ranges, source=0, target=target, drives=(1, 5))
     leg = route[0]
     drives = leg.trace_rad[:, [j - 1 for j in leg.drives]]
     corners = np.concatenate((drives[:1], leg.waypoints_rad[:, [j - 1 for j in leg.drives]]))
@@ -58,19 +58,19 @@ def test_drives_move_in_straight_lines(graph, reached_by_first_pair, loop, x, ra
         assert distance < 1e-9
 
 
-def test_route_changes_drives_where_necessary(graph, reached_by_first_pair, loop, x, ranges):
+def test_route_changes_drives_where_necessary(graph, reached_by_first_pair, ranges):
     only_both = np.flatnonzero(graph.reachable(0) & ~reached_by_first_pair)
-    route = graph.route(loop, x, ranges, source=0, target=int(only_both[0]), drives=(1, 5))
+    route = graph.route(ranges, source=0, target=int(only_both[0]), drives=(1, 5))
     assert route is not None
     assert {leg.drives for leg in route} >= {(3, 5)}
 
 
-def test_no_route_leaves_an_isolated_pose(region, loop, x, ranges):
+def test_no_route_leaves_an_isolated_pose(region, ranges):
     allowed = np.zeros(region.size, dtype=bool)
     allowed[[0, region.size - 1]] = True
     graph = PathGraph(region, [(1, 5)], LIMITS, allowed=allowed)
     assert graph.reachable(0).sum() == 1
-    assert graph.route(loop, x, ranges, source=0, target=region.size - 1, drives=(1, 5)) is None
+    assert graph.route(ranges, source=0, target=region.size - 1, drives=(1, 5)) is None
 
 
 @pytest.mark.campaign

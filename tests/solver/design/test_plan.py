@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solver.closing import close_loops
+from solver.closing import close_loops, reduced_equations
 from solver.design.plan import MOST_UNCERTAIN_RAD, make_plan, prediction_sigma
 from solver.design.stop_rule import standard_deviations
 from tests.oracles.loop_oracle import closed_poses, cramer_rao, paper_truth
@@ -65,9 +65,9 @@ def test_poses_with_uncertain_prediction_are_not_planned(loop, x, quick):
     plan = make_plan(quick, x, HOME, 6, covariance=covariance)
     without_covariance = make_plan(quick, x, HOME, 6)
     assert plan.allowed.sum() < 0.9 * without_covariance.allowed.sum()
-    sigma = prediction_sigma(
-        loop, x, plan.poses_rad, plan.manifold.u[list(plan.visits)], covariance, (1, 5)
-    )
+    at_poses = loop.loop(x, plan.poses_rad, plan.manifold.u[list(plan.visits)])
+    reduced = reduced_equations(at_poses)
+    sigma = prediction_sigma(reduced.A, reduced.B, covariance, (1, 5))
     assert sigma.max() <= MOST_UNCERTAIN_RAD
 
 
@@ -83,7 +83,8 @@ def test_prediction_sigma_agrees_with_random_parameters(loop, x, region):
     for _ in range(200):
         drawn = x + rng.multivariate_normal(np.zeros(14), covariance)
         displacement.append(close_loops(loop, drawn, q, sigma_rad=free).q[0] - q[0])
-    expected = prediction_sigma(loop, x, q, region.u[pose : pose + 1], covariance, (1, 5))[0]
+    reduced = reduced_equations(loop.loop(x, q, region.u[pose : pose + 1]))
+    expected = prediction_sigma(reduced.A, reduced.B, covariance, (1, 5))[0]
     assert np.std(displacement, axis=0).max() == pytest.approx(expected, rel=0.2)
 
 

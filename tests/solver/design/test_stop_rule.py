@@ -21,7 +21,7 @@ def test_stops_when_the_requested_sigmas_are_reached(pose_data, chosen):
     decision = stop_decision(
         pose_data.of(chosen), pose_data, requests(pose_data, chosen, 1.01), poses_left=5
     )
-    assert decision.standing is PrecisionStatus.REACHED
+    assert decision.status is PrecisionStatus.REACHED
     assert decision.stop
     assert decision.text.endswith("as requested, for errors of stated size")
 
@@ -30,7 +30,7 @@ def test_goes_on_with_the_weakest_parameter_and_a_forecast(pose_data, chosen):
     goal = requests(pose_data, chosen, 0.8)
     goal["s_1"] *= 0.7
     decision = stop_decision(pose_data.of(chosen), pose_data, goal, poses_left=60)
-    assert decision.standing is PrecisionStatus.GOING_ON
+    assert decision.status is PrecisionStatus.GOING_ON
     assert decision.weak[0].name == "s_1"
     assert 3 < int(re.search(r"about (\d+) more poses", decision.text)[1]) < 60
     assert not decision.stop
@@ -39,7 +39,7 @@ def test_goes_on_with_the_weakest_parameter_and_a_forecast(pose_data, chosen):
 def test_goes_on_out_of_reach_while_poses_help(pose_data, chosen):
     goal = {"alpha_0": 1e-9, "theta_off_1": 1.0}
     decision = stop_decision(pose_data.of(chosen), pose_data, goal, poses_left=10)
-    assert decision.standing is PrecisionStatus.GOING_ON
+    assert decision.status is PrecisionStatus.GOING_ON
     assert [w.name for w in decision.weak] == ["alpha_0"]
     assert "10 more poses would not bring alpha_0" in decision.text
     assert decision.weak[0].forecast < decision.weak[0].sigma
@@ -49,14 +49,14 @@ def test_stops_when_further_poses_do_not_help(pose_data, chosen):
     goal = {"alpha_0": 1e-9, "theta_off_1": 1.0}
     # Ten poses after 1,200.
     decision = stop_decision(pose_data.of(list(chosen) * 100), pose_data, goal, poses_left=10)
-    assert decision.standing is PrecisionStatus.HOPELESS
+    assert decision.status is PrecisionStatus.UNREACHABLE
     assert decision.stop
     assert [w.name for w in decision.weak] == ["alpha_0"]
 
 
 def test_without_poses_left_the_weak_parameter_is_named(pose_data, chosen):
     decision = stop_decision(pose_data.of(chosen), pose_data, {"alpha_0": 1e-9}, poses_left=0)
-    assert decision.standing is PrecisionStatus.HOPELESS
+    assert decision.status is PrecisionStatus.UNREACHABLE
     assert decision.text.startswith("alpha_0 not known as well as requested")
 
 
@@ -76,7 +76,7 @@ def test_too_few_poses_determine_no_sigma(pose_data):
     decision = stop_decision(
         pose_data.of([0, 1]), pose_data, dict.fromkeys(pose_data.parameters, 1.0), poses_left=20
     )
-    assert decision.standing is PrecisionStatus.GOING_ON
+    assert decision.status is PrecisionStatus.GOING_ON
 
 
 def test_unknown_parameter_is_rejected(pose_data, chosen):

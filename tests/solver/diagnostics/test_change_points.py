@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from solver.diagnostics.change_points import Suspect, step_threshold, steps
+from solver.diagnostics.change_points import step_threshold, steps
+from solver.diagnostics.fault_candidate import Candidate, Cause
 from solver.diagnostics.limits import STEP_EDGE_POSES
 from solver.diagnostics.whitened_residuals import WhitenedResiduals
 from tests.oracles.fit_residuals import fit_residuals
@@ -19,7 +20,16 @@ def fitted(A: np.ndarray, w: np.ndarray) -> WhitenedResiduals:
     return fit_residuals(w, A, np.broadcast_to(np.eye(ROWS), (len(w), ROWS, ROWS)))
 
 
-SUSPECTS = (Suspect(name="one", columns=G[..., :1]), Suspect(name="three", columns=G[..., 1:]))
+def suspect(subject: str, columns: np.ndarray) -> Candidate:
+    return Candidate(
+        cause=Cause.SLIPPED,
+        subject=subject,
+        columns=columns,
+        expected_size=np.ones(columns.shape[-1]),
+    )
+
+
+SUSPECTS = (suspect("one", G[..., :1]), suspect("three", G[..., 1:]))
 
 
 @pytest.mark.parametrize("pose", [STEP_EDGE_POSES, 17, POSES - STEP_EDGE_POSES])
@@ -27,10 +37,10 @@ def test_a_step_is_found_with_position_and_size(pose):
     w = np.random.default_rng(pose).normal(size=(POSES, ROWS))
     w[pose:] += 12.0 * G[pose:, :, 0]
     found, other = steps(fitted(A, w), SUSPECTS)
-    assert (found.suspect, found.pose) == ("one", pose)
+    assert (found.suspect.subject, found.pose) == ("one", pose)
     assert found.chi2 > found.threshold
     assert abs(found.size[0] - 12.0) < 4.0 * found.size[0] / np.sqrt(found.chi2)
-    assert other.suspect == "three"
+    assert other.suspect.subject == "three"
 
 
 def test_joint_evaluation_of_steps_equals_single_fits():
@@ -44,7 +54,7 @@ def test_joint_evaluation_of_steps_equals_single_fits():
         late[:pose] = 0.0
         with_step = np.concatenate((J, late.reshape(-1, 3)), axis=1)
         gains.append(without - float(np.linalg.lstsq(with_step, y)[1][0]))
-    found = {step.suspect: step for step in steps(fitted(A, w), SUSPECTS)}["three"]
+    found = {step.suspect.subject: step for step in steps(fitted(A, w), SUSPECTS)}["three"]
     assert found.pose == STEP_EDGE_POSES + int(np.argmax(gains))
     assert found.chi2 == pytest.approx(max(gains), rel=1e-9)
     assert found.dof == 3
@@ -64,7 +74,7 @@ def test_the_threshold_has_its_stated_false_alarm_rate(poses, dof):
     A = rng.normal(size=(poses, ROWS, 4))
     G = rng.normal(size=(poses, ROWS, dof))
     runs, level = 1500, 0.03
-    alarms, suspects = 0, (Suspect(name="any", columns=G),)
+    alarms, suspects = 0, (suspect("any", G),)
     for _ in range(runs):
         left = fitted(A, rng.normal(size=(poses, ROWS)))
         step = steps(left, suspects, false_alarm=level)[0]
@@ -81,4 +91,4 @@ def test_more_poses_and_unknowns_raise_the_threshold():
 def test_too_few_poses_show_no_step():
     w = np.ones((2 * STEP_EDGE_POSES - 1, ROWS))
     few = fit_residuals(w, A[: len(w)], np.broadcast_to(np.eye(ROWS), (len(w), ROWS, ROWS)))
-    assert steps(few, (Suspect(name="one", columns=G[: len(w), :, :1]),)) == ()
+    assert steps(few, (suspect("one", G[: len(w), :, :1]),)) == ()

@@ -31,7 +31,7 @@ def judged(q: np.ndarray) -> dict[int, RvdtVerdict]:
         j: single_noise(ARM.joints[j - 1].sensor, found[f"rvdt_{j}"], None, samples) for j in (6, 7)
     }
     model = loop_of(paper_truth(), unsensed=(6, 7))
-    verdicts = rvdt_verdicts(model, ARM, q, errors, noise=noise, samples=samples)
+    verdicts = rvdt_verdicts(model, ARM, q, errors, noise=noise, samples=samples, variances={})
     return {v.joint: v for v in verdicts}
 
 
@@ -155,7 +155,7 @@ def test_a_model_without_unsensed_rvdts_is_refused():
     q, samples = Simulation(poses=20).rereadings(0), np.ones(20, dtype=np.int64)
     errors = stated_errors(ARM, samples=samples)
     with pytest.raises(ValueError, match="RVDT"):
-        rvdt_verdicts(MODEL, ARM, q, errors, noise={}, samples=samples)
+        rvdt_verdicts(MODEL, ARM, q, errors, noise={}, samples=samples, variances={})
 
 
 def test_noise_does_not_raise_the_degree_of_the_curve():

@@ -20,20 +20,18 @@ NOISE = NoiseModel(joint_variance=SIMULATION.sigma() ** 2)
 
 def test_intervals_are_normal_under_a_noise_model(truth):
     found = estimate_implicit(loop_of(truth), SIMULATION.rereadings(0), NOISE)
-    for k, interval in enumerate(intervals(found)):
-        assert interval.name == NAMES[k]
-        assert interval.unit == ("m" if interval.name[:2] in ("a_", "s_") else "rad")
-        assert interval.high - interval.value == pytest.approx(1.959964 * interval.sd, rel=1e-6)
-        assert interval.value - interval.low == pytest.approx(1.959964 * interval.sd, rel=1e-6)
-    wider = intervals(found, level=0.99)
-    assert wider[0].high - wider[0].value == pytest.approx(2.575829 * wider[0].sd, rel=1e-6)
+    (low, high), sd = intervals(found), found.standard_deviation
+    assert high - found.x == pytest.approx(1.959964 * sd, rel=1e-6)
+    assert found.x - low == pytest.approx(1.959964 * sd, rel=1e-6)
 
 
 def test_intervals_are_students_if_residuals_give_the_scale(truth):
     found = estimate_paper(loop_of(truth), SIMULATION.rereadings(0)[:4])
     assert found.dof == 6
-    one = intervals(found)[0]
-    assert (one.high - one.value) / one.sd == pytest.approx(2.446912, rel=1e-6)
+    high = intervals(found)[1]
+    assert (high - found.x) / found.standard_deviation == pytest.approx(
+        np.full(14, 2.446912), rel=1e-6
+    )
 
 
 def test_correlations():

@@ -11,7 +11,6 @@ import pytest
 from solver.diagnostics.hypothesis_tests import find_outliers, pose_columns
 from solver.diagnostics.model_selection import (
     evidence,
-    evidence_of_own,
     log_likelihood,
     noise_scale,
     probabilities,
@@ -76,7 +75,7 @@ def test_random_effects_and_priors_are_in_the_covariance():
     s, C = left.score(G)
     np.testing.assert_allclose(s, G.reshape(-1, 3).T @ P @ w.reshape(-1), rtol=1e-8, atol=1e-9)
     np.testing.assert_allclose(C, G.reshape(-1, 3).T @ P @ G.reshape(-1, 3), rtol=1e-8, atol=1e-9)
-    with_columns = fit_residuals(w, A, V, prior_sd=prior).with_drawn(Z, np.ones(5))
+    with_columns = fit_residuals(w, A, V, prior_sd=prior).with_columns(Z, np.ones(5))
     assert with_columns.chi2 == pytest.approx(left.chi2)
     np.testing.assert_allclose(covariance(with_columns), covariance(left), rtol=1e-8, atol=1e-12)
     np.testing.assert_allclose(with_columns.score(G)[0], s, rtol=1e-8, atol=1e-9)
@@ -244,7 +243,7 @@ def test_evidence_equals_that_of_explicit_columns(left, count, width):
     blocks = rng.normal(size=(count, ROWS, width))
     expected_size = np.tile(rng.uniform(0.5, 2.0, width), count)
     there = evidence(left, written_out(own, blocks), expected_size)
-    here = evidence_of_own(left, own, blocks, expected_size)
+    here = evidence(left, blocks, expected_size, own=own)
     assert there is not None
     assert here is not None
     assert here.log_likelihood == pytest.approx(there.log_likelihood)
@@ -260,8 +259,8 @@ def test_random_columns_count_as_noise_of_their_poses(left):
     rng = np.random.default_rng(7)
     own, other = np.array([3, 20, 31]), rng.normal(size=(MORE_POSES, ROWS, 2))
     blocks = 5.0 * pose_columns(left, own)
-    there = left.with_drawn(written_out(own, blocks), np.ones(len(own) * ROWS))
-    here = OwnColumns.of(left, own, blocks).drawn(left)
+    there = left.with_columns(written_out(own, blocks), np.ones(len(own) * ROWS))
+    here = OwnColumns(left, own, blocks).drawn()
     assert here.U.shape == left.U.shape
     assert here.chi2 == pytest.approx(there.chi2)
     np.testing.assert_allclose(covariance(here), covariance(there), rtol=1e-8, atol=1e-12)
@@ -281,7 +280,7 @@ def test_a_thousand_outliers_need_no_dense_columns():
     eye = np.broadcast_to(np.eye(r), (m, r, r))
     left, own = fit_residuals(w, A, eye), np.arange(0, m, 3)
     tracemalloc.start()
-    found = evidence_of_own(left, own, pose_columns(left, own), np.full(len(own) * r, 3.0))
+    found = evidence(left, pose_columns(left, own), np.full(len(own) * r, 3.0), own=own)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert found is not None

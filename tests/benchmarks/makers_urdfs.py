@@ -9,8 +9,6 @@ readings in their stated sizes, 1 where it is not given. Bars: 95 % intervals co
 best table within 3 of its own sigmas.
 """
 
-# ruff: noqa: T201 - a benchmark prints
-
 import math
 import re
 import sys

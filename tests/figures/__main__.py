@@ -1,4 +1,3 @@
-# ruff: noqa: T201 - prints the files that it wrote
 """Draws the manual's figures. Run: python -m tests.figures
 
 The loop of the packaged arm in the packaged hinge, and the share of each error source in the variance of each

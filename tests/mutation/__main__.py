@@ -1,4 +1,3 @@
-# ruff: noqa: T201 - prints its result
 """Mutation tests of the modules of command limits and CiA 402. Needs the extra 'mutation'.
 
     python -m tests.mutation [MODULE ...] [--processes 2]

@@ -1,4 +1,3 @@
-# ruff: noqa: T201 - prints the files that it wrote
 """Takes the screenshots of README and manual. Run: python -m tests.screenshots
 
 The app runs without a terminal on the virtual arm over its bus. Keys are pressed from Connect to Results, and the

@@ -16,22 +16,25 @@ from enum import IntEnum
 
 import numpy as np
 
-from tests.oracles.shop_floor_chain import LINKS, Chain, Loop, frames
-from tests.oracles.shop_floor_load import Load
-from tests.oracles.shop_floor_sensors import CURVES, Encoder, Rvdt, drawn_curve
-from tests.oracles.shop_floor_walk import (
+from tests.oracles.shop_floor_chain import (
     BOX_DEG,
     DRIVES,
     FOLLOW,
+    LINKS,
     LOWER_DEG,
     STRAY_RAD,
     UPPER_DEG,
+    Chain,
     Chart,
+    Loop,
+    frames,
     in_range,
     nominal_chain,
     nominal_chart,
     wander,
 )
+from tests.oracles.shop_floor_load import Load
+from tests.oracles.shop_floor_sensors import CURVES, Encoder, Rvdt, drawn_curve
 
 START = datetime(2020, 5, 4, 9, tzinfo=UTC)
 

@@ -26,7 +26,6 @@ SECONDS_BESIDE_READING = 4.3
 
 
 def main() -> int:
-    """Run it and print the figures."""
     chosen = options(__doc__, seconds=600.0, rate=8000.0, poses=40, busy=0)
     samples = max(8, round((chosen.seconds / chosen.poses - SECONDS_BESIDE_READING) * 100.0))
     before = os.getloadavg()[0]

@@ -73,7 +73,6 @@ def kills(count: int, processes: int, seed: int) -> list[str]:
 
 
 def main() -> int:
-    """Run the kills, print, say what broke."""
     chosen = options(__doc__, kills=300, processes=3, seed=0)
     broke = kills(chosen.kills, chosen.processes, chosen.seed)
     print(f"{len(broke)} faults")

@@ -45,7 +45,6 @@ def line(name: str, size: str, z: np.ndarray, everywhere: int) -> None:
 
 
 def main() -> int:
-    """Print the power for several sizes of error."""
     arms = options(__doc__, arms=5).arms
     lengths, shifts = map(
         np.array, zip(*map(sigmas, range(FIRST_SEED, FIRST_SEED + arms)), strict=True)

@@ -52,20 +52,16 @@ class Row:
 
     @property
     def z(self) -> np.ndarray:
-        """Errors in sigmas (n, 14) where there is a result."""
         return np.array([o.z for o in self.outcomes if o.has_result]).reshape(-1, len(PARAMETERS))
 
     @property
     def cover(self) -> np.ndarray:
-        """Share of arms whose 95 % interval holds the truth, (14,)."""
         return np.mean(np.abs(self.z) < NORMAL_95, axis=0)
 
     def share(self, verdict: str) -> float:
-        """Share of arms with a verdict."""
         return float(np.mean([o.verdict == verdict for o in self.outcomes]))
 
     def good(self) -> bool:
-        """Whether the bars are met."""
         low, high = WANTED[self.name]
         cover = float(np.mean(self.cover))
         if self.name == "all twice":
@@ -81,7 +77,6 @@ def one_arm(seed: int, *, sizes: Sizes, stated: Sizes | None) -> Outcome:
 
 
 def printed(row: Row) -> None:
-    """Print a line, and who undercovers."""
     z = row.z
     results = len(z)
     if not results:

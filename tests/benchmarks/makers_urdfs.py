@@ -64,7 +64,6 @@ def arm_file(steps: Steps, to: Path) -> str:
 
 
 def drawn(name: str, size: float, rng: np.random.Generator, folder: Path) -> Rig:
-    """Draw an arm."""
     steps = nominal(name)
     true = built(steps, rng, size)
     axis = np.array([0.8, 0.5, 0.33]) + rng.normal(0.0, 0.02, 3)
@@ -146,7 +145,6 @@ class Outcome:
 
 
 def one(name: str, kind: str, seed: int, size: float, folder: Path) -> Outcome:
-    """Draw, simulate and calibrate one arm."""
     rng = np.random.default_rng(seed)
     rig = drawn(name, size, rng, folder)
     q, placement, where = (in_sockets if kind == "ball" else on_hinge)(rig, rng)

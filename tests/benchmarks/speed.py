@@ -62,7 +62,6 @@ class Cost:
 
 
 def work(kind: str, count: int) -> Callable[[], object]:
-    """Return what is to be timed."""
     if kind in ("checks", "calibrate1", "calibrate2", "calibrate3"):
         drawn = poses_of(session(int(kind[-1]) if kind != "checks" else 1, poses=count))
         if kind != "checks":

@@ -70,14 +70,12 @@ class StopWatch:
         raise RuntimeError("quick stop goes on though nobody asked for it")
 
     def all_seven(self) -> float:
-        """Return when the seventh drive's frame was there."""
         with self._news:
             if not self._news.wait_for(lambda: len(self._seen) == JOINTS, timeout=5.0):
                 raise TimeoutError(f"quick stop reached {sorted(self._seen)} only")
             return max(self._seen.values())
 
     def close(self) -> None:
-        """Stop listening."""
         self._end = True
         self._thread.join()
         self._bus.shutdown()
@@ -99,13 +97,11 @@ class Load:
         bus.shutdown()
 
     def close(self) -> None:
-        """End it."""
         self._end.set()
         self._thread.join()
 
 
 def main() -> None:
-    """Measure and print."""
     with tempfile.TemporaryDirectory() as root:
         folder = Path(root)
         controller = subprocess.Popen(
@@ -126,7 +122,6 @@ def main() -> None:
 
 
 def measure(app: PtyProgram) -> None:
-    """Walk the app to each situation and measure there."""
     app.seen("Enter connects", 0)
     app.press(b"\r", "goes on to Fixture")
     app.press(b"\r", "Check list")
@@ -215,7 +210,6 @@ def reset(app: PtyProgram) -> None:
 
 
 def show(what: str, times: list[float]) -> None:
-    """Print p50, p95, p99 and the largest."""
     ms = 1e3 * np.array(times)
     p50, p95, p99 = np.percentile(ms, [50, 95, 99])
     print(

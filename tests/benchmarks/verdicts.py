@@ -72,7 +72,6 @@ def _z(case: Case, found: Outcome) -> np.ndarray:
 
 
 def one(job: tuple[str, int]) -> Judged:
-    """Make and judge one case of one arm."""
     name, seed = job
     case = sound(seed) if name == "sound" else CASES[name](seed)
     found = judged(case)

@@ -120,7 +120,6 @@ def budget() -> str:
 
 
 def main() -> None:
-    """Write both figures."""
     FIGURES.mkdir(exist_ok=True)
     for name, figure in (("loop", loop()), ("budget", budget())):
         (FIGURES / f"{name}.svg").write_text(figure)

@@ -29,7 +29,6 @@ TESTS = {
 
 
 def main() -> int:
-    """Test all mutants and print the survivors."""
     parser = argparse.ArgumentParser(prog="python -m tests.mutation")
     parser.add_argument("modules", nargs="*", default=list(TESTS), metavar="MODULE")
     parser.add_argument("--processes", type=int, default=1)
@@ -63,7 +62,6 @@ def main() -> int:
 
 
 def _test(module: str, mutants: Iterable[Mutant], processes: int) -> Iterator[tuple[Mutant, bool]]:
-    """Yield each mutant and whether all tests passed on it."""
     running: list[tuple[Mutant, MutantRun]] = []
     for mutant in mutants:
         if len(running) >= processes:

@@ -20,7 +20,6 @@ class Approve:
         self._name, self._folder, self._write, self._calls = name, folder, write, 0
 
     def __call__(self, text: str) -> None:
-        """Compare a sentence with the approved one."""
         self._calls += 1
         text = " ".join(text.replace(str(self._folder), "$TMP").split())
         key = self._name if self._calls == 1 else f"{self._name} #{self._calls}"

@@ -153,7 +153,6 @@ def backlog_bytes(channel: str) -> int:
 
 
 def compute(done: Event) -> None:
-    """Keep a processor busy."""
     x = 1
     while not done.is_set():
         for _ in range(100_000):

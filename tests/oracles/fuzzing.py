@@ -182,7 +182,6 @@ PARSERS: Mapping[str, Callable[[Random, Path], None]] = {
 
 
 def outcome(kind: str, seed: int, folder: Path) -> str:
-    """Outcome of one input: ``accepted`` or ``refused``."""
     rng = Random(f"{kind} {seed}")  # noqa: S311 - to be repeated, not to be secret
     try:
         PARSERS[kind](rng, folder)

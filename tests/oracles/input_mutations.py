@@ -26,7 +26,6 @@ def refuse(problem: str) -> None:
 
 
 def bytes_changed(raw: bytes, rng: Random) -> bytes:
-    """Change a few bytes, words, numbers or lines."""
     data = bytearray(raw)
     for _ in range(rng.choice((1, 1, 1, 2, 3, 8))):
         at = rng.randrange(len(data) + 1)
@@ -58,7 +57,6 @@ def bytes_changed(raw: bytes, rng: Random) -> bytes:
 
 
 def in_yaml(raw: bytes, rng: Random) -> bytes:
-    """Change the values of a YAML document, or its bytes."""
     if rng.random() < 0.5:
         return bytes_changed(raw, rng)
     document = mutated(yaml.safe_load(raw), rng)

@@ -26,7 +26,6 @@ class Steps:
     axes: np.ndarray
 
     def urdf(self) -> str:
-        """The chain as a URDF."""
         joints, parent = [], "base"
         for k, place in enumerate(self.places):
             turns = k < len(self.axes)
@@ -50,7 +49,6 @@ class Steps:
 
 
 def nominal(name: str) -> Steps:
-    """The maker's chain."""
     places = np.tile(np.eye(4), (len(CHAINS[name]), 1, 1))
     for place, (xyz, rpy, _) in zip(places, CHAINS[name], strict=True):
         place[:3, :3] = Rotation.from_euler("xyz", rpy, degrees=True).as_matrix()
@@ -89,7 +87,6 @@ class Chain:
         self.flange = self.model.getFrameId("flange")
 
     def flange_of(self, q: np.ndarray) -> np.ndarray:
-        """Pose (4, 4) of the flange."""
         pin.framesForwardKinematics(self.model, self.data, q)
         return self.data.oMf[self.flange].homogeneous.copy()
 

@@ -19,11 +19,9 @@ class PinocchioGravity:
         self.data = model.createData()
 
     def holding_torque(self, theta, s, a, alpha):
-        """Torque (links,) of every joint in one pose, N m."""
         q = self.chain.q_of(theta, s, a, alpha)
         return pin.computeGeneralizedGravity(self.chain.model, self.data, q)[::5]
 
     def energy(self, theta, s, a, alpha):
-        """Potential energy of one pose, J."""
         q = self.chain.q_of(theta, s, a, alpha)
         return pin.computePotentialEnergy(self.chain.model, self.data, q)

@@ -55,7 +55,6 @@ class PtyProgram:
         return now
 
     def mark(self) -> int:
-        """Return the current position in the output."""
         with self._news:
             return len(self._chunks)
 
@@ -93,7 +92,6 @@ class PtyProgram:
         self._master = -1
 
     def close(self) -> None:
-        """Terminate the program."""
         if self.process.poll() is None:
             self.process.terminate()
             self.process.wait(20)

@@ -40,7 +40,6 @@ class RawPeer:
         raise TimeoutError(f"no such frame; last frames: {self.log[-8:]}")
 
     def quiet(self) -> None:
-        """Receive all pending frames."""
         while self.receive(0.0) is not None:
             pass
 

@@ -49,7 +49,6 @@ def bound(session: Session, sizes: Sizes) -> np.ndarray:
 
 
 def covariance(session: Session, sizes: Sizes) -> np.ndarray:
-    """Covariance (14, 14) of the best linear estimate."""
     rates, V, _ = _equations(session, sizes)
     return np.linalg.inv(rates.T @ np.linalg.solve(V, rates))
 

@@ -37,7 +37,6 @@ GRID = 15
 
 
 def rotation_about_z(angle: np.ndarray) -> np.ndarray:
-    """Homogeneous rotations (..., 4, 4) about z."""
     out = np.zeros((*np.shape(angle), 4, 4))
     out[..., 0, 0] = out[..., 1, 1] = np.cos(angle)
     out[..., 1, 0] = np.sin(angle)
@@ -47,7 +46,6 @@ def rotation_about_z(angle: np.ndarray) -> np.ndarray:
 
 
 def link_transform(s: float, a: float, alpha: float) -> np.ndarray:
-    """``Tz(s) Tx(a) Rx(alpha)``, (4, 4)."""
     c, n = np.cos(alpha), np.sin(alpha)
     return np.array([[1, 0, 0, a], [0, c, -n, 0], [0, n, c, s], [0, 0, 0, 1.0]])
 

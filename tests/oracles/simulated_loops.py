@@ -30,8 +30,6 @@ class RvdtCurve:
 
 @dataclass(frozen=True)
 class Simulation:
-    """A simulation; by default with sensor noise only."""
-
     poses: int = 60
     wrist_sd: float = RVDT_SD
     encoder_sd: float = ENCODER_SD
@@ -43,7 +41,6 @@ class Simulation:
     spread_deg: float = 45.0
 
     def sigma(self) -> np.ndarray:
-        """Standard deviations of the seven readings."""
         return np.array([self.encoder_sd] * 5 + [self.wrist_sd] * 2)
 
     def readings(self, seed: int) -> np.ndarray:

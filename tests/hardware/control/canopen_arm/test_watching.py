@@ -214,8 +214,6 @@ def test_bus_flood_does_not_delay_sync_and_heartbeat(connected, pace):
 
 def test_idle_loop_polls_less_often_until_next_task(connected):
     class TimedBus(FakeArmBus):
-        """Records the time-outs of its reader."""
-
         def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
             waits_s.append(timeout or 0.0)
             return super()._recv_internal(timeout)

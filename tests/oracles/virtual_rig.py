@@ -97,7 +97,7 @@ class Rig:
         # The response comes after all earlier frames.
         self.peer.read(16, 0x1000)
         self.controller.post(lambda: results.put(reader()))
-        return results.get(timeout=5.0)
+        return results.get(timeout=60.0)
 
     def advance_time(self, seconds: float) -> None:
         """Advance the clock, in steps that are too short to count as lateness of the control loop."""

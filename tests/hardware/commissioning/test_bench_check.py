@@ -1,9 +1,9 @@
 """The bench check: stages, consent, findings, and the state in which it leaves the arm."""
 
-import itertools
 import math
 import os
 import signal
+import time
 from collections.abc import Callable
 from contextlib import ExitStack, closing
 from dataclasses import replace
@@ -22,17 +22,15 @@ from hardware.commissioning.checks import Turn, is_interrupted
 from hardware.commissioning.stages import BENCH, CheckFinding, Stage
 from hardware.control.canopen_arm import CanopenArm
 from hardware.timing import Pace, Timing
-from hardware.virtual.controller import VirtualController
 from tests.hardware.on_foreign_arm import DESCRIPTION as ACME
 from tests.hardware.on_foreign_arm import JOINTS, drafted
 from tests.oracles.descriptions import described
 from tests.oracles.profiles import sarcos
-from tests.oracles.virtual_rig import ARM, COUNTS_PER_REV, TrivialPlant, axes, parse
+from tests.oracles.virtual_rig import ARM, COUNTS_PER_REV, rig
 
 HEARTBEAT_TIMEOUT_S = 1.5
 STEP, SPEED = math.radians(1.0), math.radians(5.0)
 STILL_ENABLED = "a drive is still enabled 0.5 s after STOP"
-_channels = itertools.count()
 
 
 class User:
@@ -50,18 +48,11 @@ class VirtualBench:
     """Our own drives, each joint of which moves by itself."""
 
     def __init__(self, stack: ExitStack, *, heartbeat_timeout_s: float = HEARTBEAT_TIMEOUT_S):
-        self.settings = BusSettings(channel=f"bench-{next(_channels)}")
-        self.plant = TrivialPlant([axis.scale.counts_per_rad for axis in axes()])
-        bus = stack.enter_context(can.Bus(self.settings.channel, interface="virtual"))
-        controller = VirtualController(
-            bus,
-            self.plant,
-            axes=axes(),
-            arm=ARM,
-            validate=parse,
-            heartbeat_timeout_s=heartbeat_timeout_s,
+        bench = stack.enter_context(
+            rig(clock=time.monotonic, heartbeat_timeout_s=heartbeat_timeout_s)
         )
-        self.controller = stack.enter_context(controller)
+        self.settings = BusSettings(channel=bench.channel)
+        self.plant, self.controller = bench.plant, bench.controller
 
     def arm(self, pace: Pace = Pace.FAST_FORWARD, **options: Any) -> CanopenArm:
         rvdt = RvdtDescription(bits=12, full_scale_rad=math.radians(144.0))

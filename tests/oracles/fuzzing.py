@@ -17,8 +17,7 @@ from operator_app.exit_codes import EXPECTED_ERRORS
 from operator_app.session.workflow.pose_reading import Instrument, port_of
 from operator_app.virtual_arms import slots_in
 from tests.oracles.bus_fuzzing import FuzzedOperator
-from tests.oracles.document_fuzzing import DATA, DOCUMENTS
-from tests.oracles.input_mutations import Refused, bytes_changed
+from tests.oracles.document_fuzzing import DATA, DOCUMENTS, Refused, bytes_changed
 
 ODD_WORDS = (
     "", "-", "--", "-1", "0", "nan", "inf", "1e999", "1e-300", "9" * 40, "\u0663", "\x1b[2J", "a" * 5000,

@@ -150,10 +150,15 @@ def test_slow_producer_extends_heartbeat_timeout(connected, bus):
 def test_sdo_timeout_is_configurable(connected, bus):
     arm = connected(timing=short_timing(sdo_timeout_s=0.05))
     bus.offline = {3}
-    begun_s = time.monotonic()
-    with pytest.raises(BusError, match="Node 3 does not answer"):
-        arm.drive_facts()
-    assert time.monotonic() - begun_s < 2.9, "three times the default of 1 s"
+
+    def attempt_s() -> float:
+        begun_s = time.monotonic()
+        with pytest.raises(BusError, match="Node 3 does not answer"):
+            arm.drive_facts()
+        return time.monotonic() - begun_s
+
+    # The shortest, as the computer may be busy.
+    assert min(attempt_s() for _ in range(3)) < 2.9, "three times the default of 1 s"
 
 
 def test_position_jump_raises_sensor_fault(driven, bus):

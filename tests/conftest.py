@@ -2,6 +2,8 @@
 
 import fcntl
 import gc
+import itertools
+import json
 import os
 import shutil
 import signal
@@ -13,10 +15,9 @@ from pathlib import Path
 import hypothesis
 import pytest
 
-from tests.oracles.approved import Approve
-
 REPOSITORY = Path(__file__).resolve().parents[1]
 DATA = REPOSITORY / "tests" / "data"
+APPROVED = DATA.with_name("approved_words.json")
 
 PROGRAMS = {
     "busybox": "Debian package busybox-static",
@@ -67,9 +68,29 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 @pytest.fixture
 def approve(request, tmp_path):
-    """Compare messages with those in tests/approved_words.json."""
+    """Compare messages with those in tests/approved_words.json, by the test's name and number of the call.
+
+    The test's temporary folder is written as `$TMP`; line breaks are ignored.
+    """
     name = request.node.nodeid.removeprefix("tests/")
-    return Approve(name, folder=tmp_path, write=request.config.getoption("--approve"))
+    write, calls = request.config.getoption("--approve"), itertools.count(1)
+
+    def compare(text: str) -> None:
+        text = " ".join(text.replace(str(tmp_path), "$TMP").split())
+        call = next(calls)
+        key = name if call == 1 else f"{name} #{call}"
+        with APPROVED.open("r+" if write else "r", encoding="utf-8") as file:
+            fcntl.flock(file, fcntl.LOCK_EX if write else fcntl.LOCK_SH)
+            approved: dict[str, str] = json.load(file)
+            if write and approved.get(key) != text:
+                approved[key] = text
+                file.seek(0)
+                file.truncate()
+                json.dump(approved, file, indent=1, sort_keys=True, ensure_ascii=False)
+                file.write("\n")
+        assert text == approved.get(key), "not as approved: run pytest --approve, and check"
+
+    return compare
 
 
 def pytest_configure(config: pytest.Config) -> None:

@@ -23,7 +23,6 @@ def _canonical(name: str) -> str:
 
 
 def _python(*arguments: object, cwd: Path, code: int = 0) -> subprocess.CompletedProcess[str]:
-    """Run Python, which must end with this exit code."""
     command = [sys.executable, *map(str, arguments)]
     result = subprocess.run(command, capture_output=True, text=True, check=False, cwd=cwd)
     assert result.returncode == code, result.stderr

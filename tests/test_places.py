@@ -53,7 +53,6 @@ operator_app/tui/test_snapshots.py
 operator_app/tui/test_stop.py
 operator_app/tui/test_full_session.py
 solver/estimators/test_mixed_model.py
-solver/estimators/test_monte_carlo.py
 solver/estimators/test_panda.py
 solver/loops/test_endpoints.py
 """

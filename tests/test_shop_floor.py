@@ -18,9 +18,16 @@ from tests.oracles.shop_floor import (
     Specimen,
     session,
 )
-from tests.oracles.shop_floor_chain import frames, misclosure, screws
+from tests.oracles.shop_floor_chain import (
+    LOWER_DEG,
+    UPPER_DEG,
+    frames,
+    misclosure,
+    nominal_chain,
+    nominal_chart,
+    screws,
+)
 from tests.oracles.shop_floor_load import hinge_wrench
-from tests.oracles.shop_floor_walk import LOWER_DEG, UPPER_DEG, nominal_chain, nominal_chart
 
 ARMS = range(100, 140)
 LSB = FULL_SCALE / 4096

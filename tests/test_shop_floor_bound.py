@@ -6,12 +6,20 @@ import numpy as np
 import pytest
 
 from tests.oracles import shop_floor_bound
-from tests.oracles.loop_oracle import Truth, cramer_rao
+from tests.oracles.loop_oracle import cramer_rao
 from tests.oracles.shop_floor import PARAMETERS, RVDTS, Sizes, session
 from tests.oracles.shop_floor_bound import _equations, bound, covariance
-from tests.oracles.shop_floor_chain import Loop, frames, rotation_about_z
+from tests.oracles.shop_floor_chain import (
+    FOLLOW,
+    LOWER_DEG,
+    UPPER_DEG,
+    Loop,
+    frames,
+    nominal_chain,
+    nominal_chart,
+    rotation_about_z,
+)
 from tests.oracles.shop_floor_load import Load, Masses
-from tests.oracles.shop_floor_walk import FOLLOW, LOWER_DEG, UPPER_DEG, nominal_chain, nominal_chart
 
 COUNT = 2.0 * np.pi / 400_000
 LSB = np.deg2rad(120.0) / 4096
@@ -22,12 +30,9 @@ def test_bound_with_noise_alone_agrees_with_cramer_rao_oracle():
     sizes = replace(Sizes.only(), linearity=0.0, gain=0.0)
     simulated = session(4, sizes)
     chain = simulated.specimen.chain
-    truth = Truth(
-        theta_off=chain.theta_off, s=chain.s, a=chain.a, alpha=chain.alpha, home=np.zeros(7)
-    )
     angles = simulated.angles - chain.theta_off
     variance = np.repeat([COUNT**2 / 12.0, LSB**2 * (4.0 + 1.0 / 12.0) / 32.0], [5, 2])
-    expected = np.sqrt(np.diagonal(cramer_rao(truth, angles, PARAMETERS, variance)))
+    expected = np.sqrt(np.diagonal(cramer_rao(chain, angles, PARAMETERS, variance)))
     assert bound(simulated, sizes) == pytest.approx(expected, rel=1e-5)
 
 

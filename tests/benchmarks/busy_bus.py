@@ -1,4 +1,3 @@
-# ruff: noqa: T201 - a benchmark prints
 """Forty poses on a bus that others fill: SYNC by the kernel's clock, what was lost, what was accepted.
 
     python -m tests.benchmarks.busy_bus [--seconds 600] [--rate 8000] [--poses 40] [--busy 0]
@@ -9,7 +8,6 @@ without the time in which the machine itself stood still (a clock at a higher pr
 when), no queue full (so that no frame was dropped), all poses accepted and right.
 """
 
-import argparse
 import os
 import sys
 import tempfile
@@ -17,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from tests.benchmarks.command_line import options
 from tests.oracles.loaded_session import run_session_under_load
 
 LIMIT_MS = 50.0
@@ -27,15 +26,7 @@ SECONDS_BESIDE_READING = 4.3
 
 
 def main() -> int:
-    """Run it and print the figures."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
-    )
-    parser.add_argument("--seconds", type=float, default=600.0)
-    parser.add_argument("--rate", type=float, default=8000.0)
-    parser.add_argument("--poses", type=int, default=40)
-    parser.add_argument("--busy", type=int, default=0)
-    chosen = parser.parse_args()
+    chosen = options(__doc__, seconds=600.0, rate=8000.0, poses=40, busy=0)
     samples = max(8, round((chosen.seconds / chosen.poses - SECONDS_BESIDE_READING) * 100.0))
     before = os.getloadavg()[0]
     with tempfile.TemporaryDirectory() as folder:
@@ -78,15 +69,6 @@ def main() -> int:
     print(
         f"SYNC gap without it largest {own_ms.max():.1f} ms; {int((own_ms > LIMIT_MS).sum())} over {LIMIT_MS:g} ms"
     )
-    for k in np.argsort(gaps_ms)[:-13:-1]:
-        when_s = came.rhythm.at_s[k]
-        after = [name for name, at_s in came.events if at_s <= when_s]
-        print(
-            f"  {gaps_ms[k]:.1f} ms ({away_ms[k]:.1f} the machine's) at {when_s - came.rhythm.at_s[0]:.1f} s, "
-            f"{came.rhythm.answers[k]} answers, after event {len(after)} ({after[-1]})"
-        )
-    beats_ms = np.diff(np.array(came.rhythm.beats_s)) * 1e3
-    print(f"operator's beat     largest gap {beats_ms.max():.0f} ms")
     good = (
         came.code in (0, 4)
         and came.poses == chosen.poses

@@ -7,17 +7,14 @@ bus, the others of a program with its arm inside. Bars: no accepted pose lost an
 processor at most until a dead controller is reported, 500 MB at most.
 """
 
-# ruff: noqa: T201 - a benchmark prints
-
-import argparse
 import sys
 import tempfile
 import time
 import traceback
-from collections import Counter
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
 
+from tests.benchmarks.command_line import options
 from tests.oracles.killing import CPU_S, MEMORY_MB, KillStatistics, chain
 
 KILLS_A_CHAIN = 12
@@ -57,14 +54,8 @@ def kills(count: int, processes: int, seed: int) -> list[str]:
             for fault in done.faults:  # at once: who ends this early has seen it
                 print(fault, file=sys.stderr)
             print(f"  {whole.total} kills, {len(whole.faults)} faults", file=sys.stderr, flush=True)
-    victims = sorted({victim for victim, _ in whole.killed})
-    phases = Counter[str]()
-    for (_, phase), times in whole.killed.items():
-        phases[phase] += times
-    print(f"{'killed after':18}" + "".join(f"{v:>24}" for v in victims))
-    for phase, _ in phases.most_common():
-        print(f"{phase:18}" + "".join(f"{whole.killed[v, phase]:24}" for v in victims))
-    print(f"{'all':18}" + "".join(f"{sum(whole.killed[v, p] for p in phases):24}" for v in victims))
+    for (victim, phase), times in whole.killed.most_common():
+        print(f"{times:5} kills of the {victim} after {phase}")
     print(
         f"{whole.total} kills in {time.monotonic() - begun:.0f} s, {whole.sessions} sessions went on to their "
         f"end with {whole.poses} poses; last lines torn: {whole.torn}"
@@ -82,14 +73,7 @@ def kills(count: int, processes: int, seed: int) -> list[str]:
 
 
 def main() -> int:
-    """Run the kills, print, say what broke."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
-    )
-    parser.add_argument("--kills", type=int, default=300)
-    parser.add_argument("--processes", type=int, default=3)
-    parser.add_argument("--seed", type=int, default=0)
-    chosen = parser.parse_args()
+    chosen = options(__doc__, kills=300, processes=3, seed=0)
     broke = kills(chosen.kills, chosen.processes, chosen.seed)
     print(f"{len(broke)} faults")
     for words in broke:

@@ -7,21 +7,17 @@ so many poses of a longer one: arms of the shop floor with every error at its st
 and loops that close anywhere in the room (`tests.oracles.simulated_loops`), with noise and curves only.
 """
 
-# ruff: noqa: T201 - a benchmark prints
-
-import argparse
 import sys
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from operator_app.calibration.calibrate import calibrate
 from operator_app.exit_codes import EXPECTED_ERRORS
 from solver.chain.poses import PoseSet
+from tests.benchmarks.command_line import options, workers
 from tests.oracles.as_shipped import ARM, HINGE, poses_of
 from tests.oracles.shop_floor import Sizes, session
 from tests.oracles.simulated_loops import Simulation, wrist_curves
@@ -76,16 +72,13 @@ def settlings(seed: int, *, kind: str, counts: Sequence[int]) -> list[Settling]:
     return found
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def main() -> int:
     """Run and print; 0 when every data set settles."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", type=int, default=60)
-    parser.add_argument("--workers", type=int, default=2)
-    options = parser.parse_args(arguments)
-    seeds = range(FIRST_SEED, FIRST_SEED + options.seeds)
+    chosen = options(__doc__, seeds=60, workers=2)
+    seeds = range(FIRST_SEED, FIRST_SEED + chosen.seeds)
     unsettled = sets = 0
     print(f"{'':14}{'poses':>6}{'sets':>6}{'refused':>9}{'rounds':>8}{'most':>6}  not settled")
-    with ProcessPoolExecutor(options.workers, initializer=threadpool_limits, initargs=(1,)) as pool:
+    with workers(chosen.workers) as pool:
         for kind in KINDS:
             of_seeds = list(pool.map(partial(settlings, kind=kind, counts=COUNTS), seeds))
             for n, column in zip(COUNTS, zip(*of_seeds, strict=True), strict=True):

@@ -10,14 +10,12 @@ floor's arms have (tests/oracles/shop_floor_bound: their true second moments). B
 (tests/benchmarks/verdicts.py): 90 % of slips of 50 counts named.
 """
 
-# ruff: noqa: T201 - a benchmark prints
-
-import argparse
 import sys
 
 import numpy as np
 from scipy.special import ndtr, ndtri
 
+from tests.benchmarks.command_line import options
 from tests.oracles.as_shipped import fit_of
 from tests.oracles.shop_floor import RVDTS, Sizes, session
 from tests.oracles.shop_floor_bound import step_sigma
@@ -47,10 +45,7 @@ def line(name: str, size: str, z: np.ndarray, everywhere: int) -> None:
 
 
 def main() -> int:
-    """Print the power for several sizes of error."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--arms", type=int, default=5)
-    arms = parser.parse_args().arms
+    arms = options(__doc__, arms=5).arms
     lengths, shifts = map(
         np.array, zip(*map(sigmas, range(FIRST_SEED, FIRST_SEED + arms)), strict=True)
     )

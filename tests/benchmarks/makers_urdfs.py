@@ -9,8 +9,6 @@ readings in their stated sizes, 1 where it is not given. Bars: 95 % intervals co
 best table within 3 of its own sigmas.
 """
 
-# ruff: noqa: T201 - a benchmark prints
-
 import math
 import re
 import sys
@@ -22,14 +20,23 @@ from io import StringIO
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import sarcal
 import yaml
 from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
 
 from operator_app.cli import main as command
 from solver.posterior.best_table import BestTable, tool_positions
-from tests.oracles.makers_urdfs import Chain, Held, Steps, built, nominal, read
+from tests.oracles.makers_chains import CHAINS, ur
+from tests.oracles.urdfs import joint, robot, words
 
+CHAINS = CHAINS | {"ur5": ur(0.089159, -0.425, -0.39225, 0.10915, 0.09465, 0.0823)}
+RANGE_RAD = 2.8
+LENGTH_M, TWIST_RAD, PARALLEL_TWIST_RAD, OFFSET_RAD = (
+    0.5e-3, np.deg2rad(0.1), np.deg2rad(0.05), np.deg2rad(1.0),
+)  # fmt: skip
+COUNT_RAD = 2.0 * np.pi / 400_000
 NAMES = ("ur5", "xarm6", "kinova_gen3_lite", "abb_irb120", "kuka_iiwa14")
 NEAR = {
     6: np.deg2rad([20.0, -60.0, 70.0, 40.0, 60.0, 30.0]),
@@ -39,6 +46,111 @@ BOX_RAD = 1.2
 GIVE_M, GIVE_RAD, PLACED_M, PLACED_RAD = 0.1e-3, 0.1e-3, 5e-3, np.deg2rad(1.0)
 ECCENTRICITY_RAD = np.deg2rad(0.01)
 TIP = np.array([0.06, 0.0, 0.1])
+
+
+@dataclass(frozen=True)
+class Steps:
+    """Poses (n + 1, 4, 4) of every joint and of the flange on the link before; the joints' axes (n, 3)."""
+
+    places: np.ndarray
+    axes: np.ndarray
+
+    def urdf(self) -> str:
+        joints, parent = [], "base"
+        for k, place in enumerate(self.places):
+            turns = k < len(self.axes)
+            link = f"link_{k + 1}" if turns else "flange"
+            rpy = Rotation.from_matrix(place[:3, :3]).as_euler("xyz", suppress_warnings=True)
+            joints.append(
+                joint(
+                    f"to_{link}",
+                    parent,
+                    link,
+                    words(place[:3, 3]),
+                    words(rpy),
+                    words(self.axes[k]) if turns else "",
+                    kind="revolute" if turns else "fixed",
+                    ends=(-RANGE_RAD, RANGE_RAD),
+                    effort=50,
+                )
+            )
+            parent = link
+        return robot(*joints)
+
+
+def nominal(name: str) -> Steps:
+    places = np.tile(np.eye(4), (len(CHAINS[name]), 1, 1))
+    for place, (xyz, rpy, _) in zip(places, CHAINS[name], strict=True):
+        place[:3, :3] = Rotation.from_euler("xyz", rpy, degrees=True).as_matrix()
+        place[:3, 3] = xyz
+    return Steps(places, np.array([axis for *_, axis in CHAINS[name][:-1]], float))
+
+
+def built(steps: Steps, rng: np.random.Generator, size: float) -> Steps:
+    """The chain with random errors of twists, lengths and zeros, `size` times the constants above."""
+    places = steps.places.copy()
+    for k, axis in enumerate(steps.axes):
+        previous_axis = places[k, :3, :3].T @ (steps.axes[k - 1] if k else axis)
+        parallel = k > 0 and np.linalg.norm(np.cross(previous_axis, axis)) < 1e-6
+        across = rng.normal(0.0, PARALLEL_TWIST_RAD if parallel else TWIST_RAD, 3)
+        across -= axis * (axis @ across)
+        rotation = (size * across if k else 0.0) + axis * rng.normal(0.0, OFFSET_RAD if k else 0.0)
+        places[k, :3, 3] += rng.normal(0.0, size * LENGTH_M if k else 0.0, 3)
+        places[k, :3, :3] = places[k, :3, :3] @ Rotation.from_rotvec(rotation).as_matrix()
+    return Steps(places, steps.axes)
+
+
+@dataclass(frozen=True)
+class Held:
+    """A point (m) and a direction (zeros: none) of the hand or the ground."""
+
+    point: np.ndarray
+    direction: np.ndarray
+
+
+class Chain:
+    """Forward kinematics and Jacobian of a chain's URDF, by pinocchio."""
+
+    def __init__(self, steps: Steps) -> None:
+        self.model = pin.buildModelFromXML(steps.urdf())
+        self.data = self.model.createData()
+        self.flange = self.model.getFrameId("flange")
+
+    def flange_of(self, q: np.ndarray) -> np.ndarray:
+        pin.framesForwardKinematics(self.model, self.data, q)
+        return self.data.oMf[self.flange].homogeneous.copy()
+
+    def closed(self, hand: Held, ground: Held, rng, near: np.ndarray, box_rad: float) -> np.ndarray:
+        """Joint angles (n,), within `box_rad` of `near`, at which the hand's point and direction are the ground's."""
+        low, high = np.maximum(near - box_rad, -RANGE_RAD), np.minimum(near + box_rad, RANGE_RAD)
+        across = np.linalg.svd(ground.direction[None])[2][1:]
+        for _ in range(2000):
+            q = rng.uniform(low, high)
+            for _ in range(30):
+                T = self.flange_of(q)
+                J = pin.computeFrameJacobian(
+                    self.model, self.data, q, self.flange, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+                )
+                lever, direction = T[:3, :3] @ hand.point, T[:3, :3] @ hand.direction
+                error = np.concatenate((T[:3, 3] + lever - ground.point, across @ direction))
+                rates = np.vstack(
+                    (J[:3] - pin.skew(lever) @ J[3:], -across @ pin.skew(direction) @ J[3:])
+                )
+                rows = slice(None) if hand.direction.any() else slice(3)
+                step = np.linalg.lstsq(rates[rows], error[rows], rcond=None)[0]
+                q = q - step * min(1.0, 0.5 / max(np.abs(step).max(), 1e-300))
+                if np.abs(step).max() < 1e-12:
+                    break
+            if np.abs(error[rows]).max() < 1e-10 and np.all((low < q) & (q < high)):
+                return q
+        raise RuntimeError("no closed pose")
+
+
+def read(q: np.ndarray, rng: np.random.Generator, amplitude_rad: float) -> np.ndarray:
+    """Encoder readings of joint angles, with eccentricity and counts."""
+    size = rng.normal(0.0, amplitude_rad, (2, q.shape[1]))
+    harmonics = size[0] * np.sin(q) + size[1] * np.cos(q)
+    return np.round((q + harmonics) / COUNT_RAD) * COUNT_RAD
 
 
 @dataclass(frozen=True)
@@ -65,7 +177,6 @@ def arm_file(steps: Steps, to: Path) -> str:
 
 
 def drawn(name: str, size: float, rng: np.random.Generator, folder: Path) -> Rig:
-    """Draw an arm."""
     steps = nominal(name)
     true = built(steps, rng, size)
     axis = np.array([0.8, 0.5, 0.33]) + rng.normal(0.0, 0.02, 3)
@@ -87,14 +198,14 @@ def point(T: np.ndarray, p: np.ndarray) -> np.ndarray:
 
 def fixture_file(kind: str, arm: str, to: Path, **points: np.ndarray) -> str:
     """Write what `sarcal new fixture` makes of points (m) and directions measured on hand and base."""
-    words = ["new", "fixture", "--kind", kind, "--arm", arm, "--name", kind, "-o", str(to)]
+    line = ["new", "fixture", "--kind", kind, "--arm", arm, "--name", kind, "-o", str(to)]
     for name, value in points.items():
         size = 1e3 if name.endswith("point") else 1.0
         text = ",".join(f"{size * v:.9f}" for v in value)
-        words.append(f"--{name.replace('_', '-')}={text}")
+        line.append(f"--{name.replace('_', '-')}={text}")
     to.unlink(missing_ok=True)
     with redirect_stdout(StringIO()):
-        assert command(words) == 0, words
+        assert command(line) == 0, line
     give = f"give: {{position_mm: {1e3 * GIVE_M}, orientation_mrad: {1e3 * GIVE_RAD}}}"
     to.write_text(re.sub(r"^give:.*$", give, to.read_text(), flags=re.MULTILINE))
     return str(to)
@@ -147,7 +258,6 @@ class Outcome:
 
 
 def one(name: str, kind: str, seed: int, size: float, folder: Path) -> Outcome:
-    """Draw, simulate and calibrate one arm."""
     rng = np.random.default_rng(seed)
     rig = drawn(name, size, rng, folder)
     q, placement, where = (in_sockets if kind == "ball" else on_hinge)(rig, rng)

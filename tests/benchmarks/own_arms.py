@@ -10,9 +10,6 @@ Figures are of the joint offsets: share of true values inside the 95 % intervals
 Bars, at either size: 92 % inside, rms 0.5 to 1.1, all accepted.
 """
 
-# ruff: noqa: T201 - a benchmark prints
-
-import argparse
 import sys
 import tempfile
 from collections.abc import Callable
@@ -26,6 +23,7 @@ import yaml
 
 from operator_app.cli import main as command
 from operator_app.config.resources import resolve
+from tests.benchmarks.command_line import options
 
 POSES, FARTHEST_RAD = 26, 2.0
 HAND_POINT_M, HAND_AXIS = np.array([0.05, 0.02, 0.1]), np.array([0.8, 0.3, 0.52])
@@ -132,21 +130,8 @@ def with_hinge(arm: Arm, fixture: Path) -> tuple[np.ndarray, np.ndarray]:
     words = [",".join(f"{v:.9f}" for v in x) for p, d in lines for x in (1e3 * p, d)]
     names = ("--hand-point", "--hand-direction", "--base-point", "--base-direction")
     options = [f"{name}={word}" for name, word in zip(names, words, strict=True)]
-    command(
-        [
-            "new",
-            "fixture",
-            "--kind",
-            "hinge",
-            "--arm",
-            arm.name,
-            "--name",
-            "own",
-            *options,
-            "-o",
-            str(fixture),
-        ]
-    )
+    kind = f"--kind hinge --arm {arm.name} --name own".split()
+    command(["new", "fixture", *kind, *options, "-o", str(fixture)])
     give = yaml.safe_load(fixture.read_text())["give"]
     (point, axis), (ground, up) = [
         (p + 0.005 * rng.normal(size=3), d + 0.03 * rng.normal(size=3)) for p, d in lines
@@ -179,10 +164,7 @@ CASES = {
 
 def main() -> int:
     """Print one line for each case and size; 0 when every bar is met."""
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--size", default="1.0,0.333")
-    parser.add_argument("--arms", type=int, default=40)
-    args = parser.parse_args()
+    args = options(__doc__, size="1.0,0.333", arms=40)
     good = True
     print(f"{'arm':28}{'size':>6}{'inside %':>10}{'rms z':>7}{'sigma deg':>11}{'accepted':>10}")
     for size in map(float, args.size.split(",")):

@@ -10,8 +10,6 @@ CLONE is a clone of github.com/platonics-delft/kinematics_calibration, where the
 two blocks or more is trained on each of its blocks in turn.
 """
 
-# ruff: noqa: T201 - a benchmark prints
-
 import sys
 import tempfile
 from pathlib import Path

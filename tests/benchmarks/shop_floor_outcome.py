@@ -44,7 +44,6 @@ class Outcome:
 
     @property
     def z(self) -> np.ndarray:
-        """Errors in sigmas."""
         return self.error / self.sigma
 
     @property

@@ -16,9 +16,6 @@ Bars: `calibrate` of 40 poses at most 150 floors, `implicit` of 100 at most 25, 
 m^1.05, each of those sizes below 600 MB.
 """
 
-# ruff: noqa: T201 - a benchmark prints
-
-import argparse
 import resource
 import sys
 import time
@@ -35,6 +32,7 @@ from operator_app.calibration.cross_validation import check
 from solver.chain.poses import PoseSet
 from solver.estimators.implicit import NoiseModel, estimate_implicit
 from solver.estimators.paper import estimate_paper
+from tests.benchmarks.command_line import options
 from tests.oracles.as_shipped import ARM, HINGE, poses_of
 from tests.oracles.shop_floor import Sizes, session
 from tests.oracles.shop_floor_large import large
@@ -64,7 +62,6 @@ class Cost:
 
 
 def work(kind: str, count: int) -> Callable[[], object]:
-    """Return what is to be timed."""
     if kind in ("checks", "calibrate1", "calibrate2", "calibrate3"):
         drawn = poses_of(session(int(kind[-1]) if kind != "checks" else 1, poses=count))
         if kind != "checks":
@@ -120,11 +117,8 @@ def measured(kind: str, count: int, *, turns: int = 15) -> Cost:
 
 def main() -> int:
     """Measure and print; 0 when every bar is met."""
-    parser = argparse.ArgumentParser(description=__doc__)
     sizes = "1000,10000,100000"
-    parser.add_argument("--poses", default=sizes, help="sizes of paper and implicit")
-    parser.add_argument("--solve", default=sizes, help="sizes of the whole calibration")
-    options = parser.parse_args()
+    chosen = options(__doc__, poses=sizes, solve=sizes)
     good = True
     for name, bar in BARS.items():
         kind, count = name.split()
@@ -138,10 +132,10 @@ def main() -> int:
             f"{'' if ratio <= bar else 'MISSED'}",
             flush=True,
         )
-    for kind, chosen in (
-        ("paper", options.poses), ("implicit", options.poses), ("calibrate0", options.solve),
+    for kind, listed in (
+        ("paper", chosen.poses), ("implicit", chosen.poses), ("calibrate0", chosen.solve),
     ):  # fmt: skip
-        counts = [int(n) for n in chosen.split(",") if n]
+        counts = [int(n) for n in listed.split(",") if n]
         costs = [measured(kind, n, turns=3) for n in counts]
         for n, found in zip(counts, costs, strict=True):
             met = found.megabytes < MEGABYTES

@@ -1,11 +1,8 @@
-# ruff: noqa: T201 - a benchmark prints
-"""What the terminal app costs and how fast it answers. Run: python -m tests.benchmarks.tui [--quick]
+"""How fast the terminal app answers. Run: python -m tests.benchmarks.tui
 
 The real program in a pseudo-terminal of 120 x 36. The virtual controller is a process of its own on
 the loopback bus, 100 SYNC/s, and the screen is repainted 20 times a second. Printed:
 
-- first paint, memory
-- CPU of the thread that paints, and of the whole process, at rest and while poses are captured
 - key to screen: from writing a key until the first byte of what it changes, p50 and p95, at rest and
   while a calibration runs
 - STOP: from writing F8 until the seventh quick-stop frame is on the bus, seen by a third process's
@@ -28,14 +25,12 @@ from hardware.canopen.cia402 import CONTROLWORD_QUICK_STOP
 from hardware.canopen.objects import COB_RPDO1
 from tests.oracles.pty_program import PtyProgram
 
-QUICK = "--quick" in sys.argv
 SARCAL = str(Path(sys.executable).with_name("sarcal"))
 CHANNEL = f"bench-{os.getpid()}"
 POSES = 24
 F8 = b"\x1b[19~"
 JOINTS = 7
-KEYS = 20 if QUICK else 100
-STOPS = 5 if QUICK else 100
+KEYS = STOPS = 100
 PRESSES = 5
 LOAD_PER_S = 500
 """Frames a second of other traffic while the bus is loaded."""
@@ -75,14 +70,12 @@ class StopWatch:
         raise RuntimeError("quick stop goes on though nobody asked for it")
 
     def all_seven(self) -> float:
-        """Return when the seventh drive's frame was there."""
         with self._news:
             if not self._news.wait_for(lambda: len(self._seen) == JOINTS, timeout=5.0):
                 raise TimeoutError(f"quick stop reached {sorted(self._seen)} only")
             return max(self._seen.values())
 
     def close(self) -> None:
-        """Stop listening."""
         self._end = True
         self._thread.join()
         self._bus.shutdown()
@@ -104,13 +97,11 @@ class Load:
         bus.shutdown()
 
     def close(self) -> None:
-        """End it."""
         self._end.set()
         self._thread.join()
 
 
 def main() -> None:
-    """Measure and print."""
     with tempfile.TemporaryDirectory() as root:
         folder = Path(root)
         controller = subprocess.Popen(
@@ -131,9 +122,7 @@ def main() -> None:
 
 
 def measure(app: PtyProgram) -> None:
-    """Walk the app to each situation and measure there."""
-    print(f"first paint            {1e3 * (app.seen('loading', 0) - app.began_s):7.0f} ms")
-    print(f"ready for the first key{1e3 * (app.seen('Enter connects', 0) - app.began_s):7.0f} ms")
+    app.seen("Enter connects", 0)
     app.press(b"\r", "goes on to Fixture")
     app.press(b"\r", "Check list")
     app.press(b"\r", "goes on to Modes")
@@ -141,12 +130,8 @@ def measure(app: PtyProgram) -> None:
     app.press(b"a", "Apply the modes?")
     app.press(b"y", "goes on to Capture")
     app.press(b"\r", "What the poses determine")
-    cpu(app, "at rest")
     app.write(b"a")
-    app.seen("ANY KEY STOPS", 0)
-    cpu(app, "capturing")
     app.seen(f"all {POSES} poses captured", 0, patience_s=120.0)
-    print(f"memory, all captured   {app.memory_mb():7.1f} MB")
     answers(app, "at rest")
     watch = StopWatch()
     try:
@@ -161,19 +146,6 @@ def measure(app: PtyProgram) -> None:
     finally:
         watch.close()
     answers(app, "while solving", solving=True)
-    print(f"memory, solved         {app.memory_mb():7.1f} MB")
-
-
-def cpu(app: PtyProgram, what: str) -> None:
-    """Share of one core over a few seconds."""
-    seconds = 3.0 if QUICK else 10.0
-    thread, process, began = app.thread_cpu_s(), app.cpu_s(), time.monotonic()
-    threading.Event().wait(seconds)
-    took = time.monotonic() - began
-    painting, whole = app.thread_cpu_s() - thread, app.cpu_s() - process
-    print(
-        f"CPU, {what:<18}{100 * painting / took:7.1f} % painting, {100 * whole / took:.1f} % in all"
-    )
 
 
 def answers(app: PtyProgram, what: str, *, solving: bool = False) -> None:
@@ -238,7 +210,6 @@ def reset(app: PtyProgram) -> None:
 
 
 def show(what: str, times: list[float]) -> None:
-    """Print p50, p95, p99 and the largest."""
     ms = 1e3 * np.array(times)
     p50, p95, p99 = np.percentile(ms, [50, 95, 99])
     print(

@@ -7,19 +7,15 @@ wrong result is never accepted without a cause or warning that names the fault; 
 first in 90 % of the arms; at most one in a hundred sound sets is refused. Column `unseen`: wrong, accepted, not named.
 """
 
-# ruff: noqa: T201 - a benchmark prints
-
-import argparse
 import re
 import sys
 from collections import Counter
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
+from tests.benchmarks.command_line import options, workers
 from tests.benchmarks.shop_floor_files import read
 from tests.benchmarks.shop_floor_outcome import CRASHED, REFUSED, Outcome, outcome
 from tests.oracles.shop_floor import PARAMETERS
@@ -76,7 +72,6 @@ def _z(case: Case, found: Outcome) -> np.ndarray:
 
 
 def one(job: tuple[str, int]) -> Judged:
-    """Make and judge one case of one arm."""
     name, seed = job
     case = sound(seed) if name == "sound" else CASES[name](seed)
     found = judged(case)
@@ -112,25 +107,18 @@ def line(name: str, found: Sequence[Judged]) -> bool:
     return good
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def main() -> int:
     """Run the cases and print them; 0 when every bar is met."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--arms", type=int, default=20)
-    parser.add_argument("--sound", type=int, default=100)
-    parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--cases", default="", help="parts of names, separated by commas")
-    options = parser.parse_args(arguments)
-    wanted = options.cases.split(",")
-    rows = dict.fromkeys(CASES, options.arms)
-    rows = {"sound": options.sound} | rows
+    chosen = options(__doc__, arms=20, sound=100, workers=2, cases="")
+    rows = {"sound": chosen.sound} | dict.fromkeys(CASES, chosen.arms)
     good = True
     print(
         f"{'case':28}{'acc.':>5}{'not':>5}{'crash':>5}{'wrong':>6}{'unseen':>7}{'first':>6}"
         f"{'named':>6}          first causes"
     )
-    with ProcessPoolExecutor(options.workers, initializer=threadpool_limits, initargs=(1,)) as pool:
+    with workers(chosen.workers) as pool:
         for name, arms in rows.items():
-            if arms and any(part in name for part in wanted):
+            if arms and any(part in name for part in chosen.cases.split(",")):
                 jobs = [(name, FIRST_SEED + k) for k in range(arms)]
                 good = line(name, list(pool.map(one, jobs))) and good
     return 0 if good else 1

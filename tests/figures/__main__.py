@@ -1,4 +1,3 @@
-# ruff: noqa: T201 - prints the files that it wrote
 """Draws the manual's figures. Run: python -m tests.figures
 
 The loop of the packaged arm in the packaged hinge, and the share of each error source in the variance of each
@@ -121,7 +120,6 @@ def budget() -> str:
 
 
 def main() -> None:
-    """Write both figures."""
     FIGURES.mkdir(exist_ok=True)
     for name, figure in (("loop", loop()), ("budget", budget())):
         (FIGURES / f"{name}.svg").write_text(figure)

@@ -148,12 +148,10 @@ class FakeArmBus(can.BusABC):
 
     @property
     def statuses(self) -> set[int]:
-        """Distinct states of the drives."""
         return {drive.status for drive in self.drives.values()}
 
     @property
     def commands(self) -> list[bytes]:
-        """Data of the command frames to joints so far."""
         return [data for identifier, data in self.sent if 0x200 < identifier <= 0x200 + JOINTS]
 
     def controlwords(self, joint: int, since: int = 0) -> list[int]:
@@ -162,7 +160,6 @@ class FakeArmBus(can.BusABC):
         return [struct.unpack("<Hib", data)[0] for data in frames]
 
     def inject(self, identifier: int, data: bytes) -> None:
-        """Put a frame of another device on the bus."""
         with self._wake:
             self._queue.append((identifier, data))
             self._wake.notify_all()
@@ -323,8 +320,6 @@ class FakeArmBus(can.BusABC):
 
 
 class _StopHandle(can.BusABC):
-    """Second handle on the same bus, for sending only."""
-
     def __init__(self, bus: FakeArmBus) -> None:
         self._bus = bus
         super().__init__(channel="fake")

@@ -1,12 +1,12 @@
 """An arm with drives of another set-up, for the tests of profiles and of the bench check."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import can
 
-from hardware.arm_description import EncoderDescription
-from hardware.buses.python_can import ArmOnBus, BusSettings
+from hardware.arm_description import ArmDescription, EncoderDescription
+from hardware.buses.python_can import ArmOnBus, BusOpeners, BusSettings, open_bus
 from hardware.canopen.bus_profile import BusProfile
 from hardware.commissioning.probe import probe
 from hardware.commissioning.profile_draft import draft
@@ -33,21 +33,30 @@ def running_foreign_arm(settings: BusSettings, *nodes: int) -> Iterator[ForeignA
         yield arm
 
 
-def unconnected(settings: BusSettings, profile: BusProfile) -> CanopenArm:
+def unconnected(
+    settings: BusSettings,
+    profile: BusProfile,
+    description: ArmDescription = DESCRIPTION,
+    *,
+    pace: Pace = Pace.FAST_FORWARD,
+    opener: Callable[[BusSettings], can.BusABC] = open_bus,
+) -> CanopenArm:
     timing = Timing(
-        listen_s=0.05,
+        listen_s=0.15,
         boot_timeout_s=1.0,
-        answer_timeouts_s=dict.fromkeys(Pace, 0.5),
+        answer_timeouts_s=dict.fromkeys(Pace, 2.0),
         heartbeat_timeout_s=5.0,
+        lost_after_s=5.0,
     )
+    openers = BusOpeners(main=opener)
     return CanopenArm(
-        ArmOnBus(DESCRIPTION, settings, profile, pace=Pace.FAST_FORWARD, timing=timing)
+        ArmOnBus(description, settings, profile, pace=pace, timing=timing, openers=openers)
     )
 
 
 def drafted(settings: BusSettings, *, configure: bool = False) -> BusProfile:
     """Probe the bus and draft a profile, which survives being written to a file."""
-    nodes = probe(settings, sarcos(), listen_s=0.5, answers_s=0.3).nodes
+    nodes = probe(settings, sarcos(), listen_s=0.5, answers_s=1.0).nodes
     profile = draft(nodes, name="acme", configure=configure)
     text = format_profile(profile, comment="drafted")
     assert parse_profile(text, "acme.yaml", joints=JOINTS) == profile

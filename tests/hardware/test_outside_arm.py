@@ -168,17 +168,17 @@ def test_second_close_waits_for_first_close(arm, plain):
 
     def wait() -> None:
         closing.set()
-        assert may_close.wait(5.0)
+        assert may_close.wait(60.0)
 
     plain.before_executing = wait
     with ThreadPoolExecutor(2) as pool:
         first = pool.submit(arm.close)
-        assert closing.wait(5.0)
+        assert closing.wait(60.0)
         second = pool.submit(arm.close)
         assert not wait_for_futures([first, second], timeout=0.05).done
         may_close.set()
-        assert first.result(5.0)
-        assert second.result(5.0)
+        assert first.result(60.0)
+        assert second.result(60.0)
 
 
 def test_upload_enables_no_drive(arm, plain):

@@ -10,6 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
 import can
+import numpy as np
 import pytest
 
 from hardware.arm import HostLatency
@@ -101,6 +102,8 @@ class Bus:
     suspended_after_sync_for_s: float = 0.0
     """Latency after the next SYNC, with its answers in the queue."""
     on_sync: Callable[[], None] = lambda: None
+    sent: list[tuple[int, float]] = field(default_factory=list)
+    """Identifiers and times of the frames."""
     scenario: Iterator[None] = field(default_factory=lambda: iter(()))
     """Advances by one step before each poll, in the loop's own thread."""
     finished: threading.Event = field(default_factory=threading.Event)
@@ -108,6 +111,7 @@ class Bus:
 
     def send(self, identifier: int, _data: bytes) -> None:
         """Answer every SYNC at once."""
+        self.sent.append((identifier, self.clock.now_s))
         if identifier == COB_SYNC:
             self.on_sync()
             self.queue.extend(
@@ -177,6 +181,21 @@ def play(loop: ControlLoop, bus: Bus, scenario: Iterator[None]) -> None:
     loop.close()
     if bus.failure is not None:
         raise bus.failure
+
+
+@pytest.mark.parametrize(("identifier", "period_s"), [(COB_SYNC, 0.01), (0x77F, 0.1)])
+def test_sync_and_heartbeat_are_sent_once_per_period(bus, loop, identifier, period_s):
+    def scenario() -> Iterator[None]:
+        until_s = bus.clock.now_s + 2.0
+        while bus.clock.now_s < until_s:
+            yield
+
+    loop.begin_sync()
+    loop.begin_heartbeat()
+    play(loop, bus, scenario())
+    times_s = [time_s for sent, time_s in bus.sent if sent == identifier]
+    assert len(times_s) >= 19
+    assert np.diff(times_s) == pytest.approx(period_s, abs=1e-6)
 
 
 def test_suspended_loop_reports_no_silence(bus, loop):

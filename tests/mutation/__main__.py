@@ -1,4 +1,3 @@
-# ruff: noqa: T201 - prints its result
 """Mutation tests of the modules of command limits and CiA 402. Needs the extra 'mutation'.
 
     python -m tests.mutation [MODULE ...] [--processes 2]
@@ -30,7 +29,6 @@ TESTS = {
 
 
 def main() -> int:
-    """Test all mutants and print the survivors."""
     parser = argparse.ArgumentParser(prog="python -m tests.mutation")
     parser.add_argument("modules", nargs="*", default=list(TESTS), metavar="MODULE")
     parser.add_argument("--processes", type=int, default=1)
@@ -64,7 +62,6 @@ def main() -> int:
 
 
 def _test(module: str, mutants: Iterable[Mutant], processes: int) -> Iterator[tuple[Mutant, bool]]:
-    """Yield each mutant and whether all tests passed on it."""
     running: list[tuple[Mutant, MutantRun]] = []
     for mutant in mutants:
         if len(running) >= processes:

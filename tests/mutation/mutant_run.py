@@ -53,12 +53,9 @@ class _SourceFinder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
 
 @dataclass(frozen=True, slots=True)
 class MutantRun:
-    """Tests in a process of their own."""
-
     pid: int
 
     def passed(self) -> bool:
-        """Wait for the end and return whether all tests passed."""
         return os.waitpid(self.pid, 0)[1] == 0
 
 

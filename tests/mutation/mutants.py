@@ -75,7 +75,6 @@ def _by_name(source: str) -> Iterator[str]:
 
 
 def _by_entry(source: str) -> Iterator[str]:
-    """Remove entries of dictionaries, sets and tuples."""
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Dict):
             for at in range(len(node.keys)):

@@ -11,8 +11,6 @@ from operator_app.cli import main
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Answer:
-    """Standard output and standard error."""
-
     out: str
     err: str
 

@@ -24,7 +24,6 @@ def poses_of(session: Session) -> PoseSet:
 
 
 def solved(session: Session, **options: str) -> Solution:
-    """The calibration of a session."""
     return calibrate(ARM, HINGE, poses_of(session), **options)
 
 

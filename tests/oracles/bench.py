@@ -35,8 +35,6 @@ _channels = itertools.count()
 
 
 class Bench:
-    """Sessions of one procedure on one controller."""
-
     def __init__(
         self, controller: VirtualController, settings: BusSettings, root: Path, **chosen: object
     ) -> None:
@@ -81,7 +79,6 @@ class Bench:
             return result
 
     def planted(self, solution: Solution) -> np.ndarray:
-        """True values of a calibration's parameters."""
         choices = _choices(**self._chosen)
         procedure = begin(str(self._chosen["procedure"]), choices, root=self.root).procedure
         truth = virtual_arm(procedure.arm, procedure.fixture, choices).true_loop()

@@ -106,7 +106,6 @@ class FrameMutator:
         return []
 
     def other_answer(self, message: can.Message, rng: Random) -> list[can.Message]:
-        """Change the next SDO response."""
         if message.arbitration_id & 0x780 != 0x580:
             self.todo.appendleft((0, self.other_answer))
             return [message]
@@ -271,7 +270,6 @@ class FuzzedOperator:
         return [node.drive.counts for node in self._controller.drives]
 
     def _recover(self, arm: CanopenArm) -> None:
-        """Reset the stop and take control, or else reconnect."""
         self.mutators[-1].todo.clear()
         try:
             arm.reset_stop()

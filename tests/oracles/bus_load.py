@@ -24,7 +24,7 @@ PORT = 43_117
 HEADER = struct.Struct("!4s8sBBI")
 EXTENDED = 1
 SO_ATTACH_FILTER, SO_TIMESTAMPNS, IP_MULTICAST_ALL = 26, 35, 49
-SYNC, FIRST_ANSWER, LAST_ANSWER, OPERATOR_BEAT = 0x080, 0x181, 0x187, 0x77F
+SYNC, FIRST_ANSWER, LAST_ANSWER = 0x080, 0x181, 0x187
 SPAWN = get_context("spawn")
 
 
@@ -72,11 +72,10 @@ def send_foreign_frames(channel: str, rate: float, done: Event, sent: Any) -> No
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SyncRecord:
-    """SYNCs of a session: times `at_s`, joints that answered before the next; times of the operator's heartbeat."""
+    """SYNCs of a session: times `at_s`, and joints that answered before the next."""
 
     at_s: tuple[float, ...]
     answers: tuple[int, ...]
-    beats_s: tuple[float, ...]
 
     def gaps_s(self) -> list[float]:
         return [b - a for a, b in zip(self.at_s, self.at_s[1:], strict=False)]
@@ -87,8 +86,7 @@ def _arm_frames_filter() -> bytes:
     load, equal, at_least, more, return_bytes = 0x20, 0x15, 0x35, 0x25, 0x06
     program = [
         (load, 0, 0, 8 + 14),
-        (equal, 4, 0, SYNC),
-        (equal, 3, 0, OPERATOR_BEAT),
+        (equal, 3, 0, SYNC),
         (at_least, 0, 1, FIRST_ANSWER),
         (more, 0, 1, LAST_ANSWER),
         (return_bytes, 0, 0, 0),
@@ -104,7 +102,6 @@ def record_syncs(channel: str, ready: Event, done: Event, pipe: Any) -> None:
     listener = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     at_s: list[float] = []
     answers: list[int] = []
-    beats_s: list[float] = []
     with listener:
         listener.setblocking(False)
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -142,11 +139,9 @@ def record_syncs(channel: str, ready: Event, done: Event, pipe: Any) -> None:
                 if identifier == SYNC:
                     at_s.append(stamp)
                     answers.append(0)
-                elif identifier == OPERATOR_BEAT:
-                    beats_s.append(stamp)
                 elif answers:
                     answers[-1] += 1
-    pipe.send(SyncRecord(at_s=tuple(at_s), answers=tuple(answers), beats_s=tuple(beats_s)))
+    pipe.send(SyncRecord(at_s=tuple(at_s), answers=tuple(answers)))
 
 
 def backlog_bytes(channel: str) -> int:
@@ -158,7 +153,6 @@ def backlog_bytes(channel: str) -> int:
 
 
 def compute(done: Event) -> None:
-    """Keep a processor busy."""
     x = 1
     while not done.is_set():
         for _ in range(100_000):

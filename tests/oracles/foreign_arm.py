@@ -208,7 +208,6 @@ class ForeignArm:
                 node.nmt.send_command(data[0])
 
     def _apply_pdos(self, node: Drive, axis: Axis) -> None:
-        """Apply the current PDO records."""
         for pdo in node.rpdo.values():
             if pdo.cob_id is not None:
                 with suppress(KeyError, ValueError):

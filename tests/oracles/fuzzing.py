@@ -3,16 +3,171 @@
 An input is accepted, or refused with an expected error; any other exception is a defect and is raised.
 """
 
+import contextlib
+import io
+import os
+import shutil
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from random import Random
 
+from hardware.line_port import CalledLines, GrowingFile, LinePort
+from operator_app.cli import COMMANDS, main
 from operator_app.exit_codes import EXPECTED_ERRORS
+from operator_app.session.workflow.pose_reading import Instrument, port_of
+from operator_app.virtual_arms import slots_in
 from tests.oracles.bus_fuzzing import FuzzedOperator
-from tests.oracles.command_fuzzing import fuzz_command
-from tests.oracles.document_fuzzing import DOCUMENTS
-from tests.oracles.input_mutations import Refused
-from tests.oracles.path_fuzzing import fuzz_instrument, fuzz_parameter_slots
+from tests.oracles.document_fuzzing import DATA, DOCUMENTS, Refused, bytes_changed
+
+ODD_WORDS = (
+    "", "-", "--", "-1", "0", "nan", "inf", "1e999", "1e-300", "9" * 40, "\u0663", "\x1b[2J", "a" * 5000,
+    "~nosuchuser/x", "/dev/null", "/dev/full", "/proc/self/mem", ".", "..", "/", "\udcff", "x\x00y", "6,7",
+    "1,,2", "latest", "hinge", "sarcos_dextrous", "no.csv", "--json", "-c", "{}", "%s", "virtual", "vcan0",
+)  # fmt: skip
+ENDLESS = ("run", "plan", "controller", "monitor", "probe")
+"""Commands that might not end by themselves: they are given an unknown option in addition."""
+TAKES_SESSIONS = ("export", "report", "compare", "run", "session", "import")
+ARGUMENTS: Mapping[str, tuple[str, ...]] = {
+    "solve": (str(DATA), "--arm", "--fixture", "--estimator", "paper", "--unsensed", "--global-start",
+              "--length-tolerance", "--rvdt-table", "--json"),
+    "verify": (str(DATA), "--poses", "--arm", "--fixture", "--session", "--open-loop", "--json"),
+    "export": ("--upload", "--force", "--show", "--output", "--json"),
+    "report": ("--output", "--json", "-o"),
+    "compare": ("--json", "--remounted"),
+    "session": ("list", "show", "repair", "--json"),
+    "reset": ("--json", "-i", "-b", "--scenario"),
+    "import": (str(DATA), "--rad", "--deg", "--columns", "1-7", "--arm", "--fixture", "--serial", "--json"),
+    "new": ("arm", "fixture", "procedure", "--urdf", "--tip", "--name", "--from", "--kind", "--arm", "--fixture",
+            "--hand-point", "--base-point", "--hand-direction", "--tolerance-mm", "ball", "1,2,3", str(DATA)),
+    "check": (str(DATA), "--arm", "--fixture", "--procedure", "--json", "README.md"),
+    "run": ("--poses", "--tracker", "--resume", "--force", "--plan", "--estimator", "--unsensed", "-i", "-b", "--seed"),
+    "plan": ("--poses", "--fixture", "--arm", "--seed", "--joints", "--json"),
+    "controller": ("--arm", "--state", "--fault", "--fault-joint", "--fault-sync", "-i", "-c", "--seed"),
+    "monitor": ("-i", "-c", "-b"),
+    "probe": ("-i", "-c", "-b", "--json", "--profile", "--draft"),
+}  # fmt: skip
+
+
+def fuzz_command(rng: Random, folder: Path) -> None:
+    """Run a random command line: it ends with a documented exit code and prints no escape sequence."""
+    command = rng.choice(tuple(ARGUMENTS))
+    arguments = ARGUMENTS[command]
+    words = [command, *(rng.choice(arguments + ODD_WORDS) for _ in range(rng.randrange(6)))]
+    if rng.random() < 0.5:
+        words += [rng.choice(arguments), rng.choice(ODD_WORDS)]
+    if command in ENDLESS:
+        words.append("--no-such-option")
+    if rng.random() < 0.2:
+        rng.shuffle(words)
+        words = words if {*words} & {*COMMANDS} else [command, *words]
+    elif command in TAKES_SESSIONS:
+        words += ["--sessions", str(folder)]
+    output = io.StringIO()
+    with contextlib.redirect_stdout(output), contextlib.redirect_stderr(output):
+        try:
+            code = main(words)
+        except SystemExit as usage_error:
+            code = usage_error.code
+    if code not in (0, 2, 3, 4, 5):
+        raise AssertionError(f"exit code {code} for {words}")
+    if "\x1b[2J" in output.getvalue():
+        raise AssertionError(f"escape sequence in the output of {words}")
+    if code != 0:
+        raise Refused(output.getvalue())
+
+
+REPLIES = (
+    b'{"pose": "12", "x_m": 0.1, "y_m": 0.2, "z_m": 0.3, "rx_deg": 1, "ry_deg": 2, "rz_deg": 3}',
+    b'{"pose": "12", "lost": "behind the elbow"}',
+    b'{"x_m": 0.1, "y_m": 0.2, "z_m": 0.3, "qw": 1, "qx": 0, "qy": 0, "qz": 0}',
+)
+HEADING, ROW = b"pose,x_m,y_m,z_m,rx_deg,ry_deg,rz_deg\n", b"12,0.1,0.2,0.3,1,2,3\n"
+
+
+def fuzz_instrument(rng: Random, folder: Path) -> None:
+    """Read a JSON reply, or a growing file with a fuzzed path, heading or row."""
+    port: LinePort
+    if rng.random() < 0.5:
+        reply = bytes_changed(rng.choice(REPLIES), rng).decode(errors="replace")
+        port = CalledLines(lambda _: reply, "a tracker")
+    else:
+        file = folder / "rows.csv"
+        if rng.random() < 0.2:
+            port_of(f"file:{_odd_path(rng, folder, file)}").open()
+            return
+        file.write_bytes(bytes_changed(HEADING, rng) if rng.random() < 0.5 else HEADING)
+        port = _AppendedFile(file, bytes_changed(ROW, rng))
+    instrument = Instrument(port, full_pose=rng.random() < 0.5, patience_s=0.0)
+    instrument.open()
+    instrument.measure("12")
+
+
+class _AppendedFile(GrowingFile):
+    """A file that grows by a row at each request."""
+
+    def __init__(self, path: Path, row: bytes) -> None:
+        super().__init__(path)
+        self._file, self._row = path, row
+
+    def ask(self, question: str) -> None:
+        super().ask(question)
+        with self._file.open("ab") as file:
+            file.write(self._row)
+
+
+def _odd_path(rng: Random, folder: Path, file: Path) -> Path:
+    """A path that is no writable file, often a pipe without a peer."""
+    devices = ("/proc/x", "/proc/self/mem", "/dev/null", "/dev/zero", "/dev/full")
+    match rng.randrange(6):
+        case 0 | 1:
+            pipe = folder / "pipe"
+            if not pipe.exists():
+                os.mkfifo(pipe)
+            return pipe
+        case 2:
+            return folder
+        case 3:
+            return file / "below" / "it"
+        case 4:
+            return Path(rng.choice(devices))
+        case _:
+            return Path(rng.choice(("x\x00y", "a" * 5000, "")))
+
+
+def fuzz_parameter_slots(rng: Random, folder: Path) -> None:
+    """Open the folder of `controller --state` with a fuzzed path or fuzzed contents."""
+    if rng.random() < 0.3:
+        path = _odd_path(rng, folder, folder / "rows.csv")
+        if path not in (folder, Path()):
+            slots_in(path)
+            return
+    state = folder / "state"
+    state.mkdir(exist_ok=True)
+    try:
+        store = slots_in(state)
+        for document in (b"one", b"two")[: rng.randrange(3)]:
+            store.commit(document)
+        for name in ("active", "slot_a", "slot_b", "slot_a.new", "active.new"):
+            file = state / name
+            match rng.randrange(8):
+                case 0 if file.exists():
+                    file.write_bytes(bytes_changed(file.read_bytes(), rng))
+                case 1:
+                    file.unlink(missing_ok=True)
+                    os.mkfifo(file)
+                case 2 if not file.exists():
+                    file.mkdir()
+        store = slots_in(state)
+        active = store.document(store.active)
+        if active not in (None, b"one", b"two"):
+            raise AssertionError(f"{active!r} was never committed")
+        try:
+            store.commit(b"three")
+        except OSError as error:
+            raise Refused(str(error)) from error
+    finally:
+        shutil.rmtree(state)
+
 
 _operator = FuzzedOperator()
 over = _operator.close
@@ -26,7 +181,6 @@ PARSERS: Mapping[str, Callable[[Random, Path], None]] = {
 
 
 def outcome(kind: str, seed: int, folder: Path) -> str:
-    """Outcome of one input: ``accepted`` or ``refused``."""
     rng = Random(f"{kind} {seed}")  # noqa: S311 - to be repeated, not to be secret
     try:
         PARSERS[kind](rng, folder)

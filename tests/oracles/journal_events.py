@@ -8,10 +8,8 @@ from operator_app.session.workflow.session import Session
 
 
 def journal_events(session: Session) -> tuple[JournalEvent, ...]:
-    """Return all events."""
     return read_journal(session.journal.path.parent).events
 
 
 def event_data(session: Session, name: str) -> list[dict[str, Any]]:
-    """Return the data of the events with this name."""
     return [dict(event.data) for event in journal_events(session) if event.name == name]

@@ -19,7 +19,6 @@ SCENARIO = "datasheet"
 
 
 def initial_snapshot(session: Session) -> SessionSnapshot:
-    """Snapshot of a session before its first task."""
     return SessionSnapshot(
         now_s=0.0,
         procedure=session.procedure,
@@ -51,7 +50,6 @@ class Quiet:
 
 
 def resume_on_plant(folder: Path, clock: Clock = utc_now, **chosen: object) -> Session:
-    """Resume a session."""
     opening = resume(str(folder), Choices(**chosen), root=folder.parent)  # type: ignore[arg-type]
     return _session(opening, clock)
 

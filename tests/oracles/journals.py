@@ -23,7 +23,6 @@ def journal_event(name: str, data: dict[str, Any]) -> JournalEvent:
 
 
 def sources() -> dict[str, str]:
-    """The packaged documents."""
     root = Path(__file__).parents[2]
     folders = {
         "procedure": root / "operator_app/data/procedures/hinge.yaml",

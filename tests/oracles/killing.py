@@ -73,7 +73,6 @@ class KillStatistics:
         return sum(self.killed.values())
 
     def add(self, other: KillStatistics) -> None:
-        """Add the statistics of another chain."""
         self.killed += other.killed
         self.words += other.words
         self.sessions += other.sessions
@@ -85,8 +84,6 @@ class KillStatistics:
 
 
 class Program:
-    """A `sarcal` process with its output in a file."""
-
     def __init__(self, folder: Path, name: str, *arguments: str) -> None:
         self._file = folder / f"{name}.txt"
         with self._file.open("wb") as output:
@@ -304,7 +301,6 @@ class KillSequence:
             self._fault(f"{program.peak_mb:.0f} MB")
 
     def _check_files(self) -> None:
-        """Check the journal and the active slot."""
         if self.session is not None:
             try:
                 self._check_journal((self.session / "journal.jsonl").read_bytes())
@@ -328,5 +324,4 @@ class KillSequence:
 
 
 def chain(folder: str, seed: int, kills: int, *, embedded: bool) -> KillStatistics:
-    """Run one chain of kills; for a pool of processes."""
     return KillSequence(Path(folder), seed, kills, embedded=embedded).run()

@@ -69,7 +69,6 @@ class LiveArm(PlantArm):
             return super()._step()
 
     def _work_step(self) -> None:
-        """Check for errors and STOP in a step of a task."""
         if self.pace_s:
             self._stop_latch.wait(self.pace_s)
         for error in (self.work_error, self._diverged):
@@ -89,7 +88,6 @@ class LiveArm(PlantArm):
                     self.lock.release()
 
     def fall_silent(self) -> None:
-        """Stop answering."""
         self._silent_since = time.monotonic()
 
     def stop_answering_since(self, seconds: float) -> None:
@@ -106,7 +104,6 @@ class LiveArm(PlantArm):
         self._drives, self._modes = DriveState.SWITCH_ON_DISABLED, [None] * self.model.joint_count
 
     def trip(self, joint: int) -> None:
-        """Trip all drives by a fault of one."""
         fault = {"node": joint, "joint": joint, "code": 0x8311, "text": "torque limit"}
         self._faults = (Fault(**fault, sync_count=self._syncs),)
         self._drives = DriveState.FAULT

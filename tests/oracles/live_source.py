@@ -37,7 +37,6 @@ class FakeSessions(Sessions):
 
     @property
     def runner(self) -> Runner | None:
-        """The open runner."""
         return self._runner
 
     @contextmanager

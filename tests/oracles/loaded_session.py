@@ -43,7 +43,7 @@ class LoadedSession:
     events: tuple[tuple[str, float], ...]
 
     def pauses_in_intervals_s(self) -> list[float]:
-        """MachinePauses of the machine (s) in each interval between two SYNCs; 0 if unknown."""
+        """Pauses of the machine (s) in each interval between two SYNCs; 0 if unknown."""
         if not self.pauses.known:
             return [0.0] * max(len(self.rhythm.at_s) - 1, 0)
         gaps = zip(self.rhythm.at_s, self.rhythm.gaps_s(), strict=False)

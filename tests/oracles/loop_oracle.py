@@ -6,6 +6,7 @@ Products of homogeneous matrices, with derivatives by complex step: slow, and ex
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -13,14 +14,13 @@ COLUMNS = ("theta_off", "s", "a", "alpha")
 
 
 @dataclass(frozen=True)
-class Truth:
-    """A loop of D-H links 0..n: columns of length n + 1 (rad, m), and a measured home pose (n,)."""
+class Chain:
+    """D-H columns of links 0..n, rad and m; true angle = reading + `theta_off`."""
 
     theta_off: np.ndarray
     s: np.ndarray
     a: np.ndarray
     alpha: np.ndarray
-    home: np.ndarray
 
     def value(self, name: str) -> float:
         column, row = name.rsplit("_", 1)
@@ -29,12 +29,22 @@ class Truth:
     def values(self, names) -> np.ndarray:
         return np.array([self.value(name) for name in names])
 
-    def with_values(self, names, values) -> Truth:
+    def with_values(self, names, values) -> Self:
         columns = {c: np.array(getattr(self, c)) for c in COLUMNS}
         for name, value in zip(names, values, strict=True):
             column, row = name.rsplit("_", 1)
             columns[column][int(row)] = value
         return replace(self, **columns)
+
+    def changed(self, **changes: float) -> Self:
+        return self.with_values(changes.keys(), changes.values())
+
+
+@dataclass(frozen=True)
+class Truth(Chain):
+    """A chain with a measured home pose (n,)."""
+
+    home: np.ndarray
 
 
 def paper_truth() -> Truth:
@@ -74,7 +84,7 @@ def product(theta, s, a, alpha, beta=0.0):
     return T
 
 
-def closure(truth: Truth, angles):
+def closure(truth: Chain, angles):
     """Antisymmetric part of the rotation, and position, (m, 6), at theta_0 and readings (m, L)."""
     T = product(angles + truth.theta_off, truth.s, truth.a, truth.alpha)
     turn = np.stack(
@@ -83,7 +93,7 @@ def closure(truth: Truth, angles):
     return np.concatenate((0.5 * turn, T[..., :3, 3]), axis=-1)
 
 
-def closure_rates(truth: Truth, angles, names):
+def closure_rates(truth: Chain, angles, names):
     """Complex-step derivatives of `closure`: by the angles (m, 6, L) and by `names` (m, 6, P)."""
     h = 1e-40
     by_angle = [
@@ -98,7 +108,7 @@ def closure_rates(truth: Truth, angles, names):
     )
 
 
-def _stepped(truth: Truth, name: str, h: float) -> Truth:
+def _stepped(truth: Chain, name: str, h: float) -> Chain:
     column, row = name.rsplit("_", 1)
     values = getattr(truth, column).astype(complex)
     values[int(row)] += 1j * h
@@ -143,7 +153,7 @@ def closed_poses(
     return poses
 
 
-def information(truth: Truth, angles, names, variance, *, unsensed=(), give=None, hinge=True):
+def information(truth: Chain, angles, names, variance, *, unsensed=(), give=None, hinge=True):
     """Fisher information (P, P) of `names` from readings with `variance` (n,), rad^2.
 
     The angles of `unsensed` joints and of the hinge are nuisance parameters of each pose; `give` (6,) is the variance
@@ -164,6 +174,6 @@ def information(truth: Truth, angles, names, variance, *, unsensed=(), give=None
     return total
 
 
-def cramer_rao(truth: Truth, angles, names, variance, **kwargs) -> np.ndarray:
+def cramer_rao(truth: Chain, angles, names, variance, **kwargs) -> np.ndarray:
     """Smallest covariance (P, P) of any unbiased estimate of `names`."""
     return np.linalg.inv(information(truth, angles, names, variance, **kwargs))

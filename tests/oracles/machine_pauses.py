@@ -1,4 +1,4 @@
-"""MachinePauses of the machine: times in which a host did not run a virtual machine's processor.
+"""Pauses of the machine: times in which a host did not run a virtual machine's processor.
 
 On each processor, a process of the highest priority sleeps 5 ms repeatedly. No program could have run while it woke
 up late.
@@ -20,7 +20,7 @@ PRIORITY, NAP_S, LATE_S = 90, 0.005, 0.005
 
 @dataclass(slots=True, kw_only=True)
 class MachinePauses:
-    """MachinePauses (from, to) by processor, s of the wall clock; not `known` if the priority was not granted."""
+    """Pauses (from, to) by processor, s of the wall clock; not `known` if the priority was not granted."""
 
     of: dict[int, list[tuple[float, float]]] = field(default_factory=dict)
     known: bool = True

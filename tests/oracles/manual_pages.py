@@ -25,17 +25,14 @@ class Block:
 
     @property
     def commands(self) -> list[str]:
-        """The commands, line by line."""
         return self.text.replace("\\\n", " ").splitlines() if self.language == "sh" else []
 
 
 def page_topics() -> list[str]:
-    """Topics with a page file."""
     return sorted(f.name[:-3] for f in FOLDER.iterdir() if f.name.endswith(".md"))
 
 
 def blocks(topic: str) -> list[Block]:
-    """The code blocks of a page."""
     page_blocks = []
     for comments, language, text in BLOCK.findall((FOLDER / f"{topic}.md").read_text()):
         marks = {"run": "", "file": "", **dict(MARK.findall(comments))}

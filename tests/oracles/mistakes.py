@@ -8,7 +8,6 @@ from operator_app.config.errors import ConfigError, Problem
 
 
 def parse_problems(parse: Callable[[str], object], text: str) -> tuple[Problem, ...]:
-    """All problems of a refused text."""
     with pytest.raises(ConfigError) as caught:
         parse(text)
     return caught.value.problems

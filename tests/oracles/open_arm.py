@@ -19,7 +19,6 @@ def write_measured_poses(
     sigma_m: float = 5e-5,
     wrong_rad: dict[int, float] | None = None,
     longer_m: dict[int, float] | None = None,
-    wrist_rad: float = 0.0,
 ) -> Path:
     """Write readings and measured points; `wrong_rad` and `longer_m` change the arm's offsets and lengths."""
     truth, rng = paper_truth(), np.random.default_rng(11)
@@ -35,7 +34,6 @@ def write_measured_poses(
     hand = product(q + theta_off, s, truth.a[1:], truth.alpha[1:])
     point = (hand @ np.append(TIP_M, 1.0))[:, :3]
     measured = point @ R.T + BASE_POSE[:, 3] + sigma_m * rng.standard_normal((poses, 3))
-    q = q + np.array([0, 0, 0, 0, 0, 1, 1]) * wrist_rad * rng.standard_normal((poses, 7))
     names = [f"theta{j}_deg" for j in range(1, 8)]
     lines = [",".join(["placement", "pose", *names, "x_m", "y_m", "z_m"])]
     for k in range(poses):

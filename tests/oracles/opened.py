@@ -21,7 +21,6 @@ def opened(
     resumed: bool = False,
     clock: Clock = utc_now,
 ) -> Session:
-    """Begin a session in `folder`, or resume the one in it."""
     opening = Opening(
         folder=folder, resumed=resumed, procedure=procedure, choices=Choices(), sources={}
     )

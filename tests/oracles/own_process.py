@@ -19,7 +19,6 @@ def environment() -> dict[str, str]:
 
 
 def start(folder: Path, *arguments: str) -> subprocess.Popen[str]:
-    """Start a command in a folder, with its output in pipes."""
     return subprocess.Popen(
         [*SARCAL, *arguments],
         cwd=folder,

@@ -134,5 +134,4 @@ GOOD = format_parameters(document()).decode()
 
 
 def parse(text: str) -> ParametersDocument:
-    """Read a document from its text."""
     return parse_parameters(text.encode())

@@ -1,4 +1,4 @@
-"""A D-H chain as a pinocchio model, with a joint for every entry of the table."""
+"""A D-H chain as a pinocchio model, with a joint for every entry of the table, and its gravity torques."""
 
 import numpy as np
 import pinocchio as pin
@@ -38,3 +38,24 @@ class PinocchioChain:
         """Positions of all joints of one pose."""
         beta = np.zeros_like(theta) if beta is None else beta
         return np.stack((theta, s, a, alpha, beta), -1).reshape(-1)
+
+
+class PinocchioGravity:
+    """A D-H chain with a mass on each link, given in the frame after the joint's rotation."""
+
+    def __init__(self, mass, centre, gravity) -> None:
+        self.chain = PinocchioChain(len(mass))
+        model = self.chain.model
+        for link, (m, c) in enumerate(zip(mass, centre, strict=True)):
+            inertia = pin.Inertia(float(m), np.asarray(c), np.zeros((3, 3)))
+            model.appendBodyToJoint(5 * link + 1, inertia, pin.SE3.Identity())
+        model.gravity.linear = np.asarray(gravity)
+        self.data = model.createData()
+
+    def holding_torque(self, theta, s, a, alpha):
+        q = self.chain.q_of(theta, s, a, alpha)
+        return pin.computeGeneralizedGravity(self.chain.model, self.data, q)[::5]
+
+    def energy(self, theta, s, a, alpha):
+        q = self.chain.q_of(theta, s, a, alpha)
+        return pin.computePotentialEnergy(self.chain.model, self.data, q)

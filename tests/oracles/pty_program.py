@@ -12,8 +12,6 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-TICKS_PER_S = os.sysconf("SC_CLK_TCK")
-
 
 class PtyProgram:
     """One program, started at `began_s` (monotonic)."""
@@ -57,7 +55,6 @@ class PtyProgram:
         return now
 
     def mark(self) -> int:
-        """Return the current position in the output."""
         with self._news:
             return len(self._chunks)
 
@@ -83,21 +80,6 @@ class PtyProgram:
         pressed = self.write(keys)
         return self.seen(text, mark, patience_s) - pressed
 
-    def thread_cpu_s(self) -> float:
-        """CPU time of the main thread, which draws the screen."""
-        return _cpu_s(Path(f"/proc/{self.process.pid}/task/{self.process.pid}/stat"))
-
-    def cpu_s(self) -> float:
-        """CPU time of all threads."""
-        return _cpu_s(Path(f"/proc/{self.process.pid}/stat"))
-
-    def memory_mb(self) -> float:
-        """Resident memory."""
-        for row in Path(f"/proc/{self.process.pid}/status").read_text().splitlines():
-            if row.startswith("VmRSS:"):
-                return int(row.split()[1]) / 1024.0
-        raise RuntimeError("no VmRSS")
-
     def stop_reading(self) -> None:
         """Stop reading its output, like a terminal with a hanging connection."""
         self._reading = False
@@ -110,14 +92,8 @@ class PtyProgram:
         self._master = -1
 
     def close(self) -> None:
-        """Terminate the program."""
         if self.process.poll() is None:
             self.process.terminate()
             self.process.wait(20)
         if self._master >= 0:
             self.close_terminal()
-
-
-def _cpu_s(stat: Path) -> float:
-    fields = stat.read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / TICKS_PER_S

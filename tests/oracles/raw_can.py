@@ -16,7 +16,7 @@ class RawAbort(Exception):
 class RawPeer:
     """Sends and receives on one bus; `log` has every received frame."""
 
-    def __init__(self, bus: can.BusABC, joints: int = 7, timeout_s: float = 5.0) -> None:
+    def __init__(self, bus: can.BusABC, joints: int = 7, timeout_s: float = 60.0) -> None:
         self.bus, self.joints, self.timeout_s = bus, joints, timeout_s
         self.log: list[tuple[int, bytes]] = []
 
@@ -40,7 +40,6 @@ class RawPeer:
         raise TimeoutError(f"no such frame; last frames: {self.log[-8:]}")
 
     def quiet(self) -> None:
-        """Receive all pending frames."""
         while self.receive(0.0) is not None:
             pass
 

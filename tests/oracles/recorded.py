@@ -72,8 +72,6 @@ def _read_only(mapping: dict[object, object]) -> MappingProxyType[object, object
 
 
 class _Pickler(pickle.Pickler):
-    """Pickles read-only mappings."""
-
     dispatch_table = copyreg.dispatch_table | {MappingProxyType: lambda m: (_read_only, (dict(m),))}
 
 

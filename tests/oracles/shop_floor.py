@@ -16,22 +16,25 @@ from enum import IntEnum
 
 import numpy as np
 
-from tests.oracles.shop_floor_chain import LINKS, Chain, Loop, frames
-from tests.oracles.shop_floor_load import Load
-from tests.oracles.shop_floor_sensors import CURVES, Encoder, Rvdt, drawn_curve
-from tests.oracles.shop_floor_walk import (
+from tests.oracles.shop_floor_chain import (
     BOX_DEG,
     DRIVES,
     FOLLOW,
+    LINKS,
     LOWER_DEG,
     STRAY_RAD,
     UPPER_DEG,
+    Chain,
     Chart,
+    Loop,
+    frames,
     in_range,
     nominal_chain,
     nominal_chart,
     wander,
 )
+from tests.oracles.shop_floor_load import Load
+from tests.oracles.shop_floor_sensors import CURVES, Encoder, Rvdt, drawn_curve
 
 START = datetime(2020, 5, 4, 9, tzinfo=UTC)
 
@@ -96,8 +99,6 @@ class Sizes:
 
 
 class Stream(IntEnum):
-    """Independent random streams of one seed."""
-
     OFFSETS = 0
     HINGE = 1
     LENGTHS = 2
@@ -189,7 +190,6 @@ class Session:
         return replace(self, **{name: getattr(self, name)[keep] for name in rows})
 
     def csv(self) -> str:
-        """Return the poses as a poses file (deg)."""
         columns = [f"{name}{j}_deg" for name in ("theta", "sd") for j in range(1, 8)]
         lines = [",".join(["placement", "pose", *columns, "samples", "utc"])]
         for row, angles_deg in enumerate(np.rad2deg(np.hstack((self.readings, self.spread)))):
@@ -200,7 +200,6 @@ class Session:
 
 
 def truth_of(chain: Chain) -> dict[str, float]:
-    """Every entry of a chain by name, except theta_off_0."""
     return {
         f"{column}_{row}": float(getattr(chain, column)[row])
         for column in (f.name for f in fields(Chain))

@@ -6,13 +6,13 @@ where it is a curve or a load. Too small a sample makes the bound too low: by 1.
 (200), 0.3 % with four times as many.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
 from scipy.linalg import block_diag
 
-from tests.oracles.loop_oracle import Truth, closure_rates
+from tests.oracles.loop_oracle import closure_rates
 from tests.oracles.shop_floor import (
     BITS,
     COUNTS_PER_REV,
@@ -27,10 +27,17 @@ from tests.oracles.shop_floor import (
     Sizes,
     draw_rvdt,
 )
-from tests.oracles.shop_floor_chain import LINKS, Loop, frames, rotation_about_z
+from tests.oracles.shop_floor_chain import (
+    FOLLOW,
+    LINKS,
+    Loop,
+    frames,
+    nominal_chain,
+    nominal_chart,
+    rotation_about_z,
+)
 from tests.oracles.shop_floor_load import G_M_PER_S2, Load, Masses, hinge_wrench
 from tests.oracles.shop_floor_sensors import Rvdt
-from tests.oracles.shop_floor_walk import FOLLOW, nominal_chain, nominal_chart
 
 DRAWS = 2000
 """Size of the samples of loads and curves: ten for each equation of 40 poses."""
@@ -42,7 +49,6 @@ def bound(session: Session, sizes: Sizes) -> np.ndarray:
 
 
 def covariance(session: Session, sizes: Sizes) -> np.ndarray:
-    """Covariance (14, 14) of the best linear estimate."""
     rates, V, _ = _equations(session, sizes)
     return np.linalg.inv(rates.T @ np.linalg.solve(V, rates))
 
@@ -72,7 +78,7 @@ def _equations(session: Session, sizes: Sizes) -> tuple[np.ndarray, np.ndarray, 
     """
     chain = session.specimen.chain
     angles, _ = Loop(chain=chain).closed(session.angles, free=FOLLOW)
-    truth = Truth(theta_off=np.zeros(8), s=chain.s, a=chain.a, alpha=chain.alpha, home=np.zeros(7))
+    truth = replace(chain, theta_off=np.zeros(8))
     by_angle, by_entry = closure_rates(truth, angles, (*PARAMETERS, *LENGTHS, *TWISTS))
     # Five combinations of each closure that do not depend on the hinge angle.
     rows = np.stack([np.linalg.svd(J[:, :1])[0][:, 1:].T for J in by_angle])

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
@@ -15,8 +16,14 @@ from tests.oracles.shop_floor import (
     stream,
     taken,
 )
-from tests.oracles.shop_floor_chain import Loop
-from tests.oracles.shop_floor_flipped_poses import flipped_poses
+from tests.oracles.shop_floor_chain import (
+    LOWER_DEG,
+    UPPER_DEG,
+    Chain,
+    Loop,
+    in_range,
+    nominal_chain,
+)
 from tests.oracles.shop_floor_load import Load
 from tests.oracles.shop_floor_misread import (
     Case,
@@ -31,7 +38,6 @@ from tests.oracles.shop_floor_misread import (
     wrong_sign,
 )
 from tests.oracles.shop_floor_parallel import parallel_mount
-from tests.oracles.shop_floor_walk import in_range
 
 OWN = tuple(f"theta_off_{j}" for j in range(2, 7))
 """Offsets that do not depend on the placement of the hinge."""
@@ -65,6 +71,43 @@ def slipped_hinge(seed: int, *, shift_m: float = 0.0, turn_deg: float = 0.0) -> 
     specimen = Specimen.drawn(seed, Sizes())
     walk = closed_random_walk(specimen, 40, slipped=(int(rng.integers(8, 33)), *halves))
     return Case(taken=taken(specimen, *walk), causes=("SLIP_FIXTURE",), judged=OWN)
+
+
+@cache
+def _flipped_pool() -> np.ndarray:
+    """Flipped poses (k, 8) of the nominal loop within range, from random starts."""
+    rng = np.random.default_rng(4)
+    chain = nominal_chain()
+    low, high = np.deg2rad(LOWER_DEG), np.deg2rad(UPPER_DEG)
+    poses = []
+    for _ in range(4):
+        angles = np.zeros((1000, 8))
+        angles[:, 0] = rng.uniform(-np.pi, np.pi, len(angles))
+        angles[:, 1:] = rng.uniform(low, high, (len(angles), 7)) + chain.theta_off[1:]
+        poses.append(_closed_flipped(chain, angles))
+    return np.concatenate(poses)
+
+
+def flipped_poses(chain: Chain, rng: np.random.Generator, count: int) -> np.ndarray:
+    """Flipped closed angles (count, 8) of a chain near the nominal one, or fewer."""
+    pool, poses = _flipped_pool(), np.zeros((0, 8))
+    for attempt in range(60):
+        start = pool[rng.integers(len(pool), size=100)]
+        start = start + np.deg2rad(12.0 + attempt) * rng.normal(size=start.shape)
+        poses = np.concatenate((poses, _closed_flipped(chain, start)))
+        if len(poses) >= count:
+            return poses[:count]
+    return poses
+
+
+def _closed_flipped(chain: Chain, angles: np.ndarray) -> np.ndarray:
+    """Angles that closed and whose readings are in range, modulo full turns."""
+    angles, closes = Loop(chain=chain, upside_down=True).closed(
+        angles, free=tuple(range(8)), rounds=40
+    )
+    middle = np.deg2rad(0.5 * (LOWER_DEG + UPPER_DEG)) + chain.theta_off[1:]
+    angles[:, 1:] = middle + np.mod(angles[:, 1:] - middle + np.pi, 2.0 * np.pi) - np.pi
+    return angles[closes & in_range((angles - chain.theta_off)[:, 1:])]
 
 
 def flipped(seed: int, *, poses: int) -> Case:

@@ -19,7 +19,6 @@ CHUNK = 2000
 
 
 def large(seed: int, poses: int, sizes: Sizes | None = None) -> Session:
-    """Simulate a sound session of `poses` poses."""
     return _walked(Specimen.drawn(seed, Sizes() if sizes is None else sizes), poses)
 
 

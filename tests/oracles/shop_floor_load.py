@@ -47,7 +47,6 @@ class Masses:
         )
 
     def torque(self, T: np.ndarray, down: np.ndarray) -> np.ndarray:
-        """Gravity torque (m, 8) about the axis of every joint; `down` (3,) is in the base frame."""
         weight = T[:, 1, :3, :3] @ (down * G_M_PER_S2)
         out = np.zeros((len(T), LINKS))
         for link in range(1, LINKS):
@@ -124,7 +123,6 @@ class Load:
         )
 
     def torque(self, T: np.ndarray) -> np.ndarray:
-        """Gravity torque (m, 8)."""
         return self.masses.torque(T, self.down)
 
     def wrenches(self, T: np.ndarray, angles: np.ndarray) -> np.ndarray:

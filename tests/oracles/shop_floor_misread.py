@@ -19,8 +19,8 @@ from tests.oracles.shop_floor import (
     stream,
     taken,
 )
+from tests.oracles.shop_floor_chain import LOWER_DEG, UPPER_DEG
 from tests.oracles.shop_floor_sensors import Rvdt
-from tests.oracles.shop_floor_walk import LOWER_DEG, UPPER_DEG
 
 COUNT = 2.0 * np.pi / 400_000
 LSB = FULL_SCALE / 2**BITS

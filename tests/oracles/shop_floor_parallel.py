@@ -7,17 +7,20 @@ from functools import cache
 
 import numpy as np
 
-from tests.oracles.shop_floor_chain import Chain, Loop, link_transform, rotation_about_z
-from tests.oracles.shop_floor_walk import (
+from tests.oracles.shop_floor_chain import (
     FOLLOW,
     GRID,
     HOME_DEG,
     LOWER_DEG,
     UPPER_DEG,
+    Chain,
     Chart,
+    Loop,
     chart,
     in_range,
+    link_transform,
     nominal_chain,
+    rotation_about_z,
 )
 
 BOX_DEG = ((-16.0, 16.0), (-16.0, 16.0))

@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tests.oracles.shop_floor import Session, Sizes, Specimen, closed_random_walk, taken
-from tests.oracles.shop_floor_chain import Chain, Loop
-from tests.oracles.shop_floor_walk import (
+from tests.oracles.shop_floor_chain import (
     HOME_DEG,
+    Chain,
     Chart,
+    Loop,
     chart,
     home_hinge_angle,
     in_range,

@@ -20,7 +20,6 @@ class Encoder:
     twice: tuple[float, float] = (0.0, 0.0)
 
     def deviation(self, angle: np.ndarray) -> np.ndarray:
-        """Systematic error (rad)."""
         harmonics = enumerate((self.once, self.twice), 1)
         return sum(c * np.cos(k * angle) + s * np.sin(k * angle) for k, (c, s) in harmonics)
 
@@ -43,7 +42,6 @@ class Rvdt:
     gain: float = 0.0
 
     def deviation(self, angle: np.ndarray) -> np.ndarray:
-        """Systematic error (rad)."""
         x = np.clip((angle - self.zero) / (0.5 * self.full_scale), -1.0, 1.0)
         places = np.linspace(-1.0, 1.0, len(self.shape))
         return np.interp(x, places, self.shape) + self.gain * (angle - self.zero)

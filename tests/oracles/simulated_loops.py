@@ -1,12 +1,11 @@
 """Simulated readings with every error source of the paper. Shares no code with `solver`."""
 
 from dataclasses import dataclass, field
-from functools import cache, lru_cache
+from functools import lru_cache
 
 import numpy as np
 
 from tests.oracles.loop_oracle import Truth, closed_poses, paper_truth
-from tests.oracles.shop_floor import LENGTHS
 
 COUNT_RAD = 2.0 * np.pi / 400_000
 ENCODER_SD = COUNT_RAD / np.sqrt(12.0)
@@ -31,8 +30,6 @@ class RvdtCurve:
 
 @dataclass(frozen=True)
 class Simulation:
-    """A simulation; by default with sensor noise only."""
-
     poses: int = 60
     wrist_sd: float = RVDT_SD
     encoder_sd: float = ENCODER_SD
@@ -44,7 +41,6 @@ class Simulation:
     spread_deg: float = 45.0
 
     def sigma(self) -> np.ndarray:
-        """Standard deviations of the seven readings."""
         return np.array([self.encoder_sd] * 5 + [self.wrist_sd] * 2)
 
     def readings(self, seed: int) -> np.ndarray:
@@ -91,22 +87,3 @@ def wrist_curves(percent: float = 1.0) -> dict[int, RvdtCurve]:
         6: RvdtCurve((0.006 * percent, 0.007 * percent), float(home[5])),
         7: RvdtCurve((-0.008 * percent, 0.003 * percent), float(home[6])),
     }
-
-
-@cache
-def as_reported(seed: int) -> tuple[Truth, np.ndarray]:
-    """The paper's three errors: RVDT curves of 1.9 %, lengths off by 1-2 mm, a compliant fixture."""
-    rng = np.random.default_rng([seed, 3])
-    base = paper_truth()
-    deviation = rng.uniform(1e-3, 2e-3, len(LENGTHS)) * rng.choice([-1.0, 1.0], len(LENGTHS))
-    bows = {}
-    for joint in (6, 7):
-        shape = rng.choice([-1.0, 1.0], 4) * rng.uniform(0.4, 1.0, 4) * (1.0, 1.0, 0.4, 0.2)
-        series = np.concatenate(([0.0, 0.0], shape))
-        peak = np.abs(np.polynomial.legendre.legval(np.linspace(-1, 1, 401), series)).max()
-        bows[joint] = RvdtCurve(tuple(0.019 * shape / peak), float(base.home[joint - 1]))
-    truth = base.with_values(LENGTHS, base.values(LENGTHS) + deviation)
-    simulation = Simulation(
-        poses=60, wrist_sd=RVDT_SD, flexure_m=1e-3, flexure_rad=2e-3, bows=bows, truth=truth
-    )
-    return truth, simulation.readings(seed)

@@ -23,7 +23,6 @@ def process_state(path: str) -> dict[str, object]:
 
 
 def count(to: int, progress: Callable[[int, float], None]) -> int:
-    """Report each number."""
     for k in range(to):
         progress(k, float(k))
     return to
@@ -41,7 +40,6 @@ def refuse() -> None:
 
 
 def fail_unidentifiable(name: str) -> None:
-    """Fail with an unidentifiable direction."""
     direction = UnidentifiableDirection(parameters=(name,), weights=(1.0,))
     raise UnidentifiableError((direction,), note="one note")
 

@@ -164,7 +164,6 @@ def lost(s: SessionSnapshot) -> SessionSnapshot:
 
 
 def stopped(s: SessionSnapshot) -> SessionSnapshot:
-    """STOP is latched and acknowledged."""
     report = StopReport(asked_s=NOW_S, acknowledged_after_s=0.012, drives_stopped=7)
     quick_stop = {"drive": DriveState.QUICK_STOP_ACTIVE, "mode": None}
     s = _with_joints(s, lambda j: replace(j, **quick_stop), stop=report, task=None)
@@ -184,13 +183,11 @@ def diverged(s: SessionSnapshot) -> SessionSnapshot:
 
 
 def tripped(s: SessionSnapshot) -> SessionSnapshot:
-    """The drive of joint 4 has a fault."""
     fault = {"drive": DriveState.FAULT, "mode": None}
     return _with_joints(s, lambda j: replace(j, **fault) if j.joint == 4 else j)
 
 
 def busy(s: SessionSnapshot, kind: TaskKind, *, moves: bool) -> SessionSnapshot:
-    """The worker runs a task."""
     return replace(s, task=RunningTask(kind=kind, text=kind.value, moves=moves, started_s=NOW_S))
 
 

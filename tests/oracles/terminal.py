@@ -47,11 +47,9 @@ class Terminal:
         return done.stdout
 
     def screen(self, *, with_colours: bool = False) -> str:
-        """The current screen."""
         return self._tmux("capture-pane", "-p", *(["-e"] if with_colours else []))
 
     def keys(self, *names: str) -> None:
-        """Press keys by their tmux names."""
         for name in names:
             self._tmux("send-keys", name)
 
@@ -67,17 +65,14 @@ class Terminal:
             select(POLL_S)
 
     def pid(self) -> int:
-        """Process number of the program."""
         shell = self._tmux("display-message", "-p", "#{pane_pid}").strip()
         children = Path(f"/proc/{shell}/task/{shell}/children").read_text().split()
         return int(children[0])
 
     def kill(self, number: signal.Signals) -> None:
-        """Send a signal to the program."""
         os.kill(self.pid(), number)
 
     def exit_code(self) -> int:
-        """Wait for the end of the program, and return its exit code."""
         end = time.monotonic() + PATIENCE_S
         while not (self._done.is_file() and self._done.read_text()):
             if time.monotonic() > end:

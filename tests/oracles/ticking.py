@@ -4,8 +4,6 @@ from datetime import UTC, datetime, timedelta
 
 
 class TickingClock:
-    """A clock that advances by a second at each reading."""
-
     def __init__(self) -> None:
         self._now = datetime(2026, 1, 31, 12, 0, 0, tzinfo=UTC)
 

@@ -36,7 +36,6 @@ def joint(
 
 
 def robot(*joints: str) -> str:
-    """A robot of these joints and their links."""
     links = {word.split('"')[1] for j in joints for word in j.split("link=")[1:]}
     text = "\n".join([*joints, *(f'<link name="{link}"/>' for link in sorted(links))])
     return f'<robot name="arm">{text}</robot>'

@@ -74,8 +74,6 @@ class TrivialPlant:
 
 
 class FakeClock:
-    """Monotonic time, set by the test."""
-
     def __init__(self) -> None:
         self.time_s = 1000.0
 
@@ -99,7 +97,7 @@ class Rig:
         # The response comes after all earlier frames.
         self.peer.read(16, 0x1000)
         self.controller.post(lambda: results.put(reader()))
-        return results.get(timeout=5.0)
+        return results.get(timeout=60.0)
 
     def advance_time(self, seconds: float) -> None:
         """Advance the clock, in steps that are too short to count as lateness of the control loop."""
@@ -114,14 +112,12 @@ class Rig:
         self.run_in_loop()
 
     def clear_disturbance(self, name: str, joint: int) -> None:
-        """Remove a joint from one of the disturbances."""
         entries = getattr(self.controller.disturbances, name)
         self.run_in_loop(
             lambda: entries.pop(joint) if isinstance(entries, dict) else entries.discard(joint)
         )
 
     def set_drive_flag(self, joint: int, name: str, value: bool) -> None:
-        """Set a flag of a drive."""
         self.run_in_loop(lambda: setattr(self.controller.drives[joint - 1].drive, name, value))
 
     def operational(self, modes: Sequence[int] = (8,) * 7) -> list[tuple[int, int, int]]:

@@ -43,7 +43,6 @@ def with_shifted_zeros(procedure: Procedure, moved_rad: np.ndarray) -> Procedure
 
 
 def reading_of(procedure: Procedure, q_rad: np.ndarray) -> Reading:
-    """A reading (n,) without noise."""
     resolution = np.array([j.sensor.resolution_rad for j in procedure.arm.joints])
     return Reading(
         mean_counts=q_rad / resolution,

@@ -1,4 +1,3 @@
-# ruff: noqa: T201 - prints the files that it wrote
 """Takes the screenshots of README and manual. Run: python -m tests.screenshots
 
 The app runs without a terminal on the virtual arm over its bus. Keys are pressed from Connect to Results, and the
@@ -83,24 +82,20 @@ async def wait_until(pilot: Pilot[str], condition: Callable[[], bool]) -> None:
 
 
 def app_state(pilot: Pilot[str]) -> object:
-    """Return the last messages of the session."""
     picture = getattr(pilot.app, "picture", None)
     return None if picture is None else picture.messages[-3:]
 
 
 def idle(app: SarcalApp) -> bool:
-    """Whether the worker has nothing to do."""
     return app.runner is not None and app.runner.snapshot().task is None
 
 
 def connected(app: SarcalApp) -> bool:
-    """Whether the arm is connected and its joints are shown."""
     s = app.picture
     return idle(app) and s is not None and s.connected and s.arm is not None
 
 
 def in_planned_move(app: SarcalApp) -> bool:
-    """Whether the arm is in the middle of a shown planned move."""
     s = app.picture
     if s is None or len(s.state.used_poses) < POSES_SHOWN or s.heading is None or s.arm is None:
         return False
@@ -113,7 +108,6 @@ def in_planned_move(app: SarcalApp) -> bool:
 
 
 def write(app: SarcalApp, name: str) -> None:
-    """Write the screen as SVG without remote fonts."""
     svg = re.sub(r"@font-face\s*{[^}]*}\s*", "", app.export_screenshot(title="sarcal"))
     path = PICTURES / f"{name}.svg"
     path.write_text(svg)

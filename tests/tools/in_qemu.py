@@ -88,7 +88,6 @@ def kernels() -> list[tuple[Path, Path]]:
 
 
 def host(command: list[str]) -> int:
-    """Boot the kernel and return the command's exit code."""
     pairs = kernels()
     if not pairs:
         sys.exit("there is no kernel in /boot; install Debian package linux-image-amd64")

@@ -14,7 +14,6 @@ from hardware.errors import BusError
 
 
 def no_buffer_space() -> can.CanOperationError:
-    """The error that socketcan of python-can raises."""
     return can.CanOperationError("Failed to transmit: No buffer space", errno.ENOBUFS)
 
 

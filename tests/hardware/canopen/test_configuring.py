@@ -49,7 +49,7 @@ def profile(text: str = PROFILE) -> BusProfile:
     return parse_profile(text.encode(), "acme.yaml", joints=JOINTS)
 
 
-def test_other_map_is_refused_or_written_as_the_profile_states(connect, foreign):
+def test_other_map_is_refused_or_written_as_the_profile_states(foreign, connect):
     with pytest.raises(MappingMismatch, match="node 1, 1601h") as refused:
         connect(profile(PROFILE.replace("configured", "compared")))
     assert len(refused.value.differences) == JOINTS * 6
@@ -76,7 +76,7 @@ def test_other_map_is_refused_or_written_as_the_profile_states(connect, foreign)
     assert {j.drive for j in arm.snapshot().joints} == {DriveState.OPERATION_ENABLED}
 
 
-def test_written_maps_are_reported_and_lost_by_a_reset(connect, foreign):
+def test_written_maps_are_reported_and_lost_by_a_reset(foreign, connect):
     arm = connect(profile())
     arm.close()
     written = [len(node.written) for node in foreign.nodes]
@@ -90,7 +90,7 @@ def test_written_maps_are_reported_and_lost_by_a_reset(connect, foreign):
     assert not any(index in (0x1010, 0x1011) for n in foreign.nodes for index, _, _ in n.written)
 
 
-def test_equal_map_is_not_written(connect, foreign):
+def test_equal_map_is_not_written(foreign, connect):
     equal_maps = PROFILE[: PROFILE.index("commands:")] + (
         "commands:\n"
         "  - {pdo: 2, cob_id: 300h + node, map: [607Ah(32), 6040h(16)]}\n"
@@ -109,7 +109,7 @@ def test_equal_map_is_not_written(connect, foreign):
     ]
 
 
-def test_conflicting_pdo_is_disabled_first(connect, foreign):
+def test_conflicting_pdo_is_disabled_first(foreign, connect):
     connect(profile(PROFILE.replace("200h + node", "400h + node")))
     node = foreign.nodes[1]
     assert node.held(0x1402, 1) == NOT_VALID | 0x402
@@ -117,7 +117,7 @@ def test_conflicting_pdo_is_disabled_first(connect, foreign):
     assert node.written[0] == (0x1402, 1, NOT_VALID | 0x402)
 
 
-def test_fixed_map_is_reported_and_other_maps_are_restored(connect, foreign):
+def test_fixed_map_is_reported_and_other_maps_are_restored(foreign, connect):
     foreign.nodes[2].fixed.add(0x1A02)
     with pytest.raises(PdoSetupFailed) as refused:
         connect(profile())
@@ -130,7 +130,7 @@ def test_fixed_map_is_reported_and_other_maps_are_restored(connect, foreign):
     assert all(axis.word == 0 for axis in foreign.axes)
 
 
-def test_missing_pdo_is_reported_before_anything_is_written(connect, foreign):
+def test_missing_pdo_is_reported_before_anything_is_written(foreign, connect):
     with pytest.raises(PdoSetupFailed) as refused:
         connect(profile(PROFILE.replace("pdo: 4", "pdo: 1")))
     assert refused.value.refusals[0] == (
@@ -140,7 +140,7 @@ def test_missing_pdo_is_reported_before_anything_is_written(connect, foreign):
     assert not any(node.written for node in foreign.nodes)
 
 
-def test_nothing_is_written_to_another_arm(connect, foreign):
+def test_nothing_is_written_to_another_arm(foreign, connect):
     foreign.nodes[3].set_data(0x60C2, 1, b"\x04")
     with pytest.raises(WrongArm, match="joint 4 has a control period"):
         connect(profile())
@@ -160,7 +160,7 @@ def test_read_only_drive_connects_with_equal_maps_only():
         arm.connect()
 
 
-def test_nonzero_target_torque_is_set_to_zero(connect, foreign):
+def test_nonzero_target_torque_is_set_to_zero(foreign, connect):
     foreign.nodes[1].set_data(0x6071, 0, MINUS_50)
     arm = connect(profile())
     assert foreign.nodes[1].held(0x6071, 0) == 0

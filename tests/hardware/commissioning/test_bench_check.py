@@ -1,10 +1,9 @@
 """The bench check: stages, consent, findings, and the state in which it leaves the arm."""
 
-import itertools
 import math
 import os
 import signal
-from collections.abc import Callable
+import time
 from contextlib import ExitStack, closing
 from dataclasses import replace
 from typing import Any
@@ -15,24 +14,21 @@ from can.interfaces.virtual import VirtualBus
 
 from hardware.arm import ArmSnapshot, DriveState, MoveResult
 from hardware.arm_description import EncoderDescription, RvdtDescription
-from hardware.buses.python_can import ArmOnBus, BusOpeners, BusSettings, open_bus
+from hardware.buses.python_can import BusSettings
 from hardware.canopen.objects import COB_HEARTBEAT, HEARTBEAT_CONSUMER, OPERATOR_NODE
 from hardware.commissioning.bench_check import NOT_TESTED, Bench, CheckFinding, Stage, check
 from hardware.commissioning.checks import Turn, is_interrupted
 from hardware.commissioning.clauses import BENCH
 from hardware.control.canopen_arm import CanopenArm
-from hardware.timing import Pace, Timing
-from hardware.virtual.controller import VirtualController
-from tests.hardware.on_foreign_arm import DESCRIPTION as ACME
-from tests.hardware.on_foreign_arm import JOINTS, drafted
+from hardware.timing import Pace
+from tests.hardware.on_foreign_arm import JOINTS, drafted, unconnected
 from tests.oracles.descriptions import described
 from tests.oracles.profiles import sarcos
-from tests.oracles.virtual_rig import ARM, COUNTS_PER_REV, TrivialPlant, axes, parse
+from tests.oracles.virtual_rig import ARM, COUNTS_PER_REV, rig
 
 HEARTBEAT_TIMEOUT_S = 1.5
 STEP, SPEED = math.radians(1.0), math.radians(5.0)
 STILL_ENABLED = "a drive is still enabled 0.5 s after STOP"
-_channels = itertools.count()
 
 
 class User:
@@ -50,20 +46,13 @@ class VirtualBench:
     """Our own drives, each joint of which moves by itself."""
 
     def __init__(self, stack: ExitStack, *, heartbeat_timeout_s: float = HEARTBEAT_TIMEOUT_S):
-        self.settings = BusSettings(channel=f"bench-{next(_channels)}")
-        self.plant = TrivialPlant([axis.scale.counts_per_rad for axis in axes()])
-        bus = stack.enter_context(can.Bus(self.settings.channel, interface="virtual"))
-        controller = VirtualController(
-            bus,
-            self.plant,
-            axes=axes(),
-            arm=ARM,
-            validate=parse,
-            heartbeat_timeout_s=heartbeat_timeout_s,
+        bench = stack.enter_context(
+            rig(clock=time.monotonic, heartbeat_timeout_s=heartbeat_timeout_s)
         )
-        self.controller = stack.enter_context(controller)
+        self.settings = BusSettings(channel=bench.channel)
+        self.plant, self.controller = bench.plant, bench.controller
 
-    def arm(self, pace: Pace = Pace.FAST_FORWARD, **options: Any) -> CanopenArm:
+    def arm(self, **options: Any) -> CanopenArm:
         rvdt = RvdtDescription(bits=12, full_scale_rad=math.radians(144.0))
         encoder = EncoderDescription(counts_per_rev=COUNTS_PER_REV)
         description = described(
@@ -72,22 +61,7 @@ class VirtualBench:
             max_speed_rad_per_s=math.radians(180.0),
             max_torque_nm=100.0,
         )
-        return patient_arm(description, self.settings, sarcos(), pace=pace, **options)
-
-
-def patient_arm(
-    *args: Any,
-    pace: Pace = Pace.FAST_FORWARD,
-    opener: Callable[[BusSettings], can.BusABC] = open_bus,
-) -> CanopenArm:
-    timing = Timing(
-        listen_s=0.15,
-        answer_timeouts_s=dict.fromkeys(Pace, 2.0),
-        heartbeat_timeout_s=5.0,
-        lost_after_s=5.0,
-    )
-    on_bus = ArmOnBus(*args, pace=pace, timing=timing, openers=BusOpeners(main=opener))
-    return CanopenArm(on_bus)
+        return unconnected(self.settings, sarcos(), description, **options)
 
 
 @pytest.fixture
@@ -192,7 +166,7 @@ def test_stuck_joint_is_reported(bench):
 
 def test_drive_without_heartbeat_guard_is_not_enabled(settings, foreign):
     user = User()
-    findings = findings_of(patient_arm(ACME, settings, drafted(settings)), user)
+    findings = findings_of(unconnected(settings, drafted(settings)), user)
     assert failed(findings) == [("guard", j) for j in range(1, JOINTS + 1)]
     assert user.questions == []
     assert {axis.status for axis in foreign.axes} == {0x40}
@@ -202,7 +176,7 @@ def test_drive_without_heartbeat_guard_is_not_enabled(settings, foreign):
 
 def test_failed_connection_is_one_finding(bench):
     profile = replace(sarcos(), joints=sarcos().joints[:JOINTS])
-    findings = findings_of(patient_arm(ACME, bench.settings, profile), User())
+    findings = findings_of(unconnected(bench.settings, profile), User())
     assert failed(findings) == [("no error", None)]
     assert "The arm on the bus is not the one in the arm file" in findings[0].text
 
@@ -288,7 +262,7 @@ def test_drives_that_ignore_operator_loss_are_reported(pace):
         entry = OPERATOR_NODE << 16 | int(1e3 * HEARTBEAT_TIMEOUT_S)
         for drive in bench.controller.drives:
             drive.answers[HEARTBEAT_CONSUMER, 1] = entry
-        findings = findings_of(bench.arm(pace), User("Joint", "closed"))
+        findings = findings_of(bench.arm(pace=pace), User("Joint", "closed"))
         states = {drive.drive.state for drive in bench.controller.drives}
     assert failed(findings) == [("stops alone", None)]
     assert findings[-1].text == (

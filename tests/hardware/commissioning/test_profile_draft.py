@@ -20,7 +20,7 @@ def elsewhere(settings):
     yield from running_foreign_arm(settings, 11, 12, 23, 34)
 
 
-def test_foreign_arm_with_wrong_profile_is_refused(connect, foreign):
+def test_foreign_arm_with_wrong_profile_is_refused(foreign, connect):
     with pytest.raises(MappingMismatch) as refused:
         connect(sarcos(JOINTS))
     tpdo1 = "6041h(16) + 6064h(32) + 6077h(16)"
@@ -47,7 +47,7 @@ def test_draft_describes_pdos_of_foreign_arm(settings, elsewhere):
     assert all(axis.word == 0 for axis in elsewhere.axes), "a probe commands nothing"
 
 
-def test_foreign_arm_moves_with_drafted_profile(connect, settings, elsewhere):
+def test_foreign_arm_moves_with_drafted_profile(settings, elsewhere, connect):
     arm = connect(drafted(settings))
     assert arm.snapshot().positions_rad == pytest.approx(
         [1000 * (k + 1) / PER_RAD for k in range(JOINTS)]
@@ -72,7 +72,7 @@ def test_foreign_arm_moves_with_drafted_profile(connect, settings, elsewhere):
     assert {axis.status for axis in elsewhere.axes} == {0x07}
 
 
-def test_profile_direction_zero_and_resolution_apply(connect, settings, foreign):
+def test_profile_direction_zero_and_resolution_apply(settings, foreign, connect):
     profile = drafted(settings)
     first, second, *others = profile.joints
     second = replace(second, direction=-1, zero_counts=2500, counts_per_rev=72_000.0)
@@ -89,7 +89,7 @@ def test_profile_direction_zero_and_resolution_apply(connect, settings, foreign)
         arm.move({2: 1.6}, speed_rad_per_s=0.9)
 
 
-def test_missing_compared_object_raises_wrong_arm(connect, settings, foreign):
+def test_missing_compared_object_raises_wrong_arm(settings, foreign, connect):
     profile = replace(drafted(settings), compared=frozenset({0x60C2, 0x2100}))
     with pytest.raises(WrongArm, match="joint 1 has no object 2100h"):
         connect(profile)
@@ -106,7 +106,7 @@ def test_draft_refusal_gives_reason_per_drive(settings, foreign):
     )
 
 
-def test_configure_drafts_pdo_maps_for_unusable_drives(connect, settings, foreign):
+def test_configure_drafts_pdo_maps_for_unusable_drives(settings, foreign, connect):
     for node in foreign.nodes:
         node.set_data(0x1803, 2, b"\xff")
         node.set_data(0x1402, 1, (0x80000402).to_bytes(4, "little"))

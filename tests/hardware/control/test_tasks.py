@@ -49,7 +49,6 @@ def interrupted_at(opcode: int, work: Callable[[], object]) -> bool:
 
 
 def ends(work: Callable[[], object]) -> bool:
-    """Whether `work` ends in another thread."""
     thread = threading.Thread(target=work, daemon=True)
     thread.start()
     thread.join(20.0)

@@ -7,7 +7,7 @@ import pytest
 
 from solver.chain.kinematics import forward
 from solver.chain.statics import STANDARD_GRAVITY_M_PER_S2, LinkMasses, torque_rates
-from tests.oracles.pinocchio_gravity import PinocchioGravity
+from tests.oracles.pinocchio_chain import PinocchioGravity
 
 LINKS = 7
 

@@ -16,7 +16,6 @@ def exhaustive(root: np.ndarray, count: int, fixed: np.ndarray | None = None) ->
 
 
 def value(root: np.ndarray, chosen: tuple[int, ...], fixed: np.ndarray | float = 0.0) -> float:
-    """Log det of the information of chosen candidates."""
     rows = root[list(chosen)].reshape(-1, root.shape[-1])
     return log_det(rows.T @ rows + fixed)
 

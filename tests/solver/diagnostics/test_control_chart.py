@@ -18,12 +18,11 @@ def histories(
     count: int,
     *,
     seed: int,
-    sd_deg: float = 0.010,
     shift_deg: float = 0.0,
     entries_differ: float = 0.15,
     sessions_differ: float = 0.0,
 ) -> Iterator[tuple[int, tuple[ChartSignal, ...]]]:
-    """Sessions scatter by `sd_deg` on average, correlated; the stated figure is off by more.
+    """Sessions scatter by 0.010 deg on average, correlated; the stated figure is off by more.
 
     Scatter differs from what is stated entry by entry, and from session to session (standard deviations).
     What is common to all sessions, 0.1 deg, is in every value. Twelve sessions; of ten a shift counts.
@@ -31,7 +30,7 @@ def histories(
     rng = np.random.default_rng(seed)
     for _ in range(count):
         own = STATED_DEG / STATED_DEG.mean() * np.exp(rng.normal(0.0, entries_differ, ENTRIES))
-        scatter = sd_deg * own / own.mean()
+        scatter = 0.010 * own / own.mean()
         correlation = np.full((ENTRIES, ENTRIES), 0.3) + 0.7 * np.eye(ENTRIES)
         noise = rng.multivariate_normal(np.zeros(ENTRIES), correlation, SESSIONS) * scatter
         if sessions_differ:

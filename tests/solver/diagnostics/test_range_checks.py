@@ -18,7 +18,6 @@ ARM = paper_arm(paper_truth())
 
 
 def found_in(q: np.ndarray, **options: tuple[int, ...]) -> tuple[RangeFinding, ...]:
-    """What is said of readings (m, 7)."""
     labels = tuple(str(k) for k in range(1, len(q) + 1))
     poses = PoseSet(placement=np.ones(len(q), dtype=int), label=labels, q_rad=q)
     return range_findings(ARM, poses, **options)

@@ -51,7 +51,7 @@ def test_starts_10_deg_and_30_mm_off_converge(truth, seed):
 @pytest.mark.parametrize("seed", seeds(10))
 def test_estimates_agree_with_odrpack(truth, seed):
     q = WRIST.readings(seed)
-    mine = fit_implicit(loop_of(truth), q, noise_of(WRIST), truth.values(NAMES))
+    mine = estimate_implicit(loop_of(truth), q, noise_of(WRIST))
     sd = np.sqrt(np.diagonal(mine.covariance))
     x, corrections = odr_fit(truth, q, WRIST.sigma(), NAMES, sd)
     assert mine.x == pytest.approx(x, rel=1e-6)

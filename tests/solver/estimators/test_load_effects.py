@@ -22,7 +22,7 @@ from solver.loops.dh import DhLoop
 from solver.loops.placements import place
 from solver.loops.point import PointClosure
 from tests.oracles.loop_oracle import paper_truth
-from tests.oracles.pinocchio_gravity import PinocchioGravity
+from tests.oracles.pinocchio_chain import PinocchioGravity
 from tests.oracles.simulated_loops import Simulation
 from tests.solver.conftest import loop_of, paper_arm
 

@@ -11,7 +11,8 @@ from solver.estimators.error_model import ErrorModel, stated_errors
 from solver.estimators.linear_fit import LinearFit
 from solver.estimators.shapes import pose_process
 from tests.oracles.loop_oracle import Truth, paper_truth
-from tests.oracles.simulated_loops import LENGTHS, Simulation
+from tests.oracles.shop_floor import LENGTHS
+from tests.oracles.simulated_loops import Simulation
 from tests.solver.conftest import NAMES, loop_of, paper_arm
 
 POSES = 12

@@ -14,12 +14,10 @@ from solver.estimators.variance_components import Calibrated, estimate_with_erro
 from tests.oracles.loop_oracle import paper_truth
 from tests.oracles.simulated_loops import (
     FULL_SCALE_RAD,
-    LENGTHS,
     LSB_RAD,
     RVDT_SD,
     RvdtCurve,
     Simulation,
-    as_reported,
 )
 from tests.solver.conftest import NAMES, loop_of, paper_arm
 
@@ -161,23 +159,6 @@ def test_a_tolerance_acts_as_a_prior(truth):
     # In between, knowledge adds up.
     assert middle.standard_deviation[14] < own * 1.001
     assert middle.standard_deviation[14] > 0.7 * own
-
-
-@pytest.mark.campaign
-def test_intervals_on_as_reported_arms_cover():
-    runs, hits, total = 5, 0, 0
-    model = loop_of(paper_truth(), names=(*NAMES, *LENGTHS))
-    tolerance = dict.fromkeys(LENGTHS, 1.5e-3)
-    for seed in range(runs):
-        truth, q = as_reported(seed)
-        errors = sensors(len(q), tolerance=tolerance, give_rad=2e-3, give_m=1e-3)
-        estimate = estimate_with_errors(model, q, errors).estimate
-        error = np.array([estimate.value(n) - truth.value(n) for n in NAMES])
-        sd = estimate.standard_deviation[: len(NAMES)]
-        hits += int((np.abs(error) < 1.96 * sd).sum())
-        total += len(NAMES)
-    # Parameters of one arm are correlated: count each arm as three independent parameters.
-    assert hits / total >= binom.ppf(1e-3, 3 * runs, 0.95) / (3 * runs)
 
 
 def test_the_predicted_curve_is_the_planted_one():

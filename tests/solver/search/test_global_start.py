@@ -22,7 +22,6 @@ from tests.solver.conftest import NAMES, entries, loop_of, read_poses
 
 
 def model_without_initial_guess() -> DhLoop:
-    """The arm's lengths and twists; every unknown nominally zero."""
     truth = paper_truth()
     inner = np.array([0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0])
     alpha = truth.alpha * np.array([0.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0])

@@ -2,13 +2,10 @@
 
 import struct
 import threading
-import time
 
-import numpy as np
 import pytest
 
 from hardware.errors import BusError, DriveFault
-from hardware.timing import Pace
 from tests.hardware.fake_arm import JOINTS
 from tests.hardware.on_fake_bus import capture_for_ever, wait_for
 
@@ -18,29 +15,6 @@ def test_fast_forward_sends_no_sync_when_idle(driven, bus):
     for _ in range(50):
         driven.active_parameters()
     assert bus.syncs == before
-
-
-def test_real_time_sends_one_sync_per_period(connected, bus):
-    arm = connected(pace=Pace.REAL_TIME)
-    reached = threading.Event()
-    times: list[float] = []
-
-    def note(_sync: int) -> None:
-        times.append(time.monotonic())
-        if len(times) == 40:
-            reached.set()
-
-    bus.on_sync = note
-    assert reached.wait(5)
-    arm.close()
-    assert np.median(np.diff(times)) == pytest.approx(0.01, abs=0.002)
-
-
-def test_operator_heartbeat_period_is_100_ms(driven, bus):
-    begun_s, before = time.monotonic(), len(bus.sent)
-    while time.monotonic() - begun_s < 0.45:
-        driven.capture(1)
-    assert 3 <= [i for i, _ in bus.sent[before:]].count(0x77F) <= 6
 
 
 def test_close_holds_disables_and_releases_token(driven, bus):

@@ -26,7 +26,6 @@ def one_in(count: int) -> Callable[[int, bytes], bool]:
 
 
 def first(identifier: int, *frames: bytes) -> Callable[[int, bytes], bool]:
-    """Lose the first of each of these frames."""
     remaining = Counter((identifier, data) for data in frames)
 
     def drops(*frame: object) -> bool:

@@ -28,7 +28,6 @@ REPEATED_MODULES = {
     "cross_validation": "calibration's, by the solver's of the same name",
     "error_model": "calibration's, by the solver's; config has what files state of it",
     "exploration": "planning's, by solver.design's",
-    "parameters": "of the parameters file, and of the solver",
     "placements": "calibration's, by the solver's",
     "rvdt": "calibration's, by the solver's",
 }

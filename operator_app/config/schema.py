@@ -184,9 +184,8 @@ def _problems(
     for path, error in placed:
         if error["type"] not in UNKNOWN_KEY:
             continue
-        text, remedy, instead = _unknown_key(document, model, path, missing - meant)
-        if instead is not None:
-            meant.add(instead)
+        text, remedy, instead = _unknown_key(document, model, path)
+        meant |= {instead} & missing
         yield document.problem(path, text, remedy)
     for path, error in placed:
         follows = any(path[: len(bad)] == bad for bad in document.unreadable)
@@ -227,10 +226,8 @@ def _path(document: YamlDocument, error: ErrorDetails) -> Path:
     return path
 
 
-def _unknown_key(
-    document: YamlDocument, model: type[M], path: Path, missing: set[Path]
-) -> tuple[str, str, Path | None]:
-    """Return text and remedy for an unknown key, and the missing key that was probably meant (None: no such key)."""
+def _unknown_key(document: YamlDocument, model: type[M], path: Path) -> tuple[str, str, Path]:
+    """Return text and remedy for an unknown key, and the path of the key that was probably meant (empty: none)."""
     key, parent = str(path[-1]), path[:-1]
     known = _keys(document, model, parent)
     present = document.at(parent)
@@ -246,15 +243,12 @@ def _unknown_key(
         if match[2] == "m" and isinstance(value, int | float) and length_doubt(value):
             text += f", and {length_doubt(value)}"
         remedy = f"this file uses {UNITS[other[2]]}, not {UNITS[match[2]]}: write {candidate}"
-        path_meant = (*parent, candidate)
-        return text, remedy, path_meant if path_meant in missing else None
-    stems = {c: UNIT.fullmatch(c) for c in open_keys}
-    bare = [c for c, m in stems.items() if m is not None and m[1] == key]
+        return text, remedy, (*parent, candidate)
+    bare = [c for c in open_keys if (unit := UNIT.fullmatch(c)) is not None and unit[1] == key]
     near = bare or difflib.get_close_matches(key, open_keys, n=1, cutoff=0.6)
     if near:
-        path_meant = (*parent, near[0])
-        return text, f"did you mean {near[0]}?", path_meant if path_meant in missing else None
-    return text, f"{KNOWN_HERE}{', '.join(known)}" if known else "remove it", None
+        return text, f"did you mean {near[0]}?", (*parent, near[0])
+    return text, f"{KNOWN_HERE}{', '.join(known)}" if known else "remove it", ()
 
 
 def _si_unit(name: str) -> str:

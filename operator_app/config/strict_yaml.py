@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
@@ -68,14 +67,9 @@ def load_strict(data: bytes, file: str) -> YamlDocument:
         what, mark = "is not a list of `key: value` lines", node.start_mark
         remedy = "write one key per line, or restore the file"
         raise only(file, what, remedy, line=mark.line + 1, column=mark.column + 1)
-    builder = _Builder()
-    return YamlDocument(
-        file=file,
-        data=builder.build(node, ()),
-        marks=builder.marks,
-        complaints=tuple(builder.complaints),
-        unreadable=frozenset(builder.unreadable),
-    )
+    document = YamlDocument(file=file)
+    document.data = document.build(node, ())
+    return document
 
 
 @lru_cache(maxsize=16)
@@ -130,15 +124,52 @@ class StrictLoader(yaml.SafeLoader):
             self.depth -= 1
 
 
-@dataclass(slots=True)
-class _Builder:
-    """Converts nodes to plain data, and records their positions."""
+def _syntax(error: yaml.MarkedYAMLError, text: str, line: int) -> tuple[str, str]:
+    """Return PyYAML's error as text for the person who edits the file."""
+    lines = text.splitlines()
+    shown = lines[line - 1] if 0 < line <= len(lines) else ""
+    problem = str(error.problem or error.context or "")
+    if isinstance(error, yaml.composer.ComposerError):
+        if "single document" in str(error.context) or "but found another document" in problem:
+            return "contains a second document (---)", "one file holds one document"
+        what = problem if "deep" in problem else f"{problem} are not supported"
+        return what, "write the values out"
+    if "\\t" in problem or "\t" in shown:
+        return "has a tab where YAML needs spaces", "indent with spaces"
+    return f"is not YAML: {problem}", "check indentation, colons and quotes in this line"
 
+
+Mark = tuple[int, int]
+"""Line and column, from 1."""
+
+
+def _mark(node: Node) -> Mark:
+    return node.start_mark.line + 1, node.start_mark.column + 1
+
+
+Path = tuple[str | int, ...]
+"""Path of a value: keys and list indices from 0."""
+
+Complaint = tuple[Path, str, str]
+"""Path in the file, problem, remedy."""
+
+
+@dataclass(slots=True, kw_only=True)
+class YamlDocument:
+    """A YAML mapping: plain dicts, lists, str, int, float, bool, None; `load_strict` makes it.
+
+    `marks`: place of every key and list item, by path; ``()`` is the document. `complaints`: problems that leave the
+    rest readable, with their places. `unreadable`: paths whose values are placeholders because of a problem.
+    """
+
+    file: str
+    data: dict[str, Any] = field(default_factory=dict)
     marks: dict[Path, Mark] = field(default_factory=dict)
     complaints: list[tuple[Path, str, str, Mark]] = field(default_factory=list)
     unreadable: set[Path] = field(default_factory=set)
 
     def build(self, node: Node, path: Path) -> Any:
+        """Return a node as plain data, and record its place and its problems."""
         self.marks.setdefault(path, _mark(node))
         if isinstance(node, ScalarNode):
             return self._scalar(node, path)
@@ -188,51 +219,6 @@ class _Builder:
     def _complain(self, node: Node, path: Path, text: str, remedy: str) -> None:
         # Report the place of this node: the second of two equal keys has another line.
         self.complaints.append((path, text, remedy, _mark(node)))
-
-
-def _syntax(error: yaml.MarkedYAMLError, text: str, line: int) -> tuple[str, str]:
-    """Return PyYAML's error as text for the person who edits the file."""
-    lines = text.splitlines()
-    shown = lines[line - 1] if 0 < line <= len(lines) else ""
-    problem = str(error.problem or error.context or "")
-    if isinstance(error, yaml.composer.ComposerError):
-        if "single document" in str(error.context) or "but found another document" in problem:
-            return "contains a second document (---)", "one file holds one document"
-        what = problem if "deep" in problem else f"{problem} are not supported"
-        return what, "write the values out"
-    if "\\t" in problem or "\t" in shown:
-        return "has a tab where YAML needs spaces", "indent with spaces"
-    return f"is not YAML: {problem}", "check indentation, colons and quotes in this line"
-
-
-Mark = tuple[int, int]
-"""Line and column, from 1."""
-
-
-def _mark(node: Node) -> Mark:
-    return node.start_mark.line + 1, node.start_mark.column + 1
-
-
-Path = tuple[str | int, ...]
-"""Path of a value: keys and list indices from 0."""
-
-Complaint = tuple[Path, str, str]
-"""Path in the file, problem, remedy."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class YamlDocument:
-    """A YAML mapping: plain dicts, lists, str, int, float, bool, None.
-
-    `marks`: place of every key and list item, by path; ``()`` is the document. `complaints`: problems that leave the
-    rest readable, with their places. `unreadable`: paths whose values are placeholders because of a problem.
-    """
-
-    file: str
-    data: dict[str, Any]
-    marks: Mapping[Path, Mark]
-    complaints: tuple[tuple[Path, str, str, Mark], ...]
-    unreadable: frozenset[Path]
 
     @property
     def problems(self) -> tuple[Problem, ...]:

@@ -338,10 +338,16 @@ def arm_file_of(chain: UrdfChain, *, name: str) -> Mapping[str, object]:
     ranges = np.array([[j.lower_rad, j.upper_rad] for j in joints])
     speeds = np.array([j.velocity_rad_per_s or ASSUMED_SPEED for j in joints])
     stated = zip(joints, *(degrees_for_file(v).tolist() for v in (ranges, speeds)), strict=True)
+    table, rows = chain.table.stacked(), list[dict[str, float]]()
+    # Further decimal places are rounding errors of the geometry.
+    columns = (*table[1:3].round(13), *np.rad2deg(table[[0, 3, 4]]).round(12))
+    for k, (s, a, theta_off, alpha, beta) in enumerate(np.column_stack(columns).tolist(), 1):
+        row = {"row": k, "theta_off_deg": theta_off, "s_m": s, "a_m": a, "alpha_deg": alpha}
+        rows.append(row | ({"beta_deg": beta} if beta else {}))
     return {
         "schema": "sarcal/arm/1",
         "name": name,
-        "dh": list(_row_records(chain.table)),
+        "dh": rows,
         "joints": [
             {
                 "joint": k,
@@ -357,16 +363,6 @@ def arm_file_of(chain: UrdfChain, *, name: str) -> Mapping[str, object]:
         "free": [f"theta_off_{k}" for k in range(1, len(joints) + 1)],
         "home_deg": degrees_for_file(ranges.mean(axis=1)).tolist(),
     }
-
-
-def _row_records(table: DhTable) -> Iterator[dict[str, float]]:
-    # Further decimal places are rounding errors of the geometry.
-    columns = table.stacked()
-    degrees, lengths = np.rad2deg(columns[[0, 3, 4]]).round(12), columns[1:3].round(13)
-    rows = np.column_stack((*lengths, *degrees)).tolist()
-    for k, (s, a, theta_off, alpha, beta) in enumerate(rows, 1):
-        row = {"row": k, "theta_off_deg": theta_off, "s_m": s, "a_m": a, "alpha_deg": alpha}
-        yield row | ({"beta_deg": beta} if beta else {})
 
 
 COUNTS_PER_REV = 400_000

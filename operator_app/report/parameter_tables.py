@@ -45,19 +45,19 @@ Format = Callable[..., Figure]
 
 
 def formats(estimate: Estimate) -> Callable[[Valued], Format]:
-    """Return the function from parameter to format, with two digits of the smallest sigma of angles or lengths."""
+    """Return a function that gives a parameter's format: two digits of the smallest sigma of its quantity."""
     return formats_of(((p, sd) for p, _, sd in values_of(estimate)), most=MOST_PLACES)
 
 
 def formats_of(
     sigmas: Iterable[tuple[Valued, float]], *, most: int = 9
 ) -> Callable[[Valued], Format]:
-    """Return the function of `formats` for these parameters and sigmas, with at most `most` decimal places."""
+    """Return the same function for these parameters and sigmas, with at most `most` decimal places."""
     return _formats(sigmas, partial(places_to_show, least=3, most=most))
 
 
 def nominal_formats(values: Iterable[tuple[Valued, float]]) -> Callable[[Valued], Format]:
-    """Return the function from parameter to the format that shows all nominal values of its quantity exactly."""
+    """Return a function that gives a parameter's format: all nominal values of its quantity are shown exactly."""
     return _formats(values, partial(places_needed, least=1, most=MOST_PLACES))
 
 

@@ -153,10 +153,8 @@ class Campaign:
         if self.estimate is not None and self.estimate.trusted and self._try_plan():
             return
         self._queue += self._explorer.propose()
-        if not self._queue:
-            self._end_exploration()
-
-    def _end_exploration(self) -> None:
+        if self._queue:
+            return
         if self._explorer.failure:
             self._finish(self._explorer.failure)
         elif self.estimate is None:

@@ -72,8 +72,8 @@ def parser_of(command: str) -> argparse.ArgumentParser:
 
 FILE_ARGUMENTS: tuple[Kind, ...] = ("arm", "fixture", "procedure")
 COPIED = "packaged"
-TOPIC = "topic"
-COMPLETED = (*FILE_ARGUMENTS, COPIED, TOPIC, "session", "name", "a", "b", "resume")
+HELP_TOPIC = "topic"
+COMPLETED = (*FILE_ARGUMENTS, COPIED, HELP_TOPIC, "session", "name", "a", "b", "resume")
 """Destinations of the arguments and options whose values are completed; the last five are sessions."""
 
 
@@ -104,7 +104,7 @@ def complete(parser: argparse.ArgumentParser, command: argparse.ArgumentParser |
 def _names(
     dest: str, *, prefix: str, parsed_args: argparse.Namespace, **_: object
 ) -> Iterable[str]:
-    if dest == TOPIC:
+    if dest == HELP_TOPIC:
         from operator_app.manual.pages import SECTIONS
 
         return [topic for topics in SECTIONS.values() for topic in topics]

@@ -88,6 +88,16 @@ class ArmModel:
     hayati_rows: tuple[int, ...] = ()
     assumed: tuple[str, ...] = ()
 
+    def __post_init__(self) -> None:
+        if self.table.links != len(self.joints):
+            raise ValueError("an arm needs one joint per D-H row")
+        if self.tolerances and len(self.tolerances) != self.table.links:
+            raise ValueError("an arm needs one tolerance per D-H row, or none at all")
+        if self.masses is not None and len(self.masses.mass_kg) != self.table.links:
+            raise ValueError("an arm needs one mass per D-H row, or none at all")
+        if not set(self.hayati_rows) <= set(range(1, self.table.links)):
+            raise ValueError("only rows 1 to n-1 join axes of the arm")
+
     @property
     def joint_count(self) -> int:
         """Number n of joints."""

@@ -138,7 +138,6 @@ def test_session_texts_are_kept_and_shown_as_text(tmp_path, run_command):
     folder = hostile_session(tmp_path / "one")
     root = ["--sessions", str(tmp_path)]
     state = read_session(folder).state
-    assert state is not None
     assert state.serial_number == HOSTILE
     listed = run_command(0, "session", "list", *root).out
     assert len(listed.splitlines()) == 2

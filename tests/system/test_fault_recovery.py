@@ -196,11 +196,6 @@ def test_drive_disabled_at_the_drive_is_enabled_only_on_resuming(tmp_path, bus):
     assert resumed.json["poses"] == 6
 
 
-def test_reset_of_embedded_arm_is_refused(tmp_path, run_command):
-    assert "nothing to reset" in run_command(2, "reset", "--sessions", tmp_path).err
-    assert not list(tmp_path.iterdir())
-
-
 @pytest.mark.campaign
 def test_probe_and_monitor_report_bus_traffic(tmp_path, bus):
     assert "no node answers" in finished(start(tmp_path, "probe", *bus), 3).err

@@ -73,7 +73,6 @@ def test_two_placements_are_one_calibration_despite_kills(tmp_path, run_command)
     verified = run_command(0, "verify", "latest", "--poses", "3", *sessions, "--json").json
     assert verified["verdict"] == "holds"
     state = read_session(folder).state
-    assert state is not None
     assert [r.placement for r in state.readings if r.kind == "verification"] == [2, 2, 2]
 
     # A file with poses of the first placement, measured again (0.002 deg), under each number.

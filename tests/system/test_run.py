@@ -98,35 +98,6 @@ def test_runs_with_one_seed_are_identical(tmp_path, run_command):
     assert run(4)["parameters"] != first["parameters"]
 
 
-@pytest.mark.parametrize(
-    "command",
-    [
-        "run nowhere.yaml",
-        "run hing",
-        "run hinge --poses 2",
-        "run hinge --unsensed 8",
-        "run --resume nowhere",
-        "run hinge --seed -1",
-        "plan hing",
-        "plan hinge --poses 0",
-        "plan hinge --poses 50000",
-        "plan hinge --arm nowhere.yaml",
-        "plan hinge --fixture hing",
-        "plan hinge --fixture rigid",
-        "plan hinge --fixture ball",
-        "plan hinge --unsensed 9",
-        "plan hinge --advise --tries 0",
-        "plan --session nowhere",
-        "plan hinge --session latest",
-    ],
-)
-def test_bad_input_is_refused_with_a_remedy(tmp_path, run_command, command, approve):
-    answer = run_command(2, *command.split(), "--sessions", tmp_path / "s")
-    assert answer.out == ""
-    approve(answer.err)
-    assert not (tmp_path / "s").exists()
-
-
 @pytest.mark.parametrize("command", [["run"], ["plan", "--poses", "4"]], ids=["run", "plan"])
 def test_rigid_fixture_with_every_offset_free_is_refused(tmp_path, run_command, command):
     procedure = yaml.safe_load(resolve("procedure", "rigid").data)

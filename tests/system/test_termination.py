@@ -23,8 +23,6 @@ def test_tracker_still_writing_does_not_change_exit_code(tmp_path):
         bufsize=1,
         cwd=tmp_path,
     ) as process:
-        assert process.stdin is not None
-        assert process.stdout is not None
         with suppress(BrokenPipeError):
             while process.poll() is None:
                 process.stdin.write('{"error": "no light"}\n')
@@ -43,7 +41,6 @@ def run_with_two_signals(
     with subprocess.Popen(
         [*SARCAL, "run", "--poses", "40"], stderr=subprocess.PIPE, text=True, cwd=folder
     ) as process:
-        assert process.stderr is not None
         first_message = process.stderr.readline()
         time.sleep(wait_s)
         process.send_signal(first)
@@ -100,7 +97,6 @@ def test_run_under_nohup_ignores_a_hang_up(tmp_path):
         ["nohup", *SARCAL, "run", "--poses", "3"], stderr=subprocess.PIPE, text=True, cwd=tmp_path,
         stdout=subprocess.DEVNULL, stdin=subprocess.DEVNULL,
     ) as process:  # fmt: skip
-        assert process.stderr is not None
         process.stderr.readline()
         process.send_signal(signal.SIGHUP)
         errors = process.stderr.read()

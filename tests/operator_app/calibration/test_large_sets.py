@@ -1,6 +1,5 @@
 """Pose sets of hundreds and thousands: sound ones keep the arm's scale, faults keep their names."""
 
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -9,6 +8,7 @@ import pytest
 from operator_app.calibration.acceptance import Verdict
 from operator_app.calibration.multistart import SCREENING_POSES
 from tests.benchmarks.shop_floor_outcome import outcome
+from tests.oracles.as_shipped import spread_out
 from tests.oracles.shop_floor_large import large, longer_elbow, odd, shaken, step_in_fifth_of_poses
 
 pytestmark = pytest.mark.campaign
@@ -21,10 +21,7 @@ def test_thousand_sound_poses_are_accepted():
 
 
 def test_non_convergence_is_named_with_many_poses():
-    taken = large(1, 2 * SCREENING_POSES + 1)
-    spread = taken.spread.copy()
-    spread[:, 5:] = np.deg2rad(50.0)
-    result = outcome(replace(taken, spread=spread))
+    result = outcome(spread_out(large(1, 2 * SCREENING_POSES + 1), np.s_[:, 5:], 50.0))
     assert result.verdict == Verdict.NOT_ACCEPTED.value
     assert "NOT_CONVERGED" in result.causes
 

@@ -19,7 +19,7 @@ from operator_app.calibration.verification import (
     verify_new_poses,
     verify_poses,
 )
-from tests.oracles.as_shipped import ARM, BALL, HINGE, PANDA, SEED, panda_poses, poses_of
+from tests.oracles.as_shipped import ARM, BALL, HINGE, PANDA, SEED, displaced, panda_poses, poses_of
 from tests.oracles.shop_floor import Specimen, closed_random_walk, session, taken
 
 
@@ -55,9 +55,7 @@ def retaken(sound):
 def verification_of(retaken, where, error_deg):
     """The verification of the later poses with an error added to some readings."""
     calibration, later = retaken
-    readings = later.readings.copy()
-    readings[where] += np.deg2rad(error_deg)
-    return verify_poses(ARM, HINGE, poses_of(replace(later, readings=readings)), calibration)
+    return verify_poses(ARM, HINGE, poses_of(displaced(later, where, error_deg)), calibration)
 
 
 def test_later_sound_poses_hold(retaken):
@@ -82,12 +80,9 @@ def test_single_outlier_fails_verification_and_is_named(retaken):
 
 
 def test_single_deviating_pose_has_no_others_that_fit(retaken):
-    calibration, _ = retaken
-    later = session(SEED, walk=1, poses=1)
-    poses = poses_of(replace(later, readings=later.readings + np.deg2rad(3.0) * np.eye(7)[1]))
-    result = verify_poses(ARM, HINGE, poses, calibration)
-    assert not result.holds
-    assert not result.others_fit
+    one = retaken[0], session(SEED, walk=1, poses=1)
+    result = verification_of(one, (0, 1), 3.0)
+    assert (result.holds, result.others_fit) == (False, False)
 
 
 def test_moved_fixture_is_named(retaken):

@@ -1,6 +1,5 @@
 """RVDT corrections and offsets from the loop, against planted truth and exact readings."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,14 +13,13 @@ from operator_app.calibration.rvdt import (
     measured_offsets,
     reading_tables,
 )
-from operator_app.cli import main
 from operator_app.config.parameters_file import save_parameters
 from operator_app.config.poses_file import load_poses
 from operator_app.report.facts import facts_of
 from operator_app.report.text import facts_text
 from operator_app.session.store.parameters_document import rvdt_remedy
 from solver.diagnostics.rvdt import Soundness
-from tests.oracles.as_shipped import ARM, HINGE, solved
+from tests.oracles.as_shipped import ARM, HINGE, solved, spread_out
 from tests.oracles.parameter_documents import VALUES, make_document
 from tests.oracles.shop_floor import session
 from tests.oracles.shop_floor_faults import CASES
@@ -78,41 +76,40 @@ def test_offsets_of_unsensed_joints_are_measured_by_the_loop():
         assert np.rad2deg(offset) == pytest.approx(VALUES[f"theta_off_{joint}"], abs=0.2)
 
 
-def test_command_line_applies_the_rvdt_table(curved, tmp_path, capsys):
+def test_command_line_applies_the_rvdt_table(curved, tmp_path, run_command):
     file = tmp_path / "p.yaml"
     remedies = tuple(map(rvdt_remedy, reading_tables(curved)))
-    save_parameters(file, replace(make_document(), rvdt=remedies))
     for remedy, read in zip(remedies, reading_tables(curved), strict=True):
-        reread = ReadingTable.of(remedy)
-        np.testing.assert_allclose(reread.add_rad, read.add_rad, rtol=0, atol=1e-15)
-    assert main(["solve", str(CURVED), "--rvdt-table", str(file), "--json"]) == 0
-    output = capsys.readouterr()
-    assert "Readings of joint 6 corrected by up to " in output.err
-    result = json.loads(output.out)
+        np.testing.assert_allclose(
+            ReadingTable.of(remedy).add_rad, read.add_rad, rtol=0, atol=1e-15
+        )
+
+    def solve_with_table(**changes):
+        save_parameters(file, replace(make_document(), rvdt=remedies, **changes))
+        return run_command(0, "solve", CURVED, "--rvdt-table", file, "--json")
+
+    answer = solve_with_table()
+    assert "Readings of joint 6 corrected by up to " in answer.err
+    result = answer.json
     assert [r["verdict"] for r in result["rvdt"]] == ["sound", "sound"]
     for verdict in result["rvdt"]:
         assert verdict["gain"] == pytest.approx(1.0, abs=0.002)
         assert verdict["linearity_percent_of_full_scale"] < 0.1
-    assert result["side"]["theta_off_1"] == "ground"
-    assert result["side"]["theta_off_2"] == "arm"
-    assert result["side"]["theta_off_7"] == "hand"
+    sides = [result["side"][f"theta_off_{j}"] for j in (1, 2, 7)]
+    assert sides == ["ground", "arm", "hand"]
     assert "CIRCULAR_TABLE" not in {w["code"] for w in result["warnings"]}
-    itself = load_poses(CURVED).poses.sha256()
-    save_parameters(file, replace(make_document(), rvdt=remedies, pose_set_sha256=itself))
-    assert main(["solve", str(CURVED), "--rvdt-table", str(file), "--json"]) == 0
-    (circular,) = (
-        w for w in json.loads(capsys.readouterr().out)["warnings"] if w["code"] == "CIRCULAR_TABLE"
-    )
+    warnings = solve_with_table(pose_set_sha256=load_poses(CURVED).poses.sha256()).json["warnings"]
+    (circular,) = (w for w in warnings if w["code"] == "CIRCULAR_TABLE")
     assert "was made from these same poses" in circular["text"]
 
 
-def test_file_without_rvdt_table_or_of_another_arm_is_refused(tmp_path, capsys):
+def test_file_without_rvdt_table_or_of_another_arm_is_refused(tmp_path, run_command):
     file = tmp_path / "p.yaml"
     save_parameters(file, make_document())
-    assert main(["solve", str(CURVED), "--rvdt-table", str(file)]) == 2
-    assert "no RVDT table" in capsys.readouterr().err
-    assert main(["solve", str(CURVED), "--arm", "franka_panda", "--rvdt-table", str(file)]) == 2
-    assert "sarcos_dextrous, these poses are from franka_panda" in capsys.readouterr().err
+    command = ["solve", CURVED, "--rvdt-table", file]
+    assert "no RVDT table" in run_command(2, *command).err
+    errors = run_command(2, *command, "--arm", "franka_panda").err
+    assert "sarcos_dextrous, these poses are from franka_panda" in errors
 
 
 @pytest.mark.parametrize("seed", [103, 105])
@@ -144,10 +141,7 @@ def test_insignificant_excess_of_linearity_is_worded_as_such():
 
 
 def test_motion_in_one_pose_names_the_pose():
-    taken = session(61)
-    spread = taken.spread.copy()
-    spread[4, 5] = np.deg2rad(5.0)
-    solution = solved(replace(taken, spread=spread))
+    solution = solved(spread_out(session(61), (4, 5), 5.0))
     assert [c.code for c in solution.causes] == ["UNSTEADY_6"]
     assert (solution.causes[0].poses, solution.causes[0].sensor) == (("p005",), "RVDT")
     verdict = next(v for v in solution.rvdt if v.joint == 6)
@@ -156,10 +150,7 @@ def test_motion_in_one_pose_names_the_pose():
 
 
 def test_cause_of_non_convergence_comes_first():
-    taken = session(61)
-    spread = taken.spread.copy()
-    spread[:, 5:] = np.deg2rad(50.0)
-    solution = solved(replace(taken, spread=spread))
+    solution = solved(spread_out(session(61), np.s_[:, 5:], 50.0))
     assert not solution.accepted
     assert [c.code for c in solution.causes] == ["RVDT_6", "RVDT_7", "NOT_CONVERGED"]
     text = " ".join(facts_text(facts_of(solution)).split())

@@ -37,14 +37,12 @@ def test_unresponsive_arm_is_not_reported_as_held(source, monkeypatch):
 
 
 def test_disconnected_arm_is_not_mentioned(source):
-    assert source.runner is not None
     source.runner.session.release_holding()
     assert close_and_report(source).startswith("sarcal: Session ")
 
 
 def test_written_files_are_named(source):
     runner = source.runner
-    assert runner is not None
     runner.operations.automatic()
     runner.operations.results.calibrate("implicit", ())
     runner.operations.results.write()

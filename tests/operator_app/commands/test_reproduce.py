@@ -48,8 +48,3 @@ def test_reproduction_matches_the_paper(run_command):
     assert min(remaining_deg, key=remaining_deg.__getitem__) == "all three"
     assert remaining_deg["all three"] < 0.05 < remaining_deg["as it is, implicit"]
     assert remaining_deg["as it is, implicit"] < remaining_deg["as it is, the paper's estimator"]
-
-
-@pytest.mark.parametrize("poses", ["7", "121"])
-def test_too_few_or_too_many_poses_are_refused(poses, run_command):
-    assert "between 8 and 120" in run_command(2, "reproduce", "--poses", poses).err

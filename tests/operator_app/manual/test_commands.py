@@ -102,7 +102,6 @@ def controller(*options: str) -> Iterator[str]:
     words = [*SARCAL, "controller", *bus.split(), *options]
     with subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as process:
         try:
-            assert process.stderr is not None
             assert process.stderr.readline().startswith("Virtual ")
             yield bus
         finally:

@@ -114,7 +114,6 @@ class Driver:
     async def idle(self) -> None:
         """Wait until the worker is idle and the screen shows it."""
         runner = self.app.runner
-        assert runner is not None
         await self.until(lambda: not runner.pending and runner.snapshot().task is None, "idle")
         self.app.poll()
         await self.settle()

@@ -76,7 +76,6 @@ def test_counter_resets_are_named_in_any_position(name, zeros):
     assert len(found) == 4 or (name == "ball" and len(found) >= 2)
     for text in found:
         named = re.search(r"counters? of joints? ([\d and]+) (is|are) at zero", text)
-        assert named is not None
         assert {int(j) for j in re.findall(r"\d", named[1])} <= set(zeros)
         assert f"Home joint {named[1]}" in text
 

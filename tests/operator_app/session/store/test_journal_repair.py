@@ -46,7 +46,6 @@ def test_one_flipped_bit_does_not_lose_a_session(tmp_path):
         read_journal(tmp_path)
     found = repair_journal(tmp_path)
     assert found.lost == ()
-    assert found.aside is not None
     assert found.aside.read_bytes() == bytes(raw)
     *kept, note = told(tmp_path)
     assert kept == events()
@@ -142,5 +141,4 @@ def test_a_session_without_its_first_line_keeps_poses_but_cannot_continue(tmp_pa
     said = run_command(0, "session", "repair", "one", "--sessions", tmp_path).out
     assert "cannot be resumed" in said
     state = read_session(tmp_path / "one").state
-    assert state is not None
     assert len(state.used_poses) == 3

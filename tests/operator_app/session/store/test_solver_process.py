@@ -139,7 +139,6 @@ def test_a_solver_process_ends_with_its_killed_parent(tmp_path):
         stdout=subprocess.PIPE,
         env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
     )
-    assert parent.stdout is not None
     assert parent.stdout.readline() == b"solving\n"
     child = int(mark.read_text("utf-8"))
     assert not gone(child)

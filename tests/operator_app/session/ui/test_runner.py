@@ -100,7 +100,6 @@ def test_a_task_is_shown_before_it_begins_and_while_it_runs(runner):
     assert work.begun.wait(PATIENCE_S)
     runner.submit(TaskKind.NOTE, "the second", lambda: None)
     task = runner.snapshot().task
-    assert task is not None
     assert (task.kind, task.text) == (TaskKind.CALIBRATE, "the first")
     work.go_on.set()
     finish(runner)
@@ -185,7 +184,6 @@ def test_a_crashed_thread_stops_the_arm_and_is_reported(source):
     runner = Runner(session, simulated=True, bus="none", recording_ended=broken)
     until(lambda: runner.defect is not None)
     assert isinstance(runner.defect, ZeroDivisionError)
-    assert source.arm is not None
     assert source.arm.stops
     runner.close("end of the test")
 
@@ -245,7 +243,6 @@ def stopped_by_itself(source, runner):
     work.capture(0)
     runner.submit(TaskKind.CALIBRATE, "calibrating", calibrating)
     assert calibrating.begun.wait(PATIENCE_S)
-    assert source.arm is not None
     source.arm.diverge(5)
     until(lambda: runner.pending > 1)
     until(lambda: any("oint 5" in a.text for a in runner.snapshot().alarms))

@@ -73,7 +73,6 @@ def instrument_sending(
 def test_lines_of_other_poses_and_empty_lines_are_skipped():
     lines = [{"pose": "11", **POSE, "x_m": 9.0}, "", {"pose": "12", **POSE}]
     endpoint = instrument_sending(lines, patience_s=60.0).measure("12")
-    assert endpoint is not None
     assert endpoint.tolist() == pytest.approx(ENDPOINT)
 
 
@@ -104,7 +103,6 @@ def test_measurements_of_other_poses_time_out():
 
 def test_orientation_is_dropped_if_only_the_position_is_required():
     endpoint = instrument_sending([POSE], full_pose=False).measure("1")
-    assert endpoint is not None
     assert endpoint.tolist() == [1.0, 2.0, 3.0]
 
 
@@ -136,8 +134,6 @@ def test_tcp_instrument_discards_lines_from_before_the_question(tracker):
         first = instrument.measure("1")
         set_answer(json.dumps(POSE))
         second = instrument.measure("2")
-    assert first is not None
-    assert second is not None
     assert (first[0], second[0]) == (5.0, 1.0)
     assert questions == ['{"measure": "1"}', '{"measure": "2"}']
 
@@ -315,7 +311,6 @@ def test_lines_sent_without_pause_are_read_from_a_line_start():
         instrument = Instrument(port, full_pose=True)
         for k in range(5):
             endpoint = instrument.measure(str(k))
-            assert endpoint is not None
             assert endpoint.tolist() == pytest.approx(ENDPOINT)
 
 

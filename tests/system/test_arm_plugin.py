@@ -132,7 +132,7 @@ def test_stop_returns_when_peer_reads_nothing(workspace):
 
         thread = Thread(target=stop_repeatedly, daemon=True)
         thread.start()
-        thread.join(5.0)
+        thread.join(60.0)
         assert "takes no commands: nothing was read there for 0.2 s" in str(errors[0])
         assert not arm.close()
 
@@ -182,12 +182,9 @@ def test_defective_plugin_is_named(install, run_command, name, code, approve):
     assert name in errors
 
 
-def test_plugin_does_not_replace_an_interface_of_python_can(install):
+def test_plugin_replaces_no_interface_and_no_other_plugin(install):
     install("socketcan", "OFFER = 1\n")
     assert offer("socketcan") is None
-
-
-def test_two_plugins_with_one_name_are_both_named(install):
     install("line_arm", "OFFER = 1\n")
     with pytest.raises(BusError, match="line_arm-pkg and sarcal-line-arm"):
         offer("line_arm")

@@ -22,10 +22,12 @@ def source(source):
     return source
 
 
-def test_connected_arm_is_reported_as_held(source):
-    message = close_and_report(source, "SIGTERM")
+@pytest.mark.parametrize("plain", [False, True])
+def test_connected_arm_is_reported_as_held_with_the_command_to_continue(source, plain):
+    message = close_and_report(source, "SIGTERM", plain=plain)
     assert message.startswith("sarcal: ended by SIGTERM; the arm is held. Session ")
-    assert message.endswith(f"\nGo on with: sarcal --resume {source.last}")
+    option = "--plain " if plain else ""
+    assert message.endswith(f"\nGo on with: sarcal {option}--resume {source.last}")
     assert "parameters.yaml" not in message
 
 
@@ -49,8 +51,3 @@ def test_written_files_are_named(source):
     message = close_and_report(source)
     assert "parameters.yaml and poses.csv are in it" in message
     assert f"sarcal report {source.last}" in message
-
-
-def test_plain_mode_is_continued_in_plain_mode(source):
-    message = close_and_report(source, plain=True)
-    assert message.endswith(f"\nGo on with: sarcal --plain --resume {source.last}")

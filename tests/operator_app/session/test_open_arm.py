@@ -149,8 +149,8 @@ def test_a_hidden_target_skips_a_waypoint_and_a_silent_tracker_none(tracked):
     with pytest.raises(InstrumentError, match="no measurement of pose 2 arrived"):
         take_poses(session, Listener(), DRIVES)
     assert asked == ["1", "1", "2"]
-    (kept,) = session.state.used_poses
-    assert (kept.waypoint, len(kept.endpoint)) == (1, 6)
+    (pose,) = session.state.used_poses
+    assert (pose.waypoint, len(pose.endpoint)) == (1, 6)
     assert session.state.skipped_waypoints == {0}
 
 

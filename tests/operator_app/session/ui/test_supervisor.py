@@ -1,4 +1,4 @@
-"""What a person is told of the arm's motion."""
+"""Motion of the arm as shown to the operator: speed, rest and its limits."""
 
 from dataclasses import replace
 from types import MappingProxyType

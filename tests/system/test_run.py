@@ -140,7 +140,7 @@ def test_interrupted_run_holds_the_arm_and_can_be_resumed(tmp_path, number):
     process = start(tmp_path, "run", "hinge", "--poses", "30")
     folder = wait_for_poses(tmp_path / "sessions", 3, process)
     process.send_signal(number)
-    errors = finished(process, 130, patience_s=30.0).err
+    errors = finished(process, 130).err
     assert "the arm is held" in errors
     assert "--resume" in errors
     contents = read_journal(folder)

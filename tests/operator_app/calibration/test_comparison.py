@@ -198,7 +198,7 @@ def test_other_arms_are_incomparable(changes, approve):
     document = make_document()
     other = replace(document, arm=replace(document.arm, **changes))
     with pytest.raises(IncomparableError) as error:
-        compare(make_document(), other)
+        compare(document, other)
     approve(str(error.value))
 
 

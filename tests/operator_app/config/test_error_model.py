@@ -175,7 +175,7 @@ def test_invalid_compliance_is_refused(compliance, message):
 NO_MASSES = re.sub(r"^(?:gravity: |links:|  - \{link: ).*\n", "", SARCOS, flags=re.MULTILINE)
 
 
-def test_gravity_loads_panda_joints_2_and_4():
+def test_gravity_loads_panda_joints_2_and_4_and_masses_are_optional():
     """Torques with the arm horizontal, then vertical; the maker states 3 kg of payload at 87 N m."""
     arm = load_arm("franka_panda")
     table = arm.table
@@ -188,12 +188,8 @@ def test_gravity_loads_panda_joints_2_and_4():
     assert -25.0 < stretched[3] < -10.0
     assert np.abs(vertical).max() < 6.0
     assert np.abs(stretched[[4, 6]]).max() < 1.0
-
-
-def test_arm_file_without_masses_is_accepted():
-    arm = parse_sarcos(NO_MASSES)
-    assert arm.masses is None
-    assert arm.assumed == ()
+    without_masses = parse_sarcos(NO_MASSES)
+    assert (without_masses.masses, without_masses.assumed) == (None, ())
 
 
 @pytest.mark.parametrize("length", [1e-300, 1.0, 1e300])

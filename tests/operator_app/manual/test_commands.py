@@ -30,7 +30,7 @@ from tests.oracles.recordings import recorded_arm, write_bag, write_log
 DATA = Path(__file__).parents[2] / "data"
 HINGE, PANDA = DATA / "hinge/hinge_exact.csv", DATA / "panda_ball/panda_1.csv"
 CAN_OPTIONS = "-i socketcan -c can0"
-TIMEOUT_S = 60.0
+TIMEOUT_S = 240.0
 REDIRECTED = re.compile(r" > (\S+)$")
 
 TOPICS_WITH_COMMANDS = [topic for topic in page_topics() if any(b.commands for b in blocks(topic))]

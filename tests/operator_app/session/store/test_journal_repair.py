@@ -70,6 +70,8 @@ def test_any_flipped_bit_is_repaired(position, bit):
 
 @pytest.mark.parametrize(("sums", "lost"), [(False, [9]), (True, [9, 10])])
 def test_unproven_lines_are_dropped_reported_and_the_rest_kept(tmp_path, sums, lost):
+    session(tmp_path / "last", broken(SOUND, len(events())))
+    assert list(repair_journal(tmp_path / "last").lost) == [len(events())]
     session(tmp_path, broken(SOUND, 9, sums=sums))
     found = repair_journal(tmp_path)
     assert list(found.lost) == lost
@@ -81,11 +83,6 @@ def test_unproven_lines_are_dropped_reported_and_the_rest_kept(tmp_path, sums, l
     # What was made of those poses does not count any more.
     assert found.state.solved == {}
     assert found.state.resumed
-
-
-def test_the_last_line_is_dropped_only_without_proof(tmp_path):
-    session(tmp_path, broken(SOUND, len(events())))
-    assert list(repair_journal(tmp_path).lost) == [len(events())]
 
 
 def test_invalid_content_is_set_aside(tmp_path):

@@ -163,17 +163,23 @@ def test_a_stop_pressed_during_a_reset_is_not_reported_as_reset(runner, arm):
     assert any("STOP reset" in text for text in texts(runner))
 
 
-@pytest.mark.campaign
-def test_an_unwatched_motion_is_ended(runner):
+def test_an_unwatched_motion_is_ended(make_session):
     """A screen on a terminal that is no longer read accepts no key that stops."""
+    now_s = [0.0]
+    session = make_session(short_procedure(3))
+    runner = Runner(session, simulated=True, bus="none", monotonic=lambda: now_s[0])
     work = UntilCancelled(runner.cancelled)
     runner.submit(TaskKind.MOVE, "moving", work)
+    assert work.begun.wait(PATIENCE_S)
     # It continues while snapshots are read.
-    for _ in range(int(2 * UNWATCHED_S / 0.05)):
+    for _ in range(3):
         runner.snapshot()
-        assert not work.ended.wait(0.05)
+        now_s[0] += 0.9 * UNWATCHED_S
+        assert not work.ended.wait(3 * WATCH_PERIOD_S)
+    now_s[0] += 0.2 * UNWATCHED_S
     assert work.ended.wait(PATIENCE_S)
-    assert any("the screen did not respond" in text for text in texts(runner))
+    until(lambda: any("the screen did not respond" in text for text in texts(runner)))
+    runner.close("end of the test")
 
 
 def test_a_crashed_thread_stops_the_arm_and_is_reported(source):

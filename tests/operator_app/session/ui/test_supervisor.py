@@ -77,13 +77,12 @@ def test_a_joint_beyond_its_limit_is_named():
 
 
 def test_a_gap_in_the_data_resets_the_window():
-    watch = MotionMonitor(PROCEDURE.arm, PROCEDURE.capture)
-    watch.update(*look(0, HOME))
-    watch.reset()
-    found = watch.update(*look(40, HOME + 0.3))
-    assert found.still
-    assert found.held_s == 0.0
-    assert not found.speed_rad_per_s.any()
+    monitor = MotionMonitor(PROCEDURE.arm, PROCEDURE.capture)
+    monitor.update(*look(0, HOME))
+    monitor.reset()
+    motion = monitor.update(*look(40, HOME + 0.3))
+    assert (motion.still, motion.held_s) == (True, 0.0)
+    assert not motion.speed_rad_per_s.any()
 
 
 def test_an_unsensed_joint_is_ignored():

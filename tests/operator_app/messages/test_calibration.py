@@ -114,21 +114,6 @@ def test_remedy_of_error_source_is_approved(source, approve):
     approve(source_remedy(f"{source}_6" if source.startswith("rvdt") else source))
 
 
-@pytest.mark.parametrize(
-    ("finding", "code"),
-    [
-        (Finding(kind=Kind.READING_FROZEN, joint=3), "FROZEN_JOINT_3"),
-        (Finding(kind=Kind.READING_NOISE, joint=6, sensor="RVDT"), "RVDT_6"),
-        (Finding(kind=Kind.ENTRIES_EXCHANGED, names=("s_3", "s_5")), "EXCHANGED_s_3_s_5"),
-        (Finding(kind=Kind.OUT_OF_RANGE, joint=2), "RANGE_2"),
-        (Finding(kind=Kind.OUT_OF_RANGE_NOTICE, joint=2), "RANGE"),
-        (Finding(kind=Kind.LENGTH_OFF, names=("s_3",)), "LENGTH_s_3"),
-    ],
-)
-def test_public_code_follows_from_the_fields(finding, code):
-    assert finding.code == code
-
-
 def test_tiny_step_is_not_shown_as_zero():
     step = Finding(kind=Kind.READING_STEP, joint=1, poses=("1", "2"), size=2e-8, unit="rad")
     assert "0.000001 deg" in step.text

@@ -75,9 +75,7 @@ def test_plugin_arm_is_calibrated_by_name(workspace, example, run_command, monke
     ],
 )
 def test_wrong_plugin_options_are_one_error(workspace, run_command, options, code, approve):
-    errors = run_command(code, "run", "quick.yaml", *options).err
-    approve(errors)
-    assert "Traceback" not in errors
+    approve(run_command(code, "run", "quick.yaml", *options).err)
     assert not list(workspace.glob("sessions/*"))
 
 
@@ -177,9 +175,7 @@ OFFER = ArmOffer(make=lambda order: Broken(load_procedure("hinge"), "exact"), sa
 )
 def test_defective_plugin_is_named(install, run_command, name, code, approve):
     install(name, code)
-    errors = run_command(3, "run", "quick.yaml", "-i", name).err
-    approve(errors)
-    assert name in errors
+    approve(run_command(3, "run", "quick.yaml", "-i", name).err)
 
 
 def test_plugin_replaces_no_interface_and_no_other_plugin(install):

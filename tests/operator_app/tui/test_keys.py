@@ -207,6 +207,8 @@ async def test_toggled_modes_show_their_risk_before_applying(still):
         await d.until(lambda: "until a drive trips" in d.hint)
         await d.press("f", "up", "f")
         await d.until(lambda: "would sag" in d.words("#modes-plan"))
+        await d.press("a")
+        await d.until(lambda: "would sag" in d.hint)
         await d.press("p")
         best = story()["ticked"].ranked[0].drives
         assert d.s.wanted_joints == best != before

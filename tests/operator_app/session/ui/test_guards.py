@@ -10,7 +10,7 @@ from operator_app.session.ui import guards
 from operator_app.session.ui.message_log import ARM_RECOVERY, add_message
 from operator_app.session.ui.snapshot import Level, SessionSnapshot, TaskKind
 from operator_app.session.ui.steps import Step
-from tests.oracles.story import busy, lost, real, stale, stopped, story, tripped
+from tests.oracles.story import lost, real, stale, stopped, story, tripped
 
 FIRST_CLOSED = {
     "start": Step.FIXTURE,
@@ -166,17 +166,6 @@ def test_with_all_conditions_met_nothing_is_missing(guard, name, change):
 
 
 @pytest.mark.parametrize(
-    ("joints", "words"),
-    [((1,), "would sag"), ((), "would sag"), ((1, 2, 5), "drive trips"), ((1, 5), None)],
-)
-def test_too_few_and_too_many_position_joints_are_explained(joints, words):
-    missing = guards.modes_problem(story()["ticked"], joints)
-    assert (missing == ()) if words is None else words in missing[0]
-    wanted = replace(story()["ticked"], wanted_joints=joints)
-    assert bool(guards.may_apply_modes(wanted)) == (words is not None)
-
-
-@pytest.mark.parametrize(
     ("until", "open_"),
     [({TaskKind.CONNECT}, True), (ARM_RECOVERY, True), ({TaskKind.MODES}, False)],
 )
@@ -186,10 +175,3 @@ def test_the_action_an_alarm_asks_for_is_allowed(until, open_):
         story()["modes"], Level.ALARM, "why", time="12:00:00", resolving_tasks=frozenset(until)
     )
     assert (guards.may_connect(s) == ()) is open_
-
-
-def test_any_key_ends_a_motion_only():
-    s = story()["modes"]
-    assert guards.stops_on_any_key(busy(s, TaskKind.MOVE, moves=True).task)
-    assert not guards.stops_on_any_key(busy(s, TaskKind.EXPORT, moves=False).task)
-    assert not guards.stops_on_any_key(None)

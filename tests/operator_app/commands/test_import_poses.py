@@ -234,15 +234,10 @@ def test_invalid_recording_or_option_is_refused(tmp_path, run_command):
         ([str(log), "--time", "when"], "--time: there is no column 'when'"),
         ([str(log), "--time", "time", "--topic", "/a"], "--topic is for bags"),
         ([str(ms), "--time", "time", "--rad"], "s apart (median), too far for a dwell of 1 s"),
-        (
-            [str(tmp_path / "mid.csv"), "--time", "1", "--rad"],
-            "has 2 cells; the lines before it have",
-        ),
+        ([tmp_path / "mid.csv", "--time", "1", "--rad"], "has 2 cells; the lines before it have"),
     ):
-        assert (
-            message
-            in run_command(2, "import", *arguments, *PANDA, "--sessions", tmp_path / "s").err
-        )
+        errors = run_command(2, "import", *arguments, *PANDA, "--sessions", tmp_path / "s").err
+        assert message in errors
     assert "is a ROS 2 bag; sarcal import" in run_command(2, "solve", bag, *PANDA).err
     # Three poses are too few for a calibration, but they are found.
     for arguments in (

@@ -42,7 +42,7 @@ def test_node_canopen_master_reads_moves_and_stops_arm():
     ) as controller:
         master = subprocess.run(
             ["node", str(MASTER), channel, str(JOINT), str(COUNTS)],
-            capture_output=True, text=True, timeout=60, check=False,
+            capture_output=True, text=True, timeout=240, check=False,
         )  # fmt: skip
         assert master.returncode == 0, master.stderr
     bus.shutdown()

@@ -40,7 +40,7 @@ def test_incomplete_recording_is_reported_when_the_arm_is_closed(
     assert ("Free some space" in messages) is reported
 
 
-def wait_until(condition: Callable[[], object], seconds: float = 10.0) -> None:
+def wait_until(condition: Callable[[], object], seconds: float = 120.0) -> None:
     end = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < end

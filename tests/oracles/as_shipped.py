@@ -1,5 +1,10 @@
 """The packaged arms in their fixtures, and calibrations of simulated sessions with them."""
 
+from dataclasses import replace
+from typing import TypeVar
+
+import numpy as np
+
 from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.error_model import error_model, free_within_tolerance
 from operator_app.calibration.experiment import Experiment, pick_placements
@@ -16,6 +21,9 @@ ARM, HINGE = load_arm("sarcos_dextrous"), load_fixture("hinge").fixture
 PANDA, BALL = load_arm("franka_panda"), load_fixture("ball").fixture
 SEED = 3001
 """Seed of the sound session."""
+
+
+Taken = TypeVar("Taken", PoseSet, Session)
 
 
 def poses_of(session: Session) -> PoseSet:
@@ -39,3 +47,18 @@ def panda_poses(*placements: int) -> PoseSet:
     """The real Panda's poses in some placements, by default in all."""
     poses = load_poses(str(FOLDER / "panda_1.csv"), joint_count=7).poses
     return pick_placements(poses, placements) if placements else poses
+
+
+def displaced(taken: Taken, where: object, deg: object) -> Taken:
+    """The poses or the session with angles (deg) added to the readings (m, n) at `where`."""
+    name = "q_rad" if isinstance(taken, PoseSet) else "readings"
+    angles = getattr(taken, name).copy()
+    angles[where] += np.deg2rad(deg)
+    return replace(taken, **{name: angles})
+
+
+def spread_out(session: Session, where: object, deg: float) -> Session:
+    """The session with readings at `where` (m, n) that spread by so much within their poses."""
+    spread = session.spread.copy()
+    spread[where] = np.deg2rad(deg)
+    return replace(session, spread=spread)

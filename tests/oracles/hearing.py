@@ -1,14 +1,18 @@
 """A listener that records reports, and captures that end after a number of poses."""
 
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
+from hardware.arm import ArmInterface
+from operator_app.config.procedure import Procedure
 from operator_app.errors import Cancelled
 from operator_app.session.store.state import SessionState
 from operator_app.session.workflow.capture import take_poses
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
+from tests.oracles.opened import opened
 
 
 class RecordingListener(Listener):
@@ -32,3 +36,13 @@ def take_poses_until(session: Session, poses: int) -> None:
     session.cancelled = lambda: len(session.state.poses) == poses
     with pytest.raises(Cancelled):
         take_poses(session, Listener(), (1, 5))
+
+
+def left_session(folder: Path, arm: ArmInterface, procedure: Procedure, poses: int) -> Path:
+    """The folder of a session that was left after `poses` poses."""
+    session = opened(folder, arm, procedure)
+    session.connect()
+    if poses:
+        take_poses_until(session, poses)
+    session.close("left")
+    return folder

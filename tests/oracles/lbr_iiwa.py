@@ -1,13 +1,11 @@
-"""Data sheet and URDF of the KUKA LBR iiwa 14 R820, and the flanges of it and of the Panda.
+"""Data sheet and URDF of the KUKA LBR iiwa 14 R820.
 
 KUKA, "LBR iiwa 7 R800, LBR iiwa 14 R820, Specification": 360, 420 and 400 mm between the axes, 126 mm to the flange
 (working envelope), ranges, speeds and torques of the axes (axis data). Joint frames: ROS package iiwa_description.
 """
 
 import math
-from functools import partial
 
-from tests.oracles.makers_chains import flange
 from tests.oracles.urdfs import joint, robot, words
 
 D_M = (0.360, 0.0, 0.420, 0.0, 0.400, 0.0, 0.126)
@@ -42,8 +40,3 @@ def urdf(steps: int = 8) -> str:
         limits = {"ends": (-end, end), "velocity": speed, "effort": TORQUE_NM[k - 1]}
         joints.append(joint(f"j{k}", f"l{k - 1}", f"l{k}", *at, "0 0 1", **limits))
     return robot(*joints)
-
-
-iiwa_flange = partial(flange, "kuka_iiwa14")
-panda_flange = partial(flange, "franka_panda")
-"""Flange (4, 4) in the base at joint angles (7,), by the makers' chains."""

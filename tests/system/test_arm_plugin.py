@@ -75,9 +75,7 @@ def test_plugin_arm_is_calibrated_by_name(workspace, example, run_command, monke
     ],
 )
 def test_wrong_plugin_options_are_one_error(workspace, run_command, options, code, approve):
-    errors = run_command(code, "run", "quick.yaml", *options).err
-    approve(errors)
-    assert "Traceback" not in errors
+    approve(run_command(code, "run", "quick.yaml", *options).err)
     assert not list(workspace.glob("sessions/*"))
 
 
@@ -132,7 +130,7 @@ def test_stop_returns_when_peer_reads_nothing(workspace):
 
         thread = Thread(target=stop_repeatedly, daemon=True)
         thread.start()
-        thread.join(5.0)
+        thread.join(60.0)
         assert "takes no commands: nothing was read there for 0.2 s" in str(errors[0])
         assert not arm.close()
 
@@ -177,17 +175,12 @@ OFFER = ArmOffer(make=lambda order: Broken(load_procedure("hinge"), "exact"), sa
 )
 def test_defective_plugin_is_named(install, run_command, name, code, approve):
     install(name, code)
-    errors = run_command(3, "run", "quick.yaml", "-i", name).err
-    approve(errors)
-    assert name in errors
+    approve(run_command(3, "run", "quick.yaml", "-i", name).err)
 
 
-def test_plugin_does_not_replace_an_interface_of_python_can(install):
+def test_plugin_replaces_no_interface_and_no_other_plugin(install):
     install("socketcan", "OFFER = 1\n")
     assert offer("socketcan") is None
-
-
-def test_two_plugins_with_one_name_are_both_named(install):
     install("line_arm", "OFFER = 1\n")
     with pytest.raises(BusError, match="line_arm-pkg and sarcal-line-arm"):
         offer("line_arm")

@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 import yaml
 
-from operator_app.config.arm_file import load_arm
 from operator_app.config.procedure_file import load_procedure
 from operator_app.session.workflow.opening import Choices
 from operator_app.virtual_arms import virtual_arm
-from solver.chain.kinematics import forward
 from tests.oracles import lbr_iiwa
 from tests.oracles.planted_values import planted_values
 
@@ -57,18 +55,6 @@ def test_iiwa_of_urdf_agrees_with_data_sheet(arm_file):
     assert [abs(row["alpha_deg"]) for row in rows] == pytest.approx(np.abs(lbr_iiwa.ALPHA_DEG))
     assert [j["range_deg"][1] for j in joints] == pytest.approx(lbr_iiwa.RANGE_DEG)
     assert [j["max_speed_deg_per_s"] for j in joints] == pytest.approx(lbr_iiwa.SPEED_DEG_PER_S)
-
-
-@pytest.mark.parametrize("arm", ["iiwa", "panda"])
-def test_kinematics_of_new_arm_agree_with_pinocchio(arm_file, arm):
-    model = load_arm("arm.yaml")
-    q = np.random.default_rng(1).uniform(model.lower_rad, model.upper_rad, (200, 7))
-    theta_off, *lengths_and_twists = model.table.stacked()
-    frames = forward(q + theta_off, *lengths_and_twists)
-    flange = lbr_iiwa.iiwa_flange if arm == "iiwa" else lbr_iiwa.panda_flange
-    expected = np.stack([flange(pose) for pose in q])
-    np.testing.assert_allclose(frames.p_end, expected[:, :3, 3], rtol=0, atol=1e-12)
-    np.testing.assert_allclose(frames.R_end, expected[:, :3, :3], rtol=0, atol=1e-12)
 
 
 @pytest.mark.sample(1)

@@ -12,7 +12,7 @@ import can
 import pytest
 
 from hardware.buses.python_can import BusSettings, open_bus
-from operator_app.session.store.journal import read_journal
+from tests.oracles.journal_events import event_data
 from tests.oracles.own_process import controller, finished, start, wait_for_poses
 
 pytestmark = pytest.mark.real_time
@@ -29,7 +29,7 @@ def bus(request):
 
 
 def pose_numbers(folder: Path) -> list[int]:
-    return [e.data["number"] for e in read_journal(folder).events if e.name == "pose"]
+    return [pose["number"] for pose in event_data(folder, "pose")]
 
 
 def only_session(root: Path) -> Path:
@@ -180,8 +180,8 @@ def test_automatic_stop_is_reported_after_its_cause(tmp_path, bus):
     assert errors.index("oint 5 is +") < errors.index("the arm has been stopped")
     assert "STOP is latched" not in errors
     assert resume_command(folder) in errors
-    (event,) = [e for e in read_journal(folder).events if e.name == "sensor_fault"]
-    assert event.data["joint"] == 5
+    (fault,) = event_data(folder, "sensor_fault")
+    assert fault["joint"] == 5
 
 
 @pytest.mark.campaign
@@ -194,11 +194,6 @@ def test_drive_disabled_at_the_drive_is_enabled_only_on_resuming(tmp_path, bus):
         assert f"Go on with: {resume_command(folder)}" in errors
         resumed = finished(start(tmp_path, "run", "--resume", str(folder), "--json"), 0, 4)
     assert resumed.json["poses"] == 6
-
-
-def test_reset_of_embedded_arm_is_refused(tmp_path, run_command):
-    assert "nothing to reset" in run_command(2, "reset", "--sessions", tmp_path).err
-    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.campaign

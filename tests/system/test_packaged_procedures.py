@@ -22,7 +22,6 @@ def test_calibration_is_accepted_and_recovers_true_values(tmp_path, procedure, p
         result = sessions.calibrated()
         solution, estimate = result.solution, result.solution.estimate
         assert solution.accepted, solution.reasons
-        assert result.exported is not None
         true = sessions.planted(solution)
         assert np.all(np.abs(estimate.x - true) < 4.0 * estimate.standard_deviation)
         # The true values are far from the nominal ones.

@@ -9,9 +9,9 @@ import pytest
 
 from operator_app.config.parameters_file import load_parameters
 from operator_app.session.store.folders import read_session
-from operator_app.session.store.journal import read_journal
 from operator_app.session.workflow.opening import Choices, begin
 from operator_app.virtual_arms import virtual_arm
+from tests.oracles.journal_events import event_data
 from tests.oracles.own_process import start, wait_for_poses
 from tests.oracles.planted_values import planted_values
 
@@ -26,10 +26,6 @@ def kill_at_pose(folder: Path, poses: int, *arguments: str) -> None:
     process.communicate()
 
 
-def journalled_poses(folder: Path) -> list[dict]:
-    return [e.data for e in read_journal(folder).events if e.name == "pose"]
-
-
 def true_values(placement: int) -> dict[str, float]:
     procedure = begin("hinge", Choices(), root=Path()).procedure
     arm = virtual_arm(procedure.arm, procedure.fixture, Choices(), placement)
@@ -42,13 +38,13 @@ def test_two_placements_are_one_calibration_despite_kills(tmp_path, run_command)
     kill_at_pose(tmp_path, 4, "run", "hinge", "--placements", "2", "--poses", str(POSES))
     kill_at_pose(tmp_path, POSES + 4, "run", "--resume", "latest")
     (folder,) = (tmp_path / "sessions").iterdir()
-    poses_at_kill = journalled_poses(folder)
+    poses_at_kill = event_data(folder, "pose")
     result = run_command(0, "run", "--resume", "latest", *sessions, "--json").json
     estimates = result["parameters"]
     assert result["verdict"] in ("accepted", "accepted_with_warnings")
     assert result["poses"] == 2 * POSES
 
-    assert journalled_poses(folder)[: len(poses_at_kill)] == poses_at_kill
+    assert event_data(folder, "pose")[: len(poses_at_kill)] == poses_at_kill
     rows = list(csv.reader((folder / "poses.csv").read_text().splitlines()))
     column = [row[rows[0].index("placement")] for row in rows[1:]]
     assert column == ["1"] * POSES + ["2"] * POSES
@@ -73,7 +69,6 @@ def test_two_placements_are_one_calibration_despite_kills(tmp_path, run_command)
     verified = run_command(0, "verify", "latest", "--poses", "3", *sessions, "--json").json
     assert verified["verdict"] == "holds"
     state = read_session(folder).state
-    assert state is not None
     assert [r.placement for r in state.readings if r.kind == "verification"] == [2, 2, 2]
 
     # A file with poses of the first placement, measured again (0.002 deg), under each number.

@@ -8,7 +8,7 @@ from importlib.metadata import version
 import pytest
 import yaml
 
-from operator_app.session.store.journal import read_journal
+from tests.oracles.journal_events import event_data
 
 ENVIRONMENTS = (
     {"OPENBLAS_NUM_THREADS": "1"},
@@ -41,7 +41,7 @@ def test_journal_and_parameters_have_software_versions(reference_data, tmp_path,
     csv = reference_data / "hinge" / "hinge_exact.csv"
     run_command(0, "import", csv, "--sessions", tmp_path)
     (folder,) = tmp_path.iterdir()
-    (solved,) = (e.data for e in read_journal(folder).events if e.name == "solved")
+    (solved,) = event_data(folder, "solved")
     assert {name: solved["made_with"][name] for name in libraries} == libraries
     run_command(0, "export", folder, "--sessions", tmp_path)
     software = yaml.safe_load((folder / "parameters.yaml").read_text())["software_version"]

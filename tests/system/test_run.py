@@ -12,6 +12,7 @@ from hardware.virtual.drive import Drive
 from operator_app.config.parameters_file import parse_parameters
 from operator_app.config.resources import resolve
 from operator_app.session.store.journal import read_journal
+from tests.oracles.journal_events import event_data
 from tests.oracles.own_process import finished, start, wait_for_poses
 from tests.oracles.parameter_documents import VALUES as TRUE_VALUES
 
@@ -98,35 +99,6 @@ def test_runs_with_one_seed_are_identical(tmp_path, run_command):
     assert run(4)["parameters"] != first["parameters"]
 
 
-@pytest.mark.parametrize(
-    "command",
-    [
-        "run nowhere.yaml",
-        "run hing",
-        "run hinge --poses 2",
-        "run hinge --unsensed 8",
-        "run --resume nowhere",
-        "run hinge --seed -1",
-        "plan hing",
-        "plan hinge --poses 0",
-        "plan hinge --poses 50000",
-        "plan hinge --arm nowhere.yaml",
-        "plan hinge --fixture hing",
-        "plan hinge --fixture rigid",
-        "plan hinge --fixture ball",
-        "plan hinge --unsensed 9",
-        "plan hinge --advise --tries 0",
-        "plan --session nowhere",
-        "plan hinge --session latest",
-    ],
-)
-def test_bad_input_is_refused_with_a_remedy(tmp_path, run_command, command, approve):
-    answer = run_command(2, *command.split(), "--sessions", tmp_path / "s")
-    assert answer.out == ""
-    approve(answer.err)
-    assert not (tmp_path / "s").exists()
-
-
 @pytest.mark.parametrize("command", [["run"], ["plan", "--poses", "4"]], ids=["run", "plan"])
 def test_rigid_fixture_with_every_offset_free_is_refused(tmp_path, run_command, command):
     procedure = yaml.safe_load(resolve("procedure", "rigid").data)
@@ -168,15 +140,14 @@ def test_interrupted_run_holds_the_arm_and_can_be_resumed(tmp_path, number):
     process = start(tmp_path, "run", "hinge", "--poses", "30")
     folder = wait_for_poses(tmp_path / "sessions", 3, process)
     process.send_signal(number)
-    errors = finished(process, 130, patience_s=30.0).err
+    errors = finished(process, 130).err
     assert "the arm is held" in errors
     assert "--resume" in errors
     contents = read_journal(folder)
     assert not contents.torn
     assert contents.events[-1].name == "closed"
-    assert sum(e.name == "pose" for e in contents.events) >= 3
+    assert len(event_data(folder, "pose")) >= 3
 
     resumed = finished(start(tmp_path, "run", "--resume", "latest", "--json"), 0)
     assert resumed.json["poses"] == 30
-    numbers = [e.data["number"] for e in read_journal(folder).events if e.name == "pose"]
-    assert numbers == list(range(1, 31))
+    assert [pose["number"] for pose in event_data(folder, "pose")] == list(range(1, 31))

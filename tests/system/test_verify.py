@@ -36,7 +36,6 @@ def test_calibration_holds_on_new_poses_of_the_arm(sessions, run_command):
     # The journal of the session has them; its calibration does not use them.
     assert list(sessions.iterdir()) == [session]
     state = read_session(session).state
-    assert state is not None
     assert [r.kind for r in state.readings] == ["return", *["verification"] * 6]
     assert len(state.used_poses) == 15
     distances_rad = [
@@ -75,7 +74,3 @@ def test_poses_after_a_step_change_of_a_joint_are_named(sessions, tmp_path, run_
     write()
     errors = run_command(4, "verify", session.name, file, "--sessions", sessions).err
     assert f"sarcal: {file}: no joint angle" in errors
-
-
-def test_verify_without_a_session_is_refused(tmp_path, run_command):
-    assert "no session" in run_command(2, "verify", "latest", "--sessions", tmp_path).err

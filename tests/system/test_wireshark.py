@@ -19,7 +19,7 @@ def dissect(file: Path, *fields: str) -> list[list[str]]:
     arguments = ["tshark", "-r", str(file), "-d", "can.subdissector,canopen", "-T", "fields"]
     for field in fields:
         arguments += ["-e", field]
-    out = subprocess.check_output(arguments, text=True, timeout=60)
+    out = subprocess.check_output(arguments, text=True, timeout=240)
     return [line.split("\t") for line in out.splitlines()]
 
 

@@ -15,7 +15,7 @@ from solver.chain.poses import PoseSet
 from solver.chain.sensors import Encoder
 from solver.closing import close_loops
 from solver.diagnostics.range_checks import ReadingsOutOfRangeError
-from tests.oracles.as_shipped import ARM, HINGE
+from tests.oracles.as_shipped import ARM, HINGE, displaced
 
 
 @pytest.fixture
@@ -28,10 +28,9 @@ def codes(solution):
 
 
 def test_outlier_is_named_and_still_used(poses):
-    assert calibrate(ARM, HINGE, poses).outliers == ()
-    q = np.array(poses.q_rad)
-    q[16, 2] += np.deg2rad(0.2)
-    solution = calibrate(ARM, HINGE, replace(poses, q_rad=q))
+    sound = calibrate(ARM, HINGE, poses)
+    assert (sound.outliers, sound.causes) == ((), ())
+    solution = calibrate(ARM, HINGE, displaced(poses, (16, 2), 0.2))
     assert solution.outliers == (poses.label[16],)
     assert solution.poses == len(poses)
     assert "OUTLIER" in codes(solution)

@@ -19,59 +19,43 @@ def poses():
     return poses_of(session(1))
 
 
-def everything(poses):
-    return np.arange(len(poses))
-
-
-def _picked(poses, rows):
-    """Poses by index, with duplicates under other labels."""
-    return PoseSet(
-        placement=poses.placement[rows],
-        label=tuple(f"{poses.label[k]}.{n}" for n, k in enumerate(rows)),
-        q_rad=poses.q_rad[rows],
-        utc=tuple(poses.utc[k] for k in rows),
-    )
+def side_of(poses, rows=None):
+    return approach_of(ARM, poses, np.arange(len(poses)) if rows is None else rows)
 
 
 def test_approach_side_follows_the_motion_between_poses(poses):
-    side = approach_of(ARM, poses, everything(poses))
+    side = side_of(poses)
     moved = np.diff(poses.q_rad, axis=0)
     far = np.abs(moved) > np.deg2rad(1.0)
     np.testing.assert_array_equal(side[1:][far], np.sign(moved)[far])
     assert not side[0].any()
     still = np.abs(moved) < np.deg2rad(0.01)
     np.testing.assert_array_equal(side[1:][still], side[:-1][still])
+    two_placements = replace(poses, placement=np.repeat([1, 2], len(poses) // 2))
+    assert not side_of(two_placements)[len(poses) // 2].any(), "it restarts with each placement"
 
 
 def test_approach_side_ignores_file_order_and_uses_left_out_poses(poses):
-    side = approach_of(ARM, poses, everything(poses))
+    side = side_of(poses)
     shuffle = np.random.default_rng(0).permutation(len(poses))
-    shuffled = poses.at_poses(shuffle)
-    np.testing.assert_array_equal(approach_of(ARM, shuffled, everything(poses)), side[shuffle])
+    np.testing.assert_array_equal(side_of(poses.at_poses(shuffle)), side[shuffle])
     rows = np.array([3, 4, 9])
-    np.testing.assert_array_equal(approach_of(ARM, poses, rows), side[rows])
+    np.testing.assert_array_equal(side_of(poses, rows), side[rows])
+    # Duplicates under other labels are allowed.
+    rows = np.array([*range(len(poses)), 5])
+    twice = PoseSet(
+        placement=poses.placement[rows],
+        label=tuple(map(str, range(len(rows)))),
+        q_rad=poses.q_rad[rows],
+        utc=tuple(poses.utc[k] for k in rows),
+    )
+    np.testing.assert_array_equal(side_of(twice, rows[:-1]), side)
 
 
-@pytest.mark.parametrize("utc_text", ["", "yesterday", "2026-05-04T09:00:00"])
-def test_approach_side_is_unknown_without_all_times(poses, utc_text):
-    assert approach_of(ARM, replace(poses, utc=None), everything(poses)) is None
-    utc = (utc_text, *poses.utc[1:])
-    assert approach_of(ARM, replace(poses, utc=utc), everything(poses)) is None
-
-
-def test_equal_times_give_no_order_and_duplicates_are_allowed(poses):
-    m = len(poses)
-    assert approach_of(ARM, replace(poses, utc=(poses.utc[0],) * m), everything(poses)) is None
-    rows = np.array([*range(m), 5])
-    twice = _picked(poses, rows)
-    side = approach_of(ARM, poses, everything(poses))
-    np.testing.assert_array_equal(approach_of(ARM, twice, everything(poses)), side)
-
-
-def test_approach_side_restarts_with_each_placement(poses):
-    two_placements = replace(poses, placement=np.repeat([1, 2], len(poses) // 2))
-    side = approach_of(ARM, two_placements, everything(poses))
-    assert not side[len(poses) // 2].any()
+@pytest.mark.parametrize("first", ["", "yesterday", "2026-05-04T09:00:00"])
+def test_approach_side_is_unknown_without_all_times_in_order(poses, first):
+    for utc in (None, (first, *poses.utc[1:]), poses.utc[:1] * len(poses)):
+        assert side_of(replace(poses, utc=utc)) is None
 
 
 def test_loads_need_masses_and_compliance(poses):

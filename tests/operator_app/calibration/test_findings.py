@@ -10,7 +10,7 @@ import pytest
 from operator_app.calibration.findings import left_out_poses
 from solver.diagnostics.range_checks import range_findings
 from tests.benchmarks.shop_floor_outcome import ACCEPTED, WARNED, outcome
-from tests.oracles.as_shipped import ARM, poses_of
+from tests.oracles.as_shipped import ARM, displaced, poses_of, spread_out
 from tests.oracles.shop_floor import session
 
 
@@ -89,10 +89,7 @@ def test_rows_in_radians_are_not_reported_as_flipped(rows, code):
 
 @pytest.mark.parametrize("poses", [slice(None), slice(4, 6)])
 def test_motion_during_sampling_is_named(poses):
-    taken = session(61)
-    spread = taken.spread.copy()
-    spread[poses, 2] = np.deg2rad(1.0)
-    result = outcome(replace(taken, spread=spread))
+    result = outcome(spread_out(session(61), (poses, 2), 1.0))
     assert result.verdict == WARNED
     assert result.causes == ("UNSTEADY_3",)
     assert "UNSTEADY_3" in result.warnings
@@ -101,12 +98,8 @@ def test_motion_during_sampling_is_named(poses):
 
 def test_left_out_poses_have_their_reason():
     poses = poses_of(session(21))
-    q = np.array(poses.q_rad)
-    q[3, 1:4] -= 3.0
-    displaced = replace(poses, q_rad=q)
-    (range_pose, flipped), _ = left_out_poses(
-        (3, 5), range_findings(ARM, displaced), ARM, displaced
-    )
+    beyond = displaced(poses, (3, slice(1, 4)), np.rad2deg(-3.0))
+    (range_pose, flipped), _ = left_out_poses((3, 5), range_findings(ARM, beyond), ARM, beyond)
     assert (range_pose.code, flipped.code) == ("RANGE_POSE", "FLIPPED_BRANCH")
     assert range_pose.joints == (2, 3, 4)
     assert flipped.poses == (poses.label[5],)

@@ -1,12 +1,19 @@
-"""Sigmas match errors on arms of the shop floor, in small; tests/benchmarks/honesty.py in full."""
+"""Sigmas match errors and faults are named, in small; in full: tests/benchmarks/honesty.py and verdicts.py."""
+
+from functools import partial
 
 import numpy as np
 import pytest
 
+from operator_app.calibration.acceptance import Verdict
+from operator_app.calibration.multistart import SCREENING_POSES
 from tests.benchmarks.shop_floor_files import read
-from tests.benchmarks.shop_floor_outcome import NORMAL_95, outcome
+from tests.benchmarks.shop_floor_outcome import CRASHED, NORMAL_95, outcome
+from tests.benchmarks.verdicts import one
+from tests.oracles.as_shipped import spread_out
 from tests.oracles.shop_floor import PARAMETERS, SOURCES, Sizes, session
 from tests.oracles.shop_floor_bound import bound
+from tests.oracles.shop_floor_large import large, longer_elbow, odd, shaken, step_in_fifth_of_poses
 
 pytestmark = pytest.mark.campaign
 
@@ -44,3 +51,81 @@ def test_sigmas_of_many_poses_are_not_too_small():
     z = np.array([outcome(session(seed, poses=160)).z for seed in (1100, 1101, 1102)])
     assert z.shape == (3, len(PARAMETERS))
     assert np.sqrt(np.mean(z**2)) < 1.5
+
+
+SURE = (
+    "3 poses",
+    "motion 1 deg",
+    "hinge turns 0.5 deg",
+    "hinge slips 5 mm",
+    "RVDT 5 %",
+    "1 outlier 0.5 deg",
+    "12 flipped",
+    "RVDT stuck",
+    "RVDT saturated",
+    "joint slips 1 deg",
+    "joint slips 50 counts",
+    "encoder slips 500 counts",
+    "frozen for half",
+    "hinge 1 deg from joint 7",
+    "radians",
+    "columns exchanged",
+    "a joint's sign",
+    "elbow 30 mm",
+    "elbow 5 mm",
+)
+
+"""Cases whose cause must come first. The benchmark has the others."""
+
+
+@pytest.mark.parametrize("name", SURE)
+def test_fault_is_named_first_and_not_accepted_unnamed(name):
+    verdict = one((name, 3100))
+    assert verdict.outcome.verdict != CRASHED, verdict.outcome.said
+    assert not verdict.accepted_wrong
+    assert verdict.first, (verdict.outcome.causes, verdict.outcome.said)
+
+
+def test_slip_within_tolerance_is_accepted():
+    verdict = one(("joint slips 5 counts", 3100))
+    assert verdict.outcome.accepted, verdict.outcome.said
+    assert not verdict.wrong
+
+
+def test_thousand_sound_poses_are_accepted():
+    result = outcome(large(1, 1000))
+    assert result.verdict == Verdict.ACCEPTED.value, result.said
+    assert np.abs(result.z).max() < 4.0
+
+
+def test_non_convergence_is_named_with_many_poses():
+    result = outcome(spread_out(large(1, 2 * SCREENING_POSES + 1), np.s_[:, 5:], 50.0))
+    assert result.verdict == Verdict.NOT_ACCEPTED.value
+    assert "NOT_CONVERGED" in result.causes
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_ten_thousand_sound_poses_keep_the_scale(seed):
+    result = outcome(large(seed, 10_000))
+    assert result.verdict in (Verdict.ACCEPTED.value, Verdict.WITH_WARNINGS.value), result.said
+    lengths = result.error[[7, 8, 10, 11, 12]]
+    assert np.abs(lengths).max() < 1.5e-3
+    assert np.abs(result.z).max() < 6.0
+
+
+OUTLIERS, LENGTHS = ("OUTLIERS", "ENCODER_2"), ("LENGTH_s_3", "LENGTH_s_5")
+
+
+@pytest.mark.parametrize(
+    ("fault", "poses", "codes"),
+    [
+        (shaken, 150, ("SCATTER",)),
+        (longer_elbow, 2 * SCREENING_POSES + 1, LENGTHS),
+        *((step_in_fifth_of_poses, poses, OUTLIERS) for poses in (1000, 3000)),
+        *((partial(odd, share=s), poses, OUTLIERS) for s in (0.01, 0.3) for poses in (1000, 3000)),
+    ],
+)
+def test_faults_of_a_large_set_are_named(fault, poses, codes):
+    result = outcome(fault(large(1, poses)))
+    assert result.causes[0] in codes, result.said
+    assert fault is not shaken or len(result.causes) == 1

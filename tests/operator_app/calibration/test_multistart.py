@@ -56,7 +56,7 @@ def test_start_that_converges_is_used(readings, starts):
         fit_from_starts(MODEL, readings, errors, (DIVERGING, DIVERGING), group=group)
 
 
-def test_diverged_solution_gives_no_advice():
+def test_diverged_solution_gives_no_advice_and_a_sound_one_does():
     solution = solved(hysteresis(session(7), 6, 4.0))
     assert solution.adjudication.diverged
     assert solution.causes[0].code == "RVDT_6"
@@ -67,6 +67,9 @@ def test_diverged_solution_gives_no_advice():
         assert advice not in text
     assert "neither estimate is usable" in text
     assert facts.json["halved"] == {}
+    sound = solved(session(7))
+    assert not sound.adjudication.diverged
+    assert "Use implicit" in facts_text(facts_of(sound))
 
 
 def test_displaced_and_slipping_hinge_is_not_diverged():
@@ -78,12 +81,6 @@ def test_displaced_and_slipping_hinge_is_not_diverged():
     assert "FIXTURE_ELSEWHERE" in [n.code for n in solution.warnings]
     apart = np.abs(solution.estimate.x - nominal.estimate.x) / nominal.estimate.standard_deviation
     assert apart.max() < 1.0
-
-
-def test_sound_solution_is_not_diverged():
-    solution = solved(session(7))
-    assert not solution.adjudication.diverged
-    assert "Use implicit" in facts_text(facts_of(solution))
 
 
 def test_little_motion_is_reported_once():

@@ -118,15 +118,12 @@ def test_measured_distance_counts_as_one_observation(unmeasured):
     assert solution.components.budget["distances"].max() > 0.0
 
 
-def test_contradicted_distance_is_the_cause_of_a_refusal():
-    solution = with_distances(KnownDistance(between=(3, 4), value_m=BLOCK_M + 2e-3, sigma_m=1e-4))
-    assert solution.causes[0].code == "DISTANCE"
+@pytest.mark.parametrize(
+    ("error_m", "codes"), [(2e-3, ["DISTANCE"]), (2e-2, ["DISTANCE", "STEP_JOINT_1"])]
+)
+def test_contradicted_distance_is_the_first_cause_of_a_refusal(error_m, codes):
+    known = KnownDistance(between=(3, 4), value_m=BLOCK_M + error_m, sigma_m=1e-4)
+    solution = with_distances(known)
+    assert [c.code for c in solution.causes][: len(codes)] == codes
     assert solution.verdict is Verdict.NOT_ACCEPTED
     assert solution.distances[0].deviation > 4.0
-
-
-def test_wrong_distance_comes_before_a_joint_step():
-    solution = with_distances(KnownDistance(between=(3, 4), value_m=BLOCK_M + 2e-2, sigma_m=1e-4))
-    assert solution.verdict is Verdict.NOT_ACCEPTED
-    assert solution.causes[0].code == "DISTANCE"
-    assert solution.causes[1].code == "STEP_JOINT_1"

@@ -8,7 +8,7 @@ import pytest
 from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.prior import innovation
 from operator_app.config.procedure_file import load_procedure
-from tests.oracles.as_shipped import poses_of
+from tests.oracles.as_shipped import displaced, poses_of
 from tests.oracles.shop_floor import Sizes, session
 
 PROCEDURE = load_procedure("hinge")
@@ -38,9 +38,7 @@ def test_two_degree_shift_is_named_with_its_size(joint):
     reading = poses(taken, 12, 13)
     before = poses(taken, 0, 12)
     sound = innovation(experiment(before), reading)
-    q = reading.q_rad.copy()
-    q[0, joint - 1] -= np.deg2rad(2.0)
-    result = innovation(experiment(before), replace(reading, q_rad=q))
+    result = innovation(experiment(before), displaced(reading, (0, joint - 1), -2.0))
     assert joint not in sound.unseen(np.deg2rad(2.0), 50.0)
     assert joint in sound.unseen(np.deg2rad(0.01), 50.0)
     assert result.chi2 > 100.0

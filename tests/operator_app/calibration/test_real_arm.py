@@ -1,6 +1,5 @@
 """A real arm with its ball in several sockets (tests/data/panda_ball), as an operator calibrates it."""
 
-import json
 import re
 from dataclasses import replace
 from itertools import combinations
@@ -11,9 +10,8 @@ import pytest
 from operator_app.calibration.acceptance import Verdict
 from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.verification import verify_poses
-from operator_app.cli import main
 from solver.errors import UnidentifiableError
-from tests.oracles.as_shipped import BALL, PANDA, panda_poses
+from tests.oracles.as_shipped import BALL, PANDA, displaced, panda_poses
 from tests.oracles.panda import FOLDER
 
 PAIRS = ((1, 2), (3, 4), (5, 6))
@@ -94,32 +92,20 @@ def test_six_sockets_are_accepted_with_sag_only():
 
 def test_step_between_placements_names_the_placement():
     poses = panda_poses(2, 6)
-    q = poses.q_rad.copy()
-    q[poses.placement == 6, 3] += np.deg2rad(0.5)
-    solution = calibrate(PANDA, BALL, replace(poses, q_rad=q), drop=True)
+    shifted = displaced(poses, (poses.placement == 6, 3), 0.5)
+    solution = calibrate(PANDA, BALL, shifted, drop=True)
     assert solution.verdict is Verdict.NOT_ACCEPTED
     texts = [c.text for c in solution.causes if c.code.startswith("STEP")]
     assert texts
     assert all("of placement 2 and pose" in text or "of placement 6" in text for text in texts)
 
 
-def test_paper_estimate_fails_verification_with_new_sockets(capsys):
+def test_paper_estimate_fails_verification_with_new_sockets(run_command):
     """Its sigmas are only the scatter of its own residuals: too small for other sockets."""
-    file = str(FOLDER / "panda_1.csv")
+    file = FOLDER / "panda_1.csv"
     options = ["--arm", "franka_panda", "--fixture", "ball", "--drop-unidentifiable", "--json"]
-    arguments = [
-        "solve",
-        file,
-        "--placements",
-        "3",
-        *options,
-        "--estimator",
-        "paper",
-        "--test",
-        file,
-    ]
-    assert main(arguments) == 4
-    test = json.loads(capsys.readouterr().out)["test"]
+    options += ["--placements", "3", "--estimator", "paper", "--test", file]
+    test = run_command(4, "solve", file, *options).json["test"]
     assert (test["verdict"], test["poses"]) == ("does not hold", 152)
 
 

@@ -1,12 +1,12 @@
-"""RVDT corrections and offsets from the loop, against planted truth and exact readings."""
+"""RVDT corrections, offsets from the loop and noise of single readings, against planted truth and exact readings."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from fixtures.ball import Ball
 from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.rvdt import (
     ReadingTable,
@@ -14,17 +14,19 @@ from operator_app.calibration.rvdt import (
     measured_offsets,
     reading_tables,
 )
-from operator_app.cli import main
 from operator_app.config.parameters_file import save_parameters
 from operator_app.config.poses_file import load_poses
 from operator_app.report.facts import facts_of
 from operator_app.report.text import facts_text
 from operator_app.session.store.parameters_document import rvdt_remedy
 from solver.diagnostics.rvdt import Soundness
-from tests.oracles.as_shipped import ARM, HINGE, solved
+from tests.contracts.planted import measured
+from tests.oracles.as_shipped import ARM, HINGE, poses_of, solved, spread_out
 from tests.oracles.parameter_documents import VALUES, make_document
-from tests.oracles.shop_floor import session
-from tests.oracles.shop_floor_faults import CASES
+from tests.oracles.shop_floor import Sizes, Specimen, session
+from tests.oracles.shop_floor import taken as taken_at
+from tests.oracles.shop_floor_chain import frames, link_transform, rotation_about_z
+from tests.oracles.shop_floor_faults import CASES, ball_instead_of_hinge
 from tests.oracles.shop_floor_misread import sinusoidal_rvdts
 
 DATA = Path(__file__).parents[2] / "data" / "hinge"
@@ -78,41 +80,40 @@ def test_offsets_of_unsensed_joints_are_measured_by_the_loop():
         assert np.rad2deg(offset) == pytest.approx(VALUES[f"theta_off_{joint}"], abs=0.2)
 
 
-def test_command_line_applies_the_rvdt_table(curved, tmp_path, capsys):
+def test_command_line_applies_the_rvdt_table(curved, tmp_path, run_command):
     file = tmp_path / "p.yaml"
     remedies = tuple(map(rvdt_remedy, reading_tables(curved)))
-    save_parameters(file, replace(make_document(), rvdt=remedies))
     for remedy, read in zip(remedies, reading_tables(curved), strict=True):
-        reread = ReadingTable.of(remedy)
-        np.testing.assert_allclose(reread.add_rad, read.add_rad, rtol=0, atol=1e-15)
-    assert main(["solve", str(CURVED), "--rvdt-table", str(file), "--json"]) == 0
-    output = capsys.readouterr()
-    assert "Readings of joint 6 corrected by up to " in output.err
-    result = json.loads(output.out)
+        np.testing.assert_allclose(
+            ReadingTable.of(remedy).add_rad, read.add_rad, rtol=0, atol=1e-15
+        )
+
+    def solve_with_table(**changes):
+        save_parameters(file, replace(make_document(), rvdt=remedies, **changes))
+        return run_command(0, "solve", CURVED, "--rvdt-table", file, "--json")
+
+    answer = solve_with_table()
+    assert "Readings of joint 6 corrected by up to " in answer.err
+    result = answer.json
     assert [r["verdict"] for r in result["rvdt"]] == ["sound", "sound"]
     for verdict in result["rvdt"]:
         assert verdict["gain"] == pytest.approx(1.0, abs=0.002)
         assert verdict["linearity_percent_of_full_scale"] < 0.1
-    assert result["side"]["theta_off_1"] == "ground"
-    assert result["side"]["theta_off_2"] == "arm"
-    assert result["side"]["theta_off_7"] == "hand"
+    sides = [result["side"][f"theta_off_{j}"] for j in (1, 2, 7)]
+    assert sides == ["ground", "arm", "hand"]
     assert "CIRCULAR_TABLE" not in {w["code"] for w in result["warnings"]}
-    itself = load_poses(CURVED).poses.sha256()
-    save_parameters(file, replace(make_document(), rvdt=remedies, pose_set_sha256=itself))
-    assert main(["solve", str(CURVED), "--rvdt-table", str(file), "--json"]) == 0
-    (circular,) = (
-        w for w in json.loads(capsys.readouterr().out)["warnings"] if w["code"] == "CIRCULAR_TABLE"
-    )
+    warnings = solve_with_table(pose_set_sha256=load_poses(CURVED).poses.sha256()).json["warnings"]
+    (circular,) = (w for w in warnings if w["code"] == "CIRCULAR_TABLE")
     assert "was made from these same poses" in circular["text"]
 
 
-def test_file_without_rvdt_table_or_of_another_arm_is_refused(tmp_path, capsys):
+def test_file_without_rvdt_table_or_of_another_arm_is_refused(tmp_path, run_command):
     file = tmp_path / "p.yaml"
     save_parameters(file, make_document())
-    assert main(["solve", str(CURVED), "--rvdt-table", str(file)]) == 2
-    assert "no RVDT table" in capsys.readouterr().err
-    assert main(["solve", str(CURVED), "--arm", "franka_panda", "--rvdt-table", str(file)]) == 2
-    assert "sarcos_dextrous, these poses are from franka_panda" in capsys.readouterr().err
+    command = ["solve", CURVED, "--rvdt-table", file]
+    assert "no RVDT table" in run_command(2, *command).err
+    errors = run_command(2, *command, "--arm", "franka_panda").err
+    assert "sarcos_dextrous, these poses are from franka_panda" in errors
 
 
 @pytest.mark.parametrize("seed", [103, 105])
@@ -144,10 +145,7 @@ def test_insignificant_excess_of_linearity_is_worded_as_such():
 
 
 def test_motion_in_one_pose_names_the_pose():
-    taken = session(61)
-    spread = taken.spread.copy()
-    spread[4, 5] = np.deg2rad(5.0)
-    solution = solved(replace(taken, spread=spread))
+    solution = solved(spread_out(session(61), (4, 5), 5.0))
     assert [c.code for c in solution.causes] == ["UNSTEADY_6"]
     assert (solution.causes[0].poses, solution.causes[0].sensor) == (("p005",), "RVDT")
     verdict = next(v for v in solution.rvdt if v.joint == 6)
@@ -156,10 +154,7 @@ def test_motion_in_one_pose_names_the_pose():
 
 
 def test_cause_of_non_convergence_comes_first():
-    taken = session(61)
-    spread = taken.spread.copy()
-    spread[:, 5:] = np.deg2rad(50.0)
-    solution = solved(replace(taken, spread=spread))
+    solution = solved(spread_out(session(61), np.s_[:, 5:], 50.0))
     assert not solution.accepted
     assert [c.code for c in solution.causes] == ["RVDT_6", "RVDT_7", "NOT_CONVERGED"]
     text = " ".join(facts_text(facts_of(solution)).split())
@@ -168,3 +163,101 @@ def test_cause_of_non_convergence_comes_first():
     ]
     assert positions == sorted(positions)
     assert "(sd6_deg)" in text
+
+
+@pytest.mark.parametrize(("lsb", "samples"), [(1.0, 32), (8.0, 32), (4.0, 8), (2.0, 8)])
+def test_spread_within_poses_gives_single_reading_noise(lsb, samples):
+    taken = session(7003, Sizes(noise_lsb=lsb), samples=samples)
+    for verdict in solved(taken).rvdt:
+        assert verdict.noise.lsb == pytest.approx(lsb, rel=0.1)
+        assert f"noise of a single reading {verdict.noise.lsb:.1f} LSB" in verdict.text
+        # 2 LSB are allowed for a single reading; means of 32 readings of 8 LSB would pass.
+        assert (verdict.verdict is Soundness.OUT_OF_SPECIFICATION) == (lsb > 2.5)
+
+
+def test_noise_is_undetermined_without_spread():
+    taken = session(7003, Sizes(noise_lsb=1.0), samples=32)
+    for verdict in calibrate(ARM, HINGE, replace(poses_of(taken), sd_rad=None)).rvdt:
+        assert not verdict.noise.determined
+        assert verdict.noise.high > 1.0
+        assert "not determined by these poses, below" in verdict.text
+        assert verdict.verdict is not Soundness.OUT_OF_SPECIFICATION
+
+
+def tool_points(taken):
+    """A point on the tool in the arm's base frame (m, 3), to 20 micrometres."""
+    table = ARM.table
+    link = link_transform(table.s_m[6], table.a_m[6], table.alpha_rad[6])
+    T = frames(taken.specimen.chain, taken.angles)
+    tool = np.linalg.inv(T[:, 1]) @ T[:, 7] @ rotation_about_z(taken.angles[:, 7]) @ link
+    point = (tool @ np.array([0.03, 0.02, 0.05, 1.0]))[:, :3]
+    return point + 20e-6 * np.random.default_rng(1).normal(size=point.shape)
+
+
+@pytest.mark.campaign
+def test_measured_endpoints_give_noise_but_no_linearity():
+    taken = session(7003, Sizes.only())
+    at_base = {"base_m": (0.0,) * 3, "base_turn_rad": (0.0,) * 3}
+    tracker = replace(measured(ARM), full_pose=False, **at_base)
+    poses = replace(poses_of(taken), endpoint=tool_points(taken))
+    verdicts = calibrate(ARM, tracker, poses, drop=True).rvdt
+    assert [v.joint for v in verdicts] == [6, 7]
+    for verdict in verdicts:
+        assert verdict.noise.lsb == pytest.approx(2.0, rel=0.1)
+        assert verdict.verdict is Soundness.CANNOT_DECIDE
+        assert (
+            "without the readings of joints 6 and 7, these poses do not determine" in verdict.text
+        )
+        assert "mrad" not in verdict.text
+
+
+def test_several_placements_give_noise():
+    poses = poses_of(session(7003, Sizes.only()))
+    verdicts = calibrate(ARM, HINGE, replace(poses, placement=np.arange(len(poses)) % 2 + 1)).rvdt
+    for verdict in verdicts:
+        assert verdict.noise.lsb == pytest.approx(2.0, rel=0.1)
+        assert "solve one placement alone" in verdict.text
+    assert len(verdicts) == 2
+
+
+def ball_session(seed, *, lsb, samples):
+    """Poses of a tool on a ball, and the ball at its true place."""
+    angles = ball_instead_of_hinge(seed).taken.angles
+    specimen = Specimen.drawn(seed, Sizes(noise_lsb=lsb))
+    rigid = np.zeros((len(angles), 6))
+    taken = taken_at(specimen, angles, rigid, rigid, samples=samples)
+    chain = specimen.chain
+    tip = np.array([chain.a[7], 0.0, chain.s[7]])
+    T = frames(chain, angles)
+    tool = np.linalg.inv(T[:, 1]) @ T[:, 7] @ rotation_about_z(angles[:, 7])
+    ground = (tool @ np.append(tip, 1.0))[:, :3]
+    assert np.ptp(ground, axis=0).max() < 1e-9
+    compliance = HINGE.compliance
+    return taken, Ball(tip_m=tuple(tip), ground_m=tuple(ground[0]), compliance=compliance)
+
+
+@pytest.mark.parametrize(("lsb", "samples"), [(1.0, 32), (2.0, 8), (8.0, 32), (2.0, 1), (8.0, 1)])
+def test_ball_poses_give_noise(lsb, samples):
+    taken, ball = ball_session(7003, lsb=lsb, samples=samples)
+    verdicts = calibrate(ARM, ball, poses_of(taken), drop=True).rvdt
+    assert [v.joint for v in verdicts] == [6, 7]
+    for verdict in verdicts:
+        noise = verdict.noise
+        assert noise.from_spread == (samples > 1)
+        if samples > 1:
+            assert noise.lsb == pytest.approx(lsb, rel=0.1)
+        else:
+            assert noise.low <= lsb <= noise.high
+
+
+@pytest.mark.campaign
+def test_one_lsb_noise_is_found_from_single_readings():
+    """Fixture and joints are quieter than stated."""
+    noises = [
+        verdict.noise
+        for seed in range(7010, 7016)
+        for verdict in solved(session(seed, Sizes(noise_lsb=1.0), samples=1)).rvdt
+    ]
+    assert all(noise is not None and not noise.from_spread for noise in noises)
+    lsb = [noise.lsb for noise in noises if noise is not None]
+    assert np.sqrt(np.mean(np.square(lsb))) == pytest.approx(1.0, abs=0.15)

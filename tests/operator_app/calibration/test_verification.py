@@ -1,4 +1,4 @@
-"""Which poses are new to a calibration: by readings, and for an instrument by its measurements as well."""
+"""Later poses against a calibration: which are new, whether it holds, and what shifted where it does not."""
 
 from dataclasses import replace
 
@@ -6,13 +6,27 @@ import numpy as np
 import pytest
 
 from operator_app.calibration.calibrate import calibrate
-from operator_app.calibration.verification import NoTestError, require_new, verify_new_poses
-from operator_app.config.arm_file import load_arm
+from operator_app.calibration.experiment import Experiment
+from operator_app.calibration.prediction import (
+    FIXTURE,
+    concatenated_poses,
+)
+from operator_app.calibration.verification import (
+    NoTestError,
+    fixed_calibration,
+    predict,
+    require_new,
+    verify_new_poses,
+    verify_poses,
+)
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.poses_file import load_poses
+from tests.oracles.as_shipped import ARM, BALL, HINGE, PANDA, SEED, displaced, panda_poses, poses_of
 from tests.oracles.open_arm import write_measured_poses
+from tests.oracles.shop_floor import Specimen, closed_random_walk, session, taken
 
 SIGMA_M = 5e-5
+TRACKER = load_fixture("tracker").fixture
 
 
 @pytest.fixture(scope="module")
@@ -30,54 +44,153 @@ def remeasured(poses, rows=slice(None)):
 
 
 def test_remeasured_pose_is_new_and_verifies(measured):
-    arm, tracker = load_arm("sarcos_dextrous"), load_fixture("tracker").fixture
-    solution = calibrate(arm, tracker, measured, drop=True)
-    result = verify_new_poses(arm, tracker, solution, made_from=measured, new=remeasured(measured))
-    assert result.holds
-    assert result.poses == len(measured)
-    moved = remeasured(measured)
-    moved = replace(moved, endpoint=moved.endpoint + np.array([0.0, 0.0, 3e-3]))
-    assert not verify_new_poses(arm, tracker, solution, made_from=measured, new=moved).holds
+    solution = calibrate(ARM, TRACKER, measured, drop=True)
+
+    def verified(new):
+        return verify_new_poses(ARM, TRACKER, solution, made_from=measured, new=new)
+
+    again = remeasured(measured)
+    assert (verified(again).holds, verified(again).poses) == (True, len(measured))
+    assert not verified(replace(again, endpoint=np.add(again.endpoint, [0, 0, 3e-3]))).holds
 
 
 def test_rounded_endpoints_are_not_new_poses(measured):
-    tracker = load_fixture("tracker").fixture
-    require_new(remeasured(measured), measured, tracker)
+    require_new(remeasured(measured), measured, TRACKER)
     rounded = replace(
         measured,
         q_rad=np.deg2rad(np.rad2deg(measured.q_rad).round(3)),
         endpoint=measured.endpoint.round(6),
     )
-    with pytest.raises(NoTestError, match="these are poses that the calibration was made from"):
-        require_new(rounded, measured, tracker)
-    with pytest.raises(NoTestError, match=r"2 of the 40 poses \(1, 2\)"):
-        require_new(remeasured(measured, slice(2, None)), measured, tracker)
-    # Without measurements only the readings are compared.
-    with pytest.raises(NoTestError, match="these are poses"):
-        require_new(replace(measured, endpoint=None), measured, tracker)
+    for new, message in (
+        (rounded, "these are poses that the calibration was made from"),
+        (remeasured(measured, slice(2, None)), r"2 of the 40 poses \(1, 2\)"),
+        # Without measurements only the readings are compared.
+        (replace(measured, endpoint=None), "these are poses"),
+    ):
+        with pytest.raises(NoTestError, match=message):
+            require_new(new, measured, TRACKER)
 
 
 def test_poses_in_a_hinge_are_compared_by_readings(measured):
     with pytest.raises(NoTestError, match="these are poses"):
-        require_new(remeasured(measured), measured, load_fixture("hinge").fixture)
+        require_new(remeasured(measured), measured, HINGE)
 
 
 def test_full_poses_and_points_are_compared_by_points(measured):
     turned = np.hstack((measured.endpoint, np.zeros((len(measured), 3))))
     full = replace(measured, endpoint=turned)
-    tracker = load_fixture("tracker").fixture
     with pytest.raises(NoTestError, match="these are poses"):
-        require_new(measured, full, tracker)
-    require_new(remeasured(measured), full, tracker)
+        require_new(measured, full, TRACKER)
+    require_new(remeasured(measured), full, TRACKER)
 
 
 def test_rounded_readings_are_not_new_poses(measured):
     own = replace(measured, endpoint=None)
-    hinge = load_fixture("hinge").fixture
     rounded = replace(own, q_rad=np.deg2rad(np.rad2deg(own.q_rad).round(2)))
     for new, made_from in ((rounded, own), (own, rounded)):
         with pytest.raises(NoTestError, match="these are poses that the calibration was made from"):
-            require_new(new, made_from, hinge)
-    require_new(replace(rounded, q_rad=rounded.q_rad + np.deg2rad(0.02)), own, hinge)
+            require_new(new, made_from, HINGE)
+    require_new(displaced(rounded, ..., 0.02), own, HINGE)
     # With more decimals, poses that differ in the third are different.
-    require_new(replace(own, q_rad=own.q_rad + np.deg2rad(0.004)), own, hinge)
+    require_new(displaced(own, ..., 0.004), own, HINGE)
+
+
+def slipped_session(poses, shift_m):
+    """Poses of the sound session's arm, taken later in a fixture whose ground half has moved."""
+    specimen = Specimen.drawn(SEED, session(SEED).specimen.sizes)
+    slip = (0, np.concatenate((np.zeros(3), shift_m)), np.zeros(6))
+    return taken(specimen, *closed_random_walk(specimen, poses, walk=1, slipped=slip))
+
+
+def test_fixture_slip_fails_verification_whatever_noise_was_estimated(sound):
+    fixed = fixed_calibration(sound)
+
+    def misfit(poses, fixed=fixed):
+        """chi2/dof relative to its usual maximum."""
+        chi2 = predict(Experiment(arm=ARM, fixture=HINGE, poses=poses), fixed).chi2
+        return chi2.per_dof / chi2.high
+
+    assert misfit(poses_of(session(SEED, walk=1, poses=12))) < 1.0
+    moved = poses_of(slipped_session(12, (4e-3, 2e-3, 2e-3)))
+    assert misfit(moved) > 1.0
+    noisy = replace(fixed, fixture_variance=np.full(6, 1e-2), rvdt_sd_rad={6: 1.0, 7: 1.0})
+    assert misfit(moved, noisy) > 1.0
+
+
+@pytest.fixture(scope="module")
+def retaken(sound):
+    """A sound calibration with its poses, and poses of the same arm taken later."""
+    poses = poses_of(session(SEED))
+    return (sound, poses), session(SEED, walk=1, poses=20)
+
+
+def verification_of(retaken, where, error_deg):
+    """The verification of the later poses with an error added to some readings."""
+    calibration, later = retaken
+    return verify_poses(ARM, HINGE, poses_of(displaced(later, where, error_deg)), *calibration)
+
+
+def test_later_sound_poses_hold(retaken):
+    result = verification_of(retaken, ..., 0.0)
+    assert (result.holds, result.shift, result.odd_poses) == (True, None, ())
+
+
+@pytest.mark.parametrize(("joint", "deg"), [(2, 0.2), (4, -0.1), (6, 0.5), (7, 0.5)])
+def test_common_joint_shift_is_named_with_its_size(retaken, joint, deg):
+    result = verification_of(retaken, np.s_[:, joint - 1], deg)
+    assert not result.holds
+    shift = result.shift
+    assert shift.subject == str(joint)
+    assert abs(shift.size - np.deg2rad(deg)) < 4.0 * shift.sigma
+    assert result.odd_poses == ()
+
+
+def test_single_outlier_fails_verification_and_is_named(retaken):
+    result = verification_of(retaken, (4, 1), 0.3)
+    assert not result.holds
+    assert (result.shift, result.odd_poses) == (None, (4,))
+
+
+def test_single_deviating_pose_has_no_others_that_fit(retaken):
+    one = retaken[0], session(SEED, walk=1, poses=1)
+    result = verification_of(one, (0, 1), 3.0)
+    assert (result.holds, result.others_fit) == (False, False)
+
+
+def test_moved_fixture_is_named(retaken):
+    moved = slipped_session(20, (2e-3, 1e-3, 1e-3))
+    result = verification_of((retaken[0], moved), ..., 0.0)
+    assert not result.holds
+    assert result.shift.subject == FIXTURE
+
+
+@pytest.fixture(scope="module")
+def two_sockets():
+    """A calibration from real poses of a Panda in two sockets, and the poses."""
+    poses = panda_poses(1, 2)
+    return calibrate(PANDA, BALL, poses), poses
+
+
+@pytest.mark.parametrize("count", [5, 30])
+def test_new_socket_is_verified_at_any_place(two_sockets, count):
+    solution, made_from = two_sockets
+    new = panda_poses(3).at_poses(np.arange(count))
+    x, y, z = BALL.ground_m
+    results = [
+        verify_new_poses(PANDA, fixture, solution, made_from=made_from, new=new)
+        for fixture in (BALL, replace(BALL, ground_m=(x + 0.02, y - 0.01, z)))
+    ]
+    for result in results:
+        assert result.holds
+        assert result.stated.dof == 3 * count - 3
+        assert result.stated.per_dof < 1.0
+    assert results[0].stated.per_dof == pytest.approx(results[1].stated.per_dof, rel=1e-3)
+
+
+@pytest.mark.parametrize("numbers", [(3,), (3, 4)])
+def test_one_pose_per_new_socket_is_refused(two_sockets, numbers):
+    solution, made_from = two_sockets
+    first, *others = [panda_poses(number).at_poses(np.arange(1)) for number in numbers]
+    new = concatenated_poses(first, *others) if others else first
+    with pytest.raises(NoTestError, match="at least two poses"):
+        verify_new_poses(PANDA, BALL, solution, made_from=made_from, new=new)

@@ -22,10 +22,12 @@ def source(source):
     return source
 
 
-def test_connected_arm_is_reported_as_held(source):
-    message = close_and_report(source, "SIGTERM")
+@pytest.mark.parametrize("plain", [False, True])
+def test_connected_arm_is_reported_as_held_with_the_command_to_continue(source, plain):
+    message = close_and_report(source, "SIGTERM", plain=plain)
     assert message.startswith("sarcal: ended by SIGTERM; the arm is held. Session ")
-    assert message.endswith(f"\nGo on with: sarcal --resume {source.last}")
+    option = "--plain " if plain else ""
+    assert message.endswith(f"\nGo on with: sarcal {option}--resume {source.last}")
     assert "parameters.yaml" not in message
 
 
@@ -37,22 +39,15 @@ def test_unresponsive_arm_is_not_reported_as_held(source, monkeypatch):
 
 
 def test_disconnected_arm_is_not_mentioned(source):
-    assert source.runner is not None
     source.runner.session.release_holding()
     assert close_and_report(source).startswith("sarcal: Session ")
 
 
 def test_written_files_are_named(source):
     runner = source.runner
-    assert runner is not None
     runner.operations.automatic()
     runner.operations.calibrate("implicit", ())
     runner.operations.write()
     message = close_and_report(source)
     assert "parameters.yaml and poses.csv are in it" in message
     assert f"sarcal report {source.last}" in message
-
-
-def test_plain_mode_is_continued_in_plain_mode(source):
-    message = close_and_report(source, plain=True)
-    assert message.endswith(f"\nGo on with: sarcal --plain --resume {source.last}")

@@ -93,7 +93,7 @@ def completions(line: str, folder: Path) -> list[str]:
             "COMP_POINT": str(len(line)),
         },
         check=False,
-        timeout=60,
+        timeout=240,
     )
     return [word.strip() for word in answer_file.read_text().split("\n")]
 

@@ -197,7 +197,6 @@ def test_recording_gives_exactly_the_poses_at_standstill(kind, tmp_path, run_com
     poses = load_poses(Path(imported["session"]["folder"]) / "poses.csv").poses
     assert poses.placement.tolist() == placement[placement <= 2].tolist()
     assert np.abs(poses.q_rad - q_rad[placement <= 2]).max() < 1e-6
-    assert poses.samples is not None
     assert poses.samples.min() > 50
     assert poses.sd_rad is not None
     assert 1e-6 < np.median(poses.sd_rad) < 3e-6
@@ -206,7 +205,6 @@ def test_recording_gives_exactly_the_poses_at_standstill(kind, tmp_path, run_com
     assert first["joints"] == names
     assert "30 poses from" in answer.err
     if kind == "mcap":
-        assert poses.utc is not None
         assert poses.utc[0].startswith("2026-09-21T14:13:")
 
 
@@ -236,15 +234,10 @@ def test_invalid_recording_or_option_is_refused(tmp_path, run_command):
         ([str(log), "--time", "when"], "--time: there is no column 'when'"),
         ([str(log), "--time", "time", "--topic", "/a"], "--topic is for bags"),
         ([str(ms), "--time", "time", "--rad"], "s apart (median), too far for a dwell of 1 s"),
-        (
-            [str(tmp_path / "mid.csv"), "--time", "1", "--rad"],
-            "has 2 cells; the lines before it have",
-        ),
+        ([tmp_path / "mid.csv", "--time", "1", "--rad"], "has 2 cells; the lines before it have"),
     ):
-        assert (
-            message
-            in run_command(2, "import", *arguments, *PANDA, "--sessions", tmp_path / "s").err
-        )
+        errors = run_command(2, "import", *arguments, *PANDA, "--sessions", tmp_path / "s").err
+        assert message in errors
     assert "is a ROS 2 bag; sarcal import" in run_command(2, "solve", bag, *PANDA).err
     # Three poses are too few for a calibration, but they are found.
     for arguments in (

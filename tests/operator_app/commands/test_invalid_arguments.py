@@ -34,27 +34,77 @@ CASES = [
     ("run ./pipe", "it is a pipe, not a file"),
     ("run --sessions pipe", "cannot write"),
     ("session list --sessions file", "cannot read"),
-    ("run slow.yaml", "speed_deg_per_s: must be at least 0.05"),
+    ("run ./slow", "speed_deg_per_s: must be at least 0.05"),
     ("--speed 1e-300 --plain", "between 0.01 and 50"),
     ("run --length-tolerance -1", "more than 0 and at most 100"),
+    ("run hinge_planned --placements 2", "one placement"),
+    ("run open_loop --placements 2", "no fixture to remount"),
+    ("run hinge --placements 21", "Request 1 to 20"),
+    ("run hinge --placements 0", "not a whole number"),
+    ("reproduce --poses 7", "between 8 and 120"),
+    ("reproduce --poses 121", "between 8 and 120"),
+    ("verify latest", "no session"),
+    ("reset", "nothing to reset"),
 ]
+REFUSED = [
+    "run nowhere.yaml",
+    "run hing",
+    "run hinge --poses 2",
+    "run hinge --unsensed 8",
+    "run --resume nowhere",
+    "run hinge --seed -1",
+    "plan hing",
+    "plan hinge --poses 0",
+    "plan hinge --poses 50000",
+    "plan hinge --arm nowhere.yaml",
+    "plan hinge --fixture hing",
+    "plan hinge --fixture rigid",
+    "plan hinge --fixture ball",
+    "plan hinge --unsensed 9",
+    "plan hinge --advise --tries 0",
+    "plan --session nowhere",
+    "plan hinge --session latest",
+    "solve missing.csv",
+    "solve missing.csv --arm sarcos",
+    "solve missing.csv --fixture hing",
+    "solve missing.csv --unsensed six",
+    "solve missing.csv --unsensed 9",
+    "solve missing.csv --unsensed 0",
+    "solve missing.csv --unsensed ,",
+    "solve missing.csv --unsensed 6 --estimator paper",
+    pytest.param(f"solve missing.csv --unsensed {'1' * 5000}", id="joint of 5000 digits"),
+]
+"""Refusals of which the whole text is approved."""
 
 
-@pytest.mark.parametrize(("command", "message"), CASES)
-def test_invalid_argument_is_one_error_and_nothing_is_written(
-    tmp_path, command, message, run_command, monkeypatch
-):
+@pytest.fixture
+def refuse(tmp_path, run_command, monkeypatch):
+    """Return the error of a command that is refused and writes nothing into its folder."""
     monkeypatch.chdir(tmp_path)
     os.mkfifo("pipe")
     (tmp_path / "file").write_text("x")
     procedure = resolve("procedure", "hinge").data.decode()
     speed = next(line for line in procedure.splitlines() if "speed_deg_per_s" in line)
-    (tmp_path / "slow.yaml").write_text(procedure.replace(speed, "  speed_deg_per_s: 1.0e-300"))
+    (tmp_path / "slow").write_text(procedure.replace(speed, "  speed_deg_per_s: 1.0e-300"))
     before = sorted(tmp_path.rglob("*"))
-    answer = run_command(2, *command.split())
-    assert message in answer.err
-    assert answer.out == ""
-    assert sorted(tmp_path.rglob("*")) == before
+
+    def run(command: str) -> str:
+        answer = run_command(2, *command.split())
+        assert answer.out == ""
+        assert sorted(tmp_path.rglob("*")) == before
+        return answer.err
+
+    return run
+
+
+@pytest.mark.parametrize(("command", "message"), CASES)
+def test_invalid_argument_is_one_error_and_nothing_is_written(refuse, command, message):
+    assert message in refuse(command)
+
+
+@pytest.mark.parametrize("command", REFUSED)
+def test_refusal_is_approved_and_nothing_is_written(refuse, command, approve):
+    approve(refuse(command))
 
 
 ARGUMENTS = [

@@ -11,6 +11,7 @@ from operator_app.cli import main
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.procedure_file import load_procedure
 from tests.oracles.json_schema import complaints
+from tests.oracles.loop_oracle import product
 from tests.oracles.panda import panda_columns
 
 HOME_DEG = np.array([0.0, -45.0, 0.0, -135.0, 0.0, 90.0, 45.0])
@@ -22,19 +23,8 @@ def working_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
-def link(theta: float, s: float, a: float, alpha: float) -> np.ndarray:
-    """Rz(theta) Tz(s) Tx(a) Rx(alpha), written out."""
-    c, z, d, y = np.cos(theta), np.sin(theta), np.cos(alpha), np.sin(alpha)
-    return np.array(
-        [[c, -z * d, z * y, a * c], [z, c * d, -c * y, a * z], [0, y, d, s], [0, 0, 0, 1]]
-    )
-
-
 def flange_pose(q_deg: np.ndarray) -> np.ndarray:
-    T = np.eye(4)
-    for row in zip(np.deg2rad(q_deg), S_M, A_M, ALPHA, strict=True):
-        T = T @ link(*row)
-    return T
+    return product(np.deg2rad(q_deg), S_M, A_M, ALPHA)
 
 
 def joined(vector: np.ndarray) -> str:
@@ -47,13 +37,13 @@ def hinge_error(file: str, q_deg: np.ndarray) -> tuple[float, float]:
         k.rpartition("_")[0]: np.deg2rad(v) if k.endswith("_deg") else v / 1e3
         for k, v in yaml.safe_load(Path(file).read_text())["placement"].items()
     }
-    theta, s, a, alpha = np.deg2rad(q_deg), S_M.copy(), A_M.copy(), ALPHA.copy()
-    theta[0] += placement["theta_off_1"]
-    theta[6] += placement["theta_off_n"]
-    s[0], s[6], a[6], alpha[6] = (placement[k] for k in ("s_1", "s_n", "a_n", "alpha_n"))
-    T = link(0.0, placement["s_0"], placement["a_0"], placement["alpha_0"])
-    for row in zip(theta, s, a, alpha, strict=True):
-        T = T @ link(*row)
+    theta, s, a, alpha = (np.append(0.0, column) for column in (np.deg2rad(q_deg), S_M, A_M, ALPHA))
+    theta[1] += placement["theta_off_1"]
+    theta[7] += placement["theta_off_n"]
+    s[[0, 1, 7]] = [placement[k] for k in ("s_0", "s_1", "s_n")]
+    a[[0, 7]] = [placement[k] for k in ("a_0", "a_n")]
+    alpha[[0, 7]] = [placement[k] for k in ("alpha_0", "alpha_n")]
+    T = product(theta, s, a, alpha)
     return float(np.linalg.norm(T[:3, 3])), float(np.arccos(np.clip(T[2, 2], -1.0, 1.0)))
 
 

@@ -117,26 +117,6 @@ def test_invalid_poses_are_one_error(tmp_path, run_command, name, approve):
     assert list(tmp_path.iterdir()) == [path]
 
 
-@pytest.mark.parametrize(
-    "options",
-    [
-        ["missing.csv"],
-        ["missing.csv", "--arm", "sarcos"],
-        ["missing.csv", "--fixture", "hing"],
-        ["missing.csv", "--unsensed", "six"],
-        ["missing.csv", "--unsensed", "9"],
-        ["missing.csv", "--unsensed", "0"],
-        ["missing.csv", "--unsensed", ","],
-        ["missing.csv", "--unsensed", "6", "--estimator", "paper"],
-        ["missing.csv", "--unsensed", "1" * 5000],
-    ],
-)
-def test_invalid_options_list_the_valid_ones(options, approve, run_command):
-    answer = run_command(2, "solve", *options)
-    assert answer.out == ""
-    approve(answer.err)
-
-
 @pytest.mark.campaign
 def test_result_is_tested_on_a_second_file(tmp_path, run_command):
     """New poses of the same arm hold; the same poses are refused; poses of another arm do not hold."""

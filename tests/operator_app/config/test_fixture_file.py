@@ -22,18 +22,14 @@ def parse(text):
 GOOD = (files("fixtures") / "data" / "hinge.yaml").read_text("utf-8")
 
 
-def test_packaged_hinge_is_near_table_2():
+def test_packaged_hinge_is_near_table_2_and_stiffness_of_older_files_is_ignored():
+    assert parse(GOOD + "stiffness: {n_per_m: 2e6, nm_per_rad: 3e4}\n") == load_fixture("hinge")
     hinge = load_fixture("hinge").fixture
     assert hinge.tolerance == Tolerance(position_m=0.030, orientation_rad=math.radians(10.0))
     lengths_m = (hinge.a_0_m, hinge.s_0_m, hinge.s_1_m, hinge.a_n_m, hinge.s_n_m)
     assert lengths_m == pytest.approx([0.202, 0.014, 0.273, -0.101, 0.038], abs=0.010)
     angles_deg = np.rad2deg([hinge.alpha_0_rad, hinge.alpha_n_rad])
     assert angles_deg == pytest.approx([-38.5, 99.8], abs=2.0)
-
-
-def test_stiffness_of_older_files_is_ignored():
-    text = GOOD + "stiffness: {n_per_m: 2e6, nm_per_rad: 3e4}\n"
-    assert parse(text) == load_fixture("hinge")
 
 
 def test_measured_socket_distances():

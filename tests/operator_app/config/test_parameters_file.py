@@ -134,45 +134,40 @@ WORD = st.text(min_size=1, max_size=20, alphabet=st.characters(exclude_categorie
 def documents(draw):
     """Any figures and words in a document of seven joints."""
     template = document()
+
+    def varied(value, **strategies):
+        return replace(value, **{name: draw(strategy) for name, strategy in strategies.items()})
+
     rows = tuple(
-        replace(
-            row,
-            theta_off_deg=draw(FLOAT),
-            s_m=draw(LENGTH),
-            a_m=draw(LENGTH),
-            alpha_deg=draw(FLOAT),
-        )
+        varied(row, theta_off_deg=FLOAT, s_m=LENGTH, a_m=LENGTH, alpha_deg=FLOAT)
         for row in template.dh
     )
     calibrated = tuple(CalibratedEntry.of(e.entry, draw(SIGMA)) for e in template.calibrated)
     sigma = {e.entry: e.sigma for e in calibrated}
+    joints = tuple(
+        JointParameters(
+            joint=k,
+            theta_off_deg=row.theta_off_deg,
+            sigma_deg=sigma.get(f"theta_off_{k}"),
+            home_offset_counts=draw(st.none() | st.integers(-(2**31), 2**31 - 1)),
+        )
+        for k, row in enumerate(rows[1:], 1)
+    )
     figures = st.builds(TwoFigures, rms=SIGMA, as_printed=SIGMA)
-    return replace(
-        template,
-        arm=WhichArm(model=draw(WORD), serial=draw(WORD)),
-        joints=tuple(
-            JointParameters(
-                joint=k,
-                theta_off_deg=row.theta_off_deg,
-                sigma_deg=sigma.get(f"theta_off_{k}"),
-                home_offset_counts=draw(st.none() | st.integers(-(2**31), 2**31 - 1)),
-            )
-            for k, row in enumerate(rows[1:], 1)
-        ),
-        dh=rows,
-        calibrated=calibrated,
-        quality=replace(
-            template.quality,
-            scaled_condition_number=draw(st.floats(1.0, 1e300)),
-            sigma_pos_mm=draw(figures),
-            sigma_ori_mrad=draw(figures),
-            chi2_per_dof=draw(st.none() | SIGMA),
-        ),
-        warnings=tuple(
-            DocumentWarning(code="CODE", text=text) for text in draw(st.lists(WORD, max_size=2))
-        ),
-        software_version=draw(WORD),
-        utc=draw(st.datetimes(timezones=st.just(UTC))),
+    quality = varied(
+        template.quality,
+        scaled_condition_number=st.floats(1.0, 1e300),
+        sigma_pos_mm=figures,
+        sigma_ori_mrad=figures,
+        chi2_per_dof=st.none() | SIGMA,
+    )
+    warning = st.builds(DocumentWarning, code=st.just("CODE"), text=WORD)
+    return varied(
+        replace(template, joints=joints, dh=rows, calibrated=calibrated, quality=quality),
+        arm=st.builds(WhichArm, model=WORD, serial=WORD),
+        warnings=st.lists(warning, max_size=2).map(tuple),
+        software_version=WORD,
+        utc=st.datetimes(timezones=st.just(UTC)),
     )
 
 

@@ -123,15 +123,12 @@ def test_invalid_key_or_value_leaves_the_rest_readable(text, key, approve):
     assert document.data["z"] == 2
 
 
-def test_byte_order_mark_and_windows_line_ends_are_accepted():
+def test_byte_order_mark_and_windows_line_ends_are_accepted_and_quotes_do_not_matter():
     document = load_strict(b"\xef\xbb\xbfa: 1\r\nb: x\r\n", "a.yaml")
     assert document.data == {"a": 1, "b": "x"}
     assert document.marks[("b",)] == (2, 1)
-
-
-def test_quoted_and_plain_key_are_the_same():
-    (problem,) = load_strict(b"a: 1\n'a': 2\n", "a.yaml").problems
-    assert problem.line == 2
+    (duplicate,) = load_strict(b"a: 1\n'a': 2\n", "a.yaml").problems
+    assert duplicate.line == 2
 
 
 # Characters with a meaning in YAML, so that examples reach the parser's later stages.

@@ -1,4 +1,4 @@
-"""Chains of makers' URDFs: parallel axes, rounded angles, torsos, grippers. Oracle: pinocchio."""
+"""Chains of makers' URDFs: any frames, parallel axes, rounded angles, torsos, grippers. Oracle: pinocchio."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from operator_app.config.errors import ConfigError
 from operator_app.config.urdf_editing import format_urdf
 from operator_app.config.urdf_reading import arm_file_of, parse_urdf
 from operator_app.config.urdf_rows import exact_deg, origin_words, rotation_of_rpy
-from tests.oracles.urdfs import joint, places, robot
+from tests.oracles.urdfs import joint, places, robot, words
 
 HALF = "1.5707963267948966"
 SIX = (("0 0 0.0892", "0 0 0"), ("0 0.1358 0", f"0 {HALF} 0"), ("0 -0.1197 0.425", "0 0 0"),
@@ -34,6 +34,50 @@ def largest_error(data, chain, table=None):
     T = T_base_flange(table or chain.table, q)
     expected = places(data, q, chain.tip, base=chain.base, joints=[j.name for j in chain.joints])
     return float(np.abs(chain.T_link_base @ T @ chain.T_flange_tip - expected).max())
+
+
+def foreign_urdf(seed: int) -> str:
+    """A chain with arbitrary frames and axes."""
+    rng = np.random.default_rng(seed)
+    joints = [joint("stand", "world", "l0", "0.1 -0.2 0.4", "0.1 0.2 0.3", kind="fixed")]
+    for j in range(1, 8):
+        axis = rng.normal(size=3) if seed else np.eye(3)[rng.integers(3)] * rng.choice([-1, 1])
+        xyz = rng.uniform(-0.3, 0.3, 3) if seed else np.eye(3)[rng.integers(3)] * 0.2
+        rpy = rng.uniform(-3, 3, 3) if seed else np.pi / 2 * rng.integers(-2, 3, 3)
+        limits = {"ends": (-2.9, 2.9), "effort": 30, "velocity": 1.5}
+        joints.append(joint(f"j{j}", f"l{j - 1}", f"l{j}", *map(words, (xyz, rpy, axis)), **limits))
+    tool = joint("tool", "l7", "tool0", "0.01 0.02 0.045", "0.3 -0.2 0.5", kind="fixed")
+    return robot(*joints, tool)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_foreign_urdf_is_read_as_the_same_chain(seed):
+    urdf = foreign_urdf(seed).encode()
+    chain = parse_urdf(urdf, "foreign")
+    assert (chain.base, chain.tip) == ("world", "tool0")
+    assert largest_error(urdf, chain) < 1e-9
+    first = chain.joints[0]
+    assert (first.lower_rad, first.upper_rad) == (-2.9, 2.9)
+    assert (first.velocity_rad_per_s, first.effort_nm) == (1.5, 30.0)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        ("<robot", "<model"),
+        ('name="j1" type="revolute"', 'name="j1" type="prismatic"'),
+        ('lower="-2.9"', 'lower="3.0"'),
+        ('xyz="0.1 -0.2 0.4"', 'xyz="0.1 -0.2"'),
+        ("<robot", "<!DOCTYPE x [<!ENTITY a 'b'>]><robot"),
+        ('<link name="world"/>', ('<joint name="s" type="fixed"><parent link="l7"/>'
+          '<child link="tool1"/></joint><joint name="u" type="fixed"><parent link="l6"/>'
+          '<child link="eye"/></joint>')),
+    ],
+)  # fmt: skip
+def test_invalid_urdf_is_refused_with_a_reason(change, approve):
+    with pytest.raises(ConfigError) as error:
+        parse_urdf(foreign_urdf(1).replace(*change).encode(), "foreign.urdf")
+    approve(str(error.value))
 
 
 @pytest.mark.parametrize("error_rad", [0.0, 1e-10, 1e-5, -2e-3, 0.1])

@@ -1,7 +1,12 @@
-"""`sarcal help`: topics, pages of any width, suggestions; links and anchors of every page exist."""
+"""`sarcal help` and the site: topics, pages of any width, suggestions; links and anchors of every page exist."""
 
+import os
 import re
+import subprocess
+import sys
 from functools import cache
+from html.parser import HTMLParser
+from pathlib import Path
 
 import pytest
 
@@ -44,16 +49,13 @@ def test_page_fits_into_80_columns(topic, run_command):
         assert len(line) <= 80 or line.startswith("    ") or "  " in line, line
 
 
-def test_unknown_topic_gets_a_suggestion_and_the_list(run_command):
+def test_topics_are_pages_or_commands_and_unknown_ones_get_a_suggestion(run_command):
+    assert "`--remounted`" in run_command(0, "help", "compare").out
+    assert run_command(0, "help", TOPICS[0], "--markdown").out == markdown(TOPICS[0])
     for misspelt, meant in (("comands", "commands"), ("arm", "arm-file"), ("exprot", "export")):
         message = run_command(2, "help", misspelt).err
         assert f"the manual has no topic {misspelt!r}; did you mean {meant}?" in message
         assert all(topic in message for topic in TOPICS)
-
-
-def test_command_is_a_topic_and_page_is_available_as_markdown(run_command):
-    assert "`--remounted`" in run_command(0, "help", "compare").out
-    assert run_command(0, "help", TOPICS[0], "--markdown").out == manual().page(TOPICS[0]).markdown
 
 
 def anchors(page: str) -> set[str]:
@@ -91,3 +93,45 @@ def test_markdown_is_rendered_as_text():
         " - one two\n\n 1 three\n\n    sarcal  run\n\n\n"
         " a    b\n ---------------------\n one  two words | more\n"
     )
+
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+class FetchedAddresses(HTMLParser):
+    """Addresses that a browser fetches to show a page."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.addresses: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        attributes = dict(attrs)
+        if tag in ("script", "img", "iframe", "source"):
+            self.addresses.append(attributes.get("src") or "")
+        if tag == "link" and attributes.get("rel") not in ("prev", "next", "canonical"):
+            self.addresses.append(attributes.get("href") or "")
+
+
+def test_site_has_every_page_and_needs_no_network(tmp_path):
+    pytest.importorskip("material", reason="needs the extra [docs]")
+    config = ROOT / "operator_app/manual/mkdocs.yml"
+    # mkdocs.yml is strict: an invalid link or anchor fails the build.
+    options = ["build", "-q", "-f", str(config), "-d", str(tmp_path)]
+    build = subprocess.run(
+        [sys.executable, "-m", "mkdocs", *options],
+        cwd=ROOT,
+        env=os.environ | {"NO_MKDOCS_2_WARNING": "1"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert build.returncode == 0, build.stderr
+    topics = [topic for section in SECTIONS.values() for topic in section]
+    for topic in ("index", *topics):
+        page = (tmp_path / f"{topic}.html").read_text()
+        parser = FetchedAddresses()
+        parser.feed(page)
+        external = [a for a in parser.addresses if re.match(r"(https?:)?//", a)]
+        assert not external, topic
+    assert "--remounted" in (tmp_path / "commands.html").read_text()

@@ -60,19 +60,15 @@ def test_failed_drive_trial_overrules_the_prediction(prediction):
     assert any(reason.startswith("on the arm:") for reason in choice.reasons)
 
 
-def test_no_moving_drive_set_is_an_error(prediction):
+def test_no_drive_set_that_moves_or_at_a_fold_is_an_error(prediction):
     trials = [trial(d, follows=0.1) for d in sets_to_try(prediction)]
     with pytest.raises(SessionError, match="only 10% of its commanded angle"):
         choose_drives(prediction, trials=trials)
-
-
-def test_no_drive_set_at_a_fold_is_an_error(prediction):
     folded = tuple(
         replace(r, usable=False, reasons=("at a fold", *r.reasons)) for r in prediction.here
     )
-    with pytest.raises(
-        SessionError, match=r"no joints can drive the chain from the present pose.*fold"
-    ):
+    message = r"no joints can drive the chain from the present pose.*fold"
+    with pytest.raises(SessionError, match=message):
         choose_drives(replace(prediction, here=folded))
 
 

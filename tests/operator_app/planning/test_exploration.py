@@ -1,9 +1,9 @@
-"""The box of the drive joints."""
+"""The box of the drive joints, and its waypoints."""
 
 import numpy as np
 import pytest
 
-from operator_app.planning.exploration import Box
+from operator_app.planning.exploration import Box, waypoints
 
 
 def box(lower_rad: tuple[float, ...], upper_rad: tuple[float, ...]) -> Box:
@@ -19,3 +19,13 @@ def test_every_position_is_outside_an_empty_box():
     # As for joints that start 0.9 rad beyond the end of their range.
     empty = box((1.7, 1.7), (0.9, 0.9))
     assert empty.beyond_rad(np.array([0.9, 9.0, 1.3])) == pytest.approx([0.8, 0.4])
+
+
+def test_waypoints_are_cached():
+    region = box((-0.5, -1.2), (0.8, 0.0))
+    cached = waypoints(region, poses=1000, seed=3)
+    assert waypoints(region, poses=1000, seed=3) is cached
+    assert waypoints(region, poses=1000, seed=4) != cached
+    assert len(cached) == 3000
+    with pytest.raises(TypeError):
+        cached[0][1] = 9.0

@@ -1,10 +1,15 @@
-"""Clear paths: none where free joints run away past a fold, by a second implementation of the loop."""
+"""Live estimates of any number of poses; clear paths, by a second implementation of the loop."""
+
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
+from operator_app.config.poses_file import load_poses
 from operator_app.config.procedure_file import load_procedure
-from operator_app.planning.live import is_path_clear
+from operator_app.planning.live import is_path_clear, live_quality
+from solver.estimators.paper import estimate_paper
+from tests.oracles.as_shipped import ARM, HINGE
 from tests.oracles.loop_oracle import Truth, closure, closure_rates, paper_truth, product
 
 STEP_RAD = np.deg2rad(1.0)
@@ -55,3 +60,30 @@ def test_path_with_runaway_free_joints_is_not_clear(first_deg, then_deg, *, clea
     # A target a degree beyond a joint range is not clear.
     beyond = {1: float(procedure.arm.upper_rad[0]) + 0.02, 5: float(first[5])}
     assert not is_path_clear(procedure.arm, loop, x, first[1:], beyond)
+
+
+@pytest.mark.campaign
+def test_many_poses_are_estimated_at_growing_intervals(reference_data):
+    """The cost of an estimate does not grow with the number of poses."""
+    many = 150
+    recorded = load_poses(reference_data / "hinge" / "hinge_quantised.csv", joint_count=7).poses
+    model = HINGE.model(ARM)
+    q = np.tile(recorded.q_rad, (many // len(recorded) + 1, 1))[:many]
+    numbers = tuple(range(1, many + 1))
+    resumed = live_quality(ARM, model, q[:125], numbers[:125])
+    assert resumed.history[-1][0] == 125
+    np.testing.assert_array_equal(resumed.x, estimate_paper(model, q[:125]).x)
+    counts = [count for count, _ in resumed.history]
+    # Each of the first hundred, then every 2 %.
+    assert counts[: 101 - resumed.needed] == list(range(resumed.needed, 101))
+    assert all(b <= 1.02 * a + 1.0 for a, b in pairwise(counts))
+    assert len(counts) < 115
+    live = resumed
+    for count in range(126, many + 1):
+        live = live_quality(ARM, model, q[:count], numbers[:count], earlier=live)
+        assert live.numbers == numbers[:count]
+        assert live.history[-1][0] >= count / 1.02 - 1.0
+    assert len(live.history) - len(resumed.history) < 10
+    # Coverage is of all poses, and every pose is predicted before it is used.
+    np.testing.assert_allclose([low for low, _ in live.coverage], q.min(axis=0))
+    assert set(live.predicted_m) >= set(range(102, many + 1))

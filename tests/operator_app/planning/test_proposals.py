@@ -9,6 +9,7 @@ import pytest
 import yaml
 
 from tests.oracles import lbr_iiwa
+from tests.oracles.makers_chains import flange
 
 TOOL_M = np.array([0.06, 0.0, 0.08])
 AXIS = np.array([1.0, 0.3, -0.2]) / np.linalg.norm([1.0, 0.3, -0.2])
@@ -34,7 +35,7 @@ def set_home(line):
 
 def hinge_pin(q_deg: list[float] | tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
     """A point and the direction of the hinge's pin in the base."""
-    T = lbr_iiwa.iiwa_flange(np.deg2rad(q_deg))
+    T = flange("kuka_iiwa14", np.deg2rad(q_deg))
     return T[:3, :3] @ TOOL_M + T[:3, 3], T[:3, :3] @ AXIS
 
 

@@ -126,26 +126,14 @@ def test_tables_agree_in_text_page_and_screen(renderings):
 def figures_of(renderings: Renderings) -> Iterator[tuple[tuple[str | int, ...], str, str]]:
     """Numbers of the page that JSON has too: key, unit, digits."""
     for table in renderings.facts.tables:
-        columns = [k for k, c in enumerate(table.columns) if not c.summary]
+        columns = [(k, c) for k, c in enumerate(table.columns) if not c.summary]
         for row, shown in zip(table.rows, body_of(renderings, table), strict=True):
-            cells = [row[k] for k in columns]
-            unit = row[1] if table.columns[1].title == "unit" else ""
-            for k, cell, words in zip(columns, cells, shown, strict=True):
-                if isinstance(cell, Figure) and cell.key:
-                    header_unit = re.search(r"\[(.+?)\]", f"{_header(table, k)} {table.title}")
-                    cell_unit = (
-                        unit
-                        if isinstance(unit, str) and unit
-                        else header_unit[1]
-                        if header_unit
-                        else ""
-                    )
-                    yield cell.key, cell_unit, words
-
-
-def _header(table: FactTable, k: int) -> str:
-    column = table.columns[k]
-    return f"{column.title} {column.group} " + (f"[{column.unit}]" if column.unit else "")
+            of_row = [row[1]] if table.columns[1].title == "unit" and row[1] else []
+            for (k, column), words in zip(columns, shown, strict=True):
+                if isinstance(row[k], Figure) and row[k].key:
+                    header = f"{column.title} {column.group} [{column.unit}] {table.title}"
+                    units = of_row or re.findall(r"\[([^\[\]]+)\]", header)
+                    yield row[k].key, (*units, "")[0], words
 
 
 def to_json(key: tuple[str | int, ...], unit: str) -> float:

@@ -68,9 +68,6 @@ def test_text_table_has_groups_and_no_detail():
         "  1             5.73   -180   180  <b>",
         "As stated.",
     ]
-
-
-def test_row_of_wrong_length_is_refused():
     with pytest.raises(ValueError, match="one cell per column"):
         replace(RANGES, rows=(("1",),))
 

@@ -43,7 +43,6 @@ class Tracked:
         chosen = virtual_arm(procedure.arm, procedure.fixture, opening.choices)
         arm = PlantArm(procedure, chosen)
         tracker = chosen.tracker(arm.plant, fixture)
-        assert tracker is not None
         port = CalledLines(lambda q: self.says(tracker.answer(q)), "the tracker")
         rig = Rig(
             arm=arm,
@@ -80,19 +79,16 @@ def test_the_apps_steps_recover_the_planted_values(tracked):
     operations.connect()
     operations.check_fixture()
     assert quiet.shown.selected_joints == DRIVES
-    assert quiet.shown.forecast is not None
     assert quiet.shown.forecast.reachable.all()
     operations.set_modes(DRIVES)
     operations.automatic()
     live = quiet.shown.live
-    assert live is not None
     assert live.estimated
     # Of the last pose, by the poses before it.
     assert 0.0 < live.predicted_m[8] < 0.02
     assert live.scaled_condition_number < 100.0
     operations.calibrate("implicit", ())
     found = quiet.shown.solution
-    assert found is not None
     assert found.accepted, found.reasons
     sigma = found.estimate.standard_deviation
     for k, p in enumerate(found.estimate.parameters):
@@ -135,7 +131,6 @@ def test_a_displacement_at_one_pose_is_reported_with_its_size(tracked):
     with pytest.raises(GuardError, match="or the tracker, has moved by about") as caught:
         take_poses(session, Listener(), DRIVES)
     size = re.search(r"about ([0-9.]+) mm", caught.value.happened)
-    assert size is not None
     assert float(size[1]) == pytest.approx(3.0, abs=0.5)
 
 
@@ -154,8 +149,8 @@ def test_a_hidden_target_skips_a_waypoint_and_a_silent_tracker_none(tracked):
     with pytest.raises(InstrumentError, match="no measurement of pose 2 arrived"):
         take_poses(session, Listener(), DRIVES)
     assert asked == ["1", "1", "2"]
-    (kept,) = session.state.used_poses
-    assert (kept.waypoint, len(kept.endpoint)) == (1, 6)
+    (pose,) = session.state.used_poses
+    assert (pose.waypoint, len(pose.endpoint)) == (1, 6)
     assert session.state.skipped_waypoints == {0}
 
 

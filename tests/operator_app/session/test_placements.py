@@ -136,20 +136,6 @@ def test_operator_must_confirm_the_next_placement(write_session, type_lines, app
     assert last_event(folder) == "remounted"
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["hinge_planned", "--placements", "2"], "one placement"),
-        (["open_loop", "--placements", "2"], "no fixture to remount"),
-        (["hinge", "--placements", "21"], "Request 1 to 20"),
-        (["hinge", "--placements", "0"], "not a whole number"),
-    ],
-)
-def test_invalid_number_of_placements_is_refused(arguments, message, tmp_path, run_command):
-    assert message in run_command(2, "run", *arguments, "--sessions", tmp_path).err
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_options_of_a_resume_apply_to_the_next_placement(write_session, type_lines):
     folder = write_session()
     opening = resume_in(folder, placements=3, upload=False, channel="other")

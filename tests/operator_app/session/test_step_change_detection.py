@@ -54,6 +54,10 @@ def test_no_step_is_detected_on_a_sound_arm(sizes):
     for seed in range(2):
         poses = session_poses(seed, sizes)
         assert not any(is_detected(poses, count) for count in range(LEAST, 41, 5))
+    # Too few poses detect no step.
+    poses = session_poses(0)
+    assert not is_detected(poses, LEAST, 1, 5 * DEGREE_COUNTS)
+    assert is_detected(poses, LEAST + 1, 1, 5 * DEGREE_COUNTS)
 
 
 @pytest.mark.sample(1)
@@ -63,12 +67,6 @@ def test_step_of_a_degree_is_detected_at_the_next_pose(joint):
         poses = session_poses(seed)
         for count in (LEAST + 1, 20, 40):
             assert is_detected(poses, count, joint, step_counts)
-
-
-def test_too_few_poses_detect_no_step():
-    poses = session_poses(0)
-    assert not is_detected(poses, LEAST, 1, 5 * DEGREE_COUNTS)
-    assert is_detected(poses, LEAST + 1, 1, 5 * DEGREE_COUNTS)
 
 
 class CountLossArm(PlantArm):

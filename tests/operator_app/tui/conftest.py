@@ -16,7 +16,12 @@ from operator_app.tui.app import SarcalApp
 from operator_app.tui.driver import watched
 from tests.oracles.still_runner import StaticSource
 
-PATIENCE_S = 30.0
+PATIENCE_S = 120.0
+
+
+def shown(widget) -> str:
+    """The lines of a widget."""
+    return "\n".join("".join(text for text, _ in row) for row in widget.shown)
 
 
 class Driver:
@@ -39,15 +44,12 @@ class Driver:
 
     @property
     def hint(self) -> str:
-        """The hint line above the messages."""
-        return " ".join(
-            "".join(text for row in self.app.main.hint.shown for text, _ in row).split()
-        )
+        """The hint line above the messages, without its line breaks."""
+        return " ".join(shown(self.app.main.hint).split())
 
     def text(self, selector: str) -> str:
         """The text of a panel."""
-        widget = self.app.main.query_one(selector)
-        return "\n".join("".join(text for text, _ in row) for row in widget.shown)
+        return shown(self.app.main.query_one(selector))
 
     def words(self, selector: str) -> str:
         """The text of a panel, without its line breaks."""
@@ -114,18 +116,17 @@ class Driver:
     async def idle(self) -> None:
         """Wait until the worker is idle and the screen shows it."""
         runner = self.app.runner
-        assert runner is not None
         await self.until(lambda: not runner.pending and runner.snapshot().task is None, "idle")
         self.app.poll()
         await self.settle()
 
-    async def ready(self) -> None:
-        """Wait for the first snapshot."""
-        await self.until(lambda: self.app.picture is not None, "first picture")
+    async def run(self, *keys: str) -> None:
+        """Press keys and wait until the tasks that they submit are done."""
+        await self.press(*keys)
+        await self.idle()
 
     async def to_step(self, number: int) -> None:
         """Go from the first step to another by keys only."""
-        await self.ready()
         while self.app.step < number:
             before = self.app.step
             await self.press("enter")
@@ -143,17 +144,18 @@ async def running(app: SarcalApp, size: tuple[int, int] = (120, 36)) -> AsyncIte
         patch.setattr("textual.drivers.headless_driver.HeadlessDriver", watching)
         async with app.run_test(size=size) as pilot:
             driver = Driver(app, pilot)
-            await driver.ready()
+            await driver.until(lambda: app.picture is not None, "first picture")
             yield driver
 
 
 @pytest.fixture
 def drive(source):
-    """Run the app and return its driver: ``async with drive() as d``."""
+    """Run the app and return its driver, at a step: ``async with drive(step=Step.CAPTURE) as d``."""
 
     @asynccontextmanager
-    async def run(size: tuple[int, int] = (120, 36), **options):
-        async with running(SarcalApp(lambda: source, **options), size) as driver:
+    async def run(size: tuple[int, int] = (120, 36), step: Step = Step.CONNECT):
+        async with running(SarcalApp(lambda: source), size) as driver:
+            await driver.to_step(step)
             yield driver
 
     return run

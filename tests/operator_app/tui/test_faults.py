@@ -16,6 +16,7 @@ from operator_app.session.store.journal import read_journal
 from operator_app.session.ui.snapshot import DataState, Level, TaskKind
 from operator_app.session.ui.steps import Step
 from operator_app.tui.dialogs import Confirm
+from tests.oracles.journal_events import event_data
 
 
 @pytest.mark.sample(2)
@@ -31,13 +32,11 @@ from operator_app.tui.dialogs import Confirm
 async def test_failed_connection_names_a_remedy_and_can_be_retried(drive, source, error, words):
     async with drive() as d:
         source.arm.connect_error = error
-        await d.press("enter")
-        await d.idle()
+        await d.run("enter")
         assert not d.s.connected
         assert words.lower() in d.s.messages[-1].text.lower()
         assert d.s.alarms == d.s.messages[-1:]
-        await d.press("enter")
-        await d.idle()
+        await d.run("enter")
         assert d.s.connected
         assert d.s.alarms == ()
 
@@ -45,8 +44,7 @@ async def test_failed_connection_names_a_remedy_and_can_be_retried(drive, source
 @pytest.mark.campaign
 async def test_silent_bus_stops_arm_and_task_and_is_reported(drive, source):
     source.pace_s = 0.002
-    async with drive() as d:
-        await d.to_step(Step.CAPTURE)
+    async with drive(step=Step.CAPTURE) as d:
         await d.press("a")
         await d.until(lambda: len(d.s.state.poses) >= 1, "one pose")
         source.arm.stop_answering_since(1.2)
@@ -65,15 +63,13 @@ async def test_silent_bus_stops_arm_and_task_and_is_reported(drive, source):
         await d.press("4")
         await d.until(lambda: "apply the modes again" in d.hint)
         await d.to_step(Step.CAPTURE)
-        await d.press("a")
-        await d.idle()
+        await d.run("a")
         assert len(d.s.state.used_poses) == d.s.required_poses > captured
         assert [p.number for p in d.s.state.poses] == list(range(1, d.s.required_poses + 1))
 
 
 async def test_lost_arm_can_be_reconnected(drive, source):
-    async with drive() as d:
-        await d.to_step(Step.CAPTURE)
+    async with drive(step=Step.CAPTURE) as d:
         await d.press("1")
         source.arm.stop_answering_since(1.2)
         await d.until(lambda: "Connect again" in d.text("#footer"), "offered")
@@ -97,21 +93,18 @@ async def test_lost_arm_can_be_reconnected(drive, source):
 
 
 async def test_tripped_drive_is_named_and_reset(drive, source):
-    async with drive() as d:
-        await d.to_step(Step.CAPTURE)
+    async with drive(step=Step.CAPTURE) as d:
         source.arm.trip(4)
         await d.until(lambda: "FAULT" in d.text("#strip"), "fault shown")
         await d.press("c")
         await d.until(lambda: "fault" in d.hint)
-        await d.press("R")
-        await d.idle()
+        await d.run("R")
         assert "FAULT" not in d.text("#strip")
 
 
 async def test_stop_reaches_the_arm_while_the_worker_is_busy(drive, source):
     source.pace_s = 0.005
-    async with drive() as d:
-        await d.to_step(Step.CAPTURE)
+    async with drive(step=Step.CAPTURE) as d:
         await d.press("a")
         await d.until(lambda: d.s.task is not None and d.s.task.moves, "moving")
         await d.press("f8")
@@ -124,33 +117,27 @@ async def test_stop_reaches_the_arm_while_the_worker_is_busy(drive, source):
         assert "STOP sent to all drives" in alarm.text
         # The reset starts no motion.
         before = d.s.arm.positions_rad.copy()
-        await d.press("R")
-        await d.idle()
+        await d.run("R")
         await d.until(lambda: not d.s.stopped, "reset")
         assert not d.s.drives_ready
         assert abs(d.s.arm.positions_rad - before).max() < 0.02
 
 
 async def test_cause_of_an_arm_stop_stays_visible(drive, source):
-    async with drive() as d:
-        await d.to_step(Step.CAPTURE)
-        await d.press("c")
-        await d.idle()
+    async with drive(step=Step.CAPTURE) as d:
+        await d.run("c")
         source.arm.diverge(5)
         await d.until(lambda: "STOPPED BY ITSELF joint 5 is +1300" in d.words("#banner"), "banner")
         await d.until(lambda: "Joint 5 is +1300 counts from its target" in d.words("#log"), "log")
         await d.idle()
         # A STOP and other keys leave the cause visible.
         assert "the arm stopped by itself" in d.hint
-        await d.press("f8", "c")
-        await d.idle()
+        await d.run("f8", "c")
         assert [m.text[:12] for m in d.s.alarms] == ["Joint 5 is +"]
         assert "Keep clear until the cause is known" in d.words("#log")
-        events = read_journal(d.s.folder).events
-        (fault,) = [e.data for e in events if e.name == "sensor_fault"]
+        (fault,) = event_data(d.s.folder, "sensor_fault")
         assert fault["joint"] == 5
-        await d.press("R")
-        await d.idle()
+        await d.run("R")
         assert d.s.alarms == ()
         assert "STOPPED" not in d.text("#banner")
 
@@ -160,8 +147,7 @@ async def test_cause_of_an_arm_stop_stays_visible(drive, source):
 async def test_alarms_are_shown_in_full_one_after_the_other(drive, source, size):
     first = stopped_words(str(DriveDiverged(5, 1294, 700)))
     second = "The disk is full. Free space on it, then go on"
-    async with drive(size=size) as d:
-        await d.to_step(Step.CAPTURE)
+    async with drive(size=size, step=Step.CAPTURE) as d:
         d.runner.say(Level.ALARM, first)
         d.runner.say(Level.ALARM, second)
         await d.until(lambda: f"1 of 2: {second} (A acknowledges)" in d.words("#log"), "newest")
@@ -198,8 +184,7 @@ async def test_counter_reset_leads_to_reconnection(drive, source):
     async with drive(size=(80, 24)) as d:
         await d.to_step(Step.MODES)
         source.arm.reads_rad[3] = 0.0
-        await d.press("enter", "y")
-        await d.idle()
+        await d.run("enter", "y")
         await d.until(lambda: "then connect again (A acknowledges)" in d.words("#log"), "alarm")
         assert "Enter goes to step 1" in d.hint
         source.arm.reads_rad.clear()  # the joint was homed
@@ -207,8 +192,7 @@ async def test_counter_reset_leads_to_reconnection(drive, source):
         assert d.app.step is Step.CONNECT
         assert "Enter connects again" in d.hint
         closed_before = source.arm.closed
-        await d.press("enter")
-        await d.idle()
+        await d.run("enter")
         assert source.arm.closed == closed_before + 1
         assert d.s.alarms == ()
         await d.to_step(Step.CAPTURE)
@@ -217,11 +201,9 @@ async def test_counter_reset_leads_to_reconnection(drive, source):
 
 @pytest.mark.campaign
 async def test_step_change_leads_to_a_new_session(drive, source):
-    async with drive() as d:
-        await d.to_step(Step.MODES)
+    async with drive(step=Step.MODES) as d:
         source.arm.off_rad[1] = 1.0
-        await d.press("enter", "y")
-        await d.idle()
+        await d.run("enter", "y")
         assert "N starts a new session" in d.hint
         first = d.runner
         await d.press("N", "y")
@@ -230,8 +212,7 @@ async def test_step_change_leads_to_a_new_session(drive, source):
 
 
 async def test_unsent_stop_names_the_hardware_stop(drive, source):
-    async with drive() as d:
-        await d.to_step(Step.CAPTURE)
+    async with drive(step=Step.CAPTURE) as d:
         source.arm.stop_error = BusError("the handle is closed")
         await d.press("space")
         await d.until(lambda: "use the hardware stop" in d.text("#banner").lower(), "alarm")
@@ -239,12 +220,10 @@ async def test_unsent_stop_names_the_hardware_stop(drive, source):
 
 async def test_key_ends_a_motion_of_the_live_arm(drive, source):
     source.pace_s = 0.005
-    async with drive() as d:
-        await d.to_step(Step.CAPTURE)
+    async with drive(step=Step.CAPTURE) as d:
         await d.press("g")
         await d.until(lambda: source.arm.snapshot().moving, "moving")
-        await d.press("z")
-        await d.idle()
+        await d.run("z")
         assert not source.arm.stops
         assert d.s.at_waypoint is None
         assert d.s.next_waypoint == 0
@@ -253,14 +232,11 @@ async def test_key_ends_a_motion_of_the_live_arm(drive, source):
 
 @pytest.mark.campaign
 async def test_calibration_can_be_cancelled(drive):
-    async with drive() as d:
-        await d.to_step(Step.CAPTURE)
-        await d.press("a")
-        await d.idle()
+    async with drive(step=Step.CAPTURE) as d:
+        await d.run("a")
         await d.press("enter", "s")
         await d.until(lambda: d.s.task is not None, "solving")
-        await d.press("z")
-        await d.idle()
+        await d.run("z")
         assert d.s.solution is None
         assert "ended by the operator" in d.s.messages[-1].text
 
@@ -268,10 +244,8 @@ async def test_calibration_can_be_cancelled(drive):
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 async def test_signal_closes_session_and_arm(drive, source, number):
-    async with drive() as d:
-        await d.to_step(Step.CAPTURE)
-        await d.press("c")
-        await d.idle()
+    async with drive(step=Step.CAPTURE) as d:
+        await d.run("c")
         folder = d.s.folder
         signal.raise_signal(number)
         await d.until(lambda: d.app.return_value == number.name, "leaving")
@@ -284,8 +258,7 @@ async def test_signal_closes_session_and_arm(drive, source, number):
 
 async def test_worker_exception_ends_the_app_and_closes_the_arm(drive, source):
     with pytest.raises(RuntimeError, match="worker thread failed"):  # noqa: PT012 - raised when the app ends
-        async with drive() as d:
-            await d.to_step(Step.CAPTURE)
+        async with drive(step=Step.CAPTURE) as d:
             d.app.runner.submit(TaskKind.NOTE, "breaking", lambda: 1 / 0)
             await d.until(lambda: not d.app.is_running, "ended")
     source.close("failed")

@@ -164,7 +164,7 @@ async def test_upload_needs_the_serial_number(still):
         assert [k for k, _ in d.runner.asked] == [TaskKind.UPLOAD]
 
 
-async def test_any_key_only_ends_a_motion(still):
+async def test_any_key_ends_a_motion_and_only_z_a_calibration(still):
     moving = busy(story()["capturing"], TaskKind.AUTOMATIC, moves=True)
     async with still(moving) as d:
         for key in ("z", "x", "enter", "escape", "down", "7", "q", "a", "tab", "ctrl+p", "é"):
@@ -174,15 +174,10 @@ async def test_any_key_only_ends_a_motion(still):
             assert (d.runner.cancels, d.runner.stops, d.runner.asked) == (1, 0, []), key
             assert d.app.screen is d.app.main
             assert d.app.step is Step.CAPTURE
-
-
-async def test_only_z_cancels_a_calibration(still):
-    solving = busy(story()["captured"], TaskKind.CALIBRATE, moves=False)
-    async with still(solving, step=Step.CALIBRATE) as d:
-        await d.press("v")
-        assert d.runner.cancels == 0
-        await d.press("z")
-        assert d.runner.cancels == 1
+        await d.show(busy(story()["captured"], TaskKind.CALIBRATE, moves=False), Step.CALIBRATE)
+        for key, cancels in (("v", 0), ("z", 1)):
+            await d.press(key)
+            assert d.runner.cancels == cancels, key
 
 
 async def test_brackets_and_digits_change_the_step(still):
@@ -212,6 +207,8 @@ async def test_toggled_modes_show_their_risk_before_applying(still):
         await d.until(lambda: "until a drive trips" in d.hint)
         await d.press("f", "up", "f")
         await d.until(lambda: "would sag" in d.words("#modes-plan"))
+        await d.press("a")
+        await d.until(lambda: "would sag" in d.hint)
         await d.press("p")
         best = story()["ticked"].ranked[0].drives
         assert d.s.selected_joints == best != before
@@ -244,7 +241,7 @@ async def test_real_arm_needs_the_stop_test_first(still):
         assert "REAL ARM" in d.text("#banner")
 
 
-async def test_estimator_and_unsensed_joints_cycle(still):
+async def test_estimator_and_unsensed_joints_cycle_and_arrows_move_the_mark(still):
     async with still(story()["captured"], step=Step.CALIBRATE) as d:
         first = d.runner.picture.estimator
         await d.press("e")
@@ -256,6 +253,13 @@ async def test_estimator_and_unsensed_joints_cycle(still):
             await d.press("j")
             unsensed.append(d.runner.picture.unsensed_joints)
         assert unsensed == [(6,), (7,), (6, 7), ()]
+        await d.show(story()["captured"], Step.CAPTURE)
+        view = d.app.main.view
+        newest = view.marked_pose(d.s)
+        await d.press("down", "down")
+        assert view.marked_pose(d.s) == newest - 2
+        await d.press("up")
+        assert view.marked_pose(d.s) == newest - 1
 
 
 async def test_views_and_themes_cycle(still):
@@ -272,16 +276,6 @@ async def test_views_and_themes_cycle(still):
         assert len(themes) == 3
 
 
-async def test_arrows_move_the_mark(still):
-    async with still(story()["captured"], step=Step.CAPTURE) as d:
-        view = d.app.main.view
-        newest = view.marked_pose(d.s)
-        await d.press("down", "down")
-        assert view.marked_pose(d.s) == newest - 2
-        await d.press("up")
-        assert view.marked_pose(d.s) == newest - 1
-
-
 async def test_session_choice_defaults_to_cancel(still):
     earlier = entry(story()["capturing"])
     async with still(story()["uploaded"], step=Step.EXPORT, entries=(earlier,)) as d:
@@ -295,7 +289,7 @@ async def test_session_choice_defaults_to_cancel(still):
         await d.until(lambda: d.app.source.resumed_references == [earlier.folder.name], "resumed")
 
 
-async def test_chosen_procedure_starts_a_session(still):
+async def test_new_session_and_chosen_procedure_start_at_connect(still):
     async with still(story()["connected"], step=Step.FIXTURE) as d:
         before = d.app.source.begun
         await d.press("p")
@@ -306,13 +300,10 @@ async def test_chosen_procedure_starts_a_session(still):
         await d.until(lambda: d.app.step is Step.CONNECT, "begun")
         assert d.app.source.begun == before + 1
         assert d.app.source.requested_procedure == "hinge_planned"
-
-
-async def test_new_session_starts_at_connect(still):
-    async with still(story()["uploaded"], step=Step.EXPORT) as d:
+        await d.show(story()["uploaded"], Step.EXPORT)
         await d.press("N", "y")
-        await d.settle()
-        assert (d.app.source.begun, d.app.step) == (2, Step.CONNECT)
+        await d.until(lambda: d.app.step is Step.CONNECT, "begun")
+        assert d.app.source.begun == before + 2
 
 
 @pytest.mark.parametrize("name", ["start", "capturing"])

@@ -1,5 +1,6 @@
-"""Texts of single panels, most without an app around them."""
+"""Texts of panels and messages: in full where there is room, and only characters that a terminal shows."""
 
+import unicodedata
 from dataclasses import replace
 from datetime import datetime, timedelta
 
@@ -9,7 +10,7 @@ import pytest
 from operator_app.calibration.acceptance import Verdict
 from operator_app.headless.plain_messages import describe
 from operator_app.report.subject import facts_on
-from operator_app.session.ui.snapshot import TaskKind
+from operator_app.session.ui.snapshot import Level, Message, SessionSnapshot, TaskKind
 from operator_app.session.ui.steps import Step
 from operator_app.tui.dialogs import Read
 from operator_app.tui.lines import Clicked
@@ -186,3 +187,91 @@ async def test_clicks_on_view_and_log_do_not_end_a_motion(still):
         d.app.main.log_lines.post_message(Clicked("messages"))
         await d.until(lambda: isinstance(d.app.screen, Read), "all messages")
         assert d.runner.cancels == 0
+
+
+LONG = " ".join(f"word{k}" for k in range(90)) + ". Do what the last word says"
+
+
+@pytest.mark.parametrize("size", [(80, 24), (120, 36)], ids=["80x24", "120x36"])
+async def test_long_warning_names_the_key_that_shows_all(drive, size):
+    async with drive(size=size) as d:
+        d.runner.say(Level.INFO, "earlier message")
+        d.runner.say(Level.WARNING, LONG)
+        await d.until(lambda: "… (l shows all of it)" in d.words("#log"), "marked")
+        assert "Do what the last word says" not in d.words("#log")
+        await d.press("l")
+        assert isinstance(d.app.screen, Read)
+        log = " ".join((await d.dialog_text()).split())
+        assert f"▲ {LONG}" in log
+        assert log.index(LONG) < log.index("earlier message")
+        assert max(map(len, (await d.dialog_text()).splitlines())) <= size[0] - 8
+
+
+@pytest.mark.parametrize("size", [(80, 24), (120, 36)], ids=["80x24", "120x36"])
+async def test_hint_and_log_share_their_rows(drive, size):
+    async with drive(size=size, step=Step.FIXTURE) as d:
+        middle = d.app.main.query_one("#middle")
+
+        async def rows(*, of: str) -> tuple[int, int, int]:
+            d.app.main.refuse(of)
+            d.app.poll()
+            await d.settle()
+            return d.app.main.hint.size.height, d.app.main.log_lines.size.height, middle.size.height
+
+        hint_1, log_1, middle_1 = await rows(of="no")
+        hint_2, log_2, middle_2 = await rows(of="no " * 30)
+        assert (hint_1, hint_2) == (1, 2 if size[0] == 80 else 1)
+        assert (hint_2 - hint_1, middle_2) == (log_1 - log_2, middle_1)
+
+
+async def test_long_refusal_is_shown_in_full(still):
+    async with still(story()["connected"], step=Step.FIXTURE, size=(80, 24)) as d:
+        refusal = " ".join(f"word{k}" for k in range(38))
+        d.app.main.refuse(refusal)
+        d.app.poll()
+        await d.settle()
+        assert d.hint == f"▲ {refusal}"
+
+
+HOSTILE = "a\x1b[2J\x1b]0;owned\x07b\x9b31mc\u202edlo\u2066x\ry\nz\u2028"
+CONTROL_CATEGORIES = ("Cc", "Cf", "Cs", "Zl", "Zp")
+
+
+def hostile(s: SessionSnapshot) -> SessionSnapshot:
+    """The snapshot with hostile text in every external field."""
+    nodes = tuple(replace(node, device_name=HOSTILE, role=HOSTILE) for node in s.identity.nodes)
+    identity = replace(s.identity, model=HOSTILE, serial_number=HOSTILE, nodes=nodes)
+    poses = tuple(
+        replace(pose, note=HOSTILE, excluded=HOSTILE if pose.excluded else "")
+        for pose in s.state.poses
+    )
+    state = replace(s.state, serial_number=HOSTILE, poses=poses)
+    messages = tuple(
+        Message(number=k, time="12:00:00", level=level, text=HOSTILE)
+        for k, level in enumerate(Level, 1)
+    )
+    return replace(
+        s, identity=identity, state=state, messages=messages, bus=HOSTILE, wiggle=HOSTILE,
+        folder=s.folder / HOSTILE.replace("/", ""),
+    )  # fmt: skip
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("ascii_only", [False, True], ids=["all characters", "ascii"])
+async def test_screens_contain_no_control_characters(still, ascii_only):
+    snapshots = story()
+    async with still(
+        hostile(snapshots["connected"]), step=Step.CONNECT, ascii_only=ascii_only
+    ) as d:
+        shown = ""
+        for step, name in ((Step.CONNECT, "connected"), (Step.CAPTURE, "capturing"),
+                          (Step.RESULTS, "solved"), (Step.EXPORT, "written")):  # fmt: skip
+            await d.show(hostile(snapshots[name]), step)
+            if step is Step.CAPTURE:
+                await d.press("n")
+            strips = d.app.screen._compositor.render_strips()
+            shown += "".join(segment.text for strip in strips for segment in strip)
+            if d.app.screen is not d.app.main:
+                await d.press("escape")
+        assert "owned" in shown
+        assert {c for c in shown if unicodedata.category(c) in CONTROL_CATEGORIES} == set()

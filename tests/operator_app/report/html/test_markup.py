@@ -48,28 +48,28 @@ def test_any_text_is_escaped(words):
     assert unescape(markup) == sanitized(words, keep=WHITE_SPACE)
 
 
-def test_html_is_not_escaped_twice():
-    inner = element("b", "1 < 2")
-    assert element("p", inner, " & more") == "<p><b>1 &lt; 2</b> &amp; more</p>"
-    assert isinstance(join((inner, "<")), Html)
-
-
-def test_attribute_names_and_none_values():
-    markup = element(
-        "a", class_="x", aria_label="y", href=None, hidden=False, download=True, x=1.50
-    )
-    assert markup == '<a class="x" aria-label="y" download x="1.5"></a>'
+@pytest.mark.parametrize(
+    ("markup", "expected"),
+    [
+        (element("p", element("b", "1 < 2"), " & more"), "<p><b>1 &lt; 2</b> &amp; more</p>"),
+        (
+            element("a", class_="x", aria_label="y", href=None, hidden=False, download=True, x=1.5),
+            '<a class="x" aria-label="y" download x="1.5"></a>',
+        ),
+        (element("meta", charset="utf-8"), '<meta charset="utf-8">'),
+        (spoken("\u05d0abc"), "<bdi>\u05d0abc</bdi>"),
+        (spoken("\u202eabc"), "<bdi>\ufffdabc</bdi>"),
+    ],
+    ids=["nested", "attributes", "void", "bidirectional", "override"],
+)
+def test_markup_is_escaped_once(markup, expected):
+    assert markup == expected
 
 
 def test_void_element_has_no_content():
-    assert element("meta", charset="utf-8") == '<meta charset="utf-8">'
+    assert isinstance(join((element("b", "1 < 2"), "<")), Html)
     with pytest.raises(ValueError, match="no content"):
         element("br", "x")
-
-
-def test_bidirectional_text_is_isolated():
-    assert spoken("\u05d0abc") == "<bdi>\u05d0abc</bdi>"
-    assert spoken("\u202eabc") == "<bdi>\ufffdabc</bdi>"
 
 
 def rgb(colour: str) -> tuple[float, ...]:
@@ -89,34 +89,24 @@ def contrast(a: tuple[float, ...], b: tuple[float, ...]) -> float:
 
 
 @pytest.mark.parametrize("theme", [LIGHT_COLOURS, DARK_COLOURS], ids=["light", "dark"])
-@pytest.mark.parametrize(
-    ("inks", "grounds", "least"),
-    [
+def test_colour_contrast_is_sufficient(theme):
+    for inks, grounds, least in (
         (("text", "muted", "accent", "good", "bad", "warn"), ("page", "panel"), 4.5),
         (("accent", "second", "third", "muted"), ("page", "band"), 3.0),
-    ],
-    ids=["text", "marks"],
-)
-def test_colour_contrast_is_sufficient(theme, inks, grounds, least):
-    for ink, ground in product(inks, grounds):
-        assert contrast(rgb(theme[ink]), rgb(theme[ground])) >= least, (ink, ground)
-
-
-@pytest.mark.parametrize("theme", [LIGHT_COLOURS, DARK_COLOURS], ids=["light", "dark"])
-@pytest.mark.parametrize("sign", ["plus", "minus"])
-def test_numbers_are_readable_on_the_darkest_cell(theme, sign):
-    page, cell = rgb(theme["page"]), rgb(theme[sign])
+    ):
+        for ink, ground in product(inks, grounds):
+            assert contrast(rgb(theme[ink]), rgb(theme[ground])) >= least, (ink, ground)
+    # Numbers on the darkest cells.
     share = HEAT_STEPS * HEAT_ALPHA
-    ground = tuple(share * c + (1.0 - share) * p for c, p in zip(cell, page, strict=True))
-    assert contrast(rgb(theme["text"]), ground) >= 4.5
+    for sign in ("plus", "minus"):
+        cell = zip(rgb(theme[sign]), rgb(theme["page"]), strict=True)
+        ground = tuple(share * c + (1.0 - share) * p for c, p in cell)
+        assert contrast(rgb(theme["text"]), ground) >= 4.5
 
 
-def test_both_themes_define_all_colours():
+def test_style_sheet_is_closed_loads_nothing_and_has_all_colours():
     assert set(LIGHT_COLOURS) == set(DARK_COLOURS)
     assert set(re.findall(r"var\(--([a-z]+)\)", STYLE)) <= set(LIGHT_COLOURS)
-
-
-def test_style_sheet_is_closed_and_loads_nothing():
     assert STYLE.count("{") == STYLE.count("}")
     assert "@import" not in STYLE
     assert "url(" not in STYLE

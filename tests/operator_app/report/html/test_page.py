@@ -36,8 +36,9 @@ frame.onload = () => {
 """
 
 
-def test_page_is_well_formed_and_self_contained(page, subject):
+def test_page_is_well_formed_self_contained_and_reproducible(page, subject, folder):
     source = report_html(subject).decode()
+    assert report_html(report_subject(read_journal(folder).events)).decode() == source
     assert not {"script", "img", "link", "iframe", "object", "form", "input"} & set(page.tags)
     assert re.findall(r"https?:|url\(|@import", source) == []
     links = [value for _, name, value in page.attributes if name in ("href", "src", "action")]
@@ -61,17 +62,9 @@ def test_hostile_notes_stay_text(page, subject):
     assert poses[6][-1].startswith('<script>alert("1")</script></td></table>')
     assert "\x07" not in source
     assert poses[3][-1] == "✕ excluded: bumped the table <b>"
-
-
-def test_a_note_with_invalid_characters_is_marked(subject):
-    poses = tuple(replace(p, note=HOSTILE) for p in subject.poses)
-    other = replace(subject, state=replace(subject.state, poses=poses))
+    invalid = tuple(replace(p, note=HOSTILE) for p in subject.poses)
+    other = replace(subject, state=replace(subject.state, poses=invalid))
     assert "\ufffd" in report_html(other).decode()
-
-
-def test_page_is_reproducible(folder, subject):
-    reread = report_subject(read_journal(folder).events)
-    assert report_html(reread) == report_html(subject)
 
 
 def test_every_numeric_column_has_a_unit(page):
@@ -126,19 +119,27 @@ def test_page_head_names_arm_fixture_and_time(page, subject):
         assert words in page.text
 
 
-def test_recalculated_solution_is_stated(subject, parse_page):
+@pytest.fixture
+def page_with(subject, parse_page):
+    """The page of the subject with other fields."""
+    return lambda **changes: parse_page(report_html(replace(subject, **changes)).decode())
+
+
+def test_recalculation_missing_checks_and_simulation_are_stated(page, subject, page_with):
     assert subject.recalculated_because == ""
-    assert "its solution was read, not made again" in parse_page(report_html(subject).decode()).text
-    other = parse_page(report_html(replace(subject, recalculated_because="it is of old")).decode())
-    assert "The poses were solved again for this report: it is of old." in other.text
-    assert "not made again" not in other.text
-
-
-def test_missing_checks_are_stated(subject, parse_page):
-    assert "hold-out" not in parse_page(report_html(subject).decode()).text
-    other = parse_page(report_html(replace(subject, checks=None)).decode())
-    assert "sarcal run --resume session computes it." in other.text
-    assert "held out" not in " ".join(row[0] for row in other.rows("Closure at"))
+    assert "its solution was read, not made again" in page.text
+    assert "hold-out" not in page.text
+    assert "SIMULATED" not in page.text
+    again = page_with(recalculated_because="it is of old").text
+    assert "The poses were solved again for this report: it is of old." in again
+    assert "not made again" not in again
+    unchecked = page_with(checks=None)
+    assert "sarcal run --resume session computes it." in unchecked.text
+    assert "held out" not in " ".join(row[0] for row in unchecked.rows("Closure at"))
+    state = replace(subject.state, settings={"scenario": "wild"})
+    simulated = page_with(simulated=True, state=state).text
+    assert simulated.index("SIMULATED") < simulated.index("Accepted")
+    assert "scenario wild" in simulated
 
 
 def test_page_head_has_true_errors_of_a_simulation(subject):
@@ -158,15 +159,6 @@ def test_notes_of_an_accepted_result_are_not_warnings(subject):
     assert " warning<" not in accepted
     refused = replace(subject, solution=replace(subject.solution, reasons=("too far off",)))
     assert 'class="warnings"' in report_html(refused).decode()
-
-
-def test_simulated_session_is_marked(subject, parse_page):
-    assert "SIMULATED" not in parse_page(report_html(subject).decode()).text
-    state = replace(subject.state, settings={"scenario": "wild"})
-    html = report_html(replace(subject, simulated=True, state=state)).decode()
-    text = parse_page(html).text
-    assert text.index("SIMULATED") < text.index("Accepted")
-    assert "scenario wild" in text
 
 
 @pytest.mark.campaign

@@ -13,20 +13,17 @@ def text(canvas: Canvas) -> list[str]:
     return ["".join(span for span, _ in row) for row in canvas.lines()]
 
 
+OUTSIDE = [(x, y, " ") for x, y in ((-0.5, 1), (1, -0.5), (2, 1), (1, 4), (-3, -3))]
+
+
 @pytest.mark.parametrize(
-    ("x", "y", "character"), [(0, 0, "⠁"), (0, 3, "⡀"), (1, 0, "⠈"), (1, 3, "⢀"), (0.9, 2.9, "⠄")]
+    ("x", "y", "character"),
+    [(0, 0, "⠁"), (0, 3, "⡀"), (1, 0, "⠈"), (1, 3, "⢀"), (0.9, 2.9, "⠄"), *OUTSIDE],
 )
-def test_dot_is_its_braille_character(x, y, character):
+def test_dot_is_its_braille_character_or_outside_the_canvas(x, y, character):
     canvas = Canvas(1, 1, ascii_only=False)
     canvas.dot(x, y)
     assert text(canvas) == [character]
-
-
-def test_dots_outside_the_canvas_are_ignored():
-    canvas = Canvas(2, 2, ascii_only=False)
-    for x, y in [(-0.5, 1), (1, -0.5), (4, 1), (1, 8), (-3, -3)]:
-        canvas.dot(x, y)
-    assert text(canvas) == ["  ", "  "]
 
 
 @pytest.mark.parametrize("ascii_only", [False, True])

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import sarcal
 
-from operator_app.cli import main
 from operator_app.errors import SessionError
 from operator_app.report.plots.figure_files import ENDINGS, FIGURES
 from tests.oracles.panda import FOLDER as PANDA
@@ -24,6 +23,11 @@ def of_class(panel: ET.Element, *names: str) -> list[ET.Element]:
     return [e for e in panel.iter() if e.get("class") in names]
 
 
+def at(element: ET.Element, name: str) -> float:
+    """A coordinate or size of an element."""
+    return float(element.get(name, "nan"))
+
+
 def texts(panel: ET.Element) -> list[str]:
     return [e.text or "" for e in panel.iter(f"{SVG}text")]
 
@@ -31,9 +35,8 @@ def texts(panel: ET.Element) -> list[str]:
 def scale(panel: ET.Element) -> tuple[float, float]:
     """Slope and value at 0 of a panel's linear x axis, from its ticks as written."""
     ticks = [e for e in of_class(panel, "tick") if e.get("text-anchor") == "middle"]
-    at = [float(t.get("x", "nan")) for t in ticks]
     values = [float((t.text or "").replace("\N{MINUS SIGN}", "-")) for t in ticks]
-    slope, start = np.polyfit(at, values, 1)
+    slope, start = np.polyfit([at(t, "x") for t in ticks], values, 1)
     return float(slope), float(start)
 
 
@@ -51,8 +54,7 @@ def test_budget_bars_match_the_json(hinge):
     slope, _ = scale(panel)
     # The first of each is the legend's.
     bars = of_class(panel, *(f"bar b{k}" for k in range(8)))[8:]
-    widths = np.array([float(bar.get("width", "nan")) for bar in bars]).reshape(len(budget), 8)
-    percent = slope * widths
+    percent = slope * np.array([at(bar, "width") for bar in bars]).reshape(len(budget), 8)
     assert percent.sum(axis=1) == pytest.approx(np.full(len(budget), 100.0), abs=0.5)
     # The largest source comes first.
     sources = list(next(iter(budget.values())))
@@ -65,14 +67,13 @@ def test_parameter_points_and_intervals_match_the_json(hinge):
     names = [n for n in document["parameters"] if n.startswith(("theta", "alpha"))]
     panel = panels(hinge, "parameters")[0]
     slope, start = scale(panel)
-    points = [
-        slope * float(e.get("cx", "nan")) + start for e in of_class(panel, "mark a")[1:]
-    ]  # the first is the legend's
+    # The first of each is the legend's.
+    points = [slope * at(e, "cx") + start for e in of_class(panel, "mark a")[1:]]
     change = [document["parameters"][n] - document["nominal"][n] for n in names]
     assert points == pytest.approx(change, abs=5e-3)
     bars = of_class(panel, "ribbon")[1:]
-    low = [slope * float(e.get("x", "nan")) + start for e in bars]
-    width = [slope * float(e.get("width", "nan")) for e in bars]
+    low = [slope * at(e, "x") + start for e in bars]
+    width = [slope * at(e, "width") for e in bars]
     ends = np.array([document["interval_95"][n] for n in names])
     expected = ends[:, 0] - [document["nominal"][n] for n in names]
     assert low == pytest.approx(expected, abs=5e-3)
@@ -80,13 +81,9 @@ def test_parameter_points_and_intervals_match_the_json(hinge):
 
 
 def test_residual_and_workspace_panels_match_the_json(hinge):
-    texts_by_panel = [" ".join(texts(p)) for p in panels(hinge, "residuals")]
-    for words, panel in zip(
-        ("position error [mm]", "orientation error [mrad]", "distance [mm]"),
-        texts_by_panel,
-        strict=True,
-    ):
-        assert words in panel
+    labels = ("position error [mm]", "orientation error [mrad]", "distance [mm]")
+    for label, panel in zip(labels, panels(hinge, "residuals"), strict=True):
+        assert label in " ".join(texts(panel))
     radii = [
         max(float(e.get("r", "0")) for e in of_class(p, "mark a")[:-1])
         for p in panels(hinge, "workspace")
@@ -118,28 +115,26 @@ def test_pdf_has_text_and_is_reproducible(hinge, tmp_path):
 
 
 @pytest.mark.campaign
-def test_report_command_writes_every_figure(hinge, tmp_path, capsys):
+def test_report_command_writes_every_figure(hinge, tmp_path, run_command):
     pytest.importorskip("svglib", reason="needs the extra [plots]")
     session = hinge.save(tmp_path / "session")
     page = (session / "report.html").read_bytes()
     figures = tmp_path / "new" / "figures"
-    assert main(["report", str(session), "--plots", str(figures)]) == 0
-    output = capsys.readouterr().out.splitlines()
+    output = run_command(0, "report", session, "--plots", figures).out.splitlines()
     assert output == [f"Figure      {figures}/{n}.{e}" for n in FIGURES for e in ENDINGS]
     assert (session / "report.html").read_bytes() == page
-    assert main(["report", str(session), "--plots", str(session / "report.html")]) == 2
-    assert "cannot be written" in capsys.readouterr().err
+    message = run_command(2, "report", session, "--plots", session / "report.html").err
+    assert "cannot be written" in message
 
 
-def test_without_svglib_only_svg_files_are_written(hinge, tmp_path, monkeypatch, capsys):
+def test_without_svglib_only_svg_files_are_written(hinge, tmp_path, monkeypatch, run_command):
     session = hinge.save(tmp_path / "session")
     monkeypatch.setitem(sys.modules, "svglib", None)
     monkeypatch.setitem(sys.modules, "svglib.svglib", None)
     with pytest.raises(SessionError, match=r"pip install 'sarcal\[plots\]'"):
         hinge.figure("budget").savefig(tmp_path / "budget.pdf")
-    assert main(["report", str(session), "--plots", str(tmp_path / "figures")]) == 0
+    run_command(0, "report", session, "--plots", tmp_path / "figures")
     assert {file.suffix for file in (tmp_path / "figures").iterdir()} == {".svg"}
-    capsys.readouterr()
 
 
 def test_parameter_figure_has_stated_sigmas(tmp_path):

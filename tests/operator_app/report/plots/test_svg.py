@@ -41,6 +41,11 @@ def parse(drawn: str) -> ET.Element:
     return ET.fromstring(drawn)  # noqa: S314 - our own output
 
 
+def at(element: ET.Element, name: str) -> float:
+    """A coordinate or size of an element."""
+    return float(element.get(name, "nan"))
+
+
 def example_plot(**changes: object) -> ET.Element:
     settings: dict[str, object] = {
         "ident": "p",
@@ -74,26 +79,22 @@ def test_marks_are_at_their_tick_positions():
     svg = example_plot()
     marks = [c for c in svg.iter("circle") if c.find("title") is not None]
     assert [m.findtext("title") for m in marks] == ["a", "<c>"]
-    y_of = {}
     lines = [e for e in svg.iter("line") if e.get("class") in ("grid", "zero")]
     labels = [e.text for e in svg.iter("text") if e.get("text-anchor") == "end"]
-    for line, words in zip(lines, labels, strict=False):
-        y_of[words] = float(line.get("y1", "nan"))
-    assert float(marks[0].get("cy", "nan")) == pytest.approx(y_of["\u22122"], abs=0.02)
-    assert float(marks[1].get("cy", "nan")) == pytest.approx(y_of["2"], abs=0.02)
-    band = next(e for e in svg.iter("rect") if float(e.get("width", "0")) > 100.0)
-    assert float(band.get("y", "nan")) == pytest.approx(y_of["1"], abs=0.02)
-    height = y_of["\u22121"] - y_of["1"]
-    assert float(band.get("height", "nan")) == pytest.approx(height, abs=0.03)
+    y_of = {label: at(line, "y1") for line, label in zip(lines, labels, strict=False)}
+    assert at(marks[0], "cy") == pytest.approx(y_of["\u22122"], abs=0.02)
+    assert at(marks[1], "cy") == pytest.approx(y_of["2"], abs=0.02)
+    band = next(e for e in svg.iter("rect") if at(e, "width") > 100.0)
+    assert at(band, "y") == pytest.approx(y_of["1"], abs=0.02)
+    assert at(band, "height") == pytest.approx(y_of["\u22121"] - y_of["1"], abs=0.03)
 
 
 def test_band_is_clipped_to_the_frame():
     svg = example_plot(layers=[Band(low=-50.0, high=50.0)])
-    band = next(e for e in svg.iter("rect"))
-    top, height = float(band.get("y", "nan")), float(band.get("height", "nan"))
+    band = next(svg.iter("rect"))
     frame = next(e for e in svg.iter("line") if e.get("class") == "frame")
-    assert top >= 0.0
-    assert top + height == pytest.approx(float(frame.get("y1", "nan")), abs=0.02)
+    assert at(band, "y") >= 0.0
+    assert at(band, "y") + at(band, "height") == pytest.approx(at(frame, "y1"), abs=0.02)
 
 
 def test_corrections_scale_each_row_by_its_maximum():
@@ -117,10 +118,9 @@ def test_corrections_scale_each_row_by_its_maximum():
     words = [e.text for e in svg.iter("text")]
     assert "0.50" in words
     assert "8.0" in words
-    dots = [(float(c.get("cy", "nan")), c.get("class")) for c in svg.iter("circle")]
+    dots = [(at(c, "cy"), c.get("class")) for c in svg.iter("circle")]
     assert dots[0][0] == dots[1][0]
-    zero = [e for e in svg.iter("line") if e.get("class") == "zero"]
-    middle = next(float(e.get("y1", "nan")) for e in reversed(zero))
+    middle = [at(e, "y1") for e in svg.iter("line") if e.get("class") == "zero"][-1]
     # -8 lies below zero twice as far as 4 lies above it.
     assert dots[2][0] - middle == pytest.approx(2.0 * (middle - dots[3][0]), abs=0.05)
     assert dots[2][0] > middle
@@ -142,11 +142,10 @@ def test_coverage_shows_covered_share_and_values_beyond_the_range():
     words = [e.text for e in svg.iter("text")]
     assert words[:2] == ["end of range [deg]", "covered [%]"]
     assert {"\u221210", "25"} <= set(words)
-    covered, full = (float(b.get("width", "nan")) for b in svg.iter("rect"))
+    covered, full = (at(b, "width") for b in svg.iter("rect"))
     assert covered == pytest.approx(0.25 * full, abs=0.02)
-    svg = coverage_plot(-10.0, 10.0, [-30.0, 5.0])
-    covered, frame = list(svg.iter("rect"))
-    start, width = float(covered.get("x", "nan")), float(covered.get("width", "nan"))
-    assert start == 74.0
+    covered, frame = coverage_plot(-10.0, 10.0, [-30.0, 5.0]).iter("rect")
+    assert at(covered, "x") == 74.0
     # From -30 the range begins half of the way to 10.
-    assert float(frame.get("x", "nan")) == pytest.approx(74.0 + 20.0 * width / 35.0, abs=0.02)
+    expected = 74.0 + 20.0 * at(covered, "width") / 35.0
+    assert at(frame, "x") == pytest.approx(expected, abs=0.02)

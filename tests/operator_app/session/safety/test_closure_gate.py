@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from operator_app.session.store.journal import read_journal
 from operator_app.session.store.replay import session_state
 from operator_app.session.workflow.capture import take_poses
 from operator_app.session.workflow.listener import Listener
-from tests.oracles.hearing import take_poses_until
+from tests.oracles.hearing import left_session, take_poses_until
 from tests.oracles.journal_events import event_data
 from tests.oracles.opened import MakeSession
 from tests.oracles.short_procedure import short_procedure
@@ -89,13 +90,10 @@ def test_impossible_reading_is_refused_even_with_homing(make_session, fault, par
     assert (event["probability"] is None) is ("outside its range" in parts[0])
 
 
-def arm_after(make_session: MakeSession, poses: int) -> ShiftedCounterArm:
+def arm_after(folder: Path, poses: int) -> ShiftedCounterArm:
     """The arm of a session that was closed after so many poses, at rest at the last one."""
     arm = ShiftedCounterArm(PROCEDURE)
-    session = make_session(PROCEDURE, arm=arm, connect=True)
-    if poses:
-        take_poses_until(session, poses)
-    session.close("left")
+    left_session(folder, arm, PROCEDURE, poses)
     arm.capture(500)
     return arm
 
@@ -105,20 +103,26 @@ def arm_after(make_session: MakeSession, poses: int) -> ShiftedCounterArm:
 @pytest.mark.parametrize(
     ("fault", "message"),
     [
-        pytest.param(shift(joint, degrees), OPEN_LOOP, id=f"shift {joint} by {degrees:+.0f} deg")
-        for joint in (1, 2, 3, 4)
-        for degrees in (-60.0, 60.0)
-    ]
-    + [pytest.param(reset_counter(1), "the counter of joint 1 is at zero", id="reset 1")],
+        *(
+            pytest.param(
+                shift(joint, degrees), OPEN_LOOP, id=f"shift {joint} by {degrees:+.0f} deg"
+            )
+            for joint in (1, 2, 3, 4)
+            for degrees in (-60.0, 60.0)
+        ),
+        pytest.param(reset_counter(1), "the counter of joint 1 is at zero", id="reset 1"),
+    ],
 )
-def test_impossible_reading_is_refused_after_few_poses(make_session, poses, fault, message):
-    arm = arm_after(make_session, poses)
+def test_impossible_reading_is_refused_after_few_poses(
+    make_session, tmp_path, poses, fault, message
+):
+    arm = arm_after(tmp_path / "session", poses)
     fault(arm)
     assert message in refuse(make_session, arm, homing=True, resume=True)[0]
 
 
-def test_sound_arm_resumes_after_few_poses(make_session):
-    arm = arm_after(make_session, 2)
+def test_sound_arm_resumes_after_few_poses(make_session, tmp_path):
+    arm = arm_after(tmp_path / "session", 2)
     session = make_session(PROCEDURE, arm=arm, resume=True, connect=True)
     take_poses_until(session, 3)
     assert len(session.state.poses) == 3
@@ -127,12 +131,9 @@ def test_sound_arm_resumes_after_few_poses(make_session):
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("poses", [0, 1, 20])
 def test_passed_and_refused_checks_are_journalled(make_session, tmp_path, poses):
-    folder, arm = tmp_path / "session", arm_after(make_session, poses)
-
-    def checks() -> list[dict[str, Any]]:
-        return [dict(e.data) for e in read_journal(folder).events if e.name == "standing"]
-
-    before = checks()
+    folder = tmp_path / "session"
+    arm = arm_after(folder, poses)
+    before = event_data(folder, "standing")
     if poses:
         # The first check, by the files alone, passed.
         (passed,) = before
@@ -142,7 +143,7 @@ def test_passed_and_refused_checks_are_journalled(make_session, tmp_path, poses)
     shift(2, 60.0)(arm)
     _, refused = refuse(make_session, arm, homing=True, resume=True)
     # After one pose: that it is too few for a check by the poses, then the check by the files.
-    assert len(checks()) == len(before) + (2 if poses == 1 else 1)
+    assert len(event_data(folder, "standing")) == len(before) + (2 if poses == 1 else 1)
     assert refused["probability"] < 1e-4
     assert session_state(read_journal(folder)).captured == poses
 

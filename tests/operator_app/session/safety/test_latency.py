@@ -1,8 +1,7 @@
-"""That this computer was too busy is said once each time, and kept; the arm is not blamed for it."""
+"""Host latency is reported once each time and journalled; the arm is not blamed for it."""
 
 import errno
 import os
-from collections.abc import Mapping
 from dataclasses import replace
 
 import pytest
@@ -18,7 +17,7 @@ from operator_app.session.store.journal import read_journal
 from operator_app.session.store.replay import session_state
 from operator_app.session.ui.operations import Operations
 from operator_app.session.workflow.drive_selection import visit
-from operator_app.session.workflow.session import Session
+from tests.oracles.journal_events import event_data
 from tests.oracles.journalled_sessions import Quiet
 from tests.oracles.plant_arm import PlantArm
 from tests.oracles.short_procedure import short_procedure
@@ -29,20 +28,19 @@ def late(times: int, last_s: float, longest_s: float) -> HostLatency:
 
 
 def test_one_delay_is_one_message_and_a_series_one_per_interval(approve):
-    news = LatenessReporter()
-    assert news.new_text(HostLatency(), 1000.0) == ""
-    approve(news.new_text(late(1, 0.4, 0.4), 1000.1))
-    assert news.new_text(late(1, 0.4, 0.4), 1000.2) == ""
+    text = LatenessReporter().new_text
+    assert text(HostLatency(), 1000.0) == ""
+    approve(text(late(1, 0.4, 0.4), 1000.1))
+    assert text(late(1, 0.4, 0.4), 1000.2) == ""
     for k in range(2, 8):  # again and again, a second apart
-        assert news.new_text(late(k, 0.5, 0.9), 1000.0 + k) == ""
-    assert "late 6 times, by 0.9 s at most:" in news.new_text(
-        late(7, 0.5, 0.9), 1001.0 + MIN_INTERVAL_S
-    )
-    assert news.new_text(late(7, 0.5, 0.9), 2000.0) == ""
-    assert "late by 0.5 s:" in news.new_text(late(8, 0.5, 0.9), 2000.0)
+        assert text(late(k, 0.5, 0.9), 1000.0 + k) == ""
+    series = text(late(7, 0.5, 0.9), 1001.0 + MIN_INTERVAL_S)
+    assert "late 6 times, by 0.9 s at most:" in series
+    assert text(late(7, 0.5, 0.9), 2000.0) == ""
+    assert "late by 0.5 s:" in text(late(8, 0.5, 0.9), 2000.0)
 
 
-class Busy(PlantArm):
+class BusyArm(PlantArm):
     """The plant, on a computer that is late."""
 
     lateness = HostLatency()
@@ -55,36 +53,32 @@ class Busy(PlantArm):
 def busy(make_session):
     """A session on an arm, connected."""
     procedure = short_procedure(40)
-    return make_session(procedure, arm=Busy(procedure, "exact"), connect=True)
-
-
-def kept(session: Session) -> list[Mapping[str, object]]:
-    events = read_journal(session.journal.path.parent).events
-    return [e.data for e in events if e.name == "late"]
+    return make_session(procedure, arm=BusyArm(procedure, "exact"), connect=True)
 
 
 def test_latency_is_in_the_journal_and_reported_at_the_next_pose(busy, capsys):
-    session, arm, listener = busy, busy.arm, ConsoleListener()
-    session.take_control()
-    session.set_modes((1, 5))
+    listener = ConsoleListener()
+    busy.take_control()
+    busy.set_modes((1, 5))
     lateness = iter((late(0, 0.0, 0.0), late(1, 0.4, 0.4), late(1, 0.4, 0.4), late(3, 0.5, 0.9)))
-    for waypoint, arm.lateness in enumerate(lateness):
-        assert visit(session, waypoint)
-        session.capture(waypoint)
-        listener.pose_captured(session.state, 10)
-    arm.lateness = late(4, 2.0, 2.0)  # after the last pose
-    session.close("end of the test")
-    assert [(k["times"], k["last_s"]) for k in kept(session)] == [(1, 0.4), (2, 0.5), (1, 2.0)]
-    contents = read_journal(session.journal.path.parent)
+    for waypoint, busy.arm.lateness in enumerate(lateness):
+        assert visit(busy, waypoint)
+        busy.capture(waypoint)
+        listener.pose_captured(busy.state, 10)
+    busy.arm.lateness = late(4, 2.0, 2.0)  # after the last pose
+    busy.close("end of the test")
+    journalled = [(data["times"], data["last_s"]) for data in event_data(busy, "late")]
+    assert journalled == [(1, 0.4), (2, 0.5), (1, 2.0)]
+    contents = read_journal(busy.journal.path.parent)
     assert session_state(contents).late == late(4, 2.0, 2.0)
-    said = [part for part in capsys.readouterr().err.split("Warning: ") if "this computer" in part]
-    assert len(said) == 2
-    assert "late by 0.4 s" in said[0]
-    assert "late 2 times, by 0.9 s at most" in said[1]
+    parts = capsys.readouterr().err.split("Warning: ")
+    first, second = (part for part in parts if "this computer" in part)
+    assert "late by 0.4 s" in first
+    assert "late 2 times, by 0.9 s at most" in second
 
 
 @pytest.mark.parametrize(
-    ("code", "times", "said"),
+    ("code", "times", "text"),
     [
         (EmergencyCode.HEARTBEAT_LOST, 1, "This computer was late by 0.83 s: the drives missed"),
         (EmergencyCode.HEARTBEAT_LOST, 3, "by 0.83 s (3 times, by 0.90 s at most)"),
@@ -92,30 +86,31 @@ def test_latency_is_in_the_journal_and_reported_at_the_next_pose(busy, capsys):
         (EmergencyCode.FOLLOWING, 1, ""),
     ],
 )
-def test_a_run_ended_by_missed_heartbeats_reports_host_latency(busy, code, times, said):
-    """There is no next pose at which it could be said."""
+def test_a_run_ended_by_missed_heartbeats_reports_host_latency(busy, code, times, text):
+    """No pose follows at which it could be reported."""
     busy.take_control()
     busy.set_modes((1, 5))
     busy.capture()
     if times:
         busy.arm.lateness = late(times, 0.83, 0.9 if times > 1 else 0.83)
-    held = busy.close("failed")
-    cause = DriveFault(1, code, "heartbeat or not")
-    lines = cut_short_lines(
-        CutShort(session=busy, cause=cause, connected=True, held=held, kept=True)
+    cut_short = CutShort(
+        session=busy,
+        cause=DriveFault(1, code, "heartbeat or not"),
+        connected=True,
+        held=busy.close("failed"),
+        kept=True,
     )
-    late_lines = [line for line in lines if "This computer was late" in line]
-    assert len(late_lines) == (1 if said else 0)
-    assert said in "".join(late_lines)
+    lines = [line for line in cut_short_lines(cut_short) if "This computer was late" in line]
+    assert len(lines) == bool(text)
+    assert text in "".join(lines)
 
 
-def test_latency_before_a_reconnect_is_kept(busy):
-    work = Operations(busy, Quiet(busy))
+def test_latency_before_a_reconnect_is_journalled(busy):
     busy.arm.lateness = late(2, 0.4, 0.7)
     closed = busy.arm.closed
-    work.connect()
+    Operations(busy, Quiet(busy)).connect()
     assert busy.arm.closed == closed + 1
-    assert kept(busy) == [{"times": 2, "last_s": 0.4, "longest_s": 0.7}]
+    assert event_data(busy, "late") == [{"times": 2, "last_s": 0.4, "longest_s": 0.7}]
 
 
 def test_the_arm_is_released_despite_full_disk_and_latency(busy, monkeypatch):

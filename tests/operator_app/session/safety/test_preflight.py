@@ -1,4 +1,4 @@
-"""May what the joints read be true, where the arm stands? Asked of drawn arms, wherever they stand."""
+"""Readings are checked against the closure of the loop before enabling, on drawn arms in any position."""
 
 import re
 from dataclasses import replace
@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from hardware.arm import Reading
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import GuardError
@@ -34,11 +35,10 @@ def test_a_sound_arm_is_accepted_in_any_position(name, kind):
 @pytest.mark.parametrize("kind", ["datasheet", "as_reported"])
 @pytest.mark.parametrize("zeros", [(1,), (3,), (5,), (1, 4), (2, 3, 5)])
 def test_a_sound_arm_with_joints_at_zero_is_accepted(name, kind, zeros):
-    """Where a counter begins is a convention: these stand at zero in this very pose."""
+    """The zero of a counter is a convention: these joints are at zero in this very pose."""
     procedure = load_procedure(name)
     for q in sound_poses(procedure, kind, 1, 3):
-        anew, there = _zeroed(procedure, q, zeros, q)
-        check_closure_without_poses(anew, reading_of(anew, there))
+        check_closure_without_poses(*zeroed(procedure, q, zeros, q))
 
 
 class ClosesAsWell:
@@ -64,73 +64,68 @@ def test_a_counter_at_zero_without_effect_is_not_called_reset(monkeypatch):
 @FIXTURES
 @pytest.mark.parametrize("zeros", [(1,), (3,), (2, 4), (3, 5), (1, 2, 3)])
 def test_counter_resets_are_named_in_any_position(name, zeros):
-    """By 40 deg each; a ball, which leaves four freedoms, says so of most of them only."""
+    """By 40 deg each; with a ball, which leaves four freedoms, most are refused without a name."""
     procedure = load_procedure(name)
-    said = []
+    refusals = []
     for q in sound_poses(procedure, "datasheet", 1, 4):
         before = q.copy()
         before[[j - 1 for j in zeros]] -= np.deg2rad(40.0)
-        anew, there = _zeroed(procedure, q, zeros, before)
-        said.append(_said(anew, there))
-    found = [text for text in said if text]
-    assert len(found) == 4 or (name == "ball" and len(found) >= 2)
-    for text in found:
+        refusals.append(refusal(*zeroed(procedure, q, zeros, before)))
+    refusals = [text for text in refusals if text]
+    assert len(refusals) == 4 or (name == "ball" and len(refusals) >= 2)
+    for text in refusals:
         named = re.search(r"counters? of joints? ([\d and]+) (is|are) at zero", text)
-        assert named is not None
         assert {int(j) for j in re.findall(r"\d", named[1])} <= set(zeros)
         assert f"Home joint {named[1]}" in text
 
 
 @pytest.mark.parametrize("degrees", [17.0, 22.0, 30.0])
 def test_a_counter_reset_near_zero_is_named(degrees):
-    """At 17 deg the loop closes with a chance of 1e-2, at 22 of 1e-4: little by itself, but not at zero."""
+    """At 17 deg the loop closes with a probability of 1e-2, at 22 deg of 1e-4."""
     procedure = load_procedure("hinge")
     q = procedure.arm.home_rad
-    # The nearest closed pose has joint 1 elsewhere: a few times, and it has it there.
+    # Iterated, as joint 1 of the nearest closed pose differs.
     for _ in range(20):
-        there = q.copy()
-        there[0] = np.deg2rad(degrees)
-        (q,) = sound_poses(procedure, "datasheet", 1, 1, near=there)
-    assert q[0] == pytest.approx(there[0], abs=np.deg2rad(0.1))
-    read = q.copy()
-    read[0] = 0.0
-    with pytest.raises(GuardError, match="counter of joint 1 is at zero") as refused:
-        check_closure_without_poses(procedure, reading_of(procedure, read))
-    assert "really is at zero" in refused.value.remedy
+        near = q.copy()
+        near[0] = np.deg2rad(degrees)
+        (q,) = sound_poses(procedure, "datasheet", 1, 1, near=near)
+    assert q[0] == pytest.approx(near[0], abs=np.deg2rad(0.1))
+    q[0] = 0.0
+    with pytest.raises(GuardError, match="counter of joint 1 is at zero") as error:
+        check_closure_without_poses(procedure, reading_of(procedure, q))
+    assert "really is at zero" in error.value.remedy
 
 
 def test_two_simultaneous_counter_resets_are_named():
     procedure = load_procedure("hinge")
     (q,) = sound_poses(procedure, "datasheet", 1, 1)
-    before = q.copy()
-    before[[1, 3]] -= np.deg2rad([40.0, -40.0])
-    said = _said(*_zeroed(procedure, q, (2, 4), before))
-    assert "counters of joints 2 and 4 are at zero" in said
-    assert "Home joint 2 and 4" in said
+    before = q - np.deg2rad([0.0, 40.0, 0.0, -40.0, 0.0, 0.0, 0.0])
+    text = refusal(*zeroed(procedure, q, (2, 4), before))
+    assert "counters of joints 2 and 4 are at zero" in text
+    assert "Home joint 2 and 4" in text
 
 
 def test_joints_with_home_near_zero_are_refused_with_evidence_only():
-    """They stand there often; yet 30 deg are no doubt, though no 1e-12 either."""
+    """Such joints are often at zero; 30 deg are evidence enough."""
     procedure = load_procedure("rigid")
     (q,) = sound_poses(procedure, "datasheet", 1, 1, near=procedure.arm.home_rad)
-    for degrees, said in ((0.0, ""), (8.0, ""), (30.0, "counter of joint 2 is at zero")):
+    for degrees, message in ((0.0, ""), (8.0, ""), (30.0, "counter of joint 2 is at zero")):
         before = q.copy()
         before[1] -= np.deg2rad(degrees)
-        anew, there = _zeroed(procedure, q, (2,), before)
-        home = anew.arm.home_rad.copy()
+        shifted, reading = zeroed(procedure, q, (2,), before)
+        home = shifted.arm.home_rad.copy()
         home[1] = 0.0
-        anew = replace(anew, arm=replace(anew.arm, home_rad=home))
-        found = _said(anew, there)
-        assert said in found
-        assert bool(said) == bool(found)
+        text = refusal(replace(shifted, arm=replace(shifted.arm, home_rad=home)), reading)
+        assert message in text
+        assert bool(message) == bool(text)
 
 
-def _said(procedure: Procedure, q_rad: np.ndarray) -> str:
-    """Why these readings are refused; empty if they are not."""
+def refusal(procedure: Procedure, reading: Reading) -> str:
+    """The error by which this reading is refused; empty if it is accepted."""
     try:
-        check_closure_without_poses(procedure, reading_of(procedure, q_rad))
-    except GuardError as refused:
-        return str(refused)
+        check_closure_without_poses(procedure, reading)
+    except GuardError as error:
+        return str(error)
     return ""
 
 
@@ -141,8 +136,8 @@ def sound_poses(
     arm, chosen = procedure.arm, Choices(scenario=kind, seed=seed)
     truth = virtual_arm(arm, procedure.fixture, chosen).true_loop()
     rng = np.random.default_rng(seed)
-    found: list[np.ndarray] = []
-    while len(found) < count:
+    poses: list[np.ndarray] = []
+    while len(poses) < count:
         away = np.deg2rad(rng.uniform(-20.0, 20.0, arm.joint_count))
         try:
             pose, _ = truth.closed_near(arm.home_rad + away if near is None else near)
@@ -150,27 +145,28 @@ def sound_poses(
             if near is not None:
                 raise
             continue
-        found.append(pose - truth.offsets_rad)
-    return found
+        poses.append(pose - truth.offsets_rad)
+    return poses
 
 
-def _zeroed(
-    procedure: Procedure, q_rad: np.ndarray, zeros: tuple[int, ...], truly_rad: np.ndarray
-) -> tuple[Procedure, np.ndarray]:
-    """The same arm where `zeros` count from `truly_rad` (n,), and what it reads at `q_rad` with all those at zero.
+def zeroed(
+    procedure: Procedure, q_rad: np.ndarray, zeros: tuple[int, ...], zero_rad: np.ndarray
+) -> tuple[Procedure, Reading]:
+    """The arm with its zeros of joints `zeros` at `zero_rad` (n,), and its reading at `q_rad` with them at zero.
 
-    With both the same they truly are there; else their counters began anew.
+    If both are the same, the joints are at zero; else their counters were reset.
     """
-    moved, columns = np.zeros(len(q_rad)), [j - 1 for j in zeros]
-    moved[columns] = truly_rad[columns]
-    read = q_rad - moved
+    shift, columns = np.zeros(len(q_rad)), [j - 1 for j in zeros]
+    shift[columns] = zero_rad[columns]
+    read = q_rad - shift
     read[columns] = 0.0
-    return with_shifted_zeros(procedure, moved), read
+    shifted = with_shifted_zeros(procedure, shift)
+    return shifted, reading_of(shifted, read)
 
 
 def test_a_loop_at_its_nominal_values_has_no_cost():
     procedure = load_procedure("hinge")
-    found = LoopAtReading(procedure, procedure.arm.home_rad).fit()
-    assert 0.0 <= found.chi2 < 1.0
-    assert found.dof == 5
-    np.testing.assert_allclose(found.q_rad, procedure.arm.home_rad, atol=np.deg2rad(3.0))
+    fit = LoopAtReading(procedure, procedure.arm.home_rad).fit()
+    assert 0.0 <= fit.chi2 < 1.0
+    assert fit.dof == 5
+    np.testing.assert_allclose(fit.q_rad, procedure.arm.home_rad, atol=np.deg2rad(3.0))

@@ -1,4 +1,4 @@
-"""A session that goes on asks whether arm and fixture are the same, before its drives are enabled."""
+"""A resumed session checks that arm and fixture are the same before its drives are enabled."""
 
 import shutil
 from contextlib import nullcontext
@@ -21,8 +21,7 @@ from operator_app.session.workflow.capture import take_poses
 from operator_app.session.workflow.drive_selection import HOMING_SPEED_RAD_PER_S
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
-from tests.oracles.hearing import RecordingListener, take_poses_until
-from tests.oracles.opened import opened
+from tests.oracles.hearing import RecordingListener, left_session, take_poses_until
 from tests.oracles.shop_floor import session
 from tests.oracles.short_procedure import short_procedure
 from tests.oracles.wrong_zero import ShiftedCounterArm, reading_of, with_shifted_zeros
@@ -32,23 +31,19 @@ PROCEDURE = short_procedure(40, "datasheet", seed=3)
 
 @pytest.fixture(scope="module")
 def left_after(tmp_path_factory):
-    """Folders of sessions of which so many poses were taken, each made once."""
+    """Folders of sessions that were left after some poses, each made once."""
 
     @cache
     def make(poses: int) -> Path:
         folder = tmp_path_factory.mktemp("left") / "session"
-        session = opened(folder, ShiftedCounterArm(PROCEDURE), PROCEDURE)
-        session.connect()
-        take_poses_until(session, poses)
-        session.close("left")
-        return folder
+        return left_session(folder, ShiftedCounterArm(PROCEDURE), PROCEDURE, poses)
 
     return make
 
 
 @pytest.fixture
 def resumed(left_after, make_session, tmp_path):
-    """Go on with a copy of such a session, joint `joint` off by so much; nothing is connected yet."""
+    """Resume a copy of such a session with a joint shifted; nothing is connected yet."""
 
     def make(
         poses: int = 20, joint: int = 1, degrees: float = 0.0
@@ -74,21 +69,21 @@ def test_the_same_arm_is_accepted(resumed):
     ("joint", "degrees"),
     [(1, 5.0), (2, -3.0), (3, 1.5), (4, 0.9), (5, 2.0), (6, 2.0), (6, -2.0), (7, 2.0), (7, -2.0)],
 )
-def test_a_shifted_zero_is_found_before_enabling(resumed, joint, degrees):
+def test_a_shifted_zero_is_detected_before_enabling(resumed, joint, degrees):
     session, arm = resumed(joint=joint, degrees=degrees)
     session.connect()
-    with pytest.raises(GuardError) as refused:
+    with pytest.raises(GuardError) as error:
         take_poses(session, Listener(), (1, 5))
-    said = str(refused.value)
+    text = str(error.value)
     assert len(session.state.poses) == 20
     if joint >= 5:
-        # Near the hand, the poses tell which joint it is, and by how much.
-        assert f"joint {joint} seems to have shifted by" in said
-        size = float(said.partition("shifted by ")[2].split()[0])
+        # Near the tool, the poses determine the joint and the size.
+        assert f"joint {joint} seems to have shifted by" in text
+        size = float(text.partition("shifted by ")[2].split()[0])
         assert size == pytest.approx(degrees, abs=0.3)
     else:
-        # Or, where the loop alone cannot see it, by the pose read again.
-        assert "does not close at the present pose" in said or f"joint {joint} has shifted" in said
+        # Where the loop alone cannot detect it, the repeated pose does.
+        assert "does not close at the present pose" in text or f"joint {joint} has shifted" in text
     if abs(degrees) > 1.0:
         assert arm.enabled == 0
 
@@ -137,52 +132,49 @@ def test_an_arm_without_nodes_is_refused_unless_simulated(make_session):
 def test_with_few_poses_the_nearest_is_measured_again(resumed, joint):
     session, arm = resumed(2, joint, 2.0)
     session.connect()
-    here, hearing = arm.snapshot().positions_rad, RecordingListener()
-    away = [np.abs(p.mean_rad - here)[[0, 4]].max() for p in session.state.poses]
+    q_rad, listener = arm.snapshot().positions_rad, RecordingListener()
+    away = [np.abs(p.mean_rad - q_rad)[[0, 4]].max() for p in session.state.poses]
     nearest = session.state.poses[int(np.argmin(away))]
     with pytest.raises(GuardError, match=f"pose {nearest.number} differs from its first reading"):
-        take_poses(session, hearing, (1, 5))
-    assert [text for text in hearing.said if f"to pose {nearest.number} at 5 deg/s" in text]
+        take_poses(session, listener, (1, 5))
+    assert [text for text in listener.said if f"to pose {nearest.number} at 5 deg/s" in text]
     assert {speed for _, speed in arm.moves} == {HOMING_SPEED_RAD_PER_S}
     assert len(session.state.poses) == 2
 
 
-SAGGED_DEG = (0.0, 0.0324, 0.25, 1.0, 4.9)
-
-
-def _standing(
-    q_rad: np.ndarray, joint: int, truly_rad: float, reads_rad: float
+def at_reading(
+    q_rad: np.ndarray, joint: int, true_rad: float, read_rad: float
 ) -> tuple[Procedure, Reading]:
-    """An arm of which a joint is `truly_rad` from where it counts from, and what it reads."""
-    moved, read = np.zeros(len(q_rad)), q_rad.copy()
-    moved[joint - 1] = q_rad[joint - 1] - truly_rad
-    read[joint - 1] = reads_rad
-    procedure = with_shifted_zeros(load_procedure("hinge"), moved)
+    """An arm with a joint `true_rad` from its zero, and its reading with that joint at `read_rad`."""
+    shift, read = np.zeros(len(q_rad)), q_rad.copy()
+    shift[joint - 1] = q_rad[joint - 1] - true_rad
+    read[joint - 1] = read_rad
+    procedure = with_shifted_zeros(load_procedure("hinge"), shift)
     return procedure, reading_of(procedure, read)
 
 
 @pytest.mark.sample(5)
-@pytest.mark.parametrize("sagged_deg", SAGGED_DEG)
+@pytest.mark.parametrize("sagged_deg", [0.0, 0.0324, 0.25, 1.0, 4.9])
 @pytest.mark.parametrize("joint", [1, 2, 3, 4, 5])
 def test_a_reset_joint_is_named_despite_sag_and_others_are_not(joint, sagged_deg):
     """Arms by the shop floor's generator, within what their files state; that joint 60 deg from zero."""
     for seed, side in ((0, -1.0), (1, 1.0)):
         q, near = session(seed, poses=2).readings[0], side * np.deg2rad(sagged_deg)
-        check_closure_without_poses(*_standing(q, joint, near, near))
+        check_closure_without_poses(*at_reading(q, joint, near, near))
         where = "at zero" if sagged_deg == 0.0 else "near zero"
-        with pytest.raises(ConnectAgainError, match=f"joint {joint} is {where}") as refused:
-            check_closure_without_poses(*_standing(q, joint, side * np.deg2rad(60.0), near))
-        assert f"Home joint {joint}" in str(refused.value)
+        with pytest.raises(ConnectAgainError, match=f"joint {joint} is {where}") as error:
+            check_closure_without_poses(*at_reading(q, joint, side * np.deg2rad(60.0), near))
+        assert f"Home joint {joint}" in str(error.value)
 
 
 def test_of_several_joints_near_zero_the_nearest_comes_first():
     arm = load_procedure("hinge").arm
     q = np.deg2rad([4.0, 0.03, -0.0004, 30.0, 6.0, 0.0, 0.0])
-    found = counters_near_zero(arm, q)
+    counters = counters_near_zero(arm, q)
     # Joints 6 and 7 have RVDTs, which lose no count.
-    assert list(found) == [3, 2, 1]
-    assert found[3] == 1.0
-    assert found[2] == pytest.approx(0.03 / (2.5 * 360.0 / 400_000))
+    assert list(counters) == [3, 2, 1]
+    assert counters[3] == 1.0
+    assert counters[2] == pytest.approx(0.03 / (2.5 * 360.0 / 400_000))
 
 
 @pytest.mark.parametrize(
@@ -201,11 +193,11 @@ def test_of_several_joints_near_zero_the_nearest_comes_first():
 )
 def test_a_joint_nearer_to_zero_than_to_its_range_was_reset(range_deg, reads_deg, refused):
     arm = load_procedure("hinge").arm
+    first, *others = arm.joints
     lower, upper = np.deg2rad(range_deg)
-    joint = replace(arm.joints[0], lower_rad=float(lower), upper_rad=float(upper))
-    arm = replace(arm, joints=(joint, *arm.joints[1:]))
+    arm = replace(arm, joints=(replace(first, lower_rad=lower, upper_rad=upper), *others))
     q = arm.home_rad.copy()
     q[0] = np.deg2rad(reads_deg)
-    says = pytest.raises(ConnectAgainError, match=r"joint 1 reads .*, outside its range")
-    with says if refused else nullcontext():
+    refusal = pytest.raises(ConnectAgainError, match=r"joint 1 reads .*, outside its range")
+    with refusal if refused else nullcontext():
         check_counters(arm, q)

@@ -18,17 +18,18 @@ SHORT = written([(name, data) for name, data in events() if name != "opened"])
 
 
 def broken(raw: bytes, line: int, *, sums: bool = False) -> bytes:
-    """A line of which no proof is left: several bytes of it were changed, of its checksum as well."""
+    """The journal with several bytes of a line changed, so that no proof is left; `sums`: of its checksum as well."""
     lines = raw.splitlines(keepends=True)
-    found = bytearray(lines[line - 1])
-    for k in (10, 30, len(found) // 2):
-        found[k] = ord("#")
+    changed = bytearray(lines[line - 1])
+    for k in (10, 30, len(changed) // 2):
+        changed[k] = ord("#")
     if sums:
-        found[-20:-10] = b"##########"
-    return b"".join([*lines[: line - 1], bytes(found), *lines[line:]])
+        changed[-20:-10] = b"##########"
+    lines[line - 1] = bytes(changed)
+    return b"".join(lines)
 
 
-def told(folder: Path) -> list[tuple[str, dict]]:
+def entries(folder: Path) -> list[tuple[str, dict]]:
     return [(e.name, dict(e.data)) for e in read_journal(folder).events]
 
 
@@ -46,10 +47,9 @@ def test_one_flipped_bit_does_not_lose_a_session(tmp_path):
         read_journal(tmp_path)
     found = repair_journal(tmp_path)
     assert found.lost == ()
-    assert found.aside is not None
     assert found.aside.read_bytes() == bytes(raw)
-    *kept, note = told(tmp_path)
-    assert kept == events()
+    *remaining, note = entries(tmp_path)
+    assert remaining == events()
     assert note == ("repaired", {"original": found.aside.name, "lost": [], "restored": [1]})
     # What was concluded still stands: everything that it was made of is there.
     assert found.state.solved["accepted"]
@@ -63,29 +63,26 @@ def test_any_flipped_bit_is_repaired(position, bit):
     raw[position] ^= 1 << bit
     lines, torn = examine_lines(bytes(raw))
     assert not torn
-    kept = [(line.event.name, line.event.data) for line in lines if line.event is not None]
-    assert kept == [e for e in events() if e[0] != "opened"]
+    remaining = [(line.event.name, line.event.data) for line in lines if line.event is not None]
+    assert remaining == [e for e in events() if e[0] != "opened"]
     assert sum(bool(line.words) for line in lines) == 1
 
 
 @pytest.mark.parametrize(("sums", "lost"), [(False, [9]), (True, [9, 10])])
 def test_unproven_lines_are_dropped_reported_and_the_rest_kept(tmp_path, sums, lost):
+    session(tmp_path / "last", broken(SOUND, len(events())))
+    assert list(repair_journal(tmp_path / "last").lost) == [len(events())]
     session(tmp_path, broken(SOUND, 9, sums=sums))
     found = repair_journal(tmp_path)
     assert list(found.lost) == lost
-    *kept, note = told(tmp_path)
-    assert kept == [e for k, e in enumerate(events(), 1) if k not in lost]
+    *remaining, note = entries(tmp_path)
+    assert remaining == [e for k, e in enumerate(events(), 1) if k not in lost]
     assert note[1]["lost"] == lost
     assert "pose 2" in found.lines[8].words
     assert [p.number for p in found.state.used_poses] == [1, 4]
     # What was made of those poses does not count any more.
     assert found.state.solved == {}
     assert found.state.resumed
-
-
-def test_the_last_line_is_dropped_only_without_proof(tmp_path):
-    session(tmp_path, broken(SOUND, len(events())))
-    assert list(repair_journal(tmp_path).lost) == [len(events())]
 
 
 def test_invalid_content_is_set_aside(tmp_path):
@@ -124,13 +121,13 @@ def test_the_command_reports_each_line_and_the_session_continues(tmp_path, run_c
     folder = session(tmp_path / "one", broken(SOUND, 9))
     assert f"sarcal session repair {folder}" in run_command(2, "report", "one", *root).err
     assert "name the session" in run_command(2, "session", "repair", *root).err
-    said = run_command(0, "session", "repair", "one", *root).words
-    assert "untouched in" in said
-    assert "lines 1 to 8: kept, verified by their checksum" in said
-    assert "line 9: lost: the checksum does not match; probably: pose 2" in said
-    assert f"lines 10 to {len(events())}: kept" in said
-    assert "2 poses count" in said
-    assert f"Go on with: sarcal run --resume {folder}" in said
+    text = run_command(0, "session", "repair", "one", *root).words
+    assert "untouched in" in text
+    assert "lines 1 to 8: kept, verified by their checksum" in text
+    assert "line 9: lost: the checksum does not match; probably: pose 2" in text
+    assert f"lines 10 to {len(events())}: kept" in text
+    assert "2 poses count" in text
+    assert f"Go on with: sarcal run --resume {folder}" in text
     assert run_command(0, "session", "show", "one", "--json", *root).json["poses"] == 2
     found = run_command(0, "session", "repair", "one", "--json", *root).json
     assert (found["repaired"], found["original"]) == (False, None)
@@ -139,8 +136,7 @@ def test_the_command_reports_each_line_and_the_session_continues(tmp_path, run_c
 
 def test_a_session_without_its_first_line_keeps_poses_but_cannot_continue(tmp_path, run_command):
     session(tmp_path / "one", broken(SOUND, 1))
-    said = run_command(0, "session", "repair", "one", "--sessions", tmp_path).out
-    assert "cannot be resumed" in said
+    text = run_command(0, "session", "repair", "one", "--sessions", tmp_path).out
+    assert "cannot be resumed" in text
     state = read_session(tmp_path / "one").state
-    assert state is not None
     assert len(state.used_poses) == 3

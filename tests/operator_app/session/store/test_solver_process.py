@@ -40,13 +40,17 @@ def wait_until_gone(pid: int) -> None:
 
 def test_a_solver_process_gives_the_same_result(reference_data):
     poses = load_poses(reference_data / "hinge" / "hinge_quantised.csv").poses
-    given = load_arm("sarcos_dextrous"), load_fixture("hinge").fixture, poses
-    here_said: list[int] = []
-    there_said: list[int] = []
-    here = calibrate(*given, progress=lambda number, _: here_said.append(number))
+    arguments = load_arm("sarcos_dextrous"), load_fixture("hinge").fixture, poses
+
+    def result_of(call, *function):
+        numbers: list[int] = []
+        result = call(*function, *arguments, progress=lambda number, _: numbers.append(number))
+        return result, numbers
+
+    here, progress_here = result_of(calibrate)
     with SolvingProcess() as process:
-        there = process(calibrate, *given, progress=lambda number, _: there_said.append(number))
-    assert there_said == here_said
+        there, progress_there = result_of(process, calibrate)
+    assert progress_there == progress_here
     np.testing.assert_allclose(there.estimate.x, here.estimate.x, rtol=1e-9)
     np.testing.assert_allclose(there.estimate.covariance, here.estimate.covariance, rtol=1e-6)
     assert (there.reasons, there.warnings) == (here.reasons, here.warnings)
@@ -65,9 +69,9 @@ def test_a_solver_process_has_no_bus_terminal_or_screen():
 
 def test_a_solver_process_works_in_sequence_and_ends():
     with SolvingProcess() as process:
-        said: list[int] = []
-        assert process(jobs.count, 5, progress=lambda n, _: said.append(n)) == 5
-        assert said == [0, 1, 2, 3, 4]
+        numbers: list[int] = []
+        assert process(jobs.count, 5, progress=lambda n, _: numbers.append(n)) == 5
+        assert numbers == [0, 1, 2, 3, 4]
         first, second = (process(jobs.process_state, "")["pid"] for _ in range(2))
         assert first == second
     wait_until_gone(first)
@@ -139,7 +143,6 @@ def test_a_solver_process_ends_with_its_killed_parent(tmp_path):
         stdout=subprocess.PIPE,
         env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
     )
-    assert parent.stdout is not None
     assert parent.stdout.readline() == b"solving\n"
     child = int(mark.read_text("utf-8"))
     assert not gone(child)

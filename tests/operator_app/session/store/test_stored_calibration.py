@@ -87,7 +87,6 @@ def test_other_options_and_old_journals_are_solved_again(session, procedure):
     paper = session_calibration(state, procedure, estimator="paper", unsensed_joints=())
     # What judged it stands beside it, and is what the other estimator gives.
     beside = paper.solution.beside
-    assert beside is not None
     assert beside.estimator == "implicit"
     np.testing.assert_array_equal(beside.x, other.solution.identified.x)
     assert paper.solution.estimate.x.tobytes() == other.solution.beside.x.tobytes()

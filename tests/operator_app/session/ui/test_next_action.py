@@ -1,4 +1,4 @@
-"""The line above the keys: true, and short enough for the smallest terminal."""
+"""The hint above the keys: the next action, short enough for the smallest terminal."""
 
 from dataclasses import replace
 from functools import cache
@@ -17,23 +17,22 @@ from tests.oracles.story import busy, diverged, lost, real, stale, stopped, stor
 
 
 @cache
-def pictures():
-    told = story()
+def snapshots():
     return {
-        **told,
+        **story(),
         **{
-            f"{name}, {how.__name__}": how(picture)
-            for name, picture in told.items()
-            for how in (real, *((stopped, stale, lost, diverged, tripped) if picture.arm else ()))
+            f"{name}, {change.__name__}": change(s)
+            for name, s in story().items()
+            for change in (real, *((stopped, stale, lost, diverged, tripped) if s.arm else ()))
         },
-        "moving": busy(told["capturing"], TaskKind.AUTOMATIC, moves=True),
+        "moving": busy(story()["capturing"], TaskKind.AUTOMATIC, moves=True),
     }
 
 
 @pytest.mark.parametrize("step", list(Step), ids=lambda step: step.title)
 def test_hints_fit_two_rows_of_80_columns(step):
-    for name, picture in pictures().items():
-        hint = next_action(step, picture).hint
+    for name, snapshot in snapshots().items():
+        hint = next_action(step, snapshot).hint
         assert len(wrapped(f" Next {hint}", 79, indent=" " * 6)) <= 2, (name, hint)
 
 
@@ -46,36 +45,32 @@ def uploaded(*, modes_applied: bool, verified: VerificationResult | None = None)
 
 
 def test_after_the_upload_a_verification_is_offered():
-    """From a held arm as well: the modes are applied again with the same key."""
+    """Also from a held arm: the same key applies the modes again."""
     for applied in (False, True):
         assert "y verifies" in next_action(Step.EXPORT, uploaded(modes_applied=applied)).hint
 
 
-@pytest.mark.parametrize(("holds", "said"), [(True, "verified"), (False, "find the cause")])
-def test_a_verification_result_is_the_last_hint(holds, said):
-    found = replace(story()["verified"].verification, odd_poses=() if holds else (0,))
-    hint = next_action(Step.EXPORT, uploaded(modes_applied=True, verified=found)).hint
-    assert said in hint
+@pytest.mark.parametrize(("holds", "text"), [(True, "verified"), (False, "find the cause")])
+def test_a_verification_result_is_the_last_hint(holds, text):
+    result = replace(story()["verified"].verification, odd_poses=() if holds else (0,))
+    hint = next_action(Step.EXPORT, uploaded(modes_applied=True, verified=result)).hint
+    assert text in hint
     assert hint.endswith("Enter or q quits")
 
 
-def test_disabled_drives_lead_back_to_the_modes():
+def test_disabled_drives_lead_back_to_the_modes_and_a_missing_arm_to_connect():
     s = story()["capturing"]
     joints = tuple(replace(j, drive=DriveState.SWITCH_ON_DISABLED) for j in s.arm.joints)
-    found = next_action(Step.CAPTURE, replace(s, arm=replace(s.arm, joints=joints)))
-    assert found.action == "back"
-    assert "apply the modes again" in found.hint
-    assert "Enter" in found.hint
-
-
-def test_without_an_arm_the_hint_is_to_connect():
-    gone = replace(story()["capturing"], identity=None, arm=None)
+    action = next_action(Step.CAPTURE, replace(s, arm=replace(s.arm, joints=joints)))
+    assert action.action == "back"
+    assert "apply the modes again" in action.hint
+    assert "Enter" in action.hint
     for step in (Step.FIXTURE, Step.MODES, Step.CAPTURE):
-        assert next_action(step, gone).action == "step_1"
+        assert next_action(step, replace(s, identity=None, arm=None)).action == "step_1"
 
 
 def test_an_open_arm_drives_all_joints():
-    """Nothing is free that could give way: the words say so before and after the question."""
+    """No joint is free: hint and question do not mention free joints."""
     s = story()["ticked"]
     every = tuple(range(1, s.procedure.arm.joint_count + 1))
     opened = replace(s, procedure=load_procedure("open_loop"), selected_joints=every, mobility=7)

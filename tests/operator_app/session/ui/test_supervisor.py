@@ -1,4 +1,4 @@
-"""What a person is told of the arm's motion."""
+"""Motion of the arm as shown to the operator: speed, rest and its limits."""
 
 from dataclasses import replace
 from types import MappingProxyType
@@ -14,11 +14,11 @@ from solver.chain.sensors import NoSensor
 PROCEDURE = load_procedure("hinge")
 ALLOWED = np.array(PROCEDURE.capture.settle.spread_rad(PROCEDURE.arm))
 HOME = np.full(PROCEDURE.arm.joint_count, 0.3)
-LOOK_S = 0.05
+SAMPLE_S = 0.05
 SYNC_S = 0.01
 
 
-def look(k: int, q: np.ndarray) -> tuple[float, ArmSnapshot]:
+def sample(k: int, q: np.ndarray) -> tuple[float, ArmSnapshot]:
     joints = tuple(
         JointState(
             joint=j, position_counts=0, position_rad=float(angle), speed_rad_per_s=0.0,
@@ -27,71 +27,70 @@ def look(k: int, q: np.ndarray) -> tuple[float, ArmSnapshot]:
         for j, angle in enumerate(q, 1)
     )  # fmt: skip
     arm = ArmSnapshot(
-        sync_count=round(k * LOOK_S / SYNC_S), joints=joints, heartbeat_age_s=MappingProxyType({}),
+        sync_count=round(k * SAMPLE_S / SYNC_S), joints=joints, heartbeat_age_s=MappingProxyType({}),
         token=0, faults=(), stopped=False, moving=False,
     )  # fmt: skip
-    return k * LOOK_S, arm
+    return k * SAMPLE_S, arm
 
 
-def watched(*angles: np.ndarray) -> Motion:
-    watch = MotionMonitor(PROCEDURE.arm, PROCEDURE.capture)
+def observed(*angles: np.ndarray) -> Motion:
+    monitor = MotionMonitor(PROCEDURE.arm, PROCEDURE.capture)
     for k, q in enumerate(angles):
-        found = watch.update(*look(k, q))
-    return found
+        motion = monitor.update(*sample(k, q))
+    return motion
 
 
 def test_a_steady_motion_has_its_speed_and_is_not_at_rest():
     speed = np.deg2rad([20.0, 0, 0, -3.0, 0, 0, 0])
-    found = watched(*(HOME + k * LOOK_S * speed for k in range(30)))
-    assert found.speed_rad_per_s == pytest.approx(speed, abs=1e-12)
-    assert (found.still, found.held_s, found.worst_joint) == (False, 0.0, 1)
-    assert found.sync_rate_hz == pytest.approx(100.0)
+    motion = observed(*(HOME + k * SAMPLE_S * speed for k in range(30)))
+    assert motion.speed_rad_per_s == pytest.approx(speed, abs=1e-12)
+    assert (motion.still, motion.held_s, motion.worst_joint) == (False, 0.0, 1)
+    assert motion.sync_rate_hz == pytest.approx(100.0)
 
 
 def test_sensor_noise_is_not_motion():
     sigma = np.array([joint.sensor.sigma_rad for joint in PROCEDURE.arm.joints])
     noise = np.random.default_rng(3).standard_normal((200, len(HOME))) * sigma
-    found = watched(*(HOME + noise))
-    assert found.still
-    assert found.held_s == pytest.approx(199 * LOOK_S)
+    motion = observed(*(HOME + noise))
+    assert motion.still
+    assert motion.held_s == pytest.approx(199 * SAMPLE_S)
     # 20 + 32 SYNC
-    assert found.needed_s == pytest.approx(0.52)
-    # Eleven looks in half a second: the sum of squared times is 0.275 s^2.
-    assert np.all(np.abs(found.speed_rad_per_s) < 5.0 * sigma / np.sqrt(0.275))
+    assert motion.needed_s == pytest.approx(0.52)
+    # Eleven samples in half a second: the sum of squared times is 0.275 s^2.
+    assert np.all(np.abs(motion.speed_rad_per_s) < 5.0 * sigma / np.sqrt(0.275))
 
 
 def test_rest_begins_when_the_last_motion_left_the_window():
     steps = [0.0] * 20 + [0.01] + [0.02] * 20
-    found = watched(*(HOME + step for step in steps))
-    assert found.still
-    # The window is 20 SYNC, four looks; the last movement was between looks 20 and 21.
-    assert found.held_s == pytest.approx((40 - 24) * LOOK_S)
+    motion = observed(*(HOME + step for step in steps))
+    assert motion.still
+    # The window is 20 SYNC, four samples; the last movement was between samples 20 and 21.
+    assert motion.held_s == pytest.approx((40 - 24) * SAMPLE_S)
 
 
 def test_a_joint_beyond_its_limit_is_named():
     q = HOME.copy()
     q[2] += 2.0 * ALLOWED[2]
-    found = watched(HOME, HOME, q)
-    assert (found.still, found.worst_joint) == (False, 3)
-    assert found.spread_share == pytest.approx(2.0)
+    motion = observed(HOME, HOME, q)
+    assert (motion.still, motion.worst_joint) == (False, 3)
+    assert motion.spread_share == pytest.approx(2.0)
 
 
 def test_a_gap_in_the_data_resets_the_window():
-    watch = MotionMonitor(PROCEDURE.arm, PROCEDURE.capture)
-    watch.update(*look(0, HOME))
-    watch.reset()
-    found = watch.update(*look(40, HOME + 0.3))
-    assert found.still
-    assert found.held_s == 0.0
-    assert not found.speed_rad_per_s.any()
+    monitor = MotionMonitor(PROCEDURE.arm, PROCEDURE.capture)
+    monitor.update(*sample(0, HOME))
+    monitor.reset()
+    motion = monitor.update(*sample(40, HOME + 0.3))
+    assert (motion.still, motion.held_s) == (True, 0.0)
+    assert not motion.speed_rad_per_s.any()
 
 
 def test_an_unsensed_joint_is_ignored():
     procedure = load_procedure("hinge")
     joints = list(procedure.arm.joints)
     joints[6] = replace(joints[6], sensor=NoSensor())
-    watch = MotionMonitor(replace(procedure.arm, joints=tuple(joints)), procedure.capture)
+    monitor = MotionMonitor(replace(procedure.arm, joints=tuple(joints)), procedure.capture)
     moved = HOME.copy()
     moved[6] += 1.0
-    watch.update(*look(0, HOME))
-    assert watch.update(*look(1, moved)).still
+    monitor.update(*sample(0, HOME))
+    assert monitor.update(*sample(1, moved)).still

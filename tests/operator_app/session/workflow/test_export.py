@@ -92,7 +92,6 @@ def test_export_of_a_calibration_not_accepted_needs_a_reason(make_session):
     assert not session.state.exported
 
     forced = run(session, Listener(), forced="the demo\nis tonight")
-    assert forced.exported is not None
     assert session.state.exported["forced"] == "the demo\nis tonight"
     warning = load_parameters(forced.exported.parameters).warnings[0]
     assert warning.code == "FORCED"
@@ -105,7 +104,6 @@ def test_reason_for_an_accepted_calibration_is_not_recorded(make_session):
     session = make_session(short_procedure(20))
     result = run(session, Listener(), forced="just in case")
     assert result.solution.accepted
-    assert result.exported is not None
     assert session.state.exported["forced"] == ""
     codes = [w.code for w in load_parameters(result.exported.parameters).warnings]
     assert "FORCED" not in codes
@@ -121,15 +119,12 @@ def test_resuming_shows_the_export_if_file_and_controller_still_have_it(make_ses
     publisher = Quiet(resumed)
     Operations(resumed, publisher).connect()
     exported, receipt = publisher.shown.written, publisher.shown.receipt
-    assert exported is not None
-    assert receipt is not None
     assert exported.parameters.name == "parameters.yaml"
     assert receipt.length == len(exported.parameters.read_bytes())
     resumed.close("done")
 
     other_controller = make_session(procedure, resume=True, connect=True)
     export_there = recorded_export(other_controller, other_controller.arm.active_parameters())
-    assert export_there is not None
     assert export_there.receipt is None
     exported.parameters.write_text("changed")
     assert recorded_export(other_controller, b"") is None

@@ -160,7 +160,6 @@ def test_replay_of_a_journal_repeats_the_decisions(complete_run, tmp_path, share
     run.capture.ready()
     assert run.said == []
     campaign = run.capture.campaign
-    assert campaign is not None
     assert is_same_action(campaign.propose(), events[k].name, events[k].data)
 
 

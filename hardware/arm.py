@@ -73,8 +73,8 @@ class ArmIdentity:
     unwatching
         Joints whose drives do not report that they monitor the operator's heartbeat.
     configured, zeroed
-        Sentences on what was written into drives: `configured` has all; `zeroed` only those on torques and offsets set
-        to 0, whose former values a communication reset may not restore.
+        Sentences on what was written into drives. `configured` has all of them. `zeroed` has only those on torques and
+        offsets that were set to 0: a communication reset may not restore their former values.
     keeps_parameters
         Whether a controller stores a parameter document; if not, nothing is uploaded.
     """

@@ -30,11 +30,12 @@ COUPLED_FRACTION, COUPLED_NOISE = 0.1, 0.6
 """A real jerk moves another joint by more than COUPLED_FRACTION of the jump plus COUPLED_NOISE of that joint's
 threshold."""
 MOTION_FACTOR = 6.0
-"""Ratio of the threshold in motion to the threshold at rest: targets arrive with some jitter."""
+"""Ratio of the jump threshold in motion to that at rest; it is above 1 because targets arrive with some jitter."""
 JERK_SYNCS = 15
 """SYNCs without detection after a drive is enabled or its mode changes: the joint may jerk."""
 QUIET_SYNCS, ECHO_SYNCS = 10, 2
-"""No other outlier may lie within QUIET_SYNCS of a jump; outliers within ECHO_SYNCS belong to the jump itself."""
+"""A jump is confirmed only if the joint has no other outlier within QUIET_SYNCS of it. Outliers within ECHO_SYNCS do
+not count, because the jump itself causes them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

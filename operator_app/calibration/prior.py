@@ -223,7 +223,8 @@ def innovation(experiment: Experiment, reading: PoseSet) -> Innovation | None:
 
 
 LEAST, AT_MOST = 10, 60
-"""Fewest earlier poses for a test, and number of latest poses to which the fit is limited, to bound its time."""
+"""The test needs at least LEAST earlier poses; its fit uses only the latest AT_MOST of these, to save computing time.
+"""
 
 
 def is_unpredicted(experiment: Experiment) -> bool:

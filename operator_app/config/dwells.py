@@ -53,7 +53,10 @@ class RefusedDwell:
 
 
 def poses_of(dwells: Sequence[Dwell], utc_of: Callable[[float], str]) -> PoseSet:
-    """Return one pose per dwell, in order; `utc_of` formats a start time ("": not a calendar time)."""
+    """Return one pose per dwell, in order.
+
+    `utc_of` formats a start time (s) as UTC; it returns "" if the log's times are not calendar times.
+    """
     utc = tuple(utc_of(d.start_s) for d in dwells)
     return PoseSet(
         placement=np.ones(len(dwells), dtype=np.int64),

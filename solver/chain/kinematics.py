@@ -155,8 +155,9 @@ def forward(
 
 _AXIS = np.array([{DhKind.A: 0, DhKind.ALPHA: 0, DhKind.BETA: 1}.get(kind, 2) for kind in DhKind])
 _TURNS = np.array([kind.is_angle for kind in DhKind])
-"""`_AXIS` (5,): axis (x 0 or y 1 of the frame after the link, z 2 of the frame before it) along or about which each
-`DhKind` moves the links after it. `_TURNS` (5,): whether each `DhKind` is an angle."""
+"""`_AXIS` (5,): index of the axis along which (lengths) or about which (angles) each `DhKind` moves the links after it:
+x (0) or y (1) of the frame after the link, or z (2) of the frame before the link. `_TURNS` (5,): whether each `DhKind`
+is an angle."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -244,7 +244,7 @@ class LoadedDeflection:
     sizes: FloatArray
 
     def columns(self, poses: slice) -> FloatArray:
-        """Shapes (m, k, c) along the closure components."""
+        """Return the shapes (m, k, c): each closure component's deflection, rad or m, per unit of each coefficient."""
         scale = np.sqrt(1.0 - UNMODELLED_SHARE) * self.sizes
         return np.asarray(scale[:, None] * self.loads.deflection_at(poses))
 

@@ -129,7 +129,7 @@ def joints_outside_box(session: Session) -> str:
 
 
 def require_no_reset_counter(session: Session) -> None:
-    """Raise GuardError if a drive joint reads zero and zero is outside its box: the counter may have been reset.
+    """Raise GuardError if a drive joint reads zero but the procedure's box excludes zero: its counter may be reset.
 
     The operator cannot override this: with a wrong reading, the joint would go to another position than its home.
     """

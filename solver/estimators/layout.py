@@ -29,7 +29,7 @@ from solver.estimators.shapes import (
 from solver.loops.closure import ClosureModel
 
 LEAST_NOISE_SHARE = 1e-3
-"""Smallest standard deviation of an analogue reading, as a share of the stated one."""
+"""Smallest standard deviation of an analogue reading, as a share of the stated standard deviation."""
 
 SMALLEST_DEFLECTION = 1e-8
 """Smallest deflection (rad, m) of a fixture, also assumed if the fixture is stated to be rigid."""
@@ -38,7 +38,7 @@ LARGEST_PLACEMENT_SCALE = 100.0
 """Largest distance of a fixture from its stated place, in units of the stated tolerance."""
 
 SMALLEST_SCALE = 0.03
-"""Smallest scale of a source of error, as a share of the stated one: less has no effect on an estimate."""
+"""Smallest estimated scale of a source of error (1: as stated); a smaller scale has no effect on an estimate."""
 
 LEAST_CURVE = 0.1
 """Smallest linearity deviation of an analogue sensor, as a share of its specification."""
@@ -51,11 +51,11 @@ DEFLECTION_RAISE_LIMIT = 5e-4
 """Start of the search for a deflection that is not stated (rad, m)."""
 
 LARGEST_SCALE = 10.0
-"""Largest errors of lengths, twists and encoders, play and sag, in units of the stated ones. Larger ones are a fault,
-for the tests to diagnose: without bounds a fit of many poses would explain any fault by these errors."""
+"""Largest errors of lengths, twists and encoders, play and sag, in units of the stated errors. Larger errors are a
+fault, which the tests diagnose: without bounds, a fit of many poses would explain any fault by these errors."""
 
 LARGEST_DISCREPANCY = 5.0
-"""Largest discrepancy, in units of `UNIT_DISCREPANCY`: a larger one is diagnosed as a fault."""
+"""Largest discrepancy that is estimated, in units of `UNIT_DISCREPANCY`; a larger one is diagnosed as a fault."""
 
 UNIT_DISCREPANCY = 1e-3
 """Unit of the discrepancy: 1 mm and 1 mrad."""

@@ -21,8 +21,8 @@ from hardware.errors import BusError, DuplicateNodeId, FramesLost, HardwareError
 ANSWER_TIMEOUT_S = 1.0
 READ_ATTEMPTS = 3
 COMMAND_TIMEOUT_FACTOR = 5.0
-"""Factor on the time-out of a command, which is answered only when it is done: a document is parsed, or written to
-disk."""
+"""The time-out of a command is this many times the usual one, because a command is answered only once it has been
+carried out (a document has been parsed, or written to disk)."""
 MIN_UNANSWERED, MAX_UNANSWERED_FRACTION = 8, 0.1
 """Access stops when at least this number, and more than this fraction, of all requests are unanswered. A connection
 needs 600 requests: with 1 % of all frames lost, 2 connections in 10,000 are refused; with 10 % lost, all are."""

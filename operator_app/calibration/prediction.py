@@ -66,7 +66,7 @@ def shift_in_words(shift: CommonShift) -> str:
 def predict_new_poses(
     new: Experiment, solution: Solution, made_from: PoseSet, start: Mapping[str, float]
 ) -> tuple[WhitenedResiduals, Chi2Test, Mapping[str, FloatArray]] | None:
-    """Predict new poses from the poses of the calibration: `made_from`, with those on the flipped branch.
+    """Predict new poses from the poses of the calibration, `made_from`, which includes poses on the flipped branch.
 
     `start`: values (rad, m) from which to start for parameters that the calibration lacks, such as another socket's
     place, by their names in the loop of the new poses.
@@ -168,7 +168,7 @@ def _as_learned(design: Layout, *, learned: Mapping[str, float]) -> FloatArray:
 
 
 def _at_least_stated(design: Layout, *, learned: Mapping[str, float]) -> FloatArray:
-    """Variances (K,) for the test of new poses: at least the stated ones."""
+    """Variances (K,) for the test of new poses: the estimated ones, but at least the stated ones."""
     return np.maximum(design.stated_variances(), _as_learned(design, learned=learned))
 
 

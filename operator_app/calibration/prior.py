@@ -43,7 +43,7 @@ EXACT = 1e-6
 class KnownArm:
     """Information about the arm from poses in earlier placements of a fixture.
 
-    `names`, `values`, `covariance`: entries that are the same in every placement: (k,), (k, k), rad and m.
+    `names`, `values` (k,), `covariance` (k, k): the k entries that are the same in every placement, rad and m.
     `ends`: mean over the earlier placements of each offset that is measured from the fixture, rad, by name.
     `placement_ratio`: deviation of the fixture from its nominal placement, rms over parameters and earlier placements,
     in units of the standard deviation that its tolerance implies; at least 1.

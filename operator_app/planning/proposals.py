@@ -24,11 +24,11 @@ from solver.loops.closure import ClosureModel
 from solver.loops.endpoint_geometry import Line
 
 TRIED_HOMES = 2000
-"""Number of poses tried."""
+"""Number of poses from which a home is chosen."""
 MIDDLE = 0.6
 """Share of every range, around its middle, from which the tried poses are drawn."""
 CLEAR = 0.1
-"""Least distance of a home from either end of a range, as a share of the range."""
+"""Smallest distance of a proposed home from either end of a joint's range, as a share of the range."""
 AS_GOOD = 0.6
 """A pose nearer to the middle of the ranges is preferred if its score is at least this share of the best score."""
 HOME_DISTANCE_RAD = float(np.deg2rad(30.0))

@@ -44,7 +44,7 @@ class Lines(Widget, can_focus=True):
     HELP = ""
     TITLE = ""
     FIXED = False
-    """Whether the lines are set once and independent of snapshots."""
+    """Whether the lines are set only once, so that they do not depend on snapshots."""
 
     def __init__(self, *, id: str | None = None) -> None:  # noqa: A002 - Textual's name
         super().__init__(id=id)

@@ -27,7 +27,7 @@ REACH_RAD = float(np.deg2rad(28.0))
 CAPTURE_EVERY = 3
 """Steps between captured poses; with a single drive, every step is captured."""
 RAY_MARGIN_RAD = float(np.deg2rad(5.0))
-"""Least distance of every joint from the ends of its range."""
+"""Smallest allowed distance of every joint from the ends of its range."""
 MOST_RATE = 2.5
 """Largest allowed ratio of a passive joint's motion to the drives'; more means that a singularity is near. If 1.3
 times the ratio at the start exceeds this limit, that much is allowed, but at most twice the limit."""

@@ -34,7 +34,7 @@ from solver.loops.closure import ClosureModel
 AVOID_RADIUS_RAD = 0.15
 """Nothing is planned this near to a pose where a move had to be stopped."""
 APART_RAD = 0.1
-"""Least distance between chosen poses."""
+"""Smallest distance between chosen poses (Euclidean, all joints)."""
 MOST_UNCERTAIN_RAD = float(np.deg2rad(3.0))
 """Largest standard deviation of a free joint's predicted angle at a planned pose."""
 

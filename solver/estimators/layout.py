@@ -74,13 +74,13 @@ SAG_COLUMNS, DEFLECTION_COLUMNS = 8, 12
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class VarianceComponent:
-    """One variance to be estimated, with its start value, floor and upper limit; by default, that of a stated scale.
+    """One variance to be estimated, with its start value and its limits; the defaults are for a stated scale.
 
     `stated` is the value in the files. With `scaled`, the variance has a log-normal prior with median `start` (method,
     section 10): it stays near `start` unless the poses determine it. `soft`: the variance v has a prior proportional to
-    exp(-v / (2 soft)). `ceiling`: upper limit. `raise_limit`: value to which any step may raise the variance.
-    `spread_variance` is an estimate of the variance with `spread_dof` degrees of freedom, from spreads within poses or
-    from a specification.
+    exp(-v / (2 soft)). `floor`, `ceiling`: lower and upper limit. `raise_limit`: value to which any step may raise the
+    variance. `spread_variance` is an estimate of the variance with `spread_dof` degrees of freedom, from spreads within
+    poses or from a specification.
     """
 
     name: str
@@ -135,8 +135,9 @@ class Layout:
     """Groups and components of a closure model with stated errors, for readings `q` (m, n), rad.
 
     `like` is a layout of the same poses, whose smooth functions are reused. `floors`, `ceilings`, `raise_limits`,
-    `test_floors` and `scaled` (K,) have one value per component; `index`: its index by name. `column` (P,):
-    column of each parameter, those without a prior first. `expected` (m, n), rad: expected play and sag.
+    `test_floors` and `scaled` (K,) have one value per component. `index`: index of each component by name. `column`
+    (P,): column of each parameter; the parameters without a prior come first. `expected` (m, n), rad: expected play and
+    sag.
     """
 
     def __init__(

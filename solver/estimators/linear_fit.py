@@ -28,7 +28,7 @@ LEAST_PULL_INFORMATION = 1e-6
 """Share of an effect's prior variance that the poses have to determine for its pull to have a meaning."""
 
 LEAST_RESOLVED_SHARE = 1e-3
-"""Least diagonal element of the Cholesky factor of ``I - N N'`` (`_held_out`) for which its rank counts as full."""
+"""Smallest diagonal element of the Cholesky factor of ``I - N N'`` (`_held_out`) for which its rank counts as full."""
 
 
 class LinearFit:

@@ -32,8 +32,9 @@ LENGTH_M, TWIST_RAD, OFFSET_RAD = 1e-3, radians(0.2), radians(1.0)
 """d: largest plausible error of an entry; entries that the poses do not determine stay near their fitted values."""
 
 NEAR_RAD, NEAR_SHARE, ANYWHERE_SHARE, TIMES = np.deg2rad(20.0), 0.25, 0.01, 2
-"""Poses within `NEAR_RAD` of the session's poses, and poses anywhere in the ranges (where a table could otherwise be
-arbitrary), have these shares of the weight; the number of each is `TIMES` the number of the session's poses."""
+"""Poses within NEAR_RAD of the session's poses have the share NEAR_SHARE of the weight. Poses anywhere in the ranges,
+where a table could otherwise be arbitrary, have the share ANYWHERE_SHARE. The number of poses of each kind is TIMES the
+number of the session's poses."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -23,8 +23,9 @@ from solver.search.starts import best_minima
 
 STARTS = 500
 STARTS_WITHOUT_DIRECTION = 1500
-"""Default numbers of starts. If the tool's direction is constrained too (hinge, rigid), 4 to 40 % of the starts
-reach the solution; with a ball and little motion of the joints, 1 %."""
+"""Default numbers of starts: STARTS if the fixture also constrains the tool's direction (hinge, rigid), where 4 to 40 %
+of the starts reach the solution; otherwise STARTS_WITHOUT_DIRECTION, because with a ball and little motion of the
+joints only 1 % do."""
 
 FIRST_POLISH = 12
 REFINED_COST_RATIO = 100.0

@@ -103,7 +103,7 @@ RESET_PROBABILITY_HOME_AT_ZERO = 1e-6
 """Upper limit of the probability if the homes of all joints concerned are within `HOME_AT_ZERO_RAD` of zero."""
 
 EXPLAINED_PROBABILITY = 1e-2
-"""One joint alone explains the closure error if the chi2 without its reading has at least this probability."""
+"""A joint alone explains the closure error if, without its reading, a larger chi2 has at least this probability."""
 
 MAX_NAMED_JOINTS = 3
 

@@ -85,7 +85,7 @@ INNOVATION_PROBABILITY = 1e-6
 """Probability of refusal by the innovation check; none of 105 arms with three times the specified errors is refused."""
 
 CHI2_RATIO_TO_WORST_POSE = 4.0
-"""Limit of chi2, relative to the largest chi2 among the session's poses; a wrong model raises both."""
+"""Limit of a reading's chi2, relative to the largest chi2 of the session's poses; a wrong model raises both chi2."""
 
 SHIFT_RAD = float(np.deg2rad(2.0))
 """Shift of a joint that has to be detectable before the arm moves far."""

@@ -50,7 +50,7 @@ class Truth:
         return self.table.theta_off_rad[1:]
 
     def named(self) -> dict[str, float]:
-        """Return the true values, rad and m, by the parameter names of a calibration; of points the position only."""
+        """Return the true values, rad and m, by the parameter names of a calibration; only positions of points."""
         stacked, points = self.table.stacked(), dict[str, FloatArray]()
         match self.loop:
             case PointClosure(tip_m=tip, ground_m=ground):

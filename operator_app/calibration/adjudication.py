@@ -234,7 +234,10 @@ def _misfit_causes(
 
 
 def _wrong_distances(case: _Case, margin: float) -> tuple[Finding, ...]:
-    """Findings of distances whose omission reduces chi2 to at most the best fault's plus `margin`; else empty."""
+    """Return findings of measured distances that may be wrong; empty if there are none.
+
+    A distance may be wrong if chi2 without it is at most the chi2 of the most probable other fault plus `margin`.
+    """
     best = case.diagnosis.best
     most_chi2 = np.inf if best is None else best.evidence.chi2 + margin
     return wrong_distances(case.stated, case.fit.linear, most_chi2=most_chi2)

@@ -208,7 +208,10 @@ def _used(solution: Solution, poses: PoseSet) -> PoseSet:
 def _model(
     estimate: Estimate, old: PoseSet, both: Experiment, start: Mapping[str, float]
 ) -> tuple[ClosureModel, FloatArray, list[int | None]]:
-    """Return the loops of all poses, the parameters' values, and their indices in the estimate (None: not in it)."""
+    """Return the loops of all poses, and of each parameter the value and the index in the estimate.
+
+    The index is None if the estimate does not contain the parameter.
+    """
     known = {p.name: k for k, p in enumerate(estimate.parameters)}
     model = both.loop()
     if len(both.poses.placements) > 1 and len(old.placements) == 1:

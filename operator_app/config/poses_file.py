@@ -89,7 +89,7 @@ def load_poses(path: str | Path, *, joint_count: int | None = None) -> LoadedPos
 
 
 def parse_poses(data: bytes, file: str, *, joint_count: int | None = None) -> LoadedPoses:
-    """Read poses from the bytes of a CSV file of an arm with `joint_count` joints (None: as in the file).
+    """Read poses from the bytes of a CSV file of an arm with `joint_count` joints; if None, the file states the number.
 
     Raises ConfigError with up to a hundred problems of the file.
     """

@@ -150,7 +150,10 @@ def _whole_degrees(q: FloatArray) -> FloatArray:
 
 
 def ball_between(arm: ArmModel, hand_m: FloatArray, base_m: FloatArray | None) -> Ball:
-    """Return the ball with this centre (3,), tool frame, and this socket (3,); None: where the centre is at home."""
+    """Return the ball with its centre at `hand_m` (3,), tool frame, and its socket at `base_m` (3,), base frame, in m.
+
+    If `base_m` is None, the socket is where the ball's centre is at the arm's home pose.
+    """
     if base_m is None:
         R, p = _hand_at_home(arm)
         base_m = p + R @ hand_m

@@ -40,7 +40,7 @@ class Encoder:
 
     @property
     def resolution_rad(self) -> float:
-        """One count, rad."""
+        """Angle of one count, rad."""
         return 2.0 * math.pi / self.counts_per_rev
 
     @property
@@ -72,7 +72,7 @@ class Rvdt:
 
     @property
     def resolution_rad(self) -> float:
-        """One least significant bit."""
+        """Angle of one least significant bit, rad."""
         return float(self.full_scale_rad / 2**self.bits)
 
     @property

@@ -19,7 +19,7 @@ from solver.design.actions import Capture, GoTo
 from solver.design.motion import Ranges
 
 WIGGLE_RAD = float(np.deg2rad(1.5))
-"""Length of the first steps, from which rates are learnt."""
+"""Length of the first steps, from which the rates of the joints are determined."""
 RAY_STEP_RAD = float(np.deg2rad(4.0))
 """Length of a step of the drives."""
 REACH_RAD = float(np.deg2rad(28.0))

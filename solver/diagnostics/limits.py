@@ -10,7 +10,7 @@ import numpy as np
 # Probabilities of a false alarm, per test or family of tests
 
 FALSE_ALARM_PROBABILITY = 1e-3
-"""Probability that a test, or any of a family (all poses, joints, entries), fires on a sound pose set."""
+"""Probability that a test, or any test of a family (all poses, joints, entries), fires although there is no fault."""
 
 ENTRY_SUSPICION_PROBABILITY = 0.1
 """False-alarm probability of the tests of lengths and twists whose result is only reported. It is large because an
@@ -26,7 +26,7 @@ DISTANCE_NOTICE_PROBABILITY = 0.01
 """Chance that any measured distance between sockets is reported although distances and poses are sound."""
 
 OUTLIER_NOTICE_PROBABILITY = 0.01
-"""Chance of reporting any pose of a sound pose set as an outlier."""
+"""Probability of reporting any pose of a pose set without a fault as an outlier."""
 
 DRIFT_FALSE_ALARM_PROBABILITY = 0.01
 """Chance that two calibrations of an unchanged arm are reported to differ in any parameter."""

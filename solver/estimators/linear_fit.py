@@ -25,7 +25,7 @@ np.empty(2 << 20)
 every iteration to the system and having them zeroed again. Other C libraries are not affected."""
 
 LEAST_PULL_INFORMATION = 1e-6
-"""Share of an effect's prior variance that the poses have to determine for its pull to have a meaning."""
+"""An effect's pull is meaningful only if the poses determine at least this share of the effect's prior variance."""
 
 LEAST_RESOLVED_SHARE = 1e-3
 """Smallest diagonal element of the Cholesky factor of ``I - N N'`` (`_held_out`) for which its rank counts as full."""

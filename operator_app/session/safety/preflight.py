@@ -87,7 +87,8 @@ The probability is this small because files can be inaccurate: offsets by 25 deg
 """
 
 FALSE_REFUSAL_PROBABILITY_KNOWN_ARM = 1e-5
-"""Probability of refusal once earlier placements have determined the offsets and the hinge's placement error."""
+"""Probability of refusing a correct reading once earlier placements have determined the offsets and the error of the
+hinge's placement."""
 
 RESET_PROBABILITY = 1e-2
 """A counter at zero was reset if using its reading raises chi2 by an amount less probable than this.

@@ -82,7 +82,8 @@ FALSE_REFUSAL_PROBABILITY = 1e-4
 """Probability of refusing an unchanged arm and fixture."""
 
 INNOVATION_PROBABILITY = 1e-6
-"""Probability of refusal by the innovation check; none of 105 arms with three times the specified errors is refused."""
+"""Probability that the innovation check refuses an unchanged arm and fixture. Of 105 simulated arms with errors three
+times as large as specified, none is refused."""
 
 CHI2_RATIO_TO_WORST_POSE = 4.0
 """Limit of a reading's chi2, relative to the largest chi2 of the session's poses; a wrong model raises both chi2."""

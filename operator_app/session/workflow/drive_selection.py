@@ -117,7 +117,7 @@ HOMING_SPEED_RAD_PER_S = float(np.deg2rad(5.0))
 
 
 def joints_outside_box(session: Session) -> str:
-    """Return text that names the drive joints outside the box; "" for none."""
+    """Return text that names the drive joints outside the procedure's box; "" if all are inside."""
     box, q_rad = drive_box(session), session.arm.snapshot().positions_rad
     beyond = box.beyond_rad(q_rad)
     return ", ".join(

@@ -130,7 +130,7 @@ class JointState:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HostLatency:
-    """Latencies of this host above the reporting limit: their number, and the last and the longest in s."""
+    """Latencies of this host that exceed the reporting limit: their number, the last and the longest latency, s."""
 
     times: int = 0
     last_s: float = 0.0

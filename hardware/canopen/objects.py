@@ -156,8 +156,8 @@ DIGEST_SHA256: Final = 1
 DIGEST_LENGTH: Final = 2
 COMMAND: Final = 0x2002
 SLOTS: Final = 0x2003
-"""Sub 1 active slot (`Slot`), subs 2 and 3 state of A and B (`SlotState`), sub 4: 1 while a staged document
-waits for *commit*."""
+"""State of the parameter slots. Sub 1: active slot (`Slot`). Subs 2 and 3: state of slots A and B (`SlotState`). Sub 4:
+1 while a staged document waits for *commit*, otherwise 0."""
 SLOTS_ACTIVE: Final = 1
 SLOTS_A: Final = 2
 SLOTS_B: Final = 3
@@ -165,7 +165,7 @@ SLOTS_STAGED: Final = 4
 REFUSAL: Final = 0x2004
 """Reason for the last refusal, as text; reading aborts with 08000024h (no data) if nothing was refused."""
 TOKEN: Final = 0x2010
-"""Node in control, 0 = free. Writing a node number takes control if that node's heartbeat is heard and no other
+"""Node in control; 0 if none is. Writing a node number takes control if that node's heartbeat is heard and no other
 node is in control; writing 0 releases control. Control lapses when the holder's heartbeat is lost."""
 ARM: Final = 0x2020
 """The arm: sub 1 model, sub 2 serial number (both text), sub 3 number of joints."""

@@ -31,7 +31,7 @@ MAX_NEWTON_STEPS = 12
 RESTING_RAD = 1e-13
 """Under unchanged commands, increments below this (far less than a count) are neglected: the chain is at rest."""
 BOUND_HINGE_NM_PER_RAD = 6e4
-"""Stiffness of a blocked hinge: that of ten servos."""
+"""Stiffness of a blocked hinge: ten times that of a servo."""
 MAX_NEWTON_STEP_RAD = 0.1
 """Largest Newton step, so that the chain can follow near a singularity, where a joint would jump."""
 PRESLIDING_RAD = 1e-3

@@ -189,7 +189,11 @@ def _due(
     parts: Sequence[EntryHistory],
     interval: timedelta | None,
 ) -> tuple[datetime, str]:
-    """Return when and why the next calibration is due: as of a failed check or a shift, else after an interval."""
+    """Return when and why the next calibration is due.
+
+    It is due from the date of a failed verification, or of the last calibration if that detected a shift; otherwise an
+    interval after the last calibration.
+    """
     last = accepted[-1].document.utc
     if failed := [v for v in checks if v.utc > last and not v.holds]:
         return failed[-1].utc, f"the verification of {failed[-1].utc:%Y-%m-%d} did not hold"

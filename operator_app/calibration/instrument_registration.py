@@ -30,7 +30,7 @@ POINT_ERROR_M, PRIOR_SIGMAS = 1e-3, 3.0
 the target's stated place, which poses with a single orientation of the tool do not determine."""
 
 DIGITS = 4
-"""Decimals (m, rad) of a registered placement: it is only a nominal value, the start of the calibration."""
+"""Number of decimal places (m, rad) of a registered placement, which is only a start value of the calibration."""
 
 
 def with_registered_instrument(

@@ -29,7 +29,7 @@ from solver.loops.open_arm import MeasuredClosure
 EACH_UP_TO = 100
 """Up to this number of poses, the parameters are estimated after each pose."""
 GROWTH = 1.02
-"""With more poses, the parameters are estimated whenever the number of poses has grown by this factor."""
+"""With many poses, the parameters are estimated again whenever the number of poses has grown by this factor."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -18,7 +18,7 @@ from solver.arrays import BoolArray, FloatArray
 from solver.estimators.least_squares import column_scale
 
 PRIOR_SHARE = 1e-8
-"""Weight of the prior that makes the first information matrices regular, relative to one average candidate."""
+"""Weight, relative to an average candidate, of the prior that makes the first information matrices regular."""
 MOST_RESTARTS = 24
 RESTART_WORK = 400_000
 """Upper limit of the product of restarts, candidates, poses and unknowns.

@@ -29,13 +29,16 @@ CAPTURE_EVERY = 3
 RAY_MARGIN_RAD = float(np.deg2rad(5.0))
 """Smallest allowed distance of every joint from the ends of its range."""
 MOST_RATE = 2.5
-"""Largest allowed ratio of a passive joint's motion to the drives'; more means that a singularity is near. If 1.3
-times the ratio at the start exceeds this limit, that much is allowed, but at most twice the limit."""
+"""Largest allowed ratio of a passive joint's motion to that of the drives: a larger ratio shows a singularity nearby.
+
+If 1.3 times the ratio at the start is larger than this, the limit is 1.3 times the ratio at the start, but at most
+twice this value.
+"""
 
 
 @dataclass(slots=True)
 class _Ray:
-    """A direction in drive space, the number of steps along it, and why the ray ended early ("" if it did not)."""
+    """A direction in drive space, the number of steps along it, and why the ray ended early; "" if it did not."""
 
     direction: FloatArray
     steps: int

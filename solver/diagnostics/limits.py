@@ -23,7 +23,7 @@ CHI2_NOTICE_PROBABILITY = 0.01
 """A chi2 at stated noise that is less likely than this is reported."""
 
 DISTANCE_NOTICE_PROBABILITY = 0.01
-"""Chance that any measured distance between sockets is reported although distances and poses are sound."""
+"""Probability of reporting any measured distance between sockets although distances and poses have no fault."""
 
 OUTLIER_NOTICE_PROBABILITY = 0.01
 """Probability of reporting any pose of a pose set without a fault as an outlier."""
@@ -39,7 +39,8 @@ CURVATURE_FALSE_ALARM_PROBABILITY = 0.01
 """Chance of reporting a straight RVDT as curved."""
 
 REMOUNT_FALSE_ALARM_PROBABILITY = 1e-6
-"""Differences of placements that an untouched fixture would show with less than this probability mean a remounting."""
+"""The fixture was remounted between two placements if differences as large as theirs have a lower probability than this
+for a fixture that was not touched."""
 
 REPEAT_REFUSAL_PROBABILITY = 1e-4
 """The calibration is refused if the repeat of a pose is less probable than this, however large the sigmas are: the slip
@@ -112,7 +113,7 @@ explain any misfit."""
 
 USELESS_SIGMA_RAD = np.deg2rad(10.0)
 USELESS_SIGMA_M = 0.03
-"""Uncertainty of a parameter measured by protractor and tape measure: a calibration with a wider sigma is refused."""
+"""Uncertainty of a parameter measured by protractor and tape measure. A calibration with a larger sigma is refused."""
 
 COARSE_SIGMA_RAD = np.deg2rad(1.0)
 COARSE_SIGMA_M = 0.01
@@ -140,7 +141,7 @@ LEAST_INFORMATION_SHARE = 0.5
 
 WELL_CONDITIONED = 100.0
 """If the scaled condition number at the readings is below this (which is also the paper's limit), all directions are
-identifiable: noise of the readings does not reduce the condition number of an unidentifiable direction so far."""
+identifiable: with an unidentifiable direction, noise of the readings does not lower it to this value."""
 
 # Poses
 
@@ -182,10 +183,10 @@ MOST_SOURCES_REPORTED = 3
 # Readings
 
 RANGE_SLACK_RAD = np.deg2rad(1.0)
-"""Uncertainty of an arm's stops: readings may lie outside their range by this, plus `RANGE_SLACK_SIGMAS`."""
+"""Uncertainty of an arm's stops. Readings may be outside their range by this plus `RANGE_SLACK_SIGMAS` sigmas."""
 
 RANGE_SLACK_SIGMAS = 6.0
-"""Sigmas of the sensor by which readings may lie outside their range, in addition to `RANGE_SLACK_RAD`."""
+"""Number of the sensor's sigmas by which readings may be outside their range, in addition to `RANGE_SLACK_RAD`."""
 
 FAR_OUT_OF_RANGE_SHARE = 0.1
 """A reading outside its range by more than this share of the range is not from this arm."""

@@ -95,9 +95,9 @@ CHI2_RATIO_TO_LIMIT = 2.0
 """A shift is detectable if its expected chi2 is this many times the limit."""
 
 NEAR_ZERO_RATIO = 100.0
-"""Distance from zero, in units of `AT_ZERO_COUNTS`, within which a closure error is attributed to a reset counter.
+"""A closure error is attributed to a reset counter if a reading is within this distance of zero.
 
-A joint is that close by chance in one of 300 positions.
+The distance is in units of `AT_ZERO_COUNTS`. By chance, a joint is so close to zero in one of 300 positions.
 """
 
 REMAINDER_PROBABILITY = 1e-3

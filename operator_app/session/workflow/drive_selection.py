@@ -107,7 +107,7 @@ def _facts(ranked: RankedDrives) -> dict[str, Any]:
 
 
 BOX_MARGIN_RAD = float(np.deg2rad(5.0))
-"""Tolerance at the edge of the box, since the loop may close slightly off the home in the arm file."""
+"""Tolerance at the edge of the box, since the loop may close at a pose slightly different from the arm file's home."""
 
 RESET_COUNTER_RAD = float(np.deg2rad(0.25))
 """Largest reading of a counter that was reset, including the motion of a joint when its drive is enabled."""
@@ -220,7 +220,7 @@ def verification_waypoints(session: Logbook, poses: int) -> tuple[Mapping[int, f
 
 STARTING_SYNCS = 20
 STANDS_STILL_RAD = float(np.deg2rad(0.2))
-"""If a move ends within `STARTING_SYNCS` SYNCs and less than this angle from its start, it has not started."""
+"""A move counts as not started if it ends within `STARTING_SYNCS` SYNCs and less than this angle from its start."""
 
 
 def reach(

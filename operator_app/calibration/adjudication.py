@@ -56,8 +56,8 @@ class PriorInformation:
 
     `judged`: names of the parameters that decide on acceptance. `paper`: the paper's estimate, if that estimator is
     chosen.
-    `out_of_range`, `flipped`: readings outside the arm file's ranges; number of poses left out because the tool is, or
-    seems, upside down. `left_out`: findings that state why these poses were left out.
+    `out_of_range`: readings outside the arm file's ranges. `flipped`: number of poses left out because the tool is, or
+    seems, upside down. `left_out`: findings that state why poses were left out.
     `checks`: set-up checks of the fixture's identified geometry.
     `returned`: repeated poses, each with the comparison of its two readings.
     `by_files`: parameters for which less than half of the information comes from the poses.

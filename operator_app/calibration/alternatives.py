@@ -69,7 +69,7 @@ def find_alternatives(
 ) -> tuple[Finding, ...]:
     """Return the mistakes that explain a gross misfit of the stated model, the most probable first.
 
-    `scale`, `dof`: chi2/dof of the stated model at stated variances (infinite if it could not be solved), and its dof.
+    `scale`: chi2/dof of the stated model at stated variances; infinite if it could not be solved. `dof`: its dof.
     `near`: try only simple mistakes in the poses or arm file, and keep those whose correction brings the solution near
     the nominal values. The stated model may fit well.
     `of_files`: try only simple mistakes in the poses or arm file.

@@ -48,8 +48,8 @@ class CalibratedArm:
     `tip_m`: the tip in the last frame of `hand`, (3,), m: the ball's centre, an instrument's target; zero for a hinge,
     whose axis is the z axis of that frame, and for a rigid attachment.
     `identified`: entries of `flange` that were calibrated.
-    `best`, `corrections`: the D-H table that is best for uncorrected readings, and their corrections; None if not
-    computed.
+    `best`: the D-H table that is best for uncorrected readings. `corrections`: corrections of the readings. Both are
+    None if not computed.
     """
 
     flange: DhTable

@@ -83,7 +83,7 @@ class ArmHistory:
     """Calibrations and verifications of one arm over time.
 
     `parts`: for each fixture and estimator, offsets of the arm, and the parameters of the last mounting. `left_out`:
-    sessions that are left out, with the reason. `due`, `due_why`: date of the next calibration, and the reason.
+    sessions that are left out, with the reason. `due`: date of the next calibration. `due_why`: reason for this date.
     """
 
     calibrations: tuple[PastCalibration, ...]

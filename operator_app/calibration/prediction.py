@@ -66,7 +66,7 @@ def shift_in_words(shift: CommonShift) -> str:
 def predict_new_poses(
     new: Experiment, solution: Solution, made_from: PoseSet, start: Mapping[str, float]
 ) -> tuple[WhitenedResiduals, Chi2Test, Mapping[str, FloatArray]] | None:
-    """Predict new poses from the poses of the calibration, `made_from`, which includes poses on the flipped branch.
+    """Predict new poses from the poses of the calibration, `made_from`, which may include flipped poses.
 
     `start`: values (rad, m) from which to start for parameters that the calibration lacks, such as another socket's
     place, by their names in the loop of the new poses.

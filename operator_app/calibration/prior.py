@@ -177,8 +177,8 @@ class ShiftOfReading:
 class Innovation:
     """Deviation of a reading from the prediction by earlier poses.
 
-    `chi2`, `dof`: chi2 of the reading (infinite if the loop does not close there), and its degrees of freedom.
-    `usual`: largest chi2 of an earlier pose as predicted from the others; also large if the files are wrong.
+    `chi2`: chi2 of the reading; infinite if the loop does not close at the reading. `dof`: its degrees of freedom.
+    `usual`: largest chi2 of an earlier pose as predicted from the other poses; it is also large if the files are wrong.
     `shifts`: shift of each used reading that would explain the deviation, by joint (1-based).
     """
 

@@ -164,8 +164,9 @@ is an angle."""
 class Entries:
     """Frame and axis of each of the D-H entries whose screws are needed, in the order given.
 
-    `frame`, `axis` (C,): index of a frame, and of its axis (x 0, y 1, z 2) about which the entry turns, or along which
-    it shifts, the links after it. `turning`, `sliding`: indices of the entries that are angles, and that are lengths.
+    `frame` (C,): index of a frame. `axis` (C,): index of the axis of this frame (x 0, y 1, z 2) about which the entry
+    turns the links after it, or along which it shifts them. `turning`: indices of the entries that are angles.
+    `sliding`: indices of the entries that are lengths.
     """
 
     frame: IntArray

@@ -36,10 +36,12 @@ FREE = 1e-7
 class ChangePoint:
     """The most significant step of one suspect.
 
-    `pose`: index in time order of the first pose after the step. `size`: size of the step (d,), in the units of the
-    suspect's quantities. `chi2`, `dof`: reduction of chi2 when the step is fitted, and the number of components of the
-    step. `threshold`: value that `chi2` exceeds, for any pose and suspect, with probability `FALSE_ALARM_PROBABILITY`
-    if there is no step.
+    `pose`: index in time order of the first pose after the step.
+    `size`: size of the step (d,), in the units of the suspect's quantities.
+    `chi2`: reduction of chi2 when the step is fitted.
+    `dof`: number of components of the step.
+    `threshold`: value that `chi2`, for any pose and suspect, exceeds with probability `FALSE_ALARM_PROBABILITY` if
+    there is no step.
     """
 
     suspect: Candidate

@@ -62,7 +62,7 @@ class ControlChart:
 
     `centre`: mean of the baseline.
     `between`: standard deviation between sessions.
-    `shewhart`, `ewma_limit`: half widths of the limits: for a single value, and for the weighted mean of recent values.
+    `shewhart`: half width of the limits for a single value. `ewma_limit`: half width of the limits for `ewma`.
     `ewma`: weighted mean of recent values.
     `changes`: shifts in the order in which they were detected; each shift of a quantity restarts its baseline.
     """

@@ -34,10 +34,10 @@ LEAST_RESOLVED_SHARE = 1e-3
 class LinearFit:
     """The mixed model of `design` at one linearisation, solved for given variance components `v` (K,).
 
-    `unit`, `change`: unit of each parameter's column (P,), and change of each parameter (P,), rad and m: the step dx if
-    it has no prior, the deviation from its nominal value if it has one. `b`: predicted coefficients of the effects,
-    unscaled (width - hard,). `half`: root of the inverse (width, width), ``H^-1 = half half'``. `chi2`: ``w' P w``.
-    `dof`: its expectation if the variances are right, equations minus parameters without a prior.
+    `unit` (P,): unit of each parameter's column. `change` (P,): change of each parameter, rad and m: the step dx if the
+    parameter has no prior, its deviation from the nominal value if it has one. `b`: predicted coefficients of the
+    effects, unscaled (width - hard,). `half`: root of the inverse (width, width), ``H^-1 = half half'``. `chi2`: ``w' P
+    w``. `dof`: its expectation if the variances are right, equations minus parameters without a prior.
     """
 
     def __init__(self, design: LinearModel, system: System | Linearisation, v: FloatArray) -> None:

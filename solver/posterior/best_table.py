@@ -135,7 +135,7 @@ def best_table(
 ) -> BestTable:
     """Return the table near `table` that best replaces the corrections where the arm is used.
 
-    `readings`, `weight`: poses where the arm is used, and their weights (m,), of sum 1; see `where_used`. `known`:
+    `readings`: poses where the arm is used. `weight` (m,): weights of these poses, of sum 1; see `where_used`. `known`:
     names of the fitted entries of `table` and coordinates of the tip (k,). `covariance`: of these values and of the
     coefficients of the corrections (k + c, k + c). `fixed`: entries that do not change, because they describe the
     fixture's placement. `tip`: whether the tool's point may move in the last frame too, as needed for a ball, whose

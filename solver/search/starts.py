@@ -162,10 +162,10 @@ RIDGE = 1e-9
 class InnerProblem:
     """A `BatchProblem` over the offsets of some inner joints in one placement.
 
-    `model`, `columns`: loop of the placement, and the indices of its parameters in the whole vector. `table`: D-H rows
-    1..n; the offsets of joints 1 and n, s_1, and the lengths and twists of row n are zero. `searched`: joints (1-based)
-    whose offsets are sought, never 1 or n; the offsets of the others keep their values. `q`: joint angles (m, n), rad.
-    `per_m`: weight of positions relative to directions, 1/m.
+    `model`: loop of the placement. `columns`: indices of the loop's parameters in the whole parameter vector. `table`:
+    D-H rows 1..n; the offsets of joints 1 and n, s_1, and the lengths and twists of row n are zero. `searched`: joints
+    (1-based) whose offsets are sought, never 1 or n; the offsets of the others keep their values. `q`: joint angles (m,
+    n), rad. `per_m`: weight of positions relative to directions, 1/m.
     """
 
     model: ClosureModel

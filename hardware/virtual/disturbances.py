@@ -91,7 +91,7 @@ class FaultyWire:
 
 
 DIVERGENCE_STEP_COUNTS, DIVERGENCE_COUNTS = 20, 5556
-"""Growth of a divergence per control period, and its final value: 5 deg of an encoder with 400,000 counts."""
+"""Growth of a divergence per control period, and final value of a divergence: 5 deg with 400,000 counts per turn."""
 
 
 @dataclass(slots=True)

@@ -23,7 +23,7 @@ from solver.chain.parameters import DhEntry, DhKind, wrap_angle
 from solver.diagnostics.control_chart import BASELINE, ControlChart, control_chart, smallest_shift
 
 ONE_DAY, ONCE_A_YEAR = timedelta(days=1), timedelta(days=365)
-"""Shortest interval between calibrations, and the default interval."""
+"""Shortest time between two calibrations that counts as an interval, and the interval used if there is none."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

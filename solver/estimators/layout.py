@@ -69,7 +69,8 @@ FIXTURE_NOISE = ("fixture_rad", "fixture_m")
 """Components of the part of a fixture's deflection that does not repeat: rotation, translation."""
 
 SAG_COLUMNS, DEFLECTION_COLUMNS = 8, 12
-"""Number of smooth functions of the pose for a joint's twist under load and a placement's deflection."""
+"""Number of smooth functions of the pose for the twist of a joint under load, and for the fixture's deflection in one
+placement."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

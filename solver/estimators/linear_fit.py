@@ -36,8 +36,9 @@ class LinearFit:
 
     `unit` (P,): unit of each parameter's column. `change` (P,): change of each parameter, rad and m: the step dx if the
     parameter has no prior, its deviation from the nominal value if it has one. `b`: predicted coefficients of the
-    effects, unscaled (width - hard,). `half`: root of the inverse (width, width), ``H^-1 = half half'``. `chi2`: ``w' P
-    w``. `dof`: its expectation if the variances are right, equations minus parameters without a prior.
+    effects, unscaled (width - hard,). `half`: root of the inverse (width, width), ``H^-1 = half half'``.
+    `chi2`: ``w' P w``. `dof`: expectation of `chi2` if the variances are right: number of equations minus number of
+    parameters without a prior.
     """
 
     def __init__(self, design: LinearModel, system: System | Linearisation, v: FloatArray) -> None:

@@ -34,7 +34,7 @@ WEIGHTS = (0.5, 0.5)
 """Shares of the variance at each length scale."""
 
 CONSTANT, LINEAR = 0.5, 0.5
-"""Variance of the constant and of the linear part, in addition to the variance at the length scales."""
+"""Variances of the process's constant and linear parts, in addition to the variance at the length scales."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

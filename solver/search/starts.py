@@ -164,8 +164,8 @@ class InnerProblem:
 
     `model`: loop of the placement. `columns`: indices of the loop's parameters in the whole parameter vector. `table`:
     D-H rows 1..n; the offsets of joints 1 and n, s_1, and the lengths and twists of row n are zero. `searched`: joints
-    (1-based) whose offsets are sought, never 1 or n; the offsets of the others keep their values. `q`: joint angles (m,
-    n), rad. `per_m`: weight of positions relative to directions, 1/m.
+    (1-based) whose offsets are sought, never 1 or n; the offsets of the others keep their values.
+    `q`: joint angles (m, n), rad. `per_m`: weight of positions relative to directions, 1/m.
     """
 
     model: ClosureModel

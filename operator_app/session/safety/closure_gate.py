@@ -24,7 +24,8 @@ from solver.chain.sensors import NoSensor
 from solver.closing import reduced_equations, unsensed_step
 
 GATE_ITERATIONS, LONGEST_STEP, CLOSURE_TOLERANCE = 40, 0.5, 1e-6
-"""Largest number of iterations, longest step (rad, m), and closure error (rad, m) below which a loop is closed."""
+"""Largest number of iterations, longest step (rad, m), and closure error (rad, m) below which a loop is regarded as
+closed."""
 
 LEAST_READING_RAD = float(np.deg2rad(0.1))
 """Smallest standard deviation assumed for a reading, because this model contains no deflections."""

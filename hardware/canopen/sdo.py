@@ -26,8 +26,7 @@ carried out (a document has been parsed, or written to disk)."""
 MIN_UNANSWERED, MAX_UNANSWERED_FRACTION = 8, 0.1
 """Access stops when at least MIN_UNANSWERED requests, and more than the fraction MAX_UNANSWERED_FRACTION of all
 requests, are unanswered. A connection needs 600 requests: if 1 % of all frames are lost, 2 connections in 10,000 are
-refused; if
-10 % are lost, every connection is."""
+refused; if 10 % are lost, every connection is."""
 UNIQUENESS_REQUESTS, DUPLICATE_FRACTION = 20, 0.75
 """Number of test requests to a node. If at least the fraction DUPLICATE_FRACTION is answered twice, two devices have
 the node's number. If every tenth frame is doubled in each direction, a single device reaches this fraction with a

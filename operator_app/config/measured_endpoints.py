@@ -216,8 +216,7 @@ measured."""
 
 MOST_OFF_M, MOST_OFF_SPREADS = 1e-3, 8.0
 """Limits of the largest distance of a pose's targets from the common triangle: in metres, and relative to the median
-over the poses. If both limits are
-exceeded, a target has moved or two targets were exchanged."""
+over the poses. If both limits are exceeded, a target has moved or two targets were exchanged."""
 
 TRIANGLE_ITERATIONS = 5
 """Iterations of aligning all triangles with their mean; from the second one on, the mean changes only by terms

@@ -45,7 +45,7 @@ EASIER_LEVERAGE = 0.7
 REPLAN_SHIFT_RAD = float(np.deg2rad(0.5))
 """A new plan is made when a new estimate changes the predicted angles of the planned poses by more than this."""
 NEXT_TO_RAD = 0.5
-"""Largest distance (Euclidean, all joints) of a captured pose from the candidate where the last move to it starts."""
+"""The last move to a captured pose starts at a candidate no farther from the pose than this (Euclidean, all joints)."""
 
 BACK = "to a captured pose"
 

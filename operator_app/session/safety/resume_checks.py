@@ -39,10 +39,10 @@ MAX_SAG_RAD = float(np.deg2rad(5.0))
 
 
 def counters_near_zero(arm: ArmModel, reading_rad: FloatArray) -> dict[int, float]:
-    """Return distances from zero of the counters within `MAX_SAG_RAD` of it, by joint (1-based), nearest first.
+    """Return the distance from zero of each counter that is within `MAX_SAG_RAD` of zero, by joint, nearest first.
 
-    The distance is in units of `AT_ZERO_COUNTS` counts, at least 1. The probability that a joint is that close to zero
-    by chance is proportional to the distance.
+    Joints are numbered from 1. The distance is in units of `AT_ZERO_COUNTS` counts, at least 1. The probability that a
+    joint is that close to zero by chance is proportional to the distance.
     """
     times = {
         j: max(1.0, abs(float(q)) / (AT_ZERO_COUNTS * joint.sensor.resolution_rad))

@@ -28,8 +28,8 @@ POSES_NAME = "poses.csv"
 class SessionEntry:
     """One session folder.
 
-    `state` is None if the journal cannot be read; `problem` and `remedy` then state why, and what to do. `torn` is
-    the message about an incomplete last line; empty if the last line is complete.
+    `state` is None if the journal cannot be read; `problem` and `remedy` then state why, and what to do. `torn` is the
+    message about an incomplete last line; empty if the last line is complete.
     """
 
     folder: Path

@@ -73,8 +73,8 @@ class ArmIdentity:
     unwatching
         Joints whose drives do not report that they monitor the operator's heartbeat.
     configured, zeroed
-        Sentences on what was written into drives: `configured` has all; `zeroed` only those on torques and offsets set
-        to 0, whose former values a communication reset may not restore.
+        Sentences on what was written into drives. `configured` has all of them. `zeroed` has only those on torques and
+        offsets that were set to 0: a communication reset may not restore their former values.
     keeps_parameters
         Whether a controller stores a parameter document; if not, nothing is uploaded.
     """
@@ -130,7 +130,7 @@ class JointState:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HostLatency:
-    """Latencies of this host above the reporting limit: their number, and the last and the longest in s."""
+    """Latencies of this host that exceed the reporting limit: their number, the last and the longest latency, s."""
 
     times: int = 0
     last_s: float = 0.0

@@ -267,9 +267,9 @@ class DriveDiverged(SensorFault):
 
 
 class DuplicateNodeId(HardwareError):
-    """More answers come from a node than were asked for: two devices have its number, or another program asks it.
+    """A node sends more answers than requested: two devices have its number, or another program sends it requests.
 
-    `asked_by_others`: whether requests of another program to each of these nodes were received.
+    `asked_by_others`: whether requests from another program to every one of these nodes were received.
     """
 
     def __init__(self, nodes: tuple[int, ...], *, asked_by_others: bool = False) -> None:

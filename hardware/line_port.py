@@ -31,7 +31,7 @@ CHUNK_BYTES = 64 * 1024
 KEPT_BYTES = 1024 * 1024
 """Largest number of bytes that are buffered; if more arrive unread, all are dropped."""
 IN_TRANSIT = 16 * 1024 * 1024
-"""Upper bound of the bytes that a connection buffers; bytes beyond that were sent after the question."""
+"""Upper bound, bytes, of what a connection buffers: any bytes beyond it were sent after the question."""
 
 
 class LineStream:

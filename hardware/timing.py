@@ -36,7 +36,7 @@ class Timing:
     boot_timeout_s: float = 3.0
     """Time-out for a node to boot, and to start."""
     operator_timeout_s: float = 1.0
-    """Shortest silence after which another operator counts as gone; longer if a node states a longer time-out."""
+    """Time without a heartbeat after which another operator counts as gone; longer if a node has a longer time-out."""
     sdo_timeout_s: float = 1.0
     upload_retry_s: float = 0.5
     """Pause between attempts to upload; a lapsed token is granted again after the next heartbeat (100 ms)."""
@@ -46,7 +46,8 @@ class Timing:
     """Time-out of a joint's answer to SYNC, by pace; longer in fast forward, where waiting takes no simulated time."""
     min_misses: int = 3
     lost_after_s: float = 1.0
-    """A joint is lost after `min_misses` consecutive unanswered SYNCs and this silence; until then a move waits."""
+    """A joint is lost once it has not answered `min_misses` consecutive SYNCs and has been silent for this time, s.
+    Until then a move waits."""
     idle_poll_s: float = 0.002
     """First wait for a task when the loop is idle; later waits are longer."""
     speed: float = 1.0

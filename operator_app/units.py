@@ -139,7 +139,7 @@ CONDITION = Kind(NUMBER)
 CHI2 = Kind(NUMBER)
 COST = Kind(NUMBER, digits=5)
 PREDICTED = Kind(CLOSURE_LENGTH, places=3)
-"""Closure error of a pose with the estimate from the poses before it."""
+"""Closure error of a pose, calculated with the estimate from the earlier poses."""
 
 # Arm.
 POSITION = Kind(ANGLE, places=3, signed=True)

@@ -26,10 +26,10 @@ def _rebuilt(
 class UnidentifiableDirection:
     """A direction in parameter space that the pose set does not determine.
 
-    `parameters`, `weights`: names of the parameters that take part, the one with the largest weight first, and their
-    components in the direction's unit vector (columns scaled). `reason`: as text if it is known ("joint 4 does not
-    move"); empty otherwise. `immobile_joints`: joints (1-based) of this direction whose readings hardly change over the
-    pose set.
+    `parameters`: names of the parameters that are part of the direction, the one with the largest weight first.
+    `weights`: components of these parameters in the direction's unit vector (columns scaled). `reason`: why, as text,
+    if it is known ("joint 4 does not move"); empty otherwise. `immobile_joints`: joints (1-based) of this direction
+    whose readings hardly change over the pose set.
     """
 
     parameters: tuple[str, ...]

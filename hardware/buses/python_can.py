@@ -54,7 +54,7 @@ class BusSettings:
     channel: str = DEFAULT_CHANNEL
     """Name of the bus in this interface."""
     bitrate: int | None = None
-    """In bit/s; None keeps the current one. ``virtual``, ``loopback`` and ``socketcan`` ignore it."""
+    """Bit rate, bit/s; None keeps the present one. ``virtual``, ``loopback`` and ``socketcan`` ignore this setting."""
     options: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
     """Other options from ``can.conf`` or ``CAN_CONFIG``, passed to python-can."""
     named_in: str = field(default="", compare=False)

@@ -90,15 +90,15 @@ class JointProfile:
     node: int
     commands: tuple[Pdo, ...]
     answers: tuple[Pdo, ...]
-    """RPDOs (`commands`) and TPDOs used."""
+    """RPDOs (`commands`) and TPDOs (`answers`) that are used."""
     direction: int = 1
     """-1 if the drive counts against the positive direction of the arm file, otherwise 1."""
     counts_per_rev: float | None = None
     """Position units of the drive per turn of the joint; None uses the arm file's sensor."""
     zero_counts: int = 0
-    """6064h at sensor coordinate 0."""
+    """Value of 6064h (actual position) at sensor coordinate 0."""
     rated_torque_nm: float | None = None
-    """Torque at 1000 per mille in 6077h; None: read from 6076h."""
+    """Torque that 6077h reports as 1000 per mille; None: it is read from 6076h (rated torque)."""
 
     @property
     def pdos(self) -> tuple[tuple[PdoKind, tuple[Pdo, ...]], ...]:
@@ -131,7 +131,7 @@ class BusProfile:
     """Upper limit of 1017h: the loss of a node with a longer period would be noticed too late."""
     heartbeat_timeout_s: float | None = None
     sdo_timeout_s: float | None = None
-    """Both time-outs: of this arm; None uses the program's defaults."""
+    """Time-outs for this arm, `heartbeat_timeout_s` and `sdo_timeout_s`; None uses the program's default."""
 
     @property
     def drives(self) -> tuple[int, ...]:

@@ -72,8 +72,9 @@ def read_pdos(access: ObjectAccess, node: int) -> tuple[DrivePdo, ...]:
 HEARTBEAT_TIMEOUT_PERIODS = 2.5
 """Heartbeat periods without a heartbeat after which a node counts as silent."""
 FOLLOWING_FRACTION, FOLLOWING_RAD = 1 / 3, math.radians(1.0)
-"""Limit of a joint's distance from its target: fraction of its following error window (6065h), and upper bound. In
-moves without fault the virtual arms' joints are at most 0.11 deg from their targets; their drives trip at 3 deg."""
+"""A joint's distance from its target is limited to FOLLOWING_FRACTION of the drive's following error window (6065h),
+and to at most FOLLOWING_RAD. In moves without fault the virtual arms' joints are at most 0.11 deg from their targets;
+their drives trip at 3 deg."""
 MIN_WINDOW_COUNTS = 10.0
 """Smallest limit of the distance from the target: below it, sensor noise would count as an error."""
 
@@ -110,13 +111,13 @@ def read_drive_facts(access: ObjectAccess, profile: BusProfile) -> tuple[DriveFa
 
 
 def operator_timeout_s(access: ObjectAccess, node: int) -> float | None:
-    """Read the silence of node 127, s, after which a drive stops (1016h); None if the drive does not monitor it."""
+    """Read for how long, s, node 127 may be silent before the drive stops (1016h); None if it does not monitor this."""
     timeouts_ms = map(_operator_timeout_ms, _heartbeat_consumers(access, node) or ())
     return next((1e-3 * timeout_ms for timeout_ms in timeouts_ms if timeout_ms), None)
 
 
 def _operator_timeout_ms(entry: int) -> int:
-    """Return the time-out in an entry of 1016h, ms; 0 if the entry is not on the operator's heartbeat."""
+    """Return the time-out in an entry of 1016h, ms; 0 if the entry is for another heartbeat than the operator's."""
     return entry & 0xFFFF if entry >> 16 & 0x7F == objects.OPERATOR_NODE else 0
 
 
@@ -130,7 +131,9 @@ def _heartbeat_consumers(access: ObjectAccess, node: int) -> tuple[int, ...] | N
 
 
 def heartbeat_timeout_s(access: ObjectAccess, profile: BusProfile, min_s: float) -> float:
-    """Return the silence after which a node is lost, s: 2.5 periods (1017h) of the slowest node, at least `min_s`.
+    """Return the time without a heartbeat, s, after which a node counts as lost.
+
+    The time is 2.5 heartbeat periods (1017h) of the slowest node, but at least `min_s`.
 
     Raises `MappingMismatch` for nodes that send no heartbeat or whose period is too long.
     """

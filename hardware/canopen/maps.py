@@ -23,18 +23,18 @@ POSITION_AGREEMENT_RAD = 0.01
 """Largest allowed difference of positions by PDO and SDO; covers RVDT noise, and creep between the two readings."""
 
 NOT_VALID, EXTENDED, GENERATES_SYNC = 1 << 31, 1 << 29, 1 << 30
-"""Flag bits of a COB-ID."""
+"""Flag bits of a COB-ID: the object is not valid; the identifier has 29 bits; the node generates SYNC (in 1005h)."""
 IDENTIFIER = 0x1FFFFFFF
 _SYNC_COUNTER = 0x1019
 """Synchronous counter overflow value; if not 0, SYNC carries a counter."""
 MAX_PDOS, PDOS_PER_AXIS, MAX_ABSENT_PDOS = 512, 64, 16
-"""CiA 301 has 512 PDOs in each direction, CiA 402 assigns 64 of them to each axis. To find which exist, they are read
-one by one: on the first axis until MAX_ABSENT_PDOS in a row are absent, on every other axis likewise if its first
-PDO exists."""
+"""CiA 301 has 512 PDOs in each direction, CiA 402 assigns 64 of them to each axis. To find which exist, the PDOs of
+the first axis are read one by one until MAX_ABSENT_PDOS in a row are absent. The PDOs of every other axis are read in
+the same way if the first of them exists."""
 INHIBIT_S, MAX_INHIBIT_S = 1e-4, 0.5 * objects.CONTROL_PERIOD_S
-"""Unit of 1800h sub 3, and the inhibit time from which a TPDO may miss a SYNC."""
+"""Unit of the inhibit time in 1800h sub 3, and the inhibit time at and above which a TPDO may miss a SYNC."""
 INHIBIT, SYNC_START = 3, 6
-"""Sub-indices of 1800h."""
+"""Sub-indices of 1800h: inhibit time, and SYNC start value."""
 _RESERVED = frozenset(
     {
         objects.COB_NMT,

@@ -113,59 +113,59 @@ ERROR_CODE: Final = 0x603F
 CONTROLWORD: Final = 0x6040
 STATUSWORD: Final = 0x6041
 QUICK_STOP_OPTION: Final = 0x605A
-"""6: slow down on the quick-stop ramp and stay in *quick stop active*."""
+"""Reaction to quick stop; 6 means: slow down on the quick-stop ramp and stay in *quick stop active*."""
 MODE: Final = 0x6060
 MODE_DISPLAY: Final = 0x6061
 POSITION_ACTUAL: Final = 0x6064
 FOLLOWING_WINDOW: Final = 0x6065
 VELOCITY_ACTUAL: Final = 0x606C
-"""Counts per second."""
+"""Actual speed, counts per second."""
 TARGET_TORQUE: Final = 0x6071
 MAX_TORQUE: Final = 0x6072
 RATED_TORQUE: Final = 0x6076
-"""N m / 1000; the per mille of 6071h, 6072h, 6077h refer to it."""
+"""Rated torque in units of 0.001 N m; 6071h, 6072h and 6077h are in per mille of the rated torque."""
 TORQUE_ACTUAL: Final = 0x6077
 TARGET_POSITION: Final = 0x607A
 POSITION_OFFSET: Final = 0x60B0
 TORQUE_OFFSET: Final = 0x60B2
 HOME_OFFSET: Final = 0x607C
 POSITION_LIMITS: Final = 0x607D
-"""Sub 1 lowest, sub 2 highest position, counts."""
+"""Range of positions, counts: sub 1 lowest, sub 2 highest position."""
 MAX_VELOCITY: Final = 0x607F
-"""Counts per second: limit of commands, and overspeed trip."""
+"""Limit of commanded speeds, and speed at which the drive trips, counts per second."""
 ENCODER_RESOLUTION: Final = 0x608F
-"""Sub 1 increments per sub 2 revolutions."""
+"""Resolution of the encoder: sub 1 is the number of increments in sub 2 revolutions."""
 CONTROL_PERIOD: Final = 0x60C2
-"""Sub 1 times ten to the power of sub 2, seconds."""
+"""Period of SYNC, s: sub 1 times ten to the power of sub 2."""
 SUPPORTED_MODES: Final = 0x6502
 
 # ---- manufacturer-specific objects, joints -----------------------------------------------------
 SENSOR: Final = 0x2100
-"""Sub 1 kind (`SensorKind`), sub 2 full scale in millionths of a degree, sub 3 converter bits."""
+"""The joint's sensor: sub 1 kind (`SensorKind`), sub 2 full scale in millionths of a degree, sub 3 converter bits."""
 SENSOR_KIND: Final = 1
 SENSOR_FULL_SCALE: Final = 2
 SENSOR_BITS: Final = 3
 
 # ---- manufacturer-specific objects, supervisor -------------------------------------------------
 DOCUMENT: Final = 0x2000
-"""DOMAIN. Reading gives the document written last until that is committed, dropped or refused, then the active
-document; if there is neither, reading aborts with 08000024h (no data)."""
+"""Parameter document (DOMAIN). Reading returns the document written last until that document is committed, dropped or
+refused, and then the active document; if there is neither, reading aborts with 08000024h (no data)."""
 DIGEST: Final = 0x2001
 """Digest of 2000h, computed by the supervisor: sub 1 SHA-256 (32 bytes), sub 2 length."""
 DIGEST_SHA256: Final = 1
 DIGEST_LENGTH: Final = 2
 COMMAND: Final = 0x2002
 SLOTS: Final = 0x2003
-"""Sub 1 active slot (`Slot`), subs 2 and 3 state of A and B (`SlotState`), sub 4: 1 while a staged document
-waits for *commit*."""
+"""State of the parameter slots. Sub 1: active slot (`Slot`). Subs 2 and 3: state of slots A and B (`SlotState`). Sub 4:
+1 while a staged document waits for *commit*, otherwise 0."""
 SLOTS_ACTIVE: Final = 1
 SLOTS_A: Final = 2
 SLOTS_B: Final = 3
 SLOTS_STAGED: Final = 4
 REFUSAL: Final = 0x2004
-"""Text of the last refusal; aborts with 08000024h if there is none."""
+"""Reason for the last refusal, as text; reading aborts with 08000024h (no data) if nothing was refused."""
 TOKEN: Final = 0x2010
-"""Node in control, 0 = free. Writing a node number takes control if that node's heartbeat is heard and no other
+"""Node in control; 0 if none is. Writing a node number takes control if that node's heartbeat is heard and no other
 node is in control; writing 0 releases control. Control lapses when the holder's heartbeat is lost."""
 ARM: Final = 0x2020
 """The arm: sub 1 model, sub 2 serial number (both text), sub 3 number of joints."""

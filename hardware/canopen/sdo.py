@@ -21,14 +21,16 @@ from hardware.errors import BusError, DuplicateNodeId, FramesLost, HardwareError
 ANSWER_TIMEOUT_S = 1.0
 READ_ATTEMPTS = 3
 COMMAND_TIMEOUT_FACTOR = 5.0
-"""Factor on the time-out of a command, which is answered only when it is done: a document is parsed, or written to
-disk."""
+"""The time-out of a command is this many times the usual one, because a command is answered only once it has been
+carried out (a document has been parsed, or written to disk)."""
 MIN_UNANSWERED, MAX_UNANSWERED_FRACTION = 8, 0.1
-"""Access stops when at least this number, and more than this fraction, of all requests are unanswered. A connection
-needs 600 requests: with 1 % of all frames lost, 2 connections in 10,000 are refused; with 10 % lost, all are."""
+"""Access stops when at least MIN_UNANSWERED requests, and more than the fraction MAX_UNANSWERED_FRACTION of all
+requests, are unanswered. A connection needs 600 requests: if 1 % of all frames are lost, 2 connections in 10,000 are
+refused; if 10 % are lost, every connection is."""
 UNIQUENESS_REQUESTS, DUPLICATE_FRACTION = 20, 0.75
-"""Number of test requests to a node; if at least this fraction is answered twice, two devices are inferred. If every
-tenth frame is doubled in each direction, a single device reaches the fraction with a probability of 10^-8."""
+"""Number of test requests to a node. If at least the fraction DUPLICATE_FRACTION is answered twice, two devices have
+the node's number. If every tenth frame is doubled in each direction, a single device reaches this fraction with a
+probability of 10^-8."""
 _IN_TRANSIT_S = 0.02
 _ABORT, _GENERAL_ERROR = 0x80, 0x08000000
 

@@ -170,7 +170,7 @@ def is_enabled_unmoved(arm: ArmInterface, bounds: Bounds) -> Iterator[Clause]:
     off = [j.joint for j in joints if j.joint not in on]
     yield nothing_wrong("enable", joints_words(off, "is not enabled"), "all drives are enabled")
     other_mode = [j.joint for j in joints if j.mode is not JointMode.POSITION]
-    must = "is not in position mode, in which an enabled drive must hold its joint"
+    must = "is not in position mode; once enabled, a drive must hold its joint in this mode"
     fine = "all drives are in position mode"
     yield nothing_wrong("holding mode", joints_words(other_mode, must), fine)
     yield is_still("holds", before, arm, bounds)

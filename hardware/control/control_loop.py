@@ -29,7 +29,7 @@ from hardware.monitors.node_monitor import NodeMonitor
 from hardware.timing import LatencyMonitor, Pace, Timing, raise_loop_priority
 
 SWITCH_INTERVAL_S = 0.0005
-"""Python's thread switch interval: with the default of 5 ms, a busy thread could delay a SYNC by as much."""
+"""Python's thread switch interval. With the default of 5 ms, a busy thread could delay a SYNC by 5 ms."""
 FRAMES_AT_A_TIME = 200
 """Limit of the frames handled in a row, so that SYNC is not delayed on a bus where a frame is always waiting."""
 MAX_SAMPLE_AGE_S = 0.1

@@ -200,7 +200,7 @@ class StartUp:
             failure.kept_writes = tuple(self._zeroed)
 
     def _check_drives(self, identity: ArmIdentity) -> tuple[int, ...]:
-        """Compare the PDOs with the profile and the arm with its description; write the PDOs if the profile says so.
+        """Compare the PDOs with the profile and the arm with its description; write PDOs if the profile requires it.
 
         Returns the joints whose drives do not monitor the operator's heartbeat.
         """

@@ -18,7 +18,8 @@ from hardware.errors import HardwareError
 
 Result = TypeVar("Result")
 Steps = Generator[Setpoints | None, Sample, Result]
-"""Generator that yields commands for the next SYNC (None: unchanged), receives its sample, and returns a result."""
+"""Generator that yields commands for the next SYNC, or None to repeat the last commands; receives the sample of that
+SYNC; and returns a result."""
 
 _ALIVE_POLL_S = 0.2
 """How often a waiting caller checks that the loop runs."""

@@ -26,8 +26,9 @@ from hardware.canopen.objects import CYCLIC_POSITION
 CONFIRMED_SYNCS: Final = 10
 """After a drive has answered this many times as commanded, no answer from before the command can still arrive."""
 DROPOUT_SYNCS: Final = 2
-"""Consecutive *disabled* answers that count as a dropout of a drive enabled for fewer than `CONFIRMED_SYNCS`; meanwhile
-the joint gets no command. If the drive was enabled for longer, one such answer counts."""
+"""A drive that has been enabled for fewer than `CONFIRMED_SYNCS` counts as dropped out after this many consecutive
+*disabled* answers; meanwhile its joint gets no command. If the drive has been enabled for longer, a single *disabled*
+answer is enough."""
 NOT_FOLLOWING_SYNCS: Final = 50
 """0.5 s without bit 12: longer than a mode change, during which a drive may set or clear that bit."""
 

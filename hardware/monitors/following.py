@@ -87,7 +87,8 @@ MIN_BRAKING_SYNCS: Final = 30
 MAX_BRAKING_SYNCS: Final = 200
 """2 s: time allowed to a joint that keeps slowing down; the deceleration (6085h) is the drive maker's choice."""
 STRETCH_SYNCS: Final = 10
-"""Length of the intervals whose displacements are compared: a joint brakes while its displacements decrease."""
+"""Length of the successive intervals after a stop. A joint brakes as long as its displacement decreases from one
+interval to the next."""
 
 
 @dataclass(slots=True)

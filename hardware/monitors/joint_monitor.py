@@ -23,18 +23,21 @@ from hardware.monitors.node_monitor import NodeMonitor
 WINDOW_SAMPLES = 6
 """Consecutive samples used; the increment tested is the middle one."""
 ENCODER_COUNTS = 4.0
-"""Jump threshold at rest. Rounding of the six readings gives less than three counts."""
+"""Jump threshold of encoders at rest. Rounding of the six readings changes the tested value by less than three counts.
+"""
 RVDT_COUNTS = 64.0
-"""Jump threshold at rest, 1.9 deg for 12 bits over 120 deg; 12 sigma of the tested value for noise of two counts."""
+"""Jump threshold of RVDTs at rest: 1.9 deg with 12 bits over 120 deg. If the noise is two counts, it is 12 sigma of the
+tested value."""
 COUPLED_FRACTION, COUPLED_NOISE = 0.1, 0.6
 """A real jerk moves another joint by more than COUPLED_FRACTION of the jump plus COUPLED_NOISE of that joint's
 threshold."""
 MOTION_FACTOR = 6.0
-"""Ratio of the threshold in motion to the threshold at rest: targets arrive with some jitter."""
+"""Ratio of the jump threshold in motion to that at rest; it is above 1 because targets arrive with some jitter."""
 JERK_SYNCS = 15
-"""SYNCs without detection after a drive is enabled or its mode changes: the joint may jerk."""
+"""Jumps are not detected for this many SYNCs after a drive is enabled or changes its mode: its joint may jerk."""
 QUIET_SYNCS, ECHO_SYNCS = 10, 2
-"""No other outlier may lie within QUIET_SYNCS of a jump; outliers within ECHO_SYNCS belong to the jump itself."""
+"""A jump is confirmed only if the joint has no other outlier within QUIET_SYNCS of it. Outliers within ECHO_SYNCS do
+not count, because the jump itself causes them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -81,9 +81,10 @@ def _describe_sdo(data: bytes) -> str:
 
 
 _POLL_S = 0.005
-"""Polling period of waits. They take no lock: Ctrl-C could leave it locked, which would block the receiving thread."""
+"""Polling period of waits. Waits take no lock, because Ctrl-C could leave the lock locked, and the receiving thread
+would then block."""
 _TIMEOUT_FACTOR = 5
-"""Longest wait in wall-clock time, as a multiple of its time-out, in case no thread receives any more."""
+"""A wait ends after this many times its time-out in wall-clock time, in case no thread receives frames any more."""
 
 
 class NodeMonitor:

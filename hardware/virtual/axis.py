@@ -170,7 +170,8 @@ class SensorBank:
 
 
 FOLLOWING_WINDOW_RAD = math.radians(3.0)
-"""Following error window: wider than any servo deflection below the torque trip; only a failed sensor exceeds it."""
+"""Following error window. It is wider than any servo deflection at torques below the trip level, so that only a failed
+sensor exceeds it."""
 HOME_OFFSET_LIMIT_RAD = math.pi
 _LARGEST_U32 = 2**32 - 1
 _MILLIONTHS = 1_000_000

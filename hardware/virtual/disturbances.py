@@ -91,7 +91,7 @@ class FaultyWire:
 
 
 DIVERGENCE_STEP_COUNTS, DIVERGENCE_COUNTS = 20, 5556
-"""Growth of a divergence per control period, and its final value: 5 deg of an encoder with 400,000 counts."""
+"""Growth of a divergence per control period, and final value of a divergence: 5 deg with 400,000 counts per turn."""
 
 
 @dataclass(slots=True)
@@ -101,13 +101,17 @@ class Disturbances:
     Attributes
     ----------
     cut_since_s
-        Nodes with a cut cable, and since when (the controller's clock).
+        For each node whose cable is cut: time of the cut (the controller's clock).
     heartbeat_period_s
-        Nodes with another heartbeat period.
+        Changed heartbeat periods, by node.
     lost_tpdos
-        Number of TPDO1 that a joint will still lose.
-    frozen_counts, lost_counts, ripple_counts
-        Fixed reading of a sensor, offset of its readings (which the drive follows), standard deviation of added noise.
+        Number of TPDO1 that are still to be lost, by joint.
+    frozen_counts
+        Constant reading of a stuck sensor, by joint.
+    lost_counts
+        Offset of a sensor's readings, by joint; the drive follows the changed readings.
+    ripple_counts
+        Standard deviation of the noise added to a sensor's readings, by joint.
     diverged_counts
         Distance of a joint from its drive's target, which grows every control period.
     blocked, sagging

@@ -29,9 +29,9 @@ CONVERGED_RAD = 1e-9
 """Newton's method stops after a step this small; as it converges fast, the next step would be far smaller."""
 MAX_NEWTON_STEPS = 12
 RESTING_RAD = 1e-13
-"""Increment below which a chain under unchanged commands stays where it is: far below a count."""
+"""Under unchanged commands, increments below this (far less than a count) are neglected: the chain is at rest."""
 BOUND_HINGE_NM_PER_RAD = 6e4
-"""Stiffness of a blocked hinge: that of ten servos."""
+"""Stiffness of a blocked hinge: ten times that of a servo."""
 MAX_NEWTON_STEP_RAD = 0.1
 """Largest Newton step, so that the chain can follow near a singularity, where a joint would jump."""
 PRESLIDING_RAD = 1e-3
@@ -39,7 +39,7 @@ PRESLIDING_RAD = 1e-3
 SERVO_NM_PER_RAD = 6e3
 """Stiffness in position mode, and of a blocked valve."""
 DAMPING_NM_S_PER_RAD, HINGE_DAMPING_NM_S_PER_RAD = 5.0, 0.5
-"""Viscous damping of every joint and of the hinge: it keeps every step solvable."""
+"""Viscous damping of every joint and of the hinge, which makes the equations of every step solvable."""
 GRAVITY_M_PER_S2 = 9.81
 PAPER_DOWN = frozen([-1.0, 0.0, 0.0])
 """Direction of gravity in frame 0, the arm's base: z_0, the first shoulder axis, is horizontal."""

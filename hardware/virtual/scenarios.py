@@ -75,10 +75,10 @@ COMPLIANT = Loads(
 class Scenario:
     """Description of a virtual arm in its fixture, from which `build` makes a plant.
 
-    The same name and seed give the same arm and noise; `specimen`, if given, is the seed of the arm's errors
-    (linearity, lengths) instead. `truth` is the geometry before the errors of the fixed lengths, whose magnitude in m
-    is within `lengths`. `linearity_of_full_scale`: peak linearity deviation of every RVDT, fraction of full scale.
-    `placement`: number of this mounting of the fixture, from 1; each mounting has different noise.
+    The same name and seed give the same arm and noise. `specimen`: seed of the arm's errors (linearity, lengths); None:
+    `seed` is used for them, too. `truth`: geometry without the errors of the fixed lengths. `lengths`: smallest and
+    largest magnitude of these errors, m. `linearity_of_full_scale`: peak linearity deviation of every RVDT, fraction of
+    full scale. `placement`: number of this mounting of the fixture, from 1; each mounting has different noise.
     """
 
     name: str

@@ -70,7 +70,7 @@ class SimulatedTracker:
 
 
 HOST, TRACKER_PORT = "127.0.0.1", 7327
-"""Default address, reachable from this machine only."""
+"""Default address and TCP port of the simulated tracker, which only this machine can reach."""
 LONGEST_QUESTION = 4096
 """Largest length of a question, characters; a longer question closes the connection."""
 CLIENTS = 16

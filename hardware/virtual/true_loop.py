@@ -50,7 +50,7 @@ class Truth:
         return self.table.theta_off_rad[1:]
 
     def named(self) -> dict[str, float]:
-        """Return the true values, rad and m, by the parameter names of a calibration; of points the position only."""
+        """Return the true values, rad and m, by the parameter names of a calibration; only positions of points."""
         stacked, points = self.table.stacked(), dict[str, FloatArray]()
         match self.loop:
             case PointClosure(tip_m=tip, ground_m=ground):
@@ -138,7 +138,7 @@ PLACEMENT_ENTRIES = ("a_0", "s_0", "alpha_0", "s_1", "a_7", "s_7", "alpha_7")
 WILD_POSE_RAD = float(np.deg2rad(25.0))
 """Largest change of each joint's true home angle (and so of its offset) before the loop is closed again."""
 WILD_HINGE_M, WILD_HINGE_RAD = 0.04, float(np.deg2rad(15.0))
-"""Largest changes of the hinge's lengths and angles."""
+"""Largest differences of the lengths and angles of a `wild` hinge from those of the paper's hinge."""
 SMALLEST_CROSSING_RAD = float(np.deg2rad(20.0))
 """Smallest angle between the hinge axis and its neighbours (D-H degenerates for parallel axes)."""
 

@@ -56,8 +56,8 @@ class PriorInformation:
 
     `judged`: names of the parameters that decide on acceptance. `paper`: the paper's estimate, if that estimator is
     chosen.
-    `out_of_range`, `flipped`: readings outside the arm file's ranges; number of poses left out because the tool is, or
-    seems, upside down. `left_out`: findings that state why these poses were left out.
+    `out_of_range`: readings outside the arm file's ranges. `flipped`: number of poses left out because the tool is, or
+    seems, upside down. `left_out`: findings that state why poses were left out.
     `checks`: set-up checks of the fixture's identified geometry.
     `returned`: repeated poses, each with the comparison of its two readings.
     `by_files`: parameters for which less than half of the information comes from the poses.
@@ -234,7 +234,10 @@ def _misfit_causes(
 
 
 def _wrong_distances(case: _Case, margin: float) -> tuple[Finding, ...]:
-    """Findings of distances whose omission reduces chi2 to at most the best fault's plus `margin`; else empty."""
+    """Return findings of measured distances that may be wrong; empty if there are none.
+
+    A distance may be wrong if chi2 without it is at most the chi2 of the most probable other fault plus `margin`.
+    """
     best = case.diagnosis.best
     most_chi2 = np.inf if best is None else best.evidence.chi2 + margin
     return wrong_distances(case.stated, case.fit.linear, most_chi2=most_chi2)

@@ -46,7 +46,7 @@ from solver.loops.endpoint_geometry import Line
 _T = TypeVar("_T")
 
 LEAST_NOISE_RAD = 1e-4
-"""Least standard deviation of the used readings in a fit that ignores the readings of some joints."""
+"""Smallest standard deviation assumed for the other readings in a fit that ignores the readings of some joints."""
 
 MODEL_ITERATIONS = 15
 """Iterations after which a correct alternative is near its solution."""

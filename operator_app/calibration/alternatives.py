@@ -39,13 +39,14 @@ from solver.diagnostics.statistics import sigmas_at
 from solver.estimators.linear_fit import LinearFit
 
 PROMISING_COST_SHARE = 0.3
-"""An alternative is solved completely if it leaves less than this share of the squared closure error."""
+"""An alternative is solved completely if its squared closure error is below this share of that of the stated model."""
 
 PER_FREEDOM = 4.6
-"""Reduction of an alternative's log weight for each degree of freedom fewer than the stated model has: log of 100."""
+"""An alternative's log weight is reduced by this (the logarithm of 100) for each degree of freedom that it has fewer
+than the stated model."""
 
 LEAST_M = 2e-3
-"""Two lengths that differ by less are equal within tolerance."""
+"""Two lengths that differ by less than this count as equal."""
 
 LEAST_CHANGE_RAD = np.deg2rad(0.05)
 """Offsets below this count as zero, whether the file has degrees or radians."""
@@ -54,7 +55,7 @@ SOLVED_ALTERNATIVES = 3
 """Number of the most promising alternatives that are solved completely."""
 
 LONGEST_S = 4.0
-"""Limit of the search's CPU time in this thread, s; other programs do not count."""
+"""Limit of the search's CPU time in this thread, s; time used by other programs does not count."""
 
 
 def find_alternatives(
@@ -68,7 +69,7 @@ def find_alternatives(
 ) -> tuple[Finding, ...]:
     """Return the mistakes that explain a gross misfit of the stated model, the most probable first.
 
-    `scale`, `dof`: chi2/dof of the stated model at stated variances (infinite if it could not be solved), and its dof.
+    `scale`: chi2/dof of the stated model at stated variances; infinite if it could not be solved. `dof`: its dof.
     `near`: try only simple mistakes in the poses or arm file, and keep those whose correction brings the solution near
     the nominal values. The stated model may fit well.
     `of_files`: try only simple mistakes in the poses or arm file.

@@ -136,10 +136,10 @@ class Prepared:
     """Loops of the poses on one branch, with the model, data and error model of their fit.
 
     `fixed`: unidentifiable unknowns that are fixed at their nominal values on request.
-    `hard`: model with the unknowns to identify; `model`: the same with all free parameters.
+    `hard`: model with the unknowns to identify; `model`: this model with all free parameters.
     `tolerance`: tolerance (rad, m), by name, of each entry free within a tolerance.
     `errors`: error model of the distinct poses.
-    `distinct`, `which`: indices of the distinct poses; for every pose on the branch, its position among them.
+    `distinct`: indices of the distinct poses. `which`: for every pose on the branch, its position in `distinct`.
     `prior`: names of the arm's entries whose uncertainty the arm's file states.
     `identifiability`: identifiability at the paper's estimate; None if it was not evaluated.
     """
@@ -163,7 +163,7 @@ class Prepared:
 class Fitted:
     """The implicit fit of the distinct poses (`whole`), and the chosen estimator's result from all poses.
 
-    `part`, `tested`: the fit of the poses that are tested, and their indices.
+    `part`: the fit of the poses that are tested. `tested`: indices of these poses.
     `shares`: share of each parameter's information that comes from the poses; empty with the paper's estimator.
     """
 

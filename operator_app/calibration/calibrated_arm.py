@@ -48,8 +48,8 @@ class CalibratedArm:
     `tip_m`: the tip in the last frame of `hand`, (3,), m: the ball's centre, an instrument's target; zero for a hinge,
     whose axis is the z axis of that frame, and for a rigid attachment.
     `identified`: entries of `flange` that were calibrated.
-    `best`, `corrections`: the D-H table that is best for uncorrected readings, and their corrections; None if not
-    computed.
+    `best`: the D-H table that is best for uncorrected readings. `corrections`: corrections of the readings. Both are
+    None if not computed.
     """
 
     flange: DhTable
@@ -139,8 +139,8 @@ MOST_POSES_SAMPLED = 100
 """Largest number of poses of a session, chosen evenly from all, for which a best table is computed."""
 
 NOTEWORTHY_SHARE = 0.9
-"""The part of the tool's sigma from parameters determined by poses, not by files, is reported only if it is below
-this share of the whole sigma."""
+"""The part of the tool's sigma that is due to parameters determined by the poses (and not by files) is reported only if
+it is below this share of the whole sigma."""
 
 RANGE_SAMPLES = 300
 """Number of poses over the joints' ranges; the rms over them is accurate to about 4 %."""
@@ -275,7 +275,7 @@ def with_entries(table: DhTable, values: Mapping[str, float]) -> DhTable:
 
 
 NEGLIGIBLE = 2e-3
-"""Displacement of the tool per error of an offset (m/rad), below which the offset is neglected: 0.03 mm per degree."""
+"""An offset is neglected if its error displaces the tool by less than this, m/rad (0.03 mm per degree)."""
 
 
 def offsets_not_sought(model: ClosureModel, arm: ArmModel) -> tuple[int, ...]:

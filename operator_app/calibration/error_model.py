@@ -31,7 +31,8 @@ from solver.loops.closure import ClosureModel, unsensed_at_readings
 from solver.loops.point import GROUND
 
 MOVED_RAD, MOVED_SIGMAS = np.deg2rad(0.05), 4.0
-"""A joint whose readings at two poses differ by more than this has moved."""
+"""A joint has moved between two poses if its readings differ by more than MOVED_RAD and by more than MOVED_SIGMAS of a
+reading's standard deviations."""
 
 NOTHING: Mapping[str, float] = {}
 

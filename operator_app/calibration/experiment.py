@@ -68,7 +68,7 @@ class IdentifiableLoops(NamedTuple):
     """The loops to be fitted, and the parameters that the poses identify.
 
     `model`: the loops with all unknowns; equals `identifiable` if dropping unidentifiable unknowns was requested.
-    `identifiable`, `unidentifiable`: the loops with the unknowns that the poses identify, and the names of the others.
+    `identifiable`: the loops with the unknowns that the poses identify. `unidentifiable`: names of the other unknowns.
     `q`, `kept`: readings (k, n), rad, of the poses on the main branch, and a mask (m,) of these.
     `paper`: the paper's estimate of `identifiable`; None with unsensed joints.
     """

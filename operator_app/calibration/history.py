@@ -23,7 +23,7 @@ from solver.chain.parameters import DhEntry, DhKind, wrap_angle
 from solver.diagnostics.control_chart import BASELINE, ControlChart, control_chart, smallest_shift
 
 ONE_DAY, ONCE_A_YEAR = timedelta(days=1), timedelta(days=365)
-"""Shortest interval between calibrations, and the default interval."""
+"""Shortest time between two calibrations that counts as an interval, and the interval used if there is none."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -83,7 +83,7 @@ class ArmHistory:
     """Calibrations and verifications of one arm over time.
 
     `parts`: for each fixture and estimator, offsets of the arm, and the parameters of the last mounting. `left_out`:
-    sessions that are left out, with the reason. `due`, `due_why`: date of the next calibration, and the reason.
+    sessions that are left out, with the reason. `due`: date of the next calibration. `due_why`: reason for this date.
     """
 
     calibrations: tuple[PastCalibration, ...]
@@ -189,7 +189,11 @@ def _due(
     parts: Sequence[EntryHistory],
     interval: timedelta | None,
 ) -> tuple[datetime, str]:
-    """Return when and why the next calibration is due: as of a failed check or a shift, else after an interval."""
+    """Return when and why the next calibration is due.
+
+    It is due from the date of a failed verification, or of the last calibration if that detected a shift; otherwise an
+    interval after the last calibration.
+    """
     last = accepted[-1].document.utc
     if failed := [v for v in checks if v.utc > last and not v.holds]:
         return failed[-1].utc, f"the verification of {failed[-1].utc:%Y-%m-%d} did not hold"

@@ -22,15 +22,15 @@ from solver.loops.closure import ClosureModel, poses_needed
 from solver.loops.open_arm import MeasuredClosure
 
 REGISTRATION_STEPS, LARGEST_STEP_RAD, NO_STEP = 25, 0.5, 1e-6
-"""Gauss-Newton iteration for the placements of base and target: most steps, largest rotation in a step, and
-tolerance."""
+"""Limits of the Gauss-Newton iteration for the placements of base and target: largest number of steps, largest rotation
+in a step (rad), and step (rad, m) below which the iteration has converged."""
 
 POINT_ERROR_M, PRIOR_SIGMAS = 1e-3, 3.0
 """Error of a point computed with the arm file's entries, and number of standard deviations in a tolerance. Both weight
 the target's stated place, which poses with a single orientation of the tool do not determine."""
 
 DIGITS = 4
-"""Decimals (m, rad) of a registered placement: it is only a nominal value, the start of the calibration."""
+"""Number of decimal places (m, rad) of a registered placement, which is only a start value of the calibration."""
 
 
 def with_registered_instrument(

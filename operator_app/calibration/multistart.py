@@ -23,7 +23,7 @@ from solver.loops.open_arm import BASE, TIP_POINT, TIP_TURN
 from solver.loops.point import GROUND
 
 SCREENING_POSES = 600
-"""Largest number of poses, chosen evenly from all, that decide which of several starts is the best one."""
+"""The best of several starts is found with at most this many poses, chosen evenly from all poses."""
 
 
 def fit_from_starts(

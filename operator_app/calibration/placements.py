@@ -92,7 +92,8 @@ def _in_sigmas(difference: FloatArray, covariance: FloatArray) -> tuple[FloatArr
 
 
 MOST_PAIRS = 45
-"""Number of pairs of ten placements; with more, only neighbours are listed."""
+"""Largest number of pairs of placements that are all listed (ten placements have 45). If there are more, only distances
+of neighbours and measured distances are listed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -66,7 +66,7 @@ def shift_in_words(shift: CommonShift) -> str:
 def predict_new_poses(
     new: Experiment, solution: Solution, made_from: PoseSet, start: Mapping[str, float]
 ) -> tuple[WhitenedResiduals, Chi2Test, Mapping[str, FloatArray]] | None:
-    """Predict new poses from the poses of the calibration: `made_from`, with those on the flipped branch.
+    """Predict new poses from the poses of the calibration, `made_from`, which may include flipped poses.
 
     `start`: values (rad, m) from which to start for parameters that the calibration lacks, such as another socket's
     place, by their names in the loop of the new poses.
@@ -168,7 +168,7 @@ def _as_learned(design: Layout, *, learned: Mapping[str, float]) -> FloatArray:
 
 
 def _at_least_stated(design: Layout, *, learned: Mapping[str, float]) -> FloatArray:
-    """Variances (K,) for the test of new poses: at least the stated ones."""
+    """Variances (K,) for the test of new poses: the estimated ones, but at least the stated ones."""
     return np.maximum(design.stated_variances(), _as_learned(design, learned=learned))
 
 
@@ -208,7 +208,10 @@ def _used(solution: Solution, poses: PoseSet) -> PoseSet:
 def _model(
     estimate: Estimate, old: PoseSet, both: Experiment, start: Mapping[str, float]
 ) -> tuple[ClosureModel, FloatArray, list[int | None]]:
-    """Return the loops of all poses, the parameters' values, and their indices in the estimate (None: not in it)."""
+    """Return the loops of all poses, and of each parameter the value and the index in the estimate.
+
+    The index is None if the estimate does not contain the parameter.
+    """
     known = {p.name: k for k, p in enumerate(estimate.parameters)}
     model = both.loop()
     if len(both.poses.placements) > 1 and len(old.placements) == 1:

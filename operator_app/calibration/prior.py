@@ -43,7 +43,7 @@ EXACT = 1e-6
 class KnownArm:
     """Information about the arm from poses in earlier placements of a fixture.
 
-    `names`, `values`, `covariance`: entries that are the same in every placement: (k,), (k, k), rad and m.
+    `names`, `values` (k,), `covariance` (k, k): the k entries that are the same in every placement, rad and m.
     `ends`: mean over the earlier placements of each offset that is measured from the fixture, rad, by name.
     `placement_ratio`: deviation of the fixture from its nominal placement, rms over parameters and earlier placements,
     in units of the standard deviation that its tolerance implies; at least 1.
@@ -177,8 +177,8 @@ class ShiftOfReading:
 class Innovation:
     """Deviation of a reading from the prediction by earlier poses.
 
-    `chi2`, `dof`: chi2 of the reading (infinite if the loop does not close there), and its degrees of freedom.
-    `usual`: largest chi2 of an earlier pose as predicted from the others; also large if the files are wrong.
+    `chi2`: chi2 of the reading; infinite if the loop does not close at the reading. `dof`: its degrees of freedom.
+    `usual`: largest chi2 of an earlier pose as predicted from the other poses; it is also large if the files are wrong.
     `shifts`: shift of each used reading that would explain the deviation, by joint (1-based).
     """
 
@@ -223,7 +223,8 @@ def innovation(experiment: Experiment, reading: PoseSet) -> Innovation | None:
 
 
 LEAST, AT_MOST = 10, 60
-"""Fewest earlier poses for a test, and number of latest poses to which the fit is limited, to bound its time."""
+"""The test needs at least LEAST earlier poses; its fit uses only the latest AT_MOST of these, to save computing time.
+"""
 
 
 def is_unpredicted(experiment: Experiment) -> bool:

@@ -41,7 +41,7 @@ class Solution:
     `rvdt`: verdict on each RVDT, from a fit in which its joint was taken as unsensed.
     `reasons`: reasons why the calibration is not accepted; empty if it is accepted.
     `adjudication`: all tests, and the causes that they support.
-    `assumed`: values of the error model that no file states, so that defaults were used.
+    `assumed`: values of the error model for which defaults were used, because no file states them.
     `hand`: tool position uncertainty at the poses of the calibration; None in records of earlier versions.
     `accuracy`: tool position error before and after calibration over the joints' ranges; None in records of earlier
     versions.

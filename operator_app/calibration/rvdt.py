@@ -186,7 +186,7 @@ class ReadingTable:
     `joint`: 1-based.
     `theta_off_rad`: offset that belongs to corrected readings.
     `gain`: change of reading per change of angle, ideally 1; included in the corrections.
-    `reading_rad`, `add_rad`, `sigma_rad`: (k,): readings in rising order; corrections to add to them, to be
+    `reading_rad`, `add_rad`, `sigma_rad` (k,): readings in rising order; corrections to add to the readings, to be
     interpolated linearly; and their standard uncertainty.
     """
 

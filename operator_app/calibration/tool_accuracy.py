@@ -69,9 +69,9 @@ class HandAccuracy:
 class TrueErrors:
     """True errors of a calibration, which are known only for a simulated arm.
 
-    `inside_95`, `of`: number of true values within the 95 % intervals of their entries, and number of entries.
-    `tool_rms_m`, `predicted_rms_m`: tool position error, rms over the joints' ranges, from the true values, and as
-    predicted from the covariance of the parameters.
+    `inside_95`: number of entries whose 95 % interval contains the true value. `of`: number of entries.
+    `tool_rms_m`: true tool position error, rms over the joints' ranges. `predicted_rms_m`: this error as predicted from
+    the covariance of the parameters.
     """
 
     inside_95: int

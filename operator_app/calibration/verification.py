@@ -46,8 +46,8 @@ class Fixed:
     `values`: parameter values by name, rad and m.
     `covariance`: covariance (P, P) of `values`, in the same order.
     `rvdt_sd_rad`: estimated noise and linearity deviation of RVDTs together, standard deviation by joint.
-    `fixture_variance`: estimated compliance variance of the fixture (6,), rad^2 and m^2; None if not estimated. This
-    and `rvdt_sd_rad` are used only if smaller than stated.
+    `fixture_variance`: estimated compliance variance of the fixture (6,), rad^2 and m^2; None if not estimated.
+    `fixture_variance` and `rvdt_sd_rad` are used only if they are smaller than stated.
     `unsensed_joints`: joints whose readings the calibration did not use.
     """
 
@@ -63,7 +63,8 @@ class VerificationResult:
     """Result of a verification with new poses.
 
     `nominal`: closure sigmas of the same poses at the nominal parameters, for comparison.
-    `odd_poses`: indices of poses that deviate too far for chance, the worst first; 1 in 1000 sound sets has such poses.
+    `odd_poses`: indices of outliers, the worst first: poses that deviate more than can be due to chance. In 1 of 1000
+    pose sets without a fault there is such a pose.
     `shift`: common shift of one joint or the fixture in all new poses; None if there is none.
     `stated`: the test with at least the stated errors.
     `others_fit`: whether the poses outside `odd_poses` pass the test `stated`, and there is no common shift.

@@ -46,7 +46,7 @@ _MEASURED = (
     ("hand", "in the last frame of the arm's D-H table"),
     ("base", "in its frame 0; default: its position at the arm's home_deg"),
 )
-"""Where a fixture is measured."""
+"""Parts of the arm at which a fixture is measured, each with a text that names the frame of the measurement."""
 
 check = declaration(
     option(

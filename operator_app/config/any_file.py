@@ -104,7 +104,7 @@ FileContent = ArmModel | FixtureSpec | Procedure | BusProfile | ParametersDocume
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FileRead:
-    """Result for one file: its kind (None: unknown), and its content if it is valid."""
+    """Result for one file: its kind, None if unknown, and its content if the file is valid."""
 
     source: Resource
     kind: AnyKind | None

@@ -16,19 +16,19 @@ from solver.chain.poses import PoseSet
 
 DWELL_S = 1.0
 DWELL_SPREAD_RAD = float(np.deg2rad(0.05))
-"""Default least duration of a dwell, s, and largest spread in it (largest minus smallest reading of each joint)."""
+"""Defaults: smallest duration of a dwell, and largest spread (largest minus smallest reading of each joint) in it."""
 
 LEAST_SAMPLES = 5
 GAP_STEPS, GAP_SHARE = 5.0, 0.25
-"""A gap between samples counts as observed up to this many median steps or this share of `dwell_s`, whichever is
-longer."""
+"""Of a gap between samples, at most GAP_STEPS median steps or GAP_SHARE of `dwell_s`, whichever is longer, counts as
+observed time."""
 
 MOST_BISECTIONS = 6
 """Number of times that the spread is halved to separate dwells from slow motion between them."""
 
 EDGE_SIGMAS = 5.0
-"""Samples at either end of a dwell that are more standard deviations than this from its median belong to the motion
-before or after it."""
+"""Samples at either end of a dwell belong to the motion before or after the dwell if they differ from its median by
+more than this many standard deviations."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,7 +53,10 @@ class RefusedDwell:
 
 
 def poses_of(dwells: Sequence[Dwell], utc_of: Callable[[float], str]) -> PoseSet:
-    """Return one pose per dwell, in order; `utc_of` formats a start time ("": not a calendar time)."""
+    """Return one pose per dwell, in order.
+
+    `utc_of` formats a start time (s) as UTC; it returns "" if the log's times are not calendar times.
+    """
     utc = tuple(utc_of(d.start_s) for d in dwells)
     return PoseSet(
         placement=np.ones(len(dwells), dtype=np.int64),

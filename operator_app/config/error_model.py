@@ -1,7 +1,7 @@
 """Uncertainties and masses in files, and defaults for uncertainties that are not stated.
 
-The defaults are what an ordinary workshop achieves. All are one standard deviation, 0 is exact. A mapping replaced by a
-plain 0, such as ``give: 0``, has 0 for all its uncertainties.
+The defaults are what an ordinary workshop achieves. All are one standard deviation; 0 means exact. A mapping replaced
+by a plain 0, such as ``give: 0``, has 0 for all its uncertainties.
 """
 
 from __future__ import annotations

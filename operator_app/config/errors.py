@@ -14,11 +14,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Problem:
-    """One problem of a file, called as the user typed it, or ``packaged:<name>``.
+    """One problem of a file.
 
-    `line` counts from 1 and is None if the problem concerns the whole file. `column`: character in the line (YAML) or
-    number of the field (CSV), from 1. `key`: place in the document, e.g. ``joints[joint 6].sensor.bits``, or the CSV
-    column; "" for the file. Items of a list are named by their own number if they have one, else counted from 1.
+    `file`: name of the file as the user typed it, or ``packaged:<name>``. `line` counts from 1 and is None if the
+    problem concerns the whole file. `column`: character in the line (YAML) or number of the field (CSV), from 1. `key`:
+    place in the document, e.g. ``joints[joint 6].sensor.bits``, or the CSV column; "" for the file. Items of a list are
+    named by their own number if they have one, else counted from 1.
     """
 
     file: str

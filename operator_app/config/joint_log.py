@@ -39,7 +39,10 @@ OTHER_COLUMNS = re.compile(r"t|time.*|.*stamp.*|n?secs?|index|row|pose|label", r
 
 RANGE = re.compile(r"([1-9]\d{0,3})-([1-9]\d{0,3})")
 SPLIT_AT_DECIMAL_COMMAS = re.compile(r"\d+\s*[;\s]\s*[-+]?\d+")
-"""Text between two decimal commas: decimals of one number, separator, whole part of the next number."""
+"""Matches a cell that results if a file with decimal commas is split at its commas.
+
+Such a cell has the decimals of one number, a separator, and the whole part of the next number.
+"""
 
 
 def load_joint_log(

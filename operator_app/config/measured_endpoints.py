@@ -211,11 +211,12 @@ def _number(name: str, value: Any) -> float:
 TARGETS = tuple(f"{axis}{k}_m" for k in (1, 2, 3) for axis in "xyz")
 
 LEAST_HEIGHT_M = 0.01
-"""Height of the triangle below which its targets are nearly in line: rotations about that line are not measurable."""
+"""If the height of the triangle is below this, its targets are nearly in line, and rotations about this line cannot be
+measured."""
 
 MOST_OFF_M, MOST_OFF_SPREADS = 1e-3, 8.0
 """Limits of the largest distance of a pose's targets from the common triangle: in metres, and relative to the median
-over the poses. Beyond both limits, a target has moved or two were exchanged."""
+over the poses. If both limits are exceeded, a target has moved or two targets were exchanged."""
 
 TRIANGLE_ITERATIONS = 5
 """Iterations of aligning all triangles with their mean; from the second one on, the mean changes only by terms

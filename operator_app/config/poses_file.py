@@ -50,7 +50,7 @@ LIMIT_BYTES = 32 * 1024 * 1024
 """Limit of a file; 100,000 poses of seven joints with standard deviations need some 20 MB."""
 
 FEWEST_POSES_FOR_UNIT = 5
-"""Least number of poses for a check of the unit of their angles."""
+"""The unit of the angles is checked only if a file has at least this many poses."""
 
 KEY = ("placement", "pose")
 OPTIONAL = ("samples", "utc", "note")
@@ -89,7 +89,7 @@ def load_poses(path: str | Path, *, joint_count: int | None = None) -> LoadedPos
 
 
 def parse_poses(data: bytes, file: str, *, joint_count: int | None = None) -> LoadedPoses:
-    """Read poses from the bytes of a CSV file of an arm with `joint_count` joints (None: as in the file).
+    """Read poses from the bytes of a CSV file of an arm with `joint_count` joints; if None, the file states the number.
 
     Raises ConfigError with up to a hundred problems of the file.
     """

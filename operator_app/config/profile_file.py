@@ -27,7 +27,7 @@ from operator_app.config.strict_yaml import Path as KeyPath
 
 
 def parse_profile(data: bytes, file: str, *, joints: int | None) -> BusProfile:
-    """Read a bus profile for an arm of `joints` joints (None: as in `ProfileFile.for_joints`).
+    """Read a bus profile for an arm of `joints` joints; for None, see `ProfileFile.for_joints`.
 
     Raises ConfigError with all problems of the file.
     """
@@ -73,7 +73,7 @@ def format_profile(profile: BusProfile, *, comment: str) -> bytes:
 
 
 def _written(pdos: Sequence[Pdo], node: int | None) -> list[dict[str, Any]]:
-    """Return PDOs as in the file, with identifiers relative to `node` (None: absolute)."""
+    """Return PDOs as in the file, with identifiers relative to `node`, or absolute if `node` is None."""
     return [
         {
             "pdo": pdo.number,
@@ -93,7 +93,7 @@ _RESERVED = (
 
 
 def check_profile(file_model: ProfileFile, joints: int | None) -> Iterator[Complaint]:
-    """Yield all problems of a profile for an arm of `joints` joints (None: any number)."""
+    """Yield all problems of a profile for an arm of `joints` joints, or of any number of joints if `joints` is None."""
     yield from _check_supervisor(file_model)
     yield from _check_listed(file_model, joints)
     if file_model.modes.position == file_model.modes.free:

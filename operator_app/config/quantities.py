@@ -121,21 +121,21 @@ LengthMm = Annotated[
     Number, *_limited(LONGEST_MM, TOO_LONG_MM, "check that the value is in millimetres")
 ]
 AngleDeg = Annotated[Number, *_limited(LARGEST_DEG, TOO_FAR, "write degrees")]
-"""An angle of a joint: may exceed one turn."""
+"""An angle of a joint, deg; it may exceed one turn."""
 BEYOND_A_TURN = "{:g} deg is more than a turn"
 TurnDeg = Annotated[Number, *_limited(360.0, BEYOND_A_TURN, "write degrees between -360 and 360")]
-"""An offset: within a turn."""
+"""An offset, deg: between -360 and 360."""
 TwistDeg = Annotated[TurnDeg, AfterValidator(_twist_deg)]
 """A nominal twist, deg: within a turn; a number such as 1.5708 (pi/2) is refused as one in radians."""
 
 StatedMm = Annotated[NonNegativeNumber, *_uncertainty(50.0, "mm")]
 StatedDeg = Annotated[NonNegativeNumber, *_uncertainty(10.0, "deg")]
 StatedMrad = Annotated[NonNegativeNumber, *_uncertainty(200.0, "mrad")]
-"""An uncertainty, as one standard deviation; 0 is exact."""
+"""An uncertainty, as one standard deviation; 0 means that the value is exact."""
 
 Text = Annotated[str, StringConstraints(strict=True, strip_whitespace=True, min_length=1)]
 ExactText = Annotated[str, StringConstraints(strict=True, min_length=1)]
-"""Text kept exactly, with its spaces: a program wrote it and will compare it."""
+"""Text that is kept exactly, including its spaces, because a program wrote the text and will compare it."""
 Name = Annotated[str, StringConstraints(strict=True, pattern=r"^[A-Za-z][A-Za-z0-9_.-]{0,63}$")]
 
 

@@ -129,7 +129,7 @@ def _time_s(cell: str) -> float:
 
 
 def _angle(cell: str) -> float:
-    """Read an angle; an empty or non-finite value is a lost sample. Raises BadCell."""
+    """Return the angle in a cell, in the unit of the file; nan if the cell is empty. Raises BadCell if not a number."""
     try:
         return float(cell or "nan")
     except ValueError as error:

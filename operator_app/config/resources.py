@@ -20,9 +20,9 @@ from operator_app.config.errors import only
 Kind = Literal["arm", "fixture", "procedure", "profile"]
 
 DESCRIPTION_LIMIT_BYTES = 16 * 1024 * 1024
-"""Limit for a URDF."""
+"""Largest size of a URDF file."""
 YAML_LIMIT_BYTES = 256 * 1024
-"""Limit far above any valid file (the largest is some 10 kB); a larger one is the wrong file."""
+"""Largest size of a YAML file, far above that of any valid file (about 10 kB): a larger file is the wrong file."""
 
 
 OPEN_ALREADY = ("/dev/stdin", "/dev/fd/", "/proc/self/fd/")

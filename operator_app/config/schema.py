@@ -36,7 +36,7 @@ from operator_app.config.quantities import TO_SI, UNIT, UNITS, length_doubt
 from operator_app.config.strict_yaml import Complaint, Path, YamlDocument, load_strict
 
 VERSIONS: Mapping[str, tuple[int, ...]] = {"parameters": (1, 2, 3)}
-"""Versions of a kind of file that are read, the written one last; by default only version 1."""
+"""Versions of the format that can be read, by kind of file; the last one is written. Other kinds: only version 1."""
 
 UNKNOWN_KEY = ("extra_forbidden", "unexpected_keyword_argument")
 UNKNOWN, KNOWN_HERE = "unknown key", "known here: "

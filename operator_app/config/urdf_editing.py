@@ -97,7 +97,8 @@ def _xml_text(text: str) -> str:
 SAME = 1e-11
 """Origins nearer to each other than this (m, or entries of a rotation) count as equal."""
 OTHER_ARM_M, OTHER_ARM_RAD = 0.05, math.radians(10.0)
-"""Largest difference of a file's rows from the arm's; a file beyond this limit belongs to another arm."""
+"""Largest difference between the D-H rows of a file and those of the arm. A file with larger differences belongs to
+another arm."""
 
 UR_LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 UR_KEYS = ("x", "y", "z", "roll", "pitch", "yaw")

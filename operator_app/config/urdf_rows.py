@@ -16,8 +16,8 @@ from solver.chain.kinematics import DhTable
 MEET_M = 1e-9
 """Distance below which axes count as intersecting."""
 MEETING_SINE, FAR_M = 1e-9, 2.0
-"""Least sine of the angle between the tip's and the last joint's axes, and largest s and a, for which the last row
-follows their common normal."""
+"""The last row follows the common normal of the last joint's axis and the tip's z axis only if the sine of the angle
+between these exceeds MEETING_SINE, and the row's s and a are below FAR_M."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -53,9 +53,9 @@ def run(
 
     Returns None if the current placement is complete and the fixture has to be remounted for the next placement.
 
-    `forced`: reason for exporting a calibration that is not accepted ("": it is not exported). `homing`: whether the
-    operator agrees that an arm outside its exploration box goes home. `solver`: runs the calibration; on a real bus, in
-    a separate process, so that SYNC is not delayed.
+    `forced`: reason for exporting a calibration that is not accepted; if empty, it is not exported. `homing`: whether
+    the operator agrees that an arm outside its exploration box goes home. `solver`: runs the calibration; on a real
+    bus, in a separate process, so that SYNC is not delayed.
     """
     if session.procedure.position_joints is not None:
         session.check_modes(session.procedure.position_joints)
@@ -147,7 +147,10 @@ def require_mounted(opening: Opening, listener: ConsoleListener) -> None:
 def _confirm(
     opening: Opening, listener: ConsoleListener, number: int, lines: tuple[str, ...]
 ) -> None:
-    """Write `lines`, and wait for the confirming word (what was typed before is ignored); SessionError without it."""
+    """Write `lines`, and wait for the confirming word; text typed earlier is ignored.
+
+    Raises SessionError if the input ends without this word.
+    """
     try:
         for line in lines:
             listener.say(line)
@@ -172,7 +175,10 @@ def _confirm(
 
 
 def words(opening: Opening, *, drives_off: bool) -> tuple[str, ...]:
-    """Return the instructions between two placements; unless `drives_off`, they ask to check that drives are off."""
+    """Return the instructions between two placements.
+
+    If `drives_off` is false, the instructions ask the operator to make sure that the drives are off.
+    """
     off = (
         "Nothing commands the arm any more: its drives are off."
         if drives_off

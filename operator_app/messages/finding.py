@@ -14,7 +14,7 @@ from operator_app.messages.finding_kind import FindingKind
 __all__ = ["CERTAIN", "Finding", "FindingKind", "NamedSize"]
 
 CERTAIN = 0.5
-"""Least probability of a finding stated as a fact; less probable ones are stated as possibilities."""
+"""A finding is stated as a fact if its probability is at least this, otherwise as a possibility."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -128,7 +128,7 @@ class FindingKind(Enum):
         "WRONG_FIXTURE",
         text="the loops close like those of a ball that turns freely, not of a {name} fixture",
         remedy="find why the fixture can tilt; or, if it is a ball, calibrate with a fixture file of that ball and "
-        "--drop-unidentifiable (a ball does not separate the first joint's offset from the socket's place); this "
+        "--drop-unidentifiable (with a ball, the first joint's offset is not separable from the socket's place); this "
         "command writes that file from these poses: {last_name}",
     )
     READING_STEP = _Message(
@@ -156,8 +156,8 @@ class FindingKind(Enum):
     )
     READING_UNRELATED = _Message(
         "{sensor}_{joint}",
-        text="the reading of joint {joint} {certain:does|may} not follow the joint's angle as computed from the "
-        "closed loop",
+        text="the reading of joint {joint} {certain:does|possibly does} not follow the joint's angle as computed from "
+        "the closed loop",
         remedy="check the sensor, cable and channel of joint {joint}; until then " + _UNSENSED,
     )
     READING_FROZEN = _Message(

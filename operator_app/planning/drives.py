@@ -32,9 +32,9 @@ MOST_SETS = 3
 """Largest number of drive sets of a plan."""
 INEXACT_RAD = float(np.deg2rad(0.5))
 FEWEST_WAYPOINTS = 10
-"""Fewest poses of the reachable region; with fewer, no drive joints are chosen."""
+"""Drive joints are chosen only if the reachable region has at least this many poses."""
 WORTH_A_CHANGE = 0.03
-"""Least share of the region that a further drive set of a plan has to add."""
+"""A plan gets a further drive set only if the set adds at least this share of the reachable region."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

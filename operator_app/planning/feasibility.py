@@ -25,7 +25,7 @@ from solver.errors import UnidentifiableDirection
 from solver.loops.closure import ClosureModel
 
 SPREAD = 60
-"""Number of poses, spread over the reachable region, that give the best possible identifiability."""
+"""Number of poses, spread over the reachable region, from which the best possible identifiability is computed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -29,7 +29,7 @@ from solver.loops.open_arm import MeasuredClosure
 EACH_UP_TO = 100
 """Up to this number of poses, the parameters are estimated after each pose."""
 GROWTH = 1.02
-"""With more poses, the parameters are estimated whenever the number of poses has grown by this factor."""
+"""With many poses, the parameters are estimated again whenever the number of poses has grown by this factor."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,10 +37,11 @@ class LiveQuality:
     """Quality of a growing set of poses.
 
     `needed`: smallest number of poses from which parameters can be estimated. `x` (P,): latest estimate, rad or m;
-    nominal values before the first. `scaled_condition_number`, `weakest`: of the captured poses; inf and () with too
-    few. `history`: (poses, scaled condition number) after each estimate, oldest first. `coverage`: lowest and highest
-    captured angle of each joint, rad; empty without poses. `predicted_m`: by pose number, position closure error of
-    that pose with the estimate from the poses before it, m.
+    nominal values before the first estimate. `scaled_condition_number`, `weakest`: scaled condition number of the
+    captured poses, and parameters of the weakest direction; inf and () with too few poses. `history`: (poses, scaled
+    condition number) after each estimate, oldest first. `coverage`: lowest and highest captured angle of each joint,
+    rad; empty without poses. `predicted_m`: by pose number, position closure error of that pose with the estimate from
+    the poses before it, m.
     """
 
     needed: int
@@ -119,7 +120,7 @@ def _with_one_more(
 
 
 LEGS = 24
-"""Number of steps to each waypoint; with small steps, no loop jumps to another branch."""
+"""Number of steps in which a move to a waypoint is predicted: small steps keep the loop on its branch."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

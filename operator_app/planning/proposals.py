@@ -24,11 +24,11 @@ from solver.loops.closure import ClosureModel
 from solver.loops.endpoint_geometry import Line
 
 TRIED_HOMES = 2000
-"""Number of poses tried."""
+"""Number of poses from which a home is chosen."""
 MIDDLE = 0.6
 """Share of every range, around its middle, from which the tried poses are drawn."""
 CLEAR = 0.1
-"""Least distance of a home from either end of a range, as a share of the range."""
+"""Smallest distance of a proposed home from either end of a joint's range, as a share of the range."""
 AS_GOOD = 0.6
 """A pose nearer to the middle of the ranges is preferred if its score is at least this share of the best score."""
 HOME_DISTANCE_RAD = float(np.deg2rad(30.0))
@@ -62,7 +62,8 @@ def closing_home(
 ) -> tuple[FloatArray, Feasibility] | None:
     """Return a home pose (n,), rad, near the arm's home, within a degree of a closed pose, and its `Feasibility`.
 
-    `from_home`: feasibility at the home in the arm file. None if that is good, for an open arm, or if no pose is found.
+    `from_home`: feasibility at the home in the arm file. Returns None if this home is good enough, if the arm is open,
+    or if no pose is found.
     """
     distance_rad = from_home.home_to_closed_rad
     if not fixture.holds_hand or (
@@ -150,7 +151,10 @@ def _whole_degrees(q: FloatArray) -> FloatArray:
 
 
 def ball_between(arm: ArmModel, hand_m: FloatArray, base_m: FloatArray | None) -> Ball:
-    """Return the ball with this centre (3,), tool frame, and this socket (3,); None: where the centre is at home."""
+    """Return the ball with its centre at `hand_m` (3,), tool frame, and its socket at `base_m` (3,), base frame, in m.
+
+    If `base_m` is None, the socket is where the ball's centre is at the arm's home pose.
+    """
     if base_m is None:
         R, p = _hand_at_home(arm)
         base_m = p + R @ hand_m

@@ -52,7 +52,7 @@ def formats(estimate: Estimate) -> Callable[[Valued], Format]:
 def formats_of(
     sigmas: Iterable[tuple[Valued, float]], *, most: int = 9
 ) -> Callable[[Valued], Format]:
-    """Return the same function for these parameters and sigmas, with at most `most` decimal places."""
+    """Return the function that `formats` returns, for these parameters and sigmas; `most`: largest number of places."""
     return _formats(sigmas, partial(places_to_show, least=3, most=most))
 
 

@@ -33,8 +33,9 @@ class Subject:
 
     `solution`: the calibration; None if the poses do not determine every parameter, see `unidentifiable`. `checks`:
     cross-validation and jackknife, None if not computed. `recalculated_because`: why the poses were solved again; empty
-    if the solution is from the journal. `last_utc`, `events`, `torn`: time of the journal's last event, number of
-    events, and text about an incomplete line dropped from its end. `simulated`: the drives are virtual, as they report.
+    if the solution is from the journal. `last_utc`: time of the journal's last event. `events`: number of its events.
+    `torn`: text about an incomplete line dropped from its end. `simulated`: whether the drives report that they are
+    virtual.
     """
 
     name: str

@@ -98,7 +98,8 @@ def placed(table: FactTable, gap: str) -> tuple[list[list[str]], list[list[str]]
 
 
 ROLES = {"found": "bold"}
-"""The terminal app shows figures with the role of a key in the style of the role that is its value."""
+"""The terminal app shows figures whose role is a key of this mapping in the style of the role that is the key's value.
+"""
 
 
 def table_spans(table: FactTable) -> tuple[list[Line], list[Line]]:

@@ -35,7 +35,7 @@ class Dialog(ModalScreen[str | None], Generic[Shown]):
         self._question = question
 
     def on_mount(self) -> None:
-        """Give the focus, which Textual's `AUTO_FOCUS` does only in a terminal in the foreground."""
+        """Focus the widget `FOCUS`; Textual's `AUTO_FOCUS` would do so only while the terminal is in the foreground."""
         self.query_one(self.FOCUS).focus()
 
     def on_resize(self, event: events.Resize) -> None:

@@ -44,7 +44,7 @@ class Lines(Widget, can_focus=True):
     HELP = ""
     TITLE = ""
     FIXED = False
-    """Whether the lines are set once and independent of snapshots."""
+    """Whether the lines are set only once, so that they do not depend on snapshots."""
 
     def __init__(self, *, id: str | None = None) -> None:  # noqa: A002 - Textual's name
         super().__init__(id=id)
@@ -165,7 +165,7 @@ class Lines(Widget, can_focus=True):
             self.post_message(Clicked(action))
 
     def _action_at(self, x: int, y: int) -> str:
-        """Return the name of the action for a click at this position; "" for none.
+        """Return the name of the action for a click at this position; "" if a click does nothing there.
 
         Subclasses override this method instead of `on_click`, since Textual also calls `on_click` of base classes.
         """

@@ -127,9 +127,9 @@ class StepRow(StepRail, can_focus=False):
 
 
 SELDOM = 4
-"""Panels outside the step's view are updated once in this many snapshots, or at once after an important change."""
+"""Panels outside the step's view are updated with every fourth snapshot, or immediately after an important change."""
 HINT_ROWS, MOST_HINT_ROWS = 2, 4
-"""Rows for the next action, and largest number of rows for a long refusal; rows not used belong to the log."""
+"""Usual number of rows for the next action, and largest number if a refusal is long; the log gets the unused rows."""
 VIEWS = (ConnectView, FixtureView, ModesView, CaptureView, CalibrateView, ResultsView, ExportView)
 
 

@@ -155,16 +155,18 @@ def forward(
 
 _AXIS = np.array([{DhKind.A: 0, DhKind.ALPHA: 0, DhKind.BETA: 1}.get(kind, 2) for kind in DhKind])
 _TURNS = np.array([kind.is_angle for kind in DhKind])
-"""`_AXIS` (5,): axis (x 0 or y 1 of the frame after the link, z 2 of the frame before it) along or about which each
-`DhKind` moves the links after it. `_TURNS` (5,): whether each `DhKind` is an angle."""
+"""`_AXIS` (5,): index of the axis along which (lengths) or about which (angles) each `DhKind` moves the links after it:
+x (0) or y (1) of the frame after the link, or z (2) of the frame before the link. `_TURNS` (5,): whether each `DhKind`
+is an angle."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Entries:
     """Frame and axis of each of the D-H entries whose screws are needed, in the order given.
 
-    `frame`, `axis` (C,): index of a frame, and of its axis (x 0, y 1, z 2) about which the entry turns, or along which
-    it shifts, the links after it. `turning`, `sliding`: indices of the entries that are angles, and that are lengths.
+    `frame` (C,): index of a frame. `axis` (C,): index of the axis of this frame (x 0, y 1, z 2) about which the entry
+    turns the links after it, or along which it shifts them. `turning`: indices of the entries that are angles.
+    `sliding`: indices of the entries that are lengths.
     """
 
     frame: IntArray

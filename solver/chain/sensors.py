@@ -40,7 +40,7 @@ class Encoder:
 
     @property
     def resolution_rad(self) -> float:
-        """One count, rad."""
+        """Angle of one count, rad."""
         return 2.0 * math.pi / self.counts_per_rev
 
     @property
@@ -72,7 +72,7 @@ class Rvdt:
 
     @property
     def resolution_rad(self) -> float:
-        """One least significant bit."""
+        """Angle of one least significant bit, rad."""
         return float(self.full_scale_rad / 2**self.bits)
 
     @property
@@ -105,7 +105,7 @@ class NoSensor:
     gain_rad: ClassVar[float] = 0.0
 
     def variance_of_mean_rad2(self, samples: int) -> float:
-        """Return 0."""
+        """Return 0, because no error of a reading counts without a sensor."""
         return 0.0
 
 
@@ -117,7 +117,8 @@ SHAPE_WEIGHTS = (1.0, 1.0, 0.5, 0.35, 0.25, 0.18, 0.14, 0.11, 0.09)
 a bow (P2) and an S (P3), and higher terms fall with the square of the degree."""
 
 LOWEST = 2
-"""Lowest degree of the Legendre polynomials: from 2 on they are orthogonal to lines, as a linearity deviation is."""
+"""Lowest degree of the Legendre polynomials used: like a linearity deviation, they are orthogonal to any line from
+degree 2 on."""
 
 
 def _power_series() -> FloatArray:
@@ -130,7 +131,7 @@ def _power_series() -> FloatArray:
 
 
 _POWERS = _power_series()
-"""Shapes as power series: one matrix product gives all shapes; at this low degree only three of 16 digits are lost."""
+"""Shapes as power series, so that one matrix product gives all of them; rounding costs only three of 16 digits."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -79,8 +79,8 @@ class LinkMasses:
 
 
 UNSTATED_KG, UNSTATED_CENTRE_M = 1.0, 0.1
-"""Mass of each link and standard deviation of its centre if no file states them. They determine only the shapes of
-sag; the magnitude of sag is stated separately."""
+"""Mass of each link, and standard deviation of its centre of mass, if no file states masses. They determine only the
+shapes of sag; the magnitude of sag is stated separately."""
 
 
 def unstated_masses(links: int) -> LinkMasses:

@@ -41,11 +41,11 @@ MOST_BLOCKED = 8
 MOST_UNREACHED = 12
 """Number of consecutive chosen poses without a path after which the campaign ends."""
 EASIER_LEVERAGE = 0.7
-"""Share of the least leverage that is accepted when nothing else can be reached."""
+"""If no pose can be reached otherwise, leverage down to this share of the usual lower limit is accepted."""
 REPLAN_SHIFT_RAD = float(np.deg2rad(0.5))
-"""A plan is made again when a new estimate moves the plan's poses by more than this."""
+"""A new plan is made when a new estimate changes the predicted angles of the planned poses by more than this."""
 NEXT_TO_RAD = 0.5
-"""Largest distance (Euclidean, all joints) of a captured pose from the candidate where the last move to it starts."""
+"""The last move to a captured pose starts at a candidate no farther from the pose than this (Euclidean, all joints)."""
 
 BACK = "to a captured pose"
 

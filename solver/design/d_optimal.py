@@ -18,11 +18,14 @@ from solver.arrays import BoolArray, FloatArray
 from solver.estimators.least_squares import column_scale
 
 PRIOR_SHARE = 1e-8
-"""Weight of the prior that makes the first information matrices regular, relative to one average candidate."""
+"""Weight, relative to an average candidate, of the prior that makes the first information matrices regular."""
 MOST_RESTARTS = 24
 RESTART_WORK = 400_000
-"""Limit of restarts times candidates times poses times unknowns: small problems have bad local optima and are cheap.
-Among thousands of candidates one start comes within one per cent of the optimum."""
+"""Upper limit of the product of restarts, candidates, poses and unknowns.
+
+Restarts help in small problems, which have bad local optima and are cheap. With thousands of candidates, a single start
+comes within one per cent of the optimum.
+"""
 MAX_SWEEPS = 10
 """Largest number of sweeps of exchanges."""
 WORTHWHILE = 1e-9

@@ -31,10 +31,10 @@ class RankedDrives:
 
     `drives`: joints (1-based) to be put into position mode. `score`: value by which sets are ranked, in [0, 1].
     `leverage`: smallest singular value of the drives' share in the self-motion, from 0 at a singularity to 1 if the
-    drives determine all motion; over a region, the median over the poses that the set reaches. `fastest_passive`,
-    `fastest_joint`: largest ratio of a passive joint's speed to the drives' speed, and this joint. `reach`:
-    share of the region's poses that can be reached from pose 0; None if the ranking is not over a region. `reasons`:
-    the most important first.
+    drives determine all motion; over a region, the median over the poses that the set reaches. `fastest_passive`:
+    largest ratio of a passive joint's speed to the drives' speed. `fastest_joint`: this passive joint. `reach`: share
+    of the region's poses that can be reached from pose 0; None if the ranking is not over a region. `reasons`: the most
+    important first.
     """
 
     drives: tuple[int, ...]

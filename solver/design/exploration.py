@@ -19,7 +19,7 @@ from solver.design.actions import Capture, GoTo
 from solver.design.motion import Ranges
 
 WIGGLE_RAD = float(np.deg2rad(1.5))
-"""Length of the first steps, from which rates are learnt."""
+"""Length of the first steps, from which the rates of the joints are determined."""
 RAY_STEP_RAD = float(np.deg2rad(4.0))
 """Length of a step of the drives."""
 REACH_RAD = float(np.deg2rad(28.0))
@@ -27,15 +27,18 @@ REACH_RAD = float(np.deg2rad(28.0))
 CAPTURE_EVERY = 3
 """Steps between captured poses; with a single drive, every step is captured."""
 RAY_MARGIN_RAD = float(np.deg2rad(5.0))
-"""Least distance of every joint from the ends of its range."""
+"""Smallest allowed distance of every joint from the ends of its range."""
 MOST_RATE = 2.5
-"""Largest allowed ratio of a passive joint's motion to the drives'; more means that a singularity is near. If 1.3
-times the ratio at the start exceeds this limit, that much is allowed, but at most twice the limit."""
+"""Largest allowed ratio of a passive joint's motion to that of the drives: a larger ratio shows a singularity nearby.
+
+If 1.3 times the ratio at the start is larger than this, the limit is 1.3 times the ratio at the start, but at most
+twice this value.
+"""
 
 
 @dataclass(slots=True)
 class _Ray:
-    """A direction in drive space, the number of steps along it, and why the ray ended early ("" if it did not)."""
+    """A direction in drive space, the number of steps along it, and why the ray ended early; "" if it did not."""
 
     direction: FloatArray
     steps: int

@@ -78,7 +78,10 @@ def implicit_interim(model: ClosureModel, noise: NoiseModel) -> Calibrate:
 
 
 def _with_fixture_variance(noise: NoiseModel, estimate: Estimate, used: NoiseModel) -> NoiseModel:
-    """Return `noise` with the fixture variance of `used` times chi2/dof; if it is None, with squared closure errors."""
+    """Return `noise` with a fixture variance that explains the closure errors.
+
+    This is the fixture variance of `used` times chi2/dof; if `used` has none, the squared closure sigmas.
+    """
     if used.fixture_variance is not None:
         scale = estimate.chi2_per_dof or 1.0
         return replace(noise, fixture_variance=used.fixture_variance * scale)

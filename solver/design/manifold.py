@@ -154,7 +154,7 @@ def _tree(points: FloatArray) -> cKDTree:
 
 
 def _far_from(others: FloatArray, points: FloatArray, distance: float) -> BoolArray:
-    """Whether each of `points` (m,) is at least `distance` from all of `others`."""
+    """Whether each of `points` (m, d) is at least `distance`, rad, from all of `others` (k, d); shape (m,)."""
     if len(points) == 0:
         return np.zeros(0, dtype=np.bool_)
     nearest, _ = _tree(others).query(points, distance_upper_bound=distance)

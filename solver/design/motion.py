@@ -69,7 +69,7 @@ class ChainMotion:
 
     @property
     def degrees(self) -> int:
-        """Mobility d: exactly this many joints belong in position mode."""
+        """Mobility d of the chain, which is also the number of joints that have to be in position mode."""
         return int(self.tangent.shape[-1])
 
     def leverage(self, drives: Sequence[int]) -> FloatArray:
@@ -115,7 +115,7 @@ def chain_motion(model: ClosureModel, x: FloatArray, q: FloatArray, u: FloatArra
 
 
 LOST_RAD = 0.25
-"""Correction of the predicted step beyond which the chain has jumped to another branch."""
+"""If a predicted step has to be corrected by more than this, the chain has jumped to another branch."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

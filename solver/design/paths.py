@@ -22,11 +22,11 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 AT_START = 0.6
-"""Share of the least leverage that suffices at the present pose, which the arm must be able to leave."""
+"""Share of the lower limit of leverage that is enough at the present pose, so that the arm can leave this pose."""
 BETWEEN = 0.8
-"""Share of the least leverage that suffices on a straight line between two good poses."""
+"""Share of the lower limit of leverage that is enough on a straight line between two poses that keep the limit."""
 CHANGE_COST_RAD = 0.5
-"""Cost of a change of drive joints, as motion: stopping, switching and settling again."""
+"""Cost of a change of drive joints (stopping, switching and settling), as the motion (rad) that costs the same."""
 ATTEMPTS = 20
 """Number of paths that are tried; another is searched after an edge has failed."""
 LINE_STEP_RAD = 0.03

@@ -34,7 +34,7 @@ from solver.loops.closure import ClosureModel
 AVOID_RADIUS_RAD = 0.15
 """Nothing is planned this near to a pose where a move had to be stopped."""
 APART_RAD = 0.1
-"""Least distance between chosen poses."""
+"""Smallest distance between chosen poses (Euclidean, all joints)."""
 MOST_UNCERTAIN_RAD = float(np.deg2rad(3.0))
 """Largest standard deviation of a free joint's predicted angle at a planned pose."""
 
@@ -85,11 +85,12 @@ class PlanningTask:
 class PosePlan:
     """Poses to visit, and what the next plan needs.
 
-    `information`: of the candidates, which are the poses of `manifold`; `graph`: paths between them. `allowed` (m,):
-    whether each candidate can be reached, is predicted reliably, and gives the drives enough leverage. `visits`:
-    indices of the chosen candidates in visiting order. `ranked`: drive sets ranked over the region, best first; empty
-    when the task states its drive sets. `predicted_sigma` (P,): standard deviations with all chosen and captured poses;
-    inf if undetermined. `design`: identifiability from the chosen poses under the paper's Jacobian.
+    The candidates are the m poses of `manifold`. `information`: information from each candidate. `graph`: paths between
+    candidates. `allowed` (m,): whether each candidate can be reached, is predicted reliably, and gives the drives
+    enough leverage. `visits`: indices of the chosen candidates in visiting order. `ranked`: drive sets ranked over all
+    candidates, best first; empty when the task states its drive sets. `predicted_sigma` (P,): standard deviations with
+    all chosen and captured poses; inf if undetermined. `design`: identifiability from the chosen poses under the
+    paper's Jacobian.
     """
 
     manifold: Manifold

@@ -20,13 +20,16 @@ from solver.diagnostics.limits import FALSE_ALARM_PROBABILITY, STEP_EDGE_POSES
 from solver.diagnostics.whitened_residuals import WhitenedResiduals
 
 AT_POSES = 0.4
-"""Ratio of the false-alarm rate of steps at poses to that of the continuous statistic; simulated, 10 to 300 poses."""
+"""Ratio of the false-alarm rate of a test for steps only at poses to the rate of the continuous statistic.
+
+The ratio was simulated for 10 to 300 poses.
+"""
 
 AT_ONCE = 400_000
 """Elements of the largest matrix for the suspects that are evaluated together; this limits the memory needed."""
 
 FREE = 1e-7
-"""Least share of a column's sum of squares that the fit must leave for a step along it to be detectable."""
+"""A step along a column is detectable only if the fit leaves at least this share of the column's sum of squares."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,9 +38,10 @@ class ChangePoint:
 
     `pose`: index in time order of the first pose after the step.
     `size`: size of the step (d,), in the units of the suspect's quantities.
-    `chi2`, `dof`: reduction of chi2 when the step is fitted, and the number of components of the step.
-    `threshold`: value that `chi2` exceeds, for any pose and suspect, in a share `FALSE_ALARM_PROBABILITY` of sound pose
-    sets.
+    `chi2`: reduction of chi2 when the step is fitted.
+    `dof`: number of components of the step.
+    `threshold`: value that `chi2`, for any pose and suspect, exceeds with probability `FALSE_ALARM_PROBABILITY` if
+    there is no step.
     """
 
     suspect: Candidate

@@ -20,22 +20,25 @@ from solver.arrays import FloatArray, IntArray
 from solver.diagnostics.limits import CONTROL_CHART_FALSE_ALARM_PROBABILITY
 
 BASELINE = 4
-"""Number of sessions before the first that is tested."""
+"""Number of sessions before the first session that is tested."""
 
 RECENT = 3
-"""Number of sessions, including the tested one, that the EWMA averages and, if enough remain, the baseline omits."""
+"""The EWMA averages this many sessions, the last of which is the tested one. The baseline omits these sessions if
+enough others remain."""
 
 LAMBDA = 0.3
 """Weight of the newest value in the EWMA; the Handbook has 0.2 to 0.3."""
 
 PRIOR_DOF = 8.0
-"""Degrees of freedom of the common ratio of observed to stated scatter; that of one quantity differs by about 25 %."""
+"""Degrees of freedom given to the ratio of observed to stated scatter that is common to all quantities: the ratio of a
+single quantity differs from it by about 25 %."""
 
 SHEWHART_SHARE = 0.1
-"""Part of the false-alarm probability given to single sessions; shifts of six times the scatter show in both charts."""
+"""Probability of a false alarm in the chart of single sessions, as a share of that of the EWMA. Shifts of six times the
+scatter show in both charts."""
 
 LEAST_RATIO = 0.1
-"""Scatter between sessions is never taken to be less than this share of the stated repeatability."""
+"""The scatter between sessions is assumed to be at least this share of the stated repeatability."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,7 +62,7 @@ class ControlChart:
 
     `centre`: mean of the baseline.
     `between`: standard deviation between sessions.
-    `shewhart`, `ewma_limit`: half widths of the limits: for a single value, and for the weighted mean of recent values.
+    `shewhart`: half width of the limits for a single value. `ewma_limit`: half width of the limits for `ewma`.
     `ewma`: weighted mean of recent values.
     `changes`: shifts in the order in which they were detected; each shift of a quantity restarts its baseline.
     """

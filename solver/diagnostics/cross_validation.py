@@ -29,7 +29,7 @@ class HeldOutPoses:
     """Poses tested with parameters that were fixed before the poses were taken.
 
     `chi2`: test of all poses together, with the parameters' own uncertainty included.
-    `pose_chi2`, `pose_probability`: chi2 of each pose alone (m,), and the probability of a larger chi2.
+    `pose_chi2` (m,): chi2 of each pose alone. `pose_probability` (m,): probability of a larger chi2 of this pose.
     `sigmas`: sigma_pos and sigma_ori at the measured joints.
     `closed`: (m,) bool: whether the pose's loop can be closed at all under these parameters.
     """
@@ -57,7 +57,7 @@ class HoldOut:
 
     @staticmethod
     def upgraded_record(data: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Convert a record to the current format; records of earlier versions also have the estimates of the parts."""
+        """Convert a record of an earlier version to the current format, which has no estimates for the parts."""
         parts = [part.get("verification", {"chi2": part})["chi2"] for part in data["parts"]]
         return {**data, "parts": parts}
 
@@ -183,8 +183,8 @@ class CommonShift:
 
     `subject`: joint or half of the fixture that was tested.
     `size`, `sigma`: size of the shift and its standard deviation; None if the shift has several components.
-    `chi2`, `threshold`: reduction of chi2, and the value that it exceeds with `FALSE_ALARM_PROBABILITY` if there is no
-    shift.
+    `chi2`: reduction of chi2 when the shift is fitted. `threshold`: value that `chi2` exceeds with probability
+    `FALSE_ALARM_PROBABILITY` if there is no shift.
     """
 
     subject: str

@@ -23,15 +23,19 @@ ENTRIES = ("lengths", "twists")
 """Sources that are entries of the maker's table."""
 
 FOLDS, FAR_SHARE = 5, 0.2
-"""Number of parts of the poses, each predicted by the rest, and share of the poses in a block far from the rest."""
+"""Number of parts of a pose set, each of which is predicted from the others; and share of the poses in the block of
+poses that is far from the rest."""
 
 SEEN = 1e-6
-"""Least share of a column's sum of squares that the fit must leave for the column to be tested."""
+"""A column is tested only if the fit leaves at least this share of the column's sum of squares."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HypothesisTest:
-    """One test, which fires if `statistic` exceeds `threshold`: with probability `false_alarm` on a sound pose set."""
+    """One test, which fires if `statistic` exceeds `threshold`.
+
+    `false_alarm`: probability that the test fires on a pose set without a fault.
+    """
 
     code: str
     statistic: float
@@ -167,7 +171,10 @@ def without_curves_in_specification(
 
 
 def _as_stated(j: int, faults: FaultModels, residuals: WhitenedResiduals) -> bool:
-    """Whether the linearity of joint j's sensor may be within specification (if not measured: by the residuals)."""
+    """Whether the linearity of joint j's sensor may be within specification.
+
+    This follows from the measured linearity or, if it was not measured, from the residuals.
+    """
     curve = faults.linearity_curve(j)
     if curve is None:
         return False
@@ -181,14 +188,19 @@ OUTLIER_SEARCH_STEPS = 100
 """Approximate upper limit of the number of steps in which poses are set aside."""
 
 SET_ASIDE_SHARE = 0.5
-"""Poses set aside with the worst one exceed the threshold by at least this share of the worst one's excess."""
+"""Poses are set aside together with the worst pose if they exceed the threshold by at least this share of the amount by
+which the worst pose exceeds it."""
 
 FREE = 1e-6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Outliers:
-    """`test` of the worst pose; `poses` beyond the threshold (indices, worst first); residuals of the `rest`."""
+    """Result of the search for outliers.
+
+    `test`: test of the worst pose. `poses`: indices of the poses beyond the threshold, the worst first. `rest`:
+    residuals of all other poses.
+    """
 
     test: HypothesisTest
     poses: tuple[int, ...]

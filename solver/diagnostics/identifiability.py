@@ -30,12 +30,13 @@ CLOSED = 1e-9
 
 
 LEAST_MOTION_DEG = 0.05
-"""Change of a reading, deg, below which it is noise and deflection, not motion."""
+"""A smaller change of a reading, deg, counts as noise and deflection and not as motion."""
 
 
 TREND_POINTS = 10
 TREND_FLOOR = 1e-12
-"""Least ratio of smallest to largest eigenvalue of the normal equations for a point of the trend: condition 1e6."""
+"""The trend has a point only where the ratio of smallest to largest eigenvalue of the normal equations is at least this
+(scaled condition number at most 1e6)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

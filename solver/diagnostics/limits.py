@@ -10,11 +10,11 @@ import numpy as np
 # Probabilities of a false alarm, per test or family of tests
 
 FALSE_ALARM_PROBABILITY = 1e-3
-"""Probability that a test, or any of a family (all poses, joints, entries), fires on a sound pose set."""
+"""Probability that a test, or any test of a family (all poses, joints, entries), fires although there is no fault."""
 
 ENTRY_SUSPICION_PROBABILITY = 0.1
-"""False-alarm probability for lengths and twists that are only reported: an error of a few tolerances spoils a
-calibration before any test is certain of it."""
+"""False-alarm probability of the tests of lengths and twists whose result is only reported. It is large because an
+error of a few tolerances spoils a calibration before any test can be certain of the error."""
 
 CHI2_BAND_PROBABILITY = 0.99
 """chi2/dof outside the central band of this probability contradicts the noise model."""
@@ -23,102 +23,109 @@ CHI2_NOTICE_PROBABILITY = 0.01
 """A chi2 at stated noise that is less likely than this is reported."""
 
 DISTANCE_NOTICE_PROBABILITY = 0.01
-"""Chance that any measured distance between sockets is reported although distances and poses are sound."""
+"""Probability of reporting any measured distance between sockets although distances and poses have no fault."""
 
 OUTLIER_NOTICE_PROBABILITY = 0.01
-"""Chance of reporting any pose of a sound pose set as an outlier."""
+"""Probability of reporting any pose of a pose set without a fault as an outlier."""
 
 DRIFT_FALSE_ALARM_PROBABILITY = 0.01
 """Chance that two calibrations of an unchanged arm are reported to differ in any parameter."""
 
 CONTROL_CHART_FALSE_ALARM_PROBABILITY = 0.0017
-"""Chance of a false alarm in one session; in 12 sessions together 1 %, or 5 % if their scatters differ by 35 %."""
+"""Probability of a false alarm in one session. The probability of any false alarm in 12 sessions is 1 %, or 5 % if the
+scatters of the sessions differ by 35 %."""
 
 CURVATURE_FALSE_ALARM_PROBABILITY = 0.01
 """Chance of reporting a straight RVDT as curved."""
 
 REMOUNT_FALSE_ALARM_PROBABILITY = 1e-6
-"""Differences of placements that an untouched fixture would show with less than this probability mean a remounting."""
+"""The fixture was remounted between two placements if differences as large as theirs have a lower probability than this
+for a fixture that was not touched."""
 
 REPEAT_REFUSAL_PROBABILITY = 1e-4
-"""The calibration is refused if a repeated pose is less likely than this, however wide the sigmas are: a slip of the
-fixture may itself have widened them."""
+"""The calibration is refused if the repeat of a pose is less probable than this, however large the sigmas are: the slip
+of the fixture that the repeat shows may itself have made the sigmas large."""
 
 # Probabilities of a cause
 
 LEAST_REPORTED_CAUSE_PROBABILITY = 0.02
-"""Less likely causes are not reported."""
+"""Causes of a lower probability are not reported."""
 
 EQUALLY_GOOD_CHI2 = 9.2
-"""Two explanations whose chi2 differs by less are equally good: less than a factor of 100 in likelihood."""
+"""Two explanations count as equally good if their chi2 differs by less than this, a factor of 100 in likelihood."""
 
 POSSIBLE_CAUSE_PROBABILITY = 0.1
-"""The sigmas have to cover every cause at least this likely, not only the most likely one."""
+"""The sigmas have to cover every cause whose probability is at least this, not only the most probable cause."""
 
 # Misfit: chi2/dof at stated variances, and ratios of it
 
 CHI2_PER_DOF_SECOND_START = 2.0
-"""Beyond this a fit is repeated from another start; if poses differ little, a wrong optimum may leave as little."""
+"""A fit with a larger chi2/dof is repeated from another start. If the poses differ little from each other, a fit in a
+wrong optimum may have a chi2/dof as small as this."""
 
 CHI2_PER_DOF_EXPLAINED = 2.0
-"""A cause that leaves at most this chi2/dof is the whole explanation."""
+"""A cause counts as the whole explanation if chi2/dof is at most this once the cause is fitted."""
 
 CHI2_PER_DOF_ALTERNATIVE = 3.0
-"""An alternative model that leaves at most this chi2/dof explains a gross misfit."""
+"""An alternative model explains a gross misfit if its own chi2/dof is at most this."""
 
 CHI2_PER_DOF_REFUSED = 4.0
-"""Beyond this no sigma is valid: at twice the stated scatter the result will change once the fault is repaired, whether
-or not the fault was reported."""
+"""With a larger chi2/dof no sigma is valid. At this limit the scatter is twice the stated one: the result will change
+once the fault is repaired, whether or not the fault was reported."""
 
 CHI2_PER_DOF_GROSS = 30.0
-"""Beyond this a fit has no information about its readings, and no second cause is searched for."""
+"""A fit with a larger chi2/dof gives no information about its readings, and no second cause is searched for."""
 
 ALTERNATIVE_CHI2_RATIO = 10.0
 """An alternative model has to reduce chi2/dof by at least this factor."""
 
 SMALLEST_NOISE_SCALE = 0.25
-"""Least factor by which variances are scaled: stated errors are upper limits, so sound sets have chi2/dof below 1."""
+"""Smallest factor by which variances are scaled. Factors below 1 occur because stated errors are upper limits, so that
+pose sets without a fault have chi2/dof below 1."""
 
 OTHER_START_MISFIT_SHARE = 0.5
-"""A second start replaces the first if it leaves less than this share of the first's misfit."""
+"""The fit from a second start replaces that from the first if its misfit is below this share of the first's misfit."""
 
 OTHER_SOLUTION_COST_SHARE = 0.5
-"""Another solution is better when it leaves less than this share of the squared closure error."""
+"""Another solution is better if its squared closure error is below this share of that of the present solution."""
 
 POSE_CHI2_UNPREDICTED = 20.0
-"""chi2 of a new pose beyond which the poses before it do not predict it: the largest of 3,000 sound poses was 10."""
+"""A new pose with a larger chi2 contradicts its prediction from earlier poses. Among 3,000 poses of arms without a
+fault, the largest chi2 was 10."""
 
 POSE_CHI2_RATIO_UNPREDICTED = 6.0
-"""A new pose counts as unpredicted only if its chi2 is also this many times the largest chi2 of the poses before it.
-That chi2 is large if errors exceed the stated ones. With errors three times as large as stated, 4 of 100 sound
-planned sessions repeat their first pose; with errors as stated, none does."""
+"""A new pose counts as unpredicted only if its chi2 is also this many times the largest chi2 of the earlier poses,
+which is large if errors exceed the stated ones. With errors three times as large as stated, 4 of 100 planned sessions
+without a fault repeat their first pose; with errors as stated, none does."""
 
 # Sigmas and ratios of standard deviations
 
 CERTAIN_SIGMAS = 3.0
-"""A deviation exceeds a specification if it does so by more than this many sigmas of the deviation."""
+"""A deviation counts as larger than a specification if it is larger by more than this many sigmas of the deviation."""
 
 REFUSING_SHIFT_SIGMAS = 2.0
 """A cause that moves a parameter by more than this many sigmas of the parameter shows that sigmas are not valid."""
 
 MOST_COMPLIANCE_RAD = np.deg2rad(1.0)
 MOST_COMPLIANCE_M = 0.01
-"""Largest credible deflection (rms) of a fixture: as a cause, a larger one would explain anything."""
+"""Largest credible deflection (rms) of a fixture. A larger deflection is not accepted as a cause, because it would
+explain any misfit."""
 
 USELESS_SIGMA_RAD = np.deg2rad(10.0)
 USELESS_SIGMA_M = 0.03
-"""Uncertainty of a parameter measured by protractor and tape measure: a calibration with a wider sigma is refused."""
+"""Uncertainty of a parameter measured by protractor and tape measure. A calibration with a larger sigma is refused."""
 
 COARSE_SIGMA_RAD = np.deg2rad(1.0)
 COARSE_SIGMA_M = 0.01
-"""A wider sigma is reported."""
+"""A parameter whose sigma is larger than this is reported."""
 
 MOTION_NOISE_LEAST_SHARE = 0.2
-"""Motion noise of fixture and joints is taken to be at least this share of the stated standard deviation: poses
-determine it no better, and a stated value is hardly ever five times too large."""
+"""Motion noise of fixture and joints is assumed to be at least this share of the stated standard deviation. The poses
+do not determine it more precisely, and a stated value is hardly ever five times too large."""
 
 STATED_VARIANCE_SHARE = 0.1
-"""Share of a stated variance that is kept if the poses show less: elsewhere in the workspace it may be larger."""
+"""Share of a stated variance that is kept if the poses show a smaller variance: elsewhere in the workspace, the
+variance may be larger than at these poses."""
 
 LEARNED_VARIANCE_FACTOR = 2.0
 """Variances estimated from other poses are known to within this factor."""
@@ -133,8 +140,8 @@ LEAST_INFORMATION_SHARE = 0.5
 """A parameter counts as known from the files if the poses contribute a smaller share of its information."""
 
 WELL_CONDITIONED = 100.0
-"""Scaled condition number at the readings below which all directions are identifiable (the paper's limit too);
-noise does not make a direction that no pose determines look 1 % as well determined as the best one."""
+"""If the scaled condition number at the readings is below this (which is also the paper's limit), all directions are
+identifiable: with an unidentifiable direction, noise of the readings does not lower it to this value."""
 
 # Poses
 
@@ -142,25 +149,27 @@ FEW_DOF = 30
 """With fewer degrees of freedom no test has power."""
 
 REFUSED_DOF = 10
-"""With fewer, even the sigmas are wrong: with four poses, 95 % intervals contained the true value in 82 % of cases."""
+"""With fewer degrees of freedom, even the sigmas are wrong: with four poses, only 82 % of the 95 % intervals contained
+the true value."""
 
 FLIPPED_SHARE_REFUSED = 0.25
 """With a larger share of the poses on the other branch, it is unknown which branch is meant."""
 
 OUTLIER_LARGEST_SHARE = 0.3
-"""Largest share of the poses that can be outliers; beyond it the poses are not the cause."""
+"""Largest share of the poses that can be outliers. If more poses deviate, single bad poses are not the cause."""
 
 STEP_EDGE_POSES = 3
-"""Least number of poses on either side of a step: fewer are outliers, which another test reports."""
+"""Smallest number of poses before and after a step. Fewer poses that deviate are outliers, which another test
+reports."""
 
 FROZEN_POSES = 4
 """At least this many consecutive readings that agree within noise while other joints move may mean a frozen sensor."""
 
 OTHERS_MOVED_RAD = np.deg2rad(1.0)
-"""Least change of the other joints' readings that counts as motion."""
+"""Smallest change of the other joints' readings that counts as motion."""
 
 IMMOBILE_RAD = np.deg2rad(1.0)
-"""A joint whose readings differ by less over the whole pose set counts as immobile."""
+"""A joint counts as immobile if its readings in the whole pose set span less than this."""
 
 MOST_CAUSES_FITTED = 4
 """Largest number of causes fitted one after the other; a pose set with more is not usable."""
@@ -174,10 +183,10 @@ MOST_SOURCES_REPORTED = 3
 # Readings
 
 RANGE_SLACK_RAD = np.deg2rad(1.0)
-"""Uncertainty of an arm's stops: readings may lie outside their range by this, plus `RANGE_SLACK_SIGMAS`."""
+"""Uncertainty of an arm's stops. Readings may be outside their range by this plus `RANGE_SLACK_SIGMAS` sigmas."""
 
 RANGE_SLACK_SIGMAS = 6.0
-"""Sigmas of the sensor by which readings may lie outside their range, in addition to `RANGE_SLACK_RAD`."""
+"""Number of the sensor's sigmas by which readings may be outside their range, in addition to `RANGE_SLACK_RAD`."""
 
 FAR_OUT_OF_RANGE_SHARE = 0.1
 """A reading outside its range by more than this share of the range is not from this arm."""
@@ -187,27 +196,30 @@ SATURATED_POSES = 3
 """At least this many readings within `SATURATED_SIGMAS` of the same end of full scale count as saturated."""
 
 RADIANS_SPAN_RAD = np.deg2rad(5.0)
-"""A joint whose readings, taken as radians, differ by less does not move in either unit."""
+"""A joint whose readings span less than this even if they are radians does not move, whether they are radians or
+degrees."""
 
 MOTION_SPREAD_SIGMAS = 6.0
 MOTION_SPREAD_RAD = np.deg2rad(0.05)
-"""A spread of one pose's samples beyond both `MOTION_SPREAD_*` shows motion; a smaller one hardly affects the mean."""
+"""A joint moved during sampling if the spread of a pose's samples exceeds both `MOTION_SPREAD_SIGMAS` and
+`MOTION_SPREAD_RAD`. A smaller spread hardly affects the mean."""
 
 SAME_READING_RAD = 1e-5
-"""Readings that differ by less in every joint count as the same: files have three decimals of a degree."""
+"""Two poses count as the same if no joint's reading differs by more: files have three decimal places of a degree."""
 
 SAME_POINT_M = 1e-6
-"""Measured points that differ by less in every coordinate count as the same: files have three decimals of a mm."""
+"""Measured points count as the same if no coordinate differs by more: files have three decimal places of a mm."""
 
 # RVDTs
 
 RVDT_LEAST_POSES = 15
 RVDT_LEAST_SPAN = 0.15
-"""Least number of poses, and share of full scale that they have to cover, to distinguish a curve from a line."""
+"""A curve can be distinguished from a line only with at least RVDT_LEAST_POSES poses, whose readings cover at least the
+share RVDT_LEAST_SPAN of full scale."""
 
 RVDT_NOISE_RATIO = 1.25
-"""Noise is out of specification if it certainly exceeds the specified noise by this factor; readings in whole LSB do
-not resolve less."""
+"""Noise is out of specification if it certainly exceeds the specified noise by this factor. Smaller differences cannot
+be detected, because readings are whole LSBs."""
 
 RVDT_HARMFUL_RATIO = 3.0
 """Deviations (rms) of this many times the sensor's noise impair the calibration."""
@@ -219,7 +231,7 @@ NOISE_INTERVAL_RATIO = 4.0
 
 NO_CLOSURE_M = 0.01
 NO_CLOSURE_RAD = 0.03
-"""Loops with a closure error (rms) of at least this count as not closed at all."""
+"""Loops whose closure error (rms) is at least this large count as not closed at all."""
 
 ALTERNATIVE_FIXTURE_POSES = 20
 ALTERNATIVE_CLOSURE_M = 2e-3
@@ -227,7 +239,7 @@ ALTERNATIVE_CLOSURE_M = 2e-3
 this, and if `ALTERNATIVE_CLOSURE_RATIO` is reached as well."""
 
 ALTERNATIVE_CLOSURE_RATIO = 30.0
-"""Least ratio of the closure error (rms, m and rad alike) in the stated fixture to that in the other fixture."""
+"""Smallest ratio of the closure error in the stated fixture to that in the other fixture (rms, 1 m : 1 rad)."""
 
 STUCK_JOINT_TURN_RAD = np.deg2rad(3.0)
 """A joint with a constant reading has moved if its angles, as the loops determine them, differ by more than this; see
@@ -242,8 +254,10 @@ STUCK_JOINT_CORRECTION_RATIO = 4.0
 many times smaller than with the joint at rest, and if `STUCK_JOINT_MOTION_SHARE` is reached as well."""
 
 STUCK_JOINT_MOTION_SHARE = 0.1
-"""Least corrections that count, with the joint at rest, as a share of the change of the readings: smaller ones may be
-due to a placement known only roughly, and with a ball the loop hardly overdetermines the rotation of a joint."""
+"""With the joint at rest, the corrections have to be at least this share of the change of the readings. Smaller
+corrections may be due to a placement that is known only roughly; and with a ball, the loop hardly overdetermines the
+rotation of a joint."""
 
 STEP_RESIDUAL_SHARE = 0.25
-"""A joint's reading has a step if the step leaves at most this share of the squares that a smooth curve leaves."""
+"""A joint's reading has a step if a fitted step leaves at most this share of the sum of squares that a smooth curve
+leaves."""

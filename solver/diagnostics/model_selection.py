@@ -39,8 +39,7 @@ class Evidence:
     `log_likelihood`: log-likelihood, up to a constant that is the same for all explanations of one pose set.
     `chi2`, `dof`: remaining chi2 and its degrees of freedom, at stated variances.
     `size`: standard deviation of the coefficients, in units of their expected magnitudes.
-    `b`, `covariance`: coefficients (c,) and their covariance (c, c); for columns of single poses only the variances
-    (c,).
+    `b` (c,): coefficients. `covariance` (c, c): their covariance; for columns of single poses only the variances (c,).
     `moved`: change of the parameters (P,) when the explanation is fitted (rad, m).
     """
 

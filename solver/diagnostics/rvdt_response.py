@@ -33,7 +33,7 @@ class RvdtFigures:
     `noise`: noise of a single reading.
     `loop_sd_rad`: standard deviation (rms over the poses) of an angle that the loop measures.
     `line_probability`: probability of so much curvature if the sensor is linear.
-    `angle_rad`, `deviation_rad`: (m,) true sensor angle of each pose, and reading minus true angle.
+    `angle_rad`, `deviation_rad`: (m,) true sensor angle of each pose, and its reading minus this angle.
     `curve`: deviation as a function of the true sensor angle.
     `table_rad`: (k, 3): reading, correction to be added to the reading, standard deviation of the correction. Corrected
     readings have to be used with `theta_off_rad`.

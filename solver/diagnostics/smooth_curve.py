@@ -11,7 +11,7 @@ from solver.arrays import FloatArray
 MAX_DEGREE = 8
 
 POINTS_PER_TERM = 4
-"""Least number of points for each term for the prediction error to be meaningful."""
+"""Smallest number of points per term with which the prediction error is meaningful."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

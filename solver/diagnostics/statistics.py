@@ -16,8 +16,7 @@ from solver.estimators.linear_fit import LinearFit
 class Chi2Test:
     """chi2/dof, and the band in which it lies if the noise model is right.
 
-    `per_dof`, `dof`: chi2 over degrees of freedom, and the degrees of freedom. `low`, `high`: central 99 % band of
-    chi2/dof.
+    `per_dof`: chi2 over degrees of freedom. `dof`: degrees of freedom. `low`, `high`: central 99 % band of chi2/dof.
     """
 
     per_dof: float

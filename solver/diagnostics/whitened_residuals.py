@@ -114,7 +114,7 @@ class WhitenedResiduals:
 
 
 ROUNDING = 1e-13
-"""Least eigenvalue of ``I - W' W`` (see `OwnColumns.solved`) that is distinguishable from zero."""
+"""Smallest eigenvalue of ``I - W' W`` (see `OwnColumns.solved`) that is distinguishable from zero."""
 
 
 class OwnColumns:

@@ -26,7 +26,7 @@ from solver.chain.statics import LinkMasses, torque_rates
 from solver.loops.closure import ClosureModel
 
 WISHART_DOF = 6.0
-"""nu: the fewest degrees of freedom for which a 6 x 6 compliance is positive."""
+"""Degrees of freedom nu of the Wishart matrix: the fewest for which a 6 x 6 compliance is positive definite."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -50,7 +50,8 @@ class ComplianceTest:
 
 
 LEAST_LEFT = 1e-12
-"""Smallest share of a variance's information that counts as left when the other variances are estimated too."""
+"""If the share of a variance's information that remains when other variances are estimated, too, is below this, the
+share is due to rounding."""
 
 MOST_CERTAIN = 1e6
 """Largest ratio of a variance to its standard error that `interval` uses."""

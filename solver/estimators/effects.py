@@ -28,8 +28,8 @@ from solver.estimators.shapes import JointShapes
 class System(ReducedEquations):
     """Reduced closure equations of m poses (see the module).
 
-    `angle` (m, n) are the corrected joint angles at which curves are evaluated. `distances` are misclosures (k,) and
-    derivatives (k, P) of measured distances; they belong to no pose.
+    `angle` (m, n): corrected joint angles, rad, at which curves are evaluated. `distances`: misclosures (k,) and
+    derivatives (k, P) of the equations of measured distances, which do not belong to any pose.
     """
 
     angle: FloatArray
@@ -54,8 +54,8 @@ class System(ReducedEquations):
 class Whitened:
     """Whitened columns M = [hard parameters, effects] (m, r, width) and misclosure w (m, r) of some poses.
 
-    Hard parameters are those without a prior. `L_inverse` (m, r, r) whitens; `C` (m, r, n + k) are the whitened
-    columns of the noise, whose variance is `noise` (m, n + k).
+    Hard parameters are those without a prior. `L_inverse` (m, r, r): matrices that whiten the equations. `C`
+    (m, r, n + k): whitened columns of the noise. `noise` (m, n + k): variance of the noise.
     """
 
     poses: slice
@@ -77,10 +77,10 @@ class NoiseSources:
     """Noise of m poses by source (s), independent from pose to pose.
 
     `names`: sources. `rates` (s, m, n + k): variance along joints and closure components, per unit of the variance
-    component with index `component` (s,); the variance itself if the index is -1. `missed` (s,): whether this is the
-    part of a repeatable effect that its columns do not represent. That part is as large as stated or, if the effect is
-    estimated smaller, smaller by the same factor; it does not take part in the estimate of the factor, because white
-    noise says nothing about an effect that repeats.
+    component with index `component` (s,); the variance itself if the index is -1. `missed` (s,): whether the source
+    is the part of a repeatable effect that the effect's columns do not represent. If the effect is estimated to be
+    smaller than stated, this part is reduced by the same factor. It is not used to estimate the factor, because white
+    noise has no information about an effect that repeats.
     """
 
     names: tuple[str, ...]

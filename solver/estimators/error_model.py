@@ -18,18 +18,18 @@ from solver.chain.sensors import DITHER, Rvdt, SensorCurve, curves_of
 from solver.estimators.load_effects import LoadBasis
 
 SD_OF_PEAK = 0.5
-"""Amplitude of the shapes of a curve whose peak is 1: shapes of amplitude 1 add up to peaks of about 2."""
+"""Amplitude that the shapes of a curve need for a peak of 1: shapes of amplitude 1 add up to a peak of about 2."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AnalogueReading:
     """A sensor whose noise and linearity deviation are estimated with the parameters; `joint` is 1-based.
 
-    `variance`: stated variance of one single reading, rad^2; that of each pose's mean is ``share * variance``, `share`
-    (m,). `spread_variance`, `spread_dof`: mean square of the spread inside the poses, rad^2, and
-    its degrees of freedom; 0 and 0 if spreads were not recorded. `curve`: shapes of the sensor's systematic deviation;
-    None if it has none. `curve_variance`: variance of the coefficients of `curve` (rad^2) that corresponds to the
-    specification.
+    `variance`: stated variance of a single reading, rad^2. `share` (m,): ratio of the variance of each pose's mean to
+    `variance`. `spread_variance`: mean square, rad^2, of the spread of the samples within poses; 0 if spreads were not
+    recorded. `spread_dof`: degrees of freedom of `spread_variance`; 0 if spreads were not recorded. `curve`: shapes of
+    the sensor's systematic deviation; None if it has none. `curve_variance`: variance of the coefficients of `curve`
+    (rad^2) that corresponds to the specification.
     """
 
     joint: int
@@ -153,7 +153,7 @@ def variance_of_means(arm: ArmModel, samples: IntArray) -> FloatArray:
 
 
 def _spread(sd_rad: FloatArray, samples: IntArray) -> tuple[float, int]:
-    """Pooled variance (rad^2) of samples inside poses, and its degrees of freedom; 0 and 0 if not recorded."""
+    """Pooled variance (rad^2) of the samples within poses, and its degrees of freedom; both 0 if not recorded."""
     dof = int((samples - 1).sum())
     if dof == 0 or not np.any(sd_rad):
         return 0.0, 0

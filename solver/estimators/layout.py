@@ -29,7 +29,7 @@ from solver.estimators.shapes import (
 from solver.loops.closure import ClosureModel
 
 LEAST_NOISE_SHARE = 1e-3
-"""Smallest standard deviation of an analogue reading, as a share of the stated one."""
+"""Smallest standard deviation of an analogue reading, as a share of the stated standard deviation."""
 
 SMALLEST_DEFLECTION = 1e-8
 """Smallest deflection (rad, m) of a fixture, also assumed if the fixture is stated to be rigid."""
@@ -38,7 +38,7 @@ LARGEST_PLACEMENT_SCALE = 100.0
 """Largest distance of a fixture from its stated place, in units of the stated tolerance."""
 
 SMALLEST_SCALE = 0.03
-"""Smallest scale of a source of error, as a share of the stated one: less has no effect on an estimate."""
+"""Smallest estimated scale of a source of error (1: as stated); a smaller scale has no effect on an estimate."""
 
 LEAST_CURVE = 0.1
 """Smallest linearity deviation of an analogue sensor, as a share of its specification."""
@@ -51,11 +51,11 @@ DEFLECTION_RAISE_LIMIT = 5e-4
 """Start of the search for a deflection that is not stated (rad, m)."""
 
 LARGEST_SCALE = 10.0
-"""Largest errors of lengths, twists and encoders, play and sag, in units of the stated ones. Larger ones are a fault,
-for the tests to diagnose: without bounds a fit of many poses would explain any fault by these errors."""
+"""Largest errors of lengths, twists and encoders, play and sag, in units of the stated errors. Larger errors are a
+fault, which the tests diagnose: without bounds, a fit of many poses would explain any fault by these errors."""
 
 LARGEST_DISCREPANCY = 5.0
-"""Largest discrepancy, in units of `UNIT_DISCREPANCY`: a larger one is diagnosed as a fault."""
+"""Largest discrepancy that is estimated, in units of `UNIT_DISCREPANCY`; a larger one is diagnosed as a fault."""
 
 UNIT_DISCREPANCY = 1e-3
 """Unit of the discrepancy: 1 mm and 1 mrad."""
@@ -69,18 +69,19 @@ FIXTURE_NOISE = ("fixture_rad", "fixture_m")
 """Components of the part of a fixture's deflection that does not repeat: rotation, translation."""
 
 SAG_COLUMNS, DEFLECTION_COLUMNS = 8, 12
-"""Number of smooth functions of the pose for a joint's twist under load and a placement's deflection."""
+"""Number of smooth functions of the pose for the twist of a joint under load, and for the fixture's deflection in one
+placement."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class VarianceComponent:
-    """One variance to be estimated, with its start value, floor and upper limit; by default, that of a stated scale.
+    """One variance to be estimated, with its start value and its limits; the defaults are for a stated scale.
 
     `stated` is the value in the files. With `scaled`, the variance has a log-normal prior with median `start` (method,
     section 10): it stays near `start` unless the poses determine it. `soft`: the variance v has a prior proportional to
-    exp(-v / (2 soft)). `ceiling`: upper limit. `raise_limit`: value to which any step may raise the variance.
-    `spread_variance` is an estimate of the variance with `spread_dof` degrees of freedom, from spreads within poses or
-    from a specification.
+    exp(-v / (2 soft)). `floor`, `ceiling`: lower and upper limit. `raise_limit`: value to which any step may raise the
+    variance. `spread_variance` is an estimate of the variance with `spread_dof` degrees of freedom, from spreads within
+    poses or from a specification.
     """
 
     name: str
@@ -135,8 +136,9 @@ class Layout:
     """Groups and components of a closure model with stated errors, for readings `q` (m, n), rad.
 
     `like` is a layout of the same poses, whose smooth functions are reused. `floors`, `ceilings`, `raise_limits`,
-    `test_floors` and `scaled` (K,) have one value per component; `index`: its index by name. `column` (P,):
-    column of each parameter, those without a prior first. `expected` (m, n), rad: expected play and sag.
+    `test_floors` and `scaled` (K,) have one value per component. `index`: index of each component by name. `column`
+    (P,): column of each parameter; the parameters without a prior come first. `expected` (m, n), rad: expected play and
+    sag.
     """
 
     def __init__(

@@ -25,19 +25,20 @@ np.empty(2 << 20)
 every iteration to the system and having them zeroed again. Other C libraries are not affected."""
 
 LEAST_PULL_INFORMATION = 1e-6
-"""Share of an effect's prior variance that the poses have to determine for its pull to have a meaning."""
+"""An effect's pull is meaningful only if the poses determine at least this share of the effect's prior variance."""
 
 LEAST_RESOLVED_SHARE = 1e-3
-"""Least diagonal element of the Cholesky factor of ``I - N N'`` (`_held_out`) for which its rank counts as full."""
+"""Smallest diagonal element of the Cholesky factor of ``I - N N'`` (`_held_out`) for which its rank counts as full."""
 
 
 class LinearFit:
     """The mixed model of `design` at one linearisation, solved for given variance components `v` (K,).
 
-    `unit`, `change`: unit of each parameter's column (P,), and change of each parameter (P,), rad and m: the step dx if
-    it has no prior, the deviation from its nominal value if it has one. `b`: predicted coefficients of the effects,
-    unscaled (width - hard,). `half`: root of the inverse (width, width), ``H^-1 = half half'``. `chi2`: ``w' P w``.
-    `dof`: its expectation if the variances are right, equations minus parameters without a prior.
+    `unit` (P,): unit of each parameter's column. `change` (P,): change of each parameter, rad and m: the step dx if the
+    parameter has no prior, its deviation from the nominal value if it has one. `b`: predicted coefficients of the
+    effects, unscaled (width - hard,). `half`: root of the inverse (width, width), ``H^-1 = half half'``.
+    `chi2`: ``w' P w``. `dof`: expectation of `chi2` if the variances are right: number of equations minus number of
+    parameters without a prior.
     """
 
     def __init__(self, design: LinearModel, system: System | Linearisation, v: FloatArray) -> None:

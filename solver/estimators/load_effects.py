@@ -56,7 +56,7 @@ HALF_NORMAL_MEAN = np.sqrt(2.0 / np.pi)
 """Mean of a compliance whose mean square is 1: half-normal, since no compliance is negative."""
 
 SAG_COLUMNS, DEFLECTION_COLUMNS = 3, 24
-"""Columns for the twist of a joint, and for the deflection in one placement."""
+"""Number of columns for the twist of a joint, and for the fixture's deflection in one placement."""
 
 CENTRES = 24
 """Number of poses, chosen far apart, from which the others are interpolated."""

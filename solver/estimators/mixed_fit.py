@@ -31,26 +31,36 @@ from solver.loops.closure import ClosureModel, unsensed_at_readings
 
 MIXED_ITERATIONS = 40
 SETTLED_SIGMA, SETTLED_BESIDE_VARIANCES_SIGMA = 1e-3, 2e-3
-"""Largest error of a parameter, in standard errors, that the last iteration may leave. The second applies if
-variances, which are far less certain, are estimated too."""
+"""Largest error of a parameter, in standard errors, that the last iteration may leave.
+
+SETTLED_BESIDE_VARIANCES_SIGMA applies if variances, which are far less certain, are estimated too.
+"""
 
 STEADY_VARIANCE_SIGMA, CREEPING_VARIANCE_SIGMA = 1e-1, 2e-2
-"""Largest step of a variance, in standard errors, with which the iteration may end. The second applies to variances
-that converge slowly, where one step is a small part of what is left."""
+"""The iteration may end if no step of a variance exceeds this, in standard errors.
+
+CREEPING_VARIANCE_SIGMA applies to variances that converge slowly: one step is a small part of the remaining distance.
+"""
 
 RELINEARISE_SIGMA = 1e-4
-"""Largest error of a linearisation, in standard errors of a parameter, with which the next iteration still uses it."""
+"""The next iteration reuses a linearisation if its error, in standard errors of a parameter, is at most this."""
 
 LEAST_GAIN = 0.3
-"""Slope of the log-likelihood along a step (about twice the gain left) below which the iteration ends."""
+"""The iteration ends once the slope of the log-likelihood along a step is below this.
+
+The slope is about twice the gain in log-likelihood that is still possible.
+"""
 
 COMPARABLE_SIGMA = 3.0
 """Largest change of a parameter, in standard errors, between iterations whose slopes are compared."""
 
 SIGN_TEST_SIGMA, SIGN_TEST_VARIANCE_SIGMA, DOUBTFUL_SIGN_SHARE = 0.1, 0.5, 0.25
-"""The sign of gravity is tested at convergence, or once the changes of parameters and variances (in sigmas) are below
-the first two. Before convergence the test decides only if `gravity_share` differs from one half by at least the
-third, or by at least the last step of the variances (in sigmas) if that is less."""
+"""The sign of gravity is tested at convergence, or once the changes of the parameters are below SIGN_TEST_SIGMA and
+those of the variances below SIGN_TEST_VARIANCE_SIGMA (in sigmas).
+
+Before convergence the test decides only if `gravity_share` differs from one half by at least DOUBTFUL_SIGN_SHARE, or by
+at least the last step of the variances (in sigmas) if that step is smaller.
+"""
 
 FREE_ITERATIONS = 20
 NEGLIGIBLE_GAIN = 0.1
@@ -60,8 +70,8 @@ CHI2_LARGE_START = 4.0
 """If chi2/dof exceeds this, the search for the variances starts at large values."""
 
 CHI2_ABANDONED = 30.0
-"""If chi2/dof exceeds this even at large variances, they are not estimated: such a misfit is a fault, for the tests to
-diagnose."""
+"""If chi2/dof exceeds this even at large variances, the variances are not estimated: so large a misfit is due to a
+fault, which the tests diagnose."""
 
 CURVATURE_SHARE = 3.0
 """Error of a Newton step as a share of the step, per rad or m of its largest component: the error is quadratic."""

@@ -22,7 +22,7 @@ from solver.estimators.least_squares import (
 from solver.loops.closure import ClosureModel, nearest_equivalent, pose_blocks
 
 SAME_DESCRIPTION = 1e-9
-"""Parameters (rad, m) that differ by less, or by full turns, are equivalent."""
+"""Parameters that differ by less than this (rad, m), or by full turns, are equivalent."""
 
 
 def estimate_paper(

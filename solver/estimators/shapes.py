@@ -34,7 +34,7 @@ WEIGHTS = (0.5, 0.5)
 """Shares of the variance at each length scale."""
 
 CONSTANT, LINEAR = 0.5, 0.5
-"""Variance of the constant and of the linear part, in addition to the variance at the length scales."""
+"""Variances of the process's constant and linear parts, in addition to the variance at the length scales."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -244,7 +244,7 @@ class LoadedDeflection:
     sizes: FloatArray
 
     def columns(self, poses: slice) -> FloatArray:
-        """Shapes (m, k, c) along the closure components."""
+        """Return the shapes (m, k, c): each closure component's deflection, rad or m, per unit of each coefficient."""
         scale = np.sqrt(1.0 - UNMODELLED_SHARE) * self.sizes
         return np.asarray(scale[:, None] * self.loads.deflection_at(poses))
 

@@ -34,7 +34,7 @@ from solver.estimators.scoring import Derivatives
 from solver.loops.closure import ClosureModel, nearest_equivalent
 
 EQUAL = 1e-9
-"""Parameter vectors that differ by less (rad, m) count as the same."""
+"""Parameter vectors count as equal if no element differs by more than this (rad, m)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

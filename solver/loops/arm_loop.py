@@ -31,7 +31,8 @@ class ArmLoop(ClosureModel):
     OWN: ClassVar[tuple[str, ...]] = ()
     OWN_ANGLES: ClassVar[tuple[str, ...]] = ()
     GROUND_SIDE: ClassVar[tuple[str, ...]] = ()
-    """Unknowns that an endpoint can have, which of them are angles, and which place the fixture on the table."""
+    """Names of the unknowns that an endpoint can have (`OWN`), of those that are angles (`OWN_ANGLES`), and of those
+    that state the fixture's place on the table (`GROUND_SIDE`)."""
     ARRAYS: ClassVar[tuple[str, ...]] = ()
     """Fields that hold arrays."""
 

@@ -35,10 +35,10 @@ MAX_COMBINATIONS = 4096
 class Placements(ClosureModel):
     """A `ClosureModel` of all placements, bound to the placement of each pose.
 
-    `numbers`: the operator's numbers of the placements, ascending; `models`: loop of each, with the same arm and the
-    same kind of fixture. `placement`: number of the placement to which each pose belongs, (m,). `same_hand`: whether
-    the fixture's half on the tool is the same in all placements. `parameters`: shared unknowns first, then each
-    placement's own unknowns, with the placement's number in the name.
+    `numbers`: the operator's numbers of the placements, ascending. `models`: loop of each placement; all loops have the
+    same arm and the same kind of fixture. `placement`: number of the placement to which each pose belongs, (m,).
+    `same_hand`: whether the fixture's half on the tool is the same in all placements. `parameters`: shared unknowns
+    first, then each placement's own unknowns, with the placement's number in the name.
     """
 
     numbers: tuple[int, ...]

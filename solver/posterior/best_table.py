@@ -32,8 +32,9 @@ LENGTH_M, TWIST_RAD, OFFSET_RAD = 1e-3, radians(0.2), radians(1.0)
 """d: largest plausible error of an entry; entries that the poses do not determine stay near their fitted values."""
 
 NEAR_RAD, NEAR_SHARE, ANYWHERE_SHARE, TIMES = np.deg2rad(20.0), 0.25, 0.01, 2
-"""Poses within `NEAR_RAD` of the session's poses, and poses anywhere in the ranges (where a table could otherwise be
-arbitrary), have these shares of the weight; the number of each is `TIMES` the number of the session's poses."""
+"""Poses within NEAR_RAD of the session's poses have the share NEAR_SHARE of the weight. Poses anywhere in the ranges,
+where a table could otherwise be arbitrary, have the share ANYWHERE_SHARE. The number of poses of each kind is TIMES the
+number of the session's poses."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -134,7 +135,7 @@ def best_table(
 ) -> BestTable:
     """Return the table near `table` that best replaces the corrections where the arm is used.
 
-    `readings`, `weight`: poses where the arm is used, and their weights (m,), of sum 1; see `where_used`. `known`:
+    `readings`: poses where the arm is used. `weight` (m,): weights of these poses, of sum 1; see `where_used`. `known`:
     names of the fitted entries of `table` and coordinates of the tip (k,). `covariance`: of these values and of the
     coefficients of the corrections (k + c, k + c). `fixed`: entries that do not change, because they describe the
     fixture's placement. `tip`: whether the tool's point may move in the last frame too, as needed for a ball, whose

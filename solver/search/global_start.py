@@ -23,16 +23,18 @@ from solver.search.starts import best_minima
 
 STARTS = 500
 STARTS_WITHOUT_DIRECTION = 1500
-"""Default numbers of starts. If the tool's direction is constrained too (hinge, rigid), 4 to 40 % of the starts
-reach the solution; with a ball and little motion of the joints, 1 %."""
+"""Default numbers of starts: STARTS if the fixture also constrains the tool's direction (hinge, rigid), where 4 to 40 %
+of the starts reach the solution; otherwise STARTS_WITHOUT_DIRECTION, because with a ball and little motion of the
+joints only 1 % do."""
 
 FIRST_POLISH = 12
 REFINED_COST_RATIO = 100.0
-"""Ratio to the best cost after the first refinement above which a minimum is not refined further: no alternative has
-ten times the rms closure. The `rms` of such a minimum is an upper bound."""
+"""A minimum whose cost after the first refinement is more than this many times the best cost is not refined further,
+because no alternative solution has ten times the rms closure. The `rms` of such a minimum is an upper bound."""
 
 BRANCHES_MIXED_RMS = 0.03
-"""An rms closure (1 m : 1 rad) above this is larger than any real arm's: poses of both branches may be mixed."""
+"""An rms closure (1 m : 1 rad) above this is larger than that of any real arm: the pose set may mix poses of both
+branches."""
 
 HINGE_EQUATIONS = 5
 SAMPLES = 8

@@ -39,10 +39,11 @@ SURVIVING_SHARE, FEWEST_SURVIVORS = 1.0 / 3.0, 30
 that would have reached the solution (random hinges, a ball), so with the same work twice as many starts reach it."""
 
 SEARCH_EQUATIONS = 72
-"""Number of closure equations that the search uses: a few times the unknowns of any usual arm."""
+"""Number of closure equations that the search uses: a few times the number of unknowns of any usual arm."""
 
 REFINED_MINIMA = 6
-"""Number of minima that are refined: the cost of the true one is orders of magnitude below that of the next."""
+"""Number of minima that are refined. Few are enough, because the cost of the true minimum is orders of magnitude below
+the cost of any other."""
 
 SAME_MINIMUM = 0.02
 """Starts that end within this distance of each other (rad) count as one minimum."""
@@ -57,7 +58,7 @@ STUCK_DAMPING = 1e7
 STEP_TOLERANCE = 1e-7
 
 BATCH_ITERATIONS, LONGEST_STEP_RAD = 40, 0.7
-"""Largest number of iterations, and largest component of one step: beyond it a linearised rotation is invalid."""
+"""Largest number of iterations, and largest component of a step: in larger steps a linearised rotation is invalid."""
 
 
 def best_minima(
@@ -161,10 +162,10 @@ RIDGE = 1e-9
 class InnerProblem:
     """A `BatchProblem` over the offsets of some inner joints in one placement.
 
-    `model`, `columns`: loop of the placement, and the indices of its parameters in the whole vector. `table`: D-H rows
-    1..n; the offsets of joints 1 and n, s_1, and the lengths and twists of row n are zero. `searched`: joints (1-based)
-    whose offsets are sought, never 1 or n; the offsets of the others keep their values. `q`: joint angles (m, n), rad.
-    `per_m`: weight of positions relative to directions, 1/m.
+    `model`: loop of the placement. `columns`: indices of the loop's parameters in the whole parameter vector. `table`:
+    D-H rows 1..n; the offsets of joints 1 and n, s_1, and the lengths and twists of row n are zero. `searched`: joints
+    (1-based) whose offsets are sought, never 1 or n; the offsets of the others keep their values.
+    `q`: joint angles (m, n), rad. `per_m`: weight of positions relative to directions, 1/m.
     """
 
     model: ClosureModel

@@ -133,7 +133,7 @@ def required_shape(shape: tuple[int, ...], joint_count: int) -> str:
     turned = len(shape) == 2 and shape[0] == joint_count
     return (
         f"the arm has {joint_count} joints; give one column per joint, in the arm's order, and one row per pose"
-        f"{' (transposed: .T)' if turned else ''}"
+        f"{' (transpose the array with .T)' if turned else ''}"
     )
 
 

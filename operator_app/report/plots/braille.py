@@ -116,7 +116,8 @@ BAR_CELLS = 46
 SCALE_CELLS = 9
 """Width of the scale at the left, in cells."""
 NEIGHBOURS = ((0, 0), (0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, 1), (1, -1), (-1, -1), (0, 2))
-"""Alternative places of a label (rows down, labels to the right) if its own is occupied."""
+"""Places for a label in the order of preference, as shifts by (rows down, label widths to the right): the first that is
+not occupied is used."""
 
 
 def region_lines(shown: Preview, *, ascii_only: bool) -> list[str]:

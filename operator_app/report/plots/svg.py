@@ -26,7 +26,7 @@ from operator_app.units import typeset
 
 PLOT_WIDTH, HEIGHT = 360.0, 196.0
 LEFT, RIGHT, TOP, BELOW = 46.0, 352.0, 22.0, 34.0
-"""Edges of the frame of a plot, and the height below it."""
+"""Left, right and upper edge of the frame of a plot, and the height below the frame, in the units of the picture."""
 LARGEST_MARK = 5.0
 """Radius of a mark whose relative area (`Marks.sizes`) is 1, in the units of the picture."""
 CHARACTER = 6.2

@@ -24,7 +24,8 @@ from solver.chain.sensors import NoSensor
 from solver.closing import reduced_equations, unsensed_step
 
 GATE_ITERATIONS, LONGEST_STEP, CLOSURE_TOLERANCE = 40, 0.5, 1e-6
-"""Largest number of iterations, longest step (rad, m), and closure error (rad, m) below which a loop is closed."""
+"""Largest number of iterations, longest step (rad, m), and closure error (rad, m) below which a loop is regarded as
+closed."""
 
 LEAST_READING_RAD = float(np.deg2rad(0.1))
 """Smallest standard deviation assumed for a reading, because this model contains no deflections."""
@@ -37,7 +38,7 @@ UNKNOWN_RAD = math.pi
 class ClosureFit:
     """The most probable closure of the loop at one reading.
 
-    `chi2`: chi2 of the changes of unknowns and readings that close the loop; infinite if none close it. `dof`: number
+    `chi2`: chi2 of the changes of unknowns and readings that close the loop; infinite if no changes do. `dof`: number
     of equations of the pose minus number of ignored readings. `q_rad`: joint angles (n,) at which the loop closes.
     """
 

@@ -87,23 +87,25 @@ The probability is this small because files can be inaccurate: offsets by 25 deg
 """
 
 FALSE_REFUSAL_PROBABILITY_KNOWN_ARM = 1e-5
-"""Probability of refusal once earlier placements have determined the offsets and the hinge's placement error."""
+"""Probability of refusing a correct reading once earlier placements have determined the offsets and the error of the
+hinge's placement."""
 
 RESET_PROBABILITY = 1e-2
-"""A counter at zero was reset if using its reading raises chi2 by an amount less probable than this.
+"""A counter near zero was reset if the increase of chi2 that its reading causes is less probable than this.
 
-A joint is within `AT_ZERO_COUNTS` counts of zero by chance in one of 30,000 positions. It is within k times that
-distance k times as often; the limit for a reading at that distance is therefore divided by k.
+By chance, a joint is within `AT_ZERO_COUNTS` counts of zero in one of 30,000 positions, and within k times this
+distance in k of 30,000. The limit for a reading at k times this distance is therefore divided by k.
 """
 
 HOME_AT_ZERO_RAD = float(np.deg2rad(5.0))
 """A joint whose home is within this distance of zero is often at zero."""
 
 RESET_PROBABILITY_HOME_AT_ZERO = 1e-6
-"""Upper limit of the probability if the homes of all joints concerned are within `HOME_AT_ZERO_RAD` of zero."""
+"""Limit used instead of `RESET_PROBABILITY`, if lower, when the homes of all joints concerned are within
+`HOME_AT_ZERO_RAD` of zero."""
 
 EXPLAINED_PROBABILITY = 1e-2
-"""One joint alone explains the closure error if the chi2 without its reading has at least this probability."""
+"""A joint alone explains the closure error if, without its reading, a larger chi2 has at least this probability."""
 
 MAX_NAMED_JOINTS = 3
 

@@ -39,10 +39,10 @@ MAX_SAG_RAD = float(np.deg2rad(5.0))
 
 
 def counters_near_zero(arm: ArmModel, reading_rad: FloatArray) -> dict[int, float]:
-    """Return distances from zero of the counters within `MAX_SAG_RAD` of it, by joint (1-based), nearest first.
+    """Return the distance from zero of each counter that is within `MAX_SAG_RAD` of zero, by joint, nearest first.
 
-    The distance is in units of `AT_ZERO_COUNTS` counts, at least 1. The probability that a joint is that close to zero
-    by chance is proportional to the distance.
+    Joints are numbered from 1. The distance is in units of `AT_ZERO_COUNTS` counts, at least 1. The probability that a
+    joint is that close to zero by chance is proportional to the distance.
     """
     times = {
         j: max(1.0, abs(float(q)) / (AT_ZERO_COUNTS * joint.sensor.resolution_rad))
@@ -82,10 +82,11 @@ FALSE_REFUSAL_PROBABILITY = 1e-4
 """Probability of refusing an unchanged arm and fixture."""
 
 INNOVATION_PROBABILITY = 1e-6
-"""Probability of refusal by the innovation check; none of 105 arms with three times the specified errors is refused."""
+"""Probability that the innovation check refuses an unchanged arm and fixture. Of 105 simulated arms with errors three
+times as large as specified, none is refused."""
 
 CHI2_RATIO_TO_WORST_POSE = 4.0
-"""Limit of chi2, relative to the largest chi2 among the session's poses; a wrong model raises both."""
+"""Limit of a reading's chi2, relative to the largest chi2 of the session's poses; a wrong model raises both chi2."""
 
 SHIFT_RAD = float(np.deg2rad(2.0))
 """Shift of a joint that has to be detectable before the arm moves far."""
@@ -94,9 +95,9 @@ CHI2_RATIO_TO_LIMIT = 2.0
 """A shift is detectable if its expected chi2 is this many times the limit."""
 
 NEAR_ZERO_RATIO = 100.0
-"""Distance from zero, in units of `AT_ZERO_COUNTS`, within which a closure error is attributed to a reset counter.
+"""A closure error is attributed to a reset counter if a reading is within this distance of zero.
 
-A joint is that close by chance in one of 300 positions.
+The distance is in units of `AT_ZERO_COUNTS`. By chance, a joint is so close to zero in one of 300 positions.
 """
 
 REMAINDER_PROBABILITY = 1e-3

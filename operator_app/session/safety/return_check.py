@@ -17,8 +17,8 @@ from solver.chain.rotations import rotation_matrix
 from solver.chain.sensors import NoSensor
 
 FIXTURE_MOVED_M, FIXTURE_TURNED_RAD = 4e-3, float(np.deg2rad(1.0))
-"""Larger displacements of the fixture are refused: even the deflection of a slender fixture is smaller (paper,
-section 4). The diagnosis of the calibration detects smaller displacements."""
+"""A repeated pose is refused if the fixture has moved or turned by more than this: even a slender fixture deflects less
+(paper, section 4). The diagnosis of the calibration detects smaller displacements."""
 
 
 def check_repeat(state: SessionState, procedure: Procedure, *, refuse: bool) -> str:

@@ -16,7 +16,7 @@ from hardware.virtual import SCENARIOS
 from operator_app.session.store.journal_format import JournalEvent
 
 Check = Callable[[Any, int | None], str]
-"""Function of a value and the number of joints (None: not known yet); returns the problem as text, "" for none."""
+"""Function of a value and the number of joints (None if not known yet); returns the problem as text, "" if valid."""
 
 MAX_INTEGER = 2**53
 """Larger integers have no exact double."""
@@ -107,7 +107,7 @@ an_object = of_type("an object", dict)
 
 
 def joint_number(value: Any, joints: int | None) -> str:
-    """Check the number of a joint (from 1); return the problem, "" for none."""
+    """Check the number of a joint (from 1); return the problem as text, "" if the number is valid."""
     most = joints or MOST_JOINTS_RECORDED
     problem = integer(1)(value, joints)
     return problem or (
@@ -116,7 +116,7 @@ def joint_number(value: Any, joints: int | None) -> str:
 
 
 def joint_key(value: Any, joints: int | None) -> str:
-    """Check the number of a joint that is written as text, as JSON keys are; return the problem, "" for none."""
+    """Check the number of a joint in a JSON key, i.e. written as text; return the problem, "" if it is valid."""
     known = isinstance(value, str) and re.fullmatch(r"[1-9]\d{0,2}", value)
     return (
         joint_number(int(value), joints)

@@ -17,7 +17,7 @@ from operator_app.session.store.replay import order_of, session_state
 from operator_app.session.store.state import SessionState
 
 STAMP, STAMPED = "%Y%m%d-%H%M%S", re.compile(r"\d{8}-\d{6}-")
-"""Format and pattern of the time of opening, the first part of a folder's name."""
+"""`strftime` format and regular expression of the time of opening, with which a folder's name begins."""
 
 PARAMETERS_NAME = "parameters.yaml"
 POSES_NAME = "poses.csv"
@@ -28,8 +28,8 @@ POSES_NAME = "poses.csv"
 class SessionEntry:
     """One session folder.
 
-    `state` is None if the journal cannot be read; `problem` and `remedy` then state why, and what to do. `torn` is
-    the message about an incomplete last line ("": none).
+    `state` is None if the journal cannot be read; `problem` and `remedy` then state why, and what to do. `torn` is the
+    message about an incomplete last line; empty if the last line is complete.
     """
 
     folder: Path

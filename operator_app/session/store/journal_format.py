@@ -52,8 +52,8 @@ class JournalEvent:
 class JournalContents:
     """Events of a journal.
 
-    `torn` is the message about an incomplete last line ("": none), `file` the journal's name in messages, `chain` the
-    last checksum, and `whole_bytes` the number of bytes in complete lines.
+    `torn` is the message about an incomplete last line (empty if it is complete), `file` the journal's name in
+    messages, `chain` the last checksum, and `whole_bytes` the number of bytes in complete lines.
     """
 
     events: tuple[JournalEvent, ...]

@@ -206,7 +206,7 @@ def _with_bit_restored(line: bytes, before: str) -> bytes | None:
 
 
 def _event_hint(line: bytes) -> str:
-    """Return text with the event and the pose number that can still be read in a lost line; "" for none."""
+    """Return text with the event and the pose number that can still be read in a lost line; "" if neither can."""
     name, number = EVENT_NAME.search(line), POSE_NUMBER.search(line)
     if name is None:
         return ""

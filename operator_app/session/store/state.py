@@ -39,8 +39,9 @@ class MeasuredPose:
 class CapturedPose(MeasuredPose):
     """One captured pose.
 
-    `number` counts captures from 1 and is never reused; `waypoint` is the pose's index in the plan, -1 for none;
-    `excluded` is the reason why the pose is not used ("": it is used); `planned`: whether a plan chose the pose.
+    `number` counts captures from 1 and is never reused. `waypoint`: index of the pose in the plan; -1 if it is not in
+    the plan. `excluded`: reason why the pose is not used; empty if it is used. `planned`: whether a plan chose the
+    pose.
     """
 
     waypoint: int
@@ -52,7 +53,8 @@ class CapturedPose(MeasuredPose):
 class CheckReading(MeasuredPose):
     """A pose measured for a check, not used for the calibration.
 
-    `kind`: ``verification``, or ``return`` for a repeat of pose number `of`. `after`: number of captures before it.
+    `kind`: ``verification``, or ``return`` for a repeat of pose number `of`. `after`: number of captures before this
+    reading.
     """
 
     kind: str
@@ -72,8 +74,8 @@ class RepeatedPose:
 class CampaignLog:
     """A planned capture as recorded in the journal.
 
-    `begun`: data recorded at the start, empty before. `steps`: names and data of the events reported to the planning
-    policy, in order. `ended`: data recorded at the end, empty before.
+    `begun`: data recorded at the start; empty before the start. `steps`: names and data of the events reported to the
+    planning policy, in order. `ended`: data recorded at the end; empty before the end.
     """
 
     begun: Mapping[str, Any] = field(default_factory=dict)

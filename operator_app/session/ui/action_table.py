@@ -96,7 +96,7 @@ def estimator(context: ActionContext) -> None:
 
 
 def _next_unsensed(s: SessionSnapshot) -> tuple[int, ...]:
-    """Return the unsensed joints to select next, in the cycle: no joint, each RVDT joint alone, all RVDT joints."""
+    """Return the next choice of unsensed joints, in the cycle: no joint, each RVDT joint alone, all RVDT joints."""
     bent = [k for k, j in enumerate(s.procedure.arm.joints, 1) if isinstance(j.sensor, Rvdt)]
     choices: list[tuple[int, ...]] = [(), *((k,) for k in bent)]
     if len(bent) > 1:

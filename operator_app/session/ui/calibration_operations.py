@@ -1,4 +1,4 @@
-"""Operations of steps 5 to 7: calibrate, compare, write, upload, verify. They publish also the quality of the poses.
+"""Operations of steps 5 to 7: calibrate, compare, write, upload, verify. They also publish the quality of the poses.
 
 They run in the worker thread and may block.
 """

@@ -15,7 +15,7 @@ from operator_app.units import names, others_free
 
 @dataclass(frozen=True, slots=True)
 class NextAction:
-    """Action of the Enter key: name ("" for none), label, and hint."""
+    """Action of the Enter key: name (empty if Enter does nothing), label, and hint."""
 
     action: str
     label: str

@@ -26,11 +26,12 @@ class Sessions:
     """Opens and closes the sessions of one folder.
 
     `procedure`: built-in name or path. `choices`: options of the command line. `join` returns a context manager with
-    the `Rig` (the arm) of an `Opening`. `warning`: first message to the operator; "" for none. Of the last closed
-    session, `last` is the folder (None if it was empty and has been removed), `exported` whether its parameters were
-    written, `held` whether its arm confirmed that it holds its position (None if no arm was connected), and `lost` and
-    `not_held` are the errors about its journal, if that was lost, and about its arm, if that did not confirm; else
-    None.
+    the `Rig` (the arm) of an `Opening`. `warning`: first message to the operator; "" for none.
+
+    The other attributes are about the session that was closed last. `last`: its folder; None if the folder was empty
+    and has been removed. `exported`: whether its parameters were written. `held`: whether its arm confirmed that it
+    holds its position; None if no arm was connected. `lost`: error about the lost journal; None if the journal was not
+    lost. `not_held`: error about an arm that did not confirm that it holds; None if it did.
     """
 
     def __init__(

@@ -98,9 +98,9 @@ class RunningTask:
 class StopReport:
     """A software STOP.
 
-    `asked_s`: time of the request (monotonic). `acknowledged_after_s`: time from the request until no drive was in
-    state Operation enabled (None: not yet). `drives_stopped`: number of drives in other states. `problem`: why STOP
-    could not be sent ("": it was sent).
+    `asked_s`: time of the request (monotonic clock). `acknowledged_after_s`: time from the request until no drive was
+    in state Operation enabled; None as long as any drive is. `drives_stopped`: number of drives in other states.
+    `problem`: why STOP could not be sent; empty if it was sent.
     """
 
     asked_s: float

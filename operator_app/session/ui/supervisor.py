@@ -43,9 +43,9 @@ class Motion:
     """Motion of the joints over the last half second, for display only (the arm itself checks standstill).
 
     `speed_rad_per_s` (n,): slopes of straight lines fitted to the measured angles over time. `still`: whether the
-    spread of every joint is within the limit of the procedure's `SettleRule`. `held_s`, `needed_s`: time at standstill
-    so far, and time that settling and measuring a pose take. `worst_joint`, `spread_share`: joint (1-based) with the
-    largest spread relative to its limit, and that ratio.
+    spread of every joint is within the limit of the procedure's `SettleRule`. `held_s`: time at standstill so far.
+    `needed_s`: time that settling and measuring a pose take. `worst_joint`: joint (1-based) with the largest ratio of
+    spread to limit. `spread_share`: this ratio.
     """
 
     sync_rate_hz: float

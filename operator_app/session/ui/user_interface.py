@@ -124,9 +124,9 @@ EVERYWHERE = frozenset(Step)
 class Entry:
     """Common fields of all actions.
 
-    `keys`, `shown`: names of the keys as the terminal reports them, and their display text. `label`, `help`: one or
-    two words for the footer, and a sentence for palette and help. `steps`, `footer`: steps at which the keys work, and
-    at which the footer shows them. `offered` returns whether the action is listed; an action refused by its guard is
+    `keys`: names of the keys as the terminal reports them. `shown`: display text of the keys. `label`: one or two words
+    for the footer. `help`: a sentence for palette and help. `steps`: steps at which the keys work. `footer`: steps at
+    which the footer shows the keys. `offered` returns whether the action is listed; an action refused by its guard is
     listed with the reason.
     """
 
@@ -149,9 +149,10 @@ class OnScreen(Entry):
 class Action(Entry):
     """An action on the session, in all user interfaces.
 
-    `guard` returns the reason why the action is refused, "" if it is allowed; called again after an answer. `work`
-    submits a task, changes a setting, or opens another session. `prompt`: text in plain mode; default: label and help.
-    `rows` returns prompts by row number; plain mode lists the action once for each row.
+    `guard` returns the reason why the action is refused, "" if the action is allowed; it is called again once the
+    operator has answered a question of the action. `work` submits a task, changes a setting, or opens another session.
+    `prompt`: text in plain mode; default: label and help. `rows` returns prompts by row number; plain mode lists the
+    action once for each row.
     """
 
     work: Callable[[ActionContext], None]

@@ -175,7 +175,10 @@ class _DriftCheck:
             )
 
     def repeat_first_pose_and_come_back(self, *, suspect: bool = False) -> None:
-        """Repeat the first pose, then move the arm back to where it was."""
+        """Repeat the first pose, then move the arm back to where it was.
+
+        `suspect`: the pose just captured may be an outlier; then a shift of the first pose raises GuardError.
+        """
         drive_selection.retrace(self.session, self.repeat_first_pose(suspect=suspect))
 
     def repeat_first_pose(self, *, suspect: bool = False) -> Sequence[Mapping[int, float]]:
@@ -189,7 +192,11 @@ class _DriftCheck:
     def _repeat(
         self, first: CapturedPose, *, suspect: bool = False, speed_rad_per_s: float | None = None
     ) -> Sequence[Mapping[int, float]]:
-        """Move to a pose, measure it again and compare the readings; if it cannot be reached, record that."""
+        """Move to the pose `first`, measure it again and compare the readings; record if it could not be measured.
+
+        Returns the drives' angles (rad) at the start of each move, for the way back. Raises GuardError if readings
+        after a resume, or with an outlier suspected (`suspect`), show a shift.
+        """
         session, report = self.session, self.listener.report
         self.listener.going(None)
         if self.planned is None:

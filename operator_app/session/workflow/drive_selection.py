@@ -107,7 +107,7 @@ def _facts(ranked: RankedDrives) -> dict[str, Any]:
 
 
 BOX_MARGIN_RAD = float(np.deg2rad(5.0))
-"""Tolerance at the edge of the box, since the loop may close slightly off the home in the arm file."""
+"""Tolerance at the edge of the box, since the loop may close at a pose slightly different from the arm file's home."""
 
 RESET_COUNTER_RAD = float(np.deg2rad(0.25))
 """Largest reading of a counter that was reset, including the motion of a joint when its drive is enabled."""
@@ -117,7 +117,7 @@ HOMING_SPEED_RAD_PER_S = float(np.deg2rad(5.0))
 
 
 def joints_outside_box(session: Session) -> str:
-    """Return text that names the drive joints outside the box; "" for none."""
+    """Return text that names the drive joints outside the procedure's box; "" if all are inside."""
     box, q_rad = drive_box(session), session.arm.snapshot().positions_rad
     beyond = box.beyond_rad(q_rad)
     return ", ".join(
@@ -129,7 +129,7 @@ def joints_outside_box(session: Session) -> str:
 
 
 def require_no_reset_counter(session: Session) -> None:
-    """Raise GuardError if a drive joint reads zero and zero is outside its box: the counter may have been reset.
+    """Raise GuardError if a drive joint reads zero but the procedure's box excludes zero: its counter may be reset.
 
     The operator cannot override this: with a wrong reading, the joint would go to another position than its home.
     """
@@ -220,7 +220,7 @@ def verification_waypoints(session: Logbook, poses: int) -> tuple[Mapping[int, f
 
 STARTING_SYNCS = 20
 STANDS_STILL_RAD = float(np.deg2rad(0.2))
-"""If a move ends within `STARTING_SYNCS` SYNCs and less than this angle from its start, it has not started."""
+"""A move counts as not started if it ends within `STARTING_SYNCS` SYNCs and less than this angle from its start."""
 
 
 def reach(

@@ -33,7 +33,7 @@ class Exported:
 def export(
     session: Session, solution: Solution, *, upload_too: bool | None = None, forced: str = ""
 ) -> Exported:
-    """Write the session's files and, if `upload_too` (None: if the procedure requires it), upload the parameters.
+    """Write the session's files and, if `upload_too`, upload the parameters; if None, the procedure decides.
 
     A calibration that was not accepted needs a reason, `forced`, which is written to the journal and the file; raises
     GuardError without one. Raises JournalLostError if the journal was changed (nothing was exported), JournalError if

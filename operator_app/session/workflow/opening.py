@@ -101,7 +101,7 @@ class Rig:
     `opening`: the opening with choices completed from the arm, the environment and defaults, as the journal records
     them. `simulated`: whether no real arm can move. `instrument` measures the tool of an open arm; otherwise None.
     `truths`: true parameters of an arm simulated in this process; otherwise None. `recording_ended` returns why a
-    recording of the bus ended early ("": it did not); may be called from any thread.
+    recording of the bus ended early, "" if it did not; it may be called from any thread.
     """
 
     arm: ArmInterface

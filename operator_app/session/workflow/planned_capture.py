@@ -172,7 +172,10 @@ class PlannedCapture:
     # -- carrying out ----------------------------------------------------------------------------
 
     def _move(self, campaign: Campaign, action: GoTo) -> None:
-        """Move; record the move and report it to the campaign, unless the operator ended it."""
+        """Move the arm, record the move in the journal and report it to the campaign.
+
+        If the operator ends the move, it is neither recorded nor reported: raises Cancelled.
+        """
         session = self._session
         self._listener.going(action)
         outcome = session.go_to(action.targets_rad, _path_watch(campaign, action))

@@ -110,7 +110,8 @@ class Instrument:
             if self._full and len(endpoint.endpoint) == 3:
                 raise InstrumentError(
                     f"{self.name} sent no orientation for pose {pose}, and the fixture file states `measures: "
-                    f"pose`. Let it send one of {ROTATION_EXAMPLE}; or write `measures: position` in it"
+                    f"pose`. Let it send one of these groups: {ROTATION_EXAMPLE}; or write `measures: position` in "
+                    "the fixture file"
                 )
             return endpoint.endpoint if self._full else endpoint.endpoint[:3]
 

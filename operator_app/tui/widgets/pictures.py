@@ -93,7 +93,7 @@ def _below(x: Axis, width: int) -> str:
 
 SPARKS = "▁▂▃▄▅▆▇█"
 LARGEST_BAR_RATIO = 30.0
-"""Largest ratio of the highest bar to the lowest, so that one bad first value does not flatten the rest."""
+"""Largest ratio of the highest bar to the lowest, limited so that one bad first value does not flatten the rest."""
 
 
 def sparkline(values: Sequence[float], width: int) -> Span:

@@ -56,7 +56,7 @@ class Truth:
             case PointClosure(tip_m=tip, ground_m=ground):
                 points = {"tip": tip, "ground": ground}
             case MeasuredClosure(tip_m=tip, base_m=base):
-                points = {"tip": tip, "base": base}
+                points = {"base": base, "tip": tip}
         rows = [DhEntry(kind=kind, row=row) for kind in DhKind for row in range(stacked.shape[1])]
         return {entry.name: float(stacked[entry.kind, entry.row]) for entry in rows} | {
             f"{name}_{axis}": float(value)

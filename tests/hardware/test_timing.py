@@ -104,6 +104,8 @@ class Bus:
     on_sync: Callable[[], None] = lambda: None
     sent: list[tuple[int, float]] = field(default_factory=list)
     """Identifiers and times of the frames."""
+    flooded: bool = False
+    """Whether a frame of another device is always waiting, one every 0.1 ms; the arm does not answer SYNC."""
     scenario: Iterator[None] = field(default_factory=lambda: iter(()))
     """Advances by one step before each poll, in the loop's own thread."""
     finished: threading.Event = field(default_factory=threading.Event)
@@ -114,11 +116,12 @@ class Bus:
         self.sent.append((identifier, self.clock.now_s))
         if identifier == COB_SYNC:
             self.on_sync()
+            answering = () if self.flooded else range(1, JOINTS + 1)
             self.queue.extend(
                 can.Message(
                     arbitration_id=COB_TPDO1 + joint, data=bytes(8), timestamp=self.clock.stamps()
                 )
-                for joint in range(1, JOINTS + 1)
+                for joint in answering
             )
             self.clock.now_s += self.suspended_after_sync_for_s
             self.suspended_after_sync_for_s = 0.0
@@ -132,6 +135,9 @@ class Bus:
             self.failure = failure
         self.clock.now_s += self.suspended_for_s
         self.suspended_for_s = 0.0
+        if self.flooded:
+            self.clock.now_s += 1e-4
+            return can.Message(arbitration_id=0x555, timestamp=self.clock.stamps())
         if self.queue:
             return self.queue.popleft()
         self.clock.now_s += timeout_s
@@ -196,6 +202,22 @@ def test_sync_and_heartbeat_are_sent_once_per_period(bus, loop, identifier, peri
     times_s = [time_s for sent, time_s in bus.sent if sent == identifier]
     assert len(times_s) >= 19
     assert np.diff(times_s) == pytest.approx(period_s, abs=1e-6)
+
+
+@pytest.mark.parametrize(("identifier", "longest_s"), [(COB_SYNC, 0.1), (0x77F, 0.101)])
+def test_flooded_bus_delays_no_heartbeat_and_sync_little(bus, loop, identifier, longest_s):
+    def scenario() -> Iterator[None]:
+        until_s = bus.clock.now_s + 2.0
+        while bus.clock.now_s < until_s:
+            yield
+
+    bus.flooded = True
+    loop.begin_sync()
+    loop.begin_heartbeat()
+    play(loop, bus, scenario())
+    times_s = [time_s for sent, time_s in bus.sent if sent == identifier]
+    assert len(times_s) >= 19
+    assert np.diff(times_s).max() < longest_s
 
 
 def test_suspended_loop_reports_no_silence(bus, loop):

@@ -102,7 +102,9 @@ def stated_fit(experiment: Experiment) -> tuple[ClosureModel, ParameterPrior, Im
         loop = experiment.loop()
         model, stated = free_within_tolerance(loop, arm)
         sd = np.maximum(_by_files(model, arm, experiment.fixture, stated), EXACT)
-        x0 = in_order(model, loop, estimate_paper(loop, q).x)
+        # The paper's estimator needs all readings; those of unsensed joints are good enough for a start.
+        sensed = loop.with_all_joints_sensed()
+        x0 = in_order(model, sensed, estimate_paper(sensed, q).x)
         prior = ParameterPrior(mean=nominal_vector(model.parameters), precision=sd**-2)
         fitted = fit_implicit(model, q, stated_noise(experiment), x0, prior=prior)
     except (SolverError, FixtureError, np.linalg.LinAlgError):

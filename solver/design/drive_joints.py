@@ -8,12 +8,12 @@ text.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 
-from solver.arrays import FloatArray
+from solver.arrays import FloatArray, select_poses
 from solver.closing import close_loops
 from solver.design.manifold import Manifold
 from solver.design.motion import LIMITS, ChainMotion, chain_motion
@@ -31,18 +31,22 @@ class RankedDrives:
 
     `drives`: joints (1-based) to be put into position mode. `score`: value by which sets are ranked, in [0, 1].
     `leverage`: smallest singular value of the drives' share in the self-motion, from 0 at a singularity to 1 if the
-    drives determine all motion; over a region, the median over the poses that the set reaches. `fastest_passive`:
-    largest ratio of a passive joint's speed to the drives' speed. `fastest_joint`: this passive joint. `reach`: share
-    of the region's poses that can be reached from pose 0; None if the ranking is not over a region. `reasons`: the most
-    important first.
+    drives determine all motion; over a region, the median over the poses that the set reaches. `passive_conditioning`:
+    smallest singular value of the passive joints' closure Jacobian, over a region the median; None after trials.
+    `fastest_passive`: largest ratio of a passive joint's speed to the drives' speed. `fastest_joint`: this passive
+    joint. `still`: passive joints that hardly move. `reach`: share of the region's poses that can be reached from pose
+    0; None if the ranking is not over a region. `reasons`: the most important first. `sarcal plan --json` has all
+    fields.
     """
 
     drives: tuple[int, ...]
     score: float
     usable: bool
     leverage: float
+    passive_conditioning: float | None
     fastest_passive: float
     fastest_joint: int
+    still: tuple[int, ...]
     reach: float | None
     reasons: tuple[str, ...]
 
@@ -63,7 +67,7 @@ def rank_over_region(manifold: Manifold) -> tuple[RankedDrives, ...]:
         indices = np.flatnonzero(reachable)
         # Medians need no more than some hundreds of poses.
         indices = indices[:: max(1, len(indices) // SAMPLE)]
-        motion = replace(manifold.motion, tangent=manifold.motion.tangent[indices])
+        motion = select_poses(manifold.motion, indices, "tangent", "jacobian")
         ranked.append(_ranked(motion, drives, reach=float(reachable.mean())))
     return _sorted(ranked)
 
@@ -100,7 +104,9 @@ def _ranked(
     motion: ChainMotion, drives: tuple[int, ...], *, reach: float | None = None
 ) -> RankedDrives:
     rates = np.median(np.linalg.norm(motion.rates(drives), axis=-1), axis=0)
-    return _verdict(drives, float(np.median(motion.leverage(drives))), rates, reach=reach)
+    leverage = float(np.median(motion.leverage(drives)))
+    conditioning = float(np.median(motion.passive_conditioning(drives)))
+    return _verdict(drives, leverage, rates, conditioning=conditioning, reach=reach)
 
 
 def _ranked_by_trial(trial: DriveTrial) -> RankedDrives:
@@ -124,13 +130,14 @@ def _verdict(
     leverage: float,
     rates: FloatArray,
     *,
+    conditioning: float | None = None,
     reach: float | None = None,
     stopped: str = "",
 ) -> RankedDrives:
     """Return the rank of a drive set; `rates` (n,): motion of every joint per motion of the drives."""
     rates = np.where(np.isin(np.arange(1, len(rates) + 1), drives), 0.0, rates)
     passive = [j for j in range(1, len(rates) + 1) if j not in drives]
-    still = [j for j in passive if rates[j - 1] < 0.05]
+    still = tuple(j for j in passive if rates[j - 1] < 0.05)
     joint = int(np.argmax(rates)) + 1
     fastest = float(rates[joint - 1])
     usable = leverage >= LIMITS.least_leverage and fastest <= LIMITS.most_rate and not stopped
@@ -157,8 +164,10 @@ def _verdict(
         score=score if usable else 0.0,
         usable=usable,
         leverage=leverage,
+        passive_conditioning=conditioning,
         fastest_passive=fastest,
         fastest_joint=joint,
+        still=still,
         reach=reach,
         reasons=tuple(reasons),
     )

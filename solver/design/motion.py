@@ -61,10 +61,11 @@ class ChainMotion:
     """First-order motion of a closed chain at m closed poses.
 
     `tangent` (m, n + U, d): orthonormal directions of the self-motion, arm joints first, then the unsensed angles of
-    the model. `joint_count`: n.
+    the model. `jacobian` (m, k, n + U): closure Jacobian of all joints. `joint_count`: n.
     """
 
     tangent: FloatArray
+    jacobian: FloatArray
     joint_count: int
 
     @property
@@ -99,6 +100,11 @@ class ChainMotion:
         inverse = np.linalg.inv(rows + 1e-12 * np.eye(rows.shape[-1]))
         return np.asarray(self.tangent[:, : self.joint_count] @ inverse)
 
+    def passive_conditioning(self, drives: Sequence[int]) -> FloatArray:
+        """Smallest singular value of the passive joints' closure Jacobian (m,); 1 m weighs as 1 rad."""
+        passive = [c for c in range(self.jacobian.shape[-1]) if c + 1 not in drives]
+        return np.asarray(np.linalg.svd(self.jacobian[..., passive], compute_uv=False)[..., -1])
+
 
 def chain_motion(model: ClosureModel, x: FloatArray, q: FloatArray, u: FloatArray) -> ChainMotion:
     """First-order motion at closed poses `q` (m, n), `u` (m, U), rad, for parameters `x` (P,).
@@ -111,7 +117,8 @@ def chain_motion(model: ClosureModel, x: FloatArray, q: FloatArray, u: FloatArra
     equations, joints = J.shape[-2:]
     if joints <= equations:
         raise ValueError(f"{joints} joints in {equations} closure equations leave no motion")
-    return ChainMotion(tangent=left_null_space(np.swapaxes(J, -1, -2)), joint_count=q.shape[-1])
+    tangent = left_null_space(np.swapaxes(J, -1, -2))
+    return ChainMotion(tangent=tangent, jacobian=J, joint_count=q.shape[-1])
 
 
 LOST_RAD = 0.25

@@ -80,8 +80,8 @@ class ResidualSigma:
     @classmethod
     def of(cls, rows: FloatArray) -> ResidualSigma:
         """Return the standard deviation of residuals (m, k); 0 if there are none."""
-        root, count = float(np.sqrt(np.sum(rows**2))), max(rows.size, 1)
-        return cls(rms=root / math.sqrt(count), as_printed=root / count)
+        total, count = float(np.sum(rows**2)), max(rows.size, 1)
+        return cls(rms=math.sqrt(total / count), as_printed=math.sqrt(total) / count)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -115,6 +115,11 @@ def test_a_plan_as_json_includes_advice(run_command):
     assert plan["mobility"] == 2
     assert plan["drives"]["joints"] == [1, 5]
     assert len(plan["drives"]["over_region"]) == 21
+    for ranked in ("at_start", "over_region"):
+        assert list(plan["drives"][ranked][0]) == [
+            "joints", "score", "usable", "leverage", "passive_conditioning",
+            "fastest_passive", "fastest_joint", "still", "reach", "reasons",
+        ]  # fmt: skip
     assert [pose["number"] for pose in plan["poses"]] == [1, 2, 3, 4]
     first = plan["poses"][0]
     for joint, target in first["targets_deg"].items():

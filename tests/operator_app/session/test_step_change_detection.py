@@ -35,7 +35,14 @@ def session_poses(seed: int, sizes: Sizes | None = None) -> PoseSet:
     return parse_poses(session(seed, sizes).csv().encode(), "poses.csv").poses
 
 
-def is_detected(poses: PoseSet, count: int, joint: int = 1, step_counts: int = 0) -> bool:
+def is_detected(
+    poses: PoseSet,
+    count: int,
+    joint: int = 1,
+    step_counts: int = 0,
+    *,
+    unsensed: tuple[int, ...] = (),
+) -> bool:
     """Whether a step of a joint before the last of the first `count` poses is detected."""
     procedure = load_procedure("hinge")
     poses = poses.at_poses(np.arange(count))
@@ -43,7 +50,9 @@ def is_detected(poses: PoseSet, count: int, joint: int = 1, step_counts: int = 0
     q_rad[-1, joint - 1] += step_counts * COUNT_RAD
     poses = replace(poses, q_rad=q_rad)
     return is_unpredicted(
-        Experiment(arm=procedure.arm, fixture=procedure.fixture.fixture, poses=poses)
+        Experiment(
+            arm=procedure.arm, fixture=procedure.fixture.fixture, poses=poses, unsensed=unsensed
+        )
     )
 
 
@@ -67,6 +76,12 @@ def test_step_of_a_degree_is_detected_at_the_next_pose(joint):
         poses = session_poses(seed)
         for count in (LEAST + 1, 20, 40):
             assert is_detected(poses, count, joint, step_counts)
+
+
+def test_step_is_detected_without_the_readings_of_the_wrist():
+    poses = session_poses(0)
+    assert not is_detected(poses, 20, unsensed=(6, 7))
+    assert is_detected(poses, 20, 1, DEGREE_COUNTS, unsensed=(6, 7))
 
 
 class CountLossArm(PlantArm):

@@ -28,6 +28,7 @@ def test_leverage_vanishes_with_the_passive_singular_value(loop, x, region):
     singular, regular = leverage < 0.02, leverage > 0.3
     assert singular.sum() > 3
     assert smallest[singular].max() < 0.3 * np.median(smallest[regular])
+    assert motion.passive_conditioning((6, 7)) == pytest.approx(smallest, abs=1e-6)
 
 
 def test_singular_pair_is_not_usable(loop, x, region):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.stats import chi2, norm
 
 from solver.chain.sensors import Encoder
 from solver.errors import TooFewPosesError
@@ -74,6 +75,23 @@ def test_covariance_is_the_bound_of_a_second_implementation(truth):
             truth, closed, names, WRIST.sigma() ** 2, unsensed=unsensed, give=variance_of_give
         )
         assert found.covariance == pytest.approx(bound, rel=1e-5, abs=1e-8 * np.abs(bound).max())
+
+
+def test_errors_have_no_bias_and_the_stated_size(truth):
+    """Of many draws of noise on the same poses; the limits are wrong once in 10,000 for all parameters together."""
+    runs, chance = 60, 1e-4 / (4 * len(NAMES))
+    fits = [
+        estimate_implicit(loop_of(truth), WRIST.rereadings(seed), noise_of(WRIST))
+        for seed in range(runs)
+    ]
+    z = np.array([(fit.x - truth.values(NAMES)) / fit.standard_deviation for fit in fits])
+    assert np.abs(z.mean(axis=0)).max() * np.sqrt(runs) < norm.isf(chance)
+    low, high = chi2.ppf([chance, 1.0 - chance], runs)
+    squares = (z**2).sum(axis=0)
+    assert low < squares.min()
+    assert squares.max() < high
+    dof = sum(fit.dof for fit in fits)
+    assert sum(fit.chi2 for fit in fits) / dof == pytest.approx(1.0, abs=5.0 * np.sqrt(2.0 / dof))
 
 
 def test_adjusted_readings_close_exactly(truth):

@@ -104,7 +104,7 @@ class CalibratedArm:
         return tip, np.sqrt(spread_along(rates, self._covariance))
 
     def stated_part_m(self, q_rad: FloatArray, names: Collection[str]) -> FloatArray:
-        """Part of the sigma of `tip_with_sigma_m` due to the parameters `names`; it adds to the rest in quadrature."""
+        """Part (m,), m, of the tip's standard deviation due to the parameters `names`; parts add in quadrature."""
         known = [k for k, name in enumerate(self.free) if name in names]
         if not known:
             return np.zeros(len(q_rad))

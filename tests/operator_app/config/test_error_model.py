@@ -2,6 +2,7 @@
 
 import math
 import re
+from functools import partial
 from importlib.resources import files
 
 import numpy as np
@@ -87,19 +88,23 @@ def test_zero_tolerance_is_exact_and_not_assumed(zero):
 
 def test_arm_built_in_code_is_exact():
     packaged = load_arm("sarcos_dextrous")
-    arm = ArmModel(
+    make_arm = partial(
+        ArmModel,
         name="a",
         table=packaged.table,
         joints=packaged.joints,
         free=(),
         home_rad=packaged.home_rad,
     )
+    arm = make_arm()
     assert not np.any(arm.length_tolerance_m)
     assert not np.any(arm.twist_tolerance_rad)
     assert arm.length_tolerance_m.shape == (7,)
     assert Encoder(counts_per_rev=4096).accuracy_rad == 0.0
     for kind in FIXTURES.values():
         assert kind(packaged).compliance == RIGID
+    with pytest.raises(ValueError, match="one tolerance per D-H row"):
+        make_arm(tolerances=packaged.tolerances[:3])
 
 
 def test_rvdt_has_gain_instead_of_accuracy():

@@ -43,6 +43,12 @@ if TYPE_CHECKING:
     from operator_app.tui.screen_interface import ScreenInterface
 
 
+class _Fixed(Lines, can_focus=False):
+    """A widget whose lines do not change."""
+
+    FIXED = True
+
+
 class StartScreen(Screen[None]):
     """Screen while the program loads: the safety strip, a line of text, and the key to quit."""
 
@@ -58,12 +64,12 @@ class StartScreen(Screen[None]):
     def compose(self) -> ComposeResult:
         """Compose the widgets in the same places as on the main screen."""
         for name in self.ROWS:
-            yield Lines(id=name)
+            yield _Fixed(id=name)
 
     def on_mount(self) -> None:
         """Show the lines."""
         for name, rows in self.ROWS.items():
-            self.query_one(f"#{name}", Lines).show_lines(rows)
+            self.query_one(f"#{name}", _Fixed).show_lines(rows)
 
 
 POLL_S = 1.0 / 20.0
@@ -140,7 +146,8 @@ class SarcalApp(App[str]):
 
     async def _load(self) -> None:
         """Run the slow imports in a thread; then show the main screen."""
-        await asyncio.to_thread(import_module, "operator_app.tui.screen_interface")
+        for name in ("main_screen", "screen_interface"):
+            await asyncio.to_thread(import_module, f"operator_app.tui.{name}")
         from operator_app.tui.main_screen import MainScreen
         from operator_app.tui.screen_interface import ScreenInterface
 

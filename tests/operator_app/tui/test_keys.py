@@ -3,6 +3,7 @@
 import html
 import re
 from dataclasses import replace
+from threading import Event
 
 import pytest
 from textual import events
@@ -11,8 +12,9 @@ from textual.widgets import Button, Input, OptionList
 from operator_app.session.ui.snapshot import TaskKind
 from operator_app.session.ui.steps import Step
 from operator_app.session.ui.user_interface import OneOf, Typed, YesNo
+from operator_app.tui.app import SarcalApp
 from operator_app.tui.dialogs import Ask, Choose, Confirm
-from tests.oracles.still_runner import entry
+from tests.oracles.still_runner import StaticSource, entry
 from tests.oracles.story import busy, real, stale, story
 
 SUBMITTED = [
@@ -357,3 +359,19 @@ async def test_dialog_opened_in_a_terminal_in_the_background_has_the_focus(still
         d.app._driver.process_message(events.AppFocus())
         await d.settle()
         assert isinstance(d.app.screen.focused, widget)
+
+
+async def test_while_the_program_loads_a_click_focuses_nothing():
+    ready = Event()
+
+    def slow_source():
+        ready.wait(10.0)
+        return StaticSource(story()["start"])
+
+    app = SarcalApp(slow_source)
+    async with app.run_test() as pilot:
+        await pilot.click("#middle")
+        focused, strip = app.screen.focused, app.screen.query_one("#strip")
+        ready.set()
+        assert strip.shown
+        assert focused is None

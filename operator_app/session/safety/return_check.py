@@ -44,7 +44,7 @@ def check_repeat(state: SessionState, procedure: Procedure, *, refuse: bool) -> 
         f"differs from its first reading: joint {joint} has shifted by "
         f"{POSITION(repeat.size_rad).with_unit} (sigma {SLIP_SIGMA(repeat.sigma_rad).with_unit})"
     )
-    by = SHIFTED(repeat.shifted_m).with_unit
+    by = f"{SHIFTED(repeat.shifted_m).with_unit} and {TURNED(repeat.turned_rad).with_unit}"
     if refuse and repeat.joint_odds > 1.0:
         raise GuardError(
             f"pose {pose} {joint_shifted}",
@@ -52,8 +52,7 @@ def check_repeat(state: SessionState, procedure: Procedure, *, refuse: bool) -> 
         )
     if refuse and (repeat.shifted_m > FIXTURE_MOVED_M or repeat.turned_rad > FIXTURE_TURNED_RAD):
         raise GuardError(
-            f"pose {pose} differs from its first reading: the fixture has moved by about {by} and "
-            f"{TURNED(repeat.turned_rad).with_unit}",
+            f"pose {pose} differs from its first reading: the fixture has moved by about {by}",
             resume_checks.NEW_SESSION_REMEDY,
         )
     if not refuse and repeat.joint_odds >= resume_checks.JOINT_ODDS:

@@ -154,7 +154,8 @@ def repeats_of(
 ) -> tuple[tuple[RepeatedReading, Repeat], ...]:
     """Compare the two readings of every repeated pose that is among the poses `used`, to which `model` belongs.
 
-    Empty for an open arm, because its drives alone determine the repeated pose.
+    Without pairs of readings that cannot disagree (dof 0), as those of four sensed joints in a hinge. Empty for an open
+    arm, because its drives alone determine the repeated pose.
     """
     if model.parts()[0][0].constrained_part is None:
         return ()
@@ -164,4 +165,4 @@ def repeats_of(
         if read.label in labels:
             loop = model.at_poses(np.array([labels.index(read.label)]))
             repeats.append((read, compare_readings(used.arm, loop, x, read, compliance)))
-    return tuple(repeats)
+    return tuple((read, repeat) for read, repeat in repeats if repeat.dof)

@@ -42,6 +42,20 @@ def test_capture_ends_with_a_repeat_of_the_first_pose(make_session):
     assert len(session.state.readings) == 1
 
 
+def test_repeat_that_cannot_disagree_is_no_evidence(make_session):
+    # Without the readings of three joints, any readings of the other four belong to a closed chain.
+    procedure = replace(short_procedure(12), unsensed_joints=(3, 4, 5))
+    session = make_session(procedure, connect=True)
+    listener = RecordingListener()
+    take_poses(session, listener, (1, 5))
+    assert not any("differs" in text for text in listener.said)
+    solution = session.calibrate()
+    loop = session.fixture.model(session.model, unsensed_joints=(3, 4, 5))
+    (reread,) = session.state.rereads
+    assert compare_readings(session.model, loop, solution.estimate.x, reread, RIGID).dof == 0
+    assert not any("RETURN" in cause.code for cause in solution.causes)
+
+
 def test_resumed_session_repeats_the_first_pose_before_new_ones(make_session):
     session = make_session(short_procedure(5), connect=True)
     take_poses_until(session, 2)

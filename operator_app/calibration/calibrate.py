@@ -40,6 +40,7 @@ from operator_app.calibration.result import Solution
 from operator_app.calibration.rvdt import check_rvdts
 from operator_app.calibration.tool_accuracy import tip_sigma
 from operator_app.config.procedure import AcceptanceLimits
+from operator_app.units import joints_named
 from solver.arrays import FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector
@@ -368,6 +369,11 @@ def _require_identifiable(prepared: Prepared, identified: Identifiability) -> Id
     if poses * model.equations_per_pose - len(model.parameters) < FEW_DOF:
         note = f"{poses} poses are few: take at least 20"
         error = UnidentifiableError(blind, code="TOO_FEW_POSES", note=note)
+    elif unsensed := experiment.unsensed:
+        note = (
+            f"the calibration uses no reading of {joints_named(unsensed)}: other poses may not help"
+        )
+        error = UnidentifiableError(blind, note=note)
     raise failure_analysis.explain_unidentifiable(
         error,
         experiment.at_poses(loops.kept),

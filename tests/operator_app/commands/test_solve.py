@@ -59,6 +59,13 @@ def test_unsensed_wrist_is_estimated_without_its_rvdts(reference_data, run_comma
         assert values[f"theta_off_{j}"] == pytest.approx(TABLE_2[f"theta_off_{j}"], abs=0.01)
 
 
+def test_unsensed_joints_are_named_where_poses_do_not_suffice(reference_data, run_command):
+    csv = reference_data / "hinge" / "hinge_rvdt1pct.csv"
+    head, cause, *_ = run_command(5, "solve", csv, "--unsensed", "1,2,3").out.splitlines()
+    assert head.startswith("Not identifiable")
+    assert "joints 1, 2 and 3" in cause
+
+
 def test_rigid_fixture_reports_immobile_joint_4(exact_csv, tmp_path, run_command):
     lines = exact_csv.read_text().splitlines()
     immobile = tmp_path / "rigid.csv"

@@ -76,8 +76,10 @@ def compare_readings(
     x: FloatArray,
     read: RepeatedReading,
     compliance: Compliance,
-) -> Repeat:
-    """Compare two readings of one pose under the stated errors.
+) -> Repeat | None:
+    """Compare two readings of one pose under the stated errors; None if any two readings would agree.
+
+    That is so for a hinge with only four sensed joints: whatever these read, the others can close the chain.
 
     `model`, `x`: the loop of this pose and its calibrated parameters, from which the motions of the chain follow.
     `compliance`: stated deflection of the fixture, which may differ between the readings if friction reverses.
@@ -102,6 +104,8 @@ def compare_readings(
     # Orthogonal to the motions: J dq = f for a fixture displaced by f; all such dq differ by motions only.
     basis = np.linalg.qr(motion.tangent[0, used] / sigma[:, None], mode="complete")[0]
     open_directions = basis[:, motion.degrees :]
+    if not open_directions.size:
+        return None
     d: FloatArray = np.asarray(open_directions.T @ (difference[used] / sigma), dtype=np.float64)
     by_give = open_directions.T @ (np.linalg.pinv(J)[used] / sigma[:, None])
     rows = by_give.shape[1]
@@ -154,8 +158,7 @@ def repeats_of(
 ) -> tuple[tuple[RepeatedReading, Repeat], ...]:
     """Compare the two readings of every repeated pose that is among the poses `used`, to which `model` belongs.
 
-    Without pairs of readings that cannot disagree (dof 0), as those of four sensed joints in a hinge. Empty for an open
-    arm, because its drives alone determine the repeated pose.
+    Empty for an open arm, because its drives alone determine the repeated pose.
     """
     if model.parts()[0][0].constrained_part is None:
         return ()
@@ -164,5 +167,6 @@ def repeats_of(
     for read in rereads:
         if read.label in labels:
             loop = model.at_poses(np.array([labels.index(read.label)]))
-            repeats.append((read, compare_readings(used.arm, loop, x, read, compliance)))
-    return tuple((read, repeat) for read, repeat in repeats if repeat.dof)
+            if repeat := compare_readings(used.arm, loop, x, read, compliance):
+                repeats.append((read, repeat))
+    return tuple(repeats)

@@ -76,11 +76,11 @@ def _significant_repeat(state: SessionState, procedure: Procedure) -> Repeat | N
     values = {} if fixed is None else fixed.values
     x: FloatArray = np.array([values.get(p.name, p.nominal) for p in model.parameters])
     repeat = compare_readings(arm, model, x, state.rereads[-1], fixture.compliance)
-    # With dof 0 the readings cannot disagree: see `repeats_of`.
-    limit = (
-        float(chdtri(repeat.dof, resume_checks.FALSE_REFUSAL_PROBABILITY)) if repeat.dof else 0.0
-    )
-    return repeat if repeat.chi2 > limit else None
+    if repeat is None or repeat.chi2 <= float(
+        chdtri(repeat.dof, resume_checks.FALSE_REFUSAL_PROBABILITY)
+    ):
+        return None
+    return repeat
 
 
 def _check_target_again(state: SessionState, procedure: Procedure) -> str:

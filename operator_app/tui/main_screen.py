@@ -59,11 +59,12 @@ def detail(step: Step, s: SessionSnapshot) -> str:
         case Step.CAPTURE:
             return f"{len(s.state.used_poses)}/{s.required_poses} poses"
         case Step.CALIBRATE:
-            return s.solution.estimate.estimator if s.solution else "not run"
+            # Of the journal: a resumed session shows it before the arm is connected.
+            return s.state.solved.get("estimator", "not run")
         case Step.RESULTS:
-            if s.solution is None:
+            if not s.state.solved:
                 return "—"
-            return "accepted" if s.solution.accepted else "NOT accepted"
+            return "accepted" if s.state.solved.get("accepted") else "NOT accepted"
         case Step.EXPORT:
             if s.receipt is not None:
                 return "uploaded"

@@ -14,6 +14,7 @@ from operator_app.session.ui.snapshot import Level, Message, SessionSnapshot, Ta
 from operator_app.session.ui.steps import Step
 from operator_app.tui.dialogs import Read
 from operator_app.tui.lines import Clicked
+from operator_app.tui.main_screen import detail
 from operator_app.tui.steps.capture import ProgressPanel, QualityPanel
 from operator_app.tui.steps.export import RecordPanel
 from operator_app.tui.steps.fixture import ChecksPanel
@@ -52,6 +53,11 @@ def test_unreachable_plan_is_stated():
     plain = " ".join(describe(Step.FIXTURE, s))
     assert "no pose of the plan can be reached" in plain
     assert "condition number" not in plain
+
+
+def test_steps_of_a_resumed_session_show_its_result_before_the_arm_is_connected():
+    s = replace(story()["solved"], solution=None)
+    assert (detail(Step.CALIBRATE, s), detail(Step.RESULTS, s)) == ("implicit", "accepted")
 
 
 def test_condition_limit_is_that_of_the_procedure():

@@ -205,20 +205,21 @@ def _misfit_causes(
     if len(wrong) == 1:
         either = (*wrong, *(replace(c, blocking=True) for c in by_tests[:1]))
         return tuple(replace(c, probability=0.5) for c in either), wrong, False
-    # So large a compliance or length error may also mean that a file is wrong.
+    joint = "" if case.gross else case.suspects(Cause.READING)
+    # So large an error of a reading, a compliance or a length may also mean that a file is wrong.
     of_files = (
         not case.gross
         and scale > limits.CHI2_PER_DOF_REFUSED
-        and bool(case.suspects(Cause.GIVES, Cause.LENGTH, Cause.TWIST))
+        and bool(joint or case.suspects(Cause.GIVES, Cause.LENGTH, Cause.TWIST))
     )
     if case.gross or of_files:
         # Linear explanations are invalid far from the truth.
         alternatives = case.alternatives(of_files=of_files)
         by_tests = alternatives or by_tests
-    elif joint := case.suspects(Cause.READING):
+    if joint and not alternatives:
         # The joint's readings may be wrong in every pose independently, or from one pose on.
         by_tests = step_alternative(case.stated, int(joint), scale) or by_tests
-    elif not by_tests:
+    elif not (by_tests or case.gross or of_files):
         by_tests = rvdt_causes(case.known.rvdt, case.stated.arm)
     unexplained = (
         len(by_tests) == 1 and by_tests[0].blocking and by_tests[0].kind in UNEXPLAINED_KINDS

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from itertools import chain, combinations
+from itertools import chain, combinations, product
 from time import thread_time
 
 import numpy as np
@@ -30,6 +30,8 @@ from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.findings import reading_step, sensor_name
 from operator_app.calibration.placements import compared, contradiction
 from operator_app.messages.finding import Finding, FindingKind
+from solver.arrays import FloatArray
+from solver.chain.arm_model import ArmModel
 from solver.diagnostics import limits
 from solver.diagnostics.fault_models import constant_reading_runs
 from solver.diagnostics.hypothesis_tests import HypothesisTest
@@ -198,7 +200,7 @@ def _named(weighted: list[tuple[Finding, float]]) -> tuple[Finding, ...]:
 
 
 def _same_loop(stated: Experiment) -> Iterator[Alternative]:
-    """Yield alternatives with one mistake in the poses or arm file corrected: unit, sign, two exchanged values."""
+    """Yield alternatives with one mistake in the poses or arm file corrected: unit, sign, zero, exchanged values."""
     if stated.unsensed:
         return
     arm, poses = stated.arm, stated.poses
@@ -212,8 +214,13 @@ def _same_loop(stated: Experiment) -> Iterator[Alternative]:
             yield finding, replace(stated, poses=replace(poses, q_rad=mistake.q_rad))
     offsets = arm.table.theta_off_rad
     if LEAST_CHANGE_RAD < float(np.abs(offsets).max()) < np.deg2rad(2.0 * np.pi):
-        meant = replace(arm, table=replace(arm.table, theta_off_rad=offsets / np.deg2rad(1.0)))
+        meant = _with_table(arm, theta_off_rad=offsets / np.deg2rad(1.0))
         yield Finding(FindingKind.OFFSETS_IN_RADIANS), replace(stated, arm=meant)
+    for j, turn in product(range(arm.joint_count), (0.5 * np.pi, -0.5 * np.pi, np.pi)):
+        turned = offsets.copy()
+        turned[j] += turn
+        finding = Finding(FindingKind.ZERO_TURNED, joint=j + 1, size=turn, unit="rad")
+        yield finding, replace(stated, arm=_with_table(arm, theta_off_rad=turned))
     for kind in ("s", "a"):
         lengths = getattr(arm.table, f"{kind}_m")
         for i, j in combinations(np.flatnonzero(np.abs(lengths) > LEAST_M), 2):
@@ -222,8 +229,11 @@ def _same_loop(stated: Experiment) -> Iterator[Alternative]:
                 order[[i, j]] = j, i
                 entries = (f"{kind}_{i + 1}", f"{kind}_{j + 1}")
                 finding = Finding(FindingKind.ENTRIES_EXCHANGED, names=entries)
-                table = replace(arm.table, **{f"{kind}_m": lengths[order]})
-                yield finding, replace(stated, arm=replace(arm, table=table))
+                yield finding, replace(stated, arm=_with_table(arm, **{f"{kind}_m": lengths[order]}))
+
+
+def _with_table(arm: ArmModel, **columns: FloatArray) -> ArmModel:
+    return replace(arm, table=replace(arm.table, **columns))
 
 
 def _frozen(stated: Experiment) -> Iterator[Alternative]:

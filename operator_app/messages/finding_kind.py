@@ -324,6 +324,11 @@ class FindingKind(Enum):
         text="the loops close if theta_off_deg of the arm file is taken as radians",
         remedy="the unit of an arm file is deg: multiply its theta_off_deg by 57.29578",
     )
+    ZERO_TURNED = _Message(
+        "ZERO_JOINT_{joint}",
+        text="the loops close if theta_off_{joint} of the arm file is changed by {size:TARGET}",
+        remedy="correct theta_off_{joint} in the arm file, or set the zero of joint {joint}'s encoder",
+    )
     ENTRIES_EXCHANGED = _Message(
         "EXCHANGED_{names}",
         text="the loops close if {name} and {last_name} of the arm file are exchanged",

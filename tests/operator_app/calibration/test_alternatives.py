@@ -27,6 +27,7 @@ EXCHANGED = ARM.table.s_m[[0, 1, 4, 3, 2, 5, 6]]
             "RADIANS_OFFSETS",
             marks=pytest.mark.campaign,
         ),
+        (61, {"theta_off_rad": ARM.table.theta_off_rad + np.pi * np.eye(7)[3]}, "ZERO_JOINT_4"),
     ],
 )
 def test_mistake_in_the_arm_file_is_named(seed, columns, code):

@@ -16,11 +16,17 @@ from operator_app.calibration.alternatives import (
     find_alternatives,
     hinge_alternative,
     step_alternative,
+    turned_zero,
     wrong_distances,
 )
 from operator_app.calibration.experiment import Experiment, placement_checks
 from operator_app.calibration.findings import exceeded, motion_causes, range_finding
-from operator_app.calibration.multistart import has_diverged, local_minimum_causes, of_fixture
+from operator_app.calibration.multistart import (
+    far_from_files,
+    has_diverged,
+    local_minimum_causes,
+    of_fixture,
+)
 from operator_app.calibration.placements import contradicted
 from operator_app.calibration.repeat_measurement import Repeat, RepeatedReading
 from operator_app.calibration.rvdt import measured_deviations, rvdt_causes
@@ -117,7 +123,7 @@ class _Case:
     def alternatives(self, *, near: bool = False, of_files: bool = False) -> tuple[Finding, ...]:
         """Alternative models that explain the misfit."""
         dof = self.diagnosis.residuals.dof
-        return find_alternatives(
+        return turned_zero(self.stated, self.fit.estimate) or find_alternatives(
             self.stated, scale=self.chi2_per_dof, dof=dof, near=near, of_files=of_files
         )
 
@@ -150,6 +156,9 @@ def adjudicate(
     of_fit = _fit_causes(case, without_motion=bool(lost) or diverged)
     if far or any(cause.blocking for cause in of_fit):
         of_fit = (*hinge_alternative(case.stated), *of_fit)
+    if alternatives:
+        # The corrected model, whose loops close, explains the values far from nominal.
+        far = ()
     first = (
         *_screening_causes(experiment.poses, known),
         *acceptance.too_few_poses(case.estimate),
@@ -163,6 +172,8 @@ def adjudicate(
     proven, by_tests = acceptance.proven_by_return(since, by_tests)
     if not any(cause.blocking for cause in first):
         first, proven = (*proven, *first), ()
+    # A corrected model also explains readings out of range: it comes first.
+    first, by_tests = ((*by_tests, *first), ()) if alternatives else (first, by_tests)
     # The paper's estimate does not use measured distances.
     distances = () if paper is not None else contradicted(case.stated, calibrated.linear)
     return acceptance.Adjudication(
@@ -172,12 +183,12 @@ def adjudicate(
             *by_tests,
             *(c for c in acceptance.not_yet_named(since, by_tests) if not c.blocking),
             *moved,
-            *(far if case.gross and not alternatives else ()),
+            *(far if case.gross else ()),
             *off_paper,
             *(
                 c
                 for c in distances
-                if (c.kind, c.joints) not in {(t.kind, t.joints) for t in by_tests}
+                if (c.kind, c.joints) not in {(t.kind, t.joints) for t in (*first, *by_tests)}
             ),
             *of_fit,
         ),
@@ -255,11 +266,12 @@ def _begins_with_a_placement(case: _Case) -> bool:
 
 def _local_minimum_causes(case: _Case) -> tuple[Finding, ...]:
     """Return any alternative models that fit near nominal, then the finding that the solution is far from nominal."""
-    if case.known.search is not None or case.model.unsensed_joints:
+    if case.known.search is not None:
         return ()
-    far = local_minimum_causes(
-        case.model, case.fit.estimate, case.fit.linear.design.q, case.known.judged
-    )
+    model, estimate, judged = case.model, case.fit.estimate, case.known.judged
+    if model.unsensed_joints:
+        return far_from_files(model, estimate, judged)
+    far = local_minimum_causes(model, estimate, case.fit.linear.design.q, judged)
     return (*case.alternatives(near=True), *far) if far and not case.gross else far
 
 

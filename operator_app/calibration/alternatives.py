@@ -32,12 +32,14 @@ from operator_app.calibration.placements import compared, contradiction
 from operator_app.messages.finding import Finding, FindingKind
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
+from solver.chain.parameters import nominal_vector, wrap_angles
 from solver.diagnostics import limits
 from solver.diagnostics.fault_models import constant_reading_runs
 from solver.diagnostics.hypothesis_tests import HypothesisTest
 from solver.diagnostics.model_selection import probabilities
 from solver.diagnostics.range_checks import mistakes, mostly_in_range
 from solver.diagnostics.statistics import sigmas_at
+from solver.estimators.estimate import Estimate
 from solver.estimators.linear_fit import LinearFit
 
 PROMISING_COST_SHARE = 0.3
@@ -52,6 +54,9 @@ LEAST_M = 2e-3
 
 LEAST_CHANGE_RAD = np.deg2rad(0.05)
 """Offsets below this count as zero, whether the file has degrees or radians."""
+
+LARGEST_OFFSET_RAD = np.deg2rad(10.0)
+"""Largest offset that a zero may have in addition to a quarter or half turn."""
 
 SOLVED_ALTERNATIVES = 3
 """Number of the most promising alternatives that are solved completely."""
@@ -216,11 +221,8 @@ def _same_loop(stated: Experiment) -> Iterator[Alternative]:
     if LEAST_CHANGE_RAD < float(np.abs(offsets).max()) < np.deg2rad(2.0 * np.pi):
         meant = _with_table(arm, theta_off_rad=offsets / np.deg2rad(1.0))
         yield Finding(FindingKind.OFFSETS_IN_RADIANS), replace(stated, arm=meant)
-    for j, turn in product(range(arm.joint_count), (0.5 * np.pi, -0.5 * np.pi, np.pi)):
-        turned = offsets.copy()
-        turned[j] += turn
-        finding = Finding(FindingKind.ZERO_TURNED, joint=j + 1, size=turn, unit="rad")
-        yield finding, replace(stated, arm=_with_table(arm, theta_off_rad=turned))
+    for joint, turn in product(range(1, arm.joint_count + 1), (0.5 * np.pi, -0.5 * np.pi, np.pi)):
+        yield _turned(stated, joint, turn)
     for kind in ("s", "a"):
         lengths = getattr(arm.table, f"{kind}_m")
         for i, j in combinations(np.flatnonzero(np.abs(lengths) > LEAST_M), 2):
@@ -229,11 +231,38 @@ def _same_loop(stated: Experiment) -> Iterator[Alternative]:
                 order[[i, j]] = j, i
                 entries = (f"{kind}_{i + 1}", f"{kind}_{j + 1}")
                 finding = Finding(FindingKind.ENTRIES_EXCHANGED, names=entries)
-                yield finding, replace(stated, arm=_with_table(arm, **{f"{kind}_m": lengths[order]}))
+                yield (
+                    finding,
+                    replace(stated, arm=_with_table(arm, **{f"{kind}_m": lengths[order]})),
+                )
 
 
 def _with_table(arm: ArmModel, **columns: FloatArray) -> ArmModel:
     return replace(arm, table=replace(arm.table, **columns))
+
+
+def turned_zero(stated: Experiment, estimate: Estimate) -> tuple[Finding, ...]:
+    """Return the finding of a zero that the estimate has moved by a quarter or half turn, if the loops then fit."""
+    names, nominal = [p.name for p in estimate.parameters], nominal_vector(estimate.parameters)
+    changes = dict(
+        zip(names, wrap_angles(estimate.parameters, estimate.x - nominal).tolist(), strict=True)
+    )
+    for joint in range(1, stated.arm.joint_count + 1):
+        change = changes.get(f"theta_off_{joint}", 0.0)
+        turn = 0.5 * np.pi * round(change / (0.5 * np.pi))
+        if turn and abs(change - turn) < LARGEST_OFFSET_RAD:
+            finding, alternative = _turned(stated, joint, turn)
+            if solved(alternative)[0] < limits.CHI2_PER_DOF_ALTERNATIVE:
+                return (replace(finding, blocking=True),)
+    return ()
+
+
+def _turned(stated: Experiment, joint: int, turn_rad: float) -> Alternative:
+    """Return the alternative with the zero of a joint turned in the arm file."""
+    offsets = stated.arm.table.theta_off_rad.copy()
+    offsets[joint - 1] += turn_rad
+    finding = Finding(FindingKind.ZERO_TURNED, joint=joint, size=turn_rad, unit="rad")
+    return finding, replace(stated, arm=_with_table(stated.arm, theta_off_rad=offsets))
 
 
 def _frozen(stated: Experiment) -> Iterator[Alternative]:

@@ -218,15 +218,31 @@ def _smooth(joint: int, candidate: Candidate, evidence: Evidence, faults: FaultM
 def rms_displacement(
     candidate: Candidate, evidence: Evidence, faults: FaultModels
 ) -> dict[str, float]:
-    """Return the fixture's rms rotation (`turn_rad`) and displacement (`shift_m`) over the affected poses."""
+    """Return the fixture's rms rotation (`turn_rad`) and displacement (`shift_m`) over the affected poses.
+
+    Of several placements, those of the placement with the largest displacement: each has coefficients of its own.
+    """
     displacement = candidate.moves(evidence.b, len(faults.system.w))
     along_fixture = (faults.system.E @ displacement[..., None])[..., 0]
     concerned = np.abs(displacement).sum(-1) > 0.0
-    turn = along_fixture[concerned, :-3]
-    return {
-        "turn_rad": float(np.sqrt((turn**2).sum(-1).mean())) if turn.size else 0.0,
-        "shift_m": float(np.sqrt((along_fixture[concerned, -3:] ** 2).sum(-1).mean())),
-    }
+    group = np.zeros(len(concerned), dtype=np.int64)
+    if faults.design.group is not None:
+        group = faults.design.group[faults.order]
+    return max(
+        (
+            {
+                "turn_rad": _rms_length(moved[:, :-3]) if moved.shape[1] > 3 else 0.0,
+                "shift_m": _rms_length(moved[:, -3:]),
+            }
+            for placement in np.unique(group[concerned])
+            for moved in [along_fixture[concerned & (group == placement)]]
+        ),
+        key=lambda moved: (moved["shift_m"], moved["turn_rad"]),
+    )
+
+
+def _rms_length(vectors: FloatArray) -> float:
+    return float(np.sqrt((vectors**2).sum(-1).mean()))
 
 
 def _rms(values: FloatArray) -> float:

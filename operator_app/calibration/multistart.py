@@ -143,17 +143,31 @@ def local_minimum_causes(
         far = [item for item in far if item[0].name not in of_fixture(model)]
         if not far:
             return ()
-    p, change = far[0]
-    return (
-        Finding(
-            FindingKind.OTHER_SOLUTION if better else FindingKind.FAR_FROM_NOMINAL,
-            names=(p.name,),
-            size=change,
-            unit=p.unit,
-            figures={"times": float(np.sqrt(own / max(best, 1e-300)))},
-            probability=1.0 if better else 0.5,
-            blocking=True,
-        ),
+    times = float(np.sqrt(own / max(best, 1e-300)))
+    return (_implausible(far[0], times if better else None),)
+
+
+def far_from_files(
+    model: ClosureModel, estimate: Estimate, judged: tuple[str, ...]
+) -> tuple[Finding, ...]:
+    """Return the finding that a loop with unsensed joints closes far from nominal, beside the fixture's placement."""
+    far = [
+        item for item in _far(_described(estimate, judged)) if item[0].name not in of_fixture(model)
+    ]
+    return (_implausible(far[0], None),) if far else ()
+
+
+def _implausible(far: tuple[Parameter, float], times: float | None) -> Finding:
+    """The finding of a value far from nominal; `times`: how much better another solution fits, None without one."""
+    p, change = far
+    return Finding(
+        FindingKind.FAR_FROM_NOMINAL if times is None else FindingKind.OTHER_SOLUTION,
+        names=(p.name,),
+        size=change,
+        unit=p.unit,
+        figures={} if times is None else {"times": times},
+        probability=0.5 if times is None else 1.0,
+        blocking=True,
     )
 
 

@@ -147,7 +147,9 @@ def _of_the_fit(solution: Solution, same: tuple[Finding, ...], *, sound: bool) -
     yield from same
     if sound:
         yield from fixture_elsewhere(solution.estimate, solution.model)
-        yield from outliers_still_used(solution.outliers)
+        # With poses as bad as to refuse the calibration, which the cause names, the others cannot be judged.
+        if not any(c.kind is K.OUTLIERS and c.blocking for c in solution.causes):
+            yield from outliers_still_used(solution.outliers)
 
 
 def exceeded_limits(estimate: Estimate, limits: AcceptanceLimits) -> tuple[Finding, ...]:

@@ -12,7 +12,10 @@ from __future__ import annotations
 from enum import Enum
 from typing import NamedTuple, Self
 
-_FIX_BOLTS = "tighten its bolts and check for play; otherwise state its compliance (key give) in the fixture file"
+_FIX_BOLTS = (
+    "tighten its bolts and check for play; otherwise state its compliance (key give) or, of an instrument, a larger "
+    "instrument_sigma_mm in the fixture file"
+)
 _UNSENSED = "calibrate with --unsensed {joint}"
 _REPEAT_JOINT = (
     "check the coupling and cable of joint {joint}'s sensor (count loss, a slipped coupling), home the joint and "
@@ -41,8 +44,8 @@ _TOGETHER = (
     "--global-start"
 )
 _DISTANCE = (
-    "measure the distance again and correct the fixture file: an error in this distance scales all lengths of the "
-    "arm"
+    "check that every pose has the number of its socket (files given in another order?), then measure the distance "
+    "again and correct the fixture file: an error in this distance scales all lengths of the arm"
 )
 _DISTURBED = (
     "take more poses, look for a pose that was disturbed, or calibrate without the readings of the joint that the "
@@ -456,7 +459,8 @@ class FindingKind(Enum):
         text="the ball's socket is not where the fixture's file states: {name} differs by "
         "{size:FAR_ANGLE|FAR_LENGTH}",
         remedy="the calibration uses the position found from the poses; if the socket stays there, correct "
-        "ground_mm in the fixture's file",
+        "ground_mm in the fixture's file; if it is where the file states, all lengths of the arm file are wrong in "
+        "proportion, which a measured distance between two sockets determines",
     )
     FIXTURE_ELSEWHERE = _Message(
         "FIXTURE_ELSEWHERE",

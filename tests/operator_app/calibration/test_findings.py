@@ -3,11 +3,12 @@
 import re
 from dataclasses import replace
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from operator_app.calibration.findings import left_out_poses
+from operator_app.calibration.findings import left_out_poses, rms_displacement
 from solver.diagnostics.range_checks import range_findings
 from tests.benchmarks.shop_floor_outcome import ACCEPTED, WARNED, outcome
 from tests.oracles.as_shipped import ARM, displaced, poses_of, spread_out
@@ -34,6 +35,22 @@ def scattered(q, *, degrees):
 
 def drifting(q, *, joint, degrees):
     q[:, joint - 1] += np.deg2rad(degrees) * np.linspace(0.0, 1.0, len(q))
+
+
+def test_slip_is_as_large_as_in_the_placement_in_which_it_happened():
+    """The later placement has coefficients of its own, close to zero."""
+    moved = np.repeat([[0.0, 0.0, 0.0], [0.0, 0.003, 0.0], [1e-6, 0.0, 0.0]], 20, axis=0)
+    placement, order = np.repeat([1, 2], [40, 20]), np.random.default_rng(0).permutation(60)
+    group = np.empty_like(placement)
+    group[order] = placement
+    faults = SimpleNamespace(
+        system=SimpleNamespace(w=moved, E=np.tile(np.eye(3), (60, 1, 1))),
+        design=SimpleNamespace(group=group),
+        order=order,
+    )
+    candidate, evidence = SimpleNamespace(moves=lambda b, m: moved), SimpleNamespace(b=None)
+    size = rms_displacement(candidate, evidence, faults)
+    assert size == {"turn_rad": 0.0, "shift_m": pytest.approx(0.003)}
 
 
 SCALE, SCATTER = r"encoder is off by about (\S+) %", r"scatter by about ([0-9.]+) deg"

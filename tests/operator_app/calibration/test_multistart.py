@@ -9,7 +9,12 @@ import pytest
 
 from operator_app.calibration.acceptance import Verdict, little_motion
 from operator_app.calibration.calibrate import calibrate
-from operator_app.calibration.multistart import SCREENING_POSES, fit_from_starts, gross_misfit
+from operator_app.calibration.multistart import (
+    SCREENING_POSES,
+    far_from_files,
+    fit_from_starts,
+    gross_misfit,
+)
 from operator_app.calibration.sensitivity import exceeded_source
 from operator_app.report.facts import facts_of
 from operator_app.report.text import facts_text
@@ -81,6 +86,17 @@ def test_displaced_and_slipping_hinge_is_not_diverged():
     assert "FIXTURE_ELSEWHERE" in [n.code for n in solution.warnings]
     apart = np.abs(solution.estimate.x - nominal.estimate.x) / nominal.estimate.standard_deviation
     assert apart.max() < 1.0
+
+
+def test_value_far_from_the_files_is_refused_where_a_joint_is_unsensed():
+    solution = calibrate(PANDA, BALL, panda_poses(1, 2), unsensed_joints=(6,), drop=True)
+    names = [p.name for p in solution.estimate.parameters]
+    assert solution.accepted
+    assert far_from_files(solution.model, solution.estimate, tuple(names)) == ()
+    mirrored = solution.estimate.x - 0.4 * np.eye(len(names))[names.index("tip_z")]
+    estimate = replace(solution.estimate, x=mirrored)
+    (far,) = far_from_files(solution.model, estimate, tuple(names))
+    assert (far.code, far.names, far.blocking) == ("FAR_FROM_NOMINAL", ("tip_z",), True)
 
 
 def test_little_motion_is_reported_once():

@@ -143,12 +143,10 @@ def test_session_texts_are_kept_and_shown_as_text(tmp_path, run_command):
 
 
 def stream_on_full_disk() -> TextIO:
-    """A stream on a full disk."""
     return Path("/dev/full").open("w", encoding="utf-8", buffering=1)
 
 
 def stream_without_reader() -> TextIO:
-    """A stream whose reader has gone."""
     reader, writer = os.pipe()
     os.close(reader)
     return os.fdopen(writer, "w", buffering=1, encoding="utf-8")

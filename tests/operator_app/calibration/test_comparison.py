@@ -203,9 +203,7 @@ def test_other_arms_are_incomparable(changes, approve):
 
 
 def test_no_common_parameter_is_incomparable():
-    names = ARM_SIDE | GROUND_SIDE | HAND_SIDE
-    one = make_document(without=tuple(names - {"theta_off_2"}))
-    other = make_document(without=tuple(names - {"theta_off_3"}))
+    one, other = (make_document(without=VALUES.keys() - {f"theta_off_{j}"}) for j in (2, 3))
     with pytest.raises(IncomparableError, match="no parameter in common"):
         compare(one, other)
 

@@ -110,7 +110,6 @@ def test_remedy_of_a_stuck_sensor_is_not_more_poses():
 
 
 def explanation_for(taken, *blind):
-    """The message that replaces the error of unidentifiable parameters."""
     unidentifiable = UnidentifiableError(
         (UnidentifiableDirection(parameters=blind, weights=(1.0,)),)
     )

@@ -126,7 +126,6 @@ def test_invalid_poses_are_one_error(tmp_path, run_command, name, approve):
 
 @pytest.mark.campaign
 def test_result_is_tested_on_a_second_file(tmp_path, run_command):
-    """New poses of the same arm hold; the same poses are refused; poses of another arm do not hold."""
     names = {"made": session(5), "new": session(5, walk=1, poses=12), "other": session(6, poses=12)}
     for name, taken in names.items():
         (tmp_path / f"{name}.csv").write_text(taken.csv())

@@ -1,7 +1,6 @@
 """Arm files: packaged arms match the paper and their makers; each mistake gives one problem."""
 
 import math
-from importlib.resources import files
 
 import numpy as np
 import pytest
@@ -13,7 +12,7 @@ from solver.chain.sensors import Encoder, NoSensor, Rvdt
 from tests.oracles.makers_chains import CHAINS, flange
 from tests.oracles.mistakes import is_within_replacement, named, parse_problems, single_problem
 
-GOOD = (files("operator_app") / "data" / "arms" / "sarcos_dextrous.yaml").read_text("utf-8")
+GOOD = resolve("arm", "sarcos_dextrous").data.decode()
 
 
 def parse(text):
@@ -78,14 +77,9 @@ BAD = [
     ("s_m: 0.320", "s_m: 320", "dh[row 5].s_m"),
     ("a_m: 0,       alpha_deg: -90}", "a_m: 0, alpha_deg: -1.5708}", "dh[row 2].alpha_deg"),
     *(("dh:", f"offset_tolerance_deg: {value}\ndh:", "offset_tolerance_deg") for value in ("unknow", "-3", "true")),
-    ("s_m: 0.355", "s_m: long", "dh[row 3].s_m"),
-    ("s_m: 0.355", "s_m: ", "dh[row 3].s_m"),
-    ("s_m: 0.355", "s_m: [1]", "dh[row 3].s_m"),
-    ("s_m: 0.355", "s_m: true", "dh[row 3].s_m"),
-    ("s_m: 0.355", "s_m: 12:30", "dh[row 3].s_m"),
-    ("s_m: 0.355", "s_m: 010", "dh[row 3].s_m"),
+    *(("s_m: 0.355", f"s_m: {value}", "dh[row 3].s_m")
+      for value in ("long", "", "[1]", "true", "12:30", "010", "355 mm")),
     ("range_deg: [-35, 115]", "range_deg: ['-35,5', 115]", "joints[joint 1].range_deg[1]"),
-    ("s_m: 0.355", "s_m: 355 mm", "dh[row 3].s_m"),
     ("{row: 3, theta_off_deg: -20,  ", "{row: 3, ", "dh[row 3].theta_off_deg"),
     ("row: 3", "row: 4", "dh[row 4].row"),
     ("kind: rvdt", "kind: rdvt", "joints[joint 6].sensor"),

@@ -3,7 +3,6 @@
 import math
 import re
 from functools import partial
-from importlib.resources import files
 
 import numpy as np
 import pytest
@@ -13,6 +12,7 @@ from operator_app.config.any_file import json_schema
 from operator_app.config.arm_file import load_arm, parse_arm
 from operator_app.config.errors import ConfigError
 from operator_app.config.fixture_file import parse_fixture
+from operator_app.config.resources import resolve
 from solver.chain.arm_model import ArmModel
 from solver.chain.kinematics import forward
 from solver.chain.sensors import Encoder
@@ -20,14 +20,12 @@ from solver.chain.statics import torque_rates
 from tests.contracts.planted import FIXTURES
 from tests.oracles.mistakes import single_problem
 
-SARCOS = (files("operator_app") / "data" / "arms" / "sarcos_dextrous.yaml").read_text("utf-8")
-HINGE = (files("fixtures") / "data" / "hinge.yaml").read_text("utf-8")
+SARCOS = resolve("arm", "sarcos_dextrous").data.decode()
 ERROR_KEYS = re.compile(
     r"^tolerance: .*\n|^    (?:backlash|sag)_deg: .*\n|, accuracy_deg: 0.01|, gain: 0.005",
     re.MULTILINE,
 )
 ARM_WITHOUT_ERRORS = ERROR_KEYS.sub("", SARCOS)
-HINGE_WITHOUT_COMPLIANCE = re.sub(r"^give: .*\n", "", HINGE, flags=re.MULTILINE)
 
 
 def parse_sarcos(text):
@@ -146,7 +144,9 @@ def test_invalid_errors_are_refused(old, new, approve):
 
 
 def parse_hinge_with(line):
-    return parse_fixture((HINGE_WITHOUT_COMPLIANCE + line).encode(), "f.yaml").fixture
+    hinge = resolve("fixture", "hinge").data.decode()
+    text = re.sub(r"^give: .*\n", "", hinge, flags=re.MULTILINE) + line
+    return parse_fixture(text.encode(), "f.yaml").fixture
 
 
 def test_missing_compliance_is_assumed_and_listed():

@@ -82,7 +82,6 @@ ORDERS = [
 
 
 def matrix(vector):
-    """Rotation by a rotation vector (3,), rad."""
     return expm(np.cross(vector, np.eye(3)).T)
 
 

@@ -37,7 +37,6 @@ def largest_error(data, chain, table=None):
 
 
 def foreign_urdf(seed: int) -> str:
-    """A chain with arbitrary frames and axes."""
     rng = np.random.default_rng(seed)
     joints = [joint("stand", "world", "l0", "0.1 -0.2 0.4", "0.1 0.2 0.3", kind="fixed")]
     for j in range(1, 8):

@@ -108,7 +108,6 @@ def run_line(command: str, bus: str = "") -> int:
 
 
 def sarcal_commands(block: Block) -> list[str]:
-    """The sarcal commands of a block."""
     return [c for c in block.commands if c.strip() and not c.startswith(OTHER_PROGRAMS)]
 
 

@@ -9,7 +9,7 @@ from scipy.stats import t
 
 from operator_app.report.html.page import report_html
 from operator_app.session.store.journal import read_journal
-from tests.oracles.reported_session import number, report_subject
+from tests.operator_app.report.conftest import number, report_subject
 
 
 def test_page_compares_both_estimators(page, subject):

@@ -101,7 +101,6 @@ def test_the_apps_steps_recover_the_planted_values(tracked):
 
 
 def with_one_pose(tracked: Tracked) -> Session:
-    """A session of which one pose was taken, opened again."""
     session = tracked.session
     session.connect()
     session.set_modes(DRIVES)

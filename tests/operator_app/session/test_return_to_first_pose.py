@@ -19,9 +19,8 @@ from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.planned_capture import PlannedCapture
 from operator_app.session.workflow.session import Session
 from solver.diagnostics.hypothesis_tests import HypothesisTest
-from tests.oracles.hearing import RecordingListener, take_poses_until
 from tests.oracles.journal_events import journal_events
-from tests.oracles.short_procedure import short_procedure
+from tests.oracles.plant_sessions import RecordingListener, short_procedure, take_poses_until
 
 
 def test_capture_ends_with_a_repeat_of_the_first_pose(make_session):

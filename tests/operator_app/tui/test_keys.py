@@ -14,6 +14,7 @@ from operator_app.session.ui.steps import Step
 from operator_app.session.ui.user_interface import OneOf, Typed, YesNo
 from operator_app.tui.app import SarcalApp
 from operator_app.tui.dialogs import Ask, Choose, Confirm
+from tests.operator_app.tui.conftest import PATIENCE_S
 from tests.oracles.still_runner import StaticSource, entry
 from tests.oracles.story import busy, real, stale, story
 
@@ -67,11 +68,7 @@ REFUSALS = [
     (Step.CONNECT, "connected", "c", "already connected"),
     (Step.CONNECT, "start", "right_square_bracket", "no arm is connected"),
     (Step.CONNECT, "start", "2", "Fixture is closed: no arm is connected"),
-    (Step.CONNECT, "start", "3", "Modes is closed"),
-    (Step.CONNECT, "start", "4", "Capture is closed"),
-    (Step.CONNECT, "start", "5", "Calibrate is closed"),
-    (Step.CONNECT, "start", "6", "Results is closed"),
-    (Step.CONNECT, "start", "7", "Export is closed"),
+    *((Step.CONNECT, "start", str(int(s)), f"{s.title} is closed") for s in list(Step)[2:]),
     (Step.CONNECT, "start", "o", "no other session"),
     (Step.CONNECT, "start", "space", "STOP: no arm is connected"),
     (Step.CONNECT, "connected", "R", "STOP is not latched"),
@@ -81,15 +78,10 @@ REFUSALS = [
     (Step.MODES, "ticked", "w", "modes are not set"),
     (Step.MODES, "start", "a", "no arm is connected"),
     (Step.CAPTURE, "captured", "a", "all 16 poses are captured"),
-    (Step.CAPTURE, "modes", "u", "no pose yet"),
-    (Step.CAPTURE, "modes", "n", "no pose yet"),
-    (Step.CAPTURE, "modes", "x", "no pose yet"),
+    *((Step.CAPTURE, "modes", key, "no pose yet") for key in "unx"),
     (Step.CAPTURE, "modes", "b", "no best pose yet"),
     (Step.CALIBRATE, "modes", "s", "0 of the 3 required poses"),
-    (Step.EXPORT, "captured", "w", "no calibration"),
-    (Step.EXPORT, "captured", "u", "no calibration"),
-    (Step.EXPORT, "captured", "y", "no calibration"),
-    (Step.EXPORT, "captured", "r", "no calibration"),
+    *((Step.EXPORT, "captured", key, "no calibration") for key in "wuyr"),
 ]
 
 
@@ -365,7 +357,7 @@ async def test_while_the_program_loads_a_click_focuses_nothing():
     ready = Event()
 
     def slow_source():
-        ready.wait(10.0)
+        ready.wait(PATIENCE_S)
         return StaticSource(story()["start"])
 
     app = SarcalApp(slow_source)

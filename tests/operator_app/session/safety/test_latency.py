@@ -20,7 +20,7 @@ from operator_app.session.workflow.drive_selection import visit
 from tests.oracles.journal_events import event_data
 from tests.oracles.journalled_sessions import Quiet
 from tests.oracles.plant_arm import PlantArm
-from tests.oracles.short_procedure import short_procedure
+from tests.oracles.plant_sessions import short_procedure
 
 
 def late(times: int, last_s: float, longest_s: float) -> HostLatency:
@@ -51,7 +51,6 @@ class BusyArm(PlantArm):
 
 @pytest.fixture
 def busy(make_session):
-    """A session on an arm, connected."""
     procedure = short_procedure(40)
     return make_session(procedure, arm=BusyArm(procedure, "exact"), connect=True)
 

@@ -17,7 +17,6 @@ Q = [0.1] * 7
 
 
 def at(name: str, which: int = 0) -> int:
-    """Index of an event."""
     return [k for k, (event, _) in enumerate(events()) if event == name][which]
 
 

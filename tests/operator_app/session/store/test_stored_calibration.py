@@ -21,7 +21,7 @@ from operator_app.session.workflow.capture import take_poses
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
 from tests.oracles.journals import journal_event
-from tests.oracles.short_procedure import short_procedure
+from tests.oracles.plant_sessions import short_procedure
 
 
 @pytest.fixture
@@ -31,7 +31,6 @@ def procedure():
 
 @pytest.fixture
 def session(make_session, procedure):
-    """A session whose poses are taken."""
     made = make_session(procedure, connect=True)
     made.set_modes((1, 5))
     take_poses(made, Listener())

@@ -21,18 +21,15 @@ from operator_app.session.workflow.drive_selection import choose, retrace
 from operator_app.session.workflow.planned_capture import PlannedCapture
 from operator_app.session.workflow.session import Session
 from solver.design.actions import Finished
-from tests.oracles.hearing import RecordingListener
 from tests.oracles.journal_events import event_data, journal_events
-from tests.oracles.opened import opened
 from tests.oracles.plant_arm import PlantArm
-from tests.oracles.short_procedure import short_procedure
+from tests.oracles.plant_sessions import RecordingListener, opened, short_procedure
 
 CANDIDATES = 300
 """A tenth of what the product uses: these tests are about the session, not about the best poses."""
 
 
 def planned_procedure(poses: int, **capture: object) -> Procedure:
-    """The packaged planned procedure with few poses, for the arm of scenario `exact`."""
     procedure = short_procedure(poses, packaged="hinge_planned")
     capture_settings = replace(procedure.capture, **capture)
     return replace(procedure, position_joints=(1, 5), capture=capture_settings)
@@ -64,7 +61,6 @@ def interrupt(session: Session, at_sync: int) -> Session:
 
 @pytest.fixture(scope="module")
 def complete_run(tmp_path_factory):
-    """A complete planned capture on the exact arm."""
     folder, procedure = tmp_path_factory.mktemp("complete") / "session", planned_procedure(4)
     session = opened(folder, PlantArm(procedure, "exact"), procedure)
     run = PlannedRun(session)

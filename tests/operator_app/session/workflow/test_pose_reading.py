@@ -152,7 +152,6 @@ def test_refused_and_closed_connections_are_reported():
 
 @contextlib.contextmanager
 def repeating(send: Callable[[bytes], object], data: bytes) -> Iterator[None]:
-    """Send the data again and again in a thread, until the block ends."""
     ended = threading.Event()
 
     def repeat() -> None:
@@ -171,7 +170,6 @@ def repeating(send: Callable[[bytes], object], data: bytes) -> Iterator[None]:
 
 @contextlib.contextmanager
 def flooded_tcp(data: bytes) -> Iterator[TcpLines]:
-    """An open port to a program that sends the data without pause."""
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = TcpLines("127.0.0.1", server.getsockname()[1])
         port.open()

@@ -196,30 +196,6 @@ def test_blocking_cause_is_named_after_many_slight_ones(sound, diagnosis):
     assert names_after(slight) == [*five, ("DRIFT_JOINT_6", True)]
 
 
-@pytest.mark.parametrize(
-    ("kind", "subject", "text", "verbs", "zero"),
-    [
-        (Cause.GIVES, "", "the fixture {} by about 0.0", ("may move", "moves"), "0.0 mm"),
-        (Cause.LENGTH, "s_2", "s_2 {} from the arm file by", ("may differ", "differs"), " 0.0 mm"),
-        (Cause.DRIFT, "2", "joint 2 {} by about", ("may drift", "drifts"), "0.0000 deg"),
-        (Cause.SCALE, "2", "encoder {} off by about", ("may be", "is"), "0.0 %"),
-    ],
-)
-def test_cause_wording_follows_its_probability(sound, diagnosis, kind, subject, text, verbs, zero):
-    chosen = next(
-        c
-        for c in diagnosis.faults.persistent_faults()
-        if c.cause is kind and (not subject or str(c.subject) == subject)
-    )
-    evidence = evidence_with(diagnosis, chosen, b=1e-7)
-    for probability, verb in zip((0.04, 0.96), verbs, strict=True):
-        explanation = Explanation(candidate=chosen, evidence=evidence, probability=probability)
-        diagnosed = replace(diagnosis, rankings=(CauseRanking(known=(explanation,), unknown=0.0),))
-        (cause,) = causes_of(diagnosed, sound.estimate, ("theta_off_2",), LABELS)
-        assert text.format(verb) in cause.text, cause.text
-        assert zero not in cause.text, cause.text
-
-
 def evidence_with(diagnosis, candidate, *, b):
     """The evidence of a candidate, had its coefficients been `b` and moved no parameter."""
     result = evidence(

@@ -104,6 +104,8 @@ BAD = [
     ("kind: hinge", "kind: henge", "kind"),
     ("kind: hinge\n", "", "kind"),
     ("kind: hinge", "kind: 7", "kind"),
+    *(("give: {position_mm: 0.2, orientation_mrad: 0.2}", f"give: {{{name}: {value}}}", f"give.{name}")
+      for name, value in (("position_mm", 51), ("position_mm", -1), ("orientation_mrad", 300), ("orientation_deg", 1))),
     ("tolerance_mm: 30", "tolerance_mm: 0", "tolerance_mm"),
     ("tolerance_deg: 10", "tolerance_rad: 0.2", "tolerance_rad"),
     ("name: hinge", "name: 12", "name"),

@@ -50,6 +50,8 @@ def with_nan(value):
         (lambda: calibrate(arm=3), TypeError),
         (lambda: calibrate(fixture=sarcal.load_arm("franka_panda")), TypeError),
         (lambda: sarcal.load_arm(b"franka_panda"), TypeError),
+        (lambda: sarcal.load_arm("sarcos"), sarcal.ConfigError),
+        (lambda: sarcal.poses_of(), ValueError),
         (lambda: sarcal.poses_of(q_rad=Q[:0]), ValueError),
         (lambda: sarcal.poses_of(q_deg=Q + 1j), TypeError),
         (lambda: sarcal.poses_of(q_rad=with_nan(np.inf)), ValueError),

@@ -119,16 +119,6 @@ def test_return_to_the_first_pose_uses_known_paths_and_changes_no_plan(make_sess
     assert len(event_data(session, "campaign_move")) == moves
 
 
-class FixedArm:
-    """An arm at a fixed position."""
-
-    def __init__(self, q_rad: Sequence[float]) -> None:
-        self.q_rad = np.array(q_rad)
-
-    def snapshot(self) -> SimpleNamespace:
-        return SimpleNamespace(positions_rad=self.q_rad)
-
-
 def session_from(events: Sequence[JournalEvent], procedure: Procedure, folder: Path) -> Session:
     """A session resumed from these events, its arm where the last of them left it."""
     journal = Journal.create(folder)
@@ -136,8 +126,9 @@ def session_from(events: Sequence[JournalEvent], procedure: Procedure, folder: P
         journal.append(event.name, event.data)
     journal.close()
     positions = [e.data.get("q_rad") or e.data.get("mean_rad") for e in events]
-    last = [q_rad for q_rad in positions if q_rad][-1]
-    return Session(journal=Journal.resume(folder), arm=FixedArm(last), procedure=procedure)
+    last = SimpleNamespace(positions_rad=np.array([q_rad for q_rad in positions if q_rad][-1]))
+    arm = SimpleNamespace(snapshot=lambda: last)
+    return Session(journal=Journal.resume(folder), arm=arm, procedure=procedure)
 
 
 def action_indices(events: Sequence[JournalEvent]) -> list[int]:

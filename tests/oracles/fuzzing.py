@@ -5,7 +5,7 @@ An input is accepted, or refused with an expected error; any other exception is 
 
 import contextlib
 import io
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from random import Random
 
@@ -14,7 +14,7 @@ from operator_app.cli import COMMANDS, main
 from operator_app.exit_codes import EXPECTED_ERRORS
 from operator_app.session.workflow.pose_reading import Instrument
 from tests.oracles.bus_fuzzing import FuzzedOperator
-from tests.oracles.document_fuzzing import DATA, DOCUMENTS, Refused, bytes_changed
+from tests.oracles.document_fuzzing import DATA, DOCUMENTS, Parser, Refused, bytes_changed
 
 ODD_WORDS = (
     "", "-", "--", "-1", "0", "nan", "inf", "1e999", "1e-300", "9" * 40, "\u0663", "\x1b[2J", "a" * 5000,
@@ -111,7 +111,7 @@ class _AppendedFile(GrowingFile):
 
 _operator = FuzzedOperator()
 over = _operator.close
-PARSERS: Mapping[str, Callable[[Random, Path], None]] = {
+PARSERS: Mapping[str, Parser] = {
     **DOCUMENTS,
     "arguments": fuzz_command,
     "instrument": fuzz_instrument,

@@ -50,8 +50,6 @@ def with_nan(value):
         (lambda: calibrate(arm=3), TypeError),
         (lambda: calibrate(fixture=sarcal.load_arm("franka_panda")), TypeError),
         (lambda: sarcal.load_arm(b"franka_panda"), TypeError),
-        (lambda: sarcal.load_arm("sarcos"), sarcal.ConfigError),
-        (lambda: sarcal.poses_of(), ValueError),
         (lambda: sarcal.poses_of(q_rad=Q[:0]), ValueError),
         (lambda: sarcal.poses_of(q_deg=Q + 1j), TypeError),
         (lambda: sarcal.poses_of(q_rad=with_nan(np.inf)), ValueError),
@@ -67,6 +65,8 @@ def with_nan(value):
         (lambda: sarcal.compare("a.yaml", "b.yaml", level=2), ValueError),
         (lambda: sarcal.poses_of(q_rad=Q, placement=10**30), ValueError),
         (lambda: sarcal.poses_of(q_rad=Q, samples=10**30), ValueError),
+        (lambda: sarcal.load_arm("sarcos"), sarcal.ConfigError),
+        (sarcal.poses_of, ValueError),
     ],
 )  # fmt: skip
 def test_invalid_argument_is_named(call, kind, approve):

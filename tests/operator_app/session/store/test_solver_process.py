@@ -128,9 +128,8 @@ def test_solving_has_low_priority():
 
 PARENT = """
 import sys
-from operator_app.session.store.solver_process import NICENESS, SolvingProcess
+from operator_app.session.store.solver_process import SolvingProcess
 from tests.oracles import solving_jobs as jobs
-from solver.errors import SolverError, UnidentifiableError
 with SolvingProcess() as process:
     process(jobs.never, sys.argv[1], progress=lambda *_: print("solving", flush=True))
 """

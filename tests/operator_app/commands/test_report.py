@@ -1,6 +1,5 @@
 """`sarcal report`: a page in the session folder, exit codes, errors."""
 
-from dataclasses import asdict
 from pathlib import Path
 
 import pytest
@@ -10,7 +9,7 @@ from operator_app.config.poses_file import load_poses, save_poses
 from operator_app.report.results.session import session_text
 from operator_app.session.store.journal import Journal, read_journal
 from operator_app.session.store.replay import session_state
-from operator_app.session.workflow.opening import Choices, begin
+from tests.oracles.journals import POSE, sources, write_journal, written
 
 
 @pytest.fixture
@@ -19,23 +18,18 @@ def make_folder(tmp_path, reference_data):
     poses = load_poses(reference_data / "hinge" / "hinge_quantised.csv", joint_count=7).poses
 
     def make(count: int = 20, immobile_joint: int | None = None) -> Path:
-        opening = begin("hinge", Choices(scenario="datasheet"), root=tmp_path / "sessions")
-        journal = Journal.create(opening.folder)
-        journal.append(
-            "opened", {"sources": dict(opening.sources), "settings": asdict(opening.choices)}
-        )
-        journal.append("connected", {"model": "sarcos_dextrous", "serial_number": "SDA-0009"})
-        for k in range(count):
-            angles = poses.q_rad[k].copy()
-            if immobile_joint is not None:
-                angles[immobile_joint - 1] = poses.q_rad[0, immobile_joint - 1]
-            pose = {
-                "number": k + 1, "waypoint": k, "mean_rad": angles.tolist(),
-                "sd_rad": [0.0] * 7, "samples": 1, "note": "",
-            }  # fmt: skip
-            journal.append("pose", pose)
-        journal.close()
-        return opening.folder
+        q_rad = poses.q_rad[:count].copy()
+        if immobile_joint is not None:
+            q_rad[:, immobile_joint - 1] = poses.q_rad[0, immobile_joint - 1]
+        events = [
+            ("opened", {"sources": sources(), "settings": {"scenario": "datasheet"}}),
+            ("connected", {"model": "sarcos_dextrous", "serial_number": "SDA-0009"}),
+            *(
+                ("pose", {**POSE, "number": k, "waypoint": k - 1, "mean_rad": q.tolist()})
+                for k, q in enumerate(q_rad, 1)
+            ),
+        ]
+        return write_journal(tmp_path / "sessions" / "20260131-120000-hinge", written(events))
 
     return make
 
@@ -70,6 +64,8 @@ def test_unidentifiable_parameters_are_reported_with_exit_code_5(make_folder):
     page = (folder / "report.html").read_text()
     assert "Not identifiable" in page
     assert "joint 4 does not move" in page
+    assert "condition number" not in page
+    assert page.partition("Captured poses")[2].count("<tr") >= 20
 
 
 @pytest.mark.parametrize(

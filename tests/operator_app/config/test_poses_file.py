@@ -131,6 +131,12 @@ def test_one_mistake_gives_one_problem(data, joints, line, column, key, approve)
     approve(f"{problem.text}; {problem.remedy}")
 
 
+def test_control_characters_of_a_column_name_are_escaped():
+    with pytest.raises(ConfigError, match=r"\\x1b\[2J\\nred") as caught:
+        parse_poses(b'placement,pose,theta1_deg,"\x1b[2J\nred"\n1,1,2,3\n', "p.csv")
+    assert str(caught.value).isprintable()
+
+
 def test_all_problems_are_listed_with_their_lines_up_to_a_limit():
     data = text(rows=("1,1,nan,2,", "x,2,1,2,3", "1,1", "1,4,1,2,3", "1,4,1,2,3"))
     assert [(p.line, p.key) for p in parse_invalid(data)] == [

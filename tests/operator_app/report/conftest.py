@@ -15,7 +15,6 @@ from operator_app.session.store.journal import JournalEvent, read_journal
 from operator_app.session.store.replay import replay
 from operator_app.session.store.stored_calibration import session_calibration, with_checks
 from operator_app.session.workflow.listener import Listener
-from solver.errors import UnidentifiableError
 from tests.oracles.panda import FOLDER as PANDA
 from tests.oracles.plant_arm import SERIAL, PlantArm
 from tests.oracles.plant_sessions import TickingClock, opened, short_procedure
@@ -26,11 +25,7 @@ HOSTILE = '<script>alert("1")</script></td></table>\u202e & \x07\ud800'
 def report_subject(events: Sequence[JournalEvent], **options: Any) -> Subject:
     """Subject of the report of a journal, as in `sarcal report`."""
     state, procedure = replay(events), short_procedure(16, "datasheet")
-    try:
-        calibration = session_calibration(state, procedure, **options)
-    except UnidentifiableError as error:
-        return subject_of_session("session", events, procedure, None, unidentifiable=error)
-    checked = with_checks(calibration, state, procedure)
+    checked = with_checks(session_calibration(state, procedure, **options), state, procedure)
     return subject_of_session("session", events, procedure, checked)
 
 

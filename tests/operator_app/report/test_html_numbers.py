@@ -1,7 +1,6 @@
 """The numbers on a page are those of the session and of its solution."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -114,19 +113,3 @@ def test_page_names_unsensed_joints(folder, parse_page):
     assert "theta_off_6" not in [row[0] for row in page.rows("Identified parameters")]
     assert "The paper's estimator, which needs every joint sensed" in page.text
     assert page.rows("Joints:")[5][1].endswith("(reading not used)")
-
-
-def test_page_of_unidentifiable_poses_has_no_numbers(folder, parse_page):
-    events = [e for e in read_journal(folder).events if e.name not in ("solved", "checked")]
-    for k, event in enumerate(events):
-        if event.name == "pose":
-            still = [*event.data["mean_rad"]]
-            still[3] = -2.0
-            events[k] = replace(event, data={**event.data, "mean_rad": still})
-    subject = report_subject(events)
-    assert subject.solution is None
-    page = parse_page(report_html(subject).decode())
-    assert "Not identifiable" in page.text
-    assert "joint 4 does not move" in page.text
-    assert "condition" not in page.text
-    assert len(page.rows("Captured poses")) == 16

@@ -20,22 +20,15 @@ from tests.oracles.story import busy, real, stale, story
 
 SUBMITTED = [
     # step, snapshot, key, submitted task
-    (Step.CONNECT, "start", "c", TaskKind.CONNECT),
-    (Step.CONNECT, "start", "enter", TaskKind.CONNECT),
+    *((Step.CONNECT, "start", key, TaskKind.CONNECT) for key in ("c", "enter")),
     (Step.FIXTURE, "connected", "k", TaskKind.CHECK),
     (Step.MODES, "modes", "w", TaskKind.WIGGLE),
-    (Step.CAPTURE, "capturing", "a", TaskKind.AUTOMATIC),
-    (Step.CAPTURE, "capturing", "enter", TaskKind.AUTOMATIC),
-    (Step.CAPTURE, "capturing", "g", TaskKind.MOVE),
-    (Step.CAPTURE, "capturing", "b", TaskKind.MOVE),
+    *((Step.CAPTURE, "capturing", key, TaskKind.AUTOMATIC) for key in ("a", "enter")),
+    *((Step.CAPTURE, "capturing", key, TaskKind.MOVE) for key in "gb"),
     (Step.CAPTURE, "capturing", "c", TaskKind.CAPTURE),
-    (Step.CAPTURE, "capturing", "u", TaskKind.NOTE),
-    (Step.CAPTURE, "capturing", "x", TaskKind.NOTE),
-    (Step.CALIBRATE, "captured", "s", TaskKind.CALIBRATE),
-    (Step.CALIBRATE, "captured", "enter", TaskKind.CALIBRATE),
-    (Step.EXPORT, "solved", "w", TaskKind.EXPORT),
-    (Step.EXPORT, "solved", "enter", TaskKind.EXPORT),
-    (Step.EXPORT, "solved", "r", TaskKind.EXPORT),
+    *((Step.CAPTURE, "capturing", key, TaskKind.NOTE) for key in "ux"),
+    *((Step.CALIBRATE, "captured", key, TaskKind.CALIBRATE) for key in ("s", "enter")),
+    *((Step.EXPORT, "solved", key, TaskKind.EXPORT) for key in ("w", "enter", "r")),
     (Step.CAPTURE, "modes", "H", TaskKind.HOLD),
     # The second y confirms.
     (Step.EXPORT, "solved", "yy", TaskKind.VERIFY),

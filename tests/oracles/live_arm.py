@@ -191,9 +191,6 @@ class LiveArm(PlantArm):
         self._work_step()
         return super().capture(samples)
 
-    def hold(self) -> None:
-        self.take_control()
-
     def stop(self) -> None:
         self.stops.append(time.monotonic())
         self._stop_latch.set()

@@ -31,6 +31,13 @@ def test_sound_reading_has_usual_chi2(times):
     assert result.dof == 5
 
 
+def test_shift_that_would_be_seen_depends_on_its_size():
+    taken = session(3, poses=13)
+    sound = innovation(experiment(poses(taken, 0, 12)), poses(taken, 12, 13))
+    assert not {5, 6, 7} & {*sound.unseen(np.deg2rad(2.0), 50.0)}
+    assert {5, 6, 7} <= {*sound.unseen(np.deg2rad(0.01), 50.0)}
+
+
 def test_two_poses_give_no_innovation():
     taken = session(3, poses=3)
     assert innovation(experiment(poses(taken, 0, 2)), poses(taken, 2, 3)) is None

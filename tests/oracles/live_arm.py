@@ -11,7 +11,6 @@ from dataclasses import replace
 from pathlib import Path
 
 from hardware.arm import (
-    NO_LATENCY,
     ArmIdentity,
     ArmSnapshot,
     DriveState,
@@ -35,8 +34,7 @@ TOKEN = 127
 class LiveArm(PlantArm):
     """See the module.
 
-    `connect_error` is raised by the next `connect`, `work_error` by every task of a connection; `lateness` is the
-    computer's.
+    `connect_error` is raised by the next `connect`, `work_error` by every task of a connection.
     """
 
     def __init__(
@@ -50,7 +48,6 @@ class LiveArm(PlantArm):
         self.lock = threading.RLock()
         self.pace_s = pace_s
         self.connect_error: HardwareError | None = None
-        self.lateness = NO_LATENCY
         self.stop_error: HardwareError | None = None
         self.work_error: HardwareError | None = None
         self.stops: list[float] = []
@@ -151,7 +148,6 @@ class LiveArm(PlantArm):
             stopped=self._stop_latch.is_set(),
             stopped_for="" if self._diverged is None else str(self._diverged),
             moving=self._moving,
-            lateness=self.lateness,
         )
 
     def take_control(self) -> None:

@@ -9,7 +9,7 @@ from operator_app.config.poses_file import load_poses, save_poses
 from operator_app.report.results.session import session_text
 from operator_app.session.store.journal import Journal, read_journal
 from operator_app.session.store.replay import session_state
-from tests.oracles.journals import POSE, sources, write_journal, written
+from tests.oracles.journals import sources, write_journal, written
 
 
 @pytest.fixture
@@ -18,14 +18,14 @@ def make_folder(tmp_path, reference_data):
     poses = load_poses(reference_data / "hinge" / "hinge_quantised.csv", joint_count=7).poses
 
     def make(count: int = 20, immobile_joint: int | None = None) -> Path:
-        q_rad = poses.q_rad[:count].copy()
+        q_rad, one_reading = poses.q_rad[:count].copy(), {"sd_rad": [0.0] * 7, "samples": 1}
         if immobile_joint is not None:
             q_rad[:, immobile_joint - 1] = poses.q_rad[0, immobile_joint - 1]
         events = [
             ("opened", {"sources": sources(), "settings": {"scenario": "datasheet"}}),
             ("connected", {"model": "sarcos_dextrous", "serial_number": "SDA-0009"}),
             *(
-                ("pose", {**POSE, "number": k, "waypoint": k - 1, "mean_rad": q.tolist()})
+                ("pose", {**one_reading, "number": k, "waypoint": k - 1, "mean_rad": q.tolist()})
                 for k, q in enumerate(q_rad, 1)
             ),
         ]

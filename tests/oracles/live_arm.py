@@ -32,10 +32,7 @@ TOKEN = 127
 
 
 class LiveArm(PlantArm):
-    """See the module.
-
-    `connect_error` is raised by the next `connect`, `work_error` by every task of a connection.
-    """
+    """`connect_error` is raised by the next `connect`, `work_error` by every task of a connection."""
 
     def __init__(
         self,

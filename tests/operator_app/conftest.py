@@ -8,11 +8,10 @@ from operator_app.config.procedure import Procedure
 from operator_app.session.workflow.session import Session
 from tests.oracles.answers import run_command
 from tests.oracles.journalled_sessions import journalled_sessions
-from tests.oracles.live_source import FakeSessions
-from tests.oracles.opened import opened
+from tests.oracles.live_arm import FakeSessions
 from tests.oracles.plant_arm import SERIAL, PlantArm
+from tests.oracles.plant_sessions import TickingClock, opened
 from tests.oracles.recorded import cached_folder
-from tests.oracles.ticking import TickingClock
 
 __all__ = ["run_command"]
 

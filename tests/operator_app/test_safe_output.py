@@ -21,9 +21,8 @@ from operator_app.report.table import Column, FactTable
 from operator_app.report.text import aligned, paragraph, table_lines
 from operator_app.safe_output import MARK, lines, sanitized, say
 from operator_app.session.store.folders import read_session
-from operator_app.session.store.journal import JOURNAL_NAME
 from operator_app.tui.theme import DARK, look
-from tests.oracles.journals import events, written
+from tests.oracles.journals import events, write_journal, written
 
 SARCOS_HINGE = ("--arm", "sarcos_dextrous", "--fixture", "hinge")
 HOSTILE = "a\x1b[2J\x1b]0;owned\x07b\x9b31mc\u202edlo\u2066x\ry\u2028z\ud800"
@@ -115,7 +114,6 @@ def test_pose_labels_are_kept_and_shown_as_text(write_outlier_poses, run_command
 
 
 def hostile_session(folder: Path) -> Path:
-    folder.mkdir(parents=True)
     journal = events()
     for name, data in journal:
         if name == "connected":
@@ -123,8 +121,7 @@ def hostile_session(folder: Path) -> Path:
             data["nodes"][0]["device_name"] = HOSTILE
         if "note" in data or name == "pose_noted":
             data["text" if name == "pose_noted" else "note"] = HOSTILE
-    (folder / JOURNAL_NAME).write_bytes(written(journal))
-    return folder
+    return write_journal(folder, written(journal))
 
 
 def test_session_texts_are_kept_and_shown_as_text(tmp_path, run_command):
@@ -143,12 +140,10 @@ def test_session_texts_are_kept_and_shown_as_text(tmp_path, run_command):
 
 
 def stream_on_full_disk() -> TextIO:
-    """A stream on a full disk."""
     return Path("/dev/full").open("w", encoding="utf-8", buffering=1)
 
 
 def stream_without_reader() -> TextIO:
-    """A stream whose reader has gone."""
     reader, writer = os.pipe()
     os.close(reader)
     return os.fdopen(writer, "w", buffering=1, encoding="utf-8")

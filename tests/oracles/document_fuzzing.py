@@ -3,7 +3,7 @@
 import json
 import re
 from collections.abc import Callable, Mapping
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 from random import Random
 
@@ -20,7 +20,7 @@ from operator_app.config.parameters_file import format_parameters, parse_paramet
 from operator_app.config.poses_file import load_poses, parse_poses
 from operator_app.config.procedure_file import parse_procedure
 from operator_app.config.profile_file import parse_profile
-from operator_app.config.resources import Resource, resolve
+from operator_app.config.resources import Kind, Resource, resolve
 from operator_app.config.urdf_editing import format_urdf
 from operator_app.config.urdf_reading import parse_urdf
 from operator_app.config.user_settings import parse_settings
@@ -50,6 +50,9 @@ WORDS = (
     b"true", b"null", b"\x1b[2J", b"\xe2\x80\xae", b"1,5", b"12:30", b"0x1F", b"()", b"\\u0000",
 )  # fmt: skip
 NUMBER = re.compile(rb"-?\d+(\.\d+)?([eE][-+]?\d+)?")
+
+
+Parser = Callable[[Random, Path], object]
 
 
 class Refused(Exception):
@@ -129,29 +132,17 @@ def _journal_without_sources() -> bytes:
     return written([(name, data) for name, data in events() if name != "opened"])
 
 
-@cache
-def _packaged(kind: str, name: str) -> Resource:
-    return resolve(kind, name)  # type: ignore[arg-type]
+def _packaged(kind: Kind, *names: str) -> list[bytes]:
+    return [resolve(kind, name).data for name in names]
 
 
-def _arm(rng: Random, _: Path) -> None:
-    name = rng.choice(("sarcos_dextrous", "franka_panda"))
-    parse_arm(in_yaml(_packaged("arm", name).data, rng), "arm.yaml")
+def _yaml(parse: Callable[[bytes], object], *files: bytes) -> Parser:
+    """Fuzz a parser of YAML files."""
+    return lambda rng, _: parse(in_yaml(rng.choice(files), rng))
 
 
-def _fixture(rng: Random, _: Path) -> None:
-    name = rng.choice(("hinge", "ball", "rigid"))
-    parse_fixture(in_yaml(_packaged("fixture", name).data, rng), "fixture.yaml")
-
-
-def _procedure(name: str, rng: Random, _: Path) -> None:
-    data = in_yaml(_packaged("procedure", name).data, rng)
+def _parse_procedure(data: bytes) -> None:
     parse_procedure(Resource(file="p.yaml", folder=None, data=data))
-
-
-def _profile(rng: Random, _: Path) -> None:
-    data = in_yaml(_packaged("profile", "sarcos").data, rng)
-    parse_profile(data, "profile.yaml", joints=rng.choice((7, None)))
 
 
 def _poses(rng: Random, _: Path) -> None:
@@ -185,15 +176,6 @@ def _urdf(rng: Random, _: Path) -> None:
 
 
 @cache
-def _parameters_file() -> bytes:
-    return format_parameters(make_document())
-
-
-def _parameters(rng: Random, _: Path) -> None:
-    parse_parameters(in_yaml(_parameters_file(), rng), "parameters.yaml")
-
-
-@cache
 def _solved() -> Mapping[str, object]:
     arm, fixture = load_arm("sarcos_dextrous"), load_fixture("hinge").fixture
     poses = load_poses(DATA, joint_count=arm.joint_count).poses
@@ -217,22 +199,25 @@ SETTINGS = (
 )
 
 
-def _settings(rng: Random, _: Path) -> None:
-    parse_settings(in_yaml(SETTINGS, rng), "settings.yaml")
-
-
-DOCUMENTS: Mapping[str, Callable[[Random, Path], None]] = {
+DOCUMENTS: Mapping[str, Parser] = {
     "journal, contents": _journal_contents,
     "journal, bytes, repaired": _journal_bytes,
     "solution in a journal": _record,
-    "arm": _arm,
-    "fixture": _fixture,
-    "bus profile": _profile,
-    "procedure": partial(_procedure, "hinge"),
-    "procedure with a plan": partial(_procedure, "hinge_planned"),
+    "arm": _yaml(
+        lambda d: parse_arm(d, "a.yaml"), *_packaged("arm", "sarcos_dextrous", "franka_panda")
+    ),
+    "fixture": _yaml(
+        lambda d: parse_fixture(d, "f.yaml"), *_packaged("fixture", "hinge", "ball", "rigid")
+    ),
+    "bus profile": _yaml(
+        lambda d: parse_profile(d, "p.yaml", joints=(7, None)[len(d) % 2]),
+        *_packaged("profile", "sarcos"),
+    ),
+    "procedure": _yaml(_parse_procedure, *_packaged("procedure", "hinge")),
+    "procedure with a plan": _yaml(_parse_procedure, *_packaged("procedure", "hinge_planned")),
     "poses": _poses,
-    "parameters": _parameters,
+    "parameters": _yaml(parse_parameters, format_parameters(make_document())),
     "joint log": _joint_log,
     "urdf": _urdf,
-    "user settings": _settings,
+    "user settings": _yaml(lambda d: parse_settings(d, "settings.yaml"), SETTINGS),
 }

@@ -29,10 +29,8 @@ from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.opening import Choices
 from operator_app.virtual_arms import run_controller
 from tests.oracles.fast_arm import fast_arm
-from tests.oracles.hearing import RecordingListener
 from tests.oracles.loop_oracle import paper_truth, product
-from tests.oracles.opened import opened
-from tests.oracles.short_procedure import short_procedure
+from tests.oracles.plant_sessions import RecordingListener, opened, short_procedure
 
 MAX_CLOSURE_ERROR = 3e-4
 """Largest closure error of a right pose, rad and m: encoders of 400,000 counts round to 8e-6 rad each."""

@@ -5,19 +5,16 @@ An input is accepted, or refused with an expected error; any other exception is 
 
 import contextlib
 import io
-import os
-import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from random import Random
 
 from hardware.line_port import CalledLines, GrowingFile, LinePort
 from operator_app.cli import COMMANDS, main
 from operator_app.exit_codes import EXPECTED_ERRORS
-from operator_app.session.workflow.pose_reading import Instrument, port_of
-from operator_app.virtual_arms import slots_in
+from operator_app.session.workflow.pose_reading import Instrument
 from tests.oracles.bus_fuzzing import FuzzedOperator
-from tests.oracles.document_fuzzing import DATA, DOCUMENTS, Refused, bytes_changed
+from tests.oracles.document_fuzzing import DATA, DOCUMENTS, Parser, Refused, bytes_changed
 
 ODD_WORDS = (
     "", "-", "--", "-1", "0", "nan", "inf", "1e999", "1e-300", "9" * 40, "\u0663", "\x1b[2J", "a" * 5000,
@@ -85,16 +82,13 @@ HEADING, ROW = b"pose,x_m,y_m,z_m,rx_deg,ry_deg,rz_deg\n", b"12,0.1,0.2,0.3,1,2,
 
 
 def fuzz_instrument(rng: Random, folder: Path) -> None:
-    """Read a JSON reply, or a growing file with a fuzzed path, heading or row."""
+    """Read a JSON reply, or a growing file with a fuzzed heading or row."""
     port: LinePort
     if rng.random() < 0.5:
         reply = bytes_changed(rng.choice(REPLIES), rng).decode(errors="replace")
         port = CalledLines(lambda _: reply, "a tracker")
     else:
         file = folder / "rows.csv"
-        if rng.random() < 0.2:
-            port_of(f"file:{_odd_path(rng, folder, file)}").open()
-            return
         file.write_bytes(bytes_changed(HEADING, rng) if rng.random() < 0.5 else HEADING)
         port = _AppendedFile(file, bytes_changed(ROW, rng))
     instrument = Instrument(port, full_pose=rng.random() < 0.5, patience_s=0.0)
@@ -115,67 +109,12 @@ class _AppendedFile(GrowingFile):
             file.write(self._row)
 
 
-def _odd_path(rng: Random, folder: Path, file: Path) -> Path:
-    """A path that is no writable file, often a pipe without a peer."""
-    devices = ("/proc/x", "/proc/self/mem", "/dev/null", "/dev/zero", "/dev/full")
-    match rng.randrange(6):
-        case 0 | 1:
-            pipe = folder / "pipe"
-            if not pipe.exists():
-                os.mkfifo(pipe)
-            return pipe
-        case 2:
-            return folder
-        case 3:
-            return file / "below" / "it"
-        case 4:
-            return Path(rng.choice(devices))
-        case _:
-            return Path(rng.choice(("x\x00y", "a" * 5000, "")))
-
-
-def fuzz_parameter_slots(rng: Random, folder: Path) -> None:
-    """Open the folder of `controller --state` with a fuzzed path or fuzzed contents."""
-    if rng.random() < 0.3:
-        path = _odd_path(rng, folder, folder / "rows.csv")
-        if path not in (folder, Path()):
-            slots_in(path)
-            return
-    state = folder / "state"
-    state.mkdir(exist_ok=True)
-    try:
-        store = slots_in(state)
-        for document in (b"one", b"two")[: rng.randrange(3)]:
-            store.commit(document)
-        for name in ("active", "slot_a", "slot_b", "slot_a.new", "active.new"):
-            file = state / name
-            match rng.randrange(8):
-                case 0 if file.exists():
-                    file.write_bytes(bytes_changed(file.read_bytes(), rng))
-                case 1:
-                    file.unlink(missing_ok=True)
-                    os.mkfifo(file)
-                case 2 if not file.exists():
-                    file.mkdir()
-        store = slots_in(state)
-        active = store.document(store.active)
-        if active not in (None, b"one", b"two"):
-            raise AssertionError(f"{active!r} was never committed")
-        try:
-            store.commit(b"three")
-        except OSError as error:
-            raise Refused(str(error)) from error
-    finally:
-        shutil.rmtree(state)
-
-
 _operator = FuzzedOperator()
 over = _operator.close
-PARSERS: Mapping[str, Callable[[Random, Path], None]] = {
+PARSERS: Mapping[str, Parser] = {
     **DOCUMENTS,
     "arguments": fuzz_command,
     "instrument": fuzz_instrument,
-    "parameter slots": fuzz_parameter_slots,
     "the wire": lambda rng, _: _operator.fuzz(rng),
 }
 

@@ -12,7 +12,7 @@ from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.opening import Choices, Opening, Rig, begin, open_session, resume
 from operator_app.session.workflow.session import Session
 from tests.oracles.plant_arm import PlantArm
-from tests.oracles.ticking import TickingClock
+from tests.oracles.plant_sessions import TickingClock
 
 POSES = 12
 SCENARIO = "datasheet"

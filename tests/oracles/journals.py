@@ -8,6 +8,7 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
+from operator_app.session.store.journal import JOURNAL_NAME
 from operator_app.session.store.journal_format import JournalEvent
 
 Named = tuple[str, dict[str, Any]]
@@ -106,6 +107,13 @@ def written(
         chain = hashlib.sha256((chain + body).encode()).hexdigest()[:16]
         lines.append(f'{body[:-1]},"sum":"{chain}"}}\n')
     return "".join(lines).encode()
+
+
+def write_journal(folder: Path, raw: bytes) -> Path:
+    """Write a journal into a session folder, made if necessary; return the folder."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / JOURNAL_NAME).write_bytes(raw)
+    return folder
 
 
 ODD: tuple[Any, ...] = (

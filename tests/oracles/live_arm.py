@@ -1,16 +1,16 @@
-"""A fake arm with its own SYNC thread, a latched STOP and a bus that can become silent.
+"""A fake arm with its own SYNC thread, a latched STOP and a bus that can become silent, and sessions on it.
 
 Steps of a move, a settling or a capture take no time, or `pace_s`, in which a test can interfere.
 """
 
 import threading
 import time
-from collections.abc import Mapping, Sequence
-from contextlib import nullcontext
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
 from dataclasses import replace
+from pathlib import Path
 
 from hardware.arm import (
-    NO_LATENCY,
     ArmIdentity,
     ArmSnapshot,
     DriveState,
@@ -22,17 +22,17 @@ from hardware.arm import (
 )
 from hardware.errors import BusError, DriveDiverged, HardwareError, StopLatched
 from operator_app.config.procedure import Procedure
+from operator_app.config.procedure_file import load_procedure
+from operator_app.session.ui.runner import Runner
+from operator_app.session.ui.sessions import Sessions
+from operator_app.session.workflow.opening import Choices, Opening, Rig
 from tests.oracles.plant_arm import PERIOD_S, SERIAL, PlantArm, node
 
 TOKEN = 127
 
 
 class LiveArm(PlantArm):
-    """See the module.
-
-    `connect_error` is raised by the next `connect`, `work_error` by every task of a connection; `lateness` is the
-    computer's.
-    """
+    """`connect_error` is raised by the next `connect`, `work_error` by every task of a connection."""
 
     def __init__(
         self,
@@ -45,11 +45,9 @@ class LiveArm(PlantArm):
         self.lock = threading.RLock()
         self.pace_s = pace_s
         self.connect_error: HardwareError | None = None
-        self.lateness = NO_LATENCY
         self.stop_error: HardwareError | None = None
         self.work_error: HardwareError | None = None
         self.stops: list[float] = []
-        self.other_operator = False
         self._stop_latch = threading.Event()
         self._diverged: DriveDiverged | None = None
         self._end = threading.Event()
@@ -87,13 +85,10 @@ class LiveArm(PlantArm):
                 finally:
                     self.lock.release()
 
-    def fall_silent(self) -> None:
-        self._silent_since = time.monotonic()
-
     def stop_answering_since(self, seconds: float) -> None:
         """Stop answering, with a last answer of this age."""
-        self.fall_silent()
-        self._stamp = time.monotonic() - seconds
+        self._silent_since = time.monotonic()
+        self._stamp = self._silent_since - seconds
 
     def answer_again(self) -> None:
         """Answer again, with drives disabled as after a restart of the controller."""
@@ -150,7 +145,6 @@ class LiveArm(PlantArm):
             stopped=self._stop_latch.is_set(),
             stopped_for="" if self._diverged is None else str(self._diverged),
             moving=self._moving,
-            lateness=self.lateness,
         )
 
     def take_control(self) -> None:
@@ -190,9 +184,6 @@ class LiveArm(PlantArm):
         self._work_step()
         return super().capture(samples)
 
-    def hold(self) -> None:
-        self.take_control()
-
     def stop(self) -> None:
         self.stops.append(time.monotonic())
         self._stop_latch.set()
@@ -219,3 +210,42 @@ class LiveArm(PlantArm):
             self._ticker = None
         self._diverged = self.work_error = None
         return True
+
+
+def quick_procedure() -> Procedure:
+    """The packaged hinge procedure with few poses, and an acceptance limit for them."""
+    procedure = load_procedure("hinge")
+    return replace(
+        procedure,
+        capture=replace(procedure.capture, poses=6, samples_per_pose=8),
+        acceptance=replace(procedure.acceptance, scaled_condition_number=400.0),
+    )
+
+
+class FakeSessions(Sessions):
+    """Sessions on live fake arms, in folders session-1, session-2, ...; `arm` is the current one."""
+
+    def __init__(self, root: Path) -> None:
+        super().__init__("hinge", Choices(), root=root, join=self._joined)
+        self.root, self.simulated = root, True
+        self.procedure = quick_procedure()
+        self.pace_s = 0.0
+        self.serial = "SDA-0001"
+        self.arm: LiveArm | None = None
+        self._made = 0
+
+    @property
+    def runner(self) -> Runner | None:
+        return self._runner
+
+    @contextmanager
+    def _joined(self, opening: Opening) -> Iterator[Rig]:
+        procedure, folder = opening.procedure, opening.folder
+        if not opening.resumed:
+            self._made += 1
+            folder = self.root / f"session-{self._made}"
+        if procedure.name == self.procedure.name:
+            procedure = self.procedure
+        self.arm = LiveArm(procedure, pace_s=self.pace_s, serial=self.serial)
+        test_opening = replace(opening, folder=folder, procedure=procedure)
+        yield Rig(arm=self.arm, opening=test_opening, simulated=self.simulated)

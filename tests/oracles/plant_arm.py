@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from hardware.arm import (
+    NO_LATENCY,
     ArmIdentity,
     ArmSnapshot,
     DriveState,
@@ -39,7 +40,7 @@ def node(number: int, serial: int, device_name: str, *, role: str = "") -> NodeI
 class PlantArm:
     """An `ArmInterface` whose SYNCs are plant steps. Records its moves and how often it was closed.
 
-    `off_rad` (n,) is added to readings; `reads_rad` replaces readings of joints.
+    `off_rad` (n,) is added to readings; `reads_rad` replaces readings of joints; `lateness` is the computer's.
     """
 
     def __init__(self, procedure: Procedure, chosen: Scenario | str, serial: str = SERIAL) -> None:
@@ -58,6 +59,7 @@ class PlantArm:
         self.off_rad = np.zeros(n)
         self.reads_rad: dict[int, float] = {}
         self.interrupt_at_sync: int | None = None
+        self.lateness = NO_LATENCY
         self.closed = 0
         self.moves: list[tuple[dict[int, float], float]] = []
         self._step()
@@ -104,7 +106,7 @@ class PlantArm:
         )
         return ArmSnapshot(
             sync_count=self._syncs, joints=joints, heartbeat_age_s={}, token=127, faults=(),
-            stopped=False, moving=False,
+            stopped=False, moving=False, lateness=self.lateness,
         )  # fmt: skip
 
     def take_control(self) -> None:

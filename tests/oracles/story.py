@@ -27,9 +27,8 @@ from operator_app.session.ui.snapshot import (
 )
 from operator_app.session.ui.supervisor import Motion
 from tests.oracles.live_arm import LiveArm
-from tests.oracles.opened import opened
+from tests.oracles.plant_sessions import TickingClock, opened
 from tests.oracles.recorded import recorded
-from tests.oracles.ticking import TickingClock
 
 POSES = 16
 NOW_S = 1000.0

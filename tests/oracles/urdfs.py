@@ -5,6 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 import pinocchio as pin
 
+from operator_app.calibration.calibrated_arm import T_base_flange
+from operator_app.config.urdf_reading import UrdfChain
+from solver.chain.kinematics import DhTable
+
 
 def words(numbers: Sequence[float] | np.ndarray) -> str:
     return " ".join(repr(float(v)) for v in numbers)
@@ -39,6 +43,14 @@ def robot(*joints: str) -> str:
     links = {word.split('"')[1] for j in joints for word in j.split("link=")[1:]}
     text = "\n".join([*joints, *(f'<link name="{link}"/>' for link in sorted(links))])
     return f'<robot name="arm">{text}</robot>'
+
+
+def tip_error(urdf: bytes, chain: UrdfChain, table: DhTable) -> float:
+    """Largest difference of T_base_tip between pinocchio and a D-H table at 200 poses (m, or entries of a rotation)."""
+    q = np.random.default_rng(1).uniform(-3.0, 3.0, (200, len(chain.joints)))
+    tips = places(urdf, q, chain.tip, base=chain.base, joints=[j.name for j in chain.joints])
+    expected = chain.T_link_base @ T_base_flange(table, q) @ chain.T_flange_tip
+    return float(np.abs(tips - expected).max())
 
 
 def places(

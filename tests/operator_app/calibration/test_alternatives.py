@@ -35,14 +35,7 @@ def test_mistake_in_the_arm_file_is_named(seed, columns, code):
     assert result.causes[0] == code, result.said
 
 
-def test_poses_of_another_arm_blame_no_joint():
-    s_m = ARM.table.s_m + np.array([0.0, 0.0, 0.065, 0.0, -0.05, 0.0, 0.0])
-    result = outcome(session(62), arm=replace(ARM, table=replace(ARM.table, s_m=s_m)))
-    assert result.causes == ("UNNAMED",), result.said
-    assert "do not fit this arm and fixture" in result.said
-
-
-def test_panda_poses_do_not_fit_an_iiwa():
+def test_panda_poses_do_not_fit_an_iiwa_and_blame_no_joint():
     solution = calibrate(load_arm("kuka_iiwa7"), BALL, panda_poses(1, 2), drop=True)
     assert solution.verdict is Verdict.NOT_ACCEPTED
     assert [c.kind for c in solution.causes if c.blocking] == [FindingKind.POSES_DO_NOT_FIT]

@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fixtures.base import Compliance, Severity
-from fixtures.setup_checks import setup_checks
+from fixtures.base import Compliance
 from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.experiment import FixtureRefusedError
 from operator_app.calibration.notices import outliers_still_used
@@ -59,15 +58,10 @@ def test_flipped_poses_are_named_and_left_out(poses):
         assert solution.estimate.converged
 
 
-@pytest.mark.parametrize(("degrees", "refused"), [(5.0, False), (0.5, True)])
-def test_nearly_parallel_axes_warn_or_refuse(poses, degrees, refused):
-    tilted = replace(HINGE, alpha_n_rad=np.deg2rad(degrees))
-    (check,) = (c for c in setup_checks(tilted, ARM, ARM.home_rad) if c.code == "AXIS_ANGLE_7")
-    assert check.remedy
-    assert (check.severity is Severity.WARNING) != refused
-    if refused:
-        with pytest.raises(FixtureRefusedError, match="joint 7"):
-            calibrate(ARM, tilted, poses)
+def test_nearly_parallel_axes_are_refused(poses):
+    tilted = replace(HINGE, alpha_n_rad=np.deg2rad(0.5))
+    with pytest.raises(FixtureRefusedError, match="joint 7"):
+        calibrate(ARM, tilted, poses)
 
 
 TWISTS = {f"alpha_{j}" for j in range(1, 7)}

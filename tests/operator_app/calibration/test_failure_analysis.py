@@ -10,7 +10,6 @@ from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.failure_analysis import explain_unidentifiable, turned_unread
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
-from operator_app.messages.errors import words
 from solver.chain.parameters import nominal_vector
 from solver.closing import close_loops
 from solver.errors import PosesDoNotFitError, UnidentifiableDirection, UnidentifiableError
@@ -103,14 +102,7 @@ def test_held_joint_between_ball_poses_is_not_reported_as_turned():
     assert turned is None or abs(turned[1]) < np.deg2rad(2.0), turned
 
 
-def test_remedy_of_a_stuck_sensor_is_not_more_poses():
-    message = words(UnidentifiableError((), stuck_joint=3, note="its sensor is stuck"))
-    assert "Repair that sensor" in message.remedy
-    assert "differ" in words(UnidentifiableError(())).remedy
-
-
 def explanation_for(taken, *blind):
-    """The message that replaces the error of unidentifiable parameters."""
     unidentifiable = UnidentifiableError(
         (UnidentifiableDirection(parameters=blind, weights=(1.0,)),)
     )

@@ -77,11 +77,15 @@ def test_diverged_solution_gives_no_advice_and_a_sound_one_does():
     assert "Use implicit" in facts_text(facts_of(sound))
 
 
-def test_displaced_and_slipping_hinge_is_not_diverged():
+def test_slip_of_the_tool_half_is_named_also_in_a_displaced_hinge():
+    """It is neither a length error, nor outliers, nor divergence."""
     taken = CASES["hinge slips 5 mm"](3002).taken
     displaced = replace(HINGE, s_1_m=HINGE.s_1_m + 0.12)
     solution, nominal = calibrate(ARM, displaced, poses_of(taken)), solved(taken)
-    assert [c.code for c in solution.causes] == ["SLIP_FIXTURE"]
+    for result in (nominal, solution):
+        assert [c.code for c in result.causes] == ["SLIP_FIXTURE"]
+    assert nominal.causes[0].names == ("tool",)
+    assert nominal.causes[0].figures["shift_m"] == pytest.approx(5e-3, abs=5e-5)
     assert not solution.adjudication.diverged
     assert "FIXTURE_ELSEWHERE" in [n.code for n in solution.warnings]
     apart = np.abs(solution.estimate.x - nominal.estimate.x) / nominal.estimate.standard_deviation
@@ -117,7 +121,6 @@ def test_little_motion_is_reported_once():
     ids=["as stated", "a bent RVDT"],
 )
 def test_remedy_of_a_wide_sigma_is_its_source_or_more_poses(name, taken, remedy):
-    """A sigma that is wide against the file's statement."""
     fit = fit_of(taken)
     figures = fit.estimate.parameters, fit.estimate.standard_deviation
     (cause,) = little_motion(*figures, (name,), {name: 1e-9}, partial(exceeded_source, fit))
@@ -137,7 +140,6 @@ def test_displaced_socket_is_a_note(sockets):
 
 
 def test_displaced_tool_point_is_refused():
-    """A tool point 120 mm off is that of another tool."""
     x, y, z = BALL.tip_m
     solution = calibrate(PANDA, replace(BALL, tip_m=(x + 0.12, y, z)), panda_poses(1, 2))
     assert solution.verdict is Verdict.NOT_ACCEPTED

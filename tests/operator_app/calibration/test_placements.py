@@ -9,11 +9,10 @@ from fixtures.ball import KnownDistance
 from operator_app.calibration.acceptance import Verdict
 from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.placements import indistinguishable_placements
-from operator_app.config.poses_file import load_poses
+from operator_app.calibration.prediction import concatenated_poses
 from operator_app.report.facts import facts_of
 from operator_app.report.text import facts_text
-from tests.benchmarks.shop_floor_files import read
-from tests.oracles.as_shipped import BALL, PANDA, panda_poses
+from tests.oracles.as_shipped import ARM, BALL, HINGE, PANDA, panda_poses, poses_of
 from tests.oracles.shop_floor import Sizes, Specimen, closed_random_walk, taken
 
 CODE = "SAME_PLACEMENT"
@@ -27,24 +26,21 @@ def two_sockets():
     return calibrate(PANDA, BALL, replace(poses, placement=placement), drop=True)
 
 
-def remounted(seed, *, turned_deg, shifted_m, folder):
-    """A calibration from a file of 20 poses in one hinge and 20 after remounting it."""
-    first, lines = Specimen.drawn(seed, Sizes()), list[str]()
-    rng = np.random.default_rng([seed, 2])
+def remounted(seed, *, turned_deg, shifted_m):
+    """A calibration from 20 poses in one hinge and 20 after remounting it."""
+    first, rng = Specimen.drawn(seed, Sizes()), np.random.default_rng([seed, 2])
     changes = {n: shifted_m * rng.choice([-1, 1]) for n in ("a_0", "s_0", "a_7", "s_7")}
     changes |= {n: np.deg2rad(turned_deg) * rng.choice([-1, 1]) for n in ("alpha_0", "alpha_7")}
     chain = first.chain
     second = replace(
         first, chain=chain.changed(**{n: chain.value(n) + d for n, d in changes.items()})
     )
-    for k, specimen in enumerate((first, second)):
-        rows = taken(specimen, *closed_random_walk(specimen, 20, walk=k), samples=32, walk=k).csv()
-        heading, *poses = rows.splitlines()
-        lines += [heading] * (k == 0) + [f"{k + 1},{row.partition(',')[2]}" for row in poses]
-    file = folder / f"{seed}.csv"
-    file.write_text("\n".join(lines) + "\n")
-    arm, fixture = read({}, Sizes())
-    return calibrate(arm, fixture, load_poses(str(file), joint_count=7).poses)
+    walks = [
+        taken(specimen, *closed_random_walk(specimen, 20, walk=k), samples=32, walk=k)
+        for k, specimen in enumerate((first, second))
+    ]
+    poses = [replace(poses_of(w), placement=np.full(20, k)) for k, w in enumerate(walks, 1)]
+    return calibrate(ARM, HINGE, concatenated_poses(*poses))
 
 
 def test_one_socket_numbered_as_three_is_noticed_and_accepted(two_sockets):
@@ -61,8 +57,8 @@ def test_one_socket_numbered_as_three_is_noticed_and_accepted(two_sockets):
 @pytest.mark.parametrize(
     ("turned_deg", "shifted_m", "warned"), [(0.0, 0.0, True), (0.5, 1e-3, False)]
 )
-def test_remounting_by_a_millimetre_is_distinguished(tmp_path, seed, turned_deg, shifted_m, warned):
-    solution = remounted(seed, turned_deg=turned_deg, shifted_m=shifted_m, folder=tmp_path)
+def test_remounting_by_a_millimetre_is_distinguished(seed, turned_deg, shifted_m, warned):
+    solution = remounted(seed, turned_deg=turned_deg, shifted_m=shifted_m)
     assert [n.code for n in solution.warnings].count(CODE) == warned
     assert solution.accepted
 

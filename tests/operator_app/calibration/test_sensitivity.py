@@ -4,7 +4,6 @@ from dataclasses import replace
 
 from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.sensitivity import WORST, source_sensitivities
-from operator_app.messages.calibration import SOURCE_REMEDIES, source_remedy
 from tests.oracles.as_shipped import ARM, HINGE, fit_of, poses_of
 from tests.oracles.shop_floor import Sizes, session
 
@@ -35,8 +34,3 @@ def test_every_error_component_is_in_the_budget(sound):
     fit = fit_of(session(3001))
     sources = {c.source for c in fit.linear.design.components} - {"discrepancy"}
     assert sources <= set(sound.components.budget)
-
-
-def test_every_source_has_its_own_remedy():
-    assert len({source_remedy(source) for source in SOURCE_REMEDIES}) == len(SOURCE_REMEDIES)
-    assert "joint 10 " in source_remedy("rvdt_curve_10")

@@ -3,7 +3,7 @@
 import pytest
 
 from operator_app.commands.app import farewell
-from tests.oracles.live_source import FakeSessions
+from tests.oracles.live_arm import FakeSessions
 
 
 def close_and_report(source: FakeSessions, reason: str = "left", *, plain: bool = False) -> str:
@@ -14,7 +14,6 @@ def close_and_report(source: FakeSessions, reason: str = "left", *, plain: bool 
 
 @pytest.fixture
 def source(source):
-    """A session with one pose."""
     runner = source.new()
     runner.operations.connect()
     runner.operations.set_modes((1, 5))

@@ -1,18 +1,16 @@
 """`sarcal check`: all problems of files of any kind, else what a calibration with them would do."""
 
-from importlib.resources import files
 from pathlib import Path
 
 import pytest
 
+from operator_app.config.resources import resolve
 from tests.oracles import lbr_iiwa
 
 POSES = Path(__file__).parents[2] / "data/hinge/hinge_exact.csv"
-ARM = (files("operator_app") / "data/arms/sarcos_dextrous.yaml").read_text()
-HINGE = (files("fixtures") / "data/hinge.yaml").read_text()
-RIGID = (files("fixtures") / "data/rigid.yaml").read_text()
-PROCEDURE = (files("operator_app") / "data/procedures/hinge.yaml").read_text()
-PROFILE = (files("operator_app") / "data/profiles/sarcos.yaml").read_text()
+ARM = resolve("arm", "sarcos_dextrous").data.decode()
+HINGE = resolve("fixture", "hinge").data.decode()
+PROCEDURE = resolve("procedure", "hinge").data.decode()
 
 
 @pytest.fixture(autouse=True)
@@ -67,7 +65,7 @@ def test_all_problems_of_all_files_are_listed(run_command):
 def test_arm_fixture_and_poses_are_checked_together(run_command):
     Path("one").write_text(ARM.replace("schema: sarcal/arm/1\n", "schema: sarcal/arm/1\n\n"))
     Path("two").write_text(HINGE)
-    Path("bus").write_text(PROFILE)
+    Path("bus").write_bytes(resolve("profile", "sarcos").data)
     Path("table").write_bytes(POSES.read_bytes())
     output = run_command(0, "check", "table", "two", "one", "bus").out
     message = " ".join(output.split())
@@ -90,7 +88,7 @@ def test_arm_fixture_and_poses_are_checked_together(run_command):
 
 def test_setup_that_cannot_be_calibrated_is_explained(run_command):
     """The elbow in a rigid fixture (paper, section 1), and poses that are all equal."""
-    Path("rigid.yaml").write_text(RIGID)
+    Path("rigid.yaml").write_bytes(resolve("fixture", "rigid").data)
     home = ARM[ARM.index("home_deg:") :].splitlines()[0]
     other_home = "home_deg: [3.24, 210.87, 116.84, -124.23, -144.53, -172.77, 40.52]"
     Path("arm.yaml").write_text(ARM.replace(home, other_home))

@@ -1,5 +1,6 @@
 """`sarcal history`: sessions one month apart, of an arm whose joint 4 shifts before the sixth."""
 
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -46,11 +47,7 @@ def sessions(tmp_path_factory):
         chosen = np.sort(rng.choice(len(reference), 40, replace=False))
         q_deg = np.rad2deg(reference.q_rad[chosen]) + rng.normal(0.0, NOISE_DEG, (40, 7))
         q_deg[:, 3] -= SHIFT_DEG * (k >= SHIFTED_SESSION)
-        poses = PoseSet(
-            placement=np.ones(40, dtype=np.int64),
-            label=tuple(str(n) for n in range(1, 41)),
-            q_rad=np.deg2rad(q_deg),
-        )
+        poses = replace(reference.at_poses(chosen), q_rad=np.deg2rad(q_deg))
         write_calibration(root, FIRST_UTC + k * MONTH, poses)
     # The last poses again, and one session of another arm.
     write_calibration(root, FIRST_UTC + SESSIONS * MONTH, poses)

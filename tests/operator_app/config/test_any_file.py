@@ -1,7 +1,6 @@
 """JSON Schemas agree with the readers: valid files match, files with one mistake of form do not."""
 
 from dataclasses import replace
-from importlib.resources import files
 from typing import get_args
 
 import pytest
@@ -14,8 +13,8 @@ from tests.oracles.json_schema import complaints
 from tests.oracles.parameter_documents import VALUES, make_document
 
 PACKAGED_FILES = [(kind, name) for kind in get_args(Kind) for name in builtin_names(kind)]
-HINGE = (files("fixtures") / "data" / "hinge.yaml").read_text("utf-8")
-SARCOS = (files("operator_app") / "data" / "arms" / "sarcos_dextrous.yaml").read_text("utf-8")
+HINGE = resolve("fixture", "hinge").data.decode()
+SARCOS = resolve("arm", "sarcos_dextrous").data.decode()
 PROCEDURE = resolve("procedure", "hinge").data.decode()
 PROFILE = resolve("profile", "sarcos").data.decode()
 CALIBRATED = ("theta_off_1", "theta_off_2")

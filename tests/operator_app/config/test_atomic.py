@@ -100,8 +100,3 @@ def test_file_is_synced_before_rename_and_folder_after_it(tmp_path, monkeypatch)
     monkeypatch.setattr(os, "fsync", record_sync)
     write_atomically(path, b"x")
     assert syncs == [(False, False), (True, True)]
-
-
-def test_missing_folder_is_an_error(tmp_path):
-    with pytest.raises(WriteError, match="No such file or directory"):
-        write_atomically(tmp_path / "none" / "a.yaml", b"x")

@@ -1,7 +1,6 @@
 """Fixture files: packaged placements, and one problem for each mistake."""
 
 import math
-from importlib.resources import files
 
 import numpy as np
 import pytest
@@ -11,6 +10,7 @@ from fixtures.base import Tolerance
 from fixtures.measured import Measured
 from operator_app.config.errors import ConfigError
 from operator_app.config.fixture_file import MODELS, load_fixture, parse_fixture
+from operator_app.config.resources import resolve
 from tests.contracts.planted import FIXTURES
 from tests.oracles.mistakes import named, parse_problems, single_problem
 
@@ -19,7 +19,7 @@ def parse(text):
     return parse_fixture(text.encode(), "f.yaml")
 
 
-GOOD = (files("fixtures") / "data" / "hinge.yaml").read_text("utf-8")
+GOOD = resolve("fixture", "hinge").data.decode()
 
 
 def test_packaged_hinge_is_near_table_2_and_stiffness_of_older_files_is_ignored():
@@ -33,7 +33,7 @@ def test_packaged_hinge_is_near_table_2_and_stiffness_of_older_files_is_ignored(
 
 
 def test_measured_socket_distances():
-    text = (files("fixtures") / "data" / "ball.yaml").read_text("utf-8")
+    text = resolve("fixture", "ball").data.decode()
     distance = "distance: [{between: [1, 2], mm: 50.0, sigma_mm: 0.05}]\n"
     ball = parse(text + distance).fixture
     assert isinstance(ball, Ball)
@@ -58,20 +58,12 @@ def test_every_fixture_kind_has_a_file_format():
         assert spec.fixture.compliance.assumed == ()
 
 
-MEASURED = """schema: sarcal/fixture/1
-name: tracker
-kind: measured
-measures: pose
-instrument_sigma_mm: 0.02
-instrument_sigma_deg: 0.003
-placement:
-  base_mm: [1500, -400, 200]
-  base_turn_deg: [10, -20, 120]
-  tip_mm: [30, 20, 50]
-tolerance_mm: 50
-tolerance_deg: 10
-checklist: [The instrument has warmed up.]
-"""
+MEASURED = (
+    resolve("fixture", "tracker")
+    .data.decode()
+    .replace("base_mm: [1500, 0, 0]", "base_mm: [1500, -400, 200]")
+    .replace("base_turn_deg: [0, 0, 0]", "base_turn_deg: [10, -20, 120]")
+)
 
 
 def test_measured_fixture_is_read_in_si():
@@ -81,17 +73,17 @@ def test_measured_fixture_is_read_in_si():
     assert fixture.base_m == (1.5, -0.4, 0.2)
     assert fixture.base_turn_rad == pytest.approx(np.deg2rad([10.0, -20.0, 120.0]))
     assert fixture.tip_turn_rad == (0.0, 0.0, 0.0)
-    assert fixture.sigma_m == pytest.approx(2e-5)
-    assert fixture.sigma_rad == pytest.approx(math.radians(0.003))
+    assert fixture.sigma_m == pytest.approx(5e-5)
+    assert fixture.sigma_rad == pytest.approx(math.radians(0.02))
     assert not fixture.base_known
 
 
 BAD_MEASURED = [
     ("measures: pose", "measures: poses", "measures"),
-    ("instrument_sigma_deg: 0.003", "instrument_sigma_deg: 0", "instrument_sigma_deg"),
-    ("instrument_sigma_deg: 0.003\n", "", "instrument_sigma_deg"),
-    ("instrument_sigma_deg: 0.003", "instrument_sigma_dge: 0.003", "instrument_sigma_dge"),
-    ("instrument_sigma_deg: 0.003", "instrument_sigma_rad: 5e-5", "instrument_sigma_rad"),
+    ("instrument_sigma_deg: 0.02", "instrument_sigma_deg: 0", "instrument_sigma_deg"),
+    ("instrument_sigma_deg: 0.02\n", "", "instrument_sigma_deg"),
+    ("instrument_sigma_deg: 0.02", "instrument_sigma_dge: 0.02", "instrument_sigma_dge"),
+    ("instrument_sigma_deg: 0.02", "instrument_sigma_rad: 5e-5", "instrument_sigma_rad"),
     ("[1500, -400, 200]", "[1500, -400]", "placement.base_mm[3]"),
     ("[1500, -400, 200]", "[1500, -400, 200, 1]", "placement.base_mm"),
     ("[1500, -400, 200]", "[1500, x, 200]", "placement.base_mm[2]"),
@@ -112,6 +104,8 @@ BAD = [
     ("kind: hinge", "kind: henge", "kind"),
     ("kind: hinge\n", "", "kind"),
     ("kind: hinge", "kind: 7", "kind"),
+    *(("give: {position_mm: 0.2, orientation_mrad: 0.2}", f"give: {{{name}: {value}}}", f"give.{name}")
+      for name, value in (("position_mm", 51), ("position_mm", -1), ("orientation_mrad", 300), ("orientation_deg", 1))),
     ("tolerance_mm: 30", "tolerance_mm: 0", "tolerance_mm"),
     ("tolerance_deg: 10", "tolerance_rad: 0.2", "tolerance_rad"),
     ("name: hinge", "name: 12", "name"),

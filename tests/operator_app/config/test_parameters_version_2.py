@@ -79,7 +79,8 @@ def test_key_of_newer_version_differs_from_misspelt_key():
     assert misspelt.remedy == "did you mean forced?"
 
 
-def document_with_correction():
+def full_document():
+    """A document with sides, an RVDT correction, correlations and a budget."""
     rows = ((-260.0, 0.1, 0.01), (-230.5, 1.0 / 3.0, 0.01), (-200.0, -0.2, 0.02))
     table = tuple(Correction(reading_deg=r, add_deg=a, sigma_deg=s) for r, a, s in rows)
     remedy = RvdtRemedy(joint=6, theta_off_deg=116.3, gain=0.98, table=table)
@@ -87,12 +88,24 @@ def document_with_correction():
     calibrated = tuple(
         replace(entry, side=sides[k % 3]) for k, entry in enumerate(document().calibrated)
     )
-    return replace(document(), rvdt=(remedy,), calibrated=calibrated, forced="the wrist is new")
+    names = [entry.entry for entry in calibrated]
+    factor = np.random.default_rng(3).normal(size=(len(names), len(names)))
+    covariance = factor @ factor.T
+    variance = np.diagonal(covariance)
+    parts = {"lengths": 0.25 * variance, "fixture_give": 0.75 * variance, "sag": 0.0 * variance}
+    return replace(
+        document(),
+        rvdt=(remedy,),
+        calibrated=calibrated,
+        forced="the wrist is new",
+        correlations=correlations_of(names, covariance),
+        budget=budget_of(names, variance, parts),
+    )
 
 
-def test_rvdt_correction_is_read_back():
-    written = format_parameters(document_with_correction())
-    assert parse_parameters(written) == document_with_correction()
+def test_full_document_is_read_back():
+    written = format_parameters(full_document())
+    assert parse_parameters(written) == full_document()
     data = yaml.safe_load(written)
     assert data["schema"] == "sarcal/parameters/2"
     assert data["rvdt"][0]["table"][1] == {
@@ -100,28 +113,6 @@ def test_rvdt_correction_is_read_back():
     }  # fmt: skip
     assert data["calibrated"][1]["side"] == "ground"
     assert data["forced"] == "the wrist is new"
-
-
-def document_with_correlations():
-    names = [entry.entry for entry in document().calibrated]
-    rng = np.random.default_rng(3)
-    factor = rng.normal(size=(len(names), len(names)))
-    covariance = factor @ factor.T
-    parts = {
-        "lengths": 0.25 * np.diagonal(covariance),
-        "fixture_give": 0.75 * np.diagonal(covariance),
-    }
-    return replace(
-        document(),
-        correlations=correlations_of(names, covariance),
-        budget=budget_of(names, np.diagonal(covariance), {**parts, "sag": np.zeros(len(names))}),
-    )
-
-
-def test_correlations_and_budget_are_read_back():
-    written = format_parameters(document_with_correlations())
-    assert parse_parameters(written) == document_with_correlations()
-    data = yaml.safe_load(written)
     assert list(data["correlations"]) == [e["entry"] for e in data["calibrated"]][1:]
     assert [len(row) for row in data["correlations"].values()] == list(range(1, 14))
     assert data["budget"]["theta_off_1"] == {"lengths": 0.25, "fixture_give": 0.75}
@@ -154,9 +145,7 @@ def test_parameter_without_variance_is_uncorrelated_without_budget():
     ],
 )  # fmt: skip
 def test_one_mistake_gives_one_problem(old, new, key, approve):
-    correction = format_parameters(document_with_correction()).decode()
-    correlations = format_parameters(document_with_correlations()).decode()
-    problem = single_problem(parse, correction if old in correction else correlations, old, new)
+    problem = single_problem(parse, format_parameters(full_document()).decode(), old, new)
     assert problem.key == key
     approve(str(problem))
 

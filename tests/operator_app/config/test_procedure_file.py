@@ -1,35 +1,15 @@
 """Procedure files: packaged procedures fit their arms; references and joints are checked with lines."""
 
 import math
-from importlib.resources import files
 
 import pytest
 
 from operator_app.config.errors import ConfigError
 from operator_app.config.procedure_file import load_procedure, parse_procedure
-from operator_app.config.resources import Resource
+from operator_app.config.resources import Resource, resolve
 from tests.oracles.mistakes import named, single_problem
 
-GOOD = """schema: sarcal/procedure/1
-name: hinge
-arm: sarcos_dextrous
-fixture: hinge
-bus: {interface: virtual}
-modes: {position: [1, 5]}
-capture:
-  poses: 40
-  exploration:
-    - {joint: 1, from_deg: -30, to_deg: 48}
-    - {joint: 5, from_deg: -70, to_deg: 0}
-  speed_deg_per_s: 20
-  settle: {window_syncs: 20, spread_sigmas: 8, spread_min_deg: 0.002, timeout_syncs: 1000}
-  samples_per_pose: 32
-  seed: 1
-estimator: paper
-acceptance:
-  scaled_condition_number: 100
-export: {upload: true}
-"""
+GOOD = resolve("procedure", "hinge").data.decode()
 
 
 def parse(text, folder=None):  # type: ignore[no-untyped-def]
@@ -91,7 +71,7 @@ def test_trial_and_requested_sigma_are_read_in_si():
 
 
 def test_relative_paths_start_at_the_procedure_folder(tmp_path):
-    arm = (files("operator_app") / "data" / "arms" / "sarcos_dextrous.yaml").read_text("utf-8")
+    arm = resolve("arm", "sarcos_dextrous").data.decode()
     (tmp_path / "my_arm.yaml").write_text(arm.replace("name: sarcos_dextrous", "name: mine"))
     (tmp_path / "p.yaml").write_text(GOOD.replace("arm: sarcos_dextrous", "arm: my_arm.yaml"))
     procedure = load_procedure(tmp_path / "p.yaml")
@@ -130,25 +110,20 @@ BAD = [
     ("from_deg: -30", "from_deg: 30", "capture.exploration[joint 1].from_deg"),
     ("from_deg: -70, to_deg: 0", "from_deg: -0.5, to_deg: 0", "capture.exploration[joint 5].to_deg"),
     ("timeout_syncs: 1000", "timeout_syncs: 10", "capture.settle.timeout_syncs"),
-    ("estimator: paper", "estimator: papper", "estimator"),
+    ("estimator: implicit", "estimator: implict", "estimator"),
     ("upload: true", "upload: yes", "export.upload"),
     ("scaled_condition_number: 100", "scaled_condition_number: 0.5",
      "acceptance.scaled_condition_number"),
     ("interface: virtual", "interface: virtual, bitrate: 5", "bus.bitrate"),
     ("arm: sarcos_dextrous", "arm: sarcos", "arm"),
     ("arm: sarcos_dextrous", "arm: ./sarcos.yaml", "arm"),
-    ("estimator: paper", "estimator: paper\nunsensed_joints: [5]", "modes.position[2]"),
-    ("estimator: paper", "estimator: paper\nunsensed_joints: [8]", "unsensed_joints[1]"),
+    ("estimator: implicit", "estimator: implicit\nunsensed_joints: [5]", "modes.position[2]"),
+    ("estimator: implicit", "estimator: implicit\nunsensed_joints: [8]", "unsensed_joints[1]"),
     ("poses: 40", "plan: plannd\n  poses: 40", "capture.plan"),
     ("poses: 40", "poses: 40\n  requested_sigma: {a_0_mm: 0.1}", "capture.requested_sigma"),
-    ("poses: 40", "plan: planned\n  poses: 40\n  requested_sigma: {a_0_m: 0.1}",
-     "capture.requested_sigma.a_0_m"),
-    ("poses: 40", "plan: planned\n  poses: 40\n  requested_sigma: {theta_off_1: 0.1}",
-     "capture.requested_sigma.theta_off_1"),
-    ("poses: 40", "plan: planned\n  poses: 40\n  requested_sigma: {speed: 0.1}",
-     "capture.requested_sigma.speed"),
-    ("poses: 40", "plan: planned\n  poses: 40\n  requested_sigma: {a_0_mm: 0}",
-     "capture.requested_sigma.a_0_mm"),
+    *(("poses: 40", f"poses: 40\n  plan: planned\n  requested_sigma: {{{name}: {sigma}}}",
+       f"capture.requested_sigma.{name}")
+      for name, sigma in (("a_0_m", 0.1), ("theta_off_1", 0.1), ("speed", 0.1), ("a_0_mm", 0))),
     ("modes: {position: [1, 5]}", "modes: {position: [1, 5], trial: true}", "modes.trial"),
     ("modes: {position: [1, 5]}", "modes: {position: [1, 5], trail: true}", "modes.trail"),
     ("modes: {position: [1, 5]}", "modes: {position: atuo}", "modes.position"),

@@ -8,9 +8,9 @@ from operator_app.config.errors import ConfigError
 from operator_app.config.resources import YAML_LIMIT_BYTES, resolve
 
 
-def refusal_of(kind, reference, folder=None):
+def refusal_of(kind, reference):
     with pytest.raises(ConfigError) as caught:
-        resolve(kind, reference, folder=folder)
+        resolve(kind, reference)
     assert len(caught.value.problems) == 1
     return str(caught.value)
 
@@ -30,15 +30,6 @@ def test_unknown_name_lists_built_in_names():
     )
     assert "hinge, rigid" in message
     assert "did you mean ur5e?" in refusal_of("arm", "UR5e")
-
-
-def test_relative_path_starts_at_the_folder(tmp_path):
-    (tmp_path / "sub").mkdir()
-    (tmp_path / "sub" / "f.yaml").write_bytes(b"x: 1\n")
-    resource = resolve("fixture", "f.yaml", folder=tmp_path / "sub")
-    assert resource.data == b"x: 1\n"
-    assert resource.folder == tmp_path / "sub"
-    assert "did you mean" in refusal_of("fixture", "g.yaml", tmp_path / "sub")
 
 
 def test_unusable_files_are_refused(tmp_path):

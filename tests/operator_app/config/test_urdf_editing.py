@@ -9,14 +9,13 @@ import numpy as np
 import pytest
 import yaml
 
-from operator_app.calibration.calibrated_arm import T_base_flange
 from operator_app.config.arm_file import parse_arm
 from operator_app.config.atomic import dump_strict
 from operator_app.config.errors import ConfigError
 from operator_app.config.urdf_editing import with_calibration
 from operator_app.config.urdf_reading import arm_file_of, parse_urdf
 from solver.chain.kinematics import DhTable
-from tests.oracles.urdfs import joint, places, robot, words
+from tests.oracles.urdfs import joint, robot, tip_error, words
 
 URDF = """<?xml version='1.0'?>\r
 <!-- maker's comment <origin xyz="9 9 9"/> -->\r
@@ -57,7 +56,6 @@ URDF = """<?xml version='1.0'?>\r
   <transmission name="t"><joint name="elbow"/></transmission>
 </robot>\r
 """
-POSES = 1000
 
 
 def arm_of(data, tip="", base=""):
@@ -78,14 +76,6 @@ CHANGES = {
     for kind, size in (("theta_off", 0.02), ("a", 1e-3), ("alpha", 3e-3))
     for row in range(1, 7)
 } | {"beta_2": 1e-3, "beta_3": -2e-3, "s_1": 2e-3, "s_4": -1e-3, "s_5": 1e-3, "s_6": 3e-3}
-
-
-def tip_error(data, chain, table):
-    """Largest difference of T_base_tip between pinocchio and a D-H table (m, or entries of a rotation)."""
-    q = np.random.default_rng(1).uniform(-3.0, 3.0, (POSES, 6))
-    tips = places(data, q, chain.tip, base=chain.base, joints=[j.name for j in chain.joints])
-    expected = chain.T_link_base @ T_base_flange(table, q) @ chain.T_flange_tip
-    return float(np.abs(tips - expected).max())
 
 
 CHAIN, ARM = arm_of(URDF.encode())

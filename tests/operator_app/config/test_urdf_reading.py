@@ -3,14 +3,13 @@
 import numpy as np
 import pytest
 
-from operator_app.calibration.calibrated_arm import T_base_flange
 from operator_app.config.arm_file import parse_arm
 from operator_app.config.atomic import dump_strict
 from operator_app.config.errors import ConfigError
 from operator_app.config.urdf_editing import format_urdf
 from operator_app.config.urdf_reading import arm_file_of, parse_urdf
 from operator_app.config.urdf_rows import exact_deg, origin_words, rotation_of_rpy
-from tests.oracles.urdfs import joint, places, robot, words
+from tests.oracles.urdfs import joint, robot, tip_error, words
 
 HALF = "1.5707963267948966"
 SIX = (("0 0 0.0892", "0 0 0"), ("0 0.1358 0", f"0 {HALF} 0"), ("0 -0.1197 0.425", "0 0 0"),
@@ -28,16 +27,7 @@ def six_joints(changes=None):
     return [*joints, joint("end", "l6", "flange", "0 0.0823 0", f"0 0 {HALF}", kind="fixed")]
 
 
-def largest_error(data, chain, table=None):
-    """Largest difference of T_base_tip from pinocchio's at 50 poses (m, or entries of a rotation)."""
-    q = np.random.default_rng(0).uniform(-3.0, 3.0, (50, len(chain.joints)))
-    T = T_base_flange(table or chain.table, q)
-    expected = places(data, q, chain.tip, base=chain.base, joints=[j.name for j in chain.joints])
-    return float(np.abs(chain.T_link_base @ T @ chain.T_flange_tip - expected).max())
-
-
 def foreign_urdf(seed: int) -> str:
-    """A chain with arbitrary frames and axes."""
     rng = np.random.default_rng(seed)
     joints = [joint("stand", "world", "l0", "0.1 -0.2 0.4", "0.1 0.2 0.3", kind="fixed")]
     for j in range(1, 8):
@@ -55,7 +45,7 @@ def test_foreign_urdf_is_read_as_the_same_chain(seed):
     urdf = foreign_urdf(seed).encode()
     chain = parse_urdf(urdf, "foreign")
     assert (chain.base, chain.tip) == ("world", "tool0")
-    assert largest_error(urdf, chain) < 1e-9
+    assert tip_error(urdf, chain, chain.table) < 1e-9
     first = chain.joints[0]
     assert (first.lower_rad, first.upper_rad) == (-2.9, 2.9)
     assert (first.velocity_rad_per_s, first.effort_nm) == (1.5, 30.0)
@@ -89,7 +79,7 @@ def test_nearly_parallel_axes_have_moderate_lengths(error_rad):
     arm = parse_arm(dump_strict(dict(arm_file_of(chain, name="arm"))), "arm")
     assert arm.hayati_rows == (2, 3)
     assert np.abs(chain.table.stacked()[1:3]).max() < 0.5
-    assert largest_error(data, chain, arm.table) < 1e-9
+    assert tip_error(data, chain, arm.table) < 1e-9
     # Row 2 has no s; the deviation from parallel is a twist about x and one about y.
     assert chain.table.s_m[1] == 0.0
     twist = np.hypot(chain.table.beta_rad[1], chain.table.alpha_rad[1])

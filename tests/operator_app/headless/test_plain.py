@@ -9,7 +9,7 @@ from operator_app.config.parameters_file import load_parameters
 from operator_app.headless.plain import Plain
 from operator_app.session.store.journal import read_journal
 from operator_app.session.store.replay import session_state
-from tests.oracles.live_source import FakeSessions
+from tests.oracles.live_arm import FakeSessions
 from tests.oracles.script import Script, pause_briefly
 
 

@@ -11,6 +11,7 @@ import os
 import re
 import shlex
 import shutil
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +19,8 @@ import numpy as np
 import pytest
 
 from operator_app.cli import main
-from operator_app.manual.pages import NOTEBOOKS
-from tests.oracles.manual_pages import OTHER_PROGRAMS, Block, blocks, page_topics
+from operator_app.commands.table import APP, COMMANDS, parser_of
+from operator_app.manual.pages import FOLDER, NOTEBOOKS
 from tests.oracles.open_arm import write_measured_poses
 from tests.oracles.own_process import SARCAL, controller
 from tests.oracles.panda import panda_readings
@@ -32,6 +33,41 @@ HINGE, PANDA = DATA / "hinge/hinge_exact.csv", DATA / "panda_ball/panda_1.csv"
 CAN_OPTIONS = "-i socketcan -c can0"
 TIMEOUT_S = 240.0
 REDIRECTED = re.compile(r" > (\S+)$")
+
+BLOCK = re.compile(r"((?:<!--[^\n]*-->\n)*)```(\w+)\n(.*?)```", re.DOTALL)
+MARK = re.compile(r"<!-- (run|file): (.*?) -->")
+OTHER_PROGRAMS = (
+    "python3 -m venv ", ".venv/bin/pip ", "source ", "sudo ip link ", "pip install ", "eval ",
+    "python ", "CAN_INTERFACE=",
+)  # fmt: skip
+"""Prefixes of the pages' commands of other programs."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Block:
+    """A block of code of a page: its language, and the page's comment on how to run it."""
+
+    language: str
+    text: str
+    run: str
+    file: str
+
+    @property
+    def commands(self) -> list[str]:
+        return self.text.replace("\\\n", " ").splitlines() if self.language == "sh" else []
+
+
+def page_topics() -> list[str]:
+    return sorted(f.name[:-3] for f in FOLDER.iterdir() if f.name.endswith(".md"))
+
+
+def blocks(topic: str) -> list[Block]:
+    page_blocks = []
+    for comments, language, text in BLOCK.findall((FOLDER / f"{topic}.md").read_text()):
+        marks = {"run": "", "file": "", **dict(MARK.findall(comments))}
+        page_blocks.append(Block(language=language, text=text, **marks))
+    return page_blocks
+
 
 TOPICS_WITH_COMMANDS = [topic for topic in page_topics() if any(b.commands for b in blocks(topic))]
 SLOW_TOPICS = (
@@ -108,7 +144,6 @@ def run_line(command: str, bus: str = "") -> int:
 
 
 def sarcal_commands(block: Block) -> list[str]:
-    """The sarcal commands of a block."""
     return [c for c in block.commands if c.strip() and not c.startswith(OTHER_PROGRAMS)]
 
 
@@ -185,16 +220,10 @@ def test_every_block_is_of_a_kind_that_tests_run():
 
 
 def test_quoted_commands_have_valid_options():
-    """Commands in shell blocks, sentences and tables."""
-    from operator_app.commands.table import APP, COMMANDS, parser_of
-    from operator_app.manual.pages import FOLDER
-
+    """Commands in sentences and tables; those in blocks run."""
     for topic in page_topics():
         prose = re.sub(r"```.*?```", "", (FOLDER / f"{topic}.md").read_text(), flags=re.DOTALL)
-        run_line = [
-            c.removeprefix("sarcal") for block in blocks(topic) for c in sarcal_commands(block)
-        ]
-        for quoted in run_line + re.findall(r"`sarcal(?: ([^`]*))?`", " ".join(prose.split())):
+        for quoted in re.findall(r"`sarcal(?: ([^`]*))?`", " ".join(prose.split())):
             words = shlex.split(quoted)
             name = words[0] if words and not words[0].startswith("-") else APP
             assert name in {APP, *COMMANDS}, f"{topic}: {quoted}"

@@ -18,7 +18,6 @@ ROOT = Path(__file__).resolve().parents[3]
 
 
 def keys(node: object) -> set[str]:
-    """Every key of a YAML document."""
     if isinstance(node, dict):
         return {str(k) for k in node} | {key for value in node.values() for key in keys(value)}
     return {key for item in node for key in keys(item)} if isinstance(node, list) else set()

@@ -1,5 +1,6 @@
 """Every message of a finding, with example figures, compared with the approved text."""
 
+import re
 from dataclasses import replace
 
 import pytest
@@ -114,9 +115,12 @@ def test_remedy_of_error_source_is_approved(source, approve):
     approve(source_remedy(f"{source}_6" if source.startswith("rvdt") else source))
 
 
-def test_tiny_step_is_not_shown_as_zero():
-    step = Finding(kind=Kind.READING_STEP, joint=1, poses=("1", "2"), size=2e-8, unit="rad")
-    assert "0.000001 deg" in step.text
+@pytest.mark.parametrize(
+    "kind", [Kind.READING_STEP, Kind.LENGTH_OFF, Kind.READING_DRIFT, Kind.ENCODER_SCALE]
+)
+def test_tiny_size_is_not_shown_as_zero(kind):
+    text = replace(example(kind), size=2e-8).text
+    assert not re.search(r"\b0\.0+ (deg|mm|%)", text), text
 
 
 def test_record_of_earlier_version_keeps_its_text():

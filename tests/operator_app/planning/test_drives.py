@@ -35,15 +35,6 @@ def trial(drives: tuple[int, ...], *, follows: float = 1.0, stopped: str = "") -
     return DriveTrial(drives=drives, commanded_rad=commanded, moved_rad=moved, stopped=stopped)
 
 
-def test_drive_set_with_most_reach_is_chosen(prediction):
-    choice = choose_drives(prediction)
-    assert choice.drives == (1, 5) == choice.sets[0]
-    assert 1 < len(choice.sets) <= 3
-    assert "reaches" in choice.reasons[0]
-    assert "at the present pose" in choice.reasons[-1]
-    assert choice.ranked[0].drives == choice.drives
-
-
 def test_inexact_and_unsensed_joints_do_not_drive(prediction):
     assert prediction.inexact == {6, 7}
     assert not any({6, 7} & set(drives) for drives in choose_drives(prediction).sets)

@@ -2,20 +2,40 @@
 
 import re
 import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from typing import Any
 
 import pytest
 import sarcal
 
 from operator_app.headless.procedure_run import run
 from operator_app.report.html.page import report_html
-from operator_app.session.store.journal import read_journal
+from operator_app.report.subject import Subject, subject_of_session
+from operator_app.session.store.journal import JournalEvent, read_journal
+from operator_app.session.store.replay import replay
+from operator_app.session.store.stored_calibration import session_calibration, with_checks
 from operator_app.session.workflow.listener import Listener
-from tests.oracles.opened import opened
 from tests.oracles.panda import FOLDER as PANDA
 from tests.oracles.plant_arm import SERIAL, PlantArm
-from tests.oracles.reported_session import HOSTILE, report_subject
-from tests.oracles.short_procedure import short_procedure
-from tests.oracles.ticking import TickingClock
+from tests.oracles.plant_sessions import TickingClock, opened, short_procedure
+
+HOSTILE = '<script>alert("1")</script></td></table>\u202e & \x07\ud800'
+
+
+def report_subject(events: Sequence[JournalEvent], **options: Any) -> Subject:
+    """Subject of the report of a journal, as in `sarcal report`."""
+    state, procedure = replay(events), short_procedure(16, "datasheet")
+    checked = with_checks(session_calibration(state, procedure, **options), state, procedure)
+    return subject_of_session("session", events, procedure, checked)
+
+
+def number(words: str) -> float:
+    return float(words.replace("\u2212", "-"))
+
+
+def at(element: ET.Element, name: str) -> float:
+    """A coordinate or size of an element of SVG."""
+    return float(element.get(name, "nan"))
 
 
 class Page:

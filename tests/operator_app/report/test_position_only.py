@@ -17,38 +17,24 @@ UNKNOWN = {"rms": None, "as_printed": None}
 
 
 @pytest.fixture(scope="module")
-def halves():
-    simulation = sarcal.simulate(arm="sarcos_dextrous", fixture="sarcos_ball", poses=30, seed=1)
-    q_rad = simulation.poses.q_rad
-    return sarcal.poses_of(q_rad=q_rad[:22]), sarcal.poses_of(q_rad=q_rad[22:])
+def calibrated():
+    """A result, and new poses of the same arm."""
+    ball = {"arm": "sarcos_dextrous", "fixture": "sarcos_ball"}
+    q_rad = sarcal.simulate(**ball, poses=30, seed=1).poses.q_rad
+    made_from, new = sarcal.poses_of(q_rad=q_rad[:22]), sarcal.poses_of(q_rad=q_rad[22:])
+    return sarcal.calibrate(**ball, poses=made_from, drop_unidentifiable=True), new
 
 
-@pytest.fixture(scope="module")
-def result(halves):
-    return sarcal.calibrate(
-        arm="sarcos_dextrous", fixture="sarcos_ball", poses=halves[0], drop_unidentifiable=True
-    )
-
-
-@pytest.fixture(scope="module")
-def solution(result):
-    return result._subject.solution
-
-
-@pytest.fixture(scope="module")
-def facts(solution):
-    return facts_of(solution)
-
-
-def test_json_has_null_orientation(solution, facts):
-    document = facts.json
-    paper = solution.paper
-    for part in (document, document["before"], estimate_json(paper)):
+def test_json_has_null_orientation(calibrated):
+    solution = calibrated[0]._subject.solution
+    document = facts_of(solution).json
+    for part in (document, document["before"], estimate_json(solution.paper)):
         assert part["sigma_ori_mrad"] == UNKNOWN
         assert part["sigma_pos_mm"]["rms"] > 0.0
 
 
-def test_text_and_screen_show_no_orientation(facts):
+def test_text_and_screen_show_no_orientation(calibrated):
+    facts = facts_of(calibrated[0]._subject.solution)
     table = facts.table("closure")
     _, body = table_spans(table)
     screen = ["".join(words for words, _ in spans) for spans in body]
@@ -59,8 +45,8 @@ def test_text_and_screen_show_no_orientation(facts):
         assert all(line.count("n/a") == 2 for line in closures)
 
 
-def test_verification_uses_positions_only(result, halves):
-    verification = sarcal.verify(result, halves[1])
+def test_verification_uses_positions_only(calibrated):
+    verification = sarcal.verify(*calibrated)
     (row,) = [
         line for line in str(verification).splitlines() if line.lstrip().startswith("calibrated")
     ]

@@ -6,16 +6,15 @@ Text and JSON are printed by `sarcal report`, the page is written by it, the scr
 import json
 import re
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import redirect_stdout
-from dataclasses import dataclass
 from io import StringIO
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from operator_app.cli import main
-from operator_app.report.facts import Facts
 from operator_app.report.spans import Line
 from operator_app.report.subject import facts_on
 from operator_app.report.table import FactTable
@@ -33,19 +32,9 @@ PARAMETERS = {
 """Keys of JSON with values in deg and m; all others are in the displayed unit."""
 
 
-@dataclass(frozen=True)
-class Renderings:
-    """Outputs of one session."""
-
-    text: str
-    data: Mapping[str, Any]
-    page: Any
-    facts: Facts
-    """On the screen."""
-
-
 @pytest.fixture(scope="module")
 def renderings(journalled, tmp_path_factory, parse_page):
+    """Outputs of one session; `facts` are those on the screen."""
     folder = tmp_path_factory.mktemp("renderings") / "run"
     shutil.copytree(journalled["run"], folder)
     assert main(["report", str(folder)]) == 0
@@ -53,12 +42,11 @@ def renderings(journalled, tmp_path_factory, parse_page):
     publisher = Quiet(session)
     Operations(session, publisher).connect()
     session.close("left")
-    facts = facts_on(publisher.shown)
-    return Renderings(
+    return SimpleNamespace(
         text=printed("report", str(folder), "--text"),
         data=json.loads(printed("report", str(folder), "--json")),
         page=parse_page((folder / "report.html").read_text()),
-        facts=facts,
+        facts=facts_on(publisher.shown),
     )
 
 
@@ -89,7 +77,7 @@ def text_rows(text: str, title: str, heads: int) -> list[str]:
     return indented[heads:]
 
 
-def body_of(renderings: Renderings, table: FactTable) -> list[list[str]]:
+def body_of(renderings: SimpleNamespace, table: FactTable) -> list[list[str]]:
     return [
         [cell[2] for cell in row] for row in renderings.page.table(typeset(table.title))["tbody"]
     ]
@@ -123,7 +111,7 @@ def test_tables_agree_in_text_page_and_screen(renderings):
             assert in_text == on_page, table.ident
 
 
-def figures_of(renderings: Renderings) -> Iterator[tuple[tuple[str | int, ...], str, str]]:
+def figures_of(renderings: SimpleNamespace) -> Iterator[tuple[tuple[str | int, ...], str, str]]:
     """Numbers of the page that JSON has too: key, unit, digits."""
     for table in renderings.facts.tables:
         columns = [(k, c) for k, c in enumerate(table.columns) if not c.summary]

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from operator_app.report.html.markup import table_html
-from operator_app.report.table import Column, FactTable, keyed
+from operator_app.report.table import Column, FactTable
 from operator_app.report.text import table_text
 from operator_app.units import ANGLE, LENGTH, NUMBER, Figure
 
@@ -70,10 +70,3 @@ def test_text_table_has_groups_and_no_detail():
     ]
     with pytest.raises(ValueError, match="one cell per column"):
         replace(RANGES, rows=(("1",),))
-
-
-def test_keys_make_nested_json():
-    columns = (Column("a"), Column("b"), Column("c"))
-    row = (Figure(1.0, key=("x", "y", 1)), Figure(2.0, key=("x", "y", 0)), Figure(3.0, key=("z",)))
-    table = FactTable(ident="t", title="T", columns=columns, rows=(row, ("", "", Figure(4.0))))
-    assert keyed([table]) == {"x": {"y": [2.0, 1.0]}, "z": 3.0}

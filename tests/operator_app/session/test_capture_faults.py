@@ -22,10 +22,14 @@ from operator_app.session.workflow.drive_selection import HOMING_SPEED_RAD_PER_S
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.opening import Choices, begin
 from operator_app.session.workflow.session import Session
-from tests.oracles.hearing import left_session, take_poses_until
 from tests.oracles.journal_events import event_data
 from tests.oracles.plant_arm import PlantArm
-from tests.oracles.short_procedure import short_procedure
+from tests.oracles.plant_sessions import (
+    MakeSession,
+    left_session,
+    short_procedure,
+    take_poses_until,
+)
 
 
 class FaultyArm(PlantArm):
@@ -70,19 +74,15 @@ class FaultyArm(PlantArm):
         return super().move(targets_rad, **options)
 
 
-@pytest.fixture
-def connected(make_session):
-    def make(scenario_name: str = "datasheet") -> Session:
-        procedure = short_procedure(8, scenario_name)
-        return make_session(procedure, arm=FaultyArm(procedure, scenario_name), connect=True)
-
-    return make
+def connected(make_session: MakeSession, scenario_name: str) -> Session:
+    procedure = short_procedure(8, scenario_name)
+    return make_session(procedure, arm=FaultyArm(procedure, scenario_name), connect=True)
 
 
 @pytest.fixture
-def session(connected):
+def session(make_session):
     """A session with the modes set."""
-    session = connected()
+    session = connected(make_session, "datasheet")
     session.set_modes((1, 5))
     return session
 
@@ -90,8 +90,8 @@ def session(connected):
 @pytest.mark.parametrize(
     ("scenario_name", "joint"), [("datasheet", 3), ("datasheet", 6), ("exact", 7)]
 )
-def test_stuck_sensor_is_reported_and_its_pose_excluded(connected, scenario_name, joint):
-    session = connected(scenario_name)
+def test_stuck_sensor_is_reported_and_its_pose_excluded(make_session, scenario_name, joint):
+    session = connected(make_session, scenario_name)
     session.arm.stuck_joint = joint
     with pytest.raises(SensorFault, match=rf"joint {joint} reads the same count") as error:
         take_poses(session, Listener(), (1, 5))
@@ -103,8 +103,7 @@ def test_stuck_sensor_is_reported_and_its_pose_excluded(connected, scenario_name
     assert [fault["joint"] for fault in event_data(session, "sensor_fault")] == [joint]
 
 
-def test_captures_after_a_jump_need_the_first_pose_repeated(connected):
-    session = connected()
+def test_captures_after_a_jump_need_the_first_pose_repeated(session):
     session.arm.jumps_at_capture = 5  # the first capture is that of taking control
     with pytest.raises(SensorFault):
         take_poses(session, Listener(), (1, 5))
@@ -159,7 +158,6 @@ def test_too_many_poses_are_refused(tmp_path, poses):
 
 
 def stop_after_pose(session: Session) -> DriveDiverged:
-    """Capture a pose, at which the arm stops by itself."""
     session.capture()
     since_sync = session.arm.snapshot().sync_count - 3
     session.arm.stopped_by = DriveDiverged(5, 1300, since_sync=since_sync)
@@ -221,8 +219,6 @@ def case_procedure(case: str) -> Procedure:
 
 @pytest.fixture(scope="module")
 def session_folder(tmp_path_factory):
-    """Folders of closed sessions by case."""
-
     @cache
     def make(case: str) -> Path:
         procedure, poses = case_procedure(case), 3 if case == "planned" else POSES

@@ -17,8 +17,8 @@ from operator_app.session.workflow.importing import ImportedSession
 from operator_app.session.workflow.opening import SOURCE_KINDS
 from solver.chain.poses import PoseSet
 from tests.oracles.journals import POSE
-from tests.oracles.opened import opened
 from tests.oracles.plant_arm import PlantArm
+from tests.oracles.plant_sessions import opened
 
 RIGHT = datetime(2026, 11, 23, 12, tzinfo=UTC)
 
@@ -39,7 +39,6 @@ def begun(root: Path, days: float) -> Path:
 
 
 def imported(root: Path, days: float) -> Path:
-    """Import poses by a clock that is so many days from right."""
     sources = dict(zip(SOURCE_KINDS, load_procedure("hinge").sources, strict=True))
     session = ImportedSession(
         PoseSet(placement=np.array([1]), label=("1",), q_rad=np.zeros((1, 7))),

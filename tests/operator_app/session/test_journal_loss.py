@@ -19,9 +19,7 @@ from operator_app.session.store.state import SessionState
 from operator_app.session.ui.snapshot import Level, TaskKind
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
-from tests.oracles.hearing import RecordingListener
-from tests.oracles.opened import opened
-from tests.oracles.short_procedure import short_procedure
+from tests.oracles.plant_sessions import RecordingListener, opened, short_procedure
 
 PATIENCE_S = 60.0
 EVENTS = (("opened", {"a": 1.25}), ("pose", {"number": 1}))
@@ -105,7 +103,6 @@ def test_rescue_goes_to_the_temporary_folder_if_the_parent_is_gone(tmp_path, mon
 
 
 def flip_bit(path: Path, line: int = 1) -> None:
-    """Change a bit of a line in place."""
     raw = path.read_bytes()
     position = sum(map(len, raw.splitlines(keepends=True)[: line - 1])) + 50
     with path.open("r+b") as file:

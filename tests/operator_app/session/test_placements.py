@@ -18,7 +18,7 @@ from operator_app.session.store.replay import replay, session_state
 from operator_app.session.store.state import SessionState
 from operator_app.session.workflow.opening import Choices, Opening, begin, resume
 from operator_app.session.workflow.session import Session
-from tests.oracles.journals import POSE, Named, journal_event, sources, written
+from tests.oracles.journals import POSE, Named, journal_event, sources, write_journal, written
 
 Q = [0.1, -0.2, 0.3, 1.4, -0.5, 0.6, 0.7]
 SETTINGS = {"poses": 12, "placements": 2, "interface": "loopback", "channel": "bench"}
@@ -51,14 +51,9 @@ def session(make_session):
 @pytest.fixture
 def write_session(tmp_path):
     """Write a session folder with these events, by default of a complete first placement."""
-
-    def write(events: list[Named] | None = None, name: str = "a") -> Path:
-        folder = tmp_path / name
-        folder.mkdir()
-        (folder / JOURNAL_NAME).write_bytes(written(events or first_placement()))
-        return folder
-
-    return write
+    return lambda events=None, name="a": write_journal(
+        tmp_path / name, written(events or first_placement())
+    )
 
 
 def resume_in(folder: Path, **choices: Any) -> Opening:

@@ -9,7 +9,7 @@ from operator_app.session.ui.snapshot import Change, Level
 from operator_app.session.workflow.session import Session
 from solver.design.actions import GoTo
 from tests.oracles.journalled_sessions import Quiet, initial_snapshot
-from tests.oracles.short_procedure import short_procedure
+from tests.oracles.plant_sessions import short_procedure
 
 
 class Publisher(Quiet):

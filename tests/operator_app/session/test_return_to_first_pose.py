@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from fixtures.base import RIGID
-from hardware.arm import Reading
 from operator_app.calibration.acceptance import Verdict, not_yet_named, proven_by_return
 from operator_app.calibration.repeat_measurement import compare_readings
 from operator_app.calibration.result import Solution
@@ -19,9 +18,8 @@ from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.planned_capture import PlannedCapture
 from operator_app.session.workflow.session import Session
 from solver.diagnostics.hypothesis_tests import HypothesisTest
-from tests.oracles.hearing import RecordingListener, take_poses_until
 from tests.oracles.journal_events import journal_events
-from tests.oracles.short_procedure import short_procedure
+from tests.oracles.plant_sessions import RecordingListener, short_procedure, take_poses_until
 
 
 def test_capture_ends_with_a_repeat_of_the_first_pose(make_session):
@@ -127,11 +125,13 @@ def test_missing_path_back_requires_verification_not_a_resume(make_session):
     assert notice.kind is Kind.NOT_REPEATED
 
 
-def calibrate_with_step(session: Session, *, step_rad: float = 0.0, joint: int = 3) -> Solution:
-    """Calibrate from all poses, a joint's reading shifted between the last one and the return."""
+def calibrate_with_step(
+    session: Session, *, step_rad: float = 0.0, joint: int = 3, after: int | None = None
+) -> Solution:
+    """Calibrate from all poses, a joint's reading shifted after one of them, by default before the return."""
 
     def shift_reading(count: int) -> None:
-        if count == session.procedure.capture.poses:
+        if count == (after or session.procedure.capture.poses):
             session.arm.off_rad[joint - 1] = step_rad
 
     session.connect()
@@ -224,20 +224,8 @@ def test_step_proven_by_the_return_blocks_acceptance():
 
 def test_step_among_few_poses_is_refused_because_of_the_return(make_session):
     """With seven poses the step makes the sigmas so large that no parameter is off by two of them."""
-    session = make_session(short_procedure(7, "datasheet"), "datasheet", connect=True)
-    capture = session.arm.capture
-
-    def capture_shifted(samples: int) -> Reading:
-        reading = capture(samples)
-        shift_rad = np.deg2rad(0.45) * (np.arange(7) == 0)
-        return replace(reading, mean_rad=reading.mean_rad - shift_rad)
-
-    def shift_after_pose_4(count: int) -> None:
-        if count == 4:
-            session.arm.capture = capture_shifted
-
-    take_poses(session, RecordingListener(shift_after_pose_4), (1, 5))
-    solution = session.calibrate()
+    session = make_session(short_procedure(7, "datasheet"), "datasheet")
+    solution = calibrate_with_step(session, step_rad=-np.deg2rad(0.45), joint=1, after=4)
     assert return_test(solution).fires
     assert solution.verdict is Verdict.NOT_ACCEPTED
     assert solution.causes[0].code in {"STEP_JOINT_1", "RETURN_JOINT_1"}

@@ -8,7 +8,6 @@ import pytest
 
 from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.prior import KnownArm, known_arm
-from operator_app.config.poses_file import parse_poses
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import GuardError
@@ -19,10 +18,10 @@ from operator_app.session.workflow.opening import Choices
 from operator_app.session.workflow.remounting import record_in
 from operator_app.virtual_arms import virtual_arm
 from solver.chain.poses import PoseSet
-from tests.oracles.hearing import take_poses_until
+from tests.oracles.as_shipped import poses_of
 from tests.oracles.journal_events import event_data
-from tests.oracles.opened import opened
-from tests.oracles.shop_floor_remounted import Remounted, remounted
+from tests.oracles.plant_sessions import opened, take_poses_until
+from tests.oracles.shop_floor_remounted import remounted
 from tests.oracles.wrong_zero import ShiftedCounterArm, reading_of
 
 POSES = 12
@@ -75,10 +74,6 @@ def test_sound_arm_continues_in_the_second_placement(second):
     assert "with the offsets of the earlier placements and within the tolerances" in message
 
 
-def first_poses(case: Remounted) -> PoseSet:
-    return parse_poses(case.first.csv().encode(), "first.csv").poses
-
-
 def arm_known_from(poses: PoseSet) -> KnownArm:
     experiment = Experiment(arm=HINGE.arm, fixture=HINGE.fixture.fixture, poses=poses)
     known = known_arm(experiment)
@@ -100,7 +95,7 @@ def test_known_arm_refuses_steps_and_no_sound_reading(kind):
     refused, refused_by_files = [], []
     for seed in range(2):
         case = remounted(kind, seed, poses=POSES, standings=2)
-        known = arm_known_from(first_poses(case))
+        known = arm_known_from(poses_of(case.first))
         for q_rad in case.standing:
             assert not is_refused(q_rad, known)
             for joint in (2, 4):
@@ -117,7 +112,7 @@ def test_known_offsets_agree_with_their_uncertainties():
     pulls = []
     for seed in range(6):
         case = remounted("stated", seed, poses=POSES, standings=1)
-        known = arm_known_from(first_poses(case))
+        known = arm_known_from(poses_of(case.first))
         truth = np.array([case.chain.value(name) for name in known.names])
         sd = np.sqrt(np.diag(known.covariance))
         offsets = [k for k, name in enumerate(known.names) if name.startswith("theta_off_")]
@@ -133,14 +128,14 @@ def test_known_offsets_agree_with_their_uncertainties():
 def test_placement_far_from_its_file_widens_the_next_placement():
     """Drawn evenly from 40 mm and 15 deg to either side; 30 mm and 10 deg are three sigmas."""
     known_arms = [
-        arm_known_from(first_poses(remounted("wild", seed, poses=POSES, standings=1)))
+        arm_known_from(poses_of(remounted("wild", seed, poses=POSES, standings=1).first))
         for seed in range(2)
     ]
     assert 1.5 < np.mean([known.placement_ratio for known in known_arms]) < 4.0
 
 
 def test_misfit_widens_the_uncertainties_and_two_poses_tell_nothing():
-    poses = first_poses(remounted("stated", 0, poses=POSES, standings=1))
+    poses = poses_of(remounted("stated", 0, poses=POSES, standings=1).first)
     known = arm_known_from(poses)
     q_rad = poses.q_rad.copy()
     q_rad[6:, 2] += np.deg2rad(2.0)

@@ -9,7 +9,6 @@ from hardware.virtual.axis import PlantReading
 from hardware.virtual.scenarios import scenario
 from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.prior import LEAST, is_unpredicted
-from operator_app.config.poses_file import parse_poses
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import Cancelled, GuardError
@@ -19,9 +18,10 @@ from operator_app.session.workflow.capture import take_poses
 from operator_app.session.workflow.drive_selection import visit
 from operator_app.session.workflow.session import Session
 from solver.chain.poses import PoseSet
-from tests.oracles.hearing import RecordingListener
+from tests.oracles.as_shipped import poses_of
 from tests.oracles.journalled_sessions import Quiet
 from tests.oracles.plant_arm import PlantArm
+from tests.oracles.plant_sessions import RecordingListener
 from tests.oracles.shop_floor import Sizes, session
 
 COUNT_RAD = 2.0 * np.pi / 400_000
@@ -29,10 +29,6 @@ DEGREE_COUNTS = 1111
 PLANNED = LEAST + 2
 """Poses of a planned capture after which a step of a degree is detected at the next one."""
 AS_REPORTED = Sizes(length_m=1.5e-3, give_m=1e-3, give_rad=2e-3)
-
-
-def session_poses(seed: int, sizes: Sizes | None = None) -> PoseSet:
-    return parse_poses(session(seed, sizes).csv().encode(), "poses.csv").poses
 
 
 def is_detected(
@@ -43,7 +39,6 @@ def is_detected(
     *,
     unsensed: tuple[int, ...] = (),
 ) -> bool:
-    """Whether a step of a joint before the last of the first `count` poses is detected."""
     procedure = load_procedure("hinge")
     poses = poses.at_poses(np.arange(count))
     q_rad = poses.q_rad.copy()
@@ -61,10 +56,10 @@ def is_detected(
 def test_no_step_is_detected_on_a_sound_arm(sizes):
     """Generated arms; of 200 complete sessions none had one (three kinds of arms)."""
     for seed in range(2):
-        poses = session_poses(seed, sizes)
+        poses = poses_of(session(seed, sizes))
         assert not any(is_detected(poses, count) for count in range(LEAST, 41, 5))
     # Too few poses detect no step.
-    poses = session_poses(0)
+    poses = poses_of(session(0))
     assert not is_detected(poses, LEAST, 1, 5 * DEGREE_COUNTS)
     assert is_detected(poses, LEAST + 1, 1, 5 * DEGREE_COUNTS)
 
@@ -73,13 +68,13 @@ def test_no_step_is_detected_on_a_sound_arm(sizes):
 @pytest.mark.parametrize("joint", [1, 2, 3, 4])
 def test_step_of_a_degree_is_detected_at_the_next_pose(joint):
     for seed, step_counts in ((0, -DEGREE_COUNTS), (1, DEGREE_COUNTS)):
-        poses = session_poses(seed)
+        poses = poses_of(session(seed))
         for count in (LEAST + 1, 20, 40):
             assert is_detected(poses, count, joint, step_counts)
 
 
 def test_step_is_detected_without_the_readings_of_the_wrist():
-    poses = session_poses(0)
+    poses = poses_of(session(0))
     assert not is_detected(poses, 20, unsensed=(6, 7))
     assert is_detected(poses, 20, 1, DEGREE_COUNTS, unsensed=(6, 7))
 

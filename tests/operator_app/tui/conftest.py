@@ -20,7 +20,6 @@ PATIENCE_S = 120.0
 
 
 def shown(widget) -> str:
-    """The lines of a widget."""
     return "\n".join("".join(text for text, _ in row) for row in widget.shown)
 
 
@@ -38,7 +37,6 @@ class Driver:
 
     @property
     def s(self) -> SessionSnapshot:
-        """The snapshot on the screen."""
         assert self.app.picture is not None
         return self.app.picture
 
@@ -48,7 +46,6 @@ class Driver:
         return " ".join(shown(self.app.main.hint).split())
 
     def text(self, selector: str) -> str:
-        """The text of a panel."""
         return shown(self.app.main.query_one(selector))
 
     def words(self, selector: str) -> str:
@@ -103,7 +100,6 @@ class Driver:
             await self.pilot.pause(0)
 
     async def until(self, holds: Callable[[], bool], what: str = "") -> None:
-        """Wait until a condition holds."""
         loop = asyncio.get_running_loop()
         end = loop.time() + PATIENCE_S
         while not holds():

@@ -26,7 +26,6 @@ MOST_KEYS = 25
 
 
 def next_step(d):
-    """Current step and its next action."""
     return d.app.step, next_action(d.app.step, d.s).action
 
 

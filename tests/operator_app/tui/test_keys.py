@@ -14,27 +14,21 @@ from operator_app.session.ui.steps import Step
 from operator_app.session.ui.user_interface import OneOf, Typed, YesNo
 from operator_app.tui.app import SarcalApp
 from operator_app.tui.dialogs import Ask, Choose, Confirm
+from tests.operator_app.tui.conftest import PATIENCE_S
 from tests.oracles.still_runner import StaticSource, entry
 from tests.oracles.story import busy, real, stale, story
 
 SUBMITTED = [
     # step, snapshot, key, submitted task
-    (Step.CONNECT, "start", "c", TaskKind.CONNECT),
-    (Step.CONNECT, "start", "enter", TaskKind.CONNECT),
+    *((Step.CONNECT, "start", key, TaskKind.CONNECT) for key in ("c", "enter")),
     (Step.FIXTURE, "connected", "k", TaskKind.CHECK),
     (Step.MODES, "modes", "w", TaskKind.WIGGLE),
-    (Step.CAPTURE, "capturing", "a", TaskKind.AUTOMATIC),
-    (Step.CAPTURE, "capturing", "enter", TaskKind.AUTOMATIC),
-    (Step.CAPTURE, "capturing", "g", TaskKind.MOVE),
-    (Step.CAPTURE, "capturing", "b", TaskKind.MOVE),
+    *((Step.CAPTURE, "capturing", key, TaskKind.AUTOMATIC) for key in ("a", "enter")),
+    *((Step.CAPTURE, "capturing", key, TaskKind.MOVE) for key in "gb"),
     (Step.CAPTURE, "capturing", "c", TaskKind.CAPTURE),
-    (Step.CAPTURE, "capturing", "u", TaskKind.NOTE),
-    (Step.CAPTURE, "capturing", "x", TaskKind.NOTE),
-    (Step.CALIBRATE, "captured", "s", TaskKind.CALIBRATE),
-    (Step.CALIBRATE, "captured", "enter", TaskKind.CALIBRATE),
-    (Step.EXPORT, "solved", "w", TaskKind.EXPORT),
-    (Step.EXPORT, "solved", "enter", TaskKind.EXPORT),
-    (Step.EXPORT, "solved", "r", TaskKind.EXPORT),
+    *((Step.CAPTURE, "capturing", key, TaskKind.NOTE) for key in "ux"),
+    *((Step.CALIBRATE, "captured", key, TaskKind.CALIBRATE) for key in ("s", "enter")),
+    *((Step.EXPORT, "solved", key, TaskKind.EXPORT) for key in ("w", "enter", "r")),
     (Step.CAPTURE, "modes", "H", TaskKind.HOLD),
     # The second y confirms.
     (Step.EXPORT, "solved", "yy", TaskKind.VERIFY),
@@ -67,11 +61,7 @@ REFUSALS = [
     (Step.CONNECT, "connected", "c", "already connected"),
     (Step.CONNECT, "start", "right_square_bracket", "no arm is connected"),
     (Step.CONNECT, "start", "2", "Fixture is closed: no arm is connected"),
-    (Step.CONNECT, "start", "3", "Modes is closed"),
-    (Step.CONNECT, "start", "4", "Capture is closed"),
-    (Step.CONNECT, "start", "5", "Calibrate is closed"),
-    (Step.CONNECT, "start", "6", "Results is closed"),
-    (Step.CONNECT, "start", "7", "Export is closed"),
+    *((Step.CONNECT, "start", str(int(s)), f"{s.title} is closed") for s in list(Step)[2:]),
     (Step.CONNECT, "start", "o", "no other session"),
     (Step.CONNECT, "start", "space", "STOP: no arm is connected"),
     (Step.CONNECT, "connected", "R", "STOP is not latched"),
@@ -81,15 +71,10 @@ REFUSALS = [
     (Step.MODES, "ticked", "w", "modes are not set"),
     (Step.MODES, "start", "a", "no arm is connected"),
     (Step.CAPTURE, "captured", "a", "all 16 poses are captured"),
-    (Step.CAPTURE, "modes", "u", "no pose yet"),
-    (Step.CAPTURE, "modes", "n", "no pose yet"),
-    (Step.CAPTURE, "modes", "x", "no pose yet"),
+    *((Step.CAPTURE, "modes", key, "no pose yet") for key in "unx"),
     (Step.CAPTURE, "modes", "b", "no best pose yet"),
     (Step.CALIBRATE, "modes", "s", "0 of the 3 required poses"),
-    (Step.EXPORT, "captured", "w", "no calibration"),
-    (Step.EXPORT, "captured", "u", "no calibration"),
-    (Step.EXPORT, "captured", "y", "no calibration"),
-    (Step.EXPORT, "captured", "r", "no calibration"),
+    *((Step.EXPORT, "captured", key, "no calibration") for key in "wuyr"),
 ]
 
 
@@ -365,7 +350,7 @@ async def test_while_the_program_loads_a_click_focuses_nothing():
     ready = Event()
 
     def slow_source():
-        ready.wait(10.0)
+        ready.wait(PATIENCE_S)
         return StaticSource(story()["start"])
 
     app = SarcalApp(slow_source)

@@ -244,7 +244,6 @@ CONTROL_CATEGORIES = ("Cc", "Cf", "Cs", "Zl", "Zp")
 
 
 def hostile(s: SessionSnapshot) -> SessionSnapshot:
-    """The snapshot with hostile text in every external field."""
     nodes = tuple(replace(node, device_name=HOSTILE, role=HOSTILE) for node in s.identity.nodes)
     identity = replace(s.identity, model=HOSTILE, serial_number=HOSTILE, nodes=nodes)
     poses = tuple(

@@ -38,11 +38,8 @@ DIALOGS = [
     (Step.EXPORT, "written", "u", Ask),
     (Step.EXPORT, "written", "N", Confirm),
     (Step.EXPORT, "solved", "y", Confirm),
-    (Step.CAPTURE, "capturing", "q", Confirm),
-    (Step.CAPTURE, "capturing", "ctrl+c", Confirm),
-    (Step.CAPTURE, "capturing", "ctrl+q", Confirm),
-    (Step.CAPTURE, "capturing", "question_mark", Read),
-    (Step.CAPTURE, "capturing", "f1", Read),
+    *((Step.CAPTURE, "capturing", key, Confirm) for key in ("q", "ctrl+c", "ctrl+q")),
+    *((Step.CAPTURE, "capturing", key, Read) for key in ("question_mark", "f1")),
 ]
 
 

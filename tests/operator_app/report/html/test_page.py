@@ -11,7 +11,7 @@ import pytest
 from operator_app.calibration.tool_accuracy import TrueErrors
 from operator_app.report.html.page import report_html
 from operator_app.session.store.journal import read_journal
-from tests.oracles.reported_session import HOSTILE, report_subject
+from tests.operator_app.report.conftest import HOSTILE, report_subject
 
 WITHOUT_UNIT = {"/ stated", "gain, reading per angle", "gain", "chi2"}
 
@@ -82,7 +82,6 @@ def test_every_numeric_column_has_a_unit(page):
 
 
 def columns_of(head):
-    """Title and group of every column, from one or two header rows."""
     if len(head) == 1:
         return [(title, "") for _, _, title in head[0]]
     second = iter(head[1])
@@ -121,7 +120,6 @@ def test_page_head_names_arm_fixture_and_time(page, subject):
 
 @pytest.fixture
 def page_with(subject, parse_page):
-    """The page of the subject with other fields."""
     return lambda **changes: parse_page(report_html(replace(subject, **changes)).decode())
 
 

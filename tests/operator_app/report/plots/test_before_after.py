@@ -8,8 +8,8 @@ import sarcal
 
 from operator_app.config.poses_file import load_poses
 from operator_app.report.plots.before_after import arm_pair, hand_pair
+from tests.operator_app.report.conftest import number
 from tests.oracles.open_arm import write_measured_poses
-from tests.oracles.reported_session import number
 
 
 def test_before_and_after_pictures_agree_with_the_tables(page, subject):

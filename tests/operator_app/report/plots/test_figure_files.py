@@ -10,6 +10,7 @@ import sarcal
 
 from operator_app.errors import SessionError
 from operator_app.report.plots.figure_files import ENDINGS, FIGURES
+from tests.operator_app.report.conftest import at, number
 from tests.oracles.panda import FOLDER as PANDA
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -23,11 +24,6 @@ def of_class(panel: ET.Element, *names: str) -> list[ET.Element]:
     return [e for e in panel.iter() if e.get("class") in names]
 
 
-def at(element: ET.Element, name: str) -> float:
-    """A coordinate or size of an element."""
-    return float(element.get(name, "nan"))
-
-
 def texts(panel: ET.Element) -> list[str]:
     return [e.text or "" for e in panel.iter(f"{SVG}text")]
 
@@ -35,7 +31,7 @@ def texts(panel: ET.Element) -> list[str]:
 def scale(panel: ET.Element) -> tuple[float, float]:
     """Slope and value at 0 of a panel's linear x axis, from its ticks as written."""
     ticks = [e for e in of_class(panel, "tick") if e.get("text-anchor") == "middle"]
-    values = [float((t.text or "").replace("\N{MINUS SIGN}", "-")) for t in ticks]
+    values = [number(t.text or "") for t in ticks]
     slope, start = np.polyfit([at(t, "x") for t in ticks], values, 1)
     return float(slope), float(start)
 

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from operator_app.report.plots.plot import Band, Marks, Picture, Polyline, axis
 from operator_app.report.plots.strips import corrections_by_joint, coverage
 from operator_app.report.plots.svg import plot
+from tests.operator_app.report.conftest import at
 
 NUMBERS = st.floats(-1e9, 1e9, allow_nan=False).filter(lambda v: v == 0.0 or abs(v) > 1e-9)
 
@@ -39,11 +40,6 @@ def test_tick_texts():
 
 def parse(drawn: str) -> ET.Element:
     return ET.fromstring(drawn)  # noqa: S314 - our own output
-
-
-def at(element: ET.Element, name: str) -> float:
-    """A coordinate or size of an element."""
-    return float(element.get(name, "nan"))
 
 
 def example_plot(**changes: object) -> ET.Element:

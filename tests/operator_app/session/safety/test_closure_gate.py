@@ -16,10 +16,13 @@ from operator_app.session.store.journal import read_journal
 from operator_app.session.store.replay import session_state
 from operator_app.session.workflow.capture import take_poses
 from operator_app.session.workflow.listener import Listener
-from tests.oracles.hearing import left_session, take_poses_until
 from tests.oracles.journal_events import event_data
-from tests.oracles.opened import MakeSession
-from tests.oracles.short_procedure import short_procedure
+from tests.oracles.plant_sessions import (
+    MakeSession,
+    left_session,
+    short_procedure,
+    take_poses_until,
+)
 from tests.oracles.wrong_zero import ShiftedCounterArm
 
 PROCEDURE = replace(load_procedure("hinge"), capture=short_procedure(40).capture)

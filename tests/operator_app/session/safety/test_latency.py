@@ -2,11 +2,10 @@
 
 import errno
 import os
-from dataclasses import replace
 
 import pytest
 
-from hardware.arm import ArmSnapshot, HostLatency
+from hardware.arm import HostLatency
 from hardware.canopen.objects import EmergencyCode
 from hardware.errors import DriveFault
 from operator_app.composition import CutShort
@@ -19,8 +18,7 @@ from operator_app.session.ui.operations import Operations
 from operator_app.session.workflow.drive_selection import visit
 from tests.oracles.journal_events import event_data
 from tests.oracles.journalled_sessions import Quiet
-from tests.oracles.plant_arm import PlantArm
-from tests.oracles.short_procedure import short_procedure
+from tests.oracles.plant_sessions import short_procedure
 
 
 def late(times: int, last_s: float, longest_s: float) -> HostLatency:
@@ -40,20 +38,9 @@ def test_one_delay_is_one_message_and_a_series_one_per_interval(approve):
     assert "late by 0.5 s:" in text(late(8, 0.5, 0.9), 2000.0)
 
 
-class BusyArm(PlantArm):
-    """The plant, on a computer that is late."""
-
-    lateness = HostLatency()
-
-    def snapshot(self) -> ArmSnapshot:
-        return replace(super().snapshot(), lateness=self.lateness)
-
-
 @pytest.fixture
 def busy(make_session):
-    """A session on an arm, connected."""
-    procedure = short_procedure(40)
-    return make_session(procedure, arm=BusyArm(procedure, "exact"), connect=True)
+    return make_session(short_procedure(40), connect=True)
 
 
 def test_latency_is_in_the_journal_and_reported_at_the_next_pose(busy, capsys):

@@ -21,9 +21,13 @@ from operator_app.session.workflow.capture import take_poses
 from operator_app.session.workflow.drive_selection import HOMING_SPEED_RAD_PER_S
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
-from tests.oracles.hearing import RecordingListener, left_session, take_poses_until
+from tests.oracles.plant_sessions import (
+    RecordingListener,
+    left_session,
+    short_procedure,
+    take_poses_until,
+)
 from tests.oracles.shop_floor import session
-from tests.oracles.short_procedure import short_procedure
 from tests.oracles.wrong_zero import ShiftedCounterArm, reading_of, with_shifted_zeros
 
 PROCEDURE = short_procedure(40, "datasheet", seed=3)

@@ -11,13 +11,12 @@ from operator_app.session.store.journal import JOURNAL_NAME, read_journal
 from operator_app.session.store.replay import session_state
 from operator_app.session.store.state import SessionState
 from operator_app.session.workflow.opening import Choices, resume
-from tests.oracles.journals import events, written
+from tests.oracles.journals import events, write_journal, written
 
 Q = [0.1] * 7
 
 
 def at(name: str, which: int = 0) -> int:
-    """Index of an event."""
     return [k for k, (event, _) in enumerate(events()) if event == name][which]
 
 
@@ -88,10 +87,8 @@ def test_invalid_event_data_is_one_error_with_file_line_and_key(
     tmp_path, kind, run_command, approve
 ):
     make, key = WRONG[kind]
-    folder = tmp_path / "sessions" / "one"
-    folder.mkdir(parents=True)
+    folder = write_journal(tmp_path / "sessions" / "one", make())
     path = folder / JOURNAL_NAME
-    path.write_bytes(make())
     contents = read_journal(folder)
     with pytest.raises(JournalDamagedError, match=r"line \d+: ") as refused:
         session_state(contents)
@@ -110,11 +107,11 @@ def test_invalid_event_data_is_one_error_with_file_line_and_key(
 
 
 def test_poses_of_another_joint_count_are_refused(tmp_path):
-    found = [
+    shorter = [
         (name, {k: v[:5] if isinstance(v, list) and len(v) == 7 else v for k, v in data.items()})
         for name, data in events()
     ]
-    (tmp_path / JOURNAL_NAME).write_bytes(written(found))
+    write_journal(tmp_path, written(shorter))
     assert read_session(tmp_path).problem == ""
     with pytest.raises(JournalDamagedError, match=r"line 4: control.start_rad: has 5 items"):
         resume(str(tmp_path), Choices(), root=tmp_path)
@@ -122,8 +119,7 @@ def test_poses_of_another_joint_count_are_refused(tmp_path):
 
 def test_an_unreadable_session_does_not_hide_others(tmp_path, run_command):
     for name, raw in (("a", written(events())), ("b", b"Dear diary\n"), ("c", b"")):
-        (tmp_path / name).mkdir()
-        (tmp_path / name / JOURNAL_NAME).write_bytes(raw)
+        write_journal(tmp_path / name, raw)
     (tmp_path / "d" / JOURNAL_NAME).mkdir(parents=True)
     entries = {entry.folder.name: entry for entry in list_sessions(tmp_path)}
     assert entries["a"].problem == ""
@@ -141,6 +137,5 @@ def test_event_without_any_one_key_gives_a_state_or_one_error(tmp_path):
         for key in data:
             entries = events()
             del entries[k][1][key]
-            (tmp_path / JOURNAL_NAME).write_bytes(written(entries))
-            entry = read_session(tmp_path)
+            entry = read_session(write_journal(tmp_path, written(entries)))
             assert isinstance(entry.state, SessionState) or entry.problem, key

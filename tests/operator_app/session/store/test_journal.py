@@ -207,11 +207,10 @@ SHAPES: Mapping[str, tuple[Any, str]] = {
 
 
 def newer(raw: bytes) -> bytes:
-    """The same journal with the version of tomorrow, its checksums right."""
     first, rest = raw.split(b"\n", 1)
     body = first.replace(b"journal/1", b"journal/2")[:-26] + b"}"
-    found = hashlib.sha256(body).hexdigest()[:16]
-    return body[:-1] + f',"sum":"{found}"}}\n'.encode() + rest
+    digest = hashlib.sha256(body).hexdigest()[:16]
+    return body[:-1] + f',"sum":"{digest}"}}\n'.encode() + rest
 
 
 @pytest.mark.parametrize("shape", SHAPES)

@@ -10,7 +10,7 @@ from operator_app.errors import JournalDamagedError, JournalError
 from operator_app.session.store.folders import read_session
 from operator_app.session.store.journal import JOURNAL_NAME, Journal, read_journal
 from operator_app.session.store.journal_repair import examine_lines, repair_journal
-from tests.oracles.journals import events, written
+from tests.oracles.journals import events, write_journal, written
 
 SOUND = written(events())
 SHORT = written([(name, data) for name, data in events() if name != "opened"])
@@ -33,26 +33,20 @@ def entries(folder: Path) -> list[tuple[str, dict]]:
     return [(e.name, dict(e.data)) for e in read_journal(folder).events]
 
 
-def session(folder: Path, raw: bytes) -> Path:
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / JOURNAL_NAME).write_bytes(raw)
-    return folder
-
-
 def test_one_flipped_bit_does_not_lose_a_session(tmp_path):
     raw = bytearray(SOUND)
     raw[2000] ^= 1
-    session(tmp_path, bytes(raw))
+    write_journal(tmp_path, bytes(raw))
     with pytest.raises(JournalDamagedError, match="line 1"):
         read_journal(tmp_path)
-    found = repair_journal(tmp_path)
-    assert found.lost == ()
-    assert found.aside.read_bytes() == bytes(raw)
+    repaired = repair_journal(tmp_path)
+    assert repaired.lost == ()
+    assert repaired.aside.read_bytes() == bytes(raw)
     *remaining, note = entries(tmp_path)
     assert remaining == events()
-    assert note == ("repaired", {"original": found.aside.name, "lost": [], "restored": [1]})
+    assert note == ("repaired", {"original": repaired.aside.name, "lost": [], "restored": [1]})
     # What was concluded still stands: everything that it was made of is there.
-    assert found.state.solved["accepted"]
+    assert repaired.state.solved["accepted"]
     Journal.resume(tmp_path).close()
 
 
@@ -70,26 +64,26 @@ def test_any_flipped_bit_is_repaired(position, bit):
 
 @pytest.mark.parametrize(("sums", "lost"), [(False, [9]), (True, [9, 10])])
 def test_unproven_lines_are_dropped_reported_and_the_rest_kept(tmp_path, sums, lost):
-    session(tmp_path / "last", broken(SOUND, len(events())))
+    write_journal(tmp_path / "last", broken(SOUND, len(events())))
     assert list(repair_journal(tmp_path / "last").lost) == [len(events())]
-    session(tmp_path, broken(SOUND, 9, sums=sums))
-    found = repair_journal(tmp_path)
-    assert list(found.lost) == lost
+    write_journal(tmp_path, broken(SOUND, 9, sums=sums))
+    repaired = repair_journal(tmp_path)
+    assert list(repaired.lost) == lost
     *remaining, note = entries(tmp_path)
     assert remaining == [e for k, e in enumerate(events(), 1) if k not in lost]
     assert note[1]["lost"] == lost
-    assert "pose 2" in found.lines[8].words
-    assert [p.number for p in found.state.used_poses] == [1, 4]
+    assert "pose 2" in repaired.lines[8].words
+    assert [p.number for p in repaired.state.used_poses] == [1, 4]
     # What was made of those poses does not count any more.
-    assert found.state.solved == {}
-    assert found.state.resumed
+    assert repaired.state.solved == {}
+    assert repaired.state.resumed
 
 
 def test_invalid_content_is_set_aside(tmp_path):
-    found = events()
-    found[6][1]["mean_rad"] = [0.1] * 6
-    found[3][1]["start_rad"] = None
-    session(tmp_path, written(found))
+    invalid = events()
+    invalid[6][1]["mean_rad"] = [0.1] * 6
+    invalid[3][1]["start_rad"] = None
+    write_journal(tmp_path, written(invalid))
     repaired = repair_journal(tmp_path)
     assert list(repaired.lost) == [4, 7]
     assert "pose.mean_rad: has 6 items" in repaired.lines[6].words
@@ -97,19 +91,19 @@ def test_invalid_content_is_set_aside(tmp_path):
 
 
 def test_an_intact_journal_is_not_changed(tmp_path):
-    session(tmp_path, SOUND + b'{"seq":29,"torn')
-    found = repair_journal(tmp_path)
-    assert found.aside is None
-    assert found.torn
+    write_journal(tmp_path, SOUND + b'{"seq":29,"torn')
+    repaired = repair_journal(tmp_path)
+    assert repaired.aside is None
+    assert repaired.torn
     assert (tmp_path / JOURNAL_NAME).read_bytes() == SOUND + b'{"seq":29,"torn'
     assert [p.name for p in tmp_path.iterdir()] == [JOURNAL_NAME]
 
 
 def test_other_files_are_not_repaired(tmp_path):
-    session(tmp_path, b"Dear diary\n")
+    write_journal(tmp_path, b"Dear diary\n")
     with pytest.raises(JournalError, match="another program's file"):
         repair_journal(tmp_path)
-    session(tmp_path / "used", SOUND)
+    write_journal(tmp_path / "used", SOUND)
     journal = Journal.resume(tmp_path / "used")
     with pytest.raises(JournalError, match="in use"):
         repair_journal(tmp_path / "used")
@@ -118,7 +112,7 @@ def test_other_files_are_not_repaired(tmp_path):
 
 def test_the_command_reports_each_line_and_the_session_continues(tmp_path, run_command):
     root = ["--sessions", str(tmp_path)]
-    folder = session(tmp_path / "one", broken(SOUND, 9))
+    folder = write_journal(tmp_path / "one", broken(SOUND, 9))
     assert f"sarcal session repair {folder}" in run_command(2, "report", "one", *root).err
     assert "name the session" in run_command(2, "session", "repair", *root).err
     text = run_command(0, "session", "repair", "one", *root).words
@@ -129,13 +123,13 @@ def test_the_command_reports_each_line_and_the_session_continues(tmp_path, run_c
     assert "2 poses count" in text
     assert f"Go on with: sarcal run --resume {folder}" in text
     assert run_command(0, "session", "show", "one", "--json", *root).json["poses"] == 2
-    found = run_command(0, "session", "repair", "one", "--json", *root).json
-    assert (found["repaired"], found["original"]) == (False, None)
-    assert {line["fate"] for line in found["lines"]} == {"kept"}
+    repaired = run_command(0, "session", "repair", "one", "--json", *root).json
+    assert (repaired["repaired"], repaired["original"]) == (False, None)
+    assert {line["fate"] for line in repaired["lines"]} == {"kept"}
 
 
 def test_a_session_without_its_first_line_keeps_poses_but_cannot_continue(tmp_path, run_command):
-    session(tmp_path / "one", broken(SOUND, 1))
+    write_journal(tmp_path / "one", broken(SOUND, 1))
     text = run_command(0, "session", "repair", "one", "--sessions", tmp_path).out
     assert "cannot be resumed" in text
     state = read_session(tmp_path / "one").state

@@ -58,13 +58,13 @@ def test_a_solver_process_gives_the_same_result(reference_data):
 
 def test_a_solver_process_has_no_bus_terminal_or_screen():
     with SolvingProcess() as process:
-        found = process(jobs.process_state, "word")
-        assert found["pid"] != os.getpid()
-        assert found["session"] == found["pid"]
-        assert not {"textual", "rich", "can", "canopen", "pydantic"} & set(found["modules"])
-        kinds = {name.partition(":")[0] for name in found["open"]}
-        assert kinds <= {"/dev/null", "pipe", "socket"}, found["open"]
-        assert sum(name.startswith("socket:") for name in found["open"]) == 1
+        state = process(jobs.process_state, "word")
+        assert state["pid"] != os.getpid()
+        assert state["session"] == state["pid"]
+        assert not {"textual", "rich", "can", "canopen", "pydantic"} & set(state["modules"])
+        kinds = {name.partition(":")[0] for name in state["open"]}
+        assert kinds <= {"/dev/null", "pipe", "socket"}, state["open"]
+        assert sum(name.startswith("socket:") for name in state["open"]) == 1
 
 
 def test_a_solver_process_works_in_sequence_and_ends():
@@ -128,9 +128,8 @@ def test_solving_has_low_priority():
 
 PARENT = """
 import sys
-from operator_app.session.store.solver_process import NICENESS, SolvingProcess
+from operator_app.session.store.solver_process import SolvingProcess
 from tests.oracles import solving_jobs as jobs
-from solver.errors import SolverError, UnidentifiableError
 with SolvingProcess() as process:
     process(jobs.never, sys.argv[1], progress=lambda *_: print("solving", flush=True))
 """

@@ -21,7 +21,7 @@ from operator_app.session.workflow.capture import take_poses
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
 from tests.oracles.journals import journal_event
-from tests.oracles.short_procedure import short_procedure
+from tests.oracles.plant_sessions import short_procedure
 
 
 @pytest.fixture
@@ -31,7 +31,6 @@ def procedure():
 
 @pytest.fixture
 def session(make_session, procedure):
-    """A session whose poses are taken."""
     made = make_session(procedure, connect=True)
     made.set_modes((1, 5))
     take_poses(made, Listener())
@@ -48,22 +47,22 @@ def test_a_stored_calibration_is_read_back(session):
     solution = session.calibrate()
     checks = session.check(solution)
     state = from_the_file(session)
-    found = session_calibration(state, session.procedure)
-    assert found.recalculated_because == ""
-    assert found.solution.estimate.x.tobytes() == solution.estimate.x.tobytes()
-    assert found.solution.warnings == solution.warnings
-    assert isinstance(found.checks, Checks)
-    assert np.array_equal(found.checks.jackknife_sd, checks.jackknife_sd)
-    assert with_checks(found, state, session.procedure) is found
+    stored = session_calibration(state, session.procedure)
+    assert stored.recalculated_because == ""
+    assert stored.solution.estimate.x.tobytes() == solution.estimate.x.tobytes()
+    assert stored.solution.warnings == solution.warnings
+    assert isinstance(stored.checks, Checks)
+    assert np.array_equal(stored.checks.jackknife_sd, checks.jackknife_sd)
+    assert with_checks(stored, state, session.procedure) is stored
     assert "record" not in state.solved
 
 
 def test_an_infinite_condition_number_is_stored(session, procedure):
-    found = session.calibrate()
-    found = replace(
-        found, identifiability=replace(found.identifiability, scaled_condition_number=math.inf)
+    stored = session.calibrate()
+    stored = replace(
+        stored, identifiability=replace(stored.identifiability, scaled_condition_number=math.inf)
     )
-    data = solution_data(found, session.state, length_tolerance_m=None)
+    data = solution_data(stored, session.state, length_tolerance_m=None)
     session.journal.append("solved", data)
     again = session_calibration(from_the_file(session), procedure)
     assert again.recalculated_because == ""

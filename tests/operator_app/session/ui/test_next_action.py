@@ -70,7 +70,6 @@ def test_disabled_drives_lead_back_to_the_modes_and_a_missing_arm_to_connect():
 
 
 def test_an_open_arm_drives_all_joints():
-    """No joint is free: hint and question do not mention free joints."""
     s = story()["ticked"]
     every = tuple(range(1, s.procedure.arm.joint_count + 1))
     opened = replace(s, procedure=load_procedure("open_loop"), selected_joints=every, mobility=7)

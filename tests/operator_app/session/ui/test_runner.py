@@ -13,7 +13,7 @@ from operator_app.session.ui.snapshot import Level, TaskKind
 from operator_app.session.ui.supervisor import UNWATCHED_S
 from operator_app.session.workflow.drive_selection import waypoints_of
 from tests.oracles.journal_events import event_data
-from tests.oracles.short_procedure import short_procedure
+from tests.oracles.plant_sessions import short_procedure
 
 PATIENCE_S = 120.0
 
@@ -33,26 +33,15 @@ def arm(source, runner):
 
 
 class Task:
-    """A task that lasts until `go_on` is set; `begun` is set as it begins."""
+    """A task that lasts until a condition holds, or `go_on` is set; `begun` and `ended` are set by it."""
 
-    def __init__(self) -> None:
-        self.begun, self.go_on = threading.Event(), threading.Event()
-
-    def __call__(self) -> None:
-        self.begun.set()
-        self.go_on.wait(PATIENCE_S)
-
-
-class UntilCancelled:
-    """A task that lasts until it is cancelled; `begun` and `ended` are set as it begins and ends."""
-
-    def __init__(self, cancelled: Callable[[], bool]) -> None:
-        self.cancelled = cancelled
-        self.begun, self.ended = threading.Event(), threading.Event()
+    def __init__(self, condition: Callable[[], bool] | None = None) -> None:
+        self.begun, self.go_on, self.ended = (threading.Event() for _ in range(3))
+        self._condition = condition or self.go_on.is_set
 
     def __call__(self) -> None:
         self.begun.set()
-        until(self.cancelled)
+        until(self._condition)
         self.ended.set()
 
 
@@ -168,7 +157,7 @@ def test_an_unwatched_motion_is_ended(make_session):
     now_s = [0.0]
     session = make_session(short_procedure(3))
     runner = Runner(session, simulated=True, bus="none", monotonic=lambda: now_s[0])
-    work = UntilCancelled(runner.cancelled)
+    work = Task(runner.cancelled)
     runner.submit(TaskKind.MOVE, "moving", work)
     assert work.begun.wait(PATIENCE_S)
     # It continues while snapshots are read.
@@ -235,14 +224,13 @@ def test_held_joints_do_not_work_against_each_other(runner):
 
 
 def sensor_faults(runner: Runner) -> list[object]:
-    """Joints of the sensor faults in the journal."""
     return [fault["joint"] for fault in event_data(runner.session, "sensor_fault")]
 
 
 @pytest.fixture
 def stopped_by_itself(source, runner):
     """With a pose; a running calibration that ends only if cancelled delays the record of why the arm stopped."""
-    work, calibrating = runner.operations, UntilCancelled(runner.cancelled)
+    work, calibrating = runner.operations, Task(runner.cancelled)
     work.connect()
     work.set_modes((1, 5))
     work.capture(0)
@@ -282,7 +270,7 @@ def test_concurrent_tasks_run_in_order_and_can_be_ended(make_session):
 
     first = threading.Thread(target=lambda: runner.submit(TaskKind.MOVE, "the first", work))
     runner = Runner(make_session(short_procedure(3)), simulated=True, bus="none", monotonic=clock)
-    work = UntilCancelled(runner.cancelled)
+    work = Task(runner.cancelled)
     first.start()
     until(lambda: runner.pending > 0)
     runner.submit(TaskKind.NOTE, "the second", second.set)

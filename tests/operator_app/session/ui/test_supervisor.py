@@ -1,36 +1,30 @@
 """Motion of the arm as shown to the operator: speed, rest and its limits."""
 
 from dataclasses import replace
-from types import MappingProxyType
 
 import numpy as np
 import pytest
 
-from hardware.arm import ArmSnapshot, DriveState, JointMode, JointState
+from hardware.arm import ArmSnapshot
 from operator_app.config.procedure_file import load_procedure
 from operator_app.session.ui.supervisor import Motion, MotionMonitor
 from solver.chain.sensors import NoSensor
+from tests.oracles.plant_arm import PlantArm
 
 PROCEDURE = load_procedure("hinge")
 ALLOWED = np.array(PROCEDURE.capture.settle.spread_rad(PROCEDURE.arm))
 HOME = np.full(PROCEDURE.arm.joint_count, 0.3)
+AT_REST = PlantArm(PROCEDURE, "exact").snapshot()
 SAMPLE_S = 0.05
 SYNC_S = 0.01
 
 
 def sample(k: int, q: np.ndarray) -> tuple[float, ArmSnapshot]:
     joints = tuple(
-        JointState(
-            joint=j, position_counts=0, position_rad=float(angle), speed_rad_per_s=0.0,
-            torque_nm=0.0, drive=DriveState.OPERATION_ENABLED, mode=JointMode.FREE, age_s=0.0,
-        )
-        for j, angle in enumerate(q, 1)
-    )  # fmt: skip
-    arm = ArmSnapshot(
-        sync_count=round(k * SAMPLE_S / SYNC_S), joints=joints, heartbeat_age_s=MappingProxyType({}),
-        token=0, faults=(), stopped=False, moving=False,
-    )  # fmt: skip
-    return k * SAMPLE_S, arm
+        replace(joint, position_rad=float(angle))
+        for joint, angle in zip(AT_REST.joints, q, strict=True)
+    )
+    return k * SAMPLE_S, replace(AT_REST, sync_count=round(k * SAMPLE_S / SYNC_S), joints=joints)
 
 
 def observed(*angles: np.ndarray) -> Motion:

@@ -17,12 +17,10 @@ from operator_app.session.workflow.export import export, recorded_export
 from operator_app.session.workflow.listener import Listener
 from tests.oracles.journal_events import journal_events
 from tests.oracles.journalled_sessions import Quiet
-from tests.oracles.short_procedure import short_procedure
+from tests.oracles.plant_sessions import short_procedure
 
 
 def failing(error: type[Exception]):
-    """A method of the arm that raises this error."""
-
     def method(*_: object) -> None:
         raise error("lost at the commit")
 

@@ -21,18 +21,15 @@ from operator_app.session.workflow.drive_selection import choose, retrace
 from operator_app.session.workflow.planned_capture import PlannedCapture
 from operator_app.session.workflow.session import Session
 from solver.design.actions import Finished
-from tests.oracles.hearing import RecordingListener
 from tests.oracles.journal_events import event_data, journal_events
-from tests.oracles.opened import opened
 from tests.oracles.plant_arm import PlantArm
-from tests.oracles.short_procedure import short_procedure
+from tests.oracles.plant_sessions import RecordingListener, opened, short_procedure
 
 CANDIDATES = 300
 """A tenth of what the product uses: these tests are about the session, not about the best poses."""
 
 
 def planned_procedure(poses: int, **capture: object) -> Procedure:
-    """The packaged planned procedure with few poses, for the arm of scenario `exact`."""
     procedure = short_procedure(poses, packaged="hinge_planned")
     capture_settings = replace(procedure.capture, **capture)
     return replace(procedure, position_joints=(1, 5), capture=capture_settings)
@@ -64,7 +61,6 @@ def interrupt(session: Session, at_sync: int) -> Session:
 
 @pytest.fixture(scope="module")
 def complete_run(tmp_path_factory):
-    """A complete planned capture on the exact arm."""
     folder, procedure = tmp_path_factory.mktemp("complete") / "session", planned_procedure(4)
     session = opened(folder, PlantArm(procedure, "exact"), procedure)
     run = PlannedRun(session)
@@ -123,16 +119,6 @@ def test_return_to_the_first_pose_uses_known_paths_and_changes_no_plan(make_sess
     assert len(event_data(session, "campaign_move")) == moves
 
 
-class FixedArm:
-    """An arm at a fixed position."""
-
-    def __init__(self, q_rad: Sequence[float]) -> None:
-        self.q_rad = np.array(q_rad)
-
-    def snapshot(self) -> SimpleNamespace:
-        return SimpleNamespace(positions_rad=self.q_rad)
-
-
 def session_from(events: Sequence[JournalEvent], procedure: Procedure, folder: Path) -> Session:
     """A session resumed from these events, its arm where the last of them left it."""
     journal = Journal.create(folder)
@@ -140,8 +126,9 @@ def session_from(events: Sequence[JournalEvent], procedure: Procedure, folder: P
         journal.append(event.name, event.data)
     journal.close()
     positions = [e.data.get("q_rad") or e.data.get("mean_rad") for e in events]
-    last = [q_rad for q_rad in positions if q_rad][-1]
-    return Session(journal=Journal.resume(folder), arm=FixedArm(last), procedure=procedure)
+    last = SimpleNamespace(positions_rad=np.array([q_rad for q_rad in positions if q_rad][-1]))
+    arm = SimpleNamespace(snapshot=lambda: last)
+    return Session(journal=Journal.resume(folder), arm=arm, procedure=procedure)
 
 
 def action_indices(events: Sequence[JournalEvent]) -> list[int]:

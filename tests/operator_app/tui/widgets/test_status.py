@@ -21,7 +21,6 @@ def line_of(panel, picture, width: int = 80) -> str:
 
 
 def silent_and_tripped(capturing):
-    """Joint 5 is silent, and drive 4 has tripped."""
     s = tripped(stale(capturing))
     arm = replace(s.arm, heartbeat_age_s={**s.arm.heartbeat_age_s, 5: 0.9})
     return replace(s, arm=arm)

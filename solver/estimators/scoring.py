@@ -35,7 +35,7 @@ LIKELIHOOD_FALL = 3.0
 """Largest fall of the log-likelihood that relinearisation explains; after an iteration with a larger fall the step is
 shortened."""
 
-NEWTON_SIGMA = 0.3
+NEWTON_SIGMA = 1.0
 """Largest step, in standard errors, for which the observed curvature is used (Newton) rather than the expected."""
 
 LEAST_CURVATURE = 0.05
@@ -48,7 +48,7 @@ SCALE_CORRELATION = 0.5
 """Correlation of the logarithms of two scales: a file that states one size with a margin usually states all so. Half
 of the variance is common, so sources that the poses hardly determine follow the others."""
 
-FAST_SHARE = 0.3
+FAST_SHARE = 0.45
 """Convergence is fast if a step is below this share of the step before."""
 
 

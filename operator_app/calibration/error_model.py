@@ -72,7 +72,7 @@ def error_model(
             for d in stated_distances(experiment)
         ),
         discrepancy=True,
-        loads=_loads(experiment.at_poses(indices)),
+        loads=_loads(experiment, indices),
         approach=approach_of(arm, poses, indices),
     )
 
@@ -90,19 +90,19 @@ def _socket(number: int) -> Names:
     return x, y, z
 
 
-def _loads(experiment: Experiment) -> LoadBasis | None:
-    """Effects of gravity at all poses: on the arm and, if its file states masses, on the fixture.
+def _loads(experiment: Experiment, kept: IntArray) -> LoadBasis | None:
+    """Effects of gravity at the kept poses: on the arm and, if its file states masses, on the fixture.
 
     Computed at the nominal values and in canonical order, so that the result does not depend, even in the last digit,
     on the start of a search or on the order of the poses in their file.
     """
     arm, fixture = experiment.arm, experiment.fixture
-    if not len(experiment.poses):
+    if not len(kept):
         return None
-    order = canonical_order(experiment.poses.q_rad)
+    order = canonical_order(experiment.poses.q_rad[kept])
     masses = arm.masses or unstated_masses(arm.joint_count)
     pulled = arm.masses is not None and fixture.kind != "measured"
-    used = experiment.at_poses(order)
+    used = experiment.at_poses(kept[order])
     model, q = used.loop(), used.poses.q_rad
     x, compliance = nominal_vector(model.parameters), fixture.compliance
     return load_basis(

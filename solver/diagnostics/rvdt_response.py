@@ -90,7 +90,10 @@ def measure(
     deviation = reading_rad - angle
     curve = fit_curve(angle, deviation)
     # The constant belongs to theta_off: deviations average to zero over the covered range.
-    constant = float(np.mean(curve(np.linspace(curve.low, curve.high, GRID_POINTS))))
+    grid = np.linspace(curve.low, curve.high, GRID_POINTS)
+    fitted = curve(grid)
+    constant = float(np.mean(fitted))
+    grid, fitted = grid + constant, fitted - constant
     angle, deviation = angle + constant, deviation - constant
     curve = replace(
         curve,
@@ -98,8 +101,6 @@ def measure(
         high=curve.high + constant,
         coefficients=np.concatenate((curve.coefficients[:1] - constant, curve.coefficients[1:])),
     )
-    grid = np.linspace(curve.low, curve.high, GRID_POINTS)
-    fitted = curve(grid)
     bend, slope = _off_line(grid, fitted), float(np.polyfit(grid, fitted, 1)[0])
     squares = float(curve.residual @ curve.residual)
     own = float(np.mean(measured.own))

@@ -153,7 +153,7 @@ class ArmPoses:
         """Gravity's torque (m, n, s), N m; shapes: stated masses, each uncertain moment, tilts of the base."""
         arm, masses = self.arm(poses), self.masses
         rates = torque_rates(arm, np.vstack((masses.down, masses.tilted)))
-        stated, *tilts = (rates * masses.moments).sum((-1, -2))
+        stated, *tilts = rates.reshape(*rates.shape[:-2], -1) @ masses.moments.reshape(-1)
         shapes = (stated[..., None], by_moment(rates[0], masses), np.stack(tilts, axis=-1))
         return np.concatenate(shapes, axis=-1)
 

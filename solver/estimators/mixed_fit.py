@@ -46,7 +46,7 @@ RELINEARISE_SIGMA = 1e-4
 """The next iteration reuses a linearisation if its error, in standard errors of a parameter, is at most this."""
 
 LEAST_GAIN = 0.3
-"""The iteration ends once the slope of the log-likelihood along a step is below this.
+"""The iteration ends once the slope of the log-likelihood along the step after the last is expected to be below this.
 
 The slope is about twice the gain in log-likelihood that is still possible.
 """
@@ -54,7 +54,7 @@ The slope is about twice the gain in log-likelihood that is still possible.
 COMPARABLE_SIGMA = 3.0
 """Largest change of a parameter, in standard errors, between iterations whose slopes are compared."""
 
-SIGN_TEST_SIGMA, SIGN_TEST_VARIANCE_SIGMA, DOUBTFUL_SIGN_SHARE = 0.1, 0.5, 0.25
+SIGN_TEST_SIGMA, SIGN_TEST_VARIANCE_SIGMA, DOUBTFUL_SIGN_SHARE = 0.1, 1.5, 0.25
 """The sign of gravity is tested at convergence, or once the changes of the parameters are below SIGN_TEST_SIGMA and
 those of the variances below SIGN_TEST_VARIANCE_SIGMA (in sigmas).
 
@@ -193,7 +193,7 @@ def _iterate(
                 free, newton_step, v = False, ScoringStep.none(len(v)), fit.v
         steady_limit = STEADY_VARIANCE_SIGMA if ascent.fast else CREEPING_VARIANCE_SIGMA
         converged = remaining < settled and (
-            newton_step.largest < steady_limit or newton_step.slope < LEAST_GAIN
+            newton_step.largest < steady_limit or ascent.slope_left < LEAST_GAIN
         )
         nearly = remaining < SIGN_TEST_SIGMA and newton_step.largest < SIGN_TEST_VARIANCE_SIGMA
         if sign_asked and (nearly or converged or iterations >= FREE_ITERATIONS):
@@ -209,7 +209,7 @@ def _iterate(
         if converged:
             break
     if variances is None and derivatives is not None:
-        mean = expected_variances(fit, derivatives)
+        mean = expected_variances(fit, derivatives, v)
         if not np.array_equal(mean, fit.v):
             # Once more, linearised at the solution, with the means of the estimated scales.
             linearisation = Linearisation(design, state)
@@ -230,14 +230,14 @@ def _solved(design: LinearModel, linearisation: Linearisation, v: FloatArray) ->
         raise PosesDoNotFitError from error
 
 
-def expected_variances(fit: LinearFit, derivatives: Derivatives) -> FloatArray:
-    """Return the variances (K,), those of estimated scales at their posterior means.
+def expected_variances(fit: LinearFit, derivatives: Derivatives, v: FloatArray) -> FloatArray:
+    """Return the variances `v` (K,) found at `fit`, those of estimated scales at their posterior means.
 
     At the mode, sigmas would not include the uncertainty of the scales. With a scale exp(t), t ~ N(t_mode, s^2), the
     expected variance of an error is exp(2 t_mode + 2 s^2) times the stated one.
     """
     return np.asarray(
-        np.minimum(fit.v * np.exp(2.0 * scale_spread(fit, derivatives)), fit.design.ceilings)
+        np.minimum(v * np.exp(2.0 * scale_spread(fit, derivatives)), fit.design.ceilings)
     )
 
 

@@ -35,7 +35,7 @@ LIKELIHOOD_FALL = 3.0
 """Largest fall of the log-likelihood that relinearisation explains; after an iteration with a larger fall the step is
 shortened."""
 
-NEWTON_SIGMA = 0.3
+NEWTON_SIGMA = 1.0
 """Largest step, in standard errors, for which the observed curvature is used (Newton) rather than the expected."""
 
 LEAST_CURVATURE = 0.05
@@ -48,7 +48,7 @@ SCALE_CORRELATION = 0.5
 """Correlation of the logarithms of two scales: a file that states one size with a margin usually states all so. Half
 of the variance is common, so sources that the poses hardly determine follow the others."""
 
-FAST_SHARE = 0.3
+FAST_SHARE = 0.45
 """Convergence is fast if a step is below this share of the step before."""
 
 
@@ -245,10 +245,11 @@ class VarianceSearch:
     step's end, which is calculated anyway, locates the maximum along the step; the next iteration starts there.
 
     `fast`: whether steps shrink so fast that all further ones are negligible; as given until two steps can be compared.
+    `slope_left`: expected slope of the log-likelihood along the step after the next variances.
     """
 
     def __init__(self, *, fast: bool = False) -> None:
-        self.fast = fast
+        self.fast, self.slope_left = fast, np.inf
         self._from: tuple[FloatArray, float, ScoringStep] | None = None
         self._share = 1.0
         self._last_size: float | None = None
@@ -260,9 +261,10 @@ class VarianceSearch:
 
         `far`: whether the next linearisation will be so different that slopes cannot be compared.
         """
-        if self._last_size is not None:
-            self.fast = newton_step.largest < FAST_SHARE * self._last_size
-        self._last_size = newton_step.largest
+        size, last_size = newton_step.largest, self._last_size
+        self.slope_left, self._last_size = newton_step.slope, size
+        if last_size is not None:
+            self.fast = size < FAST_SHARE * last_size
         if self._from is not None:
             start, likelihood, last = self._from
             slope = float(derivatives.score @ last.change)
@@ -273,5 +275,8 @@ class VarianceSearch:
                 return np.asarray(start + self._share * last.change)
             # Where one step overshot, the next would as well.
             self._share = min(1.0, 2.0 * self._share)
+        if last_size is not None and self.fast and self._share == 1.0:
+            # The next step shrinks by the factor by which this one did, and its slope by the square.
+            self.slope_left *= (size / last_size) ** 2
         self._from = None if far else (fit.v, fit.log_likelihood, newton_step)
         return np.asarray(fit.v + self._share * newton_step.change)

@@ -13,7 +13,7 @@ their coefficients and covariance. A fixture's deflection belongs to the mountin
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -122,14 +122,15 @@ def corrections_of(joints: JointCorrections, readings: CorrectionShapes) -> Corr
     if errors.loads is not None and len(design.sags.joints):
         gravity = errors.loads.gravity
         rows = gravity.part.arm_rows()
-        width = design.sags.width
+        width, sagging = design.sags.width, dict[int, FloatArray]()
         for j in design.sags.joints:
             own, scale = some(width), np.sqrt(1.0 - UNMODELLED_SHARE) * design.sag[j]
             columns = gravity.turn.shape[-1]
             shapes = gravity.turn[j] @ own[:columns]
             # Where no sign of sag is expected, the expected twist is a column like the others.
             shapes[0] += gravity.rate[j] * (1.0 if errors.signed else own[-1])
-            each.extend(_gravity(int(j) + 1, scale * shapes, gravity.part.masses))
+            sagging[int(j) + 1] = scale * shapes
+        each.extend(_gravity(sagging, gravity.part.masses))
     noticeable = [c for c in each if np.abs(c.coefficients).max(initial=0.0) > LEAST_RAD]
     return Corrections(each=tuple(noticeable), rows=rows)
 
@@ -148,20 +149,18 @@ def _play(
         )
 
 
-def _gravity(joint: int, shapes: FloatArray, masses: LinkMasses) -> Iterator[ReadingCorrection]:
-    """Convert coefficients (s,) of a torque's shapes to coefficients of masses and first moments."""
-    n = len(masses.mass_kg)
-    uncertain = (masses.moments_sd @ shapes[1 : 1 + 4 * n].reshape(n, 4, 1))[..., 0]
-    by_down = [(masses.down, shapes[0] * masses.moments + uncertain)]
-    by_down += [
-        (tilt, w * masses.moments)
-        for tilt, w in zip(masses.tilted, shapes[1 + 4 * n :], strict=True)
-    ]
-    for down, moments in by_down:
-        yield ReadingCorrection(
-            source="sag", joint=joint, kind="gravity", coefficients=moments.reshape(-1),
-            down=tuple(float(v) for v in down),
-        )  # fmt: skip
+def _gravity(sagging: Mapping[int, FloatArray], masses: LinkMasses) -> Iterator[ReadingCorrection]:
+    """Convert each joint's coefficients (s,) of a torque's shapes to those of masses and first moments."""
+    n, stated, sd = len(masses.mass_kg), masses.moments, masses.moments_sd
+    downs = [tuple(down) for down in (masses.down.tolist(), *masses.tilted.tolist())]
+    for joint, shapes in sagging.items():
+        uncertain = (sd @ shapes[1 : 1 + 4 * n].reshape(n, 4, 1))[..., 0]
+        tilts = (w * stated for w in shapes[1 + 4 * n :])
+        for down, moments in zip(downs, (shapes[0] * stated + uncertain, *tilts), strict=True):
+            yield ReadingCorrection(
+                source="sag", joint=joint, kind="gravity", coefficients=moments.reshape(-1),
+                down=down,
+            )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -17,6 +17,13 @@ def options(doc: str | None, **defaults: Any) -> argparse.Namespace:
     return parser.parse_args()
 
 
+def one_thread() -> None:
+    """Limit linear algebra in this process to one thread."""
+    import scipy.linalg  # noqa: F401 - its BLAS must be loaded before it can be limited
+
+    threadpool_limits(1)
+
+
 def workers(count: int) -> ProcessPoolExecutor:
     """Processes with one thread of linear algebra each."""
-    return ProcessPoolExecutor(count, initializer=threadpool_limits, initargs=(1,))
+    return ProcessPoolExecutor(count, initializer=one_thread)

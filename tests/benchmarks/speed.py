@@ -25,14 +25,13 @@ from dataclasses import dataclass
 from multiprocessing import get_context
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.cross_validation import check
 from solver.chain.poses import PoseSet
 from solver.estimators.implicit import NoiseModel, estimate_implicit
 from solver.estimators.paper import estimate_paper
-from tests.benchmarks.command_line import options
+from tests.benchmarks.command_line import one_thread, options
 from tests.oracles.as_shipped import ARM, HINGE, poses_of
 from tests.oracles.shop_floor import Sizes, session
 from tests.oracles.shop_floor_large import large
@@ -111,7 +110,7 @@ def cost(kind: str, count: int, turns: int) -> Cost:
 
 def measured(kind: str, count: int, *, turns: int = 15) -> Cost:
     """Run `cost` in a process of its own, with one thread of linear algebra."""
-    with ProcessPoolExecutor(1, get_context("spawn"), threadpool_limits, (1,)) as own:
+    with ProcessPoolExecutor(1, get_context("spawn"), one_thread) as own:
         return own.submit(cost, kind, count, turns).result()
 
 

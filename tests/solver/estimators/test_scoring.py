@@ -64,6 +64,17 @@ def test_steps_of_different_likelihoods_are_not_compared():
     assert steps_away(VarianceSearch(fast=False), 0.5, 0.1) == [False, True]
 
 
+def test_slope_after_a_step_falls_with_the_square_of_steps_that_shrink_fast():
+    ascent = VarianceSearch()
+    left = []
+    for size, slope in ((1.0, 4.0), (0.2, 1.0), (0.1, 0.5)):
+        wanted = ScoringStep(change=np.zeros(2), largest=size, slope=slope)
+        fit = SimpleNamespace(v=np.ones(2), log_likelihood=0.0)
+        ascent.next_variances(fit, found([0.0, 0.0], [[1.0, 0.0], [0.0, 1.0]]), wanted, far=True)
+        left.append(ascent.slope_left)
+    np.testing.assert_allclose(left, [4.0, 0.04, 0.5])
+
+
 def scales_at(t: list[float]) -> SimpleNamespace:
     """Two scales of the arm and one of the fixture's placement, exp(t), of which the poses show nothing."""
     each = np.ones(len(t))

@@ -48,6 +48,10 @@ SCALE_CORRELATION = 0.5
 """Correlation of the logarithms of two scales: a file that states one size with a margin usually states all so. Half
 of the variance is common, so sources that the poses hardly determine follow the others."""
 
+LARGEST_COMMON = 3.0 * SCALE_SD
+"""Largest deviation of a scale's logarithm that is evidence about the others: an absent source (an eighth of the stated
+size, or less) does not make the others small. In a rigid mount, for instance, the poses hardly determine the lengths."""
+
 FAST_SHARE = 0.45
 """Convergence is fast if a step is below this share of the step before."""
 
@@ -124,30 +128,40 @@ def with_priors(fit: LinearFit) -> Derivatives:
         [(c.spread_dof, c.spread_variance, c.soft) for c in fit.design.components]
     ).T.reshape(3, -1)
     ratio = spread / v
-    # The logarithms of the scales, t = log(v / start) / 2, have the density exp(-t' P t / 2); derivatives by v.
-    P, t = _scale_precision(fit.design), 0.5 * np.log(v / fit.design.start_variances())
-    pull, of_scales = 0.5 * (P @ t) / v, 0.25 * P / np.outer(v, v)
+    # Derivatives by v of the prior of t = log(v / start) / 2.
+    t = 0.5 * np.log(v / fit.design.start_variances())
+    slope, precision, bend = _scale_prior(fit.design, t)
+    pull, of_scales = 0.5 * slope / v, 0.25 * precision / np.outer(v, v)
     return replace(
         derivatives,
         score=derivatives.score + 0.5 * (dof * (ratio - 1.0) / v - 1.0 / soft) - pull,
         information=derivatives.information + of_scales + np.diag(0.5 * dof / v**2),
         curvature=derivatives.curvature
         + of_scales
-        + np.diag(dof * (ratio - 0.5) / v**2 - pull / v),
+        + np.diag(dof * (ratio - 0.5) / v**2 - pull / v + 0.25 * bend / v**2),
     )
 
 
-def _scale_precision(design: Layout) -> FloatArray:
-    """Inverse (K, K) of the prior covariance of the scales' logarithms; zero for the other components."""
+def _scale_prior(design: Layout, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Derivatives of the energy (minus the log density) of the scales' logarithms `t` (K,).
+
+    Returns the gradient (K,), and the second derivative as a positive definite matrix (K, K) plus a diagonal (K,). With
+    ``g = L tanh(t / L)`` and L = `LARGEST_COMMON`, the energy is ``(sum t^2 / own - shared (sum g)^2) / 2 SCALE_SD^2``;
+    for small t it is that of normal variables.
+    """
     scaled = design.scaled.astype(float)
     together = scaled.copy()
     together[[k for name, k in design.index.items() if name == PLACEMENT]] = 0.0
-    count = together.sum()
-    common = SCALE_CORRELATION / (1.0 + SCALE_CORRELATION * (count - 1.0))
     own = 1.0 - SCALE_CORRELATION * together
-    return np.asarray(
-        (np.diag(scaled / own) - common / (1.0 - SCALE_CORRELATION) * np.outer(together, together))
-        / SCALE_SD**2
+    others = SCALE_CORRELATION * (together.sum() - 1.0)
+    shared = SCALE_CORRELATION / ((1.0 + others) * (1.0 - SCALE_CORRELATION))
+    g = together * LARGEST_COMMON * np.tanh(t / LARGEST_COMMON)
+    rate = together - (g / LARGEST_COMMON) ** 2
+    pulled = shared * g.sum()
+    return (
+        (scaled * t / own - pulled * rate) / SCALE_SD**2,
+        np.asarray((np.diag(scaled / own) - shared * np.outer(rate, rate)) / SCALE_SD**2),
+        2.0 * pulled * g * rate / (LARGEST_COMMON * SCALE_SD) ** 2,
     )
 
 

@@ -5,6 +5,7 @@ import importlib
 import pkgutil
 import re
 import xml.etree.ElementTree as ET
+from importlib import resources
 from pathlib import Path
 
 import numpy as np
@@ -207,6 +208,20 @@ def test_calibration_recovers_the_simulated_truth():
     assert np.mean(np.abs(z) < 3.0) > 0.95
     same = sarcal.simulate(arm="sarcos_dextrous", fixture="hinge", poses=40, seed=2)
     np.testing.assert_array_equal(same.poses.q_rad, simulation.poses.q_rad)
+
+
+@pytest.mark.campaign
+def test_intervals_cover_in_a_rigid_mount(tmp_path):
+    """The poses hardly determine the lengths, and neither play nor sag of the file is there."""
+    packaged = resources.files("operator_app") / "data/arms/sarcos_dextrous.yaml"
+    arm = tmp_path / "arm.yaml"
+    arm.write_text(packaged.read_text().replace("theta_off_4, ", ""))
+    z = []
+    for seed in range(12):
+        made = sarcal.simulate(arm=arm, fixture="rigid", poses=40, seed=seed)
+        result = sarcal.calibrate(arm=arm, fixture="rigid", poses=made.poses)
+        z += [(v - made.truth[k]) / result.sigmas[k] for k, v in result.values.items()]
+    assert 0.9 < np.mean(np.abs(z) < 1.96)
 
 
 def test_fk_of_an_arm_agrees_with_its_maker():

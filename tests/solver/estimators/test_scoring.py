@@ -3,8 +3,10 @@
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
 from solver.estimators.scoring import (
+    LARGEST_COMMON,
     SCALE_CORRELATION,
     SCALE_SD,
     Derivatives,
@@ -88,19 +90,40 @@ def scales_at(t: list[float]) -> SimpleNamespace:
     return SimpleNamespace(v=np.exp(2.0 * np.array(t)), derivatives=unseen, design=design)
 
 
-def test_log_scales_are_normal_with_half_of_the_variance_in_common():
-    t, c = np.array([-0.7, 0.2, 0.9]), SCALE_CORRELATION
-    covariance = SCALE_SD**2 * np.array([[1.0, c, 0.0], [c, 1.0, 0.0], [0.0, 0.0, 1.0]])
-    fit = scales_at(t.tolist())
+def energy(t):
+    """Minus the log density of the log scales: two of the arm, with a common part, and the placement's."""
+    c, largest = SCALE_CORRELATION, LARGEST_COMMON
+    g = largest * np.tanh(t[:2] / largest)
+    own = t @ (t / np.array([1.0 - c, 1.0 - c, 1.0]))
+    return 0.5 * (own - c / ((1.0 + c) * (1.0 - c)) * g.sum() ** 2) / SCALE_SD**2
+
+
+@pytest.mark.parametrize("t", [[-0.7, 0.2, 0.9], [-3.5, -0.1, 0.0], [1.4, -2.5, -1.0]])
+def test_prior_of_scales_has_the_derivatives_of_its_density(t):
+    fit = scales_at(t)
 
     def score(v):
         """Of the density by v, ``t = log(v) / 2``."""
-        return -np.linalg.solve(covariance, 0.5 * np.log(v)) / (2.0 * v)
+        at = 0.5 * np.log(v)
+        slope = [(energy(at + h) - energy(at - h)) / (2.0 * h.sum()) for h in 1e-5 * np.eye(3)]
+        return -np.array(slope) / (2.0 * v)
 
     prior = with_priors(fit)
-    np.testing.assert_allclose(prior.score, score(fit.v), rtol=1e-9)
-    steps = 1e-6 * np.diag(fit.v)
+    np.testing.assert_allclose(prior.score, score(fit.v), rtol=1e-6, atol=1e-6)
+    steps = 1e-4 * np.diag(fit.v)
     observed = [(score(fit.v - h) - score(fit.v + h)) / (2.0 * h.sum()) for h in steps]
-    np.testing.assert_allclose(prior.curvature, observed, rtol=1e-6)
-    expected = np.linalg.inv(covariance) / (4.0 * np.outer(fit.v, fit.v))
-    np.testing.assert_allclose(prior.information, expected, rtol=1e-9, atol=1e-15)
+    np.testing.assert_allclose(prior.curvature, observed, rtol=1e-3, atol=1e-3)
+
+
+def test_log_scales_near_the_stated_ones_are_normal_with_half_of_the_variance_in_common():
+    c, fit = SCALE_CORRELATION, scales_at([0.0, 0.0, 0.0])
+    covariance = SCALE_SD**2 * np.array([[1.0, c, 0.0], [c, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    expected = 0.25 * np.linalg.inv(covariance)
+    np.testing.assert_allclose(with_priors(fit).information, expected, rtol=1e-9, atol=1e-15)
+
+
+def test_absent_source_says_no_more_of_the_others_than_a_small_one():
+    pull = [with_priors(scales_at([t, 0.0, 0.0])).score[1] for t in (-1.1, -2.5, -10.0)]
+    assert pull[1] < pull[0] < 0.0
+    # Normal variables would have made it four times as strong as that of a quarter (-2.5).
+    assert 1.0 < pull[2] / pull[1] < 1.3

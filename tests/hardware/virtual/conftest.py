@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 
 import pytest
+from canopen import SdoAbortedError
 
 from hardware.arm import JointMode
 from hardware.virtual.axis import JointCommand
@@ -10,7 +11,6 @@ from hardware.virtual.specimens import SpecimenFiles
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from solver.chain.arm_model import ArmModel
-from tests.oracles.raw_can import RawAbort
 from tests.oracles.virtual_rig import Rig, rig
 
 Commands = Callable[[Mapping[int, float]], list[JointCommand]]
@@ -31,7 +31,7 @@ def write_to_supervisor(arm: Rig, index: int, data: bytes) -> int | None:
     """Write an object of the supervisor; return the abort code, None if it was accepted."""
     try:
         arm.peer.write(16, index, 0, data)
-    except RawAbort as abort:
+    except SdoAbortedError as abort:
         return abort.code
     return None
 

@@ -3,8 +3,7 @@
 import struct
 
 import pytest
-
-from tests.oracles.raw_can import RawAbort
+from canopen import SdoAbortedError
 
 
 def test_joint_objects_have_the_values_of_its_axis(arm):
@@ -53,7 +52,7 @@ def test_joint_objects_have_the_values_of_its_axis(arm):
 )
 def test_invalid_access_is_aborted_with_its_code(arm, node, index, sub, data, code):
     entry = node, index, sub
-    with pytest.raises(RawAbort) as abort:
+    with pytest.raises(SdoAbortedError) as abort:
         arm.peer.read(*entry) if data is None else arm.peer.write(*entry, data)
     assert abort.value.code == code
 

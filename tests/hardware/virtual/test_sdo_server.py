@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 
 import hardware.eds
 from hardware.virtual.sdo_server import LONGEST_DOCUMENT
-from tests.oracles.raw_can import RawAbort
 from tests.oracles.virtual_rig import Rig, rig
 
 EDS = Path(hardware.eds.__file__).parent
@@ -45,7 +44,8 @@ def test_document_of_any_length_is_read_back(arm, size):
 
 
 def test_download_without_length_is_accepted(arm):
-    assert exchange(arm, WRITE_2000.pack(0x20, 0x2000, 0, 0))[0] == 0x60
+    answer = exchange(arm, WRITE_2000.pack(0x20, 0x2000, 0, 0))
+    assert answer == WRITE_2000.pack(0x60, 0x2000, 0, 0)
     assert exchange(arm, b"\x00" + b"abcdefg")[0] == 0x20
     assert exchange(arm, b"\x1b" + b"hi" + bytes(5))[0] == 0x30
     assert arm.peer.read(16, 0x2000) == b"abcdefghi"
@@ -67,7 +67,7 @@ def test_invalid_download_is_aborted(arm, frames, code):
     assert abort_code(answer) == code
     assert answer[1:4] == frames[0][1:4]
     assert abort_code(exchange(arm, b"\x10abcdefg")) == 0x05040001
-    with pytest.raises(RawAbort):
+    with pytest.raises(canopen.SdoAbortedError):
         arm.peer.read(16, 0x2000)
 
 
@@ -121,7 +121,7 @@ def test_block_download_other_than_announced_is_aborted(arm, size, crc, last, co
     answer = exchange(arm, struct.pack("<BH5x", last, binascii.crc_hqx(BLOCK, 0) ^ crc))
     assert abort_code(answer) == code
     assert answer[1:4] == b"\x00\x20\x00"
-    with pytest.raises(RawAbort):
+    with pytest.raises(canopen.SdoAbortedError):
         arm.peer.read(16, 0x2000)
 
 

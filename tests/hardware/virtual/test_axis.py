@@ -6,6 +6,7 @@ import pytest
 from hardware.canopen.objects import SensorKind
 from hardware.virtual.axis import AxisSettings, arm_axes, joint_scale
 from solver.chain.sensors import Encoder, NoSensor, Rvdt
+from tests.hardware.virtual.conftest import SARCOS
 from tests.oracles.virtual_rig import joint
 
 
@@ -31,10 +32,10 @@ def test_joint_without_sensor_is_refused():
         AxisSettings(1, replace(joint(), sensor=NoSensor()))
 
 
-def test_axes_of_an_arm_have_its_joint_numbers_and_sensors(sarcos):  # type: ignore[no-untyped-def]
-    axes = arm_axes(sarcos)
+def test_axes_of_an_arm_have_its_joint_numbers_and_sensors():
+    axes = arm_axes(SARCOS)
     assert [axis.joint for axis in axes] == [1, 2, 3, 4, 5, 6, 7]
-    for axis, joint_ in zip(axes, sarcos.joints, strict=True):
+    for axis, joint_ in zip(axes, SARCOS.joints, strict=True):
         kind = SensorKind.ENCODER if isinstance(joint_.sensor, Encoder) else SensorKind.RVDT
         assert axis.sensor_kind is kind
         assert axis.scale.to_rad(1) == pytest.approx(joint_.sensor.resolution_rad, rel=1e-15)

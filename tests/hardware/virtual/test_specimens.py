@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 
 from fixtures.ball import Ball
-from hardware.arm import JointMode
-from hardware.virtual.axis import JointCommand
 from hardware.virtual.scenarios import scenario_of
 from hardware.virtual.specimens import SpecimenFiles, draw_truth, files_allow
 from hardware.virtual.true_loop import PAPER_HOME_RAD, Truth, paper_loop
@@ -16,9 +14,8 @@ from operator_app.config.fixture_file import load_fixture
 from solver.chain.parameters import DhEntry, DhKind
 from solver.loops.dh import DhLoop
 from solver.loops.point import PointClosure
-from tests.hardware.virtual.conftest import specimen_files
+from tests.hardware.virtual.conftest import SARCOS, commands, sensed_rad, specimen_files
 
-SARCOS = load_arm("sarcos_dextrous")
 LONGER = replace(SARCOS, table=replace(SARCOS.table, s_m=SARCOS.table.s_m + 0.02 * np.eye(7)[2]))
 
 
@@ -139,15 +136,9 @@ def test_fixture_load_on_a_small_arm_is_within_its_torque_limits():
     files = SpecimenFiles(arm=panda, fixture=ball, tolerance_m=0.03, tolerance_rad=np.deg2rad(10.0))
     for seed in range(3):
         plant = scenario_of("as_reported", seed, files).build(panda)
-        start = plant.true_angles_rad[1:] - plant.truth.offsets_rad
-        commands = [
-            JointCommand(
-                mode=JointMode.POSITION if j in (1, 5, 6, 7) else JointMode.FREE, target_rad=q
-            )
-            for j, q in enumerate(start.tolist(), 1)
-        ]
+        start = sensed_rad(plant)
         for _ in range(60):
-            reading = plant.step(commands)
+            reading = plant.step(commands({j: start[j - 1] for j in (1, 5, 6, 7)}))
         for torque, joint in zip(reading.torque_nm, panda.joints, strict=True):
             assert abs(torque) < 0.25 * joint.max_torque_nm
 

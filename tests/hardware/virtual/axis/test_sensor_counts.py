@@ -9,6 +9,7 @@ from numpy.polynomial import legendre
 
 from hardware.virtual.axis import LinearityDeviation, SensorBank, joint_sensor
 from solver.chain.sensors import NoSensor
+from tests.hardware.virtual.conftest import SARCOS
 
 FULL_SCALE_RAD = math.radians(120.0)
 
@@ -20,8 +21,8 @@ def draw_curve(seed: int, peak: float = 0.02) -> LinearityDeviation:
 
 
 @pytest.mark.parametrize("joint", [1, 5, 6, 7])
-def test_counts_are_rounded_to_the_resolution(sarcos, joint):
-    description = sarcos.joints[joint - 1]
+def test_counts_are_rounded_to_the_resolution(joint):
+    description = SARCOS.joints[joint - 1]
     sensor = joint_sensor(description, with_noise=False, curve=None)
     lsb = 2.0 * math.pi / 400_000 if joint <= 5 else math.radians(120.0) / 4096
     rng = np.random.default_rng(0)
@@ -36,8 +37,8 @@ def test_counts_are_rounded_to_the_resolution(sarcos, joint):
 
 
 @pytest.mark.parametrize("joint", [6, 7])
-def test_rvdt_saturates_at_4096_codes_about_the_middle_of_the_range(sarcos, joint):
-    description = sarcos.joints[joint - 1]
+def test_rvdt_saturates_at_4096_codes_about_the_middle_of_the_range(joint):
+    description = SARCOS.joints[joint - 1]
     sensor = joint_sensor(description, with_noise=False, curve=None)
     lsb = math.radians(120.0) / 4096
     below = sensor.counts(description.lower_rad - 1.0, 0.0)
@@ -83,8 +84,8 @@ def test_linearity_deviation_is_its_legendre_series():
     assert curve.deviation_rad(5.0) == curve.deviation_rad(2.0)
 
 
-def test_linearity_deviation_shifts_the_reading(sarcos):
-    curve, joint = draw_curve(5), sarcos.joints[5]
+def test_linearity_deviation_shifts_the_reading():
+    curve, joint = draw_curve(5), SARCOS.joints[5]
     sensor = joint_sensor(joint, with_noise=False, curve=curve)
     for part in (-0.4, -0.1, 0.2, 0.45):
         angle = joint.middle_rad + part * FULL_SCALE_RAD
@@ -94,9 +95,9 @@ def test_linearity_deviation_shifts_the_reading(sarcos):
         )
 
 
-def test_noise_has_its_stated_sigma_and_is_reproducible(sarcos):
-    wrist = [joint_sensor(j, with_noise=True, curve=None) for j in sarcos.joints[5:]]
-    middle = [j.middle_rad for j in sarcos.joints[5:]]
+def test_noise_has_its_stated_sigma_and_is_reproducible():
+    wrist = [joint_sensor(j, with_noise=True, curve=None) for j in SARCOS.joints[5:]]
+    middle = [j.middle_rad for j in SARCOS.joints[5:]]
 
     def readings(seed: int) -> np.ndarray:
         bank = SensorBank(wrist, rng=np.random.default_rng(seed))
@@ -109,10 +110,10 @@ def test_noise_has_its_stated_sigma_and_is_reproducible(sarcos):
     assert not np.array_equal(first, readings(8))
 
 
-def test_curve_of_an_encoder_and_missing_sensor_are_refused(sarcos):
+def test_curve_of_an_encoder_and_missing_sensor_are_refused():
     with pytest.raises(ValueError, match="encoder"):
-        joint_sensor(sarcos.joints[0], with_noise=False, curve=draw_curve(0))
+        joint_sensor(SARCOS.joints[0], with_noise=False, curve=draw_curve(0))
     with pytest.raises(ValueError, match="no sensor"):
-        joint_sensor(replace(sarcos.joints[0], sensor=NoSensor()), with_noise=False, curve=None)
+        joint_sensor(replace(SARCOS.joints[0], sensor=NoSensor()), with_noise=False, curve=None)
     with pytest.raises(ValueError, match="coefficients"):
         LinearityDeviation(coefficients_rad=np.zeros(3), half_scale_rad=1.0)

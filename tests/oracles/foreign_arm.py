@@ -4,8 +4,8 @@ Two PDOs each way, other numbers and identifiers, another order, wider torque an
 reversed drive, no supervisor, no manufacturer objects. From CiA 301 and CiA 402, with the `canopen` package.
 """
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import can
@@ -252,14 +252,3 @@ class ForeignArm:
                     for variable in pdo:
                         variable.raw = values.get(variable.index, 0)
                     pdo.transmit()
-
-
-@contextmanager
-def foreign_arm(
-    bus: can.BusABC, nodes: Sequence[int], axes: list[Axis], physics: Physics = servo
-) -> Iterator[ForeignArm]:
-    arm = ForeignArm(bus, nodes, axes, physics)
-    try:
-        yield arm
-    finally:
-        arm.close()

@@ -21,7 +21,7 @@ from hardware.commissioning.checks import Turn, is_interrupted
 from hardware.commissioning.clauses import BENCH
 from hardware.control.canopen_arm import CanopenArm
 from hardware.timing import Pace
-from tests.hardware.on_foreign_arm import JOINTS, drafted, unconnected
+from tests.hardware.conftest import JOINTS, drafted, unconnected
 from tests.oracles.descriptions import described
 from tests.oracles.profiles import sarcos
 from tests.oracles.virtual_rig import ARM, COUNTS_PER_REV, rig

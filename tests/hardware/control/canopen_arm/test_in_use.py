@@ -80,7 +80,8 @@ def refused(bus: ReadingBus, error: type[Exception], match: str | None = None) -
 @pytest.mark.parametrize("state", [ENABLED, QUICK_STOP])
 def test_late_operator_heartbeat_prevents_reset(bus, state):
     bus.drives[2].status = state
-    bus.when_read_more_often(7, STATUSWORD, lambda: setattr(bus, "other_operator", True))
+    heartbeat = ((0x77F, b"\x05"),)
+    bus.when_read_more_often(7, STATUSWORD, lambda: setattr(bus, "other_master", heartbeat))
     assert refused(bus, ControlDenied).holder == 127
 
 

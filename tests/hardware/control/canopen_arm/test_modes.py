@@ -92,7 +92,7 @@ def test_hold_sets_position_mode_and_current_position(driven, bus):
 
 
 def test_missing_following_bit_raises_mode_not_reached(arm, bus):
-    bus.reports_following = False
+    bus.not_following = set(bus.drives)
     arm.take_control()
     with pytest.raises(ModeNotReached, match=r"joint 2 .* position .* bit 12") as error:
         arm.set_modes(TWO_DRIVEN)

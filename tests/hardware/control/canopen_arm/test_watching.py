@@ -69,7 +69,7 @@ def test_capture_with_few_complete_samples_fails(driven, bus):
 
 
 def test_duplicate_node_id_fails_connecting(connected, bus):
-    bus.duplicate_nodes = {5}
+    bus.duplicates_response = {5}.__contains__
     with pytest.raises(DuplicateNodeId, match="two devices answer as node 5"):
         connected()
     assert bus.commands == []
@@ -77,7 +77,7 @@ def test_duplicate_node_id_fails_connecting(connected, bus):
 
 @pytest.mark.parametrize("node", [1, 7])
 def test_duplicate_sdo_responses_raise_duplicate_node_id(driven, bus, node):
-    bus.duplicate_nodes = {node}
+    bus.duplicates_response = {node}.__contains__
     # The second response of the node that is read last may come after the first `hold`.
     with suppress(DuplicateNodeId):
         driven.hold()
@@ -139,7 +139,7 @@ def test_noise_or_unreadable_position_is_no_changed_mapping(driven, bus):
 
 
 def test_slow_producer_extends_heartbeat_timeout(connected, bus):
-    bus.heartbeat_ms = 800
+    bus.objects |= {(node, 0x1017, 0): struct.pack("<H", 800) for node in bus.drives}
     arm = connected()
     bus.without_heartbeat = {3}
     until_s = time.monotonic() + 0.6

@@ -124,18 +124,12 @@ def test_waiting_reader_receives_frame(opener):
     assert received[0] is not None
 
 
-def test_sender_handle_receives_nothing(opener, settings):
-    bus, sender = opener(), open_sender(settings)
+def test_sender_handle_receives_nothing_and_second_shutdown_is_harmless(opener, settings):
+    bus, other, sender = opener(), opener(), open_sender(settings)
     bus.send(FRAMES["standard-8"])
     sender.send(FRAMES["standard-2"])
     assert bus.recv(PATIENCE_S) is not None
     assert sender.recv(0.0) is None
-    sender.shutdown()
-    sender.shutdown()
-
-
-def test_second_shutdown_is_harmless(opener):
-    bus, other = opener(), opener()
-    other.shutdown()
-    other.shutdown()
+    for handle in (sender, sender, other, other):
+        handle.shutdown()
     bus.send(FRAMES["standard-8"])

@@ -81,17 +81,6 @@ def test_stiff_fixture_keeps_the_moving_loop_closed():
     assert np.abs(plant.closure_error).max() < 2e-7
 
 
-@pytest.mark.parametrize("third", [2, 3, 4, 6, 7])
-def test_third_driven_joint_builds_up_torque(third):
-    plant = make_plant(n_per_m=2e9, nm_per_rad=1e8)
-    targets = {j: joint_angle(plant, j) for j in (1, 5, third)}
-    reading = hold(plant, targets, 20)
-    assert max(map(abs, reading.torque_nm)) < 1e-3
-    targets[third] += float(np.deg2rad(2.5))
-    reading = hold(plant, targets, 100)
-    assert max(map(abs, reading.torque_nm)) > 100.0
-
-
 def test_loop_sags_with_one_driven_joint_and_not_with_two():
     def sag_deg(joints: tuple[int, ...]) -> float:
         plant = make_plant(payload_kg=ELBOW_AND_WRIST_KG)

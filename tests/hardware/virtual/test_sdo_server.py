@@ -279,9 +279,6 @@ def test_canopen_package_reads_and_writes_through_the_eds(arm):
         assert supervisor.sdo["Identity object"]["Serial number"].raw == 7
         assert [supervisor.sdo[0x2020][k].raw for k in (1, 2, 3)] == ["test_arm", "SDA-0007", 7]
         assert joint.sdo["Software position limit"]["Max position limit"].raw == 6000
-        document = b"SDA-0007 1 2 3 4 5 6 7" + b"\n" * 1000
-        supervisor.sdo[0x2000].raw = document
-        assert supervisor.sdo[0x2000].raw == document
         with pytest.raises(canopen.SdoAbortedError) as abort:
             supervisor.sdo[0x2002].raw = 2
         assert abort.value.code == 0x08000022

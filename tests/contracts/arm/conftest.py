@@ -15,7 +15,7 @@ from hardware.virtual.scenarios import scenario
 from hardware.virtual.supervisor_node import ArmLabel
 from operator_app.composition import describe
 from operator_app.config.arm_file import load_arm
-from tests.hardware.on_fake_bus import drive
+from tests.hardware.control.canopen_arm.conftest import drive
 from tests.oracles.profiles import sarcos
 from tests.oracles.virtual_rig import parse
 

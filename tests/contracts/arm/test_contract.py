@@ -10,7 +10,7 @@ import pytest
 from hardware.arm import ArmSnapshot, DriveState
 from hardware.errors import ControlDenied, DriveFault, DuplicateNodeId, Stopped, UploadRefused
 from tests.contracts.arm.conftest import controller_on, operator_on
-from tests.hardware.on_fake_bus import FREE, POSITION, drive, wait_for
+from tests.hardware.control.canopen_arm.conftest import FREE, POSITION, drive, wait_for
 
 
 @pytest.mark.sample(1)

@@ -9,7 +9,7 @@ from hardware.arm import DriveState
 from hardware.buses.python_can import BusSettings, open_bus
 from hardware.timing import Pace, Timing
 from tests.contracts.arm.conftest import controller_on, operator_on
-from tests.hardware.on_fake_bus import drive, wait_for
+from tests.hardware.control.canopen_arm.conftest import drive, wait_for
 from tests.oracles.slcan_adapter import slcan_adapter
 
 

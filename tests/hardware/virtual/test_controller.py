@@ -9,7 +9,7 @@ import pytest
 from hardware.arm import JointMode
 from hardware.virtual.axis import JointCommand, PlantReading
 from hardware.virtual.controller import VirtualController
-from tests.hardware.on_fake_bus import wait_for
+from tests.hardware.control.canopen_arm.conftest import wait_for
 from tests.hardware.virtual.conftest import NODES, wait_for_heartbeats
 from tests.oracles.virtual_rig import ARM, TrivialPlant, axes, rig
 

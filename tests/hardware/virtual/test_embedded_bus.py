@@ -13,7 +13,7 @@ from hardware.virtual import controller as controller_module
 from hardware.virtual.axis import JointCommand, PlantReading
 from hardware.virtual.controller import VirtualController
 from hardware.virtual.embedded_bus import EmbeddedBus, attended_openers
-from tests.hardware.on_fake_bus import wait_for
+from tests.hardware.control.canopen_arm.conftest import wait_for
 from tests.oracles.virtual_rig import ARM, TrivialPlant, axes
 
 JOINTS = 7

@@ -9,8 +9,7 @@ import pytest
 from hardware.virtual import SCENARIOS
 from hardware.virtual.scenarios import STIFF, Scenario, scenario
 from hardware.virtual.true_loop import PAPER_HOME_RAD, hinge_truth, paper_loop
-from solver.chain.arm_model import ArmModel
-from solver.chain.kinematics import DhTable
+from operator_app.config.arm_file import load_arm
 from solver.chain.parameters import wrap_angle
 from solver.chain.sensors import Encoder
 from tests.hardware.virtual.conftest import BLOCKED, SARCOS, commands, sensed_rad
@@ -137,13 +136,5 @@ def test_invalid_scenario_seed_or_joint_count_is_refused():
         scenario("nominal")
     with pytest.raises(ValueError, match="seed"):
         scenario("exact", -1)
-    zeros = np.zeros(6)
-    six_joints = ArmModel(
-        name="six",
-        table=DhTable(theta_off_rad=zeros, s_m=zeros, a_m=zeros, alpha_rad=zeros),
-        joints=SARCOS.joints[:6],
-        free=(),
-        home_rad=zeros,
-    )
     with pytest.raises(ValueError, match="7 joints"):
-        scenario("exact").build(six_joints)
+        scenario("exact").build(load_arm("ur5e"))

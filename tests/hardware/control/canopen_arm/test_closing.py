@@ -6,8 +6,8 @@ import threading
 import pytest
 
 from hardware.errors import BusError, DriveFault
+from tests.hardware.control.canopen_arm.conftest import capture_for_ever, wait_for
 from tests.hardware.fake_arm import JOINTS
-from tests.hardware.on_fake_bus import capture_for_ever, wait_for
 
 
 def test_fast_forward_sends_no_sync_when_idle(driven, bus):

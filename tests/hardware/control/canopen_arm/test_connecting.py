@@ -10,8 +10,8 @@ import pytest
 from hardware.arm import DriveState
 from hardware.arm_description import EncoderDescription
 from hardware.errors import BusError, ControlDenied, NodeMissing, OtherMaster, WrongArm
+from tests.hardware.control.canopen_arm.conftest import PER_RAD, describe, make, short_timing
 from tests.hardware.fake_arm import FakeArmBus
-from tests.hardware.on_fake_bus import PER_RAD, describe, make, short_timing
 
 NODES = [*range(1, 8), 16]
 

@@ -4,8 +4,13 @@ import can
 import pytest
 
 from hardware.errors import BusError, DriveDiverged
+from tests.hardware.control.canopen_arm.conftest import (
+    TWO_DRIVEN,
+    capture_for_ever,
+    drive,
+    wait_for,
+)
 from tests.hardware.fake_arm import JOINTS, FakeArmBus, FakeDrive
-from tests.hardware.on_fake_bus import TWO_DRIVEN, capture_for_ever, drive, wait_for
 
 FAR, WINDOW = 1600, 1111
 """Counts: final deviation of a diverging joint; one degree, the limit for a drive without 6065h."""

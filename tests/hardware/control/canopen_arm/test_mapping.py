@@ -9,8 +9,8 @@ from hardware.arm_description import JointScale
 from hardware.canopen.drive_settings import following_windows_counts
 from hardware.canopen.sdo import ObjectAccess
 from hardware.errors import MappingMismatch
+from tests.hardware.control.canopen_arm.conftest import make
 from tests.hardware.fake_arm import FakeArmBus
-from tests.hardware.on_fake_bus import make
 from tests.oracles.profiles import sarcos
 
 OPERATOR = 127

@@ -14,8 +14,8 @@ import pytest
 
 from hardware.arm import ArmSnapshot
 from hardware.errors import CommandRefused, DriveFault, OtherMaster, Stopped
+from tests.hardware.control.canopen_arm.conftest import PER_RAD, drive
 from tests.hardware.fake_arm import JOINTS, FakeArmBus
-from tests.hardware.on_fake_bus import PER_RAD, drive
 
 
 def test_move_reaches_targets_in_small_steps(driven, bus):

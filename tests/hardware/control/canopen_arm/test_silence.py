@@ -6,7 +6,7 @@ import can
 import pytest
 
 from hardware.errors import BusError, CommandRefused, NodeRestarted
-from tests.hardware.on_fake_bus import PER_RAD, capture_for_ever, wait_for
+from tests.hardware.control.canopen_arm.conftest import PER_RAD, capture_for_ever, wait_for
 
 
 def test_joint_without_tpdo_ends_move(driven, bus):

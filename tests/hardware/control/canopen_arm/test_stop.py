@@ -9,8 +9,14 @@ import pytest
 
 from hardware.buses.python_can import BusSettings
 from hardware.errors import BusError, CommandRefused, Stopped
+from tests.hardware.control.canopen_arm.conftest import (
+    PER_RAD,
+    capture_for_ever,
+    drive,
+    make,
+    short_timing,
+)
 from tests.hardware.fake_arm import JOINTS, FakeArmBus
-from tests.hardware.on_fake_bus import PER_RAD, capture_for_ever, drive, make, short_timing
 
 
 def test_stop_reaches_all_drives_and_latches(driven, bus):

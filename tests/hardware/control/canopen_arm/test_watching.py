@@ -20,8 +20,8 @@ from hardware.errors import (
 )
 from hardware.monitors.node_monitor import NodeMonitor
 from hardware.timing import Pace, Timing
+from tests.hardware.control.canopen_arm.conftest import capture_for_ever, short_timing, wait_for
 from tests.hardware.fake_arm import JOINTS, FakeArmBus
-from tests.hardware.on_fake_bus import capture_for_ever, short_timing, wait_for
 from tests.oracles.profiles import sarcos
 
 

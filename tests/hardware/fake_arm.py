@@ -103,6 +103,7 @@ class FakeArmBus(can.BusABC):
         """Which SDO frames, NMT commands and boot-up messages are lost."""
         self.staged = False
         self.on_sync: Callable[[int], None] = lambda _sync: None
+        self._actions: dict[int, Callable[[], object]] = {}
         self.on_send: Callable[[int, bytes], None] = lambda _identifier, _data: None
         """Called before each frame, in the sender's thread."""
         self.on_closing: Callable[[], None] = lambda: None
@@ -158,11 +159,18 @@ class FakeArmBus(can.BusABC):
             self._queue.append((identifier, data))
             self._wake.notify_all()
 
+    def at(self, syncs: int, act: Callable[[], object]) -> None:
+        """Do something at a SYNC, so many from now."""
+        self._actions[self.syncs + syncs] = act
+
+    def emergency(self, node: int, code: int) -> None:
+        self.inject(0x80 + node, struct.pack("<HB5x", code, 0x81))
+
     def trip(self, joint: int, code: int) -> None:
         """Put a drive into the state fault, with an emergency message."""
         with self._wake:  # a concurrent command must not reset the fault
             self.drives[joint].status = 0x08
-            self.inject(0x80 + joint, struct.pack("<HB5x", code, 0x81))
+            self.emergency(joint, code)
 
     def _beat(self) -> None:
         now = time.monotonic()
@@ -183,6 +191,7 @@ class FakeArmBus(can.BusABC):
                 self._nmt(*data)
         elif identifier == 0x080 and self.started:
             self.syncs += 1
+            self._actions.pop(self.syncs, lambda: None)()
             self.on_sync(self.syncs)
             servo(self.drives.values())
             for joint, drive in self.drives.items():

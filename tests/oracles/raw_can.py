@@ -61,6 +61,12 @@ class RawPeer:
     def command(self, joint: int, controlword: int, target: int, mode: int) -> None:
         self.send(0x200 + joint, struct.pack("<Hib", controlword, target, mode))
 
+    def command_all(self, *controlwords: int) -> None:
+        """Send controlwords to every joint, with target 0 in position mode."""
+        for joint in range(1, self.joints + 1):
+            for word in controlwords:
+                self.command(joint, word, 0, 8)
+
     def _client(self, node: int) -> SdoClient:
         client = SdoClient(0x600 + node, 0x580 + node, canopen.ObjectDictionary())
         client.network = SimpleNamespace(send_message=self.send)

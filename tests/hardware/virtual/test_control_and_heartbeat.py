@@ -112,8 +112,7 @@ def test_after_lost_heartbeat_joints_move_only_once_reset_and_enabled(arm):
     arm.peer.take_control()
     arm.peer.command(1, 0x0F, counts + 20, 8)
     assert arm.peer.sync()[0][1] == counts
-    for joint in range(1, 8):
-        arm.peer.command(joint, 0x80, counts, 8)
+    arm.peer.command_all(0x80)
     assert [word & 0x4F for word in statuswords(arm)] == [0x40] * 7
     arm.peer.command(1, 0x0F, counts + 20, 8)
     assert arm.peer.sync()[0][1] == counts
@@ -166,8 +165,7 @@ def test_quick_stop_of_all_drives_stops_at_the_position_and_stays(arm):
     counts = arm.operational([8, 10, 10, 10, 8, 10, 10])[0][1]
     arm.peer.command(1, 0x0F, counts + 100, 8)
     arm.peer.sync()
-    for joint in range(1, 8):
-        arm.peer.command(joint, 0x02, 0, 8)
+    arm.peer.command_all(0x02)
     arm.peer.command(1, 0x0F, counts + 200, 8)  # sent before the stop arrived
     states = arm.peer.sync()
     assert [word & STATE for word, _, _ in states] == [0x07] * 7

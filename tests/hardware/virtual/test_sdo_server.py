@@ -242,8 +242,7 @@ def send_frames_then_read_and_stop(frames: list[tuple[int, bytes, bool]]) -> Non
                     is_extended_id=False,
                 )
             )
-        for joint in range(1, 8):
-            arm.peer.command(joint, 0x02, 0, 8)
+        arm.peer.command_all(0x02)
         arm.peer.nmt(1)
         for node in (*range(1, 8), 16):
             arm.peer.send(0x600 + node, WRITE_2000.pack(0x80, 0, 0, 0))

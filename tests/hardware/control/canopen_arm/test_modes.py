@@ -136,17 +136,9 @@ def test_reading_has_mean_sd_and_count_of_samples(driven, bus):
 @pytest.mark.parametrize("fault", ["without_tpdo", "doubling_tpdo"])
 def test_incomplete_sample_is_excluded_from_reading(driven, bus, fault):
     start = bus.syncs
-
-    def disturb(sync: int) -> None:
-        joints = getattr(bus, fault)
-        joints.clear()
-        if sync == start + 3:
-            joints.add(2)
-            bus.drives[6].counts += 1000
-        elif sync == start + 4:
-            bus.drives[6].counts -= 1000
-
-    bus.on_sync = disturb
+    bus.at(3, lambda: getattr(bus, fault).add(2))
+    bus.at(4, lambda: getattr(bus, fault).clear())
+    bus.drives[6].noise = lambda sync: 1000 * (sync == start + 3)
     reading = driven.capture(6)
     assert bus.syncs - start == 7
     assert reading.mean_counts[5] == 6000

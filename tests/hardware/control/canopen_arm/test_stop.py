@@ -1,6 +1,5 @@
 """STOP on a fake bus: it overrides every command, waits for nothing, and stays latched until reset."""
 
-import struct
 import threading
 from dataclasses import replace
 
@@ -132,8 +131,7 @@ def test_reset_clears_all_earlier_stops_without_motion(driven, bus):
 def test_emergency_received_during_reset_is_cleared(driven, bus):
     """On a busy machine it may still be in the queue when the reset is executed."""
     driven.stop()
-    first = bus.syncs + 1
-    bus.on_sync = lambda sync: bus.trip(3, 0x7305) if sync == first else None
+    bus.at(1, lambda: bus.trip(3, 0x7305))
     driven.reset_stop()
     assert bus.statuses == {0x40}
     assert driven.snapshot().faults == ()
@@ -141,7 +139,7 @@ def test_emergency_received_during_reset_is_cleared(driven, bus):
 
 
 def test_external_stop_lasts_until_reset(driven, bus):
-    bus.inject(0x90, struct.pack("<HB5x", 0x5441, 0x81))
+    bus.emergency(16, 0x5441)
     with pytest.raises(Stopped, match="external stop"):
         capture_for_ever(driven)
     assert driven.snapshot().faults
@@ -152,8 +150,7 @@ def test_external_stop_lasts_until_reset(driven, bus):
 
 def test_stop_during_reset_stays_latched(driven, bus):
     driven.stop()
-    start = bus.syncs
-    bus.on_sync = lambda sync: driven.stop() if sync == start + 2 else None
+    bus.at(2, driven.stop)
     with pytest.raises(Stopped):
         driven.reset_stop()
     assert driven.snapshot().stopped

@@ -1,5 +1,3 @@
-"""Requirements on every CAN transport."""
-
 import threading
 import time
 from typing import Any

@@ -1,5 +1,3 @@
-"""Real-time priority of the process, and host latency."""
-
 import itertools
 import os
 import threading

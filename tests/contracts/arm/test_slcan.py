@@ -1,5 +1,3 @@
-"""The arm over an slcan adapter on a serial line."""
-
 import os
 from contextlib import closing
 

@@ -1,5 +1,3 @@
-"""Bus settings from options, environment and file, and errors with their remedy."""
-
 import can
 import pytest
 

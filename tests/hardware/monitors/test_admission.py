@@ -1,5 +1,3 @@
-"""Commands and moves at the boundaries of their limits."""
-
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any

@@ -1,5 +1,3 @@
-"""Axes of an arm, and sensor counts: resolution, saturation, linearity deviation of RVDTs, noise."""
-
 import math
 from dataclasses import replace
 

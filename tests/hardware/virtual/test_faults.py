@@ -1,5 +1,3 @@
-"""Injected faults of drives, sensors and controller, seen from the bus."""
-
 import pytest
 
 from hardware.arm import JointMode

@@ -1,5 +1,3 @@
-"""The compliant closed chain with one, two and three driven joints, friction, gravity and fixture faults."""
-
 from collections.abc import Iterator, Mapping
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""Scenarios: active error sources, starting poses, and reproducibility for a seed."""
-
 import itertools
 from dataclasses import replace
 

@@ -1,5 +1,3 @@
-"""Parameter documents over the bus: stage, read back, commit, roll back, and errors of each step."""
-
 import hashlib
 import threading
 from collections.abc import Callable

@@ -1,5 +1,3 @@
-"""Pace and closing on a fake bus."""
-
 import threading
 
 import pytest

@@ -1,5 +1,3 @@
-"""Taking control, setting modes, settling and capturing on a fake bus."""
-
 import math
 import struct
 

@@ -1,5 +1,3 @@
-"""Moves on a fake bus, ended by their targets, a watch, Ctrl-C, a trip or an external stop."""
-
 import itertools
 import math
 import os

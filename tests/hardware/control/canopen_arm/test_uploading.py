@@ -1,5 +1,3 @@
-"""Parameter upload on a fake bus: staged, verified, committed, repeated after losses, or refused."""
-
 import hashlib
 import struct
 import time

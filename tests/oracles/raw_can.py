@@ -9,12 +9,16 @@ import can
 import canopen
 from canopen.sdo import SdoClient
 
+JOINTS = 7
+PATIENCE_S = 60.0
+"""Longest delay of a frame on a busy machine."""
+
 
 class RawPeer:
     """Sends and receives on one bus; `log` has every received frame."""
 
-    def __init__(self, bus: can.BusABC, joints: int = 7, timeout_s: float = 60.0) -> None:
-        self.bus, self.joints, self.timeout_s = bus, joints, timeout_s
+    def __init__(self, bus: can.BusABC) -> None:
+        self.bus = bus
         self.log: list[tuple[int, bytes]] = []
 
     def send(self, identifier: int, data: bytes = b"") -> None:
@@ -29,7 +33,7 @@ class RawPeer:
         return frame
 
     def wait_for(self, condition: Callable[[int, bytes], bool]) -> tuple[int, bytes]:
-        deadline = time.monotonic() + self.timeout_s
+        deadline = time.monotonic() + PATIENCE_S
         while time.monotonic() < deadline:
             frame = self.receive(0.05)
             if frame is not None and condition(*frame):
@@ -53,9 +57,9 @@ class RawPeer:
         """Send a SYNC; return statusword, position, torque of every joint, which answer in order."""
         self.send(0x080)
         answers: list[tuple[int, bytes]] = []
-        while len(answers) < self.joints:
-            answers.append(self.wait_for(lambda number, _: 0x180 < number <= 0x180 + self.joints))
-        assert [number for number, _ in answers] == [0x181 + k for k in range(self.joints)]
+        while len(answers) < JOINTS:
+            answers.append(self.wait_for(lambda number, _: 0x180 < number <= 0x180 + JOINTS))
+        assert [number for number, _ in answers] == [0x181 + k for k in range(JOINTS)]
         return [struct.unpack("<Hih", data) for _, data in answers]
 
     def command(self, joint: int, controlword: int, target: int, mode: int) -> None:
@@ -63,7 +67,7 @@ class RawPeer:
 
     def command_all(self, *controlwords: int) -> None:
         """Send controlwords to every joint, with target 0 in position mode."""
-        for joint in range(1, self.joints + 1):
+        for joint in range(1, JOINTS + 1):
             for word in controlwords:
                 self.command(joint, word, 0, 8)
 

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import canopen
 import pytest
-from canopen.objectdictionary import ODVariable
 
 from hardware.canopen import objects
 from hardware.eds import EDS_FILES, node_dictionary, product_dictionary, variables
@@ -169,7 +168,5 @@ def test_packaged_profile_has_the_pdos_of_the_virtual_drive(pdo, communication, 
 
 def test_nodes_do_not_share_their_dictionary():
     first = node_dictionary(NODE)
-    entry = first[objects.MAX_TORQUE]
-    assert isinstance(entry, ODVariable)
-    entry.default = 1
+    first[objects.MAX_TORQUE].default = 1
     assert variables(node_dictionary(NODE))[objects.MAX_TORQUE, 0].default == 1000

@@ -47,7 +47,6 @@ def test_as_reported_scenario_has_errors_of_the_stated_size():
     curves = reported.curves(SARCOS)
     assert curves[:5] == (None,) * 5
     for curve in curves[5:]:
-        assert curve is not None
         assert curve.peak_rad() == pytest.approx(np.deg2rad(0.019 * 120.0))
 
 
@@ -59,7 +58,7 @@ def test_error_sources_are_independent():
     true_lengths = replace(reported, lengths=None)
     np.testing.assert_array_equal(true_lengths.true_loop().table.a_m, paper_loop().table.a_m)
     curves = true_lengths.curves(SARCOS)[6], reported.curves(SARCOS)[6]
-    np.testing.assert_array_equal(*(curve.coefficients_rad for curve in curves))  # type: ignore[union-attr]
+    np.testing.assert_array_equal(*(curve.coefficients_rad for curve in curves))
     longer = replace(reported, lengths=(0.004, 0.005))
     difference = longer.true_loop().table.s_m[2:7] - paper_loop().table.s_m[2:7]
     assert np.all((np.abs(difference) >= 0.004) & (np.abs(difference) <= 0.005))

@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fixtures.ball import Ball
 from hardware.virtual.scenarios import scenario_of
-from hardware.virtual.specimens import SpecimenFiles, draw_truth, files_allow
+from hardware.virtual.specimens import draw_truth, files_allow
 from hardware.virtual.true_loop import PAPER_HOME_RAD, Truth, paper_loop
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
@@ -132,8 +131,7 @@ def test_seed_gives_one_arm_for_all_fixtures(scenario):
 def test_fixture_load_on_a_small_arm_is_within_its_torque_limits():
     """The load for an arm of 100 Nm took 7 of the 12 Nm of a Panda's wrist, and tripped it during moves."""
     panda = load_arm("franka_panda")
-    ball = Ball(tip_m=(0.06, -0.03, 0.08), ground_m=(0.37053, -0.02121, 0.51028))
-    files = SpecimenFiles(arm=panda, fixture=ball, tolerance_m=0.03, tolerance_rad=np.deg2rad(10.0))
+    files = specimen_files("ball", panda)
     for seed in range(3):
         plant = scenario_of("as_reported", seed, files).build(panda)
         start = sensed_rad(plant)

@@ -2,11 +2,14 @@
 
 import threading
 from dataclasses import replace
+from types import SimpleNamespace
 
 import can
 import pytest
 
 from hardware.buses.python_can import BusSettings
+from hardware.control import motion_steps
+from hardware.control.stop_line import StopLatch
 from hardware.errors import BusError, CommandRefused, Stopped
 from tests.hardware.control.canopen_arm.conftest import (
     PER_RAD,
@@ -154,6 +157,20 @@ def test_stop_during_reset_stays_latched(driven, bus):
     with pytest.raises(Stopped):
         driven.reset_stop()
     assert driven.snapshot().stopped
+
+
+def test_stop_pressed_after_reset_request_stays_latched():
+    latch, cleared = StopLatch(), list[None]()
+    latch.press()
+    press_to_reset = latch.last_press
+    latch.press()
+    loop = SimpleNamespace(latch=latch, commands=(), forget_faults=lambda: cleared.append(None))
+    steps = motion_steps.reset(loop, press=press_to_reset)
+    with pytest.raises(Stopped, match="again"):
+        next(steps)
+    assert latch.latched
+    assert cleared == []
+    assert loop.commands == ()
 
 
 def test_stop_survives_reconnection(driven, bus):

@@ -38,14 +38,6 @@ Plan = Sequence[tuple[int, str]]
 _channels = itertools.count()
 
 
-class WrongReadingError(AssertionError):
-    """An accepted reading differs from the joints' positions."""
-
-
-class ThreadFailedError(AssertionError):
-    """A thread ended with an exception."""
-
-
 class FrameMutator:
     """Replaces the operator's bus handle, and applies the actions of `todo` to received frames."""
 
@@ -249,7 +241,7 @@ class FuzzedOperator:
         counts = np.array([before, self._counts()])
         low, high = counts.min(axis=0) - MAX_COUNT_ERROR, counts.max(axis=0) + MAX_COUNT_ERROR
         if np.any((reading.mean_counts < low) | (reading.mean_counts > high)):
-            raise WrongReadingError(f"{reading.mean_counts} instead of {counts}")
+            raise AssertionError(f"{reading.mean_counts} instead of {counts}")
 
     def _counts(self) -> list[int]:
         return [node.drive.counts for node in self._controller.drives]
@@ -269,4 +261,4 @@ class FuzzedOperator:
             failures, self._failures = self._failures, []
             with suppress(HardwareError):
                 self.close()
-            raise ThreadFailedError(f"{failure!r} {failures!r}") from (failure or failures[0])
+            raise AssertionError(f"{failure!r} {failures!r}") from (failure or failures[0])

@@ -26,7 +26,7 @@ def test_options_override_environment_overrides_file_overrides_default(monkeypat
     assert from_options == BusSettings(interface="loopback", channel="can9", bitrate=1_000_000)
 
 
-def test_other_options_of_the_file_are_kept(tmp_path):
+def test_other_options_of_the_file_are_passed_on(tmp_path):
     (tmp_path / "can.conf").write_text(
         "[default]\ninterface = virtual\nreceive_own_messages = true\n"
     )

@@ -21,7 +21,7 @@ def statuswords(arm: Rig) -> list[int]:
     return [word for word, _, _ in arm.peer.sync()]
 
 
-def test_token_is_taken_kept_and_returned(arm):
+def test_token_is_taken_held_and_returned(arm):
     assert arm.peer.read(16, 0x2010) == FREE
     arm.peer.beat()
     assert request_token(arm, 127) is None

@@ -159,7 +159,7 @@ def test_axes_must_match_the_plant():
         VirtualController(bus, TrivialPlant([1.0] * 7), axes=axes()[:6], arm=ARM)
 
 
-def test_closed_bus_is_kept_as_the_failure():
+def test_closed_bus_is_reported_as_the_failure():
     bus = can.Bus("goes-away", interface="virtual")
     plant = TrivialPlant([a.scale.counts_per_rad for a in axes()])
     controller = VirtualController(bus, plant, axes=axes(), arm=ARM)

@@ -56,7 +56,7 @@ def u32(value: int) -> bytes:
         ((2, 0x1800, 6), b"\x01"),
     ],
 )
-def test_mapping_difference_names_node_object_expected_and_found(bus, place, value, approve):
+def test_mapping_difference_names_node_object_expected_and_actual(bus, place, value, approve):
     bus.objects[place] = value
     refusal = connection_refusal(bus)
     approve(str(refusal))

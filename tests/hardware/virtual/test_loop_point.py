@@ -24,10 +24,8 @@ def general_loop(kind: str = "hinge") -> Truth:
     if kind == "rigid":
         return Truth(DhLoop(table=table, entries=(), hinge=False))
     if kind == "ball":
-        arm, (tip_m, ground_m) = (
-            DhTable.from_stacked(table.stacked()[:, 1:]),
-            rng.normal(size=(2, 3)),
-        )
+        arm = DhTable.from_stacked(table.stacked()[:, 1:])
+        tip_m, ground_m = rng.normal(size=(2, 3))
         return Truth(PointClosure(table=arm, entries=(), own=(), tip_m=tip_m, ground_m=ground_m))
     return hinge_truth(table)
 

@@ -294,7 +294,7 @@ def test_canopen_package_reads_and_writes_through_the_eds(arm):
         joint.tpdo.read()
         with joint.tpdo[1].receive_condition:
             network.sync.transmit()
-            joint.tpdo[1].receive_condition.wait(5.0)
+            joint.tpdo[1].receive_condition.wait(60.0)
         assert joint.tpdo["Position actual value"].raw == 172
         assert joint.tpdo["Statusword"].raw == 0x0250
     finally:

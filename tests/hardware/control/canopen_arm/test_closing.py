@@ -121,7 +121,7 @@ def test_concurrent_close_waits_for_first_close(driven, bus):
 
     bus.on_closing = close_again
     driven.close()
-    other.join(5.0)
+    other.join(60.0)
     assert waited == [True], "closed once, while the other thread waited"
     with pytest.raises(BusError, match="not connected"):
         driven.snapshot()

@@ -1,6 +1,5 @@
 import itertools
 import os
-import threading
 import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterator
@@ -104,10 +103,8 @@ class Bus:
     """Identifiers and times of the frames."""
     flooded: bool = False
     """Whether a frame of another device is always waiting, one every 0.1 ms; the arm does not answer SYNC."""
-    scenario: Iterator[None] = field(default_factory=lambda: iter(()))
-    """Advances by one step before each poll, in the loop's own thread."""
-    finished: threading.Event = field(default_factory=threading.Event)
-    failure: AssertionError | None = None
+    scenario: Iterator[None] = field(default_factory=lambda: itertools.repeat(None))
+    """Advances by one step before each poll."""
 
     def send(self, identifier: int, _data: bytes) -> None:
         """Answer every SYNC at once."""
@@ -125,12 +122,7 @@ class Bus:
             self.suspended_after_sync_for_s = 0.0
 
     def receive(self, timeout_s: float) -> can.Message | None:
-        try:
-            next(self.scenario)
-        except StopIteration:
-            self.finished.set()
-        except AssertionError as failure:
-            self.failure = failure
+        next(self.scenario)
         self.clock.now_s += self.suspended_for_s
         self.suspended_for_s = 0.0
         if self.flooded:
@@ -178,13 +170,15 @@ def polls(count: int) -> Iterator[None]:
 
 
 def play(loop: ControlLoop, bus: Bus, scenario: Iterator[None]) -> None:
-    """Run the loop's thread until the scenario ends."""
-    bus.scenario = scenario
-    loop.start()
-    assert bus.finished.wait(60.0)
-    loop.close()
-    if bus.failure is not None:
-        raise bus.failure
+    """Run the loop in this thread until the scenario ends."""
+
+    def to_the_end() -> Iterator[None]:
+        yield from scenario
+        loop.close()
+        yield from itertools.repeat(None)
+
+    bus.scenario = to_the_end()
+    loop._run()
 
 
 def sending_times_s(loop: ControlLoop, bus: Bus, identifier: int) -> list[float]:
@@ -269,7 +263,7 @@ def test_queued_answer_has_age_of_its_stamp(bus, loop):
         if len(ages) == 4:
             bus.suspended_after_sync_for_s = 0.7
         elif len(ages) == 6:
-            bus.finished.set()
+            loop.close()
 
     bus.on_sync = record
     loop.begin_sync()

@@ -1,8 +1,7 @@
-import can
 import pytest
 
 from hardware.buses import python_can
-from hardware.buses.python_can import BusSettings, bus_settings, open_bus, open_sender
+from hardware.buses.python_can import BusSettings, bus_settings, open_bus
 from hardware.errors import BusError
 
 
@@ -71,17 +70,6 @@ def test_kernel_error_message_names_remedy(code, channel, approve):
 def test_missing_device_or_kernel_support_is_a_bus_error():
     with pytest.raises(BusError, match=r"no CAN device vcan97|has no CAN sockets"):
         open_bus(BusSettings(interface="socketcan", channel="vcan97"))
-
-
-def test_closed_virtual_sender_leaves_the_channel_open():
-    settings = BusSettings(channel="sender-test")
-    bus = open_bus(settings)
-    open_sender(settings).shutdown()
-    second = open_bus(settings)
-    second.send(can.Message(arbitration_id=5, is_extended_id=False))
-    assert bus.recv(0.0) is not None
-    second.shutdown()
-    bus.shutdown()
 
 
 @pytest.mark.parametrize("interface", ["kvaser", "neovi", "pcan", "slcan"])

@@ -5,16 +5,14 @@ import numpy as np
 import pytest
 from numpy.polynomial import legendre
 
-from hardware.canopen.objects import SensorKind
 from hardware.virtual.axis import (
     AxisSettings,
     LinearityDeviation,
     SensorBank,
-    arm_axes,
     joint_scale,
     joint_sensor,
 )
-from solver.chain.sensors import Encoder, NoSensor, Rvdt
+from solver.chain.sensors import NoSensor, Rvdt
 from tests.hardware.virtual.conftest import SARCOS
 from tests.oracles.virtual_rig import joint
 
@@ -41,15 +39,6 @@ def test_gear_ratio_of_a_full_scale_that_does_not_divide_a_turn():
 def test_joint_without_sensor_is_refused():
     with pytest.raises(ValueError, match="no sensor"):
         AxisSettings(1, replace(joint(), sensor=NoSensor()))
-
-
-def test_axes_of_an_arm_have_its_joint_numbers_and_sensors():
-    axes = arm_axes(SARCOS)
-    assert [axis.joint for axis in axes] == [1, 2, 3, 4, 5, 6, 7]
-    for axis, joint_ in zip(axes, SARCOS.joints, strict=True):
-        kind = SensorKind.ENCODER if isinstance(joint_.sensor, Encoder) else SensorKind.RVDT
-        assert axis.sensor_kind is kind
-        assert axis.scale.to_rad(1) == pytest.approx(joint_.sensor.resolution_rad, rel=1e-15)
 
 
 def draw_curve(seed: int, peak: float = 0.02) -> LinearityDeviation:

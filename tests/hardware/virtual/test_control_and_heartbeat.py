@@ -79,14 +79,6 @@ def lose_operator(arm: Rig) -> None:
         arm.peer.wait_for(lambda number, _, joint=joint: number == 0x80 + joint)
 
 
-def test_heartbeats_in_time_keep_control(arm):
-    arm.operational()
-    for _ in range(10):
-        arm.advance_time(0.49)
-        arm.peer.beat()
-        assert [word & STATE for word in statuswords(arm)] == [0x27] * 7
-
-
 def test_lost_heartbeat_holds_joints_raises_8130h_and_frees_token(arm):
     states = arm.operational([8, 10, 10, 10, 8, 10, 10])
     lose_operator(arm)

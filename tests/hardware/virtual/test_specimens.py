@@ -27,24 +27,12 @@ def closure_error(truth: Truth) -> float:
 
 
 @pytest.mark.parametrize("fixture", ["hinge", "rigid", "sarcos_ball"])
-def test_specimen_closes_and_is_reproducible_for_a_seed(fixture):
-    files = specimen_files(fixture)
-    one, same, other = (
-        draw_truth(files, np.random.default_rng(seed), maker_errors=True) for seed in (3, 3, 4)
-    )
-    assert closure_error(one) < 1e-9
-    assert np.array_equal(one.table.stacked(), same.table.stacked())
-    assert not np.array_equal(one.table.stacked(), other.table.stacked())
-
-
-@pytest.mark.parametrize("fixture", ["hinge", "rigid", "sarcos_ball"])
 def test_remounting_changes_the_fixture_and_not_the_arm(fixture):
     files = specimen_files(fixture)
     one, two, same, three = (
         scenario_of("datasheet", 3, files, mounting).true_loop() for mounting in (1, 2, 2, 3)
     )
-    assert closure_error(two) < 1e-9
-    assert closure_error(three) < 1e-9
+    assert max(map(closure_error, (one, two, three))) < 1e-9
     assert np.array_equal(two.table.stacked(), same.table.stacked())
     model = files.fixture.model(files.arm)
     mounted = {*model.ground_side, *(() if files.fixture.stays_on_hand else model.hand_side)}

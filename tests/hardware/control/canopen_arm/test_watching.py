@@ -68,13 +68,6 @@ def test_capture_with_few_complete_samples_fails(driven, bus):
         driven.capture(1)
 
 
-def test_duplicate_node_id_fails_connecting(connected, bus):
-    bus.duplicates_response = {5}.__contains__
-    with pytest.raises(DuplicateNodeId, match="two devices answer as node 5"):
-        connected()
-    assert bus.commands == []
-
-
 @pytest.mark.parametrize("node", [1, 7])
 def test_duplicate_sdo_responses_raise_duplicate_node_id(driven, bus, node):
     bus.duplicates_response = {node}.__contains__

@@ -7,7 +7,6 @@ ROOT = Path(__file__).parents[1]
 PACKAGES = ("solver", "fixtures", "hardware", "operator_app")
 
 TOPICS = """
-fixtures/test_parallel_axes.py
 hardware/virtual/test_control_and_heartbeat.py
 operator_app/calibration/test_honesty.py
 operator_app/calibration/test_real_arm.py

@@ -9,6 +9,7 @@ from fixtures.ball import Ball
 from fixtures.hinge import Hinge
 from fixtures.measured import Measured
 from fixtures.rigid import Rigid
+from operator_app.config.arm_file import load_arm
 from solver.chain.arm_model import ArmModel, Joint
 from solver.chain.kinematics import DhTable, Frames, forward
 from solver.chain.parameters import DhEntry, DhKind, nominal_vector
@@ -75,49 +76,35 @@ FIXTURES = {"ball": ball, "hinge": hinge, "measured": measured, "rigid": rigid}
 """The fixtures under contract."""
 
 
-def arm(name: str, table: DhTable, home_deg: list[float]) -> ArmModel:
-    joint = Joint(
-        name="joint",
-        lower_rad=-10.0,
-        upper_rad=10.0,
-        sensor=Encoder(counts_per_rev=400_000),
-        max_speed_rad_per_s=1.0,
-        max_torque_nm=10.0,
-    )
-    return ArmModel(
-        name=name,
-        table=table,
-        joints=(joint,) * table.links,
-        free=tuple(DhEntry(DhKind.THETA_OFF, j) for j in range(1, table.links + 1)),
-        home_rad=np.deg2rad(home_deg),
-    )
+JOINT = Joint(
+    name="joint",
+    lower_rad=-10.0,
+    upper_rad=10.0,
+    sensor=Encoder(counts_per_rev=400_000),
+    max_speed_rad_per_s=1.0,
+    max_torque_nm=10.0,
+)
 
 
 def sarcos() -> ArmModel:
     """Spherical shoulder and wrist, as in the paper."""
-    return arm(
-        "sarcos",
-        DhTable(
-            theta_off_rad=np.deg2rad([10, -120, -20, -10, 30, 120, 90]),
-            s_m=[0.27, 0.0, 0.355, 0.0, 0.320, 0.0, 0.04],
-            a_m=[0.0] * 6 + [-0.1],
-            alpha_rad=np.deg2rad([90, -90, 90, -90, 90, -90, 100]),
-        ),
-        [40.5311, 245.5792, 143.1309, -115.0631, -189.2465, -215.6707, 44.9482],
-    )
+    packaged = load_arm("sarcos_dextrous")
+    return replace(packaged, name="sarcos", joints=(JOINT,) * packaged.joint_count)
 
 
 def eight_joints() -> ArmModel:
     """No two neighbouring axes intersect, so that seven joints or spherical wrists are not assumed."""
-    return arm(
-        "eight",
-        DhTable(
+    return ArmModel(
+        name="eight",
+        table=DhTable(
             theta_off_rad=np.deg2rad([5, 10, -20, 30, -10, 0, 20, 10]),
             s_m=[0.3, 0.02, 0.25, -0.03, 0.2, 0.1, 0.02, 0.08],
             a_m=[0.03, 0.1, -0.05, 0.08, 0.04, 0.06, 0.05, 0.0],
             alpha_rad=np.deg2rad([-80, 85, 95, -70, 88, 60, -95, 0]),
         ),
-        [10, -40, 20, -100, 30, 70, 40, -20],
+        joints=(JOINT,) * 8,
+        free=tuple(DhEntry(DhKind.THETA_OFF, j) for j in range(1, 9)),
+        home_rad=np.deg2rad([10, -40, 20, -100, 30, 70, 40, -20]),
     )
 
 

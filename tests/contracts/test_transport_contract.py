@@ -1,6 +1,3 @@
-"""Requirements on every CAN transport."""
-
-import threading
 import time
 from typing import Any
 
@@ -83,14 +80,20 @@ def test_burst_arrives_complete_and_in_order(opener):
 @pytest.mark.real_time
 def test_timestamps_are_arrival_times(opener):
     sender, receiver = opener(), opener()
+    delay_s = 0.2
+    slack_s = 0.005  # kernel and interpreter may read different clocks
+    stamped = False
+    while not stamped:  # a kernel stamps only a moment after the first socket has asked for it
+        sender.send(FRAMES["standard-0"])
+        after = time.time()
+        assert sender.recv(0.05) is None
+        stamped = receiver.recv(PATIENCE_S).timestamp <= after + slack_s
     before = time.time()
     sender.send(FRAMES["standard-1"])
     sender.send(FRAMES["standard-2"])
     after = time.time()
-    delay_s = 0.2
     assert sender.recv(delay_s) is None
     first, second = receiver.recv(PATIENCE_S), receiver.recv(PATIENCE_S)
-    slack_s = 0.005  # kernel and interpreter may read different clocks
     assert before - slack_s <= first.timestamp <= second.timestamp <= after + slack_s
     # They are not the times of reading.
     assert time.time() - second.timestamp > delay_s / 2
@@ -113,29 +116,13 @@ def test_recv_on_empty_bus_returns_at_timeout(opener):
     assert 0.04 <= time.monotonic() - begun_s < PATIENCE_S
 
 
-def test_waiting_reader_receives_frame(opener):
-    sender, receiver = opener(), opener()
-    received: list[can.Message | None] = []
-    reader = threading.Thread(target=lambda: received.append(receiver.recv(PATIENCE_S)))
-    reader.start()
-    sender.send(FRAMES["standard-4"])
-    reader.join(PATIENCE_S)
-    assert len(received) == 1
-    assert received[0] is not None
-
-
-def test_sender_handle_receives_nothing(opener, settings):
-    bus, sender = opener(), open_sender(settings)
+def test_sender_handle_receives_nothing_and_second_shutdown_is_harmless(opener, settings):
+    bus, other, sender = opener(), opener(), open_sender(settings)
     bus.send(FRAMES["standard-8"])
     sender.send(FRAMES["standard-2"])
-    assert bus.recv(PATIENCE_S) is not None
+    assert bus.recv(PATIENCE_S).dlc == 2
     assert sender.recv(0.0) is None
-    sender.shutdown()
-    sender.shutdown()
-
-
-def test_second_shutdown_is_harmless(opener):
-    bus, other = opener(), opener()
-    other.shutdown()
-    other.shutdown()
-    bus.send(FRAMES["standard-8"])
+    for handle in (sender, sender, other, other):
+        handle.shutdown()
+    opener().send(FRAMES["standard-4"])
+    assert bus.recv(PATIENCE_S).dlc == 4, "the channel is closed"

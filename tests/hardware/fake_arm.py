@@ -83,9 +83,7 @@ class FakeArmBus(can.BusABC):
         self._servers = {node: FakeServer(self, node) for node in (*self.drives, SUPERVISOR)}
         self.syncs = 0
         self.sent: list[tuple[int, bytes]] = []
-        self.heartbeat_ms = 100
         self.without_heartbeat: set[int] = set()
-        self.duplicate_nodes: set[int] = set()
         self.duplicates_response: Callable[[int], bool] = lambda _node: False
         self.denies_control = False
         self.objects: dict[tuple[int, int, int], bytes | int] = {}
@@ -93,10 +91,8 @@ class FakeArmBus(can.BusABC):
         self.doubling_tpdo: set[int] = set()
         self.offline: set[int] = set()
         self.started: set[int] = set()
-        self.reports_following = True
         self.not_following: set[int] = set()
         self.token = 0
-        self.other_operator = False
         self.other_master: tuple[tuple[int, bytes], ...] = ()
         self._next_cycle = 0.0
         self.document = b""
@@ -107,13 +103,12 @@ class FakeArmBus(can.BusABC):
         """Which SDO frames, NMT commands and boot-up messages are lost."""
         self.staged = False
         self.on_sync: Callable[[int], None] = lambda _sync: None
+        self._actions: dict[int, Callable[[], object]] = {}
         self.on_send: Callable[[int, bytes], None] = lambda _identifier, _data: None
         """Called before each frame, in the sender's thread."""
         self.on_closing: Callable[[], None] = lambda: None
         """Called when the second handle is closed, just before the bus itself."""
         self.io_error: Exception | None = None
-        self.model = "fake"
-        self.full_scale = 120_000_000
         self._queue: deque[tuple[int, bytes]] = deque()
         self._wake = threading.Condition()
         self._next_beat = 0.0
@@ -164,11 +159,18 @@ class FakeArmBus(can.BusABC):
             self._queue.append((identifier, data))
             self._wake.notify_all()
 
+    def at(self, syncs: int, act: Callable[[], object]) -> None:
+        """Do something at a SYNC, so many from now."""
+        self._actions[self.syncs + syncs] = act
+
+    def emergency(self, node: int, code: int) -> None:
+        self.inject(0x80 + node, struct.pack("<HB5x", code, 0x81))
+
     def trip(self, joint: int, code: int) -> None:
         """Put a drive into the state fault, with an emergency message."""
         with self._wake:  # a concurrent command must not reset the fault
             self.drives[joint].status = 0x08
-            self.inject(0x80 + joint, struct.pack("<HB5x", code, 0x81))
+            self.emergency(joint, code)
 
     def _beat(self) -> None:
         now = time.monotonic()
@@ -182,8 +184,6 @@ class FakeArmBus(can.BusABC):
             if node not in self.offline | self.without_heartbeat:
                 state = b"\x05" if node in self.started else b"\x7f"
                 self._queue.append((0x700 + node, state))
-        if self.other_operator:
-            self._queue.append((0x77F, b"\x05"))
 
     def _handle(self, identifier: int, data: bytes) -> None:
         if identifier == 0x000:
@@ -191,14 +191,18 @@ class FakeArmBus(can.BusABC):
                 self._nmt(*data)
         elif identifier == 0x080 and self.started:
             self.syncs += 1
+            self._actions.pop(self.syncs, lambda: None)()
             self.on_sync(self.syncs)
             servo(self.drives.values())
             for joint, drive in self.drives.items():
                 if joint in self.without_tpdo | self.offline or joint not in self.started:
                     continue
                 counts = drive.counts + drive.noise(self.syncs)
-                follows = self.reports_following and (drive.status, drive.mode) == (0x27, 8)
-                bits = 0x1200 if follows and joint not in self.not_following else 0x0200
+                follows = (drive.status, drive.mode) == (
+                    0x27,
+                    8,
+                ) and joint not in self.not_following
+                bits = 0x1200 if follows else 0x0200
                 frame = struct.pack("<Hih", drive.status | bits, counts, drive.torque)
                 for _ in range(2 if joint in self.doubling_tpdo else 1):
                     self._queue.append((0x180 + joint, frame))
@@ -230,7 +234,7 @@ class FakeArmBus(can.BusABC):
     def answer(self, node: int, data: bytes) -> None:
         if self.drops(0x580 + node, data):
             return
-        for _ in range(2 if node in self.duplicate_nodes or self.duplicates_response(node) else 1):
+        for _ in range(2 if self.duplicates_response(node) else 1):
             self._queue.append((0x580 + node, data))
 
     def object_of(self, node: int, index: int, sub: int) -> bytes | int:
@@ -238,7 +242,7 @@ class FakeArmBus(can.BusABC):
         name = b"fake supervisor" if node == SUPERVISOR else b"fake drive"
         common = {
             (0x1008, 0): name,
-            (0x1017, 0): struct.pack("<H", self.heartbeat_ms),
+            (0x1017, 0): struct.pack("<H", 100),
             (0x1018, 1): bytes(4),
             (0x1018, 2): b"\x01\0\0\0",
             (0x1018, 3): b"\0\0\x01\0",
@@ -278,7 +282,7 @@ class FakeArmBus(can.BusABC):
             (0x60C2, 1): b"\x0a",
             (0x60C2, 2): b"\xfd",
             (0x2100, 1): b"\x02" if rvdt else b"\x01",
-            (0x2100, 2): struct.pack("<L", self.full_scale),
+            (0x2100, 2): struct.pack("<L", 120_000_000),
             (0x2100, 3): b"\x0c",
         }.get((index, sub), 0x06020000)
 
@@ -293,7 +297,7 @@ class FakeArmBus(can.BusABC):
             (0x2003, 4): bytes([self.staged]),
             (0x2004, 0): self.refusal.encode() or 0x08000024,
             (0x2010, 0): struct.pack("<L", self.token),
-            (0x2020, 1): self.model.encode(),
+            (0x2020, 1): b"fake",
             (0x2020, 2): b"FAKE-1",
             (0x2020, 3): bytes([JOINTS]),
         }.get((index, sub), 0x06020000)

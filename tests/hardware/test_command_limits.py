@@ -113,7 +113,7 @@ def test_limits_from_radians_are_rounded_inwards():
     assert limits.max_step_counts == 4  # 3 counts a period, and one for rounding
 
 
-def test_range_on_whole_counts_is_kept():
+def test_range_on_whole_counts_is_not_rounded():
     scale = JointScale(counts_per_rad=4000 / (2 * math.pi))
     for counts in range(-4000, 4000, 37):
         lower, upper = (n * (2 * math.pi / 4000) for n in (counts, counts + 10))

@@ -1,8 +1,5 @@
-"""Real-time priority of the process, and host latency."""
-
 import itertools
 import os
-import threading
 import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterator
@@ -106,10 +103,8 @@ class Bus:
     """Identifiers and times of the frames."""
     flooded: bool = False
     """Whether a frame of another device is always waiting, one every 0.1 ms; the arm does not answer SYNC."""
-    scenario: Iterator[None] = field(default_factory=lambda: iter(()))
-    """Advances by one step before each poll, in the loop's own thread."""
-    finished: threading.Event = field(default_factory=threading.Event)
-    failure: AssertionError | None = None
+    scenario: Iterator[None] = field(default_factory=lambda: itertools.repeat(None))
+    """Advances by one step before each poll."""
 
     def send(self, identifier: int, _data: bytes) -> None:
         """Answer every SYNC at once."""
@@ -127,12 +122,7 @@ class Bus:
             self.suspended_after_sync_for_s = 0.0
 
     def receive(self, timeout_s: float) -> can.Message | None:
-        try:
-            next(self.scenario)
-        except StopIteration:
-            self.finished.set()
-        except AssertionError as failure:
-            self.failure = failure
+        next(self.scenario)
         self.clock.now_s += self.suspended_for_s
         self.suspended_for_s = 0.0
         if self.flooded:
@@ -180,44 +170,43 @@ def polls(count: int) -> Iterator[None]:
 
 
 def play(loop: ControlLoop, bus: Bus, scenario: Iterator[None]) -> None:
-    """Run the loop's thread until the scenario ends."""
-    bus.scenario = scenario
-    loop.start()
-    assert bus.finished.wait(60.0)
-    loop.close()
-    if bus.failure is not None:
-        raise bus.failure
+    """Run the loop in this thread until the scenario ends."""
+
+    def to_the_end() -> Iterator[None]:
+        yield from scenario
+        loop.close()
+        yield from itertools.repeat(None)
+
+    bus.scenario = to_the_end()
+    loop._run()
+
+
+def sending_times_s(loop: ControlLoop, bus: Bus, identifier: int) -> list[float]:
+    """Run the loop with SYNC and heartbeat for two seconds; return when it sent a frame."""
+
+    def scenario() -> Iterator[None]:
+        until_s = bus.clock.now_s + 2.0
+        while bus.clock.now_s < until_s:
+            yield
+
+    loop.begin_sync()
+    loop.begin_heartbeat()
+    play(loop, bus, scenario())
+    times_s = [time_s for sent, time_s in bus.sent if sent == identifier]
+    assert len(times_s) >= 19
+    return times_s
 
 
 @pytest.mark.parametrize(("identifier", "period_s"), [(COB_SYNC, 0.01), (0x77F, 0.1)])
 def test_sync_and_heartbeat_are_sent_once_per_period(bus, loop, identifier, period_s):
-    def scenario() -> Iterator[None]:
-        until_s = bus.clock.now_s + 2.0
-        while bus.clock.now_s < until_s:
-            yield
-
-    loop.begin_sync()
-    loop.begin_heartbeat()
-    play(loop, bus, scenario())
-    times_s = [time_s for sent, time_s in bus.sent if sent == identifier]
-    assert len(times_s) >= 19
-    assert np.diff(times_s) == pytest.approx(period_s, abs=1e-6)
+    gaps_s = np.diff(sending_times_s(loop, bus, identifier))
+    assert gaps_s == pytest.approx(period_s, abs=1e-6)
 
 
 @pytest.mark.parametrize(("identifier", "longest_s"), [(COB_SYNC, 0.1), (0x77F, 0.101)])
 def test_flooded_bus_delays_no_heartbeat_and_sync_little(bus, loop, identifier, longest_s):
-    def scenario() -> Iterator[None]:
-        until_s = bus.clock.now_s + 2.0
-        while bus.clock.now_s < until_s:
-            yield
-
     bus.flooded = True
-    loop.begin_sync()
-    loop.begin_heartbeat()
-    play(loop, bus, scenario())
-    times_s = [time_s for sent, time_s in bus.sent if sent == identifier]
-    assert len(times_s) >= 19
-    assert np.diff(times_s).max() < longest_s
+    assert np.diff(sending_times_s(loop, bus, identifier)).max() < longest_s
 
 
 def test_suspended_loop_reports_no_silence(bus, loop):
@@ -274,7 +263,7 @@ def test_queued_answer_has_age_of_its_stamp(bus, loop):
         if len(ages) == 4:
             bus.suspended_after_sync_for_s = 0.7
         elif len(ages) == 6:
-            bus.finished.set()
+            loop.close()
 
     bus.on_sync = record
     loop.begin_sync()
@@ -375,7 +364,6 @@ def test_frame_without_own_stamp_has_no_latency(clock, own_stamps, stamp_s):
 @pytest.mark.parametrize("interface", ["socketcan", "loopback", "udp_multicast", "virtual"])
 def test_local_interfaces_stamp_by_time_of_day(interface):
     stamps = stamping_clock(BusSettings(interface=interface))
-    assert stamps is not None
     assert stamps() == pytest.approx(time.time(), abs=1.0)
 
 

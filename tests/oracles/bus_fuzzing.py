@@ -9,7 +9,7 @@ import itertools
 import os
 import threading
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack, suppress
 from random import Random
 from typing import Any
@@ -38,78 +38,65 @@ Plan = Sequence[tuple[int, str]]
 _channels = itertools.count()
 
 
-class WrongReadingError(AssertionError):
-    """An accepted reading differs from the joints' positions."""
-
-
-class ThreadFailedError(AssertionError):
-    """A thread ended with an exception."""
-
-
 class FrameMutator:
     """Replaces the operator's bus handle, and applies the actions of `todo` to received frames."""
 
-    def __init__(self, bus: can.BusABC) -> None:
-        self._bus = bus
+    bus: can.BusABC | None = None
+
+    def __init__(self, rng: Random, plan: Plan) -> None:
         self._waiting: deque[can.Message] = deque()
         self._seen: deque[can.Message] = deque(maxlen=200)
-        self.todo: deque[tuple[int, Callable[[can.Message, Random], list[can.Message]]]] = deque()
+        self.begin(rng, plan)
 
     def begin(self, rng: Random, plan: Plan) -> None:
-        self.rng = rng
-        self.todo = deque((after, getattr(self, name)) for after, name in plan)
+        self.rng, self.todo = rng, deque(plan)
+        self._delayed: list[tuple[int, can.Message]] = []
 
     def __getattr__(self, name: str) -> Any:
-        return getattr(self._bus, name)
+        return getattr(self.bus, name)
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
-        if self._waiting:
-            return self._waiting.popleft()
-        message = self._bus.recv(timeout)
-        if message is None:
-            return None
-        self._seen.append(message)
-        if not self.todo:
-            return message
-        after, act = self.todo.popleft()
-        if after > 0:
-            self.todo.appendleft((after - 1, act))
-            return message
-        self._waiting.extend(act(message, self.rng))
+        if not self._waiting:
+            message = self.bus.recv(timeout)
+            if message is None:
+                return None
+            self._seen.append(message)
+            self._waiting.extend(self._changed(message))
+            self._waiting.extend(delayed for due, delayed in self._delayed if due == 0)
+            self._delayed = [(due - 1, delayed) for due, delayed in self._delayed if due > 0]
         return self._waiting.popleft() if self._waiting else None
 
-    def insert(self, message: can.Message, rng: Random) -> list[can.Message]:
-        return [message, self.foreign(rng)] if rng.random() < 0.5 else [self.foreign(rng), message]
-
-    def burst(self, message: can.Message, rng: Random) -> list[can.Message]:
-        return [message, *(self.foreign(rng) for _ in range(rng.choice((5, 50, 300))))]
-
-    def drop(self, message: can.Message, rng: Random) -> list[can.Message]:
-        return []
-
-    def other_length(self, message: can.Message, rng: Random) -> list[can.Message]:
-        data = bytes(message.data)[: rng.randrange(9)]
-        if rng.random() < 0.3:
-            data = (data + rng.randbytes(8))[: rng.randrange(9)]
-        return [
-            _frame(message.arbitration_id, data if len(data) != len(message.data) else data[:-1])
-        ]
-
-    def twice(self, message: can.Message, rng: Random) -> list[can.Message]:
-        return [message] * rng.choice((2, 3, 40))
-
-    def again(self, message: can.Message, rng: Random) -> list[can.Message]:
-        return [message, rng.choice(self._seen)]
-
-    def later(self, message: can.Message, rng: Random) -> list[can.Message]:
-        self.todo.append((rng.choice((0, 1, 7, 14)), lambda current, _: [current, message]))
-        return []
-
-    def other_answer(self, message: can.Message, rng: Random) -> list[can.Message]:
-        if message.arbitration_id & 0x780 != 0x580:
-            self.todo.appendleft((0, self.other_answer))
+    def _changed(self, message: can.Message) -> list[can.Message]:
+        """Return the frames in place of a received one, by the action that is due."""
+        if not self.todo:
             return [message]
-        data = bytearray(message.data)
+        after, action = self.todo.popleft()
+        if after > 0 or (action == "other answer" and message.arbitration_id & 0x780 != 0x580):
+            self.todo.appendleft((max(after - 1, 0), action))
+            return [message]
+        rng, data = self.rng, bytes(message.data)
+        match action:
+            case "insert":
+                frames = [self._foreign() for _ in range(rng.choice((1, 1, 1, 5, 50, 300)))]
+                return [message, *frames] if rng.random() < 0.5 else [*frames, message]
+            case "other length":
+                longer = data + rng.randbytes(8) if rng.random() < 0.3 else data
+                other = longer[: rng.randrange(9)]
+                return [
+                    _frame(message.arbitration_id, other if len(other) != len(data) else data[:-1])
+                ]
+            case "repeat":
+                return [message] * rng.choice((2, 3, 40))
+            case "again":
+                return [message, rng.choice(self._seen)]
+            case "delay":
+                self._delayed.append((rng.choice((1, 2, 8, 15)), message))
+            case "other answer":
+                return [_frame(message.arbitration_id, self._other_answer(data))]
+        return []  # delayed or dropped
+
+    def _other_answer(self, answer: bytes) -> bytes:
+        rng, data = self.rng, bytearray(answer)
         for _ in range(rng.choice((1, 1, 2))):
             match rng.randrange(4):
                 case 0:
@@ -120,32 +107,29 @@ class FrameMutator:
                     data[4:8] = rng.choice((b"\0\0\0\0", b"\xff\xff\xff\xff", rng.randbytes(4)))
                 case _:
                     data = bytearray(rng.randbytes(8))
-        return [_frame(message.arbitration_id, bytes(data))]
+        return bytes(data)
 
-    def foreign(self, rng: Random) -> can.Message:
+    def _foreign(self) -> can.Message:
         """A frame that no node of this bus has sent."""
-        node = rng.choice((*NODES, 0, 9, 30, 100, 127))
+        rng = self.rng
+        node, some = rng.choice((*NODES, 0, 9, 30, 100, 127)), rng.randbytes(rng.randrange(9))
+        identifier = rng.choice(BASES) + node & 0x7FF
         match rng.randrange(9):
             case 0:
-                return _frame(rng.randrange(0x800), rng.randbytes(rng.randrange(9)))
+                return _frame(rng.randrange(0x800), some)
             case 1:
-                return can.Message(
-                    arbitration_id=rng.randrange(1 << 29), data=rng.randbytes(rng.randrange(9))
-                )
+                return _frame(rng.randrange(1 << 29), some, is_extended_id=True)
             case 2:
-                return can.Message(
-                    arbitration_id=rng.choice(BASES) + node & 0x7FF, is_extended_id=False,
-                    is_remote_frame=True, dlc=rng.randrange(9),
-                )  # fmt: skip
+                return _frame(identifier, None, is_remote_frame=True, dlc=rng.randrange(9))
             case 3:
-                return can.Message(is_error_frame=True, data=rng.randbytes(8))
+                return _frame(0, rng.randbytes(8), is_error_frame=True, is_extended_id=True)
             case 4:  # heartbeats and boot-ups
                 state = rng.choice((0, 4, 5, 127, 128, 133, 255))
                 return _frame(0x700 + node, bytes([state]) * rng.choice((0, 1, 1, 1, 2)))
             case 5:  # emergencies
                 code = rng.choice((0, 0x8130, 0x8611, 0x5441, 0xFFFF, rng.randrange(1 << 16)))
-                data = code.to_bytes(2, "little") + rng.randbytes(6)
-                return _frame(0x080 + node, data[: rng.choice((8, 8, 8, 1, 2, 3))])
+                emergency = code.to_bytes(2, "little") + rng.randbytes(6)
+                return _frame(0x080 + node, emergency[: rng.choice((8, 8, 8, 1, 2, 3))])
             case 6:
                 return _frame(0x580 + node, bytes([rng.choice(SDO_BYTES)]) + rng.randbytes(7))
             case 7 if self._seen:
@@ -155,11 +139,16 @@ class FrameMutator:
                     data[rng.randrange(len(data))] ^= 1 << rng.randrange(8)
                 return _frame(earlier_frame.arbitration_id, bytes(data))
             case _:
-                return _frame(rng.choice(BASES) + node & 0x7FF, rng.randbytes(rng.randrange(9)))
+                return _frame(identifier, some)
 
 
-def _frame(identifier: int, data: bytes) -> can.Message:
-    return can.Message(arbitration_id=identifier, data=data, is_extended_id=False)
+def _frame(identifier: int, data: bytes | None, **options: Any) -> can.Message:
+    return can.Message(arbitration_id=identifier, data=data, **{"is_extended_id": False, **options})
+
+
+def _take_control(arm: CanopenArm) -> None:
+    arm.take_control()
+    arm.set_modes(MODES)
 
 
 class FuzzedOperator:
@@ -180,29 +169,16 @@ class FuzzedOperator:
         self._controller = self._stack.enter_context(
             run_controller(arm_file, Choices(scenario="exact"), settings, heartbeat_timeout_s=30.0)
         )
-        handles: list[FrameMutator] = []
+        self.mutator = FrameMutator(rng, plan)
 
         def open_main(bus_settings: BusSettings) -> Any:
-            handles.append(FrameMutator(open_bus(bus_settings)))
-            handles[-1].begin(rng, plan)
-            return handles[-1]
+            self.mutator.bus = open_bus(bus_settings)
+            return self.mutator
 
         waits = {"patience_s": 5.0, "lost_after_s": 0.2, "answers_s": 0.05, "sdo_timeout_s": 0.05}
-        arm = fast_arm(arm_file, settings, openers=BusOpeners(main=open_main), **waits)
-        self._stack.callback(arm.close)
-        self.arm, self.mutators = arm, handles
-        return arm
-
-    def _ready(self, rng: Random) -> CanopenArm:
-        """Return an arm in control, connected through an idle man in the middle."""
-        if self.arm is not None:
-            return self.arm
-        arm = self._open(rng, ())
-        arm.connect()
-        arm.take_control()
-        arm.set_modes(MODES)
-        arm.settle(window=5, spread_rad=[1e-4] * 7, timeout_syncs=500)
-        return arm
+        self.arm = fast_arm(arm_file, settings, openers=BusOpeners(main=open_main), **waits)
+        self._stack.callback(self.arm.close)
+        return self.arm
 
     def fuzz(self, rng: Random) -> None:
         """Apply one fuzzed input while the operator performs a task; raises the resulting error."""
@@ -210,36 +186,37 @@ class FuzzedOperator:
         connecting, plan = rng.random() < 0.02, self._plan(rng)
         if connecting:
             self.close()
-            arm = self._open(rng, plan)
-        else:
-            arm = self._ready(rng)
-            self.mutators[-1].begin(rng, plan)
+        if (arm := self.arm) is None:
+            arm = self._open(rng, plan if connecting else ())
+            if not connecting:
+                arm.connect()
+                _take_control(arm)
+                arm.settle(window=5, spread_rad=[1e-4] * 7, timeout_syncs=500)
         try:
-            self._work(arm, rng, connecting=connecting)
+            if connecting:
+                arm.connect()
+                _take_control(arm)
+            else:
+                self.mutator.begin(rng, plan)
+                self._work(arm, rng)
         except HardwareError:
             self._recover(arm)
             raise
         finally:
-            if self.mutators:
-                self.mutators[-1].todo.clear()
+            self.mutator.todo.clear()
             self._raise_failures()
 
     def _plan(self, rng: Random) -> Plan:
         kinds = (
-            ("insert", "insert", "burst", "again"),
-            ("insert", "other_answer"),
-            ("other_answer",),
-            ("drop", "other_length", "twice", "later"),
+            ("insert", "insert", "insert", "again"),
+            ("insert", "other answer"),
+            ("other answer",),
+            ("drop", "other length", "repeat", "delay"),
         )
         names = rng.choice(kinds)
         return [(rng.randrange(20), rng.choice(names)) for _ in range(rng.choice((1, 1, 2, 4)))]
 
-    def _work(self, arm: CanopenArm, rng: Random, *, connecting: bool) -> None:
-        if connecting:
-            arm.connect()
-            arm.take_control()
-            arm.set_modes(MODES)
-            return
+    def _work(self, arm: CanopenArm, rng: Random) -> None:
         for _ in range(rng.choice((1, 2))):
             match rng.randrange(8):
                 case 0 | 1 | 2:
@@ -264,17 +241,16 @@ class FuzzedOperator:
         counts = np.array([before, self._counts()])
         low, high = counts.min(axis=0) - MAX_COUNT_ERROR, counts.max(axis=0) + MAX_COUNT_ERROR
         if np.any((reading.mean_counts < low) | (reading.mean_counts > high)):
-            raise WrongReadingError(f"{reading.mean_counts} instead of {counts}")
+            raise AssertionError(f"{reading.mean_counts} instead of {counts}")
 
     def _counts(self) -> list[int]:
         return [node.drive.counts for node in self._controller.drives]
 
     def _recover(self, arm: CanopenArm) -> None:
-        self.mutators[-1].todo.clear()
+        self.mutator.todo.clear()
         try:
             arm.reset_stop()
-            arm.take_control()
-            arm.set_modes(MODES)
+            _take_control(arm)
         except HardwareError:
             self.close()
 
@@ -285,4 +261,4 @@ class FuzzedOperator:
             failures, self._failures = self._failures, []
             with suppress(HardwareError):
                 self.close()
-            raise ThreadFailedError(f"{failure!r} {failures!r}") from (failure or failures[0])
+            raise AssertionError(f"{failure!r} {failures!r}") from (failure or failures[0])

@@ -4,9 +4,10 @@ Two PDOs each way, other numbers and identifiers, another order, wider torque an
 reversed drive, no supervisor, no manufacturer objects. From CiA 301 and CiA 402, with the `canopen` package.
 """
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 
 import can
 import canopen
@@ -165,6 +166,12 @@ def servo(axes: list[Axis]) -> None:
             axis.counts = axis.target
 
 
+def read_object(axis: Axis, *, index: int, **_: object) -> int | None:
+    """Return the value of an object that changes, None for others."""
+    values = {0x6041: axis.status | 0x1200, 0x6061: axis.mode, 0x6064: axis.counts}
+    return values.get(index)
+
+
 class ForeignArm:
     """Drives on a bus; `physics` is called at every SYNC."""
 
@@ -179,7 +186,7 @@ class ForeignArm:
         for node, axis in zip(self.nodes, axes, strict=True):
             # `LocalNode` treats a reset as a state: boot instead.
             self.network.unsubscribe(0, node.nmt.on_command)
-            node.add_read_callback(self._reader(axis))
+            node.add_read_callback(partial(read_object, axis))
         self.network.subscribe(0x000, self._nmt)
         self.network.subscribe(0x080, self._sync)
         self._boot()
@@ -228,38 +235,13 @@ class ForeignArm:
 
         return receive
 
-    def _reader(self, axis: Axis) -> Callable[..., int | None]:
-        values: dict[int, Callable[[], int]] = {
-            0x6041: lambda: axis.status | 0x1200,
-            0x6061: lambda: axis.mode,
-            0x6064: lambda: axis.counts,
-        }
-
-        def read(*, index: int, subindex: int, od: ODVariable) -> int | None:
-            return values[index]() if index in values else None
-
-        return read
-
     def _sync(self, _id: int, _data: bytearray, _stamp: float) -> None:
         self._physics(self.axes)
         for node, axis in zip(self.nodes, self.axes, strict=True):
             if node.nmt.state != "OPERATIONAL":
                 continue
-            status = axis.status | 0x1200
-            values = {0x6077: 0, 0x6064: axis.counts, 0x6061: axis.mode, 0x6041: status}
             for pdo in node.tpdo.values():
                 if pdo.enabled and pdo.trans_type == 1:
                     for variable in pdo:
-                        variable.raw = values.get(variable.index, 0)
+                        variable.raw = read_object(axis, index=variable.index) or 0
                     pdo.transmit()
-
-
-@contextmanager
-def foreign_arm(
-    bus: can.BusABC, nodes: Sequence[int], axes: list[Axis], physics: Physics = servo
-) -> Iterator[ForeignArm]:
-    arm = ForeignArm(bus, nodes, axes, physics)
-    try:
-        yield arm
-    finally:
-        arm.close()

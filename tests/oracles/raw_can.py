@@ -1,23 +1,24 @@
-"""A CANopen peer of python-can frames and literal numbers from CiA 301 and CiA 402; shares no code with us."""
+"""A CANopen peer of python-can frames, the `canopen` package's SDO client, and numbers of CiA 301 and CiA 402."""
 
 import struct
 import time
 from collections.abc import Callable
+from types import SimpleNamespace
 
 import can
+import canopen
+from canopen.sdo import SdoClient
 
-
-class RawAbort(Exception):
-    def __init__(self, code: int) -> None:
-        self.code = code
-        super().__init__(f"{code:08X}h")
+JOINTS = 7
+PATIENCE_S = 60.0
+"""Longest delay of a frame on a busy machine."""
 
 
 class RawPeer:
     """Sends and receives on one bus; `log` has every received frame."""
 
-    def __init__(self, bus: can.BusABC, joints: int = 7, timeout_s: float = 60.0) -> None:
-        self.bus, self.joints, self.timeout_s = bus, joints, timeout_s
+    def __init__(self, bus: can.BusABC) -> None:
+        self.bus = bus
         self.log: list[tuple[int, bytes]] = []
 
     def send(self, identifier: int, data: bytes = b"") -> None:
@@ -32,7 +33,7 @@ class RawPeer:
         return frame
 
     def wait_for(self, condition: Callable[[int, bytes], bool]) -> tuple[int, bytes]:
-        deadline = time.monotonic() + self.timeout_s
+        deadline = time.monotonic() + PATIENCE_S
         while time.monotonic() < deadline:
             frame = self.receive(0.05)
             if frame is not None and condition(*frame):
@@ -56,57 +57,37 @@ class RawPeer:
         """Send a SYNC; return statusword, position, torque of every joint, which answer in order."""
         self.send(0x080)
         answers: list[tuple[int, bytes]] = []
-        while len(answers) < self.joints:
-            answers.append(self.wait_for(lambda number, _: 0x180 < number <= 0x180 + self.joints))
-        assert [number for number, _ in answers] == [0x181 + k for k in range(self.joints)]
+        while len(answers) < JOINTS:
+            answers.append(self.wait_for(lambda number, _: 0x180 < number <= 0x180 + JOINTS))
+        assert [number for number, _ in answers] == [0x181 + k for k in range(JOINTS)]
         return [struct.unpack("<Hih", data) for _, data in answers]
 
     def command(self, joint: int, controlword: int, target: int, mode: int) -> None:
         self.send(0x200 + joint, struct.pack("<Hib", controlword, target, mode))
 
-    def _ask(self, node: int, request: bytes) -> bytes:
-        self.send(0x600 + node, request)
-        answer = self.wait_for(lambda number, _: number == 0x580 + node)[1]
-        assert len(answer) == 8
-        if answer[0] == 0x80:
-            assert answer[1:4] == request[1:4] or request[0] < 0x20 or 0x60 <= request[0] < 0x80
-            raise RawAbort(struct.unpack_from("<I", answer, 4)[0])
-        return answer
+    def command_all(self, *controlwords: int) -> None:
+        """Send controlwords to every joint, with target 0 in position mode."""
+        for joint in range(1, JOINTS + 1):
+            for word in controlwords:
+                self.command(joint, word, 0, 8)
+
+    def _client(self, node: int) -> SdoClient:
+        client = SdoClient(0x600 + node, 0x580 + node, canopen.ObjectDictionary())
+        client.network = SimpleNamespace(send_message=self.send)
+        client.responses = SimpleNamespace(
+            empty=lambda: True,
+            get=lambda **_: self.wait_for(lambda number, _: number == client.tx_cobid)[1],
+        )
+        return client
 
     def read(self, node: int, index: int, sub: int = 0) -> bytes:
-        answer = self._ask(node, struct.pack("<BHB4x", 0x40, index, sub))
-        assert struct.unpack_from("<HB", answer, 1) == (index, sub)
-        if answer[0] & 0x02:
-            assert answer[0] & 0x01
-            return answer[4 : 8 - (answer[0] >> 2 & 3)]
-        assert answer[0] == 0x41
-        size = struct.unpack_from("<I", answer, 4)[0]
-        data, toggle = b"", 0
-        while True:
-            answer = self._ask(node, bytes([0x60 | toggle]) + bytes(7))
-            assert answer[0] & 0xF0 == toggle
-            data += answer[1 : 8 - (answer[0] >> 1 & 7)]
-            toggle ^= 0x10
-            if answer[0] & 1:
-                assert len(data) == size
-                return data
+        with self._client(node).open(index, sub, buffering=0) as stream:
+            data = bytes(stream.read())
+            assert len(data) == stream.size
+            return data
 
     def write(self, node: int, index: int, sub: int, data: bytes) -> None:
-        if 1 <= len(data) <= 4:
-            head = 0x23 | (4 - len(data)) << 2
-            answer = self._ask(node, struct.pack("<BHB", head, index, sub) + data.ljust(4, b"\0"))
-            assert answer == struct.pack("<BHB4x", 0x60, index, sub)
-            return
-        answer = self._ask(node, struct.pack("<BHBI", 0x21, index, sub, len(data)))
-        assert answer == struct.pack("<BHB4x", 0x60, index, sub)
-        toggle = 0
-        for start in range(0, len(data), 7):
-            part = data[start : start + 7]
-            last = start + 7 >= len(data)
-            head = toggle | (7 - len(part)) << 1 | last
-            answer = self._ask(node, bytes([head]) + part.ljust(7, b"\0"))
-            assert answer[0] == 0x20 | toggle
-            toggle ^= 0x10
+        self._client(node).download(index, sub, data)
 
     def unsigned(self, node: int, index: int, sub: int = 0) -> int:
         return int.from_bytes(self.read(node, index, sub), "little")

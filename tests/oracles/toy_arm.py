@@ -9,27 +9,21 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from operator_app.cli import main
+from operator_app.config.resources import resolve
 
-PROCEDURE = """\
-schema: sarcal/procedure/1
-name: quick
-arm: sarcos_dextrous
-fixture: hinge
-bus: {interface: virtual}
-modes: {position: [1, 5]}
-capture:
-  poses: 6
-  exploration:
-    - {joint: 1, from_deg: -30, to_deg: 48}
-    - {joint: 5, from_deg: -70, to_deg: 0}
-  speed_deg_per_s: 50
-  settle: {window_syncs: 5, spread_sigmas: 12, spread_min_deg: 0.01, timeout_syncs: 2000}
-  samples_per_pose: 8
-  seed: 1
-estimator: implicit
-acceptance: {scaled_condition_number: 1000}
-export: {upload: true}
-"""
+PROCEDURE = resolve("procedure", "hinge").data.decode()
+"""The packaged procedure, with few and quick poses."""
+for old, new in (
+    ("name: hinge", "name: quick"),
+    ("poses: 40", "poses: 6"),
+    ("speed_deg_per_s: 20", "speed_deg_per_s: 50"),
+    ("window_syncs: 20, spread_sigmas: 8", "window_syncs: 5, spread_sigmas: 12"),
+    ("0.002, timeout_syncs: 1000", "0.01, timeout_syncs: 2000"),
+    ("pose: 32", "pose: 8"),
+    ("number: 100", "number: 1000"),
+):
+    assert old in PROCEDURE
+    PROCEDURE = PROCEDURE.replace(old, new)
 
 
 def package(folder: Path) -> Path:

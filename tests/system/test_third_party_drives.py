@@ -2,6 +2,7 @@
 
 import math
 import os
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,7 +19,7 @@ from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.opening import Choices, Rig, begin, open_session
 from operator_app.session.workflow.session import Session
 from tests.oracles.fast_arm import fast_arm
-from tests.oracles.foreign_arm import Axis, Physics, foreign_arm
+from tests.oracles.foreign_arm import Axis, ForeignArm, Physics
 from tests.oracles.parameter_documents import VALUES
 
 pytestmark = pytest.mark.real_time
@@ -58,7 +59,7 @@ def test_third_party_arm_is_refused_then_calibrated_with_drafted_profile(
     step, axes = closed_chain(), [Axis(counts=0) for _ in NODES]
     axes[4].direction = -1
     step(axes)
-    with foreign_arm(open_bus(settings), NODES, axes, step):
+    with closing(ForeignArm(open_bus(settings), NODES, axes, step)):
         unknown = run_command(3, "probe", *bus).out
         assert "node 21: a drive that is not in the bus profile sarcos" in unknown
         refused = run_command(3, "run", "hinge", *bus).err

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from hardware.arm import ArmSnapshot, DriveState
-from hardware.errors import ControlDenied, Stopped, UploadRefused
-from tests.contracts.arm.bench import operator_on, take_two_joints
-from tests.hardware.on_fake_bus import wait_for
+from hardware.errors import ControlDenied, DriveFault, DuplicateNodeId, Stopped, UploadRefused
+from tests.contracts.arm.conftest import controller_on, operator_on
+from tests.hardware.control.canopen_arm.conftest import FREE, POSITION, drive, wait_for
 
 
 @pytest.mark.sample(1)
@@ -45,7 +45,7 @@ def test_stop_in_a_move_stops_everything(driven):
         driven.move({2: start[1]}, speed_rad_per_s=0.3)
     driven.reset_stop()
     assert {j.drive for j in driven.snapshot().joints} == {DriveState.SWITCH_ON_DISABLED}
-    take_two_joints(driven)
+    drive(driven)
     assert driven.move({2: start[1]}, speed_rad_per_s=0.3).reached
 
 
@@ -76,5 +76,27 @@ def test_closed_arm_holds_and_accepts_next_operator(driven, settings):
     with closing(operator_on(settings)) as other:
         other.connect()
         assert other.snapshot().token == 0
-        take_two_joints(other)
+        drive(other)
         assert other.capture(10).mean_rad == pytest.approx(before, abs=5e-3)
+
+
+def test_third_driven_joint_trips_torque_limit(arm):
+    arm.take_control()
+    arm.set_modes([FREE, POSITION, POSITION, FREE, POSITION, FREE, FREE])
+    start = arm.snapshot().positions_rad
+    with pytest.raises(DriveFault) as error:
+        arm.move({3: start[2] + 0.3}, speed_rad_per_s=0.3)
+    assert error.value.code == 0x8311
+    snapshot = arm.snapshot()
+    assert 0x8311 in {fault.code for fault in snapshot.faults}
+    assert DriveState.OPERATION_ENABLED not in {joint.drive for joint in snapshot.joints}
+    arm.reset_stop()
+    arm.take_control()
+    assert {joint.drive for joint in arm.snapshot().joints} == {DriveState.OPERATION_ENABLED}
+
+
+def test_two_controllers_on_one_bus_raise_duplicate_node_id(controller, settings):
+    with controller_on(settings):
+        arm = operator_on(settings)
+        with pytest.raises(DuplicateNodeId, match="two devices answer as node"):
+            arm.connect()

@@ -1,5 +1,3 @@
-"""The arm over an slcan adapter on a serial line."""
-
 import os
 from contextlib import closing
 
@@ -8,36 +6,33 @@ import pytest
 from hardware.arm import DriveState
 from hardware.buses.python_can import BusSettings, open_bus
 from hardware.timing import Pace, Timing
-from tests.contracts.arm.bench import controller_on, operator_on, take_two_joints
-from tests.oracles.slcan_adapter import SlcanAdapter
+from tests.contracts.arm.conftest import controller_on, operator_on
+from tests.hardware.control.canopen_arm.conftest import drive, wait_for
+from tests.oracles.slcan_adapter import slcan_adapter
 
 
 def test_arm_moves_and_stops_over_slcan():
-    inside = BusSettings(channel=f"slcan-{os.getpid()}")
+    inside = BusSettings(interface="loopback", channel=f"slcan-{os.getpid()}")
     bus = open_bus(inside)
-    with controller_on(inside), SlcanAdapter(bus) as adapter:
+    with controller_on(inside), slcan_adapter(bus) as (port, commands):
         line = BusSettings(
-            interface="slcan",
-            channel=adapter.port,
-            bitrate=1_000_000,
-            options={"sleep_after_open": 0.0},
+            interface="slcan", channel=port, bitrate=1_000_000, options={"sleep_after_open": 0.0}
         )
         patient = Timing(
             answer_timeouts_s=dict.fromkeys(Pace, 2.0), heartbeat_timeout_s=10.0, lost_after_s=10.0
         )
         with closing(operator_on(line, patient)) as arm:
             arm.connect()
-            take_two_joints(arm)
+            drive(arm)
             start = arm.snapshot().positions_rad
             assert arm.move({2: start[1] + 0.05}, speed_rad_per_s=0.5).reached
             assert arm.capture(10).mean_rad[1] == pytest.approx(start[1] + 0.05, abs=5e-3)
             arm.stop()
-            while arm.snapshot().joints[1].drive is not DriveState.QUICK_STOP_ACTIVE:
-                pass
+            wait_for(lambda: arm.snapshot().joints[1].drive is DriveState.QUICK_STOP_ACTIVE)
             arm.reset_stop()
             arm.take_control()
             # The line was not closed in between: STOP went over the only handle.
-            assert adapter.commands.count("O") <= 2
-            assert adapter.commands[-1] == "O"
-        assert "S8" in adapter.commands
+            assert commands.count("O") <= 2
+            assert commands[-1] == "O"
+        assert "S8" in commands
     bus.shutdown()

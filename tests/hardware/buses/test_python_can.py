@@ -1,10 +1,7 @@
-"""Bus settings from options, environment and file, and errors with their remedy."""
-
-import can
 import pytest
 
 from hardware.buses import python_can
-from hardware.buses.python_can import BusSettings, bus_settings, open_bus, open_sender
+from hardware.buses.python_can import BusSettings, bus_settings, open_bus
 from hardware.errors import BusError
 
 
@@ -28,7 +25,7 @@ def test_options_override_environment_overrides_file_overrides_default(monkeypat
     assert from_options == BusSettings(interface="loopback", channel="can9", bitrate=1_000_000)
 
 
-def test_other_options_of_the_file_are_kept(tmp_path):
+def test_other_options_of_the_file_are_passed_on(tmp_path):
     (tmp_path / "can.conf").write_text(
         "[default]\ninterface = virtual\nreceive_own_messages = true\n"
     )
@@ -73,17 +70,6 @@ def test_kernel_error_message_names_remedy(code, channel, approve):
 def test_missing_device_or_kernel_support_is_a_bus_error():
     with pytest.raises(BusError, match=r"no CAN device vcan97|has no CAN sockets"):
         open_bus(BusSettings(interface="socketcan", channel="vcan97"))
-
-
-def test_closed_virtual_sender_leaves_the_channel_open():
-    settings = BusSettings(channel="sender-test")
-    bus = open_bus(settings)
-    open_sender(settings).shutdown()
-    second = open_bus(settings)
-    second.send(can.Message(arbitration_id=5, is_extended_id=False))
-    assert bus.recv(0.0) is not None
-    second.shutdown()
-    bus.shutdown()
 
 
 @pytest.mark.parametrize("interface", ["kvaser", "neovi", "pcan", "slcan"])

@@ -1,5 +1,3 @@
-"""Full transmit queues and recording of frames."""
-
 import errno
 import random
 import time

@@ -16,9 +16,9 @@ from hardware.errors import (
     ZeroingFailed,
 )
 from operator_app.config.profile_file import parse_profile
+from tests.hardware.conftest import JOINTS, PER_RAD, unconnected
+from tests.hardware.control.canopen_arm.conftest import make, wait_for
 from tests.hardware.fake_arm import FakeArmBus
-from tests.hardware.on_fake_bus import make, wait_for
-from tests.hardware.on_foreign_arm import JOINTS, PER_RAD, unconnected
 from tests.oracles.foreign_arm import ForeignArm
 from tests.oracles.profiles import sarcos
 

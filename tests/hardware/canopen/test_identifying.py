@@ -3,8 +3,8 @@
 import pytest
 
 from hardware.errors import WrongArm
+from tests.hardware.control.canopen_arm.conftest import make
 from tests.hardware.fake_arm import FakeArmBus
-from tests.hardware.on_fake_bus import make
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ import math
 import os
 import signal
 import time
-from contextlib import ExitStack, closing
+from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import replace
 from typing import Any
 
@@ -21,10 +21,10 @@ from hardware.commissioning.checks import Turn, is_interrupted
 from hardware.commissioning.clauses import BENCH
 from hardware.control.canopen_arm import CanopenArm
 from hardware.timing import Pace
-from tests.hardware.on_foreign_arm import JOINTS, drafted, unconnected
+from tests.hardware.conftest import JOINTS, drafted, unconnected
 from tests.oracles.descriptions import described
 from tests.oracles.profiles import sarcos
-from tests.oracles.virtual_rig import ARM, COUNTS_PER_REV, rig
+from tests.oracles.virtual_rig import ARM, COUNTS_PER_REV, Rig, rig
 
 HEARTBEAT_TIMEOUT_S = 1.5
 STEP, SPEED = math.radians(1.0), math.radians(5.0)
@@ -42,32 +42,27 @@ class User:
         return not any(phrase in question for phrase in self.refused)
 
 
-class VirtualBench:
+def running_bench(heartbeat_timeout_s: float = HEARTBEAT_TIMEOUT_S) -> AbstractContextManager[Rig]:
     """Our own drives, each joint of which moves by itself."""
-
-    def __init__(self, stack: ExitStack, *, heartbeat_timeout_s: float = HEARTBEAT_TIMEOUT_S):
-        bench = stack.enter_context(
-            rig(clock=time.monotonic, heartbeat_timeout_s=heartbeat_timeout_s)
-        )
-        self.settings = BusSettings(channel=bench.channel)
-        self.plant, self.controller = bench.plant, bench.controller
-
-    def arm(self, **options: Any) -> CanopenArm:
-        rvdt = RvdtDescription(bits=12, full_scale_rad=math.radians(144.0))
-        encoder = EncoderDescription(counts_per_rev=COUNTS_PER_REV)
-        description = described(
-            ARM.model,
-            *((sensor, math.radians(60.0)) for sensor in [encoder] * 5 + [rvdt] * 2),
-            max_speed_rad_per_s=math.radians(180.0),
-            max_torque_nm=100.0,
-        )
-        return unconnected(self.settings, sarcos(), description, **options)
+    return rig(clock=time.monotonic, heartbeat_timeout_s=heartbeat_timeout_s)
 
 
 @pytest.fixture
 def bench():
-    with ExitStack() as stack:
-        yield VirtualBench(stack)
+    with running_bench() as bench:
+        yield bench
+
+
+def arm_of(bench: Rig, **options: Any) -> CanopenArm:
+    rvdt = RvdtDescription(bits=12, full_scale_rad=math.radians(144.0))
+    encoder = EncoderDescription(counts_per_rev=COUNTS_PER_REV)
+    description = described(
+        ARM.model,
+        *((sensor, math.radians(60.0)) for sensor in [encoder] * 5 + [rvdt] * 2),
+        max_speed_rad_per_s=math.radians(180.0),
+        max_torque_nm=100.0,
+    )
+    return unconnected(BusSettings(channel=bench.channel), sarcos(), description, **options)
 
 
 def findings_of(
@@ -100,7 +95,7 @@ def test_sound_arm_passes_every_stage_with_consent_per_motion(bench):
     turned, declined = [1, 6], [2, 3, 4, 5, 7]
     user = User(*(f"Joint {j} will" for j in declined))
     home = bench.plant.angles_rad[0]
-    findings = findings_of(bench.arm(), user)
+    findings = findings_of(arm_of(bench), user)
     assert failed(findings) == []
     assert [f.stage for f in findings] == sorted((f.stage for f in findings), key=list(Stage).index)
     assert {f.stage for f in findings} == set(Stage)
@@ -121,7 +116,7 @@ def test_sound_arm_passes_every_stage_with_consent_per_motion(bench):
 
 def test_look_stage_needs_no_consent_and_enables_nothing(bench):
     user = User()
-    findings = findings_of(bench.arm(), user, Stage.LOOK)
+    findings = findings_of(arm_of(bench), user, Stage.LOOK)
     assert failed(findings) == []
     assert user.questions == []
     assert all(command.mode is None for command in bench.plant.commands)
@@ -130,7 +125,7 @@ def test_look_stage_needs_no_consent_and_enables_nothing(bench):
 def test_declined_stop_test_enables_no_drive(bench):
     """No to enabling, and yes to the later questions: a closed arm, silence."""
     user = User("Enable them?", "Turn it?", "Free it?", "Release it?")
-    findings = findings_of(bench.arm(), user)
+    findings = findings_of(arm_of(bench), user)
     assert failed(findings) == []
     assert findings[-1].passed is None
     assert "no later check is run" in findings[-1].text
@@ -141,7 +136,7 @@ def test_declined_stop_test_enables_no_drive(bench):
 
 def test_declined_joint_is_not_moved(bench):
     before = bench.plant.angles_rad[2]
-    findings = findings_of(bench.arm(), turning_only(5), Stage.MOVE)
+    findings = findings_of(arm_of(bench), turning_only(5), Stage.MOVE)
     assert failed(findings) == []
     assert [f.text for f in findings if f.joint == 3 and f.stage is Stage.MOVE] == [
         "not tried: declined"
@@ -152,14 +147,14 @@ def test_declined_joint_is_not_moved(bench):
 def test_wrong_direction_ends_check(bench):
     user = turning_only(2)
     user.refused += ("Did joint 2",)
-    findings = findings_of(bench.arm(), user)
+    findings = findings_of(arm_of(bench), user)
     assert failed(findings) == [("direction", 2)]
     assert {f.stage for f in findings} == {Stage.LOOK, Stage.HOLD, Stage.MOVE}
 
 
 def test_stuck_joint_is_reported(bench):
     bench.plant.stuck.add(4)
-    findings = findings_of(bench.arm(), turning_only(4), Stage.MOVE)
+    findings = findings_of(arm_of(bench), turning_only(4), Stage.MOVE)
     # Its drive may trip first.
     assert failed(findings)[0] in (("moves", 4), ("no error", None))
 
@@ -176,13 +171,13 @@ def test_drive_without_heartbeat_guard_is_not_enabled(settings, foreign):
 
 def test_failed_connection_is_one_finding(bench):
     profile = replace(sarcos(), joints=sarcos().joints[:JOINTS])
-    findings = findings_of(unconnected(bench.settings, profile), User())
+    findings = findings_of(unconnected(BusSettings(channel=bench.channel), profile), User())
     assert failed(findings) == [("no error", None)]
     assert "The arm on the bus is not the one in the arm file" in findings[0].text
 
 
 def test_ineffective_stop_ends_check(bench):
-    arm, user = bench.arm(), User()
+    arm, user = arm_of(bench), User()
     arm.stop = lambda: None
     findings = findings_of(arm, user)
     assert failed(findings) == [("STOP", None)]
@@ -208,7 +203,7 @@ def test_drive_enabled_after_stop_during_move_fails(bench):
             joints[1] = replace(joints[1], drive=DriveState.OPERATION_ENABLED)
             return replace(snapshot, joints=tuple(joints))
 
-    arm = bench.arm()
+    arm = arm_of(bench)
     arm.__class__ = SecondStopIgnored
     findings = findings_of(arm, turning_only(1), Stage.MOVE)
     assert failed(findings) == [("STOP on the way", 1)]
@@ -219,7 +214,7 @@ def test_ctrl_c_of_the_user_is_raised(bench):
     def press_ctrl_c(*_: object, **__: object) -> MoveResult:
         raise KeyboardInterrupt
 
-    with closing(bench.arm()) as arm:
+    with closing(arm_of(bench)) as arm:
         arm.connect()
         arm.move = press_ctrl_c
         turn = Turn(arm=arm, joint=1, target_rad=0.1, speed_rad_per_s=SPEED, bounds=BENCH)
@@ -241,10 +236,9 @@ class WithoutOperators(VirtualBus):
 @pytest.mark.parametrize("same_bus", [False, True])
 def test_second_operator_that_connects_is_reported(bench, same_bus):
     """On the same bus it has reset the nodes before it is refused by their holder: a finding as well."""
-    arm = bench.arm()
-    with ExitStack() as stack:
-        other_bench = bench if same_bus else VirtualBench(stack)
-        other = other_bench.arm(opener=lambda s: WithoutOperators(s.channel))
+    arm = arm_of(bench)
+    with nullcontext(bench) if same_bus else running_bench() as other_bench:
+        other = arm_of(other_bench, opener=lambda s: WithoutOperators(s.channel))
         arm.another = lambda: other
         findings = findings_of(arm, User(), Stage.LOOK)
     assert failed(findings) == [("one operator", None)]
@@ -257,12 +251,11 @@ def test_second_operator_that_connects_is_reported(bench, same_bus):
 )
 def test_drives_that_ignore_operator_loss_are_reported(pace):
     """Their 1016h states a time-out. The reset by the next connection, which stops them, does not count."""
-    with ExitStack() as stack:
-        bench = VirtualBench(stack, heartbeat_timeout_s=1e3)
+    with running_bench(heartbeat_timeout_s=1e3) as bench:
         entry = OPERATOR_NODE << 16 | int(1e3 * HEARTBEAT_TIMEOUT_S)
         for drive in bench.controller.drives:
             drive.answers[HEARTBEAT_CONSUMER, 1] = entry
-        findings = findings_of(bench.arm(pace=pace), User("Joint", "closed"))
+        findings = findings_of(arm_of(bench, pace=pace), User("Joint", "closed"))
         states = {drive.drive.state for drive in bench.controller.drives}
     assert failed(findings) == [("stops alone", None)]
     assert findings[-1].text == (
@@ -273,7 +266,7 @@ def test_drives_that_ignore_operator_loss_are_reported(pace):
 
 def test_accepted_out_of_range_target_ends_check(bench):
     """The arm's own limits are wider than those of the arm file."""
-    arm = bench.arm()
+    arm = arm_of(bench)
     description = arm.on_bus.description
     narrow = replace(
         description, joints=tuple(replace(j, upper_rad=0.5) for j in description.joints)

@@ -1,5 +1,3 @@
-"""Single clauses of the bench check, without a bus."""
-
 from types import SimpleNamespace
 
 import numpy as np

@@ -8,7 +8,7 @@ import pytest
 from hardware.arm import DriveState, JointMode
 from hardware.commissioning.profile_draft import DraftRefused
 from hardware.errors import CommandRefused, MappingMismatch, UploadRefused, WrongArm
-from tests.hardware.on_foreign_arm import JOINTS, PER_RAD, drafted, running_foreign_arm
+from tests.hardware.conftest import JOINTS, PER_RAD, drafted, running_foreign_arm
 from tests.oracles.profiles import sarcos
 
 POSITION, FREE = JointMode.POSITION, JointMode.FREE

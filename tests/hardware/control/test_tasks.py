@@ -11,8 +11,8 @@ from hardware.canopen.sdo import ObjectAccess
 from hardware.control import motion_steps, tasks
 from hardware.control.tasks import LoopTask, Steps
 from hardware.errors import HardwareError
+from tests.hardware.control.canopen_arm.conftest import make
 from tests.hardware.fake_arm import FakeArmBus
-from tests.hardware.on_fake_bus import make
 
 
 @pytest.fixture(autouse=True)

@@ -1,5 +1,3 @@
-"""The straight move, by differences of its targets: bounds, ends, braking."""
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

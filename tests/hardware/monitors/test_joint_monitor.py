@@ -1,5 +1,3 @@
-"""Detection of count jumps among all other motions of a joint."""
-
 import math
 import struct
 from collections.abc import Callable

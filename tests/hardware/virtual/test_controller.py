@@ -9,7 +9,7 @@ import pytest
 from hardware.arm import JointMode
 from hardware.virtual.axis import JointCommand, PlantReading
 from hardware.virtual.controller import VirtualController
-from tests.hardware.on_fake_bus import wait_for
+from tests.hardware.control.canopen_arm.conftest import wait_for
 from tests.hardware.virtual.conftest import NODES, wait_for_heartbeats
 from tests.oracles.virtual_rig import ARM, TrivialPlant, axes, rig
 
@@ -159,7 +159,7 @@ def test_axes_must_match_the_plant():
         VirtualController(bus, TrivialPlant([1.0] * 7), axes=axes()[:6], arm=ARM)
 
 
-def test_closed_bus_is_kept_as_the_failure():
+def test_closed_bus_is_reported_as_the_failure():
     bus = can.Bus("goes-away", interface="virtual")
     plant = TrivialPlant([a.scale.counts_per_rad for a in axes()])
     controller = VirtualController(bus, plant, axes=axes(), arm=ARM)
@@ -194,19 +194,3 @@ def run_failing_plant() -> None:
 def test_failing_plant_ends_heartbeats_and_close_raises():
     with pytest.raises(ArithmeticError, match="does not close"):
         run_failing_plant()
-
-
-def test_target_beyond_a_limit_raises_8612h_until_a_valid_one(arm):
-    states = arm.operational()
-    position = states[2][1]
-    arm.peer.command(3, 0x0F, position + 1000, 8)
-    states = arm.peer.sync()
-    assert states[2][1] == position
-    assert states[2][0] & 1 << 11
-    assert [data[:3] for data in arm.peer.seen(0x083)] == [b"\x12\x86\x21"]
-    assert arm.peer.unsigned(3, 0x603F) == 0x8612
-    assert arm.peer.unsigned(3, 0x1001) == 0x21
-    arm.peer.command(3, 0x0F, position + 100, 8)
-    assert arm.peer.sync()[2][1] == position + 100
-    assert [data[:3] for data in arm.peer.seen(0x083)] == [b"\x12\x86\x21", bytes(3)]
-    assert arm.peer.unsigned(3, 0x1001) == 0

@@ -1,5 +1,3 @@
-"""Injected faults of drives, sensors and controller, seen from the bus."""
-
 import pytest
 
 from hardware.arm import JointMode
@@ -103,8 +101,7 @@ def test_no_drive_is_enabled_while_one_is_in_fault(arm):
     arm.operational()
     arm.run_in_loop(lambda: arm.plant.speed_rad_per_s.__setitem__(2, 9.9))
     arm.peer.sync()
-    for joint in (1, 2, 4, 5, 6, 7):
-        arm.peer.command(joint, 0x00, 0, 8)
+    arm.peer.command_all(0x00)
     states = arm.peer.enable([8] * 7)
     assert all(word & STATE != 0x27 for word, _, _ in states)
 
@@ -116,13 +113,10 @@ def test_external_stop_trips_all_drives_until_released(arm):
     assert [word & 0x4F for word, _, _ in states] == [FAULT] * 7
     assert {c.mode for c in arm.plant.commands} == {None}
     assert [emergency_codes(arm, node) for node in (*range(1, 8), 16)] == [[0x5441]] * 8
-    for joint in range(1, 8):
-        arm.peer.command(joint, 0x80, 0, 8)
+    arm.peer.command_all(0x80)
     assert [word & 0x4F for word, _, _ in arm.peer.sync()] == [FAULT] * 7
     arm.run_in_loop(lambda: external_stop(arm.controller, pressed=False))
-    for joint in range(1, 8):
-        arm.peer.command(joint, 0x00, 0, 8)
-        arm.peer.command(joint, 0x80, 0, 8)
+    arm.peer.command_all(0x00, 0x80)
     assert [word & 0x4F for word, _, _ in arm.peer.sync()] == [0x40] * 7
     assert emergency_codes(arm, 16) == [0x5441, 0]
 

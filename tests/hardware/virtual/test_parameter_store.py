@@ -1,5 +1,3 @@
-"""Parameter slots: power cuts at every operation of a commit, damaged files, other files in their place."""
-
 import itertools
 import os
 

@@ -1,20 +1,16 @@
-"""Scenarios: active error sources, starting poses, and reproducibility for a seed."""
-
 import itertools
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from hardware.arm import JointMode
 from hardware.virtual import SCENARIOS
-from hardware.virtual.axis import JointCommand
 from hardware.virtual.scenarios import STIFF, Scenario, scenario
 from hardware.virtual.true_loop import PAPER_HOME_RAD, hinge_truth, paper_loop
-from solver.chain.arm_model import ArmModel
-from solver.chain.kinematics import DhTable
+from operator_app.config.arm_file import load_arm
 from solver.chain.parameters import wrap_angle
 from solver.chain.sensors import Encoder
+from tests.hardware.virtual.conftest import BLOCKED, SARCOS, commands, sensed_rad
 
 
 def test_paper_loop_closes_at_the_published_home():
@@ -32,51 +28,48 @@ def test_loop_that_cannot_close_is_refused():
         far.closed_near(PAPER_HOME_RAD)
 
 
-def test_exact_scenario_has_fine_encoders_without_noise(sarcos):
-    joints = scenario("exact").arm(sarcos).joints
+def test_exact_scenario_has_fine_encoders_without_noise():
+    joints = scenario("exact").arm(SARCOS).joints
     assert [j.sensor for j in joints] == [Encoder(counts_per_rev=400_000)] * 7
-    assert [j.name for j in joints] == [j.name for j in sarcos.joints]
-    assert scenario("datasheet").arm(sarcos) is sarcos
-    plant = scenario("exact").build(sarcos)
+    assert [j.name for j in joints] == [j.name for j in SARCOS.joints]
+    assert scenario("datasheet").arm(SARCOS) is SARCOS
+    plant = scenario("exact").build(SARCOS)
     assert {s.noise_counts for s in plant.sensors.sensors} == {0.0}
 
 
-def test_as_reported_scenario_has_errors_of_the_stated_size(sarcos):
+def test_as_reported_scenario_has_errors_of_the_stated_size():
     reported = scenario("as_reported", 5)
     deviations = reported.true_loop().table.stacked() - paper_loop().table.stacked()
     changed = np.abs(deviations[deviations != 0.0])
     assert changed.size == 11  # a_1 .. a_6, s_2 .. s_6
     assert changed.min() >= 1e-3
     assert changed.max() <= 2e-3
-    curves = reported.curves(sarcos)
+    curves = reported.curves(SARCOS)
     assert curves[:5] == (None,) * 5
     for curve in curves[5:]:
-        assert curve is not None
         assert curve.peak_rad() == pytest.approx(np.deg2rad(0.019 * 120.0))
 
 
-def test_error_sources_are_independent(sarcos):
+def test_error_sources_are_independent():
     reported = scenario("as_reported", 2)
     linear = replace(reported, linearity_of_full_scale=0.0)
-    assert linear.curves(sarcos) == (None,) * 7
+    assert linear.curves(SARCOS) == (None,) * 7
     np.testing.assert_array_equal(linear.true_loop().table.s_m, reported.true_loop().table.s_m)
     true_lengths = replace(reported, lengths=None)
     np.testing.assert_array_equal(true_lengths.true_loop().table.a_m, paper_loop().table.a_m)
-    curves = true_lengths.curves(sarcos)[6], reported.curves(sarcos)[6]
-    np.testing.assert_array_equal(*(curve.coefficients_rad for curve in curves))  # type: ignore[union-attr]
+    curves = true_lengths.curves(SARCOS)[6], reported.curves(SARCOS)[6]
+    np.testing.assert_array_equal(*(curve.coefficients_rad for curve in curves))
     longer = replace(reported, lengths=(0.004, 0.005))
     difference = longer.true_loop().table.s_m[2:7] - paper_loop().table.s_m[2:7]
     assert np.all((np.abs(difference) >= 0.004) & (np.abs(difference) <= 0.005))
 
 
-def test_only_the_compliant_fixture_deflects(sarcos, commands):
+def test_only_the_compliant_fixture_deflects():
     def deflection_m(tested: Scenario) -> float:
-        plant = tested.build(sarcos)
-        start = sarcos.home_rad
-        for part in np.linspace(0.0, 1.0, 60):
+        plant = tested.build(SARCOS)
+        start = SARCOS.home_rad
+        for part in [*np.linspace(0.0, 1.0, 60), *[1.0] * 30]:
             plant.step(commands({1: start[0] + 0.2 * part, 5: start[4] - 0.4 * part}))
-        for _ in range(30):
-            plant.step(commands({1: start[0] + 0.2, 5: start[4] - 0.4}))
         return float(np.linalg.norm(plant.closure_error[3:]))
 
     reported = scenario("as_reported")
@@ -85,50 +78,45 @@ def test_only_the_compliant_fixture_deflects(sarcos, commands):
     assert deflection_m(scenario("datasheet")) < 1e-6
 
 
-def test_as_reported_scenario_varies_only_its_noise_with_the_seed(sarcos):
+def test_as_reported_scenario_varies_only_its_noise_with_the_seed():
     one, same, other = (scenario("as_reported", seed) for seed in (1, 1, 2))
     np.testing.assert_array_equal(one.true_loop().table.s_m, other.true_loop().table.s_m)
-    hold = [JointCommand(mode=None, target_rad=0.0)] * 7
-    plants = [tested.build(sarcos) for tested in (one, same, other)]
-    counts = [[plant.step(hold).position_counts[5:] for _ in range(10)] for plant in plants]
+    plants = [tested.build(SARCOS) for tested in (one, same, other)]
+    counts = [[plant.step(BLOCKED).position_counts[5:] for _ in range(10)] for plant in plants]
     assert counts[0] == counts[1] != counts[2]
 
 
-def test_holding_at_the_measured_position_needs_little_torque(sarcos):
+def test_holding_at_the_measured_position_needs_little_torque():
     """The drive closes its loop on its sensor, so a linearity deviation of 2 deg is no control error."""
-    plant = replace(scenario("datasheet", 1), noise=False).build(sarcos)
-    hold = [JointCommand(mode=None, target_rad=0.0)] * 7
+    plant = replace(scenario("datasheet", 1), noise=False).build(SARCOS)
     resolution_rad = [sensor.resolution_rad for sensor in plant.sensors.sensors]
-    measured = np.array(plant.step(hold).position_counts) * resolution_rad
-    true = (plant.true_angles_rad - np.concatenate(([0.0], plant.truth.offsets_rad)))[1:]
-    assert np.rad2deg(np.abs(measured - true)[5:].max()) > 0.3
+    measured = np.array(plant.step(BLOCKED).position_counts) * resolution_rad
+    assert np.rad2deg(np.abs(measured - sensed_rad(plant))[5:].max()) > 0.3
     for _ in range(50):
-        reading = plant.step(
-            [JointCommand(mode=JointMode.POSITION, target_rad=float(m)) for m in measured]
-        )
+        reading = plant.step(commands(dict(enumerate(measured.tolist(), 1))))
     assert max(map(abs, reading.torque_nm)) < 15.0
 
 
 @pytest.mark.sample(4)
 @pytest.mark.parametrize("seed", range(20))
-def test_wild_arm_starts_closed_and_moves_within_its_ranges(sarcos, commands, seed):
-    plant = scenario("wild", seed).build(sarcos)
+def test_wild_arm_starts_closed_and_moves_within_its_ranges(seed):
+    plant = scenario("wild", seed).build(SARCOS)
     assert np.abs(plant.closure_error).max() < 1e-9
-    start = plant.true_angles_rad[1:] - plant.truth.offsets_rad
-    np.testing.assert_allclose(start, sarcos.home_rad, atol=1e-3)
+    start = sensed_rad(plant)
+    np.testing.assert_allclose(start, SARCOS.home_rad, atol=1e-3)
     hardest, moved = 0.0, np.zeros(7)
     for corner in ((48.0, -70.0), (-30.0, 0.0)):
-        begin = (plant.true_angles_rad[1:] - plant.truth.offsets_rad)[[0, 4]]
+        begin = sensed_rad(plant)[[0, 4]]
         end = start[[0, 4]] + np.deg2rad(corner)
         for part in np.linspace(0.0, 1.0, 200):
             target = begin + part * (end - begin)
             reading = plant.step(commands({1: target[0], 5: target[1]}))
             hardest = max(hardest, *map(abs, reading.torque_nm))
-            sensed = plant.true_angles_rad[1:] - plant.truth.offsets_rad
-            assert np.all(sensed > sarcos.lower_rad)
-            assert np.all(sensed < sarcos.upper_rad)
+            sensed = sensed_rad(plant)
+            assert np.all(sensed > SARCOS.lower_rad)
+            assert np.all(sensed < SARCOS.upper_rad)
             moved = np.maximum(moved, np.abs(sensed - start))
-    assert hardest < sarcos.joints[0].max_torque_nm
+    assert hardest < SARCOS.joints[0].max_torque_nm
     assert np.all(np.rad2deg(moved) > 2.0)
 
 
@@ -140,18 +128,10 @@ def test_random_arms_differ_from_the_paper_and_each_other():
         assert np.abs(wrap_angle(one - other)).max() > np.deg2rad(3.0)
 
 
-def test_invalid_scenario_seed_or_joint_count_is_refused(sarcos):
+def test_invalid_scenario_seed_or_joint_count_is_refused():
     with pytest.raises(ValueError, match=", ".join(SCENARIOS)):
         scenario("nominal")
     with pytest.raises(ValueError, match="seed"):
         scenario("exact", -1)
-    zeros = np.zeros(6)
-    six_joints = ArmModel(
-        name="six",
-        table=DhTable(theta_off_rad=zeros, s_m=zeros, a_m=zeros, alpha_rad=zeros),
-        joints=sarcos.joints[:6],
-        free=(),
-        home_rad=zeros,
-    )
     with pytest.raises(ValueError, match="7 joints"):
-        scenario("exact").build(six_joints)
+        scenario("exact").build(load_arm("ur5e"))

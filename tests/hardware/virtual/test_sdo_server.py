@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 
 import hardware.eds
 from hardware.virtual.sdo_server import LONGEST_DOCUMENT
-from tests.oracles.raw_can import RawAbort
 from tests.oracles.virtual_rig import Rig, rig
 
 EDS = Path(hardware.eds.__file__).parent
@@ -45,7 +44,8 @@ def test_document_of_any_length_is_read_back(arm, size):
 
 
 def test_download_without_length_is_accepted(arm):
-    assert exchange(arm, WRITE_2000.pack(0x20, 0x2000, 0, 0))[0] == 0x60
+    answer = exchange(arm, WRITE_2000.pack(0x20, 0x2000, 0, 0))
+    assert answer == WRITE_2000.pack(0x60, 0x2000, 0, 0)
     assert exchange(arm, b"\x00" + b"abcdefg")[0] == 0x20
     assert exchange(arm, b"\x1b" + b"hi" + bytes(5))[0] == 0x30
     assert arm.peer.read(16, 0x2000) == b"abcdefghi"
@@ -67,7 +67,7 @@ def test_invalid_download_is_aborted(arm, frames, code):
     assert abort_code(answer) == code
     assert answer[1:4] == frames[0][1:4]
     assert abort_code(exchange(arm, b"\x10abcdefg")) == 0x05040001
-    with pytest.raises(RawAbort):
+    with pytest.raises(canopen.SdoAbortedError):
         arm.peer.read(16, 0x2000)
 
 
@@ -121,7 +121,7 @@ def test_block_download_other_than_announced_is_aborted(arm, size, crc, last, co
     answer = exchange(arm, struct.pack("<BH5x", last, binascii.crc_hqx(BLOCK, 0) ^ crc))
     assert abort_code(answer) == code
     assert answer[1:4] == b"\x00\x20\x00"
-    with pytest.raises(RawAbort):
+    with pytest.raises(canopen.SdoAbortedError):
         arm.peer.read(16, 0x2000)
 
 
@@ -242,8 +242,7 @@ def send_frames_then_read_and_stop(frames: list[tuple[int, bytes, bool]]) -> Non
                     is_extended_id=False,
                 )
             )
-        for joint in range(1, 8):
-            arm.peer.command(joint, 0x02, 0, 8)
+        arm.peer.command_all(0x02)
         arm.peer.nmt(1)
         for node in (*range(1, 8), 16):
             arm.peer.send(0x600 + node, WRITE_2000.pack(0x80, 0, 0, 0))
@@ -279,9 +278,6 @@ def test_canopen_package_reads_and_writes_through_the_eds(arm):
         assert supervisor.sdo["Identity object"]["Serial number"].raw == 7
         assert [supervisor.sdo[0x2020][k].raw for k in (1, 2, 3)] == ["test_arm", "SDA-0007", 7]
         assert joint.sdo["Software position limit"]["Max position limit"].raw == 6000
-        document = b"SDA-0007 1 2 3 4 5 6 7" + b"\n" * 1000
-        supervisor.sdo[0x2000].raw = document
-        assert supervisor.sdo[0x2000].raw == document
         with pytest.raises(canopen.SdoAbortedError) as abort:
             supervisor.sdo[0x2002].raw = 2
         assert abort.value.code == 0x08000022
@@ -298,9 +294,8 @@ def test_canopen_package_reads_and_writes_through_the_eds(arm):
         joint.tpdo.read()
         with joint.tpdo[1].receive_condition:
             network.sync.transmit()
-            joint.tpdo[1].receive_condition.wait(5.0)
+            joint.tpdo[1].receive_condition.wait(60.0)
         assert joint.tpdo["Position actual value"].raw == 172
         assert joint.tpdo["Statusword"].raw == 0x0250
     finally:
-        assert network.notifier is not None
         network.notifier.stop()

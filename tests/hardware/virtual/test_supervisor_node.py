@@ -1,10 +1,9 @@
-"""Parameter documents over the bus: stage, read back, commit, roll back, and errors of each step."""
-
 import hashlib
 import threading
 from collections.abc import Callable
 
 import pytest
+from canopen import SdoAbortedError
 
 from hardware.virtual.faults import inject
 from hardware.virtual.parameter_store import (
@@ -16,7 +15,6 @@ from hardware.virtual.parameter_store import (
 )
 from hardware.virtual.supervisor_node import ArmLabel
 from tests.hardware.virtual.conftest import write_to_supervisor
-from tests.oracles.raw_can import RawAbort
 from tests.oracles.virtual_rig import Rig, parse, rig
 
 STAGE, COMMIT, ROLL_BACK = b"\x01", b"\x02", b"\x03"
@@ -154,7 +152,7 @@ def test_uncommitted_document_is_dropped_with_the_token(arm, staged):
         assert execute(arm, STAGE) is None
     arm.peer.write(16, 0x2010, 0, bytes(4))
     arm.peer.take_control()
-    with pytest.raises(RawAbort, match="08000024h"):
+    with pytest.raises(SdoAbortedError, match="0x08000024"):
         arm.peer.read(16, 0x2000)
     assert execute(arm, COMMIT) == 0x08000022
     assert slots(arm) == [0, 0, 0, 0]

@@ -1,28 +1,21 @@
 """The open arm and its simulated tracker, against plain homogeneous matrices."""
 
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fixtures.measured import Measured
 from fixtures.setup_checks import mounted_entries
-from hardware.arm import JointMode
-from hardware.virtual.axis import JointCommand
 from hardware.virtual.scenarios import scenario, scenario_of
 from hardware.virtual.true_loop import paper_loop
-from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from solver.chain.parameters import DhEntry
 from solver.loops.open_arm import MeasuredClosure
-from tests.hardware.virtual.conftest import specimen_files
+from tests.hardware.virtual.conftest import SARCOS, commands, sensed_rad, specimen_files
 from tests.oracles.loop_oracle import product
 
-ARM = load_arm("sarcos_dextrous")
 INSTRUMENT = load_fixture("tracker").fixture
-assert isinstance(INSTRUMENT, Measured)
 
 
 def test_open_arm_has_the_table_of_the_arm_at_the_hinge():
@@ -42,11 +35,9 @@ def test_open_arm_has_the_table_of_the_arm_at_the_hinge():
 
 def test_tracker_measures_the_pose_of_the_matrices():
     chosen = scenario_of("exact", 1, specimen_files("tracker"))
-    plant, truth = chosen.build(ARM), chosen.true_loop()
+    plant, truth = chosen.build(SARCOS), chosen.true_loop()
     tracker = chosen.tracker(plant, INSTRUMENT)
-    assert tracker is not None
     loop = truth.loop
-    assert isinstance(loop, MeasuredClosure)
     constants = truth.table.stacked()[1:, 1:]
     tool = product(plant.true_angles_rad[None, 1:], *constants)[0]
     answer = json.loads(tracker.answer('{"measure": "4"}'))
@@ -64,8 +55,7 @@ def test_tracker_measures_the_pose_of_the_matrices():
 
 def test_tracker_noise_has_the_sigmas_of_the_fixture_file():
     chosen = scenario_of("datasheet", 1, specimen_files("tracker"))
-    tracker = chosen.tracker(chosen.build(ARM), INSTRUMENT)
-    assert tracker is not None
+    tracker = chosen.tracker(chosen.build(SARCOS), INSTRUMENT)
     poses = np.array([tracker.measured() for _ in range(200)])
     rotations = Rotation.from_rotvec(poses[:, 3:])
     rotation_errors = (rotations * rotations.mean().inv()).as_rotvec()
@@ -75,17 +65,14 @@ def test_tracker_noise_has_the_sigmas_of_the_fixture_file():
 
 
 def test_free_joint_of_the_open_arm_sags():
-    plant = scenario_of("exact", 1, specimen_files("tracker")).build(ARM)
+    plant = scenario_of("exact", 1, specimen_files("tracker")).build(SARCOS)
     start = plant.true_angles_rad[1:]
-    hold = [
-        JointCommand(mode=JointMode.POSITION, target_rad=float(q))
-        for q in start - plant.truth.offsets_rad
-    ]
+    targets = dict(enumerate(sensed_rad(plant), 1))
     for _ in range(30):
-        plant.step(hold)
+        plant.step(commands(targets))
     assert np.abs(plant.true_angles_rad[1:] - start).max() < np.deg2rad(0.5)
-    free = [replace(c, mode=JointMode.FREE) if j == 1 else c for j, c in enumerate(hold)]
+    del targets[2]
     for _ in range(30):
-        plant.step(free)
+        plant.step(commands(targets))
     assert abs(plant.true_angles_rad[2] - start[1]) > np.deg2rad(5.0)
     assert plant.closure_error.size == 0

@@ -1,13 +1,10 @@
-"""Pace and closing on a fake bus."""
-
-import struct
 import threading
 
 import pytest
 
 from hardware.errors import BusError, DriveFault
+from tests.hardware.control.canopen_arm.conftest import capture_for_ever, wait_for
 from tests.hardware.fake_arm import JOINTS
-from tests.hardware.on_fake_bus import capture_for_ever, wait_for
 
 
 def test_fast_forward_sends_no_sync_when_idle(driven, bus):
@@ -72,7 +69,7 @@ def test_close_reports_drive_that_ignored_stop(driven, bus):
 @pytest.mark.parametrize(("node", "code"), [(16, 0x5441), (16, 0x1000), (2, 0x8612)])
 def test_close_disables_drives_despite_reported_emergency(driven, bus, node, code):
     """A supervisor's emergency counts as a stop, but stops no drive."""
-    bus.inject(0x80 + node, struct.pack("<HB5x", code, 0x81))
+    bus.emergency(node, code)
     wait_for(lambda: bool(driven.snapshot().faults))
     assert driven.close()
     assert driven.left_powered == ()
@@ -91,8 +88,7 @@ def test_close_before_first_command_releases_arm(arm, bus):
 
 
 def test_stop_while_closing_latches(driven, bus):
-    start = bus.syncs
-    bus.on_sync = lambda sync: driven.stop() if sync == start + 2 else None
+    bus.at(2, driven.stop)
     driven.close()
     assert bus.statuses == {0x07}
     assert bus.token == 0
@@ -125,7 +121,7 @@ def test_concurrent_close_waits_for_first_close(driven, bus):
 
     bus.on_closing = close_again
     driven.close()
-    other.join(5.0)
+    other.join(60.0)
     assert waited == [True], "closed once, while the other thread waited"
     with pytest.raises(BusError, match="not connected"):
         driven.snapshot()

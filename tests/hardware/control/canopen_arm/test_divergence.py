@@ -3,11 +3,14 @@
 import can
 import pytest
 
-from hardware.arm import JointMode
 from hardware.errors import BusError, DriveDiverged
-from hardware.timing import Pace
+from tests.hardware.control.canopen_arm.conftest import (
+    TWO_DRIVEN,
+    capture_for_ever,
+    drive,
+    wait_for,
+)
 from tests.hardware.fake_arm import JOINTS, FakeArmBus, FakeDrive
-from tests.hardware.on_fake_bus import TWO_DRIVEN, capture_for_ever, drive, wait_for
 
 FAR, WINDOW = 1600, 1111
 """Counts: final deviation of a diverging joint; one degree, the limit for a drive without 6065h."""
@@ -66,19 +69,6 @@ def test_commands_after_divergence_raise_drive_diverged(driven, bus):
         with pytest.raises(DriveDiverged, match="the arm has been stopped"):
             command()
     assert {word for j in bus.drives for word in bus.controlwords(j, since)} <= {0x0000, 0x0002}
-
-
-def test_divergence_is_detected_in_real_time_with_all_joints_driven(connected, bus):
-    arm = connected(pace=Pace.REAL_TIME)
-    arm.take_control()
-    arm.set_modes([JointMode.POSITION] * JOINTS)
-    assert arm.snapshot().stopped_for == ""
-    diverge(bus, 3)
-    wait_for(lambda: arm.snapshot().stopped)
-    assert "joint 3 is +1" in arm.snapshot().stopped_for
-    wait_for(lambda: bus.drives[3].status == 0x40)
-    assert arm.close()
-    assert bus.drives[3].status == 0x40
 
 
 def test_lost_disable_command_is_repeated(driven, bus):

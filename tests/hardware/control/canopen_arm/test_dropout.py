@@ -4,21 +4,20 @@ import pytest
 
 from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import BusError, CommandRefused, DriveDiverged, DriveDropout, DriveFault
+from tests.hardware.control.canopen_arm.conftest import (
+    TWO_DRIVEN,
+    capture_for_ever,
+    drive,
+    wait_for,
+)
 from tests.hardware.fake_arm import JOINTS, FakeArmBus
-from tests.hardware.on_fake_bus import TWO_DRIVEN, capture_for_ever, drive, wait_for
 
 SWITCHED_ON, READY, ENABLED, OFF, STOPPED = 0x23, 0x21, 0x27, 0x40, 0x07
 
 
 def drop(bus: FakeArmBus, joint: int, *, after: int = 30, to: int = SWITCHED_ON) -> None:
     """Set the state of a drive once, some SYNCs from now."""
-    at = bus.syncs + after
-
-    def change_state(sync: int) -> None:
-        if sync == at:
-            bus.drives[joint].status = to
-
-    bus.on_sync = change_state
+    bus.at(after, lambda: setattr(bus.drives[joint], "status", to))
 
 
 def was_never_reenabled(words: list[int]) -> bool:
@@ -82,13 +81,12 @@ def test_dropout_right_after_enabling_is_not_enabled_again(arm, bus, after, stat
 def test_dropout_during_enabling_ends_take_control(arm, bus, state):
     begun = bus.syncs
 
-    def delay_joint_7_and_drop_joint_3(sync: int) -> None:
+    def delay_joint_7(sync: int) -> None:
         if sync < begun + 30:
             bus.drives[7].status = SWITCHED_ON
-        if sync == begun + 8:
-            bus.drives[3].status = state
 
-    bus.on_sync = delay_joint_7_and_drop_joint_3
+    bus.on_sync = delay_joint_7
+    drop(bus, 3, after=8, to=state)
     with pytest.raises(DriveDropout, match="joint 3: the drive is in"):
         arm.take_control()
     words = bus.controlwords(3)
@@ -130,15 +128,8 @@ def test_dropout_is_detected_while_idle(live, bus):
 
 def test_late_emergency_determines_fault_code(driven, bus):
     driven.capture(20)
-    start = bus.syncs
-
-    def trip(sync: int) -> None:
-        if sync == start + 30:
-            bus.drives[5].status = 0x08
-        elif sync == start + 31:
-            bus.trip(5, 0x8311)
-
-    bus.on_sync = trip
+    drop(bus, 5, to=0x08)
+    bus.at(31, lambda: bus.trip(5, 0x8311))
     with pytest.raises(DriveFault, match="joint 5 tripped: excess torque"):
         driven.move({2: 1.0}, speed_rad_per_s=0.5)
     assert {drive.mode for j, drive in bus.drives.items() if j != 5} == {8}
@@ -167,14 +158,12 @@ def test_divergence_takes_precedence_over_cleared_following_bit(driven, bus):
 def test_disconnected_node_is_named_rather_than_its_neighbours(driven, bus):
     """The other drives stop at once; the missing answers and heartbeat of the node show later."""
     driven.capture(20)
-    at = bus.syncs + 30
 
-    def disconnect(sync: int) -> None:
-        if sync == at:
-            bus.offline = {3}
-            for axis in (d for j, d in bus.drives.items() if j != 3):
-                axis.status = STOPPED
+    def disconnect() -> None:
+        bus.offline = {3}
+        for axis in (d for j, d in bus.drives.items() if j != 3):
+            axis.status = STOPPED
 
-    bus.on_sync = disconnect
+    bus.at(30, disconnect)
     with pytest.raises(BusError, match=r"has gone silent: .* from node 3"):
         move_for_ever(driven)

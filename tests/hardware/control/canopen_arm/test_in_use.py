@@ -11,8 +11,8 @@ from hardware.errors import ArmInUse, CommandRefused, ControlDenied, NodeMissing
 from hardware.monitors.joint_monitor import JointMonitor, alarms
 from hardware.monitors.node_monitor import NodeMonitor
 from hardware.timing import Pace
+from tests.hardware.control.canopen_arm.conftest import capture_for_ever, make, short_timing
 from tests.hardware.fake_arm import FakeArmBus
-from tests.hardware.on_fake_bus import capture_for_ever, make, short_timing
 from tests.oracles.profiles import sarcos
 
 ENABLED, QUICK_STOP, TRIPPED = 0x27, 0x07, 0x08
@@ -80,7 +80,8 @@ def refused(bus: ReadingBus, error: type[Exception], match: str | None = None) -
 @pytest.mark.parametrize("state", [ENABLED, QUICK_STOP])
 def test_late_operator_heartbeat_prevents_reset(bus, state):
     bus.drives[2].status = state
-    bus.when_read_more_often(7, STATUSWORD, lambda: setattr(bus, "other_operator", True))
+    heartbeat = ((0x77F, b"\x05"),)
+    bus.when_read_more_often(7, STATUSWORD, lambda: setattr(bus, "other_master", heartbeat))
     assert refused(bus, ControlDenied).holder == 127
 
 

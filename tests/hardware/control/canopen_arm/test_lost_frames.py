@@ -9,8 +9,8 @@ import pytest
 
 from hardware.canopen.sdo import ObjectAccess
 from hardware.errors import BusError, FramesLost
+from tests.hardware.control.canopen_arm.conftest import make, short_timing
 from tests.hardware.fake_arm import FakeArmBus
-from tests.hardware.on_fake_bus import make, short_timing
 
 TIMING = short_timing(sdo_timeout_s=0.05)
 

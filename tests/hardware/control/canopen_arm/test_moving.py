@@ -1,10 +1,7 @@
-"""Moves on a fake bus, ended by their targets, a watch, Ctrl-C, a trip or an external stop."""
-
 import itertools
 import math
 import os
 import signal
-import struct
 import threading
 from collections.abc import Callable
 from types import FrameType
@@ -14,8 +11,8 @@ import pytest
 
 from hardware.arm import ArmSnapshot
 from hardware.errors import CommandRefused, DriveFault, OtherMaster, Stopped
+from tests.hardware.control.canopen_arm.conftest import PER_RAD, drive
 from tests.hardware.fake_arm import JOINTS, FakeArmBus
-from tests.hardware.on_fake_bus import PER_RAD, drive
 
 
 def test_move_reaches_targets_in_small_steps(driven, bus):
@@ -114,13 +111,11 @@ def test_ctrl_c_brings_move_to_rest(driven, bus):
 
 def while_braking(bus: FakeArmBus, act: Callable[[], None]) -> None:
     """Let something happen 10 SYNCs after joint 2 passed 0.2 rad, where the watch begins to brake."""
-    passed: list[int] = []
 
-    def on_sync(sync: int) -> None:
-        if not passed and bus.drives[2].counts > 0.2 * PER_RAD:
-            passed.append(sync)
-        if passed and sync == passed[0] + 10:
-            act()
+    def on_sync(_sync: int) -> None:
+        if bus.drives[2].counts > 0.2 * PER_RAD:
+            bus.on_sync = lambda _: None
+            bus.at(10, act)
 
     bus.on_sync = on_sync
 
@@ -140,15 +135,8 @@ def test_tripped_drive_ends_move_and_others_hold(driven, bus, joint, watch):
 
 def test_other_master_takes_precedence_over_resulting_trip(driven, bus):
     """A drive that another program resets makes the others overload each other; the rest hold."""
-
-    def interfere(sync: int) -> None:
-        if sync == start + 40:
-            bus.inject(0x000, b"\x81\x03")
-        if sync == start + 48:
-            bus.trip(5, 0x8311)
-
-    start = bus.syncs
-    bus.on_sync = interfere
+    bus.at(40, lambda: bus.inject(0x000, b"\x81\x03"))
+    bus.at(48, lambda: bus.trip(5, 0x8311))
     with pytest.raises(OtherMaster, match="'reset node' to node 3"):
         driven.move({2: 1.0}, speed_rad_per_s=0.5)
     assert [f.code for f in driven.snapshot().faults] == [0x8311]
@@ -156,8 +144,7 @@ def test_other_master_takes_precedence_over_resulting_trip(driven, bus):
 
 
 def test_external_stop_while_braking_stops_at_once(driven, bus):
-    external_stop = struct.pack("<HB5x", 0x5441, 0x81)
-    while_braking(bus, lambda: bus.inject(0x90, external_stop))
+    while_braking(bus, lambda: bus.emergency(16, 0x5441))
     with pytest.raises(Stopped, match="external stop"):
         driven.move({2: 1.0}, speed_rad_per_s=0.5, watch=brake_at_0_2_rad)
     targets = [target for _, target, _ in bus.drives[2].received]

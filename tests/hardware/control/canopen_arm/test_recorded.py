@@ -1,5 +1,3 @@
-"""Recordings of the arm's bus traffic."""
-
 import can
 import pytest
 

@@ -1,12 +1,10 @@
 """Silent, restarted and faulty nodes on a fake bus: they are named, and no call hangs."""
 
-import struct
-
 import can
 import pytest
 
 from hardware.errors import BusError, CommandRefused, NodeRestarted
-from tests.hardware.on_fake_bus import PER_RAD, capture_for_ever, wait_for
+from tests.hardware.control.canopen_arm.conftest import PER_RAD, capture_for_ever, wait_for
 
 
 def test_joint_without_tpdo_ends_move(driven, bus):
@@ -39,36 +37,34 @@ def test_bus_failure_raises_bus_error_in_every_call(driven, bus):
 
 
 @pytest.mark.parametrize(
-    ("state", "error", "message"),
+    ("operational", "error", "message"),
     [
-        (b"\x7f", BusError, "Node 3 has left operation"),
-        (b"\x05", NodeRestarted, r"joint 3 \(node 3\) has restarted"),
+        (False, BusError, "Node 3 has left operation"),
+        (True, NodeRestarted, r"joint 3 \(node 3\) has restarted"),
     ],
 )
-def test_restarted_node_is_named(driven, bus, state, error, message):
+def test_restarted_node_is_named(driven, bus, operational, error, message):
+    if not operational:
+        bus.started.remove(3)  # so that no heartbeat in between says otherwise
     bus.inject(0x703, b"\x00")
-    bus.inject(0x703, state)
+    bus.inject(0x703, b"\x05" if operational else b"\x7f")
     with pytest.raises(error, match=message) as raised:
         capture_for_ever(driven)
     assert error is BusError or raised.value.nodes == (3,)
 
 
 def test_refused_target_raises_command_refused(driven, bus):
-    bus.inject(0x82, struct.pack("<HB5x", 0x8612, 0x81))
+    bus.emergency(2, 0x8612)
     with pytest.raises(CommandRefused, match="joint 2: target refused"):
         capture_for_ever(driven)
-    bus.inject(0x82, struct.pack("<HB5x", 0x0000, 0x00))
+    bus.inject(0x82, bytes(8))
     wait_for(lambda: driven.snapshot().faults == ())
     driven.capture(1)
 
 
 def test_single_lost_tpdo_does_not_end_move(driven, bus):
-    start = bus.syncs
-
-    def lose_one(sync: int) -> None:
-        bus.without_tpdo = {4} if sync == start + 20 else set()
-
-    bus.on_sync = lose_one
+    bus.at(20, lambda: bus.without_tpdo.add(4))
+    bus.at(21, bus.without_tpdo.clear)
     assert driven.move({2: 0.2}, speed_rad_per_s=0.5).reached
 
 

@@ -1,16 +1,24 @@
 """STOP on a fake bus: it overrides every command, waits for nothing, and stays latched until reset."""
 
-import struct
 import threading
 from dataclasses import replace
+from types import SimpleNamespace
 
 import can
 import pytest
 
 from hardware.buses.python_can import BusSettings
+from hardware.control import motion_steps
+from hardware.control.stop_line import StopLatch
 from hardware.errors import BusError, CommandRefused, Stopped
+from tests.hardware.control.canopen_arm.conftest import (
+    PER_RAD,
+    capture_for_ever,
+    drive,
+    make,
+    short_timing,
+)
 from tests.hardware.fake_arm import JOINTS, FakeArmBus
-from tests.hardware.on_fake_bus import PER_RAD, capture_for_ever, drive, make, short_timing
 
 
 def test_stop_reaches_all_drives_and_latches(driven, bus):
@@ -126,8 +134,7 @@ def test_reset_clears_all_earlier_stops_without_motion(driven, bus):
 def test_emergency_received_during_reset_is_cleared(driven, bus):
     """On a busy machine it may still be in the queue when the reset is executed."""
     driven.stop()
-    first = bus.syncs + 1
-    bus.on_sync = lambda sync: bus.trip(3, 0x7305) if sync == first else None
+    bus.at(1, lambda: bus.trip(3, 0x7305))
     driven.reset_stop()
     assert bus.statuses == {0x40}
     assert driven.snapshot().faults == ()
@@ -135,7 +142,7 @@ def test_emergency_received_during_reset_is_cleared(driven, bus):
 
 
 def test_external_stop_lasts_until_reset(driven, bus):
-    bus.inject(0x90, struct.pack("<HB5x", 0x5441, 0x81))
+    bus.emergency(16, 0x5441)
     with pytest.raises(Stopped, match="external stop"):
         capture_for_ever(driven)
     assert driven.snapshot().faults
@@ -146,11 +153,24 @@ def test_external_stop_lasts_until_reset(driven, bus):
 
 def test_stop_during_reset_stays_latched(driven, bus):
     driven.stop()
-    start = bus.syncs
-    bus.on_sync = lambda sync: driven.stop() if sync == start + 2 else None
+    bus.at(2, driven.stop)
     with pytest.raises(Stopped):
         driven.reset_stop()
     assert driven.snapshot().stopped
+
+
+def test_stop_pressed_after_reset_request_stays_latched():
+    latch, cleared = StopLatch(), list[None]()
+    latch.press()
+    press_to_reset = latch.last_press
+    latch.press()
+    loop = SimpleNamespace(latch=latch, commands=(), forget_faults=lambda: cleared.append(None))
+    steps = motion_steps.reset(loop, press=press_to_reset)
+    with pytest.raises(Stopped, match="again"):
+        next(steps)
+    assert latch.latched
+    assert cleared == []
+    assert loop.commands == ()
 
 
 def test_stop_survives_reconnection(driven, bus):

@@ -1,5 +1,3 @@
-"""Parameter upload on a fake bus: staged, verified, committed, repeated after losses, or refused."""
-
 import hashlib
 import struct
 import time
@@ -19,8 +17,8 @@ from hardware.errors import (
     UploadUnknown,
 )
 from hardware.timing import Pace
+from tests.hardware.control.canopen_arm.conftest import drive, short_timing, wait_for
 from tests.hardware.fake_arm import JOINTS, FakeArmBus
-from tests.hardware.on_fake_bus import drive, short_timing, wait_for
 
 FREE_TOKEN = struct.pack("<BHBL", 0x80, 0x2002, 0, 0x08000021)
 OLD_DOCUMENT = b"the one before"

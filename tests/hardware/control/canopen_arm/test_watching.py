@@ -20,8 +20,8 @@ from hardware.errors import (
 )
 from hardware.monitors.node_monitor import NodeMonitor
 from hardware.timing import Pace, Timing
+from tests.hardware.control.canopen_arm.conftest import capture_for_ever, short_timing, wait_for
 from tests.hardware.fake_arm import JOINTS, FakeArmBus
-from tests.hardware.on_fake_bus import capture_for_ever, short_timing, wait_for
 from tests.oracles.profiles import sarcos
 
 
@@ -68,16 +68,9 @@ def test_capture_with_few_complete_samples_fails(driven, bus):
         driven.capture(1)
 
 
-def test_duplicate_node_id_fails_connecting(connected, bus):
-    bus.duplicate_nodes = {5}
-    with pytest.raises(DuplicateNodeId, match="two devices answer as node 5"):
-        connected()
-    assert bus.commands == []
-
-
 @pytest.mark.parametrize("node", [1, 7])
 def test_duplicate_sdo_responses_raise_duplicate_node_id(driven, bus, node):
-    bus.duplicate_nodes = {node}
+    bus.duplicates_response = {node}.__contains__
     # The second response of the node that is read last may come after the first `hold`.
     with suppress(DuplicateNodeId):
         driven.hold()
@@ -139,7 +132,7 @@ def test_noise_or_unreadable_position_is_no_changed_mapping(driven, bus):
 
 
 def test_slow_producer_extends_heartbeat_timeout(connected, bus):
-    bus.heartbeat_ms = 800
+    bus.objects |= {(node, 0x1017, 0): struct.pack("<H", 800) for node in bus.drives}
     arm = connected()
     bus.without_heartbeat = {3}
     until_s = time.monotonic() + 0.6

@@ -49,8 +49,8 @@ SCALE_CORRELATION = 0.5
 of the variance is common, so sources that the poses hardly determine follow the others."""
 
 LARGEST_COMMON = 3.0 * SCALE_SD
-"""Largest deviation of a scale's logarithm that is evidence about the others: an absent source (an eighth of the stated
-size, or less) does not make the others small. In a rigid mount, for instance, the poses hardly determine the lengths."""
+"""Largest deviation of a scale's logarithm that is evidence about the others: an absent source (an eighth of the size
+stated, or less) does not make the others small. In a rigid mount, for instance, the poses hardly determine lengths."""
 
 FAST_SHARE = 0.45
 """Convergence is fast if a step is below this share of the step before."""

@@ -61,23 +61,6 @@ def carry_out(campaign: Campaign, task, x, *, stop_planned: int = 0):
 
 
 @pytest.mark.campaign
-def test_campaign_ends_early_at_the_requested_precision(task, x):
-    campaign = planned_campaign(task, x, poses=12, requested={"theta_off_1": 1e-3, "a_0": 1e-3})
-    actions = carry_out(campaign, task, x)
-    assert actions[-1].complete
-    assert "as well as requested" in actions[-1].text
-    assert len(campaign.readings_rad) < 12
-
-
-@pytest.mark.campaign
-def test_unreachable_precision_is_reported(task, x):
-    campaign = planned_campaign(task, x, poses=3, requested={"alpha_0": 1e-9})
-    actions = carry_out(campaign, task, x)
-    assert actions[-1].text.startswith("all 3 planned poses are taken; alpha_0")
-    assert actions[-1].weak[0].name == "alpha_0"
-
-
-@pytest.mark.campaign
 def test_stopped_move_is_reversed_and_avoided(task, x):
     campaign = planned_campaign(task, x, poses=3)
     actions = carry_out(campaign, task, x, stop_planned=1)
@@ -92,20 +75,6 @@ def test_campaign_fails_after_repeated_stops(task, x):
     actions = carry_out(campaign, task, x, stop_planned=99)
     assert not actions[-1].complete
     assert actions[-1].text.endswith("repeatedly: an obstacle")
-
-
-@pytest.mark.campaign
-def test_campaign_continues_from_captured_poses(task, x):
-    first = planned_campaign(task, x, poses=3)
-    carry_out(first, task, x)
-    taken = first.readings_rad[:-2]
-    continued = planned_campaign(task, x, taken, 1, poses=3)
-    assert np.array_equal(continued.at_rad, HOME)
-    actions = carry_out(continued, task, x)
-    assert [a.planned for a in actions if isinstance(a, Capture)] == [True, True]
-    assert np.array_equal(continued.readings_rad[: len(taken)], taken)
-    assert actions[-1].complete
-    assert planned_campaign(task, x, first.readings_rad, 3, poses=3).propose().complete
 
 
 def test_observation_without_a_proposal_is_rejected(task):

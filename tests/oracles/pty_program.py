@@ -12,6 +12,18 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
+WALK = [
+    (b"\r", "goes on to Fixture"),
+    (b"\r", "Check list"),
+    (b"\r", "goes on to Modes"),
+    (b"\r", "Ranked"),
+    (b"\r", "Apply the modes?"),
+    (b"y", "goes on to Capture"),
+    (b"\r", "What the poses determine"),
+    (b"\r", "ANY KEY STOPS"),
+]
+"""From Connect to automatic capture: keys and the text that each one shows."""
+
 
 class PtyProgram:
     """One program, started at `began_s` (monotonic)."""

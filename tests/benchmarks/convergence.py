@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+import sarcal
 
 from operator_app.calibration.calibrate import calibrate
 from operator_app.exit_codes import EXPECTED_ERRORS
@@ -42,14 +43,7 @@ def prefixes(kind: str, seed: int, counts: Sequence[int]) -> list[PoseSet]:
     most = max(counts)
     if kind == "random loops":
         q = Simulation(poses=most, bows=wrist_curves()).readings(seed)
-        return [
-            PoseSet(
-                placement=np.ones(n, dtype=np.int64),
-                label=tuple(f"p{k}" for k in range(n)),
-                q_rad=q[:n],
-            )
-            for n in counts
-        ]
+        return [sarcal.poses_of(q_rad=q[:n])._set for n in counts]
     sizes = Sizes.everything() if kind == "every error" else Sizes.only()
     taken = session(seed, sizes, poses=most)
     return [poses_of(taken.picked(np.arange(n))) for n in counts]

@@ -5,14 +5,13 @@ import subprocess
 import time
 from contextlib import suppress
 from dataclasses import dataclass
-from datetime import datetime
 from pathlib import Path
 
 import numpy as np
 
-from operator_app.session.store.journal import read_journal
 from tests.oracles.bus_load import SyncRecord, backlog_bytes, loaded_bus
 from tests.oracles.fault_session import MAX_CLOSURE_ERROR, loop_error
+from tests.oracles.journal_events import event_data
 from tests.oracles.machine_pauses import MachinePauses, machine_pauses
 from tests.oracles.own_process import ROOT, SARCAL, controller, environment
 
@@ -28,7 +27,7 @@ class LoadedSession:
     """Outcome of a session.
 
     Exit code and output of the operator; number of accepted poses, numbers of wrong ones; longest receive queue (the
-    kernel drops frames above 8 MB); foreign frames sent in `took_s`; pauses of the machine; journal events and times.
+    kernel drops frames above 8 MB); foreign frames sent in `took_s`; pauses of the machine.
     """
 
     code: int
@@ -40,7 +39,6 @@ class LoadedSession:
     took_s: float
     rhythm: SyncRecord
     pauses: MachinePauses
-    events: tuple[tuple[str, float], ...]
 
     def pauses_in_intervals_s(self) -> list[float]:
         """Pauses of the machine (s) in each interval between two SYNCs; 0 if unknown."""
@@ -105,12 +103,11 @@ def run_session_under_load(
         took_s, foreign = time.monotonic() - start_s, load.sent - foreign
     if load.rhythm is None:
         raise RuntimeError("the recorder of the bus did not report")
-    events = [
-        event
+    pose_data = [
+        pose
         for journal in (folder / "sessions").glob("*/journal.jsonl")
-        for event in read_journal(journal.parent).events
+        for pose in event_data(journal.parent, "pose")
     ]
-    pose_data = [event.data for event in events if event.name == "pose"]
     errors = {p["number"]: loop_error(np.array(p["mean_rad"])) for p in pose_data}
     return LoadedSession(
         code=operator.returncode,
@@ -122,5 +119,4 @@ def run_session_under_load(
         took_s=took_s,
         rhythm=load.rhythm,
         pauses=pauses,
-        events=tuple((e.name, datetime.fromisoformat(e.utc).timestamp()) for e in events),
     )

@@ -4,7 +4,6 @@ import re
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from tests.oracles.loop_oracle import product
 from tests.oracles.pinocchio_chain import PinocchioGravity
@@ -23,6 +22,7 @@ from tests.oracles.shop_floor import (
 from tests.oracles.shop_floor_chain import (
     LOWER_DEG,
     UPPER_DEG,
+    displacement,
     frames,
     misclosure,
     nominal_chain,
@@ -49,7 +49,7 @@ def sessions():
 def test_loops_close_with_and_without_errors(sources):
     simulated = session(7, Sizes.only(*sources))
     chain = simulated.specimen.chain
-    deflection = [_homogeneous(simulated.ground), _homogeneous(simulated.hand)]
+    deflection = [displacement(d) for d in (simulated.ground, simulated.hand)]
     zero = np.zeros(8)
     first = product(simulated.angles[:, :1], zero[:1], zero[:1], zero[:1])
     link_0 = product(zero[:1], chain.s[:1], chain.a[:1], chain.alpha[:1])
@@ -192,10 +192,3 @@ def test_nonlinear_rvdt_deviates_by_the_stated_amount():
     error = case.taken.specimen.sensors[joint - 1].deviation(angle)
     nonlinearity = error - np.polyval(np.polyfit(angle, error, 1), angle)
     assert np.abs(nonlinearity).max() == pytest.approx(0.05 * FULL_SCALE, rel=1e-6)
-
-
-def _homogeneous(deflection):
-    T = np.tile(np.eye(4), (len(deflection), 1, 1))
-    T[:, :3, :3] = Rotation.from_rotvec(deflection[:, :3]).as_matrix()
-    T[:, :3, 3] = deflection[:, 3:]
-    return T

@@ -26,14 +26,11 @@ WALK = [
 
 
 class PtyProgram:
-    """One program, started at `began_s` (monotonic)."""
-
     def __init__(self, command: Sequence[str], *, size: tuple[int, int], folder: Path) -> None:
         self._master, slave = pty.openpty()
         fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", size[1], size[0], 0, 0))
         plain = {k: v for k, v in os.environ.items() if k not in ("COLUMNS", "LINES")}
         environment = {**plain, "TERM": "xterm-256color", "COLORTERM": "truecolor"}
-        self.began_s = time.monotonic()
         self.process = subprocess.Popen(
             command, stdin=slave, stdout=slave, stderr=slave, cwd=folder, env=environment,
             start_new_session=True,

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from tests.oracles.loop_oracle import Chain
 
@@ -51,17 +52,10 @@ def link_transform(s: float, a: float, alpha: float) -> np.ndarray:
 
 
 def displacement(small: np.ndarray) -> np.ndarray:
-    """Homogeneous transforms (..., 4, 4) of rotation vectors over translations (..., 6)."""
-    turn, shift = small[..., :3], small[..., 3:]
-    angle = np.linalg.norm(turn, axis=-1)[..., None, None]
-    K = np.zeros((*small.shape[:-1], 3, 3))
-    K[..., 0, 1], K[..., 0, 2], K[..., 1, 2] = -turn[..., 2], turn[..., 1], -turn[..., 0]
-    K = K - np.swapaxes(K, -1, -2)
-    out = np.zeros((*small.shape[:-1], 4, 4))
-    out[..., :3, :3] = np.eye(3) + np.sinc(angle / np.pi) * K
-    out[..., :3, :3] += 0.5 * np.sinc(angle / (2.0 * np.pi)) ** 2 * (K @ K)
-    out[..., :3, 3] = shift
-    out[..., 3, 3] = 1.0
+    """Homogeneous transforms (m, 4, 4) of rotation vectors over translations (m, 6)."""
+    out = np.tile(np.eye(4), (len(small), 1, 1))
+    out[:, :3, :3] = Rotation.from_rotvec(small[:, :3]).as_matrix()
+    out[:, :3, 3] = small[:, 3:]
     return out
 
 
@@ -88,21 +82,10 @@ def frames(
     return np.stack(all_frames, axis=1)
 
 
-def rotation_vector(R: np.ndarray) -> np.ndarray:
-    """Rotation vectors (..., 3) of rotations (..., 3, 3) below 180 deg."""
-    twice_axis = np.stack(
-        [R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]], -1
-    )
-    sine = 0.5 * np.linalg.norm(twice_axis, axis=-1)
-    angle = np.arctan2(sine, 0.5 * (np.trace(R, axis1=-2, axis2=-1) - 1.0))
-    return (
-        0.5 * twice_axis * (angle / np.where(sine > 1e-12, sine, 1.0) + (sine <= 1e-12))[..., None]
-    )
-
-
 def misclosure(T: np.ndarray, hand_up: np.ndarray = UPRIGHT) -> np.ndarray:
     """Closure errors of the loops of `frames`: rotation vectors over positions (m, 6)."""
-    return np.concatenate((rotation_vector(T[:, 9, :3, :3] @ hand_up.T), T[:, 9, :3, 3]), axis=-1)
+    turn = Rotation.from_matrix(T[:, 9, :3, :3] @ hand_up.T).as_rotvec()
+    return np.concatenate((turn, T[:, 9, :3, 3]), axis=-1)
 
 
 def screws(T: np.ndarray) -> np.ndarray:

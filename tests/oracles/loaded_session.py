@@ -31,7 +31,7 @@ class LoadedSession:
     """
 
     code: int
-    said: str
+    output: str
     poses: int
     wrong: tuple[int, ...]
     backlog_bytes: int
@@ -51,7 +51,7 @@ class LoadedSession:
         """The pause of the machine that tripped the drives, as a message; "" if there was none."""
         if self.code != 3 or not self.pauses.known or not self.rhythm.at_s:
             return ""
-        if not re.search(r"joint \d tripped: [^.]*\(8130h\)", " ".join(self.said.split())):
+        if not re.search(r"joint \d tripped: [^.]*\(8130h\)", " ".join(self.output.split())):
             return ""
         end = self.rhythm.at_s[-1]
         longest_s = self.pauses.longest_s(end - END_S, end)
@@ -84,7 +84,7 @@ def run_session_under_load(
         controller(folder, *bus) as (_, first_line),
         machine_pauses() as pauses,
         loaded_bus(channel, rate=rate, busy=busy) as load,
-        (folder / "said.txt").open("wb") as output,
+        (folder / "output.txt").open("wb") as output,
     ):
         if channel not in first_line:
             raise RuntimeError("the controller did not start")
@@ -111,7 +111,7 @@ def run_session_under_load(
     errors = {p["number"]: loop_error(np.array(p["mean_rad"])) for p in pose_data}
     return LoadedSession(
         code=operator.returncode,
-        said=(folder / "said.txt").read_text("utf-8", "replace"),
+        output=(folder / "output.txt").read_text("utf-8", "replace"),
         poses=len(pose_data),
         wrong=tuple(number for number, error in errors.items() if error > MAX_CLOSURE_ERROR),
         backlog_bytes=backlog,

@@ -8,31 +8,7 @@ from solver.chain.parameters import nominal_vector
 from solver.closing import close_loops
 from solver.design.exploration import RAY_STEP_RAD, Explorer
 from solver.design.motion import Ranges
-from tests.solver.design.conftest import HOME, paper_ranges
-
-DRIVES = (1, 5)
-
-
-class ClosedChain:
-    """The true loop with some joints driven: its readings are an exact arm's."""
-
-    def __init__(self, loop, x, drives: tuple[int, ...] = DRIVES, home=HOME) -> None:
-        self.loop, self.x = loop, x
-        self.free = np.ones(7)
-        self.free[[j - 1 for j in drives]] = 0.0
-        pose = close_loops(loop, x, home[None, :])
-        self.q, self.u = pose.q, pose.u
-
-    def move(self, targets: dict[int, float]) -> np.ndarray:
-        start = self.q[0].copy()
-        for share in np.linspace(0.0, 1.0, 9)[1:]:
-            self.q[0, [j - 1 for j in targets]] = [
-                start[j - 1] + share * (v - start[j - 1]) for j, v in targets.items()
-            ]
-            pose = close_loops(self.loop, self.x, self.q, u=self.u, sigma_rad=self.free)
-            assert pose.closed[0]
-            self.q, self.u = pose.q, pose.u
-        return self.q[0].copy()
+from tests.solver.design.conftest import DRIVES, HOME, ClosedChain, paper_ranges
 
 
 def explore(explorer: Explorer, chain: ClosedChain, limit: int = 500):

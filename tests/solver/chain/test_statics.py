@@ -41,17 +41,6 @@ def test_torques_agree_with_pinocchio(seed):
         )
 
 
-def test_link_loads_only_joints_before_it():
-    theta, (s, a, alpha), masses = random_masses(9)
-    rates = torque_rates(forward(theta, s, a, alpha), masses.down)
-    assert rates.shape == (6, LINKS, LINKS, 4)
-    for joint in range(LINKS):
-        assert np.all(rates[:, joint, :joint] == 0.0)
-        assert np.all(np.any(rates[:, joint, joint:, 1:] != 0.0, axis=(0, 2)))
-        # The lever of the joint's own link is in its first moments.
-        assert np.all(rates[:, joint, joint, 0] == 0.0)
-
-
 def test_covariance_of_moments_agrees_with_draws():
     _, _, masses = random_masses(3)
     rng = np.random.default_rng(4)

@@ -56,6 +56,17 @@ def test_no_blocks_are_refused():
         triangle_of([])
 
 
+def test_rosenbrock_converges_from_the_usual_start():
+    def problem(x: np.ndarray) -> object:
+        r = np.array([10.0 * (x[1] - x[0] ** 2), 1.0 - x[0]])
+        return triangle_of([(r, np.array([[-20.0 * x[0], 10.0], [-1.0, 0.0]]))])
+
+    fit = solve_damped(problem, np.array([-1.2, 1.0]))
+    assert fit.converged
+    np.testing.assert_allclose(fit.x, [1.0, 1.0], atol=1e-12)
+    assert fit.cost < 1e-24
+
+
 def test_a_minimum_with_residuals_is_reached_directly():
     rng = np.random.default_rng(3)
     t = np.linspace(0.0, 4.0, 80)

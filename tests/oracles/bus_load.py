@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from multiprocessing import get_context
 from multiprocessing.synchronize import Event
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import can
@@ -97,21 +98,12 @@ def compute(done: Event) -> None:
         sum(range(100_000))
 
 
-class BusLoad:
-    """Frames sent by other nodes so far; the rhythm after the end of `loaded_bus`."""
-
-    def __init__(self, sent: Any) -> None:
-        self._sent = sent
-        self.rhythm: SyncRecord | None = None
-
-    @property
-    def sent(self) -> int:
-        return int(self._sent.value)
-
-
 @contextmanager
-def loaded_bus(channel: str, *, rate: float, busy: int = 0) -> Iterator[BusLoad]:
-    """Send `rate` foreign frames a second on a channel, beside `busy` processes that only compute."""
+def loaded_bus(channel: str, *, rate: float, busy: int = 0) -> Iterator[SimpleNamespace]:
+    """Send `rate` foreign frames a second on a channel, beside `busy` processes that only compute.
+
+    Yields the number `sent` so far, a shared value; its `rhythm` is the `SyncRecord` at the end.
+    """
     done, watch_done, ready = SPAWN.Event(), SPAWN.Event(), SPAWN.Event()
     sent = SPAWN.Value("q", 0, lock=False)
     receiver, sender = SPAWN.Pipe(duplex=False)
@@ -121,7 +113,7 @@ def loaded_bus(channel: str, *, rate: float, busy: int = 0) -> Iterator[BusLoad]
         *[(compute, (done,))] * busy,
     ]
     processes = [SPAWN.Process(target=job, args=args, daemon=True) for job, args in jobs]
-    load = BusLoad(sent)
+    load = SimpleNamespace(sent=sent, rhythm=None)
     for process in processes:
         process.start()
     try:

@@ -88,7 +88,7 @@ def run_session_under_load(
     ):
         if channel not in first_line:
             raise RuntimeError("the controller did not start")
-        start_s, foreign = time.monotonic(), load.sent
+        start_s, foreign = time.monotonic(), load.sent.value
         operator = subprocess.Popen(
             [*SARCAL, "run", str(folder / "load.yaml"), *bus],
             cwd=folder, env=environment(), stdout=output, stderr=subprocess.STDOUT,
@@ -100,7 +100,7 @@ def run_session_under_load(
                 operator.wait(0.1)
             if time.monotonic() - start_s > patience_s:
                 operator.kill()
-        took_s, foreign = time.monotonic() - start_s, load.sent - foreign
+        took_s, foreign = time.monotonic() - start_s, load.sent.value - foreign
     if load.rhythm is None:
         raise RuntimeError("the recorder of the bus did not report")
     pose_data = [

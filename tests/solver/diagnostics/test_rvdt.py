@@ -12,7 +12,7 @@ from solver.diagnostics.smooth_curve import fit_curve
 from solver.estimators.error_model import stated_errors
 from solver.estimators.variance_components import estimate_with_errors
 from tests.oracles.loop_oracle import paper_truth
-from tests.oracles.simulated_loops import FULL_SCALE_RAD, LSB_RAD, Simulation
+from tests.oracles.simulated_loops import FULL_SCALE_RAD, LSB_RAD, Simulation, wrist_curves
 from tests.solver.conftest import loop_of, paper_arm, read_poses
 
 MODEL, ARM = loop_of(paper_truth()), paper_arm(paper_truth())
@@ -74,6 +74,12 @@ def test_linear_sensors_are_not_corrected(hinge_data):
         assert verdict.verdict is Soundness.SOUND
         assert not verdict.treat_as_unsensed
         assert figures(verdict).gain == pytest.approx(1.0, abs=1e-3)
+
+
+def test_a_curve_beyond_2_percent_is_out_of_specification():
+    found = judged(Simulation(poses=60, bows=wrist_curves(6.0)).rereadings(1))
+    assert found[7].verdict is Soundness.OUT_OF_SPECIFICATION
+    assert figures(found[7]).linearity > 0.02
 
 
 def test_excess_noise_is_out_of_specification():

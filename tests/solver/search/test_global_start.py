@@ -68,7 +68,7 @@ def test_search_with_sensor_errors_ends_in_the_minimum_at_the_truth(seed):
 
 def test_constant_elbow_angle_gives_two_solutions():
     problem = random_hinge_problem(3, still=(4,))
-    solution = global_start(model_without_initial_guess(), problem.q, starts=300)
+    solution = global_start(model_without_initial_guess(), problem.q)
     assert len(solution.alternatives) == 1
     assert solution.best.rms < CLOSED
     solutions = [solution.best, *solution.alternatives]

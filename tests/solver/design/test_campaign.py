@@ -53,7 +53,9 @@ def test_campaign_ends_early_at_the_requested_precision(task, x):
 
 @pytest.mark.campaign
 def test_campaign_continues_from_captured_poses(task, x):
-    captured = carry_out(task, x)[0].readings_rad[:-2]
+    whole = carry_out(task, x)[0].readings_rad
+    assert len(carry_out(task, x, captured=whole, taken=3)[1]) == 1
+    captured = whole[:-2]
     campaign, actions = carry_out(task, x, captured=captured, taken=1)
     assert [a.planned for a in actions if isinstance(a, Capture)] == [True, True]
     assert np.array_equal(campaign.readings_rad[: len(captured)], captured)

@@ -106,9 +106,8 @@ class Loop:
     rows: tuple[int, ...] = (0, 1, 2, 3, 4, 5)
     upside_down: bool = False
 
-    def error(self, angles, **displaced) -> np.ndarray:
-        """Misclosure in the constrained components, (m, rows)."""
-        T = frames(self.chain, angles, **displaced)
+    def error(self, T: np.ndarray) -> np.ndarray:
+        """Misclosure of `frames` in the constrained components, (m, rows)."""
         return misclosure(T, FLIPPED if self.upside_down else UPRIGHT)[:, self.rows]
 
     def closed(self, angles, *, free: tuple[int, ...], rounds: int = 60, **displaced):
@@ -120,7 +119,7 @@ class Loop:
         last = np.inf
         for _ in range(rounds):
             T = frames(self.chain, angles, **displaced)
-            error = misclosure(T, FLIPPED if self.upside_down else UPRIGHT)[:, self.rows]
+            error = self.error(T)
             worst = np.abs(error).max()
             if worst < 1e-15 or (worst < 1e-13 and worst >= last):
                 break
@@ -129,7 +128,8 @@ class Loop:
             step = -(np.linalg.pinv(J, rcond=1e-9) @ error[..., None])[..., 0]
             longest = np.maximum(np.abs(step).max(axis=-1, keepdims=True), 1e-300)
             angles[:, free] += step * np.minimum(1.0, 0.3 / longest)
-        return angles, np.abs(self.error(angles, **displaced)).max(axis=-1) < CLOSED
+        error = self.error(frames(self.chain, angles, **displaced))
+        return angles, np.abs(error).max(axis=-1) < CLOSED
 
 
 def nominal_chain() -> Chain:

@@ -32,7 +32,6 @@ FIRST_SEED = 5100
 class Settling:
     """One data set: rounds until the iteration settled, or why there was nothing to iterate."""
 
-    poses: int
     rounds: int = 0
     settled: bool = True
     refused: str = ""
@@ -56,13 +55,11 @@ def settlings(seed: int, *, kind: str, counts: Sequence[int]) -> list[Settling]:
         try:
             components = calibrate(ARM, HINGE, poses).components
         except EXPECTED_ERRORS as error:
-            found.append(Settling(poses=len(poses), refused=type(error).__name__))
+            found.append(Settling(refused=type(error).__name__))
             continue
         if components is None:
             raise RuntimeError("no error model was fitted")
-        found.append(
-            Settling(poses=len(poses), rounds=components.iterations, settled=components.converged)
-        )
+        found.append(Settling(rounds=components.iterations, settled=components.converged))
     return found
 
 

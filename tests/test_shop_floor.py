@@ -1,11 +1,12 @@
-"""The simulator of tests/oracles/shop_floor*: its loops close, its errors have the stated sizes."""
+"""The simulator of tests/oracles/shop_floor*: its loops close, its errors and faults have the stated sizes."""
+
+import re
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from tests.oracles.loop_oracle import product
-from tests.oracles.pinocchio_chain import PinocchioChain
+from tests.oracles.pinocchio_chain import PinocchioGravity
 from tests.oracles.shop_floor import (
     ENCODERS,
     FULL_SCALE,
@@ -21,15 +22,16 @@ from tests.oracles.shop_floor import (
 from tests.oracles.shop_floor_chain import (
     LOWER_DEG,
     UPPER_DEG,
+    displacement,
     frames,
     misclosure,
     nominal_chain,
-    nominal_chart,
-    screws,
 )
+from tests.oracles.shop_floor_faults import CASES
 from tests.oracles.shop_floor_load import hinge_wrench
 
 ARMS = range(100, 140)
+SEED = 5
 LSB = FULL_SCALE / 4096
 
 
@@ -43,24 +45,11 @@ def sessions():
     return [session(seed) for seed in ARMS]
 
 
-def test_chain_agrees_with_pinocchio():
-    rng = np.random.default_rng(1)
-    chain = session(1, Sizes(), poses=2).specimen.chain
-    angles = rng.uniform(-3.0, 3.0, (20, 8))
-    T, pinocchio = frames(chain, angles), PinocchioChain(8)
-    for k in range(20):
-        rotations, origins = pinocchio.frames(angles[k], chain.s, chain.a, chain.alpha)
-        assert T[k, :9, :3, :3] == pytest.approx(rotations, abs=1e-13)
-        assert T[k, :9, :3, 3] == pytest.approx(origins, abs=1e-13)
-        jacobian = pinocchio.jacobian(angles[k], chain.s, chain.a, chain.alpha)[:, 0]
-        assert screws(T)[k] == pytest.approx(jacobian, abs=1e-12)
-
-
 @pytest.mark.parametrize("sources", [(), tuple(SOURCES)])
 def test_loops_close_with_and_without_errors(sources):
     simulated = session(7, Sizes.only(*sources))
     chain = simulated.specimen.chain
-    deflection = [_homogeneous(simulated.ground), _homogeneous(simulated.hand)]
+    deflection = [displacement(d) for d in (simulated.ground, simulated.hand)]
     zero = np.zeros(8)
     first = product(simulated.angles[:, :1], zero[:1], zero[:1], zero[:1])
     link_0 = product(zero[:1], chain.s[:1], chain.a[:1], chain.alpha[:1])
@@ -75,25 +64,18 @@ def test_loops_close_with_and_without_errors(sources):
     assert np.abs(error[:, 5:]).max() < 0.02 * FULL_SCALE + gain + (3.0 * LSB + 1e-3)
 
 
-def test_gravity_torque_is_the_gradient_of_potential_energy():
+def test_gravity_torque_agrees_with_pinocchio():
     simulated = session(3, poses=4)
     load, chain = simulated.specimen.load, simulated.specimen.chain
-
-    def energy(angles):
-        T = frames(chain, angles)
-        base = np.linalg.inv(T[:, 1])
-        total = 0.0
-        for link in range(1, 8):
-            centre = np.append(load.masses.centre[link], 1.0)
-            position = (base @ T[:, link + 1] @ centre)[:, :3]
-            total = total - load.masses.mass[link] * 9.81 * (position @ load.down)
-        return total
-
-    torque = load.torque(frames(chain, simulated.angles))
-    for joint in range(1, 8):
-        step = 1e-5 * np.eye(8)[joint]
-        gradient = (energy(simulated.angles + step) - energy(simulated.angles - step)) / 2e-5
-        assert torque[:, joint] == pytest.approx(-gradient, abs=1e-6)
+    T, table = frames(chain, simulated.angles), (chain.s, chain.a, chain.alpha)
+    # Pinocchio has a link's mass in the frame after the rotation of its joint.
+    links = product(np.zeros((8, 1)), *(column[:, None] for column in table))
+    centre = (links @ np.column_stack((load.masses.centre, np.ones(8)))[..., None])[:, :3, 0]
+    for k, angles in enumerate(simulated.angles):
+        down = T[k, 1, :3, :3] @ load.down
+        oracle = PinocchioGravity(load.masses.mass, centre, 9.81 * down)
+        expected = -oracle.holding_torque(angles, *table)
+        assert load.torque(T)[k, 1:] == pytest.approx(expected[1:], abs=1e-9)
 
 
 def test_hinge_wrench_does_the_virtual_work_of_the_free_joints():
@@ -112,16 +94,12 @@ def test_hinge_wrench_does_the_virtual_work_of_the_free_joints():
     assert np.linalg.norm(with_friction, axis=-1).max() < np.linalg.norm(wrench, axis=-1).max()
 
 
-def test_lengths_and_twists_have_the_stated_sigma(specimens):
-    base = nominal_chain()
+def test_lengths_twists_and_encoders_have_the_stated_sigma(specimens):
+    base, angles = nominal_chain(), np.linspace(0.0, 2.0 * np.pi, 64, endpoint=False)
     for names, size in ((LENGTHS, 0.5e-3), (TWISTS, np.deg2rad(0.1))):
         errors = [s.chain.value(n) - base.value(n) for s in specimens for n in names]
         assert np.std(errors) == pytest.approx(size, rel=0.15)
         assert abs(np.mean(errors)) < 0.2 * size
-
-
-def test_encoder_errors_have_the_stated_sigma(specimens):
-    angles = np.linspace(0.0, 2.0 * np.pi, 64, endpoint=False)
     errors = [s.sensors[j - 1].deviation(angles) for s in specimens for j in ENCODERS]
     # Two harmonics, of 0.01 deg each.
     assert np.rad2deg(np.std(errors)) == pytest.approx(0.01 * np.sqrt(2.0), rel=0.15)
@@ -157,18 +135,6 @@ def test_hinge_and_joint_deflections_have_the_stated_sizes(sessions):
     assert np.rad2deg(np.sqrt(np.mean(np.square(sag)))) == pytest.approx(0.01, rel=0.2)
 
 
-def test_deflections_of_poses_5_deg_apart_are_alike():
-    chain, angles = nominal_chain(), nominal_chart().angles
-    place = nominal_chart().place
-    for seed in range(5):
-        load = Specimen.drawn(seed, Sizes()).load
-        deflection = np.concatenate(load.give(frames(chain, angles), angles), axis=-1)
-        distance = np.linalg.norm(place[:, None] - place, axis=-1)
-        first, second = np.nonzero((distance > 0.0) & (distance < np.deg2rad(6.0)))
-        change = np.sqrt(np.mean((deflection[first] - deflection[second]) ** 2))
-        assert change < 0.3 * np.sqrt(np.mean(deflection**2))
-
-
 def test_rvdt_noise_has_the_stated_size_and_encoders_have_none():
     spreads = [session(k, Sizes.only(), poses=30).spread for k in range(2)]
     assert np.abs(np.concatenate(spreads)[:, :5]).max() == 0.0
@@ -190,17 +156,39 @@ def test_each_error_source_has_a_random_stream_of_its_own():
     assert doubled.truth["alpha_3"] - nominal == pytest.approx(2.0 * error)
 
 
-def test_sessions_are_in_range_and_deterministic(sessions):
-    for simulated in sessions[:10]:
-        deg = np.rad2deg(simulated.readings)
-        assert np.all((deg > LOWER_DEG) & (deg < UPPER_DEG))
-        assert np.all(np.ptp(deg, axis=0) > 8.0)
-    assert np.array_equal(session(ARMS[0]).readings, sessions[0].readings)
-    assert not np.array_equal(session(ARMS[0], walk=1).readings, sessions[0].readings)
+@pytest.mark.campaign
+@pytest.mark.parametrize("name", [n for n in CASES if not n.startswith("hinge ") or "slips" in n])
+def test_every_fault_can_be_simulated(name):
+    case = CASES[name](SEED)
+    assert len(case.taken) == (3 if name == "3 poses" else 40)
+    assert all(re.compile(c) for c in case.causes)
+    assert np.isfinite(case.taken.readings).all()
 
 
-def _homogeneous(deflection):
-    T = np.tile(np.eye(4), (len(deflection), 1, 1))
-    T[:, :3, :3] = Rotation.from_rotvec(deflection[:, :3]).as_matrix()
-    T[:, :3, 3] = deflection[:, 3:]
-    return T
+def test_hinge_step_changes_the_poses_after_it_only():
+    stepped, sound = CASES["hinge slips 5 mm"](SEED).taken, session(SEED)
+    same = np.all(np.abs(stepped.angles - sound.angles) < 1e-9, axis=-1)
+    step = int(np.argmin(same))
+    assert 8 <= step < 33
+    assert not same[step:].any()
+    motion = stepped.ground + stepped.hand - sound.ground - sound.hand
+    assert np.linalg.norm(motion[step:, 3:], axis=-1) == pytest.approx(5e-3)
+
+
+def test_joint_step_has_the_expected_size_and_cause():
+    case, sound = CASES["joint slips 1 deg"](SEED), session(SEED)
+    change_deg = np.rad2deg(case.taken.readings - sound.readings)
+    (joint,) = set(np.nonzero(np.abs(change_deg).max(axis=0))[0])
+    assert case.causes == (f"STEP_JOINT_{joint + 1}",)
+    assert sorted(set(np.round(np.abs(change_deg[:, joint]), 9))) == [0.0, 1.0]
+    (name, alternative), *_ = case.either.items()
+    assert alternative - sound.truth[name] == pytest.approx(-np.deg2rad(change_deg[-1, joint]))
+
+
+def test_nonlinear_rvdt_deviates_by_the_stated_amount():
+    case, sound = CASES["RVDT 5 %"](SEED), session(SEED)
+    joint = int(case.causes[0][-1])
+    angle = (sound.angles - sound.specimen.chain.theta_off)[:, joint]
+    error = case.taken.specimen.sensors[joint - 1].deviation(angle)
+    nonlinearity = error - np.polyval(np.polyfit(angle, error, 1), angle)
+    assert np.abs(nonlinearity).max() == pytest.approx(0.05 * FULL_SCALE, rel=1e-6)

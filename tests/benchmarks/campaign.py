@@ -1,4 +1,4 @@
-"""Programs killed at random instants; prints a table.
+"""Programs killed at random instants: are accepted poses lost or wrong?
 
     python -m tests.benchmarks.campaign [--kills 300] [--processes 3] [--seed 0]
 
@@ -9,76 +9,53 @@ processor at most until a dead controller is reported, 500 MB at most.
 
 import sys
 import tempfile
-import time
 import traceback
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
+from pathlib import Path
 
 from tests.benchmarks.command_line import options
-from tests.oracles.killing import CPU_S, MEMORY_MB, KillStatistics, chain
+from tests.oracles.killing import KillSequence, KillStatistics
 
 KILLS_A_CHAIN = 12
 EMBEDDED_SHARE = 0.2
 
 
-def killed_chain(folder: str, seed: int, kills: int, embedded: bool) -> KillStatistics:
-    """Run a chain here; what breaks the judge itself is a fault as well."""
+def killed(folder: str, seed: int, kills: int, embedded: bool) -> KillStatistics:
+    """Run a sequence of kills in this process; an error of the test itself is a fault as well."""
     try:
-        return chain(folder, seed, kills, embedded=embedded)
+        return KillSequence(Path(folder), seed, kills, embedded=embedded).run()
     except Exception:  # noqa: BLE001 - what is looked for
         return KillStatistics(faults=[f"{folder}:\n{traceback.format_exc(limit=-3)}"])
 
 
-def kills(count: int, processes: int, seed: int) -> list[str]:
-    """Run chains until so many kills are done; print what came of them, return the faults."""
+def main() -> int:
+    """Run sequences of kills until so many are done; 0 without faults."""
+    chosen = options(__doc__, kills=300, processes=3, seed=0)
+    count, seed, whole = chosen.kills, chosen.seed, KillStatistics()
     chains = max(1, round(count / KILLS_A_CHAIN))
-    embedded = round(chains * EMBEDDED_SHARE)
-    whole, begun = KillStatistics(), time.monotonic()
     with (
         tempfile.TemporaryDirectory() as root,
-        ProcessPoolExecutor(processes, get_context("spawn")) as pool,
+        ProcessPoolExecutor(chosen.processes, get_context("spawn")) as pool,
     ):
         jobs = [
             pool.submit(
-                killed_chain,
+                killed,
                 f"{root}/chain-{seed + k}",
                 seed + k,
                 count * (k + 1) // chains - count * k // chains,
-                k < embedded,
+                k < round(chains * EMBEDDED_SHARE),
             )
             for k in range(chains)
         ]
         for job in as_completed(jobs):
-            done = job.result()
-            whole.add(done)
-            for fault in done.faults:  # at once: who ends this early has seen it
-                print(fault, file=sys.stderr)
-            print(f"  {whole.total} kills, {len(whole.faults)} faults", file=sys.stderr, flush=True)
-    for (victim, phase), times in whole.killed.most_common():
-        print(f"{times:5} kills of the {victim} after {phase}")
+            whole.add(job.result())
+            print(*job.result().faults, sep="\n\n", flush=True)
     print(
-        f"{whole.total} kills in {time.monotonic() - begun:.0f} s, {whole.sessions} sessions went on to their "
-        f"end with {whole.poses} poses; last lines torn: {whole.torn}"
+        f"{whole.kills} kills; {whole.sessions} sessions went on to their end with {whole.poses} poses; "
+        f"{len(whole.faults)} faults"
     )
-    if whole.reactions_s:
-        print(
-            f"CPU time of an operator until it said that its controller is dead: "
-            f"median {sorted(whole.reactions_s)[len(whole.reactions_s) // 2]:.2f} s, "
-            f"most {max(whole.reactions_s):.2f} s (bar {CPU_S:g})"
-        )
-    print(f"memory: at most {whole.peak_mb:.0f} MB (bar {MEMORY_MB:g})")
-    for words, times in whole.words.most_common():
-        print(f"{times:5} times: {words}")
-    return whole.faults
-
-
-def main() -> int:
-    chosen = options(__doc__, kills=300, processes=3, seed=0)
-    broke = kills(chosen.kills, chosen.processes, chosen.seed)
-    print(f"{len(broke)} faults")
-    for words in broke:
-        print(f"\n{words}")
-    return 1 if broke else 0
+    return 1 if whole.faults else 0
 
 
 if __name__ == "__main__":

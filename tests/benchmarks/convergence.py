@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+import sarcal
 
 from operator_app.calibration.calibrate import calibrate
 from operator_app.exit_codes import EXPECTED_ERRORS
@@ -31,7 +32,6 @@ FIRST_SEED = 5100
 class Settling:
     """One data set: rounds until the iteration settled, or why there was nothing to iterate."""
 
-    poses: int
     rounds: int = 0
     settled: bool = True
     refused: str = ""
@@ -42,14 +42,7 @@ def prefixes(kind: str, seed: int, counts: Sequence[int]) -> list[PoseSet]:
     most = max(counts)
     if kind == "random loops":
         q = Simulation(poses=most, bows=wrist_curves()).readings(seed)
-        return [
-            PoseSet(
-                placement=np.ones(n, dtype=np.int64),
-                label=tuple(f"p{k}" for k in range(n)),
-                q_rad=q[:n],
-            )
-            for n in counts
-        ]
+        return [sarcal.poses_of(q_rad=q[:n])._set for n in counts]
     sizes = Sizes.everything() if kind == "every error" else Sizes.only()
     taken = session(seed, sizes, poses=most)
     return [poses_of(taken.picked(np.arange(n))) for n in counts]
@@ -62,13 +55,11 @@ def settlings(seed: int, *, kind: str, counts: Sequence[int]) -> list[Settling]:
         try:
             components = calibrate(ARM, HINGE, poses).components
         except EXPECTED_ERRORS as error:
-            found.append(Settling(poses=len(poses), refused=type(error).__name__))
+            found.append(Settling(refused=type(error).__name__))
             continue
         if components is None:
             raise RuntimeError("no error model was fitted")
-        found.append(
-            Settling(poses=len(poses), rounds=components.iterations, settled=components.converged)
-        )
+        found.append(Settling(rounds=components.iterations, settled=components.converged))
     return found
 
 

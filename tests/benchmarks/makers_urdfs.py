@@ -1,12 +1,11 @@
 """Calibrations of arms that pinocchio simulates from their makers' descriptions; prints a table.
 
-    python -m tests.benchmarks.makers_urdfs [DRAWS [SIZE]]
+    python -m tests.benchmarks.makers_urdfs [DRAWS]
 
 UR5, xArm 6, Gen3 lite, IRB 120 and iiwa 14, each in a ball's two sockets (26 poses) and on a hinge (40 poses);
 arm file by `sarcal new arm --urdf`, fixture as that command's user would measure it. True entries are read from
-the drawn arm's own URDF; rows whose entries depend on the fixture's place are left out. SIZE: errors of arm and
-readings in their stated sizes, 1 where it is not given. Bars: 95 % intervals cover 92 to 99 %; the tool of the
-best table within 3 of its own sigmas.
+the drawn arm's own URDF; rows whose entries depend on the fixture's place are left out. Bars: 95 % intervals cover
+92 to 99 %; the tool of the best table within 3 of its own sigmas.
 """
 
 import math
@@ -27,7 +26,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from operator_app.cli import main as command
-from solver.posterior.best_table import BestTable, tool_positions
+from solver.posterior.best_table import tool_positions
 from tests.oracles.makers_chains import CHAINS, ur
 from tests.oracles.urdfs import joint, robot, words
 
@@ -86,16 +85,16 @@ def nominal(name: str) -> Steps:
     return Steps(places, np.array([axis for *_, axis in CHAINS[name][:-1]], float))
 
 
-def built(steps: Steps, rng: np.random.Generator, size: float) -> Steps:
-    """The chain with random errors of twists, lengths and zeros, `size` times the constants above."""
+def built(steps: Steps, rng: np.random.Generator) -> Steps:
+    """The chain with random errors of twists, lengths and zeros."""
     places = steps.places.copy()
     for k, axis in enumerate(steps.axes):
         previous_axis = places[k, :3, :3].T @ (steps.axes[k - 1] if k else axis)
         parallel = k > 0 and np.linalg.norm(np.cross(previous_axis, axis)) < 1e-6
         across = rng.normal(0.0, PARALLEL_TWIST_RAD if parallel else TWIST_RAD, 3)
         across -= axis * (axis @ across)
-        rotation = (size * across if k else 0.0) + axis * rng.normal(0.0, OFFSET_RAD if k else 0.0)
-        places[k, :3, 3] += rng.normal(0.0, size * LENGTH_M if k else 0.0, 3)
+        rotation = (across if k else 0.0) + axis * rng.normal(0.0, OFFSET_RAD if k else 0.0)
+        places[k, :3, 3] += rng.normal(0.0, LENGTH_M if k else 0.0, 3)
         places[k, :3, :3] = places[k, :3, :3] @ Rotation.from_rotvec(rotation).as_matrix()
     return Steps(places, steps.axes)
 
@@ -146,9 +145,9 @@ class Chain:
         raise RuntimeError("no closed pose")
 
 
-def read(q: np.ndarray, rng: np.random.Generator, amplitude_rad: float) -> np.ndarray:
+def read(q: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Encoder readings of joint angles, with eccentricity and counts."""
-    size = rng.normal(0.0, amplitude_rad, (2, q.shape[1]))
+    size = rng.normal(0.0, ECCENTRICITY_RAD, (2, q.shape[1]))
     harmonics = size[0] * np.sin(q) + size[1] * np.cos(q)
     return np.round((q + harmonics) / COUNT_RAD) * COUNT_RAD
 
@@ -166,19 +165,24 @@ class Rig:
     axis: np.ndarray
 
 
+def made(to: Path, *line: str) -> str:
+    """Write a file by `sarcal new`, and return its path."""
+    to.unlink(missing_ok=True)
+    with redirect_stdout(StringIO()):
+        assert command(["new", *line, "-o", str(to)]) == 0, line
+    return str(to)
+
+
 def arm_file(steps: Steps, to: Path) -> str:
     """Write a chain as URDF and as the arm file that `sarcal new arm` makes of it; return the latter's path."""
     urdf = to.with_suffix(".urdf")
     urdf.write_text(steps.urdf())
-    to.unlink(missing_ok=True)
-    with redirect_stdout(StringIO()):
-        assert command(["new", "arm", "--urdf", str(urdf), "-o", str(to)]) == 0
-    return str(to)
+    return made(to, "arm", "--urdf", str(urdf))
 
 
-def drawn(name: str, size: float, rng: np.random.Generator, folder: Path) -> Rig:
+def drawn(name: str, rng: np.random.Generator, folder: Path) -> Rig:
     steps = nominal(name)
-    true = built(steps, rng, size)
+    true = built(steps, rng)
     axis = np.array([0.8, 0.5, 0.33]) + rng.normal(0.0, 0.02, 3)
     return Rig(
         arm=arm_file(steps, folder / f"{name}.yaml"),
@@ -198,14 +202,12 @@ def point(T: np.ndarray, p: np.ndarray) -> np.ndarray:
 
 def fixture_file(kind: str, arm: str, to: Path, **points: np.ndarray) -> str:
     """Write what `sarcal new fixture` makes of points (m) and directions measured on hand and base."""
-    line = ["new", "fixture", "--kind", kind, "--arm", arm, "--name", kind, "-o", str(to)]
+    line = ["fixture", "--kind", kind, "--arm", arm, "--name", kind]
     for name, value in points.items():
         size = 1e3 if name.endswith("point") else 1.0
         text = ",".join(f"{size * v:.9f}" for v in value)
         line.append(f"--{name.replace('_', '-')}={text}")
-    to.unlink(missing_ok=True)
-    with redirect_stdout(StringIO()):
-        assert command(line) == 0, line
+    made(to, *line)
     give = f"give: {{position_mm: {1e3 * GIVE_M}, orientation_mrad: {1e3 * GIVE_RAD}}}"
     to.write_text(re.sub(r"^give:.*$", give, to.read_text(), flags=re.MULTILINE))
     return str(to)
@@ -237,29 +239,24 @@ def on_hinge(rig: Rig, rng: np.random.Generator):
             rng.normal(0.0, GIVE_M, (40, 3)), rng.normal(0.0, GIVE_RAD, (40, 3)), strict=True
         )
     ]
-    where = {
-        "hand_point": rig.tip,
-        "hand_direction": rig.axis,
-        "base_point": at,
-        "base_direction": along,
-    }
-    return np.array(q), [1] * len(q), where
+    where = {"hand_point": rig.tip, "hand_direction": rig.axis}
+    return np.array(q), [1] * len(q), where | {"base_point": at, "base_direction": along}
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """Of one draw: names, errors in sigmas and coverage of entries; the tool's error by its sigma; verdict."""
+    """Of one draw: errors in sigmas and coverage of entries; the tool's error by its sigma; verdict."""
 
-    z: dict[str, float]
-    inside: dict[str, bool]
+    z: list[float]
+    inside: list[bool]
     tool: float
     tool_mm: float
     verdict: str
 
 
-def one(name: str, kind: str, seed: int, size: float, folder: Path) -> Outcome:
+def one(name: str, kind: str, seed: int, folder: Path) -> Outcome:
     rng = np.random.default_rng(seed)
-    rig = drawn(name, size, rng, folder)
+    rig = drawn(name, rng, folder)
     q, placement, where = (in_sockets if kind == "ball" else on_hinge)(rig, rng)
     true = yaml.safe_load(
         Path(fixture_file(kind, rig.true_arm, folder / "true.yaml", **where)).read_text()
@@ -269,17 +266,17 @@ def one(name: str, kind: str, seed: int, size: float, folder: Path) -> Outcome:
         for n, v in where.items()
     }
     fixture = fixture_file(kind, rig.arm, folder / "stated.yaml", **measured)
-    poses = sarcal.poses_of(q_rad=read(q, rng, size * ECCENTRICITY_RAD), placement=placement)
+    poses = sarcal.poses_of(q_rad=read(q, rng), placement=placement)
     result = sarcal.calibrate(arm=rig.arm, fixture=fixture, poses=poses)
     truth = entries(rig, true, len(rig.moves.model.names) - 1)
-    z, inside = {}, {}
+    z, inside = [], []
     for n, (low, high) in result.intervals_95.items():
         if n in truth:
             off = truth[n] - result.values[n]
             if n.endswith("_deg"):
                 off = math.remainder(off, 360.0)
-            z[n] = off / result.sigmas[n]
-            inside[n] = low <= result.values[n] + off <= high
+            z.append(off / result.sigmas[n])
+            inside.append(low <= result.values[n] + off <= high)
     tool, tool_mm = tool_error(result, rig, q)
     return Outcome(z, inside, tool, tool_mm, result.verdict)
 
@@ -326,16 +323,11 @@ def tool_error(result: sarcal.Result, rig: Rig, q: np.ndarray) -> tuple[float, f
     seen = min(starts, key=lambda r: r.cost)
     unseen = np.linalg.qr(seen.jac)[0]
     best = result._calibrated_arm.best
-    rates = derivatives(best, q)
+    rates = tool_positions(best.table, best.tip_m, best.entries, q)[1].reshape(truth.size, -1)
     rates = rates - unseen @ (unseen.T @ rates)
     sigma_m = math.sqrt(((rates @ best.covariance) * rates).sum() / len(q) + best.left_m**2)
     off_m = math.sqrt(2.0 * seen.cost / len(q))
     return off_m / sigma_m, 1e3 * off_m
-
-
-def derivatives(best: BestTable, q: np.ndarray) -> np.ndarray:
-    """Of the tool's points (3m,) with respect to the best table's entries, one by one."""
-    return tool_positions(best.table, best.tip_m, best.entries, q)[1].reshape(3 * len(q), -1)
 
 
 def tip_of(result: sarcal.Result, rig: Rig) -> np.ndarray:
@@ -351,7 +343,6 @@ def tip_of(result: sarcal.Result, rig: Rig) -> np.ndarray:
 def main() -> int:
     """Print the table; 0 when every bar is met."""
     draws = int(sys.argv[1]) if len(sys.argv) > 1 else 20
-    size = float(sys.argv[2]) if len(sys.argv) > 2 else 1.0
     met = True
     print(
         f"{'arm':18}{'fixture':8}{'covered':>9}{'rms z':>7}{'tool/sigma: rms, most':>23}{'rms mm':>8}  verdicts"
@@ -359,9 +350,9 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         for name in NAMES:
             for kind in ("ball", "hinge"):
-                ran = [one(name, kind, seed, size, Path(folder)) for seed in range(draws)]
-                inside = np.array([v for r in ran for v in r.inside.values()])
-                z = np.array([v for r in ran for v in r.z.values()])
+                ran = [one(name, kind, seed, Path(folder)) for seed in range(draws)]
+                inside = np.array([v for r in ran for v in r.inside])
+                z = np.array([v for r in ran for v in r.z])
                 tools = np.array([r.tool for r in ran])
                 met &= 0.92 <= inside.mean() <= 0.99 and tools.max() < 3.0
                 print(

@@ -21,7 +21,8 @@ import yaml
 from operator_app.cli import main as command
 from operator_app.config.arm_file import load_arm
 from operator_app.config.resources import resolve
-from tests.oracles.real_arms import ARMS, BALL, FOLDER, RealArm, scatter_mm, script, tips
+from tests.oracles.panda import scatter_mm
+from tests.oracles.real_arms import ARMS, BALL, FOLDER, RealArm, script, tips
 
 URDFS = {"kuka_14": "iiwa14.urdf", "dinova_1": "gen3lite.urdf", "dinova_2": "gen3lite.urdf"}
 """Sets of the clone that are not of a Panda."""
@@ -124,8 +125,7 @@ def excess_mm(
 def one(real: RealArm, folder: Path) -> bool:
     """Print one set's lines; whether its bars are met (10 % better than the script is asked of two sets only)."""
     placement, q = real.readings()
-    urdf = FOLDER / real.urdf if real.urdf else None
-    arm, fixture = files(real.name, urdf, real.tip_mm, folder)
+    arm, fixture = files_of(real, folder)
     *_, chi2 = trained(real.name, arm, fixture, real.tip_mm, q, placement, real.training)
     excess, sigma = excess_mm(arm, fixture, real.tip_mm, q, placement, real.training)
     print(

@@ -10,16 +10,6 @@ from operator_app.config.fixture_file import parse_fixture
 from operator_app.config.resources import resolve
 from tests.oracles.shop_floor import Sizes
 
-PLACEMENT = {
-    "a_0": "a_0_mm",
-    "s_0": "s_0_mm",
-    "alpha_0": "alpha_0_deg",
-    "s_1": "s_1_mm",
-    "a_7": "a_n_mm",
-    "s_7": "s_n_mm",
-    "alpha_7": "alpha_n_deg",
-}
-
 
 def written(nominal: dict[str, float], stated: Sizes | None = None) -> tuple[bytes, bytes]:
     """Arm and fixture files (YAML) as an operator may write them.
@@ -34,14 +24,14 @@ def written(nominal: dict[str, float], stated: Sizes | None = None) -> tuple[byt
     arm = yaml.safe_load(resolve("arm", "sarcos_dextrous").data)
     fixture = yaml.safe_load(resolve("fixture", "hinge").data)
     for name, value in nominal.items():
-        key = PLACEMENT.get(name)
-        if key is not None:
-            fixture["placement"][key] = float(
-                1e3 * value if key.endswith("_mm") else np.rad2deg(value)
-            )
+        angle = name.startswith(("alpha", "theta_off"))
+        number = float(np.rad2deg(value) if angle else 1e3 * value)
+        if name.startswith("theta_off"):
+            arm["dh"][int(name[-1]) - 1]["theta_off_deg"] = number
         else:
-            row = int(name.removeprefix("theta_off_"))
-            arm["dh"][row - 1]["theta_off_deg"] = float(np.rad2deg(value))
+            key = f"{name.replace('_7', '_n')}_{'deg' if angle else 'mm'}"
+            assert key in fixture["placement"]
+            fixture["placement"][key] = number
     if stated is not None:
         arm["tolerance"] = {
             "length_mm": float(1e3 * stated.length_m),

@@ -51,11 +51,6 @@ class Outcome:
         return bool(np.all(np.isfinite(self.error)))
 
     @property
-    def wrong(self) -> bool:
-        """Whether any parameter is beyond four of its own sigmas."""
-        return self.has_result and bool(np.any(np.abs(self.z) > 4.0))
-
-    @property
     def accepted(self) -> bool:
         return self.verdict in (ACCEPTED, WARNED)
 

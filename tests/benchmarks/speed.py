@@ -25,10 +25,10 @@ from dataclasses import dataclass
 from multiprocessing import get_context
 
 import numpy as np
+import sarcal
 
 from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.cross_validation import check
-from solver.chain.poses import PoseSet
 from solver.estimators.implicit import NoiseModel, estimate_implicit
 from solver.estimators.paper import estimate_paper
 from tests.benchmarks.command_line import one_thread, options
@@ -69,14 +69,8 @@ def work(kind: str, count: int) -> Callable[[], object]:
         return lambda: check(solution, ARM, HINGE, drawn)
     taken = large(1, count, Sizes.only())
     if kind == "calibrate0":
-        poses = PoseSet(
-            placement=np.ones(count, dtype=np.int64),
-            label=tuple(f"p{k}" for k in range(count)),
-            q_rad=taken.readings,
-            sd_rad=taken.spread,
-            samples=taken.samples,
-        )
-        return lambda: calibrate(ARM, HINGE, poses)
+        poses = sarcal.poses_of(q_rad=taken.readings, sd_rad=taken.spread, samples=taken.samples)
+        return lambda: calibrate(ARM, HINGE, poses._set)
     model, noise = HINGE.model(ARM), NoiseModel(joint_variance=ARM.sigma_rad() ** 2)
     if kind == "paper":
         return lambda: estimate_paper(model, taken.readings)

@@ -1,17 +1,11 @@
-"""How fast the terminal app answers. Run: python -m tests.benchmarks.tui
+"""How fast the software STOP of the terminal app is. Run: python -m tests.benchmarks.tui
 
-The real program in a pseudo-terminal of 120 x 36. The virtual controller is a process of its own on
-the loopback bus, 100 SYNC/s, and the screen is repainted 20 times a second. Printed:
-
-- key to screen: from writing a key until the first byte of what it changes, p50 and p95, at rest and
-  while a calibration runs
-- STOP: from writing F8 until the seventh quick-stop frame is on the bus, seen by a third process's
-  socket, at rest, in a dialog, and while a calibration runs on a loaded bus
+The real program in a pseudo-terminal of 120 x 36, the virtual controller in a process of its own on the loopback bus,
+100 SYNC/s. Printed: the time from writing F8 until the seventh quick-stop frame is on the bus, seen by a third
+socket, at rest, in a dialog, and while a calibration runs on a loaded bus.
 """
 
 import os
-import subprocess
-import sys
 import tempfile
 import threading
 import time
@@ -23,14 +17,15 @@ import numpy as np
 from hardware.buses.python_can import BusSettings, open_bus
 from hardware.canopen.cia402 import CONTROLWORD_QUICK_STOP
 from hardware.canopen.objects import COB_RPDO1
-from tests.oracles.pty_program import PtyProgram
+from tests.oracles.own_process import SARCAL, controller
+from tests.oracles.pty_program import WALK, PtyProgram
 
-SARCAL = str(Path(sys.executable).with_name("sarcal"))
 CHANNEL = f"bench-{os.getpid()}"
 POSES = 24
 F8 = b"\x1b[19~"
 JOINTS = 7
-KEYS = STOPS = 100
+QUICK_STOP = CONTROLWORD_QUICK_STOP.to_bytes(2, "little")
+STOPS = 100
 PRESSES = 5
 LOAD_PER_S = 500
 """Frames a second of other traffic while the bus is loaded."""
@@ -39,26 +34,18 @@ LOAD_PER_S = 500
 class StopWatch:
     """Listens on the bus for quick stops."""
 
-    def __init__(self) -> None:
-        self._bus = open_bus(BusSettings(interface="loopback", channel=CHANNEL))
+    def __init__(self, bus: can.BusABC) -> None:
         self._seen: dict[int, float] = {}
         self._news = threading.Condition()
-        self._end = False
-        self._thread = threading.Thread(target=self._listen, daemon=True)
-        self._thread.start()
+        self._notifier = can.Notifier(bus, [self._note])
+        self.close = self._notifier.stop
 
-    def _listen(self) -> None:
-        while not self._end:
-            message = self._bus.recv(0.2)
-            if message is None:
-                continue
-            node = message.arbitration_id - COB_RPDO1
-            if 1 <= node <= JOINTS and len(message.data) >= 2:
-                word = int.from_bytes(message.data[:2], "little")
-                if word == CONTROLWORD_QUICK_STOP:
-                    with self._news:
-                        self._seen.setdefault(node, time.monotonic())
-                        self._news.notify_all()
+    def _note(self, message: can.Message) -> None:
+        node = message.arbitration_id - COB_RPDO1
+        if 1 <= node <= JOINTS and message.data[:2] == QUICK_STOP:
+            with self._news:
+                self._seen.setdefault(node, time.monotonic())
+                self._news.notify_all()
 
     def quiet(self) -> None:
         """Wait until nothing is sent any more: the loop repeats quick stop until the reset has come."""
@@ -75,100 +62,37 @@ class StopWatch:
                 raise TimeoutError(f"quick stop reached {sorted(self._seen)} only")
             return max(self._seen.values())
 
-    def close(self) -> None:
-        self._end = True
-        self._thread.join()
-        self._bus.shutdown()
-
-
-class Load:
-    """Other traffic on the bus: frames that concern nobody."""
-
-    def __init__(self) -> None:
-        self._end = threading.Event()
-        self._thread = threading.Thread(target=self._send, daemon=True)
-        self._thread.start()
-
-    def _send(self) -> None:
-        bus = open_bus(BusSettings(interface="loopback", channel=CHANNEL))
-        message = can.Message(arbitration_id=0x7F0, data=bytes(8), is_extended_id=False)
-        while not self._end.wait(1.0 / LOAD_PER_S):
-            bus.send(message)
-        bus.shutdown()
-
-    def close(self) -> None:
-        self._end.set()
-        self._thread.join()
-
 
 def main() -> None:
-    with tempfile.TemporaryDirectory() as root:
-        folder = Path(root)
-        controller = subprocess.Popen(
-            [SARCAL, "controller", "-i", "loopback", "-c", CHANNEL, "--seed", "1"],
-            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-        )  # fmt: skip
-        app = PtyProgram(
-            [SARCAL, "-i", "loopback", "-c", CHANNEL, "--scenario", "datasheet", "--seed", "1",
-             "--poses", str(POSES)],
-            size=(120, 36), folder=folder,
-        )  # fmt: skip
+    bus = ("-i", "loopback", "-c", CHANNEL, "--seed", "1")
+    with tempfile.TemporaryDirectory() as root, controller(Path(root), *bus):
+        command = [*SARCAL, *bus, "--scenario", "datasheet", "--poses", str(POSES)]
+        app = PtyProgram(command, size=(120, 36), folder=Path(root))
         try:
             measure(app)
         finally:
             app.close()
-            controller.terminate()
-            controller.wait(20)
 
 
 def measure(app: PtyProgram) -> None:
     app.seen("Enter connects", 0)
-    app.press(b"\r", "goes on to Fixture")
-    app.press(b"\r", "Check list")
-    app.press(b"\r", "goes on to Modes")
-    app.press(b"\r", "Ranked")
-    app.press(b"a", "Apply the modes?")
-    app.press(b"y", "goes on to Capture")
-    app.press(b"\r", "What the poses determine")
-    app.write(b"a")
+    for keys, text in WALK:
+        app.press(keys, text)
     app.seen(f"all {POSES} poses captured", 0, patience_s=120.0)
-    answers(app, "at rest")
-    watch = StopWatch()
-    try:
-        stops(app, watch, "at rest")
-        stops(app, watch, "in a dialog", before=b"q")
-        load = Load()
-        app.write(b"5")
-        stops(
-            app, watch, "dialog, solving, loaded bus", before=b"5sq", ends="ended by the operator"
-        )
-        load.close()
-    finally:
-        watch.close()
-    answers(app, "while solving", solving=True)
-
-
-def answers(app: PtyProgram, what: str, *, solving: bool = False) -> None:
-    """Key to screen: to Capture and back to Connect, until its title is written.
-
-    `solving`: a calibration is begun before each pair of keys and ended after it, which it says: so it ran.
-    """
-    times = []
     app.press(b"1", "Nodes")
-    for _ in range(KEYS // 2):
-        mark = app.mark()
-        if solving:
-            app.write(b"5s")
-            threading.Event().wait(0.3)
-        for keys, title in ((b"4", "Captured"), (b"1", "Nodes")):
-            times.append(app.press(keys, title))
-            # Not in step with the repaints, which are every 50 ms.
-            threading.Event().wait(0.05 + 0.03 * (len(times) % 7))
-        if solving:
-            app.write(b"5z")
-            app.seen("ended by the operator", mark)
-            app.press(b"1", "Nodes")
-    show(f"key, {what}", times)
+    with open_bus(BusSettings(interface="loopback", channel=CHANNEL)) as bus:
+        watch = StopWatch(bus)
+        try:
+            stops(app, watch, "at rest")
+            stops(app, watch, "in a dialog", before=b"q")
+            foreign = can.Message(arbitration_id=0x7F0, data=bytes(8), is_extended_id=False)
+            load = bus.send_periodic(foreign, 1.0 / LOAD_PER_S)
+            app.write(b"5")
+            ends = "ended by the operator"
+            stops(app, watch, "dialog, solving, loaded bus", before=b"5sq", ends=ends)
+            load.stop()
+        finally:
+            watch.close()
 
 
 def stops(

@@ -17,7 +17,7 @@ from pathlib import Path
 
 os.environ["CI"] = "1"  # hypothesis: the same examples for all mutants, and no files
 
-from tests.mutation.mutant_run import MutantRun, start_tests
+from tests.mutation.mutant_run import passed, start_tests
 from tests.mutation.mutants import Mutant, mutants_of
 
 ROOT = Path(__file__).parents[2]
@@ -38,12 +38,12 @@ def main() -> int:
     failed = False
     for module in args.modules:
         source = (ROOT / module).read_text()
-        if not start_tests(ROOT, module, source, TESTS[module]).passed():
+        if not passed(start_tests(ROOT, module, source, TESTS[module])):
             print(f"{module}: its tests fail without a mutant")
             return 2
         start_s = time.monotonic()
         mutants = list(mutants_of(source))
-        survivors = [m for m, passed in _test(module, mutants, args.processes) if passed]
+        survivors = [m for m, survived in _test(module, mutants, args.processes) if survived]
         reasons = _reasons(module)
         print(
             f"{module}: {len(mutants)} mutants, {len(mutants) - len(survivors)} detected, "
@@ -62,14 +62,14 @@ def main() -> int:
 
 
 def _test(module: str, mutants: Iterable[Mutant], processes: int) -> Iterator[tuple[Mutant, bool]]:
-    running: list[tuple[Mutant, MutantRun]] = []
+    running: list[tuple[Mutant, int]] = []
     for mutant in mutants:
         if len(running) >= processes:
-            first, run = running.pop(0)
-            yield first, run.passed()
+            first, pid = running.pop(0)
+            yield first, passed(pid)
         running.append((mutant, start_tests(ROOT, module, mutant.source, TESTS[module])))
-    for first, run in running:
-        yield first, run.passed()
+    for mutant, pid in running:
+        yield mutant, passed(pid)
 
 
 def _reasons(module: str) -> dict[str, str]:

@@ -4,14 +4,11 @@ Every run is a fork of this process, which has imported everything but the packa
 seconds and is done once.
 """
 
-import importlib.abc
-import importlib.util
+import importlib
 import os
 import resource
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
-from importlib.machinery import ModuleSpec
 from pathlib import Path
 from types import ModuleType
 
@@ -33,37 +30,16 @@ OPTIONS = (
 )
 
 
-class _SourceFinder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
-    """Finds one module, with the given source."""
-
-    def __init__(self, name: str, path: Path, source: str) -> None:
-        self._name, self._path, self._source = name, path, source
-
-    def find_spec(self, fullname: str, path: object, target: object = None) -> ModuleSpec | None:
-        if fullname != self._name:
-            return None
-        return importlib.util.spec_from_file_location(fullname, self._path, loader=self)
-
-    def create_module(self, spec: ModuleSpec) -> None:
-        return None
-
-    def exec_module(self, module: ModuleType) -> None:
-        exec(compile(self._source, str(self._path), "exec"), module.__dict__)  # noqa: S102
+def passed(pid: int) -> bool:
+    """Wait for a run, and return whether all its tests passed."""
+    return os.waitpid(pid, 0)[1] == 0
 
 
-@dataclass(frozen=True, slots=True)
-class MutantRun:
-    pid: int
-
-    def passed(self) -> bool:
-        return os.waitpid(self.pid, 0)[1] == 0
-
-
-def start_tests(root: Path, module: str, source: str, tests: Sequence[str]) -> MutantRun:
-    """Run tests until one fails, with this source of `module` (a path below `root`)."""
+def start_tests(root: Path, module: str, source: str, tests: Sequence[str]) -> int:
+    """Run tests until one fails, with this source of `module` (a path below `root`); return the process."""
     pid = os.fork()
     if pid:
-        return MutantRun(pid)
+        return pid
     code = 3
     try:
         resource.setrlimit(resource.RLIMIT_CPU, (CPU_LIMIT_S, CPU_LIMIT_S))
@@ -71,7 +47,10 @@ def start_tests(root: Path, module: str, source: str, tests: Sequence[str]) -> M
         os.dup2(null, 1)
         os.dup2(null, 2)
         name = module.removesuffix(".py").replace("/", ".")
-        sys.meta_path.insert(0, _SourceFinder(name, root / module, source))
+        package, _, own_name = name.rpartition(".")
+        mutant = sys.modules[name] = ModuleType(name)
+        setattr(importlib.import_module(package), own_name, mutant)
+        exec(compile(source, str(root / module), "exec"), mutant.__dict__)  # noqa: S102
         os.chdir(root)
         os.environ["PYTEST_DISABLE_PLUGIN_AUTOLOAD"] = "1"
         code = int(pytest.main([*OPTIONS, *tests]))

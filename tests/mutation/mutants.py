@@ -5,6 +5,7 @@ and constants are replaced by the next one of their kind.
 """
 
 import ast
+import copy
 import difflib
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -75,23 +76,18 @@ def _by_name(source: str) -> Iterator[str]:
 
 
 def _by_entry(source: str) -> Iterator[str]:
+    """Remove one entry of a dictionary, or of a set or tuple of several."""
     for node in ast.walk(ast.parse(source)):
-        if isinstance(node, ast.Dict):
-            for at in range(len(node.keys)):
-                shorter_dict = ast.Dict(
-                    [key for k, key in enumerate(node.keys) if k != at],
-                    [value for k, value in enumerate(node.values) if k != at],
-                )
-                yield _replaced(source, node, ast.unparse(shorter_dict))
-        elif isinstance(node, (ast.Set, ast.Tuple)) and len(node.elts) > 1:
-            if isinstance(node, ast.Tuple) and not isinstance(node.ctx, ast.Load):
-                continue
-            for at in range(len(node.elts)):
-                rest = [item for k, item in enumerate(node.elts) if k != at]
-                shorter = (
-                    ast.Set(rest) if isinstance(node, ast.Set) else ast.Tuple(rest, ast.Load())
-                )
-                yield _replaced(source, node, ast.unparse(shorter))
+        lists = ("keys", "values") if isinstance(node, ast.Dict) else ("elts",)
+        of_several = isinstance(node, (ast.Set, ast.Tuple)) and len(node.elts) > 1
+        is_target = not isinstance(getattr(node, "ctx", ast.Load()), ast.Load)
+        if is_target or not (of_several or isinstance(node, ast.Dict)):
+            continue
+        for at in range(len(getattr(node, lists[0]))):
+            shorter = copy.deepcopy(node)
+            for name in lists:
+                del getattr(shorter, name)[at]
+            yield _replaced(source, node, ast.unparse(shorter))
 
 
 def _replaced(source: str, node: ast.expr, text: str) -> str:

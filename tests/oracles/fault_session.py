@@ -48,29 +48,18 @@ _channels = itertools.count()
 class Outcome:
     """Outcome of a session.
 
-    Attributes
-    ----------
-    said, error
-        Message and type of the error that ended it, or "".
-    poses, wrong
-        Accepted poses, and the numbers of wrong ones.
-    moved_deg, then
-        Largest motion of a true angle in the 1.5 s after the message, without commands; the drives at the message.
-    ended
-        Modes of the drives after the session was closed.
-    told
-        Reports that did not end the session.
+    `message`: of the error that ended it, or "". `poses`, `wrong`: accepted poses, and the numbers of wrong ones.
+    `moved_deg`, `states`: largest motion of a true angle in the 1.5 s after the message, without commands; the drives
+    at the message. `final_modes`: of the drives after the session was closed. `reports`: those that did not end it.
     """
 
-    kind: str
-    said: str
-    error: str
+    message: str
     poses: tuple[CapturedPose, ...]
     wrong: tuple[int, ...]
     moved_deg: float
-    then: DriveStates
-    ended: tuple[JointMode | None, ...]
-    told: tuple[str, ...]
+    states: DriveStates
+    final_modes: tuple[JointMode | None, ...]
+    reports: tuple[str, ...]
 
 
 def loop_error(q_rad: np.ndarray) -> float:
@@ -146,7 +135,7 @@ def run_session_with_fault(
     chosen = Choices(scenario="exact", seed=0)
     procedure = short_procedure(poses)
     settings = BusSettings(channel=f"campaign-{os.getpid()}-{next(_channels)}")
-    message, error, listener = "", "", RecordingListener()
+    message, listener = "", RecordingListener()
     with run_controller(
         procedure.arm,
         chosen,
@@ -172,7 +161,7 @@ def run_session_with_fault(
             session.require_fixture()
             take_poses(session, listener, (1, 5))
         except EXPECTED as exception:
-            message, error = str(exception), type(exception).__name__
+            message = str(exception)
             if session.identity is not None and arm.snapshot().stopped:
                 # The message may precede the frames of the stop.
                 wait_for_drives(controller, stopped, patience_s=PATIENCE_S)
@@ -184,13 +173,11 @@ def run_session_with_fault(
         ended = wait_for_drives(controller, holding, patience_s=3 * PATIENCE_S)
     used = session.state.used_poses
     return Outcome(
-        kind=kind,
-        said=message,
-        error=error,
+        message=message,
         poses=used,
         wrong=tuple(p.number for p in used if loop_error(p.mean_rad) > MAX_CLOSURE_ERROR),
         moved_deg=moved_deg,
-        then=states,
-        ended=tuple(mode for _, mode in ended),
-        told=tuple(listener.said),
+        states=states,
+        final_modes=tuple(mode for _, mode in ended),
+        reports=tuple(listener.said),
     )

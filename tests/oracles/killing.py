@@ -16,10 +16,8 @@ import re
 import signal
 import subprocess
 import time
-from collections import Counter
 from contextlib import suppress
 from dataclasses import dataclass, field
-from enum import Enum
 from pathlib import Path
 from typing import Any
 
@@ -43,44 +41,20 @@ CPU_S, MEMORY_MB = 5.0, 500.0
 """Limits of the CPU time to detect a dead controller, and of the memory of a process."""
 
 
-class Victim(Enum):
-    """The killed process; an embedded arm is part of the operator's."""
-
-    OPERATOR = "operator"
-    CONTROLLER = "controller"
-    EMBEDDED = "operator with its arm"
-
-
 @dataclass
 class KillStatistics:
-    """Statistics of kills.
+    """Kills, completed sessions with their poses, and violated invariants."""
 
-    `killed`: counts by victim and last journal event. `torn`: journals with an incomplete last line. `reactions_s`:
-    CPU time of an operator after its controller's death. `words`: last lines of operators that ended by themselves.
-    """
-
-    killed: Counter[tuple[str, str]] = field(default_factory=Counter)
+    kills: int = 0
     sessions: int = 0
     poses: int = 0
-    torn: int = 0
     faults: list[str] = field(default_factory=list)
-    reactions_s: list[float] = field(default_factory=list)
-    peak_mb: float = 0.0
-    words: Counter[str] = field(default_factory=Counter)
-
-    @property
-    def total(self) -> int:
-        return sum(self.killed.values())
 
     def add(self, other: KillStatistics) -> None:
-        self.killed += other.killed
-        self.words += other.words
+        self.kills += other.kills
         self.sessions += other.sessions
         self.poses += other.poses
-        self.torn += other.torn
         self.faults += other.faults
-        self.reactions_s += other.reactions_s
-        self.peak_mb = max(self.peak_mb, other.peak_mb)
 
 
 class Program:
@@ -139,7 +113,7 @@ class KillSequence:
         try:
             while not self.deaths.faults:
                 finished = self._run_operator()
-                if finished and self.deaths.total >= self.kills:
+                if finished and self.deaths.kills >= self.kills:
                     break
         finally:
             if self.controller is not None:
@@ -164,31 +138,28 @@ class KillSequence:
             command = ("run", "--resume", str(self.session))
         earlier = self._sessions()
         operator = self._start(*command, *bus)
-        if self.deaths.total >= self.kills:
+        if self.deaths.kills >= self.kills:
             return self._await_end(operator, earlier)
-        victim = Victim.EMBEDDED
-        if not self.embedded:
-            victim = self.rng.choice((Victim.OPERATOR, Victim.OPERATOR, Victim.CONTROLLER))
+        # An embedded arm is part of the operator's process.
+        kill_controller = not self.embedded and self.rng.choice((False, False, True))
         phase = self.rng.choice(PHASES)
         delay_s = self.rng.random() ** 2 * LATEST_S.get(phase, LATER_S)
         if not self._wait_for(operator, phase, earlier) or not operator.wait(delay_s):
             return self._await_end(operator, earlier)
-        if victim is Victim.CONTROLLER and self.controller is not None:
+        self.deaths.kills += 1
+        if kill_controller and self.controller is not None:
             operator.wait()
             before_s = operator.cpu_s
             self.controller.kill()
-            self._count_kill(victim)
             self._check_program(self.controller)
             self.controller = None
             finished = self._await_end(operator, earlier, controller_dead=True)
             reaction_s = operator.cpu_s - before_s
-            self.deaths.reactions_s.append(reaction_s)
             if reaction_s > CPU_S:
                 self._fault(f"{reaction_s:.1f} s of CPU after the controller's death")
             return finished
         operator.kill()
         self._find_session(earlier)
-        self._count_kill(victim)
         self._check_program(operator)
         self._check_files()
         return False
@@ -210,8 +181,6 @@ class KillSequence:
         if code in (0, 4):
             self._check_session(code)
             return True
-        last = output.strip().splitlines()[-1] if output.strip() else ""
-        self.deaths.words[f"exit {code}: {re.sub(r'[0-9.]+', '#', last)[:150]}"] += 1
         if code != 3 or (controller_dead and "the arm is held" in output):
             self._fault(f"exit code {code}: {output[-1500:]}")
         # A resumption may be refused until the drives have tripped, but not repeatedly.
@@ -288,15 +257,10 @@ class KillSequence:
             self._fault("the active slot has a wrong checksum")
         return document
 
-    def _count_kill(self, victim: Victim) -> None:
-        events = self._events()
-        self.deaths.killed[victim.value, events[-1]["event"] if events else "begin"] += 1
-
     def _check_program(self, program: Program) -> None:
         output = program.output()
         if "Traceback" in output:
             self._fault(f"traceback: {output[-2500:]}")
-        self.deaths.peak_mb = max(self.deaths.peak_mb, program.peak_mb)
         if program.peak_mb > MEMORY_MB:
             self._fault(f"{program.peak_mb:.0f} MB")
 
@@ -317,11 +281,6 @@ class KillSequence:
         if not journal.startswith(self.complete_lines):
             self._fault("complete lines of the journal are missing or changed")
         self.complete_lines = journal[: journal.rfind(b"\n") + 1]
-        self.deaths.torn += self.complete_lines != journal
 
     def _fault(self, text: str) -> None:
         self.deaths.faults.append(f"{self.folder.name}, program {self._programs}: {text}")
-
-
-def chain(folder: str, seed: int, kills: int, *, embedded: bool) -> KillStatistics:
-    return KillSequence(Path(folder), seed, kills, embedded=embedded).run()

@@ -5,14 +5,13 @@ import subprocess
 import time
 from contextlib import suppress
 from dataclasses import dataclass
-from datetime import datetime
 from pathlib import Path
 
 import numpy as np
 
-from operator_app.session.store.journal import read_journal
 from tests.oracles.bus_load import SyncRecord, backlog_bytes, loaded_bus
 from tests.oracles.fault_session import MAX_CLOSURE_ERROR, loop_error
+from tests.oracles.journal_events import event_data
 from tests.oracles.machine_pauses import MachinePauses, machine_pauses
 from tests.oracles.own_process import ROOT, SARCAL, controller, environment
 
@@ -28,11 +27,11 @@ class LoadedSession:
     """Outcome of a session.
 
     Exit code and output of the operator; number of accepted poses, numbers of wrong ones; longest receive queue (the
-    kernel drops frames above 8 MB); foreign frames sent in `took_s`; pauses of the machine; journal events and times.
+    kernel drops frames above 8 MB); foreign frames sent in `took_s`; pauses of the machine.
     """
 
     code: int
-    said: str
+    output: str
     poses: int
     wrong: tuple[int, ...]
     backlog_bytes: int
@@ -40,7 +39,6 @@ class LoadedSession:
     took_s: float
     rhythm: SyncRecord
     pauses: MachinePauses
-    events: tuple[tuple[str, float], ...]
 
     def pauses_in_intervals_s(self) -> list[float]:
         """Pauses of the machine (s) in each interval between two SYNCs; 0 if unknown."""
@@ -53,7 +51,7 @@ class LoadedSession:
         """The pause of the machine that tripped the drives, as a message; "" if there was none."""
         if self.code != 3 or not self.pauses.known or not self.rhythm.at_s:
             return ""
-        if not re.search(r"joint \d tripped: [^.]*\(8130h\)", " ".join(self.said.split())):
+        if not re.search(r"joint \d tripped: [^.]*\(8130h\)", " ".join(self.output.split())):
             return ""
         end = self.rhythm.at_s[-1]
         longest_s = self.pauses.longest_s(end - END_S, end)
@@ -86,11 +84,11 @@ def run_session_under_load(
         controller(folder, *bus) as (_, first_line),
         machine_pauses() as pauses,
         loaded_bus(channel, rate=rate, busy=busy) as load,
-        (folder / "said.txt").open("wb") as output,
+        (folder / "output.txt").open("wb") as output,
     ):
         if channel not in first_line:
             raise RuntimeError("the controller did not start")
-        start_s, foreign = time.monotonic(), load.sent
+        start_s, foreign = time.monotonic(), load.sent.value
         operator = subprocess.Popen(
             [*SARCAL, "run", str(folder / "load.yaml"), *bus],
             cwd=folder, env=environment(), stdout=output, stderr=subprocess.STDOUT,
@@ -102,19 +100,18 @@ def run_session_under_load(
                 operator.wait(0.1)
             if time.monotonic() - start_s > patience_s:
                 operator.kill()
-        took_s, foreign = time.monotonic() - start_s, load.sent - foreign
+        took_s, foreign = time.monotonic() - start_s, load.sent.value - foreign
     if load.rhythm is None:
         raise RuntimeError("the recorder of the bus did not report")
-    events = [
-        event
+    pose_data = [
+        pose
         for journal in (folder / "sessions").glob("*/journal.jsonl")
-        for event in read_journal(journal.parent).events
+        for pose in event_data(journal.parent, "pose")
     ]
-    pose_data = [event.data for event in events if event.name == "pose"]
     errors = {p["number"]: loop_error(np.array(p["mean_rad"])) for p in pose_data}
     return LoadedSession(
         code=operator.returncode,
-        said=(folder / "said.txt").read_text("utf-8", "replace"),
+        output=(folder / "output.txt").read_text("utf-8", "replace"),
         poses=len(pose_data),
         wrong=tuple(number for number, error in errors.items() if error > MAX_CLOSURE_ERROR),
         backlog_bytes=backlog,
@@ -122,5 +119,4 @@ def run_session_under_load(
         took_s=took_s,
         rhythm=load.rhythm,
         pauses=pauses,
-        events=tuple((e.name, datetime.fromisoformat(e.utc).timestamp()) for e in events),
     )

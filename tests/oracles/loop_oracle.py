@@ -153,7 +153,7 @@ def closed_poses(
     return poses
 
 
-def information(truth: Chain, angles, names, variance, *, unsensed=(), give=None, hinge=True):
+def information(truth: Chain, angles, names, variance, *, unsensed=(), give=None):
     """Fisher information (P, P) of `names` from readings with `variance` (n,), rad^2.
 
     The angles of `unsensed` joints and of the hinge are nuisance parameters of each pose; `give` (6,) is the variance
@@ -161,14 +161,13 @@ def information(truth: Chain, angles, names, variance, *, unsensed=(), give=None
     """
     by_angle, by_name = closure_rates(truth, angles, names)
     total = np.zeros((len(names), len(names)))
-    nuisance = ([0] if hinge else []) + list(unsensed)
+    nuisance = [0, *unsensed]
     sensed = [j for j in range(1, len(truth.s)) if j not in unsensed]
     for Jt, Jp in zip(by_angle, by_name, strict=True):
         V = (Jt[:, sensed] * np.asarray(variance)[[j - 1 for j in sensed]]) @ Jt[:, sensed].T
         V = V + (0.0 if give is None else np.diag(give))
         # Project onto the directions that the nuisance angles cannot move.
-        U, _, _ = np.linalg.svd(Jt[:, nuisance]) if nuisance else (np.eye(6), None, None)
-        E = U[:, len(nuisance) :]
+        E = np.linalg.svd(Jt[:, nuisance])[0][:, len(nuisance) :]
         A = E.T @ Jp
         total += A.T @ np.linalg.solve(E.T @ V @ E, A)
     return total

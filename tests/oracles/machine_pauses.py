@@ -4,7 +4,6 @@ On each processor, a process of the highest priority sleeps 5 ms repeatedly. No 
 up late.
 """
 
-import math
 import os
 import time
 from collections.abc import Iterator
@@ -25,7 +24,7 @@ class MachinePauses:
     of: dict[int, list[tuple[float, float]]] = field(default_factory=dict)
     known: bool = True
 
-    def longest_s(self, begin: float = -math.inf, end: float = math.inf) -> float:
+    def longest_s(self, begin: float, end: float) -> float:
         """Longest pause (s) of any processor that overlaps an interval."""
         pauses = (pause for processor in self.of.values() for pause in processor)
         return max((b - a for a, b in pauses if b >= begin and a <= end), default=0.0)

@@ -55,7 +55,3 @@ class PinocchioGravity:
     def holding_torque(self, theta, s, a, alpha):
         q = self.chain.q_of(theta, s, a, alpha)
         return pin.computeGeneralizedGravity(self.chain.model, self.data, q)[::5]
-
-    def energy(self, theta, s, a, alpha):
-        q = self.chain.q_of(theta, s, a, alpha)
-        return pin.computePotentialEnergy(self.chain.model, self.data, q)

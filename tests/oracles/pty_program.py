@@ -12,16 +12,25 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
+WALK = [
+    (b"\r", "goes on to Fixture"),
+    (b"\r", "Check list"),
+    (b"\r", "goes on to Modes"),
+    (b"\r", "Ranked"),
+    (b"\r", "Apply the modes?"),
+    (b"y", "goes on to Capture"),
+    (b"\r", "What the poses determine"),
+    (b"\r", "ANY KEY STOPS"),
+]
+"""From Connect to automatic capture: keys and the text that each one shows."""
+
 
 class PtyProgram:
-    """One program, started at `began_s` (monotonic)."""
-
     def __init__(self, command: Sequence[str], *, size: tuple[int, int], folder: Path) -> None:
         self._master, slave = pty.openpty()
         fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", size[1], size[0], 0, 0))
         plain = {k: v for k, v in os.environ.items() if k not in ("COLUMNS", "LINES")}
         environment = {**plain, "TERM": "xterm-256color", "COLORTERM": "truecolor"}
-        self.began_s = time.monotonic()
         self.process = subprocess.Popen(
             command, stdin=slave, stdout=slave, stderr=slave, cwd=folder, env=environment,
             start_new_session=True,

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from tests.oracles.loop_oracle import product
-from tests.oracles.panda import panda_readings, scatter_mm
+from tests.oracles.panda import panda_readings
 
 FOLDER = Path(__file__).resolve().parents[1] / "data" / "real_arms"
 
@@ -83,6 +83,3 @@ def script(
         J = np.stack([(residuals(x + h) - r) / 1e-6 for h in 1e-6 * np.eye(len(x))], axis=1)
         x = x - np.linalg.lstsq(J, r, rcond=None)[0]
     return split(x)
-
-
-__all__ = ["ARMS", "BALL", "FOLDER", "RealArm", "scatter_mm", "script", "tips"]

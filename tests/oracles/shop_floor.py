@@ -98,19 +98,11 @@ class Sizes:
         return cls.only(*SOURCES, times=times)
 
 
-class Stream(IntEnum):
-    OFFSETS = 0
-    HINGE = 1
-    LENGTHS = 2
-    TWISTS = 3
-    ENCODERS = 4
-    CURVES = 5
-    LOADS = 6
-    BACKLASH = 7
-    WALK = 8
-    SCATTER = 9
-    NOISE = 10
-    FAULTS = 11
+Stream = IntEnum(
+    "Stream",
+    "OFFSETS HINGE LENGTHS TWISTS ENCODERS CURVES LOADS BACKLASH WALK SCATTER NOISE FAULTS",
+    start=0,
+)
 
 
 def stream(seed: int, which: Stream, *walk: int) -> np.random.Generator:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from tests.oracles.loop_oracle import Chain
 
@@ -51,17 +52,10 @@ def link_transform(s: float, a: float, alpha: float) -> np.ndarray:
 
 
 def displacement(small: np.ndarray) -> np.ndarray:
-    """Homogeneous transforms (..., 4, 4) of rotation vectors over translations (..., 6)."""
-    turn, shift = small[..., :3], small[..., 3:]
-    angle = np.linalg.norm(turn, axis=-1)[..., None, None]
-    K = np.zeros((*small.shape[:-1], 3, 3))
-    K[..., 0, 1], K[..., 0, 2], K[..., 1, 2] = -turn[..., 2], turn[..., 1], -turn[..., 0]
-    K = K - np.swapaxes(K, -1, -2)
-    out = np.zeros((*small.shape[:-1], 4, 4))
-    out[..., :3, :3] = np.eye(3) + np.sinc(angle / np.pi) * K
-    out[..., :3, :3] += 0.5 * np.sinc(angle / (2.0 * np.pi)) ** 2 * (K @ K)
-    out[..., :3, 3] = shift
-    out[..., 3, 3] = 1.0
+    """Homogeneous transforms (m, 4, 4) of rotation vectors over translations (m, 6)."""
+    out = np.tile(np.eye(4), (len(small), 1, 1))
+    out[:, :3, :3] = Rotation.from_rotvec(small[:, :3]).as_matrix()
+    out[:, :3, 3] = small[:, 3:]
     return out
 
 
@@ -88,21 +82,10 @@ def frames(
     return np.stack(all_frames, axis=1)
 
 
-def rotation_vector(R: np.ndarray) -> np.ndarray:
-    """Rotation vectors (..., 3) of rotations (..., 3, 3) below 180 deg."""
-    twice_axis = np.stack(
-        [R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]], -1
-    )
-    sine = 0.5 * np.linalg.norm(twice_axis, axis=-1)
-    angle = np.arctan2(sine, 0.5 * (np.trace(R, axis1=-2, axis2=-1) - 1.0))
-    return (
-        0.5 * twice_axis * (angle / np.where(sine > 1e-12, sine, 1.0) + (sine <= 1e-12))[..., None]
-    )
-
-
 def misclosure(T: np.ndarray, hand_up: np.ndarray = UPRIGHT) -> np.ndarray:
     """Closure errors of the loops of `frames`: rotation vectors over positions (m, 6)."""
-    return np.concatenate((rotation_vector(T[:, 9, :3, :3] @ hand_up.T), T[:, 9, :3, 3]), axis=-1)
+    turn = Rotation.from_matrix(T[:, 9, :3, :3] @ hand_up.T).as_rotvec()
+    return np.concatenate((turn, T[:, 9, :3, 3]), axis=-1)
 
 
 def screws(T: np.ndarray) -> np.ndarray:
@@ -123,9 +106,8 @@ class Loop:
     rows: tuple[int, ...] = (0, 1, 2, 3, 4, 5)
     upside_down: bool = False
 
-    def error(self, angles, **displaced) -> np.ndarray:
-        """Misclosure in the constrained components, (m, rows)."""
-        T = frames(self.chain, angles, **displaced)
+    def error(self, T: np.ndarray) -> np.ndarray:
+        """Misclosure of `frames` in the constrained components, (m, rows)."""
         return misclosure(T, FLIPPED if self.upside_down else UPRIGHT)[:, self.rows]
 
     def closed(self, angles, *, free: tuple[int, ...], rounds: int = 60, **displaced):
@@ -137,7 +119,7 @@ class Loop:
         last = np.inf
         for _ in range(rounds):
             T = frames(self.chain, angles, **displaced)
-            error = misclosure(T, FLIPPED if self.upside_down else UPRIGHT)[:, self.rows]
+            error = self.error(T)
             worst = np.abs(error).max()
             if worst < 1e-15 or (worst < 1e-13 and worst >= last):
                 break
@@ -146,7 +128,8 @@ class Loop:
             step = -(np.linalg.pinv(J, rcond=1e-9) @ error[..., None])[..., 0]
             longest = np.maximum(np.abs(step).max(axis=-1, keepdims=True), 1e-300)
             angles[:, free] += step * np.minimum(1.0, 0.3 / longest)
-        return angles, np.abs(self.error(angles, **displaced)).max(axis=-1) < CLOSED
+        error = self.error(frames(self.chain, angles, **displaced))
+        return angles, np.abs(error).max(axis=-1) < CLOSED
 
 
 def nominal_chain() -> Chain:

@@ -6,28 +6,25 @@ screen of every step is written to the manual as SVG, that of Capture during a p
 
 import asyncio
 import re
-import time
-from collections.abc import Callable
 from contextlib import chdir
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from textual.pilot import Pilot
-
 from hardware.timing import Pace
 from operator_app.composition import open_arm
 from operator_app.session.ui.sessions import Sessions
+from operator_app.session.ui.snapshot import SessionSnapshot
 from operator_app.session.ui.steps import Step
 from operator_app.session.workflow.opening import Choices
 from operator_app.tui.app import SarcalApp
+from tests.operator_app.tui.conftest import running
 
 ROOT = Path(__file__).parents[2]
 PICTURES = ROOT / "operator_app/manual/pages/pictures"
 SIZE = (120, 36)
 SEED = 1
 SPEED = 1.5
-PATIENCE_S = 300.0
 POSES_SHOWN = 12
 
 
@@ -39,65 +36,26 @@ async def main() -> None:
         source = Sessions("hinge_planned", Choices(seed=SEED), root=Path("sessions"), join=join)
         app = SarcalApp(lambda: source)
         try:
-            async with app.run_test(size=SIZE) as pilot:
-                await wait_until(pilot, lambda: app.picture is not None)
-                await pilot.press("enter")
-                await wait_until(pilot, lambda: connected(app))
+            async with running(app, SIZE) as driver:
+                await driver.run("enter")
+                await driver.until(lambda: driver.s.connected and driver.s.arm is not None)
                 write(app, "connect")
                 for step in (Step.FIXTURE, Step.MODES):
-                    await go_to_step(app, pilot, step)
+                    await driver.to_step(step)
                     write(app, step.title.lower())
-                await go_to_step(app, pilot, Step.CAPTURE)
-                await pilot.press("enter")
-                await wait_until(pilot, lambda: in_planned_move(app))
+                await driver.to_step(Step.CAPTURE)
+                await driver.press("enter")
+                await driver.until(lambda: in_planned_move(driver.s))
                 write(app, "capture")
-                await wait_until(pilot, lambda: idle(app))
-                await go_to_step(app, pilot, Step.CALIBRATE)
-                await pilot.press("enter")
-                await wait_until(pilot, lambda: app.step is Step.RESULTS and idle(app))
-                await pilot.pause()
+                await driver.idle()
+                await driver.to_step(Step.RESULTS)
                 write(app, "results")
         finally:
             source.close("pictures taken")
 
 
-async def go_to_step(app: SarcalApp, pilot: Pilot[str], step: Step) -> None:
-    """Press Enter until this step is shown."""
-    while app.step is not step:
-        await pilot.press("enter")
-        if app.screen is not app.main:
-            await pilot.press("y")
-        await wait_until(pilot, lambda: idle(app))
-
-
-async def wait_until(pilot: Pilot[str], condition: Callable[[], bool]) -> None:
-    """Wait while the screen is repainted."""
-    end = time.monotonic() + PATIENCE_S
-    while not condition():
-        if time.monotonic() > end:
-            raise TimeoutError(str(app_state(pilot)))
-        await asyncio.sleep(0.02)
-    # Long enough to paint; the arm moves on.
-    await pilot.pause(0.03)
-
-
-def app_state(pilot: Pilot[str]) -> object:
-    picture = getattr(pilot.app, "picture", None)
-    return None if picture is None else picture.messages[-3:]
-
-
-def idle(app: SarcalApp) -> bool:
-    return app.runner is not None and app.runner.snapshot().task is None
-
-
-def connected(app: SarcalApp) -> bool:
-    s = app.picture
-    return idle(app) and s is not None and s.connected and s.arm is not None
-
-
-def in_planned_move(app: SarcalApp) -> bool:
-    s = app.picture
-    if s is None or len(s.state.used_poses) < POSES_SHOWN or s.heading is None or s.arm is None:
+def in_planned_move(s: SessionSnapshot) -> bool:
+    if len(s.state.used_poses) < POSES_SHOWN or s.heading is None or s.arm is None:
         return False
     trace = s.heading.trace_rad
     if trace is None or s.motion is None or s.motion.still:

@@ -20,7 +20,7 @@ def test_sync_keeps_its_period_under_8000_foreign_frames_per_second(tmp_path):
     assert outcome.wrong == ()
     if reason := outcome.machine_pause_message():
         pytest.skip(reason)
-    assert outcome.code in (0, 4, 5), outcome.said
+    assert outcome.code in (0, 4, 5), outcome.output
     assert outcome.poses == 3
     assert outcome.foreign / outcome.took_s > 4000
     assert outcome.backlog_bytes < 1_000_000  # the kernel drops frames from 8 MB on

@@ -71,34 +71,36 @@ DEFAULT_RUN = {
 def is_reported(outcome: Outcome, kind: str, joint: int) -> bool:
     """Whether the session ended with a message of this fault."""
     texts = [text.format(joint=joint).lower() for text in FAULTS[kind].texts]
-    return any(text in outcome.said.lower() for text in texts)
+    return any(text in outcome.message.lower() for text in texts)
 
 
 def assert_arm_reaction(outcome: Outcome, reaction: ArmReaction, *, connected: bool) -> None:
     """Compare drives and plant with the table: nothing moves after the fault is reported."""
-    assert JointMode.FREE not in outcome.ended, outcome.ended
-    if not outcome.said:
+    assert JointMode.FREE not in outcome.final_modes, outcome.final_modes
+    if not outcome.message:
         return
     lags = reaction in (ArmReaction.UNHEARD, ArmReaction.LATE)
     assert outcome.moved_deg < (SERVO_LAG_DEG if lags else HOLDING_DEG), outcome.moved_deg
-    states = {state for state, _ in outcome.then}
-    modes = {mode for _, mode in outcome.then}
+    states = {state for state, _ in outcome.states}
+    modes = {mode for _, mode in outcome.states}
     if not connected and DriveState.OPERATION_ENABLED not in states and len(states) == 1:
         return  # nothing was enabled yet
     match reaction:
         case ArmReaction.HOLDS:
             assert modes <= {JointMode.POSITION, None}
             assert DriveState.OPERATION_ENABLED not in states
-        case ArmReaction.TRIPS if "tripped" in outcome.said:
+        case ArmReaction.TRIPS if "tripped" in outcome.message:
             assert DriveState.OPERATION_ENABLED not in states
             assert states & {DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE}
             assert JointMode.FREE not in modes
-        case ArmReaction.STOPPED if "the arm has been stopped" in outcome.said:
+        case ArmReaction.STOPPED if "the arm has been stopped" in outcome.message:
             # The diverged joint is switched off at once: a quick stop would only hold its error.
             off = DriveState.SWITCH_ON_DISABLED, None
-            assert sorted(map(str, outcome.then)) == sorted(map(str, [HOLDS] * 6 + [off]))
-            assert sorted(map(str, outcome.ended)) == sorted(map(str, [HOLDS[1]] * 6 + [None]))
-        case ArmReaction.BLOCKS if "heartbeat" not in outcome.said:
+            assert sorted(map(str, outcome.states)) == sorted(map(str, [HOLDS] * 6 + [off]))
+            assert sorted(map(str, outcome.final_modes)) == sorted(
+                map(str, [HOLDS[1]] * 6 + [None])
+            )
+        case ArmReaction.BLOCKS if "heartbeat" not in outcome.message:
             assert modes == {None}
 
 
@@ -112,8 +114,8 @@ def assert_arm_reaction(outcome: Outcome, reaction: ArmReaction, *, connected: b
 def test_fault_is_reported_and_no_accepted_pose_is_wrong(tmp_path, kind, at_sync):
     joint, row = JOINT.get(kind, 4), FAULTS[kind]
     outcome = run_session_with_fault(kind, tmp_path / "s", joint=joint, at_sync=at_sync)
-    if outcome.said:
-        assert is_reported(outcome, kind, joint), outcome.said
+    if outcome.message:
+        assert is_reported(outcome, kind, joint), outcome.message
     else:
         assert not row.always_reported
         assert not (kind in AT_CONNECT and at_sync == BEFORE)
@@ -121,13 +123,13 @@ def test_fault_is_reported_and_no_accepted_pose_is_wrong(tmp_path, kind, at_sync
         assert kind != "deaf-drive"
         assert len(outcome.poses) == 6
     shift_rad = np.zeros(7)
-    if at_sync in (BEFORE, FIRST_SYNCS) and not outcome.said:
+    if at_sync in (BEFORE, FIRST_SYNCS) and not outcome.message:
         # The same zero shift in all poses is an offset, which a calibration estimates.
         shift_rad[joint - 1] = ZERO_SHIFT_RAD.get(kind, 0.0)
     errors = [loop_error(pose.mean_rad + shift_rad) for pose in outcome.poses]
     # After a step of the fixture the readings are right, but close elsewhere.
     limit = MAX_CLOSURE_ERROR + (FIXTURE_STEP_M if kind == "slipped-fixture" else 0.0)
-    assert all(error < limit for error in errors), (outcome.said, errors)
+    assert all(error < limit for error in errors), (outcome.message, errors)
     assert_arm_reaction(outcome, row.arm, connected=at_sync != BEFORE)
     journalled = replay(read_journal(tmp_path / "s").events).used_poses
     assert [pose.number for pose in journalled] == [pose.number for pose in outcome.poses]
@@ -144,7 +146,7 @@ def test_frozen_sensor_in_position_mode_leaves_no_wrong_pose(tmp_path, joint):
     outcome = run_session_with_fault(
         "frozen-sensor", tmp_path / "s", joint=joint, at_sync=IN_CAPTURE[0]
     )
-    assert is_reported(outcome, "frozen-sensor", joint), outcome.said
+    assert is_reported(outcome, "frozen-sensor", joint), outcome.message
     assert outcome.wrong == ()
     assert len(outcome.poses) == 2
 
@@ -163,11 +165,11 @@ def test_frozen_sensor_in_position_mode_leaves_no_wrong_pose(tmp_path, joint):
 def test_zero_shift_in_position_mode_is_reported_at_repeated_pose(tmp_path, kind, joint, at_sync):
     """The drive compensates it at once, so that all joints move. No pose before it is wrong."""
     outcome = run_session_with_fault(kind, tmp_path / "s", joint=joint, at_sync=at_sync)
-    if outcome.said:
-        assert is_reported(outcome, kind, joint), outcome.said
+    if outcome.message:
+        assert is_reported(outcome, kind, joint), outcome.message
         assert not outcome.wrong
         return
-    assert any(f"joint {joint} has shifted by" in text for text in outcome.told), outcome.told
+    assert any(f"joint {joint} has shifted by" in text for text in outcome.reports), outcome.reports
     end_sync = {
         event.data["number"]: event.data["first_sync"] + event.data["samples"]
         for event in read_journal(tmp_path / "s").events
@@ -178,8 +180,8 @@ def test_zero_shift_in_position_mode_is_reported_at_repeated_pose(tmp_path, kind
 
 def test_without_a_fault_every_pose_is_correct(tmp_path):
     outcome = run_session_with_fault("", tmp_path / "s", joint=4, at_sync=0)
-    assert (outcome.said, len(outcome.poses), outcome.wrong) == ("", 6, ())
-    assert not any("differs from its first reading" in text for text in outcome.told)
+    assert (outcome.message, len(outcome.poses), outcome.wrong) == ("", 6, ())
+    assert not any("differs from its first reading" in text for text in outcome.reports)
     # The oracle detects a step of 0.5 deg in any joint.
     q_rad = outcome.poses[2].mean_rad
     assert loop_error(q_rad) < 3e-5
@@ -196,7 +198,7 @@ def test_changes_of_the_wall_clock_lose_no_pose(tmp_path):
         return datetime(2026, 3, 29, 2, 30, tzinfo=UTC) + next(offsets)
 
     outcome = run_session_with_fault("", tmp_path / "s", joint=4, at_sync=0, clock=clock)
-    assert (outcome.said, outcome.wrong) == ("", ())
+    assert (outcome.message, outcome.wrong) == ("", ())
     stamps = [pose.utc for pose in outcome.poses]
     assert stamps != sorted(stamps)
     journalled = replay(read_journal(tmp_path / "s").events).used_poses

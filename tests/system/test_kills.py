@@ -5,7 +5,7 @@ All kills, with statistics: python -m tests.benchmarks.campaign
 
 import pytest
 
-from tests.oracles.killing import POSES, chain
+from tests.oracles.killing import POSES, KillSequence
 
 pytestmark = [pytest.mark.real_time, pytest.mark.campaign]
 
@@ -18,7 +18,7 @@ pytestmark = [pytest.mark.real_time, pytest.mark.campaign]
     ],
 )
 def test_killed_programs_lose_no_pose(tmp_path, seed, kills, embedded):
-    statistics = chain(str(tmp_path / "day"), seed, kills, embedded=embedded)
+    statistics = KillSequence(tmp_path / "day", seed, kills, embedded=embedded).run()
     assert statistics.faults == []
     assert statistics.sessions
-    assert (statistics.total, statistics.poses) == (kills, statistics.sessions * POSES)
+    assert (statistics.kills, statistics.poses) == (kills, statistics.sessions * POSES)

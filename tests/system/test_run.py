@@ -12,6 +12,7 @@ from hardware.virtual.drive import Drive
 from operator_app.config.parameters_file import parse_parameters
 from operator_app.config.resources import resolve
 from operator_app.session.store.journal import read_journal
+from tests.benchmarks.shop_floor_files import written
 from tests.oracles.journal_events import event_data
 from tests.oracles.own_process import finished, start, wait_for_poses
 from tests.oracles.parameter_documents import VALUES as TRUE_VALUES
@@ -19,19 +20,15 @@ from tests.oracles.parameter_documents import VALUES as TRUE_VALUES
 
 def procedure_far_from_truth(folder: Path) -> Path:
     """Write the packaged procedure with every nominal value 10 deg or 30 mm from the true one, of either sign."""
-    signs = iter(np.random.default_rng(5).choice([-1.0, 1.0], 14).tolist())
-    arm = yaml.safe_load(resolve("arm", "sarcos_dextrous").data)
-    fixture = yaml.safe_load(resolve("fixture", "hinge").data)
+    signs, nominal = np.random.default_rng(5).choice([-1, 1], 14), {}
+    for sign, (name, value) in zip(signs, TRUE_VALUES.items(), strict=True):
+        angle = name.startswith(("theta_off", "alpha"))
+        nominal[name] = np.deg2rad(value + 10.0 * sign) if angle else value + 0.030 * sign
     procedure = yaml.safe_load(resolve("procedure", "hinge").data)
-    for row in arm["dh"]:
-        row["theta_off_deg"] = TRUE_VALUES[f"theta_off_{row['row']}"] + 10.0 * next(signs)
-    for key in fixture["placement"]:
-        name = key.replace("_n_", "_7_").rsplit("_", 1)[0]
-        scale, offset = (1.0, 10.0) if key.endswith("_deg") else (1e3, 30.0)
-        fixture["placement"][key] = TRUE_VALUES[name] * scale + offset * next(signs)
-    procedure["arm"], procedure["fixture"] = "arm.yaml", "fixture.yaml"
-    for name, document in (("arm", arm), ("fixture", fixture), ("procedure", procedure)):
-        (folder / f"{name}.yaml").write_text(yaml.safe_dump(document, sort_keys=False))
+    procedure |= {"arm": "arm.yaml", "fixture": "fixture.yaml"}
+    documents = (*written(nominal), yaml.safe_dump(procedure, sort_keys=False).encode())
+    for name, document in zip(("arm", "fixture", "procedure"), documents, strict=True):
+        (folder / f"{name}.yaml").write_bytes(document)
     return folder / "procedure.yaml"
 
 

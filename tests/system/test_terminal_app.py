@@ -15,7 +15,7 @@ from operator_app.config.parameters_file import load_parameters
 from operator_app.session.store.folders import read_session
 from operator_app.session.store.journal import JOURNAL_NAME, read_journal
 from tests.oracles.own_process import controller, wait_for_poses
-from tests.oracles.pty_program import PtyProgram
+from tests.oracles.pty_program import WALK, PtyProgram
 from tests.oracles.terminal import PATIENCE_S, POLL_S, Terminal, select
 
 pytestmark = [pytest.mark.needs("tmux"), pytest.mark.real_time]
@@ -197,19 +197,6 @@ def test_unknown_procedure_is_reported_without_a_screen(tmp_path):
     program.seen("neither a built-in procedure nor a file", 0)
     assert program.process.wait(PATIENCE_S) == 2
     program.close()
-
-
-WALK = [
-    (b"\r", "goes on to Fixture"),
-    (b"\r", "Check list"),
-    (b"\r", "goes on to Modes"),
-    (b"\r", "Ranked"),
-    (b"\r", "Apply the modes?"),
-    (b"y", "goes on to Capture"),
-    (b"\r", "What the poses determine"),
-    (b"\r", "ANY KEY STOPS"),
-]
-"""From Connect to automatic capture: keys and the text that each one shows."""
 
 
 @pytest.mark.campaign

@@ -1,14 +1,16 @@
 """`sarcal verify`: a calibration holds on new poses, and not after a step change of a joint."""
 
-import csv
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from operator_app.cli import main
+from operator_app.config.poses_file import load_poses, save_poses
 from operator_app.session.store.folders import read_session
+from tests.oracles.as_shipped import displaced
 from tests.oracles.recorded import cached_folder
 
 
@@ -47,30 +49,17 @@ def test_calibration_holds_on_new_poses_of_the_arm(sessions, run_command):
 @pytest.mark.campaign
 def test_poses_after_a_step_change_of_a_joint_are_named(sessions, tmp_path, run_command):
     (session,) = sessions.iterdir()
-    with (session / "poses.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
+    poses, file = load_poses(session / "poses.csv").poses, tmp_path / "new.csv"
     # Without the 0.002 deg they would be refused as the calibration's own.
-    for k, row in enumerate(rows):
-        row["theta3_deg"] = repr(float(row["theta3_deg"]) + (0.5 if k < 2 else 0.002))
-    file = tmp_path / "new.csv"
-
-    def write() -> None:
-        with file.open("w", newline="") as stream:
-            writer = csv.DictWriter(stream, rows[0].keys())
-            writer.writeheader()
-            writer.writerows(rows)
-
-    write()
-    options = ["--sessions", str(sessions), "--json"]
-    result = run_command(4, "verify", session.name, file, *options).json
+    stepped = displaced(displaced(poses, np.s_[:, 2], 0.002), np.s_[:2, 2], 0.5)
+    save_poses(file, stepped)
+    command = ("verify", session.name, file, "--sessions", sessions)
+    result = run_command(4, *command, "--json").json
     assert result["verdict"] == "does not hold"
     assert sorted(result["odd_poses"]) == ["1", "2"]
-    answer = run_command(4, "verify", session.name, file, "--sessions", sessions)
-    assert answer.out.startswith(f"DOES NOT HOLD: 2 of {len(rows)} new poses deviate by more")
+    answer = run_command(4, *command)
+    assert answer.out.startswith(f"DOES NOT HOLD: 2 of {len(poses)} new poses deviate by more")
     assert "check pose" in answer.out
     assert answer.err == ""
-    for row in rows:
-        row |= {f"theta{j}_deg": repr(float(row[f"theta{j}_deg"]) / 57.29578) for j in range(1, 8)}
-    write()
-    errors = run_command(4, "verify", session.name, file, "--sessions", sessions).err
-    assert f"sarcal: {file}: no joint angle" in errors
+    save_poses(file, replace(stepped, q_rad=np.deg2rad(stepped.q_rad)))
+    assert f"sarcal: {file}: no joint angle" in run_command(4, *command).err

@@ -16,7 +16,7 @@ from operator_app.tui.app import SarcalApp
 from operator_app.tui.driver import watched
 from tests.oracles.still_runner import StaticSource
 
-PATIENCE_S = 120.0
+PATIENCE_S = 300.0
 
 
 def shown(widget) -> str:

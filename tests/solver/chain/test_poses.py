@@ -9,7 +9,6 @@ from solver.chain.poses import PoseSet
 from solver.diagnostics.cross_validation import far_block, fold_poses
 from solver.estimators.error_model import stated_errors
 from solver.estimators.estimate import Estimate
-from solver.estimators.implicit import NoiseModel, estimate_implicit
 from solver.estimators.paper import estimate_paper
 from solver.estimators.variance_components import estimate_with_errors
 from tests.oracles.loop_oracle import Truth
@@ -114,24 +113,17 @@ def test_digest_is_independent_of_the_machine():
     assert pose_set().sha256() == "4ab8a7e8f212833502b7ad33b333e0a0407ff08a94ed61ab3d66d1470b9f52d3"
 
 
-SIMULATION = Simulation(poses=30, wrist_sd=6e-3)
-Q = SIMULATION.readings(0)
-NOISE = NoiseModel(joint_variance=SIMULATION.sigma() ** 2)
+Q = Simulation(poses=30, wrist_sd=6e-3).readings(0)
 
 
 def fit(estimator: str, truth: Truth, order: np.ndarray) -> tuple[Estimate, list[float]]:
     """The estimate of the readings in that order, and the estimated sizes of errors."""
     model, q = loop_of(truth), Q[order]
-    match estimator:
-        case "paper":
-            return estimate_paper(model, q), []
-        case "implicit":
-            variance = NOISE.joint_variance * np.linspace(0.5, 2.0, len(Q))[:, None]
-            return estimate_implicit(model, q, NoiseModel(joint_variance=variance[order])), []
-        case _:
-            errors = stated_errors(paper_arm(truth), samples=np.ones(len(Q), dtype=np.int64))
-            result = estimate_with_errors(model, q, errors.at_poses(order))
-            return result.estimate, [c.sd for c in result.components.components]
+    if estimator == "paper":
+        return estimate_paper(model, q), []
+    errors = stated_errors(paper_arm(truth), samples=np.ones(len(Q), dtype=np.int64))
+    result = estimate_with_errors(model, q, errors.at_poses(order))
+    return result.estimate, [c.sd for c in result.components.components]
 
 
 @pytest.fixture(params=range(3))
@@ -139,7 +131,7 @@ def shuffle(request):
     return np.random.default_rng(request.param).permutation(len(Q))
 
 
-@pytest.mark.parametrize("estimator", ["paper", "implicit", "components"])
+@pytest.mark.parametrize("estimator", ["paper", "components"])
 def test_estimate_is_independent_of_pose_order(estimator, truth, shuffle):
     (estimate, sizes), (shuffled, shuffled_sizes) = (
         fit(estimator, truth, o) for o in (np.arange(len(Q)), shuffle)

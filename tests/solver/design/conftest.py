@@ -17,7 +17,30 @@ from tests.solver.conftest import loop_of
 
 HOME = paper_truth().home
 REGION_STEP_RAD = 0.12
+DRIVES = (1, 5)
 SIGMA = np.array([ENCODER_SD] * 5 + [6e-3] * 2)
+
+
+class ClosedChain:
+    """The true loop with some joints driven: its readings are an exact arm's."""
+
+    def __init__(self, loop, x, drives: tuple[int, ...] = DRIVES, home=HOME) -> None:
+        self.loop, self.x = loop, x
+        self.free = np.ones(7)
+        self.free[[j - 1 for j in drives]] = 0.0
+        pose = close_loops(loop, x, home[None, :])
+        self.q, self.u = pose.q, pose.u
+
+    def move(self, targets: dict[int, float]) -> np.ndarray:
+        start = self.q[0].copy()
+        for share in np.linspace(0.0, 1.0, 9)[1:]:
+            self.q[0, [j - 1 for j in targets]] = [
+                start[j - 1] + share * (v - start[j - 1]) for j, v in targets.items()
+            ]
+            pose = close_loops(self.loop, self.x, self.q, u=self.u, sigma_rad=self.free)
+            assert pose.closed[0]
+            self.q, self.u = pose.q, pose.u
+        return self.q[0].copy()
 
 
 def of_noise(sigma_rad: np.ndarray):
@@ -65,7 +88,7 @@ def task(loop):
         margin_rad=np.deg2rad(3.0),
         noise=NoiseModel(joint_variance=SIGMA**2),
         errors_at=of_noise(SIGMA),
-        drive_sets=((1, 5),),
+        drive_sets=(DRIVES,),
     )
 
 

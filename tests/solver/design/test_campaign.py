@@ -1,18 +1,15 @@
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from solver.chain.parameters import nominal_vector
-from solver.closing import close_loops
 from solver.design.actions import Capture, GoTo, path_watch
 from solver.design.campaign import Campaign
 from solver.design.interim import InterimEstimate, implicit_interim
-from solver.design.plan import PlanningTask
 from solver.estimators.implicit import NoiseModel
 from tests.oracles.simulated_loops import Simulation
-from tests.solver.design.conftest import HOME, SIGMA, paper_ranges
+from tests.solver.design.conftest import HOME, SIGMA, ClosedChain, paper_ranges
 
 
 @pytest.fixture
@@ -20,67 +17,55 @@ def task(task):
     return replace(task, candidates=250)
 
 
-def planned_campaign(
-    task: PlanningTask, x, captured: Sequence[np.ndarray] = (), taken: int = 0, **settings
-) -> Campaign:
-    """A campaign whose interim calibration is the truth, with some poses captured before."""
+def carry_out(task, x, *, stopped_moves: int = 0, **settings):
+    """A campaign, by default of three poses, and its actions; the first planned moves are stopped half-way.
+
+    The loop is exact, and the interim calibration is the truth.
+    """
     known = InterimEstimate(x=x, covariance=np.eye(14) * 1e-12, trusted=True, text="known")
-    return Campaign(
-        task=task,
-        start_rad=HOME,
-        **settings,
-        calibrate=lambda _q: known,
-        captured=captured,
-        taken=taken,
+    campaign = Campaign(
+        task=task, start_rad=HOME, calibrate=lambda _q: known, **{"poses": 3, **settings}
     )
-
-
-def carry_out(campaign: Campaign, task, x, *, stop_planned: int = 0):
-    """Carry out all proposals on the exact loop; stop the first planned moves half-way."""
-    free = np.ones(7)
-    free[[0, 4]] = 0.0
-    q, actions = HOME.copy(), []
+    chain, actions = ClosedChain(task.model, x), []
     while not actions or isinstance(actions[-1], GoTo | Capture):
         action = campaign.propose()
         actions.append(action)
+        q = chain.q[0].copy()
         if isinstance(action, Capture):
             campaign.captured(q)
         elif isinstance(action, GoTo):
-            planned = action.trace_rad is not None
-            share, stopped = (0.5, "an obstacle") if planned and stop_planned else (1.0, "")
-            stop_planned -= bool(stopped)
-            if planned and not stopped:
-                q = action.trace_rad[-1]
-            start = q[[0, 4]].copy()
-            goal = np.array([action.targets_rad.get(j, q[j - 1]) for j in (1, 5)])
-            for part in np.linspace(0.0, share, 12)[1:]:
-                q[[0, 4]] = start + part * (goal - start)
-                q = close_loops(task.model, x, q[None, :], sigma_rad=free).q[0]
-            campaign.observe(q, stopped)
-    return actions
+            share, stopped = 1.0, ""
+            if action.trace_rad is not None and stopped_moves:
+                share, stopped, stopped_moves = 0.5, "an obstacle", stopped_moves - 1
+            targets = {j: q[j - 1] + share * (v - q[j - 1]) for j, v in action.targets_rad.items()}
+            campaign.observe(chain.move(targets), stopped)
+    return campaign, actions
 
 
 @pytest.mark.campaign
 def test_campaign_ends_early_at_the_requested_precision(task, x):
-    campaign = planned_campaign(task, x, poses=12, requested={"theta_off_1": 1e-3, "a_0": 1e-3})
-    actions = carry_out(campaign, task, x)
+    requested = {"theta_off_1": 1e-3, "a_0": 1e-3}
+    campaign, actions = carry_out(task, x, poses=12, requested=requested)
     assert actions[-1].complete
     assert "as well as requested" in actions[-1].text
     assert len(campaign.readings_rad) < 12
 
 
 @pytest.mark.campaign
-def test_unreachable_precision_is_reported(task, x):
-    campaign = planned_campaign(task, x, poses=3, requested={"alpha_0": 1e-9})
-    actions = carry_out(campaign, task, x)
-    assert actions[-1].text.startswith("all 3 planned poses are taken; alpha_0")
-    assert actions[-1].weak[0].name == "alpha_0"
+def test_campaign_continues_from_captured_poses(task, x):
+    whole = carry_out(task, x)[0].readings_rad
+    assert len(carry_out(task, x, captured=whole, taken=3)[1]) == 1
+    captured = whole[:-2]
+    campaign, actions = carry_out(task, x, captured=captured, taken=1)
+    assert [a.planned for a in actions if isinstance(a, Capture)] == [True, True]
+    assert np.array_equal(campaign.readings_rad[: len(captured)], captured)
+    assert np.array_equal(campaign.at_rad, campaign.readings_rad[-1])
+    assert actions[-1].complete
 
 
 @pytest.mark.campaign
 def test_stopped_move_is_reversed_and_avoided(task, x):
-    campaign = planned_campaign(task, x, poses=3)
-    actions = carry_out(campaign, task, x, stop_planned=1)
+    _, actions = carry_out(task, x, stopped_moves=1)
     reasons = [a.why for a in actions if isinstance(a, GoTo)]
     assert any("(an obstacle)" in reason for reason in reasons)
     assert actions[-1].complete
@@ -88,24 +73,9 @@ def test_stopped_move_is_reversed_and_avoided(task, x):
 
 @pytest.mark.campaign
 def test_campaign_fails_after_repeated_stops(task, x):
-    campaign = planned_campaign(task, x, poses=3)
-    actions = carry_out(campaign, task, x, stop_planned=99)
+    _, actions = carry_out(task, x, stopped_moves=99)
     assert not actions[-1].complete
     assert actions[-1].text.endswith("repeatedly: an obstacle")
-
-
-@pytest.mark.campaign
-def test_campaign_continues_from_captured_poses(task, x):
-    first = planned_campaign(task, x, poses=3)
-    carry_out(first, task, x)
-    taken = first.readings_rad[:-2]
-    continued = planned_campaign(task, x, taken, 1, poses=3)
-    assert np.array_equal(continued.at_rad, HOME)
-    actions = carry_out(continued, task, x)
-    assert [a.planned for a in actions if isinstance(a, Capture)] == [True, True]
-    assert np.array_equal(continued.readings_rad[: len(taken)], taken)
-    assert actions[-1].complete
-    assert planned_campaign(task, x, first.readings_rad, 3, poses=3).propose().complete
 
 
 def test_observation_without_a_proposal_is_rejected(task):

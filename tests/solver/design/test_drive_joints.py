@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from solver.closing import close_loops
 from solver.design.drive_joints import DriveTrial, rank_at_pose, rank_by_trial, rank_over_region
 from solver.design.motion import chain_motion
 from tests.oracles.loop_oracle import closure_rates, paper_truth
+from tests.solver.design.conftest import ClosedChain
 
 TRUTH = paper_truth()
 
@@ -40,16 +40,13 @@ def test_singular_pair_is_not_usable(loop, x, region):
 
 def simulate_trial(loop, x, q, drives, size=0.02) -> DriveTrial:
     """Trial of an exact arm: one drive moved at a time, the other joints by closing the loop."""
-    commanded, moved = [], []
-    free = np.ones(7)
-    free[[j - 1 for j in drives]] = 0.0
-    for k, joint in enumerate(drives):
-        for sign in (1.0, -1.0):
-            start = q[None, :].copy()
-            start[0, joint - 1] += sign * size
-            commanded.append(sign * size * np.eye(len(drives))[k])
-            moved.append(close_loops(loop, x, start, sigma_rad=free).q[0] - q)
-    return DriveTrial(drives=drives, commanded_rad=np.array(commanded), moved_rad=np.array(moved))
+    steps = np.concatenate([(step, -step) for step in size * np.eye(len(drives))])
+    start = q[[j - 1 for j in drives]]
+    moved = [
+        ClosedChain(loop, x, drives, q).move(dict(zip(drives, start + step, strict=True))) - q
+        for step in steps
+    ]
+    return DriveTrial(drives=drives, commanded_rad=steps, moved_rad=np.array(moved))
 
 
 def test_ranking_by_trial_agrees_with_prediction(loop, x, region):

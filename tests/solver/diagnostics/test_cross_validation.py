@@ -66,27 +66,6 @@ def test_ignoring_parameter_uncertainty_would_be_too_strict():
     assert (strict.pose_chi2 >= honest.pose_chi2 - 1e-9).all()
 
 
-def test_a_slipped_encoder_is_detected():
-    q = SIMULATION.rereadings(1)
-    q[TEST, 1] += 1e-3
-    found = verified(q[TRAIN], q[TEST])
-    assert not found.chi2.accepted
-    assert found.closed.all()
-
-
-def test_a_single_wrong_pose_is_the_worst():
-    q = SIMULATION.rereadings(1)
-    q[37, 3] += 2e-3
-    found = verified(q[TRAIN], q[TEST])
-    assert int(np.argmax(found.pose_chi2)) == 7
-    assert found.pose_probability[7] < 1e-6
-
-
-def test_a_fixture_that_slips_later_is_detected():
-    later = Simulation(poses=10, wrist_sd=6e-3, flexure_m=1e-3).readings(0)
-    assert not verified(SIMULATION.rereadings(2), later).chi2.accepted
-
-
 def test_an_empty_verification_is_refused():
     with pytest.raises(ValueError, match="no poses"):
         verified(SIMULATION.rereadings(0), np.zeros((0, 7)))

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from solver.closing import close_loops
 from solver.diagnostics.identifiability import (
     condition_at_readings,
     identifiability,
@@ -79,22 +78,6 @@ def test_condition_and_observability_agree_with_a_second_implementation(truth):
         1.0 / (1.0 / s).sum(),
     )
     assert found.observability == pytest.approx(expected, rel=1e-8)
-
-
-def test_a_joint_at_rest_is_named(truth):
-    # Poses with joint 5 almost locked: its offset is a constant of the geometry and no more.
-    rng = np.random.default_rng(7)
-    model = loop_of(truth)
-    x = truth.values(NAMES)
-    q = truth.home + rng.uniform(-0.4, 0.4, (30, 7))
-    q[:, 4] = truth.home[4]
-    locked = close_loops(model, x, q, sigma_rad=np.array([1, 1, 1, 1, 0, 1, 1.0]))
-    found = identifiability(model, x, locked.q[locked.closed])
-    (blind,) = found.directions
-    assert blind.immobile_joints == (5,)
-    assert "theta_off_5" in blind.parameters
-    assert "joint 5 does not move" in str(blind)
-    assert found.rank == 13
 
 
 def test_independent_unidentifiable_directions_are_listed_separately():

@@ -5,10 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solver.chain.kinematics import forward
 from solver.chain.parameters import nominal_vector
 from solver.chain.rotations import rotation_about_z
-from solver.chain.statics import LinkMasses, torque_rates
+from solver.chain.statics import LinkMasses
 from solver.closing import left_null_space
 from solver.estimators.compliance import (
     WISHART_DOF,
@@ -48,23 +47,17 @@ def q():
     return Simulation(poses=POSES).readings(0)
 
 
-def basis(model, q, masses=MASSES, *, stated_deflection=GIVE, **columns) -> LoadBasis:
+def basis(model, q, masses=MASSES, **options) -> LoadBasis:
     x = nominal_vector(model.parameters)
-    return load_basis(
-        model,
-        x,
-        q,
-        model.initial_unsensed(x, q),
-        masses,
-        stated_deflection=stated_deflection,
-        **columns,
-    )
+    u = model.initial_unsensed(x, q)
+    return load_basis(model, x, q, u, masses, **{"stated_deflection": GIVE, **options})
 
 
-def arm_torque(model: DhLoop, q: np.ndarray, masses: LinkMasses) -> np.ndarray:
+def falling_torque(model: DhLoop, q: np.ndarray, masses: LinkMasses) -> np.ndarray:
+    """Torques (m, 7) with which the links would fall, by pinocchio."""
     offsets, s, a, alpha, _ = model.arm_rows()
-    rates = torque_rates(forward(q + offsets, s, a, alpha), masses.down)
-    return np.einsum("...jka,ka->...j", rates, masses.moments)
+    oracle = PinocchioGravity(masses.mass_kg, masses.centre_m, 9.81 * masses.down)
+    return -np.array([oracle.holding_torque(p + offsets, s, a, alpha) for p in q])
 
 
 # ---- equilibrium
@@ -171,9 +164,7 @@ def test_other_masses_within_tolerance_lie_in_the_columns(model, q):
             mass_kg=MASSES.mass_kg + MASSES.mass_sd_kg * rng.normal(size=7),
             centre_m=MASSES.centre_m + 0.015 * rng.normal(size=(7, 3)),
         )
-        offsets, s, a, alpha, _ = model.arm_rows()
-        oracle = PinocchioGravity(other.mass_kg, other.centre_m, 9.81 * other.down)
-        torque = np.array([oracle.holding_torque(p + offsets, s, a, alpha) for p in q])
+        torque = falling_torque(model, q, other)
         for j in range(7):
             shape = torque[:, j] / np.sqrt((torque[:, j] ** 2).mean())
             left = (
@@ -186,9 +177,7 @@ def test_other_masses_within_tolerance_lie_in_the_columns(model, q):
 def test_expected_sag_is_that_of_half_normal_compliances(model, q):
     """Where they twist is where the links would fall, against the torque that holds them."""
     found = basis(model, q)
-    offsets, s, a, alpha, _ = model.arm_rows()
-    oracle = PinocchioGravity(MASSES.mass_kg, MASSES.centre_m, 9.81 * MASSES.down)
-    falling = -np.array([oracle.holding_torque(p + offsets, s, a, alpha) for p in q])
+    falling = falling_torque(model, q, MASSES)
     rng = np.random.default_rng(5)
     mean = np.abs(rng.normal(size=100_000)).mean()
     for j in range(4):
@@ -203,8 +192,8 @@ def test_expected_sag_is_that_of_half_normal_compliances(model, q):
 def test_play_follows_a_certain_load_and_is_unknown_otherwise(model, q):
     found = basis(model, q)
     sure = replace(MASSES, mass_sd_kg=np.zeros(7), centre_sd_m=np.zeros(7), down_sd_rad=0.0)
-    torque = arm_torque(model, q, MASSES)
-    np.testing.assert_array_equal(basis(model, q, sure).joints.side, np.sign(torque))
+    falling = np.sign(falling_torque(model, q, MASSES))
+    np.testing.assert_array_equal(basis(model, q, sure).joints.side, falling)
     assert np.all(np.abs(found.joints.side) <= 1.0)
     # The hand's roll about its own axis hardly has a lever, the shoulder has a large one.
     assert np.abs(found.joints.side[:, 1]).min() > 0.9

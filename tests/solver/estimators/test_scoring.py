@@ -45,27 +45,6 @@ def test_an_undetermined_variance_stays_and_the_others_move():
         np.testing.assert_allclose(taken.change, [0.1, 0.0], rtol=1e-6)
 
 
-def steps_away(ascent: VarianceSearch, *largest: float) -> list[bool]:
-    """What an ascent says of its pace after steps so large, in standard errors, are wanted one after the other."""
-    said = []
-    for size in largest:
-        wanted = ScoringStep(change=np.zeros(2), largest=size, slope=0.0)
-        fit = SimpleNamespace(v=np.ones(2), log_likelihood=0.0)
-        ascent.next_variances(fit, found([0.0, 0.0], [[1.0, 0.0], [0.0, 1.0]]), wanted, far=False)
-        said.append(ascent.fast)
-    return said
-
-
-def test_convergence_is_fast_if_steps_shrink_fast():
-    assert steps_away(VarianceSearch(), 1.0, 0.2, 0.03, 0.02) == [False, True, True, False]
-
-
-def test_steps_of_different_likelihoods_are_not_compared():
-    """Where gravity's sign goes the first step of the new likelihood took another round for nothing."""
-    assert steps_away(VarianceSearch(fast=True), 0.5, 0.4) == [True, False]
-    assert steps_away(VarianceSearch(fast=False), 0.5, 0.1) == [False, True]
-
-
 def test_slope_after_a_step_falls_with_the_square_of_steps_that_shrink_fast():
     ascent = VarianceSearch()
     left = []

@@ -8,15 +8,12 @@ import pytest
 from solver.chain.parameters import nominal_vector
 from solver.estimators.effects import Linearisation, LinearModel, State
 from solver.estimators.layout import Layout
-from solver.estimators.load_effects import load_basis
 from solver.estimators.variance_components import settle
 from tests.oracles.loop_oracle import paper_truth
 from tests.oracles.simulated_loops import Simulation
 from tests.solver.conftest import NAMES, loop_of
-from tests.solver.estimators.test_load_effects import MASSES
+from tests.solver.estimators.test_load_effects import GIVE, MASSES, basis
 from tests.solver.estimators.test_mixed_model import POSES, SOFT, everything_stated, system_of
-
-GIVE = (3e-4, 2e-4)
 
 
 @pytest.fixture(scope="module")
@@ -31,8 +28,7 @@ def q():
 
 @pytest.fixture(scope="module")
 def errors(model, q):
-    x = nominal_vector(model.parameters)
-    loads = load_basis(model, x, q, model.initial_unsensed(x, q), MASSES, stated_deflection=GIVE)
+    loads = basis(model, q)
     side = np.sign(np.random.default_rng(0).normal(size=q.shape))
     return replace(everything_stated(paper_truth()), loads=loads, approach=side)
 
@@ -118,10 +114,8 @@ def test_columns_equal_the_effects_on_joints_and_fixture(model, q, errors):
 
 
 def test_exact_masses_leave_only_the_smooth_function(model, q, errors):
-    x = nominal_vector(model.parameters)
     sure = replace(MASSES, mass_sd_kg=np.zeros(7), centre_sd_m=np.zeros(7), down_sd_rad=0.0)
-    loads = load_basis(model, x, q, model.initial_unsensed(x, q), sure, stated_deflection=GIVE)
-    design = LinearModel(model, q, replace(errors, loads=loads))
+    design = LinearModel(model, q, replace(errors, loads=basis(model, q, sure)))
     assert design.loaded is None
     v = design.start_variances()
     stated = [g.variance(v) for g in design.groups if g.source == "fixture_give"]

@@ -14,7 +14,6 @@ from solver.estimators.variance_components import Calibrated, estimate_with_erro
 from tests.oracles.loop_oracle import paper_truth
 from tests.oracles.simulated_loops import (
     FULL_SCALE_RAD,
-    LSB_RAD,
     RVDT_SD,
     RvdtCurve,
     Simulation,
@@ -63,30 +62,6 @@ def test_excess_wrist_noise_is_found(truth):
     assert inside >= 16
     assert deflects == 0
     assert hits.sum() >= binom.ppf(1e-4, 14 * runs // 4, 0.95) * 4
-
-
-@pytest.mark.parametrize(("lsb", "samples"), [(1.0, 1), (8.0, 1), (2.0, 8), (8.0, 32)])
-def test_noise_is_of_a_single_reading(truth, lsb, samples):
-    single = LSB_RAD * np.sqrt(lsb**2 + 1.0 / 12.0)
-    sds = []
-    for seed in range(4):
-        q = Simulation(poses=60, wrist_sd=single / np.sqrt(samples)).rereadings(seed)
-        whole = estimate_with_errors(loop_of(truth), q, sensors(60, samples=samples))
-        sds += [whole.components.sd("rvdt_6"), whole.components.sd("rvdt_7")]
-    # Eight estimates of a standard deviation from some 60 values: 3.5 % of their mean.
-    assert np.mean(sds) == pytest.approx(single, rel=0.1)
-
-
-def test_spread_within_poses_determines_noise(truth):
-    rng = np.random.default_rng(0)
-    single, samples = 4e-3, 32
-    q = Simulation(poses=20, wrist_sd=single / np.sqrt(samples)).rereadings(0)
-    sd = np.zeros_like(q)
-    sd[:, 5:] = single * np.sqrt(rng.chisquare(samples - 1, (20, 2)) / (samples - 1))
-    stated = stated_errors(paper_arm(truth), samples=np.full(20, samples), sd_rad=sd)
-    whole = estimate_with_errors(loop_of(truth), q, stated)
-    for name in ("rvdt_6", "rvdt_7"):
-        assert whole.components.sd(name) == pytest.approx(single, rel=0.08)
 
 
 @pytest.mark.campaign

@@ -5,7 +5,6 @@ import pinocchio as pin
 import pytest
 
 from solver.chain.parameters import nominal_vector
-from solver.loops.closure import poses_needed
 from solver.loops.dh import DhLoop
 from tests.oracles.loop_oracle import closed_poses, paper_truth, product
 from tests.oracles.pinocchio_chain import PinocchioChain
@@ -68,16 +67,6 @@ def test_loop_agrees_with_pinocchio(names, size):
         assert np.abs(error.jac_u[pose] - columns[:, 0, :1]).max() < 1e-12
 
 
-@pytest.mark.parametrize("size", HARD_ERRORS)
-def test_reduced_jacobian_agrees_with_central_differences(size):
-    model = loop_of(TRUTH)
-    x = perturbed(model, size)
-    reduced = model.reduced(x, Q)
-    expected = central(lambda y: model.reduced(y, Q).residual, x)
-    assert reduced.rotation_rows == 2
-    assert np.abs(expected - reduced.jac_x).max() < 1e-8
-
-
 @pytest.mark.parametrize("tilt", [3.0, np.pi - 1e-2, np.pi - 1e-3])
 def test_jacobians_near_a_half_turn_agree_with_central_differences(tilt):
     # A twist of the last link turns the tool almost over: the far end of both rotation charts.
@@ -110,12 +99,6 @@ def test_reduced_closure_is_equations_10_to_13():
         assert reduced.unsensed[pose, 0] == pytest.approx(-turn, abs=1e-13)
 
 
-def test_initial_hinge_angle_of_closed_poses_is_exact():
-    angles = loop_of(TRUTH).initial_unsensed(TRUTH.values(NAMES), Q)
-    difference = (angles - U + np.pi) % (2.0 * np.pi) - np.pi
-    assert np.abs(difference).max() < 1e-12
-
-
 def test_reversed_hinge_is_flagged_and_not_closed():
     model = loop_of(TRUTH)
     x = TRUTH.values(NAMES)
@@ -124,11 +107,6 @@ def test_reversed_hinge_is_flagged_and_not_closed():
     assert reduced.flipped.all()
     assert (np.linalg.norm(reduced.residual[:, :2], axis=1) > 3.0).all()
     assert not model.reduced(TRUTH.values(NAMES), Q).flipped.any()
-
-
-@pytest.mark.parametrize(("parameters", "rows", "needed"), [(14, 5, 3), (12, 3, 5), (11, 6, 2)])
-def test_the_required_number_of_poses(parameters, rows, needed):
-    assert poses_needed(parameters, rows) == needed
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from solver.chain.rotations import rotation_matrix
 from solver.estimators.implicit import NoiseModel, estimate_implicit
 from solver.loops.endpoint_geometry import constrained_frame_entries
 from solver.loops.point import PointClosure
-from tests.contracts.planted import ball, measured
+from tests.contracts.planted import measured
 from tests.oracles.loop_oracle import Truth, paper_truth, product
 from tests.solver.conftest import entries, paper_arm, tip_position
 
@@ -113,32 +113,6 @@ def test_measurements_follow_the_selected_poses():
     picked = np.array([4, 0, 2])
     assert np.abs(with_measurements.at_poses(picked).reduced(x, q[picked]).residual).max() < 1e-14
     assert np.abs(with_measurements.at_poses(picked).reduced(x, q[:3]).residual).max() > 0.1
-
-
-def test_compliance_of_a_ball_is_a_variance_in_metres():
-    """The fixture's variance has rotations and positions; a model of positions uses the latter only."""
-    arm = paper_arm(paper_truth())
-    arm = replace(arm, free=entries([f"theta_off_{j}" for j in range(2, 7)]))
-    model = ball(arm).model(arm)
-    x = nominal_vector(model.parameters)
-    rng = np.random.default_rng(5)
-    q = arm.home_rad + rng.uniform(-0.7, 0.7, (40, 7))
-    deflection_m = 1e-3
-    # Each pose has its own socket, displaced from the common one.
-    target = model.ground_m + deflection_m * rng.normal(size=(40, 3))
-    for _ in range(40):
-        error = model.loop(x, q, np.zeros((40, 0)))
-        misclosure = tip_position(model, x, q) - target
-        q = q - (np.linalg.pinv(error.jac_q) @ misclosure[..., None])[..., 0]
-    assert np.abs(tip_position(model, x, q) - target).max() < 1e-12
-    noise = NoiseModel(
-        joint_variance=np.full(7, 1e-6**2),
-        fixture_variance=np.array(
-            [1.0, 1.0, 1.0, deflection_m**2, deflection_m**2, deflection_m**2]
-        ),
-    )
-    estimate = estimate_implicit(model, q, noise)
-    assert estimate.chi2_per_dof == pytest.approx(1.0, abs=4.0 * np.sqrt(2.0 / estimate.dof))
 
 
 @pytest.mark.parametrize("seed", range(5))

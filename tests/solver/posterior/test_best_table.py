@@ -4,7 +4,8 @@ import pytest
 import sarcal
 
 from tests.benchmarks.real_arms import files_of
-from tests.oracles.real_arms import ARMS, scatter_mm
+from tests.oracles.panda import scatter_mm
+from tests.oracles.real_arms import ARMS
 
 
 @pytest.mark.sample(1)

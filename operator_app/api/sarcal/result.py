@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
@@ -31,7 +30,7 @@ from operator_app.report.plots.figure_files import figure as draw_figure
 from operator_app.report.subject import Subject, subject_of_session
 from operator_app.report.text import facts_text
 from operator_app.session.store.folders import PARAMETERS_NAME, POSES_NAME
-from operator_app.session.store.journal import read_journal
+from operator_app.session.store.journal import read_journal, utc_now
 from operator_app.session.store.parameters_document import export_reason, parameters_document
 from operator_app.session.store.state import SessionState
 from operator_app.session.store.stored_calibration import StoredCalibration
@@ -89,6 +88,7 @@ class Result:
         self._solution = solution
         self._checks = checks
         self._origin = origin
+        self._made_utc = utc_now()
         self._facts: Facts = facts_of(solution, checks=checks)
         self._calibrated_arm: CalibratedArm = calibrated_arm(solution, arm._model)
 
@@ -372,6 +372,7 @@ class Result:
             file=self.poses.source,
             name=f"{self.arm.name}-{self.fixture.name}",
             options=options,
+            clock=lambda: self._made_utc,
         )
         made.add(self._solution, self._checks)
         return made
@@ -380,9 +381,7 @@ class Result:
         self, *, session: ImportedSession | None = None, forced: str = ""
     ) -> ParametersDocument:
         source = self._state_source if session is None else session
-        return parameters_document(
-            self._solution, source.state, source.procedure, utc=datetime.now(UTC), forced=forced
-        )
+        return parameters_document(self._solution, source.state, source.procedure, forced=forced)
 
     def _readings(self, q_rad: ArrayLike) -> FloatArray:
         return readings_rad("q_rad", q_rad, self.arm.lower_rad, self.arm.upper_rad)

@@ -47,6 +47,10 @@ def whole(name: str, value: Any, *, least: int = 0) -> int:
 
 def numbers(name: str, value: Any) -> FloatArray:
     """Return an array of floats after checking that all numbers are real and finite."""
+    if np.ma.is_masked(value):
+        raise ValueError(
+            f"{name} has masked entries: every number must be known (leave out poses without readings)"
+        )
     try:
         array = np.asarray(value)
     except ValueError:

@@ -65,6 +65,7 @@ def with_nan(value):
         (lambda: sarcal.compare("a.yaml", "b.yaml", level=2), ValueError),
         (lambda: sarcal.poses_of(q_rad=Q, placement=10**30), ValueError),
         (lambda: sarcal.poses_of(q_rad=Q, samples=10**30), ValueError),
+        (lambda: sarcal.poses_of(q_deg=np.ma.masked_equal(Q, 0.0)), ValueError),
     ],
 )  # fmt: skip
 def test_invalid_argument_is_named(call, kind, approve):

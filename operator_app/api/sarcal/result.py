@@ -181,6 +181,9 @@ class Result:
     ) -> FloatArray:
         """Return the pose of the tool in the arm's base frame, by default from the best D-H table.
 
+        The base frame is that of the arm file: entries of link 1 that depend on the mounting (`to_json`, ``side``:
+        ``ground``), such as ``s_1`` with a hinge, are not part of it, whatever their calibrated values.
+
         Parameters
         ----------
         q_rad

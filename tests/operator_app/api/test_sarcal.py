@@ -14,6 +14,7 @@ import sarcal
 from operator_app.cli import main
 from operator_app.config.arm_file import load_arm
 from operator_app.session.store.journal import Journal
+from solver.chain.parameters import DhKind
 from tests.oracles.panda import FOLDER as PANDA
 from tests.oracles.pinocchio_chain import PinocchioChain
 
@@ -51,6 +52,17 @@ def test_result_agrees_with_the_command(result, run_command):
     assert result.tip_sigma(result.poses.q_rad[0]).shape == ()
     assert result.verdict == document["verdict"]
     assert run_command(0, "solve", EXACT).out.rstrip("\n") == result.text
+
+
+def test_the_best_table_has_the_base_frame_of_the_arm_file(result, approve):
+    document, rows = result.to_json(), result.arm._model.table.stacked()
+    ground = [name for name, side in document["side"].items() if side == "ground"]
+    assert {"s_1", "theta_off_1"} <= {*ground} & {*document["best_table"]}
+    assert document["best_table"]["s_1"] == rows[DhKind.S, 0]
+    assert document["best_table"]["theta_off_1"] == pytest.approx(
+        np.rad2deg(rows[DhKind.THETA_OFF, 0])
+    )
+    approve(result._facts.table("best_table").note)
 
 
 def test_arrays_file_and_data_frame_give_the_same_poses(result):

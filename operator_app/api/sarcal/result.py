@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import deepcopy
 from dataclasses import dataclass
+from datetime import datetime
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, get_args
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from operator_app.calibration.calibrated_arm import CalibratedArm, Frame, calibrated_arm
@@ -167,7 +170,7 @@ class Result:
 
     def to_json(self) -> dict[str, Any]:
         """Return the object of ``sarcal solve --json``; angles in deg, lengths in m or as the key states."""
-        return self._facts.json
+        return deepcopy(self._facts.json)
 
     @property
     def text(self) -> str:
@@ -222,6 +225,8 @@ class Result:
         () or (m,), m.
         """
         q = self._readings(q_rad)
+        if not q.size:
+            return np.zeros(q.shape[:-1])
         _, sigma_m = self._calibrated_arm.tip_with_sigma_m(q.reshape(-1, q.shape[-1]))
         return sigma_m.reshape(q.shape[:-1])
 
@@ -367,6 +372,9 @@ class Result:
         origin = self._origin
         return origin if isinstance(origin, Journalled) else self._session(origin)
 
+    def _time_of_calibration(self) -> datetime:
+        return self._made_utc
+
     def _session(self, options: CalibrationOptions) -> ImportedSession:
         made = ImportedSession(
             self.poses._set,
@@ -375,7 +383,7 @@ class Result:
             file=self.poses.source,
             name=f"{self.arm.name}-{self.fixture.name}",
             options=options,
-            clock=lambda: self._made_utc,
+            clock=self._time_of_calibration,
         )
         made.add(self._solution, self._checks)
         return made

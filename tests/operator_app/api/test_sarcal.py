@@ -1,7 +1,9 @@
 """`import sarcal`: arrays in, the figures of the command out, files that can be read again."""
 
+import copy
 import doctest
 import importlib
+import pickle
 import pkgutil
 import re
 import xml.etree.ElementTree as ET
@@ -253,3 +255,36 @@ def test_fk_of_an_arm_agrees_with_pinocchio():
         np.testing.assert_allclose(T[:3, 3], origins[-1], atol=1e-9)
     with pytest.raises(ValueError, match=r"np\.deg2rad"):
         arm.fk(np.rad2deg(q))
+
+
+def test_arms_and_fixtures_of_one_file_are_equal():
+    for load, name, other in (
+        (sarcal.load_arm, "ur5e", "ur10e"), (sarcal.load_fixture, "ball", "hinge"),
+    ):  # fmt: skip
+        assert load(name) == load(name)
+        assert load(name) in [load(other), load(name)]
+        assert len({load(name), load(name), load(other)}) == 2
+
+
+def test_simulations_and_results_are_pickled_and_copied(result):
+    made = sarcal.simulate(arm="sarcos_dextrous", fixture="hinge", poses=4, seed=0)
+    for again in (pickle.loads(pickle.dumps(made)), copy.deepcopy(made)):  # noqa: S301 - our own
+        assert again.truth == made.truth
+        np.testing.assert_array_equal(again.poses.q_rad, made.poses.q_rad)
+    sarcal.compare(result, result)
+    for again in (pickle.loads(pickle.dumps(result)), copy.deepcopy(result)):  # noqa: S301 - our own
+        assert again.to_json() == result.to_json()
+
+
+def test_a_changed_json_object_does_not_change_the_result(result):
+    document = result.to_json()
+    document["parameters"].clear()
+    document["verdict"] = "changed"
+    assert result.verdict != "changed"
+    assert result.to_json()["parameters"]
+
+
+def test_no_readings_have_no_tip_and_no_sigma(result):
+    none = np.zeros((0, 7))
+    assert result.fk(none).shape == (0, 4, 4)
+    assert result.tip_sigma(none).shape == (0,)

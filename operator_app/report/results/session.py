@@ -153,8 +153,8 @@ def _about(folder: Path, state: SessionState, procedure: str, torn: str) -> Fact
     position = [j for j, mode in enumerate(state.modes, 1) if mode == "position"]
     driven = f"{joints_named(position)}{others_free(len(position), len(state.modes))}"
     poses = f"{plural(len(state.used_poses), 'pose')} that count"
-    if excluded := names(p.number for p in state.poses if p.excluded):
-        poses += f", {excluded} excluded"
+    if excluded := [p.number for p in state.poses if p.excluded]:
+        poses += f", pose{'s' if len(excluded) > 1 else ''} {names(excluded)} excluded"
     rows = [
         ("folder", str(folder)),
         ("procedure", procedure),

@@ -1,11 +1,13 @@
 """`sarcal session`: list and show, text and JSON."""
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
 
-from operator_app.report.results.session import solved_json
+from operator_app.report.results.session import session_table_text, solved_json
+from operator_app.session.store.folders import read_session
 
 
 def test_json_has_the_parameters_in_the_units_of_a_report(journalled, run_command):
@@ -32,3 +34,13 @@ def test_list_takes_no_name(journalled, run_command):
     root = ["--sessions", str(journalled["run"].parent)]
     message = run_command(2, "session", "list", "nonsense", *root).err
     assert "sarcal session show nonsense" in message
+
+
+def test_excluded_poses_are_named_as_poses(journalled, tmp_path, run_command):
+    state = read_session(journalled["run"]).state
+    for numbers, text in (((3,), ", pose 3 excluded"), ((3, 5), ", poses 3 and 5 excluded")):
+        poses = [replace(p, excluded="test" if p.number in numbers else "") for p in state.poses]
+        shown = session_table_text(
+            tmp_path, replace(state, poses=tuple(poses)), procedure="", torn=""
+        )
+        assert text in " ".join(shown.split())

@@ -98,7 +98,7 @@ def verdict_text(history: ArmHistory, width: int = WIDTH) -> str:
     if (most := _most_sessions(history)) <= BASELINE:
         text = (
             f"TOO EARLY TO JUDGE: limits need {BASELINE} sessions with one fixture before the session to be judged; "
-            f"there are {most} in all. Compare two sessions with sarcal compare."
+            f"there are {most} with one fixture. Compare two sessions with sarcal compare."
         )
         return paragraph(text, width=width)
     return "IN CONTROL: no entry has shifted."

@@ -71,6 +71,8 @@ def plan(
 ) -> Plan:
     """Choose drive joints and the most informative poses, from nominal geometry, as ``sarcal plan`` does.
 
+    ``sarcal plan`` takes the seed of its procedure (1 in the built-in hinge); this function has 0.
+
     Parameters
     ----------
     arm, fixture

@@ -67,7 +67,7 @@ class Poses:
         return self._set.label
 
     def to_csv(self, path: str | PathLike[str]) -> Path:
-        """Write a poses file in degrees, from which the same numbers are read, and return its path."""
+        """Write a poses file in degrees, read back equal except for rounding, and return its path."""
         target = Path(path)
         target.write_bytes(format_poses(self._set))
         return target

@@ -114,5 +114,4 @@ def _document(
     folder: Path, state: SessionState, calibration: StoredCalibration
 ) -> ParametersDocument:
     procedure = effective_procedure(resume(str(folder), Choices(), root=folder.parent))
-    solved = datetime.fromisoformat(state.solved_utc)
-    return parameters_document(calibration.solution, state, procedure, utc=solved)
+    return parameters_document(calibration.solution, state, procedure)

@@ -246,11 +246,15 @@ def nearest_values(a: ParametersDocument, b: ParametersDocument) -> dict[str, fl
 
 
 def sides_of(document: ParametersDocument) -> dict[str, Side]:
-    """Return, by entry name, the side that a calibrated entry describes: arm, ground or tool side of the fixture."""
+    """Return, by entry name, the side that a calibrated entry describes: arm, ground or tool side of the fixture.
+
+    Documents of version 1, which do not state it, are of fixtures that are D-H links.
+    """
     loop = _loop(document)
     sides = {e.name: Side.ARM for e in loop.entries}
     sides |= dict.fromkeys(loop.ground_side, Side.GROUND)
-    return sides | dict.fromkeys(loop.hand_side, Side.HAND)
+    sides |= dict.fromkeys(loop.hand_side, Side.HAND)
+    return sides | {e.entry: Side[e.side.upper()] for e in document.calibrated if e.side}
 
 
 def _scale(document: ParametersDocument) -> float:

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fixtures.base import EndpointConstraint
-from operator_app.calibration.error_model import noise_model
 from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.instrument_registration import with_calibrated_places
 from operator_app.calibration.prediction import errors_as_calibrated
@@ -68,18 +67,18 @@ def check(solution: Solution, arm: ArmModel, fixture: EndpointConstraint, poses:
     def estimated(rest: IntArray) -> Estimate:
         return estimate_of(*settled(rest))
 
-    noise = noise_model(stated)
+    whole, order = settled(np.arange(len(q)))
 
     def held_out(parts: tuple[IntArray, ...]) -> HoldOut | None:
         try:
-            return hold_out(estimated, model, q, noise, parts)
+            return hold_out(estimated, model, q, whole.fit, order, parts)
         except SolverError:
             # The remaining poses are too few for an estimate.
             return None
 
     return Checks(
         jackknife_sd=_jackknife_sd(
-            settled(np.arange(len(q)))[0].fit,
+            whole.fit,
             [k for k, p in enumerate(model.parameters) if p.name not in solution.tolerated],
         ),
         held_out=held_out(fold_poses(q, FOLDS)),

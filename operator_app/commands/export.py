@@ -16,7 +16,6 @@ from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.report.exports import EXPORT_FILES, Calibration, in_format, into_description
 from operator_app.safe_output import as_json, say
 from operator_app.session.store.folders import PARAMETERS_NAME, read_session
-from operator_app.session.store.journal import utc_now
 from operator_app.session.store.parameters_document import parameters_document
 from operator_app.session.store.stored_calibration import session_calibration
 from operator_app.session.workflow.opening import resume
@@ -72,7 +71,7 @@ def execute(args: argparse.Namespace) -> int:
             exported = export(session, solution, upload_too=True, forced=forced)
         data, receipt = exported.parameters.read_bytes(), exported.receipt
     else:
-        document = parameters_document(solution, state, procedure, utc=utc_now(), forced=forced)
+        document = parameters_document(solution, state, procedure, forced=forced)
         data = format_parameters(document)
     target = args.output or opening.folder / name
     if to_stdout:

@@ -8,7 +8,12 @@ from typing import Any
 from operator_app.config.errors import ConfigError
 from operator_app.errors import JournalError
 from operator_app.exit_codes import ExitCode, UsageError
-from operator_app.report.results.session import repair_json, repair_text, session_table_text
+from operator_app.report.results.session import (
+    repair_json,
+    repair_text,
+    session_table_text,
+    solved_json,
+)
 from operator_app.report.text import aligned
 from operator_app.safe_output import as_json, say
 from operator_app.session.store import folders
@@ -19,6 +24,10 @@ from operator_app.session.store.state import SessionState
 def execute(args: argparse.Namespace) -> int:
     """Report on stdout."""
     if args.action == "list":
+        if args.name is not None:
+            raise UsageError(
+                f"session list: takes no name; show one with: sarcal session show {args.name}"
+            )
         sessions = folders.list_sessions(args.sessions)
         if args.json:
             say(as_json([_facts(entry) for entry in sessions]))
@@ -57,7 +66,7 @@ def _facts(entry: folders.SessionEntry) -> dict[str, Any]:
         "modes": list(state.modes),
         "poses": len(state.used_poses),
         "excluded": [p.number for p in state.poses if p.excluded],
-        "solved": dict(state.solved),
+        "solved": solved_json(state),
         "exported": dict(state.exported),
         "torn": entry.torn,
     }

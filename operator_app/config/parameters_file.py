@@ -187,7 +187,7 @@ class ParametersDocument(StrictRecord):
     Attributes
     ----------
     software_version, utc
-        Version of the program, and time of writing (UTC, with time zone).
+        Version of the program that wrote the file, and time of the calibration (UTC, with time zone).
     joints, dh, calibrated
         Offsets, the whole D-H table (rows 0..n), and its calibrated entries. Row 0 describes a hinge or a rigid
         fixture; for other fixtures it is zero.

@@ -160,8 +160,8 @@ def exit_codes_page() -> str:
         "A script reads the exit code, not the text. The codes do not change between versions.",
         table(("code", "meaning"), rows),
         (
-            "Results go to stdout, progress and errors to stderr. `--json` prints one object on stdout, and keeps the "
-            "exit code.\n"
+            "Results go to stdout, progress and errors to stderr. `--json` prints one JSON document on stdout, and "
+            "keeps the exit code.\n"
         ),
     ]
     return "\n\n".join(blocks)

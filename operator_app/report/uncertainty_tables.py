@@ -199,7 +199,8 @@ def best_table_table(solution: Solution) -> FactTable | None:
             for link, entries in enumerate(best.rows[list(kinds)].T.tolist(), 1)
         ),
         note="These are not the physical entries: they include the corrections of the readings as far as a "
-        "table can. For URDF files, fk and controllers that apply no corrections.",
+        "table can. For URDF files, fk and controllers that apply no corrections. Entries of link 1 that depend "
+        "on the mounting (side: ground) are those of the arm file, and so is the base frame.",
         detail=True,
     )
 

@@ -60,7 +60,7 @@ def detail(step: Step, s: SessionSnapshot) -> str:
             return f"{len(s.state.used_poses)}/{s.required_poses} poses"
         case Step.CALIBRATE:
             # Of the journal: a resumed session shows it before the arm is connected.
-            return s.state.solved.get("estimator", "not run")
+            return str(s.state.solved.get("estimator", "not run"))
         case Step.RESULTS:
             if not s.state.solved:
                 return "—"

@@ -7,7 +7,7 @@ fitted poses give of parameters and of effects common to all poses (sensor curve
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -136,26 +136,27 @@ def hold_out(
     estimate_of: Callable[[IntArray], Estimate],
     model: ClosureModel,
     q: FloatArray,
-    noise: NoiseModel,
+    fit: LinearFit,
+    order: IntArray,
     parts: tuple[IntArray, ...],
 ) -> HoldOut:
-    """For each part of the poses, estimate from all other poses, and verify the part with this estimate.
+    """For each part of the poses, estimate from all other poses, and test the part against its prediction from them.
 
-    `estimate_of`: fits the model to the poses with these indices (k,). Raises `TooFewPosesError` if the rest is too
-    small for an estimate.
+    `estimate_of`: fits the model to the poses with these indices (k,). `fit`: fit of all poses, with the sizes of all
+    sources of error; `order` (m,): index of each of its poses. Raises `TooFewPosesError` if the rest is too small for
+    an estimate.
     """
-    variance = np.broadcast_to(noise.joint_variance, q.shape)
-    verified, outside, inside, rows = [], [], [], 0
+    tested, outside, inside, rows = [], [], [], 0
     for poses in parts:
         estimate = estimate_of(np.setdiff1d(np.arange(len(q)), poses))
-        part_model, own = model.at_poses(poses), replace(noise, joint_variance=variance[poses])
-        verified.append(verify(part_model, estimate.x, estimate.covariance, q[poses], own).chi2)
-        error = closure_at_readings(part_model, estimate.x, q[poses])
+        ((chi2, dof),) = fit.held_out_chi2(np.flatnonzero(np.isin(order, poses)))
+        tested.append(chi2_test(chi2, max(dof, 1)))
+        error = closure_at_readings(model.at_poses(poses), estimate.x, q[poses])
         rows = error.rotation_rows
         outside.append(error.residual)
         inside.append(estimate.residual)
     return HoldOut(
-        parts=tuple(verified),
+        parts=tuple(tested),
         sigmas=closure_sigmas(np.concatenate(outside), rows),
         inside_sigmas=closure_sigmas(np.concatenate(inside), rows),
     )

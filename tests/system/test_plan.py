@@ -2,6 +2,8 @@
 
 import contextlib
 import io
+import re
+from importlib import resources
 from pathlib import Path
 
 import pytest
@@ -13,6 +15,7 @@ from operator_app.session.store.journal import read_journal
 from tests.oracles.own_process import finished, start
 from tests.oracles.recorded import recorded
 
+NUMBER = re.compile(r"(?<![\w`])\d+(?:\.\d+)?")
 TRUE_VALUES = {"theta_off_1": 9.9, "theta_off_5": 27.1, "a_0": 0.202, "alpha_7": 99.8}
 """From Table 2, deg and m."""
 
@@ -40,6 +43,31 @@ def test_six_planned_poses_have_a_lower_condition_number_than_forty(planned_run)
     assert "Capture complete: all 6 planned poses are taken." in answer.err
     events = {e.name for e in read_journal(folder).events}
     assert {"drives_chosen", "campaign", "campaign_move", "campaign_ended"} <= events
+
+
+@pytest.mark.campaign
+def test_figures_of_the_manual_agree_with_both_runs(tmp_path):
+    page = (resources.files("operator_app") / "manual/pages/planned-poses.md").read_text()
+    table = page.split("| `hinge` | `hinge_planned` |")[1].split("\n\n")[0]
+    rows = [row.split("|")[2:4] for row in table.splitlines()[2:]]
+    written = [[list(map(float, NUMBER.findall(cell))) for cell in row] for row in rows]
+    for k, procedure in enumerate(("hinge", "hinge_planned")):
+        found = finished(start(tmp_path, "run", procedure, "--json"), 0).json
+        sigma, truth, captured = found["sigma"], found["truth"], found["capture"]
+        offsets = [sigma[f"theta_off_{j}"] for j in range(1, 8)]
+        lengths_mm = [1e3 * s for n, s in sigma.items() if n.startswith(("a_", "s_"))]
+        expected = [
+            [found["poses"]] if captured is None else [captured["explored"], captured["planned"]],
+            [found["scaled_condition_number"]],
+            [min(offsets[:5]), max(offsets[:5])],
+            offsets[5:],
+            [min(lengths_mm), max(lengths_mm)],
+            [truth["predicted_mm_rms"], truth["tool_mm_rms"]],
+            [found["best_table_tool_sigma_mm"]],
+        ]
+        for row, figures in zip(written, expected, strict=True):
+            # Tolerance: other processors round differently.
+            assert row[k] == pytest.approx(figures, rel=0.1)
 
 
 @pytest.mark.campaign

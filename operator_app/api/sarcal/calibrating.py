@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from os import PathLike, fspath
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -17,7 +16,7 @@ from operator_app.session.store.stored_calibration import session_calibration
 from operator_app.session.workflow.importing import CalibrationOptions
 from operator_app.session.workflow.opening import Choices, resume
 
-from .calls import joints, one_blas_thread, one_of, shown, tolerance_m
+from .calls import WholeNumbers, joints, one_blas_thread, one_of, shown, tolerance_m
 from .machines import Arm, Fixture, load_arm, load_fixture
 from .poses import Poses, load_poses
 from .result import Journalled, Result
@@ -32,7 +31,7 @@ def calibrate(
     fixture: str | PathLike[str] | Fixture,
     poses: str | PathLike[str] | Poses | Any,
     estimator: Estimator = "implicit",
-    unsensed_joints: Sequence[int] = (),
+    unsensed_joints: WholeNumbers = (),
     global_start: bool = False,
     drop_unidentifiable: bool = False,
     length_tolerance_mm: float | None = None,

@@ -8,14 +8,18 @@ from __future__ import annotations
 import math
 import operator
 import reprlib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from functools import wraps
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from solver.arrays import FloatArray
+
+WholeNumbers = Sequence[int] | NDArray[np.integer[Any]]
+"""Whole numbers, such as joint numbers: a sequence or an array."""
 
 LARGEST_TOLERANCE_MM = 100.0
 """Largest permitted standard deviation of lengths, as for ``--length-tolerance``."""
@@ -47,6 +51,12 @@ def whole(name: str, value: Any, *, least: int = 0) -> int:
 
 def numbers(name: str, value: Any) -> FloatArray:
     """Return an array of floats after checking that all numbers are real and finite."""
+    if np.ma.is_masked(value):
+        raise ValueError(
+            f"{name} has masked entries: every number must be known (leave out poses without readings)"
+        )
+    if value is None:
+        raise TypeError(f"{name}: give real numbers, not None")
     try:
         array = np.asarray(value)
     except ValueError:
@@ -98,9 +108,9 @@ def joints(name: str, value: Any, joint_count: int) -> tuple[int, ...]:
     chosen = set()
     for joint in value:
         try:
-            chosen.add(operator.index(joint))
-        except TypeError:
-            raise TypeError(f"{name} contains {joint!r}: {expected}") from None
+            chosen.add(whole(name, joint))
+        except (TypeError, ValueError) as error:
+            raise type(error)(f"{name} contains {joint!r}: {expected}") from None
     wrong = chosen.difference(range(1, joint_count + 1))
     if wrong:
         raise ValueError(f"{name} contains {min(wrong)}: {expected}")

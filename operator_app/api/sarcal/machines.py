@@ -20,7 +20,7 @@ from .calls import readings_rad, shown
 
 @dataclass(frozen=True, slots=True)
 class Arm:
-    """An arm as described in its file; made by `load_arm`.
+    """An arm as described in its file; made by `load_arm`. Two are equal if they were read from the same file.
 
     Attributes
     ----------
@@ -43,7 +43,7 @@ class Arm:
 
     name: str
     source_file: str
-    _model: ArmModel = field(repr=False)
+    _model: ArmModel = field(repr=False, compare=False)
     _resource: Resource = field(repr=False)
 
     @property
@@ -100,7 +100,7 @@ class Fixture:
     name: str
     kind: str
     source_file: str
-    _spec: FixtureSpec = field(repr=False)
+    _spec: FixtureSpec = field(repr=False, compare=False)
     _resource: Resource = field(repr=False)
 
     def __repr__(self) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from os import PathLike
 
@@ -13,7 +13,7 @@ from operator_app.planning.simulated import simulated_poses
 from operator_app.report.results.plan import plan_json, plan_text
 from solver.arrays import FloatArray
 
-from .calls import joints, one_blas_thread, whole
+from .calls import WholeNumbers, joints, one_blas_thread, whole
 from .machines import Arm, Fixture, load_arm, load_fixture
 from .poses import Poses
 from .tables import with_units
@@ -64,12 +64,14 @@ def plan(
     arm: str | PathLike[str] | Arm,
     fixture: str | PathLike[str] | Fixture,
     poses: int = 12,
-    drive_joints: Sequence[int] | None = None,
-    unsensed_joints: Sequence[int] = (),
+    drive_joints: WholeNumbers | None = None,
+    unsensed_joints: WholeNumbers = (),
     samples: int = 32,
     seed: int = 0,
 ) -> Plan:
     """Choose drive joints and the most informative poses, from nominal geometry, as ``sarcal plan`` does.
+
+    ``sarcal plan`` takes the seed of its procedure (1 in the built-in hinge); this function has 0.
 
     Parameters
     ----------

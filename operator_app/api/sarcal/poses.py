@@ -17,7 +17,7 @@ from operator_app.config.poses_file import load_poses as load_poses_file
 from solver.arrays import FloatArray, IntArray
 from solver.chain.poses import PoseSet
 
-from .calls import numbers, required_shape, shown, whole
+from .calls import WholeNumbers, numbers, required_shape, shown, whole
 
 FRAME = "data frame"
 
@@ -67,7 +67,7 @@ class Poses:
         return self._set.label
 
     def to_csv(self, path: str | PathLike[str]) -> Path:
-        """Write a poses file in degrees, from which the same numbers are read, and return its path."""
+        """Write a poses file in degrees, read back equal except for rounding, and return its path."""
         target = Path(path)
         target.write_bytes(format_poses(self._set))
         return target
@@ -85,9 +85,9 @@ def poses_of(
     *,
     q_rad: ArrayLike | None = None,
     q_deg: ArrayLike | None = None,
-    placement: int | Sequence[int] | None = None,
+    placement: int | WholeNumbers | None = None,
     names: Sequence[str] | None = None,
-    samples: int | Sequence[int] | None = None,
+    samples: int | WholeNumbers | None = None,
     sd_rad: ArrayLike | None = None,
     endpoint_m: ArrayLike | None = None,
 ) -> Poses:
@@ -135,6 +135,8 @@ def poses_of(
     if isinstance(names, str):
         raise TypeError(f"names={names!r}: give a list of one name per pose")
     m = len(angles)
+    if names is not None and len(names) != m:
+        raise ValueError(f"names has {len(names)} entries for {m} poses: give one per pose")
     pose_set = PoseSet(
         placement=_one_a_pose("placement", 1 if placement is None else placement, m),
         label=tuple(str(k) for k in range(1, m + 1)) if names is None else tuple(names),
@@ -208,6 +210,8 @@ def load_poses(
     held = getattr(source, "poses", None)
     if isinstance(held, Poses):
         source = held
+    if joint_count is not None:
+        joint_count = whole("joint_count", joint_count, least=1)
     if isinstance(source, Poses):
         if joint_count is not None and source._set.joint_count != joint_count:
             shape = source.q_rad.shape

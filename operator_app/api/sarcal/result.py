@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import deepcopy
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import datetime
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, get_args
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from operator_app.calibration.calibrated_arm import CalibratedArm, Frame, calibrated_arm
@@ -31,7 +33,7 @@ from operator_app.report.plots.figure_files import figure as draw_figure
 from operator_app.report.subject import Subject, subject_of_session
 from operator_app.report.text import facts_text
 from operator_app.session.store.folders import PARAMETERS_NAME, POSES_NAME
-from operator_app.session.store.journal import read_journal
+from operator_app.session.store.journal import read_journal, utc_now
 from operator_app.session.store.parameters_document import export_reason, parameters_document
 from operator_app.session.store.state import SessionState
 from operator_app.session.store.stored_calibration import StoredCalibration
@@ -89,6 +91,7 @@ class Result:
         self._solution = solution
         self._checks = checks
         self._origin = origin
+        self._made_utc = utc_now()
         self._facts: Facts = facts_of(solution, checks=checks)
         self._calibrated_arm: CalibratedArm = calibrated_arm(solution, arm._model)
 
@@ -167,7 +170,7 @@ class Result:
 
     def to_json(self) -> dict[str, Any]:
         """Return the object of ``sarcal solve --json``; angles in deg, lengths in m or as the key states."""
-        return self._facts.json
+        return deepcopy(self._facts.json)
 
     @property
     def text(self) -> str:
@@ -180,6 +183,9 @@ class Result:
         self, q_rad: ArrayLike, *, frame: Frame = "tip", corrections: bool = False
     ) -> FloatArray:
         """Return the pose of the tool in the arm's base frame, by default from the best D-H table.
+
+        The base frame is that of the arm file: entries of link 1 that depend on the mounting (`to_json`, ``side``:
+        ``ground``), such as ``s_1`` with a hinge, are not part of it, whatever their calibrated values.
 
         Parameters
         ----------
@@ -219,6 +225,8 @@ class Result:
         () or (m,), m.
         """
         q = self._readings(q_rad)
+        if not q.size:
+            return np.zeros(q.shape[:-1])
         _, sigma_m = self._calibrated_arm.tip_with_sigma_m(q.reshape(-1, q.shape[-1]))
         return sigma_m.reshape(q.shape[:-1])
 
@@ -364,6 +372,9 @@ class Result:
         origin = self._origin
         return origin if isinstance(origin, Journalled) else self._session(origin)
 
+    def _time_of_calibration(self) -> datetime:
+        return self._made_utc
+
     def _session(self, options: CalibrationOptions) -> ImportedSession:
         made = ImportedSession(
             self.poses._set,
@@ -372,6 +383,7 @@ class Result:
             file=self.poses.source,
             name=f"{self.arm.name}-{self.fixture.name}",
             options=options,
+            clock=self._time_of_calibration,
         )
         made.add(self._solution, self._checks)
         return made
@@ -380,9 +392,7 @@ class Result:
         self, *, session: ImportedSession | None = None, forced: str = ""
     ) -> ParametersDocument:
         source = self._state_source if session is None else session
-        return parameters_document(
-            self._solution, source.state, source.procedure, utc=datetime.now(UTC), forced=forced
-        )
+        return parameters_document(self._solution, source.state, source.procedure, forced=forced)
 
     def _readings(self, q_rad: ArrayLike) -> FloatArray:
         return readings_rad("q_rad", q_rad, self.arm.lower_rad, self.arm.upper_rad)

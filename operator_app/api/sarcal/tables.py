@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copyreg
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -70,6 +71,14 @@ class Table:
 
     def _repr_html_(self) -> str:
         return str(table_html(self._facts))
+
+
+def _read_only(values: dict[Any, Any]) -> MappingProxyType[Any, Any]:
+    return MappingProxyType(values)
+
+
+# Results go to and from worker processes, and are copied; the standard library cannot pickle a mapping proxy.
+copyreg.pickle(MappingProxyType, lambda proxy: (_read_only, (dict(proxy),)))
 
 
 def with_units(parameters: Iterable[Parameter], values: Iterable[float]) -> Mapping[str, float]:

@@ -29,6 +29,9 @@ HOW = (
 )
 
 
+SCATTER_TYPE_A, SCATTER_SIGMAS = 5.0, 3.0
+"""Scatter between sessions, in type A and in sigmas, above which the verdict names an entry."""
+
 FRAMED = 72
 """Columns available inside a frame on a terminal of 80 columns."""
 
@@ -98,10 +101,33 @@ def verdict_text(history: ArmHistory, width: int = WIDTH) -> str:
     if (most := _most_sessions(history)) <= BASELINE:
         text = (
             f"TOO EARLY TO JUDGE: limits need {BASELINE} sessions with one fixture before the session to be judged; "
-            f"there are {most} in all. Compare two sessions with sarcal compare."
+            f"there are {most} with one fixture. Compare two sessions with sarcal compare."
         )
         return paragraph(text, width=width)
-    return "IN CONTROL: no entry has shifted."
+    verdict = "IN CONTROL: no entry has shifted."
+    scattered = [text for part in history.parts for text in _scatter_texts(part)]
+    if scattered:
+        verdict += (
+            f" But sessions scatter more than their sigmas explain: {'; '.join(scattered)}. The limits are as wide as "
+            "this scatter. Check the home marks and the couplings of these joints."
+        )
+    return paragraph(verdict, width=width)
+
+
+def _scatter_texts(part: EntryHistory) -> list[str]:
+    """Return the arm's entries whose scatter between sessions neither type A nor sigma explains."""
+    if part.side is not Side.ARM or len(part.calibrations) <= BASELINE:
+        return []
+    type_a, sigma = (np.sqrt(np.mean(v**2, axis=0)) for v in (part.within, part.sigma))
+    # The chart's own scatter is partly that of the other entries.
+    between = part.values.std(axis=0, ddof=1)
+    wide = between > np.maximum(SCATTER_TYPE_A * type_a, SCATTER_SIGMAS * sigma)
+    return [
+        f"{name} by {Figure(float(size), quantity(name), places=3).with_unit} "
+        f"(type A {Figure(float(a), quantity(name), places=3).with_unit})"
+        for name, size, a, is_wide in zip(part.names, between, type_a, wide, strict=True)
+        if is_wide
+    ]
 
 
 def _most_sessions(history: ArmHistory) -> int:

@@ -17,6 +17,7 @@ from operator_app.session.store.journal_format import JOURNAL_NAME
 from operator_app.units import (
     ANGLE,
     CONDITION,
+    LENGTH,
     NOISE_ANGLE,
     Figure,
     Kind,
@@ -152,8 +153,8 @@ def _about(folder: Path, state: SessionState, procedure: str, torn: str) -> Fact
     position = [j for j, mode in enumerate(state.modes, 1) if mode == "position"]
     driven = f"{joints_named(position)}{others_free(len(position), len(state.modes))}"
     poses = f"{plural(len(state.used_poses), 'pose')} that count"
-    if excluded := names(p.number for p in state.poses if p.excluded):
-        poses += f", {excluded} excluded"
+    if excluded := [p.number for p in state.poses if p.excluded]:
+        poses += f", pose{'s' if len(excluded) > 1 else ''} {names(excluded)} excluded"
     rows = [
         ("folder", str(folder)),
         ("procedure", procedure),
@@ -172,6 +173,26 @@ def _about(folder: Path, state: SessionState, procedure: str, torn: str) -> Fact
         columns=words("what", "is"),
         rows=tuple(row for row in rows if row[1]),
     )
+
+
+def solved_json(state: SessionState) -> dict[str, Any]:
+    """Return the journal's summary of the last calibration as JSON, parameters in deg or m; empty if there is none."""
+    from solver.chain.parameters import DhEntry, is_entry
+    from solver.loops.open_arm import MeasuredClosure
+
+    def value(name: str, si: float) -> float | None:
+        entry = name.partition("[")[0]
+        angle = (
+            DhEntry.parse(entry).kind.is_angle
+            if is_entry(entry)
+            else entry in MeasuredClosure.OWN_ANGLES
+        )
+        return Figure(si, ANGLE if angle else LENGTH).in_json
+
+    solved = dict(state.solved)
+    if "parameters" in solved:
+        solved["parameters"] = {name: value(name, si) for name, si in solved["parameters"].items()}
+    return solved
 
 
 def _solved(state: SessionState) -> str:

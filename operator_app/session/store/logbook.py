@@ -156,6 +156,4 @@ class Logbook:
 
     def document(self, solution: Solution, *, forced: str = "") -> ParametersDocument:
         """Return the parameters document of this calibration."""
-        return parameters_document(
-            solution, self.state, self.procedure, utc=self._clock(), forced=forced
-        )
+        return parameters_document(solution, self.state, self.procedure, forced=forced)

@@ -20,6 +20,7 @@ from operator_app.config.parameters_file import (
 )
 from operator_app.config.procedure import Procedure
 from operator_app.errors import GuardError, SessionError
+from operator_app.session.store.journal import utc_now
 from operator_app.session.store.state import SessionState
 from operator_app.session.store.stored_calibration import software_version
 from solver.arrays import FloatArray, IntArray
@@ -50,10 +51,9 @@ def parameters_document(
     state: SessionState,
     procedure: Procedure,
     *,
-    utc: datetime,
     forced: str = "",
 ) -> ParametersDocument:
-    """Return the parameters document of a session's calibration.
+    """Return the parameters document of a session's calibration, with the time of the calibration.
 
     If the calibration was not accepted, the first warning in the document states that, and the reason `forced`.
     """
@@ -105,7 +105,8 @@ def parameters_document(
         rvdt=tuple(map(rvdt_remedy, reading_tables(solution))),
         forced=" ".join(forced.split()) or None,
         software_version=software_version(),
-        utc=utc,
+        # A calibration that the journal does not contain was made just now.
+        utc=datetime.fromisoformat(state.solved_utc) if state.solved_utc else utc_now(),
     )
 
 

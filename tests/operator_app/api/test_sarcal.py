@@ -1,7 +1,9 @@
 """`import sarcal`: arrays in, the figures of the command out, files that can be read again."""
 
+import copy
 import doctest
 import importlib
+import pickle
 import pkgutil
 import re
 import xml.etree.ElementTree as ET
@@ -14,6 +16,7 @@ import sarcal
 
 from operator_app.cli import main
 from operator_app.session.store.journal import Journal
+from solver.chain.parameters import DhKind
 from tests.oracles.makers_chains import flange
 from tests.oracles.panda import FOLDER as PANDA
 
@@ -51,6 +54,17 @@ def test_result_agrees_with_the_command(result, run_command):
     assert result.tip_sigma(result.poses.q_rad[0]).shape == ()
     assert result.verdict == document["verdict"]
     assert run_command(0, "solve", EXACT).out.rstrip("\n") == result.text
+
+
+def test_the_best_table_has_the_base_frame_of_the_arm_file(result, approve):
+    document, rows = result.to_json(), result.arm._model.table.stacked()
+    ground = [name for name, side in document["side"].items() if side == "ground"]
+    assert {"s_1", "theta_off_1"} <= {*ground} & {*document["best_table"]}
+    assert document["best_table"]["s_1"] == rows[DhKind.S, 0]
+    assert document["best_table"]["theta_off_1"] == pytest.approx(
+        np.rad2deg(rows[DhKind.THETA_OFF, 0])
+    )
+    approve(result._facts.table("best_table").note)
 
 
 def test_arrays_file_and_data_frame_give_the_same_poses(result):
@@ -231,3 +245,36 @@ def test_fk_of_an_arm_agrees_with_its_maker():
     np.testing.assert_allclose(arm.fk(q), expected, rtol=0, atol=1e-9)
     with pytest.raises(ValueError, match=r"np\.deg2rad"):
         arm.fk(np.rad2deg(q))
+
+
+def test_arms_and_fixtures_of_one_file_are_equal():
+    for load, name, other in (
+        (sarcal.load_arm, "ur5e", "ur10e"), (sarcal.load_fixture, "ball", "hinge"),
+    ):  # fmt: skip
+        assert load(name) == load(name)
+        assert load(name) in [load(other), load(name)]
+        assert len({load(name), load(name), load(other)}) == 2
+
+
+def test_simulations_and_results_are_pickled_and_copied(result):
+    made = sarcal.simulate(arm="sarcos_dextrous", fixture="hinge", poses=4, seed=0)
+    for again in (pickle.loads(pickle.dumps(made)), copy.deepcopy(made)):  # noqa: S301 - our own
+        assert again.truth == made.truth
+        np.testing.assert_array_equal(again.poses.q_rad, made.poses.q_rad)
+    sarcal.compare(result, result)
+    for again in (pickle.loads(pickle.dumps(result)), copy.deepcopy(result)):  # noqa: S301 - our own
+        assert again.to_json() == result.to_json()
+
+
+def test_a_changed_json_object_does_not_change_the_result(result):
+    document = result.to_json()
+    document["parameters"].clear()
+    document["verdict"] = "changed"
+    assert result.verdict != "changed"
+    assert result.to_json()["parameters"]
+
+
+def test_no_readings_have_no_tip_and_no_sigma(result):
+    none = np.zeros((0, 7))
+    assert result.fk(none).shape == (0, 4, 4)
+    assert result.tip_sigma(none).shape == (0,)

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 from scipy.stats import norm
 
-from operator_app.calibration.comparison import IncomparableError, Side, compare
+from operator_app.calibration.comparison import IncomparableError, Side, compare, sides_of
 from operator_app.config.parameter_records import CalibratedEntry, DocumentWarning, WhichFixture
 from operator_app.report.results.comparison import comparison_json, comparison_text
 from tests.oracles.parameter_documents import VALUES, make_document
@@ -39,6 +39,14 @@ def test_calibrations_from_the_same_poses_show_no_drift():
         assert data["drifted"] == []
         assert not any(p["significant"] for p in data["parameters"].values())
     assert compare(make_document(), replace(other, pose_set_sha256="b" * 64)).drifted
+
+
+def test_the_document_states_the_sides_of_a_ball():
+    """Its D-H entries are the arm's: socket and tip are points beside the table."""
+    made = make_document()
+    stated = tuple(replace(entry, side="arm") for entry in made.calibrated)
+    ball = replace(made, fixture=WhichFixture(name="ball", kind="ball"), calibrated=stated)
+    assert set(sides_of(ball).values()) == {Side.ARM}
 
 
 def test_planted_drift_is_the_only_significant_one():

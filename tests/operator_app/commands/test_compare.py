@@ -1,13 +1,16 @@
 """`sarcal compare`: files or sessions, JSON, exit codes, errors."""
 
+import shutil
 from dataclasses import replace
+from datetime import datetime
 from pathlib import Path
 
 import pytest
+import sarcal
 
 from operator_app.config.parameter_records import WhichArm
-from operator_app.config.parameters_file import ParametersDocument, save_parameters
-from operator_app.session.store.journal import Journal
+from operator_app.config.parameters_file import ParametersDocument, load_parameters, save_parameters
+from operator_app.session.store.journal import Journal, read_journal
 from tests.oracles.parameter_documents import VALUES, make_document
 
 
@@ -77,3 +80,22 @@ def test_documents_that_cannot_be_compared_are_refused(tmp_path, run_command):
         answer = run_command(2, "compare", *arguments)
         assert answer.out == ""
         assert message in answer.err
+
+
+def test_a_calibration_has_one_date_in_folder_export_and_python(journalled, tmp_path, run_command):
+    """The date of the calibration: one written later is not newer."""
+    folder = tmp_path / "run"
+    shutil.copytree(journalled["run"], folder)
+    file = tmp_path / "later.yaml"
+    run_command(0, "export", folder, "-o", file)
+    result = sarcal.load_result(folder)
+    result.export(tmp_path / "python.yaml")
+    solved = [e.utc for e in read_journal(folder).events if e.name == "solved"][-1]
+    for before in (str(folder), str(file), str(tmp_path / "python.yaml"), result):
+        comparison = sarcal.compare(before, str(folder)).to_json()
+        assert datetime.fromisoformat(comparison["a"]["utc"]) == datetime.fromisoformat(solved)
+        assert comparison["b"]["utc"] == comparison["a"]["utc"]
+        assert "ORDER" not in [n["code"] for n in comparison["warnings"]]
+    made = sarcal.calibrate(arm="sarcos_dextrous", fixture="hinge", poses=result.poses)
+    made.save(tmp_path / "saved")
+    assert load_parameters(tmp_path / "saved" / "parameters.yaml").utc == made._document().utc

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from operator_app.calibration.history import PastVerification, history_of
+from operator_app.config.parameters_file import ParametersDocument
 from operator_app.config.poses_file import load_poses
 from operator_app.config.resources import resolve
 from operator_app.documents import arm_history
@@ -61,6 +62,30 @@ def history(run_command):
     return lambda code, root, *arguments: run_command(
         code, "history", *arguments, "--sessions", root
     )
+
+
+def test_scatter_that_no_sigma_explains_is_named_beside_the_verdict(sessions):
+    """The arm is homed differently before each session: limits from this scatter call it in control."""
+    past = arm_history(SERIAL, sessions)
+    homed = [
+        replace(c, document=_with_offset(c.document, "theta_off_3", deg))
+        for c, deg in zip(past.calibrations[:5], (0.0, 1.8, -1.2, 0.9, -0.6), strict=True)
+    ]
+    text = " ".join(history_text(history_of(homed, ())).split())
+    assert text.startswith("IN CONTROL: no entry has shifted. But sessions scatter")
+    assert "theta_off_3 by 1." in text.split("limits are")[0]
+    assert "theta_off_2" not in text.split("limits are")[0]
+    steady = history_text(history_of(past.calibrations[:5], ()))
+    assert steady.splitlines()[0] == "IN CONTROL: no entry has shifted."
+
+
+def _with_offset(document: ParametersDocument, name: str, deg: float) -> ParametersDocument:
+    row = int(name.rpartition("_")[2])
+    dh = tuple(
+        replace(r, theta_off_deg=r.theta_off_deg + deg) if k == row else r
+        for k, r in enumerate(document.dh)
+    )
+    return replace(document, dh=dh)
 
 
 def test_shifted_joint_is_reported_with_session_and_size(sessions, history):

@@ -13,8 +13,11 @@ from solver.diagnostics.cross_validation import (
     hold_out,
     verify,
 )
+from solver.estimators.error_model import ErrorModel
 from solver.estimators.estimate import Estimate
 from solver.estimators.implicit import NoiseModel, estimate_implicit, fit_implicit
+from solver.estimators.linear_fit import LinearFit
+from solver.estimators.variance_components import settle
 from tests.oracles.loop_oracle import paper_truth
 from tests.oracles.simulated_loops import Simulation
 from tests.solver.conftest import NAMES, loop_of
@@ -98,21 +101,29 @@ def test_the_far_block_is_compact_and_far():
         far_block(q, 0.001)
 
 
+def whole_fit(q: np.ndarray, variance: np.ndarray) -> tuple[LinearFit, IntArray]:
+    """Fit of all poses, and the index of each of its poses."""
+    errors = ErrorModel(joint_variance=np.array(np.broadcast_to(variance, q.shape)))
+    fitted, order = settle(MODEL, q, errors, x0=TRUTH.values(NAMES))
+    return fitted.fit, order
+
+
 def test_hold_out_of_sound_poses():
     q = SIMULATION.rereadings(3)
-    fit = implicit(q, NOISE.joint_variance)
-    found = hold_out(fit, MODEL, q, NOISE, fold_poses(q, 5))
+    fit, whole = implicit(q, NOISE.joint_variance), whole_fit(q, NOISE.joint_variance)
+    found = hold_out(fit, MODEL, q, *whole, fold_poses(q, 5))
     assert [part.dof for part in found.parts] == [50] * 5
     assert found.sigmas.position_m.rms == pytest.approx(found.inside_sigmas.position_m.rms, rel=0.2)
-    far = hold_out(fit, MODEL, q, NOISE, (far_block(q),))
+    far = hold_out(fit, MODEL, q, *whole, (far_block(q),))
     assert far.parts[0].accepted
 
 
 def test_hold_out_uses_each_poses_own_variance():
+    """Sensor noise alone: the same figure as the verification with the parameters of the other poses."""
     q = SIMULATION.rereadings(3)
     own = NOISE.joint_variance * np.linspace(0.5, 2.0, 50)[:, None]
-    part = (np.arange(10),)
-    found = hold_out(implicit(q, own), MODEL, q, NoiseModel(joint_variance=own), part)
+    found = hold_out(implicit(q, own), MODEL, q, *whole_fit(q, own), (np.arange(10),))
     fit = estimate_implicit(MODEL, q[10:], NoiseModel(joint_variance=own[10:]))
     alone = verify(MODEL, fit.x, fit.covariance, q[:10], NoiseModel(joint_variance=own[:10]))
-    assert found.parts[0] == alone.chi2
+    assert found.parts[0].dof == alone.chi2.dof
+    assert found.parts[0].per_dof == pytest.approx(alone.chi2.per_dof, rel=0.01)

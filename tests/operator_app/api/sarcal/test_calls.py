@@ -2,7 +2,7 @@
 
 import re
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args, get_origin, get_type_hints
 
 import numpy as np
 import pytest
@@ -67,12 +67,27 @@ def with_nan(value):
         (lambda: sarcal.poses_of(q_rad=Q, samples=10**30), ValueError),
         (lambda: sarcal.load_arm("sarcos"), sarcal.ConfigError),
         (sarcal.poses_of, ValueError),
+        (lambda: sarcal.poses_of(q_deg=np.ma.masked_equal(Q, 0.0)), ValueError),
+        (lambda: sarcal.poses_of(q_rad=Q, names=["left"]), ValueError),
+        (lambda: calibrate(unsensed_joints=[True]), TypeError),
+        (lambda: sarcal.load_arm("ur5e").fk(None), TypeError),
+        (lambda: sarcal.load_poses(EXACT, joint_count="7"), TypeError),
     ],
 )  # fmt: skip
 def test_invalid_argument_is_named(call, kind, approve):
     with pytest.raises(kind) as error:
         call()
     approve(str(error.value))
+
+
+def test_types_admit_the_arrays_that_the_functions_take():
+    for function, name in (
+        (sarcal.poses_of, "placement"), (sarcal.poses_of, "samples"),
+        (sarcal.calibrate, "unsensed_joints"), (sarcal.plan, "drive_joints"),
+    ):  # fmt: skip
+        hint = get_type_hints(function.__wrapped__ if name.endswith("joints") else function)[name]
+        assert np.ndarray in {get_origin(part) for part in get_args(hint)}
+    assert sarcal.poses_of(q_rad=Q, placement=np.ones(12, dtype=int)).placement.sum() == 12
 
 
 def test_fk_refuses_invalid_readings_and_frames(result):

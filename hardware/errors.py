@@ -10,13 +10,17 @@ from enum import Enum
 class HardwareError(Exception):
     """Base class of all errors of the arm, its bus and its instrument.
 
-    `kept_writes`: sentences on what was written into drives before the error and remains there.
+    `kept_writes`: sentences on what was written into drives before the error and remains there. `drives_after`:
+    sentence on what was done with the drives because of the error; empty if nothing was.
     """
 
     kept_writes: tuple[str, ...] = ()
+    drives_after: str = ""
 
     def __str__(self) -> str:
         text = super().__str__()
+        if self.drives_after:
+            text = f"{text.removesuffix('.')}. {self.drives_after}"
         if not self.kept_writes:
             return text
         writes = "; ".join(self.kept_writes)
@@ -310,6 +314,18 @@ class StopLatched(Stopped):
 
 class CommandRefused(HardwareError):
     """A command is outside the limits; it was not sent."""
+
+
+class DriveNotReady(CommandRefused):
+    """A drive is in `state` and not in the one that a command requires; other drives may have been commanded."""
+
+    def __init__(self, joint: int, state: str, failed: str = "") -> None:
+        self.joint, self.state = joint, state
+        super().__init__(f"joint {joint}{failed}: the drive is in state {state}")
+
+
+class TargetRefused(CommandRefused):
+    """A drive refused a target that was sent to it, and keeps its previous one."""
 
 
 class UploadRefused(HardwareError):

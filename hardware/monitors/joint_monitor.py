@@ -209,7 +209,7 @@ def alarms(
         if fault.joint is None:
             yield errors.Stopped(f"the supervisor reports: {fault.text} ({fault.code:04X}h)")
         elif fault.code == EmergencyCode.REFERENCE_LIMIT:
-            yield errors.CommandRefused(f"joint {fault.joint}: {fault.text}")
+            yield errors.TargetRefused(f"joint {fault.joint}: {fault.text}")
         else:
             yield errors.DriveFault(fault.joint, fault.code, fault.text)
     if nodes.foreign_command:  # before the NMT states, which that program may have changed

@@ -17,6 +17,7 @@ from hardware.errors import (
     DriveDiverged,
     DriveDropout,
     DriveFault,
+    DriveNotReady,
     DuplicateNodeId,
     HardwareError,
     HostLatencyExceeded,
@@ -29,6 +30,7 @@ from hardware.errors import (
     PdoSetupFailed,
     SensorFault,
     Stopped,
+    TargetRefused,
     UploadRefused,
     UploadUnknown,
     WrongArm,
@@ -98,6 +100,10 @@ REMEDIES: Mapping[type, str] = {
     DriveFault: "The arm holds. Find the cause of this fault, then reset (R) and apply the modes again",
     Stopped: "Reset STOP (R) when it is safe; nothing moves by itself",
     CommandRefused: "Nothing was sent to the drives",
+    DriveNotReady: "Find out what keeps that drive in this state (its display or its maker's tool), then reset (R) and "
+    "apply the modes again",
+    TargetRefused: "The arm holds; that drive keeps its previous target. Compare its limits (607Dh, 607Fh) with the "
+    "arm file, then reset (R) and apply the modes again",
     UploadUnknown: "Upload again (step 7, or `sarcal export SESSION --upload`); until then do not rely on what the "
     "controller has",
     UploadRefused: "The previously active parameters stay active",

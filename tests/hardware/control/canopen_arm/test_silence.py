@@ -5,7 +5,7 @@ import struct
 import can
 import pytest
 
-from hardware.errors import BusError, CommandRefused, NodeRestarted
+from hardware.errors import BusError, NodeRestarted, TargetRefused
 from tests.hardware.on_fake_bus import PER_RAD, capture_for_ever, wait_for
 
 
@@ -55,7 +55,7 @@ def test_restarted_node_is_named(driven, bus, state, error, message):
 
 def test_refused_target_raises_command_refused(driven, bus):
     bus.inject(0x82, struct.pack("<HB5x", 0x8612, 0x81))
-    with pytest.raises(CommandRefused, match="joint 2: target refused"):
+    with pytest.raises(TargetRefused, match="joint 2: target refused"):
         capture_for_ever(driven)
     bus.inject(0x82, struct.pack("<HB5x", 0x0000, 0x00))
     wait_for(lambda: driven.snapshot().faults == ())

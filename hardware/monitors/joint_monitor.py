@@ -133,7 +133,8 @@ class JointMonitor:
         self.divergence = divergence
         """The first uncommanded motion, which stopped the arm; None if there was none."""
         self.switched_off: frozenset[int] = frozenset()
-        """Joints whose drives are switched off because of uncommanded motion."""
+        """Joints whose drives are switched off after STOP: because of uncommanded motion, or, when the arm is released,
+        because they have not obeyed quick stop."""
         self.dropout = DropoutMonitor()
         self.set_following_windows(())
         self._detects_jumps = bool(allowed_counts)

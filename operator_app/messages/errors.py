@@ -5,7 +5,7 @@ The screen and plain mode show the same sentences.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from fixtures.errors import FixtureError
 from hardware.arm import ArmIdentity, DriveState
@@ -61,6 +61,12 @@ REACHES_NOTHING = (
 def stopped_words(reason: str) -> str:
     """Return why the arm stopped by itself, and the remedy."""
     return f"{_capital(reason)}. {REMEDIES[DriveDiverged]}"
+
+
+def unstopped_words(joints: Sequence[int]) -> str:
+    """Return the clause on joints whose drives have not obeyed STOP."""
+    who, have = ("joint", "has") if len(joints) == 1 else ("joints", "have")
+    return f"{who} {', '.join(map(str, joints))} {have} NOT stopped"
 
 
 def _remedy(error: BaseException) -> str:

@@ -175,7 +175,7 @@ def _capital(text: str) -> str:
 
 
 def unwatching_words(identity: ArmIdentity) -> str:
-    """Return the warning that names drives without a heartbeat timeout (1016h); "" if all drives have one."""
+    """Return the warning that names drives that do not act on a lost heartbeat (1016h, 6007h); "" if all do."""
     joints = identity.unwatching
     if not joints:
         return ""
@@ -183,9 +183,9 @@ def unwatching_words(identity: ArmIdentity) -> str:
     if len(joints) > 1:
         which, drives, they = "Joints", "drives have", "they"
     return (
-        f"{which} {', '.join(map(str, joints))}: the {drives} no heartbeat timeout (1016h). When this program ends, "
-        f"{they} may stay powered, or leave a joint free to move. Keep a hand on the hardware stop; sarcal arm-check "
-        "shows what happens"
+        f"{which} {', '.join(map(str, joints))}: the {drives} no heartbeat timeout (1016h), or no reaction to it "
+        f"(6007h = 0). When this program ends, {they} may stay powered, or leave a joint free to move. Keep a "
+        "hand on the hardware stop; sarcal arm-check shows what happens"
     )
 
 

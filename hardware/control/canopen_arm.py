@@ -15,7 +15,7 @@ from hardware.arm import (
     UploadReceipt,
     Watch,
 )
-from hardware.canopen.cia402 import CLOSED_LOOP_STATES, TargetState, state_of
+from hardware.canopen.cia402 import CLOSED_LOOP_STATES, TargetState, conditions, state_of
 from hardware.canopen.cyclic import Sample
 from hardware.canopen.drive_settings import DriveFacts, read_drive_facts
 from hardware.canopen.objects import (
@@ -200,11 +200,15 @@ class CanopenArm(ConnectableArm):
     def _raise_for_drives(link: Connection, joints: tuple[int, ...], required: str) -> None:
         """Raise an error for the first of `joints`, which could not be brought into the `required` state."""
         for joint in joints:
-            state = state_of(link.loop.sample.statuswords[joint - 1])
+            status = link.loop.sample.statuswords[joint - 1]
+            state = state_of(status)
             if state is DriveState.FAULT:
                 code = link.access.read_unsigned(link.profile.drives[joint - 1], ERROR_CODE)
                 raise errors.DriveFault(joint, code, emergency_text(code))
-            raise errors.DriveNotReady(joint, state.value, f" cannot be {required}")
+            failed = f" cannot be {required}"
+            raise errors.DriveNotReady(
+                joint, state.value, failed=failed, conditions=conditions(status)
+            )
 
 
 def _power_after(sample: Sample | None) -> str:

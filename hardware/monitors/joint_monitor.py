@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hardware import errors
+from hardware.canopen.cia402 import conditions
 from hardware.canopen.cyclic import Sample, Setpoints
 from hardware.canopen.objects import OPERATOR_NODE, EmergencyCode
 from hardware.monitors.dropout import DropoutMonitor
@@ -250,4 +251,9 @@ def alarms(
     if nodes.other_operator(nodes.heartbeat_timeout_s):
         yield errors.ControlDenied(OPERATOR_NODE)
     for each in watch.dropout.dropouts:  # last: all of the above may be the cause
-        yield errors.DriveDropout(each.joint, each.state.value, not_following=each.not_following)
+        yield errors.DriveDropout(
+            each.joint,
+            each.state.value,
+            not_following=each.not_following,
+            conditions=conditions(each.status),
+        )

@@ -78,6 +78,14 @@ def test_drive_not_enabled_in_time_leaves_all_drives_off(arm, bus, approve):
     assert bus.statuses == {0x27}
 
 
+def test_statusword_explains_a_drive_that_cannot_be_enabled(arm, bus, approve):
+    bus.drives[2].rpdo = lambda _data: None
+    bus.inverted_bits[2] = 0x0210  # no voltage, local control
+    with pytest.raises(DriveNotReady) as error:
+        arm.take_control()
+    approve(str(error.value))
+
+
 def test_profile_allows_more_time_for_enabling(connected, bus):
     arm = connected(profile=replace(sarcos(), enabling_timeout_s=0.8))
     enable_late(bus, 3, 70)

@@ -21,7 +21,6 @@ from hardware.canopen.objects import (
     MAX_OPERATOR_TIMEOUT_S,
 )
 from hardware.commissioning.clauses import (
-    STILL_ENABLED,
     Ask,
     Bounds,
     Clause,
@@ -159,7 +158,7 @@ def is_stopped(turn: Turn) -> Iterator[Clause]:
         stopped = False
     except Stopped:
         stopped = True
-    seconds = seconds_to_stop(arm, time.monotonic())
+    _, still_enabled = seconds_to_stop(arm, time.monotonic())
     rests = arm.snapshot().positions_rad  # a stopped arm cannot take a reading
     gone = abs(float(rests[joint - 1]) - watch.start_rad)
     at = 0.0 if watch.at_rad is None else abs(watch.at_rad - watch.start_rad)
@@ -167,9 +166,9 @@ def is_stopped(turn: Turn) -> Iterator[Clause]:
     text = f"the joint came to rest {deg(abs(gone - at))} after STOP"
     if not stopped:
         text = "STOP did not end the move"
-    elif seconds is None:
-        text = STILL_ENABLED
-    yield Clause("STOP on the way", stopped and seconds is not None and near, text, joint)
+    elif still_enabled:
+        text = still_enabled
+    yield Clause("STOP on the way", stopped and not still_enabled and near, text, joint)
     yield from stays_stopped(arm, joint, turn.speed_rad_per_s)
     yield from resets_unmoved(arm, rests, bounds)
 

@@ -71,7 +71,7 @@ class ArmIdentity:
         Whether a person, not drives, moves the arm. Then no hardware stop is required, and `ArmInterface.move` waits
         until the person has moved the joints to their targets.
     unwatching
-        Joints whose drives do not report that they monitor the operator's heartbeat.
+        Joints whose drives do not report that they monitor the operator's heartbeat and act on its loss.
     configured, zeroed
         Sentences on what was written into drives. `configured` has all of them. `zeroed` has only those on torques and
         offsets that were set to 0: a communication reset may not restore their former values.

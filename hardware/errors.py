@@ -10,13 +10,17 @@ from enum import Enum
 class HardwareError(Exception):
     """Base class of all errors of the arm, its bus and its instrument.
 
-    `kept_writes`: sentences on what was written into drives before the error and remains there.
+    `kept_writes`: sentences on what was written into drives before the error and remains there. `drives_after`:
+    sentence on what was done with the drives because of the error; empty if nothing was.
     """
 
     kept_writes: tuple[str, ...] = ()
+    drives_after: str = ""
 
     def __str__(self) -> str:
         text = super().__str__()
+        if self.drives_after:
+            text = f"{text.removesuffix('.')}. {self.drives_after}"
         if not self.kept_writes:
             return text
         writes = "; ".join(self.kept_writes)
@@ -216,15 +220,20 @@ class DriveFault(HardwareError):
 
 
 class DriveDropout(DriveFault):
-    """A drive left *operation enabled*, or stopped following its target, without a command or an emergency."""
+    """A drive left *operation enabled*, or stopped following its target, without a command or an emergency.
 
-    def __init__(self, joint: int, state: str, *, not_following: bool = False) -> None:
+    `conditions`: what its statusword states about the cause (`hardware.canopen.cia402.conditions`).
+    """
+
+    def __init__(
+        self, joint: int, state: str, *, not_following: bool = False, conditions: str = ""
+    ) -> None:
         self.joint, self.code, self.state, self.not_following = joint, 0, state, not_following
         text = (
-            f"joint {joint}: its drive is enabled, but no longer follows its target (6041h, bit 12)"
+            f"joint {joint}: its drive is enabled, but no longer follows its target{conditions}"
             if not_following
-            else f"joint {joint}: the drive is in state {state}; it was enabled, and this program did not disable it. "
-            "It is not enabled again automatically"
+            else f"joint {joint}: the drive is in state {state}{conditions}; it was enabled, and this program did not "
+            "disable it. It is not enabled again automatically"
         )
         HardwareError.__init__(self, text)
 
@@ -310,6 +319,21 @@ class StopLatched(Stopped):
 
 class CommandRefused(HardwareError):
     """A command is outside the limits; it was not sent."""
+
+
+class DriveNotReady(CommandRefused):
+    """A drive is in `state` and not in the one that a command requires; other drives may have been commanded.
+
+    `failed`: what could not be done; `conditions` as in `DriveDropout`.
+    """
+
+    def __init__(self, joint: int, state: str, *, failed: str = "", conditions: str = "") -> None:
+        self.joint, self.state = joint, state
+        super().__init__(f"joint {joint}{failed}: the drive is in state {state}{conditions}")
+
+
+class TargetRefused(CommandRefused):
+    """A drive refused a target that was sent to it, and keeps its previous one."""
 
 
 class UploadRefused(HardwareError):

@@ -28,6 +28,7 @@ FIELD_BITS: Final = (8, 16, 32, 64)
 MAX_HEARTBEAT_MS: Final = 10_000
 """Upper bound of `slowest_heartbeat_ms` in any profile."""
 DEFAULT_HEARTBEAT_LIMIT_MS: Final = 1000
+DEFAULT_ENABLING_TIMEOUT_S: Final = 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -129,6 +130,8 @@ class BusProfile:
     """Objects that are compared with the arm file."""
     slowest_heartbeat_ms: int = DEFAULT_HEARTBEAT_LIMIT_MS
     """Upper limit of 1017h: the loss of a node with a longer period would be noticed too late."""
+    enabling_timeout_s: float = DEFAULT_ENABLING_TIMEOUT_S
+    """Time allowed for all drives to pass from *switch on disabled* to *operation enabled*."""
     heartbeat_timeout_s: float | None = None
     sdo_timeout_s: float | None = None
     """Time-outs for this arm, `heartbeat_timeout_s` and `sdo_timeout_s`; None uses the program's default."""

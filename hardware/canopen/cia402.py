@@ -178,6 +178,31 @@ def state_of(status: int) -> DriveState:
     return known or DriveState.NOT_READY_TO_SWITCH_ON
 
 
+_POWER_BITS: Final = (
+    (StatusBit.VOLTAGE_ENABLED, 0, "no voltage"),
+    (StatusBit.REMOTE, 0, "not controlled by the bus"),
+)
+_SERVO_BITS: Final = (
+    (StatusBit.INTERNAL_LIMIT, 1, "an internal limit is active"),
+    (StatusBit.FOLLOWS_COMMAND, 0, "the target is not followed"),
+    (StatusBit.FOLLOWING_ERROR, 1, "following error"),
+)
+
+
+def conditions(status: int) -> str:
+    """Return what a statusword states about why its drive is not enabled or, in position mode, does not follow.
+
+    In parentheses, with a leading space; empty if the bits state nothing.
+    """
+    enabled = state_of(status) is DriveState.OPERATION_ENABLED
+    stated = [
+        f"bit {bit.bit_length() - 1} = {value}, {meaning}"
+        for bit, value, meaning in (_SERVO_BITS if enabled else _POWER_BITS)
+        if bool(status & bit) == bool(value)
+    ]
+    return f" (6041h: {'; '.join(stated)})" if stated else ""
+
+
 def reached(state: DriveState, target: TargetState) -> bool:
     """Whether a drive in `state` fulfils the request `target`."""
     match target:

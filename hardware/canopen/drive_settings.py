@@ -18,7 +18,7 @@ from hardware.canopen.bus_profile import (
     PdoKind,
 )
 from hardware.canopen.maps import IDENTIFIER, NOT_VALID, read_map, read_number, read_records
-from hardware.errors import MappingMismatch, ObjectMismatch, ProfileRemedy
+from hardware.errors import MappingMismatch, ObjectMismatch, ProfileRemedy, SdoRefused
 
 if TYPE_CHECKING:
     from hardware.canopen.sdo import ObjectAccess
@@ -89,7 +89,9 @@ class DriveFacts:
     quick_stop_option: int | None
     """605Ah: if 5 or more, the drive holds after a quick stop."""
     operator_timeout_s: float | None
-    """1016h: silence of node 127 after which the drive stops by itself."""
+    """1016h: silence of node 127 after which the drive reacts as 6007h states."""
+    ignores_timeout: bool = False
+    """Whether 6007h is 0: after that silence the drive takes no action."""
 
 
 def read_drive_facts(access: ObjectAccess, profile: BusProfile) -> tuple[DriveFacts, ...]:
@@ -105,15 +107,24 @@ def read_drive_facts(access: ObjectAccess, profile: BusProfile) -> tuple[DriveFa
             unsupported_modes=lacking,
             quick_stop_option=read_number(access, node, objects.QUICK_STOP_OPTION, 0),
             operator_timeout_s=operator_timeout_s(access, node),
+            ignores_timeout=ignores_operator_timeout(access, node),
         )
         facts.append(drive)
     return tuple(facts)
 
 
 def operator_timeout_s(access: ObjectAccess, node: int) -> float | None:
-    """Read for how long, s, node 127 may be silent before the drive stops (1016h); None if it does not monitor this."""
+    """Read the time-out, s, of node 127's heartbeat (1016h); None if the drive does not monitor it."""
     timeouts_ms = map(_operator_timeout_ms, _heartbeat_consumers(access, node) or ())
     return next((1e-3 * timeout_ms for timeout_ms in timeouts_ms if timeout_ms), None)
+
+
+def ignores_operator_timeout(access: ObjectAccess, node: int) -> bool:
+    """Whether the drive states that it takes no action after a heartbeat time-out (6007h = 0)."""
+    try:
+        return access.read_unsigned(node, objects.ABORT_OPTION) == 0
+    except SdoRefused:  # an optional object
+        return False
 
 
 def _operator_timeout_ms(entry: int) -> int:
@@ -157,13 +168,17 @@ def heartbeat_timeout_s(access: ObjectAccess, profile: BusProfile, min_s: float)
 def check_operator_monitoring(access: ObjectAccess, profile: BusProfile) -> tuple[int, ...]:
     """Check that drives monitor the operator's heartbeat (1016h).
 
-    Returns the joints whose drives have no 1016h. Raises `MappingMismatch` for drives that would keep moving without an
-    operator.
+    Returns the joints whose drives have no 1016h, or take no action after the time-out (6007h = 0). Raises
+    `MappingMismatch` for drives that would keep moving without an operator.
     """
     differences = {node: operator_monitoring_differences(access, node) for node in profile.drives}
     if wrong := [text for texts in differences.values() for text in texts or ()]:
         raise MappingMismatch(wrong)
-    return tuple(profile.joint_of[node] for node, texts in differences.items() if texts is None)
+    return tuple(
+        profile.joint_of[node]
+        for node, texts in differences.items()
+        if texts is None or ignores_operator_timeout(access, node)
+    )
 
 
 def operator_monitoring_differences(

@@ -109,6 +109,8 @@ IDENTITY_REVISION: Final = 3
 IDENTITY_SERIAL: Final = 4
 
 # ---- CiA 402 objects ---------------------------------------------------------------------------
+ABORT_OPTION: Final = 0x6007
+"""Abort connection option: reaction to a lost heartbeat; 0 means no action."""
 ERROR_CODE: Final = 0x603F
 CONTROLWORD: Final = 0x6040
 STATUSWORD: Final = 0x6041

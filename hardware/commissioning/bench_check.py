@@ -19,7 +19,6 @@ from hardware.commissioning import checks, clauses
 from hardware.commissioning.clauses import (
     BENCH,
     SCATTER_RAD,
-    STILL_ENABLED,
     Ask,
     Bounds,
     Clause,
@@ -174,11 +173,10 @@ def _hold(bench: Bench, identity: ArmIdentity) -> Iterator[Clause]:
         yield declined()
     begun = time.monotonic()
     arm.stop()
-    seconds = clauses.seconds_to_stop(arm, begun)
-    text = STILL_ENABLED
-    if seconds is not None:
-        text = f"all drives have stopped after {1e3 * seconds:.0f} ms"
-    yield Clause(STOP, seconds is not None, text)
+    seconds, wrong = clauses.seconds_to_stop(arm, begun)
+    yield clauses.nothing_wrong(
+        STOP, wrong, f"all drives have stopped after {1e3 * seconds:.0f} ms"
+    )
     yield from clauses.stays_stopped(arm, 1, bench.speed_rad_per_s)
     yield from clauses.resets_unmoved(arm, before, bench.bounds)
     before = arm.capture(bench.bounds.samples).mean_rad

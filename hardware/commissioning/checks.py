@@ -21,7 +21,6 @@ from hardware.canopen.objects import (
     MAX_OPERATOR_TIMEOUT_S,
 )
 from hardware.commissioning.clauses import (
-    STILL_ENABLED,
     Ask,
     Bounds,
     Clause,
@@ -159,7 +158,7 @@ def is_stopped(turn: Turn) -> Iterator[Clause]:
         stopped = False
     except Stopped:
         stopped = True
-    seconds = seconds_to_stop(arm, time.monotonic())
+    _, still_enabled = seconds_to_stop(arm, time.monotonic())
     rests = arm.snapshot().positions_rad  # a stopped arm cannot take a reading
     gone = abs(float(rests[joint - 1]) - watch.start_rad)
     at = 0.0 if watch.at_rad is None else abs(watch.at_rad - watch.start_rad)
@@ -167,9 +166,9 @@ def is_stopped(turn: Turn) -> Iterator[Clause]:
     text = f"the joint came to rest {deg(abs(gone - at))} after STOP"
     if not stopped:
         text = "STOP did not end the move"
-    elif seconds is None:
-        text = STILL_ENABLED
-    yield Clause("STOP on the way", stopped and seconds is not None and near, text, joint)
+    elif still_enabled:
+        text = still_enabled
+    yield Clause("STOP on the way", stopped and not still_enabled and near, text, joint)
     yield from stays_stopped(arm, joint, turn.speed_rad_per_s)
     yield from resets_unmoved(arm, rests, bounds)
 
@@ -211,7 +210,15 @@ def _guard(drive: DriveFacts) -> Clause:
     if guard is None:
         text = "1016h: the drive does not monitor this program's heartbeat, and keeps moving if this program dies"
         return Clause("guard", False, text, drive.joint)
-    text = f"1016h: the drive stops {guard:.2f} s after the last heartbeat of this program"
+    if drive.ignores_timeout:
+        text = (
+            "6007h = 0: the drive takes no action after its heartbeat time-out (1016h), and keeps moving if this "
+            "program dies; set 6007h to 3 (quick stop)"
+        )
+        return Clause("guard", False, text, drive.joint)
+    text = (
+        f"1016h: the drive is set to react {guard:.2f} s after the last heartbeat of this program"
+    )
     if guard > MAX_OPERATOR_TIMEOUT_S:
         text += f"; a run requires at most {MAX_OPERATOR_TIMEOUT_S:g} s"
         return Clause("guard", False, text, drive.joint)
@@ -259,10 +266,13 @@ def excludes_others(arm: CanopenArm) -> Clause:
 
 def stops_alone(arm: CanopenArm, ask: Ask, bounds: Bounds) -> Iterator[Clause]:
     """Check that the drives stop and hold by themselves when the operator's heartbeat ends."""
-    guards = [drive.operator_timeout_s for drive in arm.drive_facts()]
+    facts = arm.drive_facts()
+    guards = [None if drive.ignores_timeout else drive.operator_timeout_s for drive in facts]
     longest = max((guard for guard in guards if guard is not None), default=0.0)
     if longest == 0.0 or None in guards:
-        yield Clause("guard", None, "not every drive monitors the operator's heartbeat")
+        yield Clause(
+            "guard", None, "not every drive monitors the operator's heartbeat and acts on its loss"
+        )
         return
     if not ask(
         f"This program will fall silent for {2 * longest:.1f} s while the drives are enabled, as if it were "

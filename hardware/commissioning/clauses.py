@@ -22,7 +22,6 @@ from hardware.errors import CommandRefused, HardwareError, Stopped
 Ask = Callable[[str], bool]
 """Asks the person beside the arm a question; returns whether the answer is yes."""
 STOPS_WITHIN_S: Final = 0.5
-STILL_ENABLED: Final = f"a drive is still enabled {STOPS_WITHIN_S:g} s after STOP"
 FRESH_S: Final = 1.0
 LARGEST_READING_RAD: Final = 4.0 * math.pi
 NO_DOCUMENT: Final = b"no parameter document"
@@ -297,10 +296,14 @@ def is_still(name: str, before: FloatArray, arm: ArmInterface, bounds: Bounds) -
     return Clause(name, most <= bounds.still_rad, text)
 
 
-def seconds_to_stop(arm: ArmInterface, begun_s: float) -> float | None:
-    """Return the time from `begun_s` until no drive is enabled, s; None if longer than `STOPS_WITHIN_S`."""
-    while (seconds := time.monotonic() - begun_s) < STOPS_WITHIN_S:
-        if not enabled_joints(arm):
-            return seconds
+def seconds_to_stop(arm: ArmInterface, begun_s: float) -> tuple[float, str]:
+    """Wait until no drive is enabled, at most `STOPS_WITHIN_S` from `begun_s`.
+
+    Returns the time, s, and a sentence on the joints that are then still enabled; empty if there are none.
+    """
+    while True:
+        seconds, enabled = time.monotonic() - begun_s, enabled_joints(arm)
+        if not enabled or seconds >= STOPS_WITHIN_S:
+            wrong = joints_words(enabled, f"is still enabled {STOPS_WITHIN_S:g} s after STOP")
+            return seconds, wrong
         threading.Event().wait(_POLL_S)
-    return None

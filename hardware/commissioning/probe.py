@@ -23,6 +23,7 @@ from hardware.canopen.bus_profile import COMMAND_OBJECTS, FEEDBACK_OBJECTS, BusP
 from hardware.canopen.drive_settings import (
     DESCRIPTION_OBJECTS,
     DrivePdo,
+    ignores_operator_timeout,
     operator_monitoring_differences,
     read_pdos,
 )
@@ -37,7 +38,7 @@ NODES: Final = range(1, 127)
 MAX_NAMED: Final = 6
 """Largest number of different foreign frames named in a message."""
 NO_OPERATOR_MONITORING: Final = (
-    "node {} has no 1016h, and may keep moving without the operator's heartbeat: keep a hand on the hardware stop, "
+    "node {} {}, and may keep moving without the operator's heartbeat: keep a hand on the hardware stop, "
     "and test it (sarcal arm-check)"
 )
 _POLL_S: Final = 0.02
@@ -244,7 +245,10 @@ def _ask(access: ObjectAccess, profile: BusProfile, node_found: FoundNode) -> No
     monitoring = operator_monitoring_differences(access, node)
     node_found.problems += tuple(map(str, monitoring or ()))
     if monitoring is None:
-        node_found.notes = (NO_OPERATOR_MONITORING.format(node),)
+        node_found.notes = (NO_OPERATOR_MONITORING.format(node, "has no 1016h"),)
+    elif ignores_operator_timeout(access, node):
+        takes_no_action = "takes no action after a heartbeat time-out (6007h = 0)"
+        node_found.notes = (NO_OPERATOR_MONITORING.format(node, takes_no_action),)
     node_found.pdos = read_pdos(access, node)
     node_found.described = tuple(
         index for index in DESCRIPTION_OBJECTS if _read(access, node, index, 1) is not None

@@ -15,11 +15,19 @@ from hardware.arm import (
     UploadReceipt,
     Watch,
 )
-from hardware.canopen.cia402 import TargetState, state_of
+from hardware.canopen.cia402 import CLOSED_LOOP_STATES, TargetState, conditions, state_of
+from hardware.canopen.cyclic import Sample
 from hardware.canopen.drive_settings import DriveFacts, read_drive_facts
-from hardware.canopen.objects import DOCUMENT, ERROR_CODE, OPERATOR_NODE, Abort, emergency_text
+from hardware.canopen.objects import (
+    CONTROL_PERIOD_S,
+    DOCUMENT,
+    ERROR_CODE,
+    OPERATOR_NODE,
+    Abort,
+    emergency_text,
+)
 from hardware.control import motion_steps, uploading
-from hardware.control.connectable_arm import ConnectableArm
+from hardware.control.connectable_arm import ConnectableArm, release_arm
 from hardware.control.connection import Connection
 from hardware.monitors.admission import admit_move, not_enabled
 from hardware.monitors.joint_monitor import stop_error
@@ -35,15 +43,28 @@ class CanopenArm(ConnectableArm):
         return self._link.snapshot()
 
     def take_control(self) -> None:
-        """Take the control token and enable all drives in position mode at their measured positions."""
-        link = self._link
+        """Take the control token and enable all drives in position mode at their measured positions.
+
+        If that fails, the drives are switched off again: a drive that is late would be enabled without being asked.
+        """
+        link, loop = self._link, self._link.loop
         self._raise_if_stopped(link)
         if link.other_operator():
             raise errors.ControlDenied(OPERATOR_NODE)
         link.take_token()
-        not_reached = link.loop.run(motion_steps.drive_to(link.loop, TargetState.ENABLED))
-        link.read_modes()
-        self._raise_for_drives(link, not_reached, "enabled")
+        timeout_s = link.profile.enabling_timeout_s
+        syncs = round(timeout_s / CONTROL_PERIOD_S)
+        try:
+            not_reached = loop.run(motion_steps.drive_to(loop, TargetState.ENABLED, syncs))
+            link.read_modes()
+            within = f"enabled within {timeout_s:g} s (enabling_timeout_s of the bus profile)"
+            self._raise_for_drives(link, not_reached, within)
+        except BaseException as failure:
+            if loop.commands is not None and not loop.latch.latched:
+                last = release_arm(loop)
+                if isinstance(failure, errors.HardwareError):
+                    failure.drives_after = _power_after(last)
+            raise
 
     def set_modes(self, modes: Sequence[JointMode]) -> None:
         """Set one mode per joint; return when 6061h of every drive confirms it.
@@ -179,10 +200,23 @@ class CanopenArm(ConnectableArm):
     def _raise_for_drives(link: Connection, joints: tuple[int, ...], required: str) -> None:
         """Raise an error for the first of `joints`, which could not be brought into the `required` state."""
         for joint in joints:
-            state = state_of(link.loop.sample.statuswords[joint - 1])
+            status = link.loop.sample.statuswords[joint - 1]
+            state = state_of(status)
             if state is DriveState.FAULT:
                 code = link.access.read_unsigned(link.profile.drives[joint - 1], ERROR_CODE)
                 raise errors.DriveFault(joint, code, emergency_text(code))
-            raise errors.CommandRefused(
-                f"joint {joint} cannot be {required}: the drive is in state {state.value}"
+            failed = f" cannot be {required}"
+            raise errors.DriveNotReady(
+                joint, state.value, failed=failed, conditions=conditions(status)
             )
+
+
+def _power_after(sample: Sample | None) -> str:
+    """Return the sentence on the drives that were switched off, given the last sample, or None for no answer."""
+    if sample is None:
+        return "Drives may still have power, since the arm does not answer: use the hardware stop"
+    powered = sample.joints_in(CLOSED_LOOP_STATES)
+    if not powered:
+        return "All drives have been switched off again"
+    joints = ", ".join(map(str, powered))
+    return f"All drives were commanded off again; joint {joints} still has power: use the hardware stop"

@@ -181,7 +181,8 @@ class ConnectableArm:
 def release_arm(loop: ControlLoop) -> Sample | None:
     """Set all joints to position mode, then switch the drives off, which blocks the valves; does not reset STOP.
 
-    Returns the last sample; None if the arm did not answer.
+    If STOP is latched, the drives hold, and only those that have not reported a quick stop are switched off. Returns
+    the last sample; None if the arm did not answer.
     """
     # A latched STOP holds the drives by itself; a stop that the supervisor reports does not. If one node is silent,
     # the other drives are switched off nevertheless.
@@ -193,6 +194,9 @@ def release_arm(loop: ControlLoop) -> Sample | None:
             if loop.commands is not None:
                 loop.run(motion_steps.hold_all(loop), despite=ignored)
             loop.run(motion_steps.drive_to(loop, TargetState.DISABLED), despite=ignored)
+        if loop.latch.latched:
+            sample = loop.run(_wait_until_off(loop), despite=(*ignored, errors.Stopped))
+            loop.watch.switched_off |= set(sample.joints_in({DriveState.OPERATION_ENABLED}))
         return loop.run(_wait_until_off(loop), despite=(*_IGNORED_ALARMS, errors.Stopped))
     except errors.HardwareError:  # the drives hold without an operator too
         return None

@@ -61,8 +61,10 @@ def first_complete_sample(loop: ControlLoop) -> Steps[Sample]:
     raise incomplete_samples(sample)
 
 
-def drive_to(loop: ControlLoop, target: TargetState) -> Steps[tuple[int, ...]]:
-    """Bring all drives to a state, in position mode at their current positions.
+def drive_to(
+    loop: ControlLoop, target: TargetState, syncs: int = TRANSITION_SYNCS
+) -> Steps[tuple[int, ...]]:
+    """Bring all drives to a state within `syncs` SYNCs, in position mode at their current positions.
 
     Until a drive has power its target follows its joint, which may sink while a brake opens. A drive that has reached
     the state keeps its controlword; if it leaves the state again, that is an alarm. Returns the joints that did not
@@ -71,7 +73,7 @@ def drive_to(loop: ControlLoop, target: TargetState) -> Steps[tuple[int, ...]]:
     sample = yield None
     positions = list(sample.counts)
     controlwords, done = [0] * len(positions), [False] * len(positions)
-    for _ in range(TRANSITION_SYNCS):
+    for _ in range(syncs):
         raise_alarm(loop)
         for at, status in enumerate(sample.statuswords):
             if state_of(status) not in CLOSED_LOOP_STATES:

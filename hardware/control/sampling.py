@@ -18,8 +18,9 @@ class CommandSender:
 
     STOP sends its own frames; its latch is checked before and after the commands, so that quick stop is the last
     command on the bus. If a joint moves uncommanded, its drive may be unable to hold it and is switched off, which
-    blocks the joint's valve; all other drives are stopped. A drive that was switched off at the drive itself is not
-    enabled again. `quick_stop` sends quick stop to all drives, and must not wait.
+    blocks the joint's valve; all other drives are stopped. At the release of the arm, a drive that has not obeyed STOP
+    is switched off too. A drive that was switched off at the drive itself is not enabled again. `quick_stop` sends
+    quick stop to all drives, and must not wait.
     """
 
     def __init__(

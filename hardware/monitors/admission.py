@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 
 from hardware.arm import DriveState, JointMode, JointState
 from hardware.arm_description import JointScale
-from hardware.canopen.cia402 import CLOSED_LOOP_STATES, Command, command_of, state_of
+from hardware.canopen.cia402 import CLOSED_LOOP_STATES, Command, command_of, conditions, state_of
 from hardware.canopen.cyclic import Sample, Setpoints
 from hardware.canopen.objects import CYCLIC_POSITION
 from hardware.command_limits import JointLimits, refuse_command, refuse_move, refuse_target
-from hardware.errors import CommandRefused, StopLatched
+from hardware.errors import CommandRefused, DriveNotReady, StopLatched
 
 
 def admit(
@@ -77,9 +77,9 @@ def admit_move(
             raise CommandRefused(refusal)
 
 
-def not_enabled(sample: Sample) -> CommandRefused | None:
+def not_enabled(sample: Sample) -> DriveNotReady | None:
     """Return the error for the first drive that is not in *operation enabled*; None if all are."""
-    for joint, state in enumerate(map(state_of, sample.statuswords), 1):
-        if state is not DriveState.OPERATION_ENABLED:
-            return CommandRefused(f"joint {joint}: the drive is in state {state.value}")
+    for joint, status in enumerate(sample.statuswords, 1):
+        if (state := state_of(status)) is not DriveState.OPERATION_ENABLED:
+            return DriveNotReady(joint, state.value, conditions=conditions(status))
     return None

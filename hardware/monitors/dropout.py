@@ -30,20 +30,25 @@ DROPOUT_SYNCS: Final = 2
 *disabled* answers; meanwhile its joint gets no command. If the drive has been enabled for longer, a single *disabled*
 answer is enough."""
 NOT_FOLLOWING_SYNCS: Final = 50
-"""0.5 s without bit 12: longer than a mode change, during which a drive may set or clear that bit."""
+"""0.5 s without bit 12 or with bit 13: longer than a mode change, during which a drive may set or clear these bits."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Dropout:
-    """A drive changed to `state` without a command; *operation enabled* means that it stopped following its target."""
+    """A drive reported `status` without a command; *operation enabled* means that it stopped following its target."""
 
     joint: int
-    state: DriveState
+    status: int
     sync_count: int
 
     @property
+    def state(self) -> DriveState:
+        """The drive's state."""
+        return state_of(self.status)
+
+    @property
     def not_following(self) -> bool:
-        """Whether the drive is still enabled and reports that it does not follow (6041h, bit 12 = 0)."""
+        """Whether the drive is still enabled and reports that it does not follow (6041h, bit 12 = 0 or bit 13 = 1)."""
         return self.state is DriveState.OPERATION_ENABLED
 
     @property
@@ -62,29 +67,29 @@ class _Joint:
     following_syncs: int = 0
     not_following_syncs: int = 0
 
-    def update(self, status: int, command: Setpoint) -> DriveState | None:
-        """Take in a statusword; return the drive's state if the drive has dropped out, otherwise None."""
+    def update(self, status: int, command: Setpoint) -> bool:
+        """Take in a statusword; return whether the drive has dropped out."""
         if command.controlword != CONTROLWORD_ENABLE_OPERATION:
             self.enabled_syncs = self.disabled_syncs = 0
             self.following_syncs = self.not_following_syncs = 0
-            return None
-        state = state_of(status)
-        if state is not DriveState.OPERATION_ENABLED:
+            return False
+        if state_of(status) is not DriveState.OPERATION_ENABLED:
             self.following_syncs = self.not_following_syncs = 0
             self.disabled_syncs += self.enabled_syncs > 0
             was_enabled = self.enabled_syncs >= CONFIRMED_SYNCS
-            return state if was_enabled or self.disabled_syncs >= DROPOUT_SYNCS else None
+            return was_enabled or self.disabled_syncs >= DROPOUT_SYNCS
         self.enabled_syncs, self.disabled_syncs = self.enabled_syncs + 1, 0
         if command.mode != CYCLIC_POSITION:
             self.following_syncs = self.not_following_syncs = 0
+        elif status & StatusBit.FOLLOWING_ERROR:
+            self.not_following_syncs += 1
         elif status & StatusBit.FOLLOWS_COMMAND:
             self.following_syncs, self.not_following_syncs = self.following_syncs + 1, 0
-        elif status & StatusBit.INTERNAL_LIMIT or self.following_syncs < CONFIRMED_SYNCS:
+        elif self.following_syncs < CONFIRMED_SYNCS:
             self.not_following_syncs = 0
         else:
             self.not_following_syncs += 1
-        dropped = self.not_following_syncs >= NOT_FOLLOWING_SYNCS
-        return DriveState.OPERATION_ENABLED if dropped else None
+        return self.not_following_syncs >= NOT_FOLLOWING_SYNCS
 
 
 class DropoutMonitor:
@@ -131,9 +136,8 @@ class DropoutMonitor:
     def _find(self, sample: Sample, commands: Setpoints) -> Iterator[Dropout]:
         joints = zip(self._joints, sample.statuswords, commands, strict=True)
         for number, (joint, status, command) in enumerate(joints, 1):
-            state = None if number in sample.missing else joint.update(status, command)
-            if state is not None:
-                yield Dropout(joint=number, state=state, sync_count=sample.sync_count)
+            if number not in sample.missing and joint.update(status, command):
+                yield Dropout(joint=number, status=status, sync_count=sample.sync_count)
 
 
 def _priority(dropout: Dropout) -> int:

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hardware import errors
+from hardware.canopen.cia402 import conditions
 from hardware.canopen.cyclic import Sample, Setpoints
 from hardware.canopen.objects import OPERATOR_NODE, EmergencyCode
 from hardware.monitors.dropout import DropoutMonitor
@@ -133,7 +134,8 @@ class JointMonitor:
         self.divergence = divergence
         """The first uncommanded motion, which stopped the arm; None if there was none."""
         self.switched_off: frozenset[int] = frozenset()
-        """Joints whose drives are switched off because of uncommanded motion."""
+        """Joints whose drives are switched off after STOP: because of uncommanded motion, or, when the arm is released,
+        because they have not obeyed quick stop."""
         self.dropout = DropoutMonitor()
         self.set_following_windows(())
         self._detects_jumps = bool(allowed_counts)
@@ -209,7 +211,7 @@ def alarms(
         if fault.joint is None:
             yield errors.Stopped(f"the supervisor reports: {fault.text} ({fault.code:04X}h)")
         elif fault.code == EmergencyCode.REFERENCE_LIMIT:
-            yield errors.CommandRefused(f"joint {fault.joint}: {fault.text}")
+            yield errors.TargetRefused(f"joint {fault.joint}: {fault.text}")
         else:
             yield errors.DriveFault(fault.joint, fault.code, fault.text)
     if nodes.foreign_command:  # before the NMT states, which that program may have changed
@@ -249,4 +251,9 @@ def alarms(
     if nodes.other_operator(nodes.heartbeat_timeout_s):
         yield errors.ControlDenied(OPERATOR_NODE)
     for each in watch.dropout.dropouts:  # last: all of the above may be the cause
-        yield errors.DriveDropout(each.joint, each.state.value, not_following=each.not_following)
+        yield errors.DriveDropout(
+            each.joint,
+            each.state.value,
+            not_following=each.not_following,
+            conditions=conditions(each.status),
+        )

@@ -14,6 +14,7 @@ from pydantic import AfterValidator, Field, StringConstraints, WithJsonSchema
 
 from hardware.arm import JointMode
 from hardware.canopen.bus_profile import (
+    DEFAULT_ENABLING_TIMEOUT_S,
     DEFAULT_HEARTBEAT_LIMIT_MS,
     MAX_HEARTBEAT_MS,
     BusProfile,
@@ -152,6 +153,9 @@ class ProfileFile(StrictRecord):
     modes: ModeCodes = ModeCodes()
     heartbeat: HeartbeatLimits = HeartbeatLimits()
     sdo_timeout_s: Annotated[PositiveNumber, Field(ge=0.05, le=60.0)] | None = None
+    enabling_timeout_s: Annotated[PositiveNumber, Field(ge=0.1, le=60.0)] = (
+        DEFAULT_ENABLING_TIMEOUT_S
+    )
 
     def for_joints(self, count: int | None = None) -> BusProfile:
         """Return the profile for `count` joints (None: up to the highest listed, or all if no joint is listed)."""
@@ -171,6 +175,7 @@ class ProfileFile(StrictRecord):
             configures_pdos=self.pdo_maps == "configured",
             compared=frozenset(map(hexadecimal, self.compared)),
             slowest_heartbeat_ms=self.heartbeat.slowest_ms,
+            enabling_timeout_s=self.enabling_timeout_s,
             heartbeat_timeout_s=self.heartbeat.silent_after_s,
             sdo_timeout_s=self.sdo_timeout_s,
         )

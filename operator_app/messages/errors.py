@@ -5,7 +5,7 @@ The screen and plain mode show the same sentences.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from fixtures.errors import FixtureError
 from hardware.arm import ArmIdentity, DriveState
@@ -17,6 +17,7 @@ from hardware.errors import (
     DriveDiverged,
     DriveDropout,
     DriveFault,
+    DriveNotReady,
     DuplicateNodeId,
     HardwareError,
     HostLatencyExceeded,
@@ -29,6 +30,7 @@ from hardware.errors import (
     PdoSetupFailed,
     SensorFault,
     Stopped,
+    TargetRefused,
     UploadRefused,
     UploadUnknown,
     WrongArm,
@@ -59,6 +61,12 @@ REACHES_NOTHING = (
 def stopped_words(reason: str) -> str:
     """Return why the arm stopped by itself, and the remedy."""
     return f"{_capital(reason)}. {REMEDIES[DriveDiverged]}"
+
+
+def unstopped_words(joints: Sequence[int]) -> str:
+    """Return the clause on joints whose drives have not obeyed STOP."""
+    who, have = ("joint", "has") if len(joints) == 1 else ("joints", "have")
+    return f"{who} {', '.join(map(str, joints))} {have} NOT stopped"
 
 
 def _remedy(error: BaseException) -> str:
@@ -98,6 +106,10 @@ REMEDIES: Mapping[type, str] = {
     DriveFault: "The arm holds. Find the cause of this fault, then reset (R) and apply the modes again",
     Stopped: "Reset STOP (R) when it is safe; nothing moves by itself",
     CommandRefused: "Nothing was sent to the drives",
+    DriveNotReady: "Find out what keeps that drive in this state (its display or its maker's tool), then reset (R) and "
+    "apply the modes again",
+    TargetRefused: "The arm holds; that drive keeps its previous target. Compare its limits (607Dh, 607Fh) with the "
+    "arm file, then reset (R) and apply the modes again",
     UploadUnknown: "Upload again (step 7, or `sarcal export SESSION --upload`); until then do not rely on what the "
     "controller has",
     UploadRefused: "The previously active parameters stay active",
@@ -163,7 +175,7 @@ def _capital(text: str) -> str:
 
 
 def unwatching_words(identity: ArmIdentity) -> str:
-    """Return the warning that names drives without a heartbeat timeout (1016h); "" if all drives have one."""
+    """Return the warning that names drives that do not act on a lost heartbeat (1016h, 6007h); "" if all do."""
     joints = identity.unwatching
     if not joints:
         return ""
@@ -171,9 +183,9 @@ def unwatching_words(identity: ArmIdentity) -> str:
     if len(joints) > 1:
         which, drives, they = "Joints", "drives have", "they"
     return (
-        f"{which} {', '.join(map(str, joints))}: the {drives} no heartbeat timeout (1016h). When this program ends, "
-        f"{they} may stay powered, or leave a joint free to move. Keep a hand on the hardware stop; sarcal arm-check "
-        "shows what happens"
+        f"{which} {', '.join(map(str, joints))}: the {drives} no heartbeat timeout (1016h), or no reaction to it "
+        f"(6007h = 0). When this program ends, {they} may stay powered, or leave a joint free to move. Keep a "
+        "hand on the hardware stop; sarcal arm-check shows what happens"
     )
 
 

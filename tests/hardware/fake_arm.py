@@ -92,6 +92,8 @@ class FakeArmBus(can.BusABC):
         self.offline: set[int] = set()
         self.started: set[int] = set()
         self.not_following: set[int] = set()
+        self.inverted_bits: dict[int, int] = {}
+        """Bits of 6041h that are inverted in the answers to SYNC, by joint."""
         self.token = 0
         self.other_master: tuple[tuple[int, bytes], ...] = ()
         self._next_cycle = 0.0
@@ -198,12 +200,10 @@ class FakeArmBus(can.BusABC):
                 if joint in self.without_tpdo | self.offline or joint not in self.started:
                     continue
                 counts = drive.counts + drive.noise(self.syncs)
-                follows = (drive.status, drive.mode) == (
-                    0x27,
-                    8,
-                ) and joint not in self.not_following
-                bits = 0x1200 if follows else 0x0200
-                frame = struct.pack("<Hih", drive.status | bits, counts, drive.torque)
+                follows = (drive.status, drive.mode) == (0x27, 8)
+                bits = 0x1210 if follows and joint not in self.not_following else 0x0210
+                status = (drive.status | bits) ^ self.inverted_bits.get(joint, 0)
+                frame = struct.pack("<Hih", status, counts, drive.torque)
                 for _ in range(2 if joint in self.doubling_tpdo else 1):
                     self._queue.append((0x180 + joint, frame))
         elif 0x201 <= identifier <= 0x200 + JOINTS:
@@ -271,7 +271,7 @@ class FakeArmBus(can.BusABC):
             (0x1800, 2): b"\x01",
             (0x6064, 0): struct.pack("<l", self.drives[node].counts),
             (0x603F, 0): b"\x11\x86",
-            (0x6041, 0): struct.pack("<H", self.drives[node].status | 0x0200),
+            (0x6041, 0): struct.pack("<H", self.drives[node].status | 0x0210),
             (0x6061, 0): struct.pack("<b", self.drives[node].mode),
             (0x6076, 0): struct.pack("<L", 50_000),
             (0x607C, 0): struct.pack("<l", -11 * node if self.document else 0),

@@ -23,6 +23,7 @@ class StaticRunner:
         self.picture = picture
         self.defect: BaseException | None = None
         self.asked: list[tuple[TaskKind, str]] = []
+        self.connecting = False
         self.stops = self.cancels = 0
         self.session = SimpleNamespace(
             journal=SimpleNamespace(path=picture.folder / "journal.jsonl"), state=picture.state
@@ -42,9 +43,17 @@ class StaticRunner:
     def publish(self, change: Change) -> None:
         self.picture = change(self.picture)
 
-    def say(self, level: Level, text: str) -> None:
+    def say(
+        self, level: Level, text: str, resolving_tasks: frozenset[TaskKind] = frozenset()
+    ) -> None:
         number = len(self.picture.messages) + 1
-        message = Message(number=number, time="12:00:00", level=level, text=text)
+        message = Message(
+            number=number,
+            time="12:00:00",
+            level=level,
+            text=text,
+            resolving_tasks=resolving_tasks,
+        )
         self.publish(lambda s: replace(s, messages=(*s.messages, message)))
 
     def acknowledge(self, number: int) -> None:

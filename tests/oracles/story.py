@@ -170,6 +170,17 @@ def stopped(s: SessionSnapshot) -> SessionSnapshot:
     return replace(s, arm=replace(s.arm, stopped=True))
 
 
+def unstopped(s: SessionSnapshot) -> SessionSnapshot:
+    """The drives of joints 3 and 5 do not obey STOP."""
+    s, joints = stopped(s), (3, 5)
+    return _with_joints(
+        s,
+        lambda j: replace(j, drive=DriveState.OPERATION_ENABLED) if j.joint in joints else j,
+        stop=StopReport(asked_s=NOW_S - 0.6, drives_stopped=5),
+        unstopped_joints=joints,
+    )
+
+
 def diverged(s: SessionSnapshot) -> SessionSnapshot:
     """The arm stopped because a joint differs from its target."""
     stopped_snapshot = stopped(s)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from fixtures.base import Severity
 from hardware.arm import DriveState
+from operator_app.messages.errors import unstopped_words
 from operator_app.session.ui.guards import missing_for, modes_problem, moves_real_arm
 from operator_app.session.ui.snapshot import DataState, SessionSnapshot, TaskKind, needs_reconnect
 from operator_app.session.ui.steps import Step
@@ -34,6 +35,8 @@ def next_action(step: Step, s: SessionSnapshot) -> NextAction:
             if s.stopped_for
             else "STOP is latched: when it is safe,"
         )
+        if s.unstopped_joints:
+            when = f"{unstopped_words(s.unstopped_joints)}: use the hardware stop. STOP is latched:"
         hint = f"{when} Enter (or R) resets it; nothing moves by itself"
         return NextAction("reset", "Reset STOP", hint)
     if s.arm is not None and any(j.drive is DriveState.FAULT for j in s.arm.joints):

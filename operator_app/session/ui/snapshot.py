@@ -133,6 +133,8 @@ class SessionSnapshot:
         Motion of the joints; None without fresh data.
     simulated, bus
         Whether no real arm can move; name of the bus in messages.
+    unstopped_joints
+        Joints whose drives still report that they are enabled `UNSTOPPED_S` after STOP.
     stop_tested, ticked
         Confirmations of the operator in this run: test of the hardware stop; items of the check list (from 0).
     selected_joints
@@ -164,6 +166,7 @@ class SessionSnapshot:
     oldest_s: float = 0.0
     stale_joints: tuple[int, ...] = ()
     motion: Motion | None = None
+    unstopped_joints: tuple[int, ...] = ()
     stop_tested: bool = False
     checks: tuple[SetupCheck, ...] = ()
     ticked: frozenset[int] = frozenset()

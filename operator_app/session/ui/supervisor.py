@@ -15,7 +15,7 @@ import numpy as np
 
 from hardware.arm import ArmSnapshot, DriveState
 from operator_app.config.procedure import CapturePlan
-from operator_app.messages.errors import stopped_words
+from operator_app.messages.errors import stopped_words, unstopped_words
 from operator_app.session.safety.latency import LatenessReporter
 from operator_app.session.ui.snapshot import (
     ARM_RECOVERY,
@@ -111,6 +111,8 @@ class MotionMonitor:
         return t @ (q - q.mean(axis=0)) / square if square > 0.0 else np.zeros(q.shape[1])
 
 
+UNSTOPPED_S = 0.5
+"""A drive that is still enabled this long after STOP has not obeyed it."""
 UNWATCHED_S = 1.5
 """A motion is ended if no screen has polled for this long, since no key could stop the motion."""
 
@@ -130,6 +132,7 @@ class Supervisor:
         self._recording_ended, self._recording_reported = recording_ended, ""
         self._lateness = LatenessReporter()
         self._lost = False
+        self._stopped_at_s: float | None = None
         self.reported_stop = ""
 
     def check(self, now: SessionSnapshot, *, unseen_s: float) -> None:
@@ -148,6 +151,7 @@ class Supervisor:
             self._runner.say(Level.WARNING, late)
         if now.stop is not None:
             self._count_stopped(now, now.stop)
+        self._find_unstopped(now)
         if now.identity is None:
             self._lost = False
         # While connecting, there are no data yet, and a STOP would end the connecting.
@@ -224,3 +228,25 @@ class Supervisor:
         )
         # A newer STOP or a reset may have replaced the report in the meantime.
         self._runner.publish(lambda s: replace(s, stop=counted) if s.stop is report else s)
+
+    def _find_unstopped(self, now: SessionSnapshot) -> None:
+        """Raise an alarm for joints whose drives report, `UNSTOPPED_S` after STOP, that they are still enabled."""
+        found: tuple[int, ...] = ()
+        if now.arm is None or not now.arm.stopped:
+            self._stopped_at_s = None
+        elif self._stopped_at_s is None:
+            self._stopped_at_s = now.now_s
+        else:
+            since_s = now.now_s - self._stopped_at_s
+            found = tuple(
+                j.joint
+                for j in now.arm.joints
+                # An older report may have been sent before STOP.
+                if j.drive is DriveState.OPERATION_ENABLED and since_s - j.age_s >= UNSTOPPED_S
+            )
+        if found == now.unstopped_joints:
+            return
+        self._runner.publish(lambda s: replace(s, unstopped_joints=found))
+        if not set(found) <= set(now.unstopped_joints):
+            text = f"{unstopped_words(found)} {UNSTOPPED_S:g} s after STOP: use the hardware stop"
+            self._runner.say(Level.ALARM, text, ARM_RECOVERY)

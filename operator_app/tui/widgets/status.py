@@ -9,6 +9,7 @@ import textwrap
 from collections.abc import Sequence
 
 from hardware.arm import DriveState, JointMode
+from operator_app.messages.errors import unstopped_words
 from operator_app.report.spans import Line, Span, clip, cut, length, wrapped
 from operator_app.session.ui.guards import stops_on_any_key
 from operator_app.session.ui.snapshot import DataState, Level, Message, SessionSnapshot
@@ -55,6 +56,8 @@ class Banner(Lines, can_focus=False):
 
 
 def _status(s: SessionSnapshot) -> Line:
+    if s.unstopped_joints:
+        return ((f"■ {unstopped_words(s.unstopped_joints)}: use the hardware stop", "alarm"),)
     if s.stopped_for:
         return ((f"■ STOPPED BY ITSELF {s.stopped_for}", "alarm"),)
     explained = s.stop is not None and (s.stopped or s.stop.problem)

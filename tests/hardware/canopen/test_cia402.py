@@ -18,6 +18,7 @@ from hardware.canopen.cia402 import (
     TargetState,
     after_controlword,
     after_event,
+    conditions,
     next_controlword,
     raises_power,
     reached,
@@ -83,6 +84,27 @@ def test_bits_and_commands_have_the_values_of_the_standard():
     assert (DISABLE, STOP, SHUTDOWN, ON, ENABLE, RESET) == (0x00, 0x02, 0x06, 0x07, 0x0F, 0x80)
     assert frozenset({S.OPERATION_ENABLED, S.QUICK_STOP_ACTIVE}) == POWERED_STATES
     assert {S.FAULT_REACTION_ACTIVE} == CLOSED_LOOP_STATES - POWERED_STATES
+
+
+@pytest.mark.parametrize(
+    ("status", "bits"),
+    [
+        (0x0250, []),
+        (0x0240, [4]),
+        (0x0050, [9]),
+        (0x0040, [4, 9]),
+        (0x3850, [9]),
+        (0x1237, []),
+        (0x0237, [12]),
+        (0x1A37, [11]),
+        (0x3237, [13]),
+        (0x2837, [11, 12, 13]),
+    ],
+)
+def test_conditions_name_the_bits_that_explain_the_state(status, bits):
+    text = conditions(status)
+    assert [bit for bit in range(16) if f"bit {bit} = {status >> bit & 1}," in text] == bits
+    assert bool(text) is bool(bits)
 
 
 @pytest.mark.parametrize("state", S)

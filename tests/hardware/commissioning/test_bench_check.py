@@ -28,7 +28,7 @@ from tests.oracles.virtual_rig import ARM, COUNTS_PER_REV, Rig, rig
 
 HEARTBEAT_TIMEOUT_S = 1.5
 STEP, SPEED = math.radians(1.0), math.radians(5.0)
-STILL_ENABLED = "a drive is still enabled 0.5 s after STOP"
+STILL_ENABLED = "is still enabled 0.5 s after STOP"
 
 
 class User:
@@ -181,7 +181,7 @@ def test_ineffective_stop_ends_check(bench):
     arm.stop = lambda: None
     findings = findings_of(arm, user)
     assert failed(findings) == [("STOP", None)]
-    assert findings[-1].text == STILL_ENABLED
+    assert findings[-1].text == f"joint 1, 2, 3, 4, 5, 6, 7 {STILL_ENABLED}"
     assert not [q for q in user.questions if "will turn by" in q]
 
 
@@ -207,7 +207,7 @@ def test_drive_enabled_after_stop_during_move_fails(bench):
     arm.__class__ = SecondStopIgnored
     findings = findings_of(arm, turning_only(1), Stage.MOVE)
     assert failed(findings) == [("STOP on the way", 1)]
-    assert findings[-1].text == STILL_ENABLED
+    assert findings[-1].text == f"joint 2 {STILL_ENABLED}"
 
 
 def test_ctrl_c_of_the_user_is_raised(bench):

@@ -22,6 +22,19 @@ def test_heartbeat_timeout_bounds_of_guard_clause(guard_s, passed, approve):
     approve(guard.text)
 
 
+def test_drive_without_reaction_to_the_timeout_fails_guard_clause(approve):
+    drive = DriveFacts(
+        joint=1,
+        unsupported_modes=(),
+        quick_stop_option=6,
+        operator_timeout_s=0.5,
+        ignores_timeout=True,
+    )
+    (guard,) = [clause for clause in drive_settings([drive]) if clause.name == "guard"]
+    assert guard.passed is False
+    approve(guard.text)
+
+
 @pytest.mark.parametrize(("before", "uploads"), [(b"good", 2), (b"", 1)])
 def test_stored_invalid_document_is_reported_with_restoration(before, approve, uploads):
     documents = [before]

@@ -5,7 +5,7 @@ from hardware.canopen.cyclic import Setpoint
 from hardware.monitors.dropout import CONFIRMED_SYNCS, NOT_FOLLOWING_SYNCS, Dropout, DropoutMonitor
 from tests.oracles.samples import sample
 
-FOLLOWS, NOT_FOLLOWING, LIMITED = 0x1627, 0x0627, 0x0E27
+FOLLOWS, NOT_FOLLOWING, LIMITED, FOLLOWING_ERROR = 0x1627, 0x0627, 0x0E27, 0x3627
 SWITCHED_ON, READY, OFF, STOPPED, FAULT = 0x1623, 0x1621, 0x1640, 0x1607, 0x1608
 CSP, CST = 8, 10
 ENABLE, SWITCH_ON, QUICK_STOP, DISABLE = 0x0F, 0x07, 0x02, 0x00
@@ -49,7 +49,8 @@ def monitor():
 @pytest.mark.parametrize("mode", [CSP, CST])
 def test_dropout_is_reported_at_once_and_stops_all_drives(monitor, status, state, word, mode):
     update(monitor, FOLLOWS, status, FOLLOWS, mode=mode)
-    assert monitor.dropouts == (Dropout(joint=2, state=state, sync_count=77),)
+    assert monitor.dropouts == (Dropout(joint=2, status=status, sync_count=77),)
+    assert monitor.dropouts[0].state is state
     words = [monitor.command(j, Setpoint(ENABLE, 5, mode)).controlword for j in (1, 2, 3)]
     assert words == [QUICK_STOP, word, QUICK_STOP]
 
@@ -82,10 +83,11 @@ def test_commanded_state_change_is_no_dropout(monitor, word):
     [
         (STOPPED, {"stopped": True, "times": 100}),
         (OFF, {"missing": (2,)}),
-        (LIMITED, {"times": 4 * NOT_FOLLOWING_SYNCS}),
+        (LIMITED | 0x1000, {"times": 4 * NOT_FOLLOWING_SYNCS}),
         (NOT_FOLLOWING, {"mode": CST, "times": 4 * NOT_FOLLOWING_SYNCS}),
+        (FOLLOWING_ERROR, {"mode": CST, "times": 4 * NOT_FOLLOWING_SYNCS}),
     ],
-    ids=["stop", "missing answer", "internal limit", "free mode"],
+    ids=["stop", "missing answer", "internal limit", "free mode", "bit 13 in free mode"],
 )
 def test_status_with_another_reason_is_no_dropout(monitor, status, options):
     assert update(monitor, FOLLOWS, status, FOLLOWS, **options) == []
@@ -131,8 +133,9 @@ def test_drive_with_alternating_status_is_a_dropout_once_confirmed():
     assert [dropout.joint for dropout in monitor.dropouts] == [1]
 
 
-def test_drive_that_stops_following_is_a_dropout(monitor):
-    answers = (FOLLOWS, NOT_FOLLOWING, FOLLOWS)
+@pytest.mark.parametrize("status", [NOT_FOLLOWING, LIMITED, FOLLOWING_ERROR])
+def test_drive_that_stops_following_is_a_dropout(monitor, status):
+    answers = (FOLLOWS, status, FOLLOWS)
     assert update(monitor, *answers, times=NOT_FOLLOWING_SYNCS - 1) == []
     update(monitor, *answers)
     (dropout,) = monitor.dropouts

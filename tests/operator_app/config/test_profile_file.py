@@ -34,6 +34,7 @@ device_type: {value: 00040192h, mask: 0000FFFFh}
 modes: {free: 4}
 heartbeat: {slowest_ms: 2000, silent_after_s: 4}
 sdo_timeout_s: 2.5
+enabling_timeout_s: 2
 """
 
 
@@ -56,7 +57,7 @@ def test_all_keys_are_read():
     assert not profile.is_drive(0x00020191)
     assert profile.mode_codes == {JointMode.POSITION: 8, JointMode.FREE: 4}
     assert (profile.slowest_heartbeat_ms, profile.heartbeat_timeout_s) == (2000, 4.0)
-    assert profile.sdo_timeout_s == 2.5
+    assert (profile.sdo_timeout_s, profile.enabling_timeout_s) == (2.5, 2.0)
     assert profile.compared == {0x60C2}
     assert profile.configures_pdos
     for line in ("", "pdo_maps: compared\n"):

@@ -59,8 +59,21 @@ def test_close_with_silent_node_disables_other_drives(driven, bus, fault):
     assert bus.token == 0
 
 
-def test_close_reports_drive_that_ignored_stop(driven, bus):
+@pytest.mark.parametrize("silent", [set(), {4}])
+def test_close_switches_off_drive_that_ignored_stop(driven, bus, silent):
     bus.drives[1].ignores = (0x0002,)
+    driven.stop()
+    bus.without_tpdo = silent
+    assert driven.close() is not bool(silent), "the state of a silent drive is unknown"
+    switched_off = {joint for joint, drive in bus.drives.items() if drive.status == 0x40}
+    assert switched_off == {1} | silent, "none that is not known to have stopped keeps its power"
+    assert bus.statuses == {0x40, 0x07}
+    if not silent:
+        assert driven.left_powered == (2, 3, 4, 5, 6, 7)
+
+
+def test_close_reports_drive_that_ignored_stop_and_disable_voltage(driven, bus):
+    bus.drives[1].ignores = (0x0002, 0x0000)
     driven.stop()
     assert not driven.close()
     assert 1 in driven.left_powered

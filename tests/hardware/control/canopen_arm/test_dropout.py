@@ -146,6 +146,16 @@ def test_cleared_following_bit_raises_drive_dropout(driven, bus):
     driven.capture(80)
 
 
+def test_following_error_reported_by_the_drive_ends_a_reading(driven, bus, approve):
+    """The joint's position shows nothing: the drive follows another target, or its window is narrow."""
+    driven.capture(20)
+    bus.inverted_bits[5] = 0x2800  # following error, internal limit
+    with pytest.raises(DriveDropout) as dropout:
+        capture_for_ever(driven)
+    assert (dropout.value.joint, dropout.value.not_following) == (5, True)
+    approve(str(dropout.value))
+
+
 def test_divergence_takes_precedence_over_cleared_following_bit(driven, bus):
     driven.capture(20)
     bus.not_following = {5}

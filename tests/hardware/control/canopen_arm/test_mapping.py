@@ -156,6 +156,19 @@ def test_drives_without_heartbeat_consumer_are_listed(bus):
     arm.close()
 
 
+@pytest.mark.parametrize(("option", "listed"), [(0, True), (1, False), (3, False), (-1, False)])
+def test_drive_without_reaction_to_the_timeout_is_listed(bus, option, listed):
+    for node in range(1, 8):
+        set_heartbeat_consumers(bus, node, (OPERATOR, 500))
+    bus.objects[4, 0x6007, 0] = struct.pack("<h", option)
+    arm = make(bus)
+    assert arm.connect().unwatching == ((4,) if listed else ())
+    assert [drive.ignores_timeout for drive in arm.drive_facts()] == [
+        listed and joint == 4 for joint in range(1, 8)
+    ]
+    arm.close()
+
+
 class Windows(ObjectAccess):
     """Nodes with these values of 6065h."""
 

@@ -1,12 +1,21 @@
 import math
 import struct
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from hardware.errors import CommandRefused, ControlDenied, DriveFault, ModeNotReached
+from hardware.errors import (
+    CommandRefused,
+    ControlDenied,
+    DriveFault,
+    DriveNotReady,
+    ModeNotReached,
+    Stopped,
+)
 from tests.hardware.control.canopen_arm.conftest import PER_RAD, POSITION, TWO_DRIVEN
-from tests.hardware.fake_arm import JOINTS
+from tests.hardware.fake_arm import JOINTS, FakeArmBus
+from tests.oracles.profiles import sarcos
 
 
 def test_take_control_enables_every_drive_at_its_position(arm, bus):
@@ -40,6 +49,79 @@ def test_joint_sinking_before_enable_is_held_at_its_final_position(arm, bus):
     assert abs(axis.target - counts_when_enabled) <= 200
     arm.set_modes([POSITION] * 7)
     assert abs(axis.counts - counts_when_enabled) <= 200
+
+
+def enable_late(bus: FakeArmBus, joint: int, syncs: int) -> None:
+    """Have a drive act on *enable operation* only after this many SYNCs, as one with a brake or precharging."""
+    axis, at_sync = bus.drives[joint], bus.syncs + syncs
+    prompt_rpdo = axis.rpdo
+
+    def late_rpdo(data: bytes) -> None:
+        if struct.unpack("<Hib", data)[0] != 0x0F or bus.syncs >= at_sync:
+            prompt_rpdo(data)
+
+    axis.rpdo = late_rpdo
+
+
+def test_drive_not_enabled_in_time_leaves_all_drives_off(arm, bus, approve):
+    enable_late(bus, 3, 70)
+    with pytest.raises(DriveNotReady) as error:
+        arm.take_control()
+    assert (error.value.joint, error.value.state) == (3, "switched on")
+    approve(str(error.value))
+    assert bus.statuses == {0x40}
+    arm.capture(100)  # beyond the time at which the drive acts
+    assert bus.statuses == {0x40}
+    with pytest.raises(CommandRefused):
+        arm.move({1: 0.1}, speed_rad_per_s=0.2)
+    arm.take_control()
+    assert bus.statuses == {0x27}
+
+
+def test_statusword_explains_a_drive_that_cannot_be_enabled(arm, bus, approve):
+    bus.drives[2].rpdo = lambda _data: None
+    bus.inverted_bits[2] = 0x0210  # no voltage, local control
+    with pytest.raises(DriveNotReady) as error:
+        arm.take_control()
+    approve(str(error.value))
+
+
+def test_profile_allows_more_time_for_enabling(connected, bus):
+    arm = connected(profile=replace(sarcos(), enabling_timeout_s=0.8))
+    enable_late(bus, 3, 70)
+    arm.take_control()
+    assert bus.statuses == {0x27}
+
+
+def test_drive_that_stays_on_after_failed_enabling_is_named(arm, bus, approve):
+    enable_late(bus, 3, 10_000)
+    bus.drives[5].ignores = (0x0000,)
+    with pytest.raises(DriveNotReady) as error:
+        arm.take_control()
+    approve(str(error.value))
+    assert {joint: drive.status for joint, drive in bus.drives.items() if drive.status != 0x40} == {
+        5: 0x27
+    }
+
+
+@pytest.mark.parametrize(
+    ("node", "code", "error"), [(4, 0x4210, DriveFault), (16, 0x5441, Stopped)]
+)
+def test_alarm_while_enabling_leaves_no_drive_enabled(arm, bus, node, code, error):
+    """A supervisor's emergency counts as a stop, but stops no drive."""
+    enable_late(bus, 3, 30)
+    at = bus.syncs + 20
+
+    def fail(sync: int) -> None:
+        if sync == at and node in bus.drives:
+            bus.trip(node, code)
+        elif sync == at:
+            bus.inject(0x80 + node, struct.pack("<HB5x", code, 0x81))
+
+    bus.on_sync = fail
+    with pytest.raises(error, match="All drives have been switched off again"):
+        arm.take_control()
+    assert bus.statuses == ({0x40, 0x08} if node in bus.drives else {0x40})
 
 
 @pytest.mark.parametrize("holder", [42, 127])

@@ -3,7 +3,7 @@
 import can
 import pytest
 
-from hardware.errors import BusError, CommandRefused, NodeRestarted
+from hardware.errors import BusError, NodeRestarted, TargetRefused
 from tests.hardware.control.canopen_arm.conftest import PER_RAD, capture_for_ever, wait_for
 
 
@@ -55,7 +55,7 @@ def test_restarted_node_is_named(driven, bus, operational, error, message):
 
 def test_refused_target_raises_command_refused(driven, bus):
     bus.emergency(2, 0x8612)
-    with pytest.raises(CommandRefused, match="joint 2: target refused"):
+    with pytest.raises(TargetRefused, match="joint 2: target refused"):
         capture_for_ever(driven)
     bus.inject(0x82, bytes(8))
     wait_for(lambda: driven.snapshot().faults == ())

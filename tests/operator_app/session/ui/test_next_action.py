@@ -13,7 +13,17 @@ from operator_app.session.ui.action_handlers import apply_prompt
 from operator_app.session.ui.next_action import next_action
 from operator_app.session.ui.snapshot import TaskKind
 from operator_app.session.ui.steps import Step
-from tests.oracles.story import busy, diverged, lost, real, stale, stopped, story, tripped
+from tests.oracles.story import (
+    busy,
+    diverged,
+    lost,
+    real,
+    stale,
+    stopped,
+    story,
+    tripped,
+    unstopped,
+)
 
 
 @cache
@@ -23,7 +33,10 @@ def snapshots():
         **{
             f"{name}, {change.__name__}": change(s)
             for name, s in story().items()
-            for change in (real, *((stopped, stale, lost, diverged, tripped) if s.arm else ()))
+            for change in (
+                real,
+                *((stopped, unstopped, stale, lost, diverged, tripped) if s.arm else ()),
+            )
         },
         "moving": busy(story()["capturing"], TaskKind.AUTOMATIC, moves=True),
     }
@@ -34,6 +47,12 @@ def test_hints_fit_two_rows_of_80_columns(step):
     for name, snapshot in snapshots().items():
         hint = next_action(step, snapshot).hint
         assert len(wrapped(f" Next {hint}", 79, indent=" " * 6)) <= 2, (name, hint)
+
+
+def test_joint_that_has_not_stopped_comes_before_the_reset(approve):
+    action = next_action(Step.CAPTURE, unstopped(story()["capturing"]))
+    assert action.action == "reset"
+    approve(action.hint)
 
 
 def uploaded(*, modes_applied: bool, verified: VerificationResult | None = None):

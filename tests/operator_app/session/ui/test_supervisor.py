@@ -1,15 +1,19 @@
-"""Motion of the arm as shown to the operator: speed, rest and its limits."""
+"""Motion of the arm as shown to the operator: speed, rest and its limits. Drives that do not obey STOP."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from hardware.arm import ArmSnapshot
+from hardware.arm import ArmSnapshot, DriveState
 from operator_app.config.procedure_file import load_procedure
-from operator_app.session.ui.supervisor import Motion, MotionMonitor
+from operator_app.session.ui.snapshot import Level, SessionSnapshot
+from operator_app.session.ui.supervisor import Motion, MotionMonitor, Supervisor
 from solver.chain.sensors import NoSensor
 from tests.oracles.plant_arm import PlantArm
+from tests.oracles.still_runner import StaticRunner
+from tests.oracles.story import stopped, story, unstopped
 
 PROCEDURE = load_procedure("hinge")
 ALLOWED = np.array(PROCEDURE.capture.settle.spread_rad(PROCEDURE.arm))
@@ -88,3 +92,57 @@ def test_an_unsensed_joint_is_ignored():
     moved[6] += 1.0
     monitor.update(*sample(0, HOME))
     assert monitor.update(*sample(1, moved)).still
+
+
+def supervised(picture: SessionSnapshot) -> tuple[StaticRunner, Supervisor]:
+    runner = StaticRunner(picture)
+    runner.session = SimpleNamespace(model=PROCEDURE.arm, procedure=PROCEDURE)
+    return runner, Supervisor(runner, lambda: "", lambda: runner.picture.now_s)
+
+
+def alarms_after(
+    runner: StaticRunner, supervisor: Supervisor, by_s: float, **ages_s: float
+) -> list[str]:
+    """Check the snapshot `by_s` later; joint 3's data are then `age_s` old. Return the alarms so far."""
+    arm = runner.picture.arm
+    aged = tuple(
+        replace(j, age_s=ages_s.get("age_s", 0.0) if j.joint == 3 else 0.0) for j in arm.joints
+    )
+    runner.picture = replace(
+        runner.picture, now_s=runner.picture.now_s + by_s, arm=replace(arm, joints=aged)
+    )
+    supervisor.check(runner.picture, unseen_s=0.0)
+    return [m.text for m in runner.picture.messages if m.level is Level.ALARM]
+
+
+def not_stopped(*joints: int) -> SessionSnapshot:
+    picture = replace(unstopped(story()["capturing"]), messages=(), unstopped_joints=())
+    drives = {True: DriveState.OPERATION_ENABLED, False: DriveState.QUICK_STOP_ACTIVE}
+    changed = tuple(replace(j, drive=drives[j.joint in joints]) for j in picture.arm.joints)
+    return replace(picture, arm=replace(picture.arm, joints=changed))
+
+
+def test_drive_still_enabled_half_a_second_after_stop_is_an_alarm(approve):
+    runner, supervisor = supervised(not_stopped(3))
+    for by_s in (0.0, 0.3, 0.19):
+        assert alarms_after(runner, supervisor, by_s) == []
+    (alarm,) = alarms_after(runner, supervisor, 0.02)
+    approve(alarm)
+    assert runner.picture.unstopped_joints == (3,)
+    assert alarms_after(runner, supervisor, 5.0) == [alarm], "once"
+    runner.picture = stopped(runner.picture)
+    alarms_after(runner, supervisor, 0.1)
+    assert runner.picture.unstopped_joints == ()
+
+
+def test_report_from_before_stop_is_no_alarm():
+    runner, supervisor = supervised(not_stopped(3))
+    alarms_after(runner, supervisor, 0.0)
+    assert alarms_after(runner, supervisor, 0.8, age_s=0.4) == []
+    assert len(alarms_after(runner, supervisor, 0.8, age_s=0.4)) == 1
+
+
+def test_drives_that_stop_in_time_are_no_alarm():
+    runner, supervisor = supervised(not_stopped())
+    for by_s in (0.0, 0.6, 5.0):
+        assert alarms_after(runner, supervisor, by_s) == []

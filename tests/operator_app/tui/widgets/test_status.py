@@ -7,7 +7,7 @@ import pytest
 from hardware.arm import DriveState
 from operator_app.session.ui.snapshot import DataState, StopReport, TaskKind
 from operator_app.tui.widgets.status import Banner, SafetyStrip
-from tests.oracles.story import busy, lost, real, stale, stopped, story, tripped
+from tests.oracles.story import busy, lost, real, stale, stopped, story, tripped, unstopped
 
 
 @pytest.fixture(scope="module")
@@ -31,6 +31,7 @@ def silent_and_tripped(capturing):
     [
         pytest.param(stopped, id="stopped"),
         pytest.param(lambda s: real(stopped(s)), id="stopped for real"),
+        pytest.param(unstopped, id="not stopped"),
         pytest.param(real, id="real"),
         pytest.param(lost, id="lost"),
         pytest.param(lambda s: busy(s, TaskKind.AUTOMATIC, moves=True), id="moving"),
@@ -55,6 +56,10 @@ def test_unsent_stop_names_the_remedy_before_the_cause(capturing):
     assert "could NOT be sent: use the hardware stop" in line_of(
         Banner(), replace(capturing, stop=report)
     )
+
+
+def test_joint_that_has_not_stopped_takes_precedence(capturing, approve):
+    approve(line_of(Banner(), unstopped(capturing)))
 
 
 def test_stop_by_lost_data_is_not_shown_as_software_stop(capturing):

@@ -2,6 +2,8 @@
 
 Each function is a generator (`hardware.control.tasks.Steps`): it yields the commands of the next SYNC, receives the
 sample of that SYNC, and returns a result. If it ends early, joints in position mode stay at their last targets.
+
+State and position of a joint in `Sample.missing` are old, so no command is derived from them.
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ from hardware import errors
 from hardware.arm import DriveState, JointMode, MoveResult, Reading, Watch
 from hardware.canopen.cia402 import (
     CLOSED_LOOP_STATES,
+    CONTROLWORD_DISABLE_VOLTAGE,
     CONTROLWORD_ENABLE_OPERATION,
     StatusBit,
     TargetState,
@@ -39,6 +42,8 @@ INCOMPLETE_SYNCS = 200
 TRANSITION_SYNCS = 50
 """SYNCs allowed for a drive to pass through its whole state machine."""
 MODE_SYNCS = 5
+HOLD_SYNCS = 10
+"""SYNCs after which a free joint that answers none of them stays free when the others are held."""
 
 
 def not_following(sample: Sample, modes: Sequence[JointMode]) -> int | None:
@@ -50,13 +55,13 @@ def not_following(sample: Sample, modes: Sequence[JointMode]) -> int | None:
     return None
 
 
-def first_complete_sample(loop: ControlLoop) -> Steps[Sample]:
-    """Exchange at least two SYNCs without commands, until a sample is complete; return that sample."""
+def first_complete_sample(loop: ControlLoop, *, at_least: int = 2) -> Steps[Sample]:
+    """Exchange `at_least` SYNCs or more without new commands, until a sample is complete; return that sample."""
     sample = loop.sample
-    for syncs in range(INCOMPLETE_SYNCS):
+    for syncs in range(1, INCOMPLETE_SYNCS + 1):
         sample = yield None
         raise_alarm(loop)
-        if syncs and sample.complete:
+        if syncs >= at_least and sample.complete:
             return sample
     raise incomplete_samples(sample)
 
@@ -65,24 +70,34 @@ def drive_to(loop: ControlLoop, target: TargetState) -> Steps[tuple[int, ...]]:
     """Bring all drives to a state, in position mode at their current positions.
 
     Until a drive has power its target follows its joint, which may sink while a brake opens. A drive that has reached
-    the state keeps its controlword; if it leaves the state again, that is an alarm. Returns the joints that did not
-    reach it in time.
+    the state keeps its controlword; if it leaves the state again, that is an alarm. A joint that does not answer is
+    not enabled, but is switched off in its last mode. Returns the joints that did not reach the state in time.
     """
-    sample = yield None
-    positions = list(sample.counts)
-    controlwords, done = [0] * len(positions), [False] * len(positions)
+    if target is TargetState.ENABLED:
+        sample = yield from first_complete_sample(loop, at_least=1)
+    else:
+        sample = yield None
+    before = loop.commands
+    commands = [
+        replace(before[at], controlword=CONTROLWORD_DISABLE_VOLTAGE)
+        if before is not None and at + 1 in sample.missing
+        else Setpoint(CONTROLWORD_DISABLE_VOLTAGE, counts, CYCLIC_POSITION)
+        for at, counts in enumerate(sample.counts)
+    ]
+    done = [False] * len(commands)
     for _ in range(TRANSITION_SYNCS):
         raise_alarm(loop)
         for at, status in enumerate(sample.statuswords):
+            if at + 1 in sample.missing:
+                continue
+            word, position = commands[at].controlword, commands[at].target_counts
             if state_of(status) not in CLOSED_LOOP_STATES:
-                positions[at] = sample.counts[at]
+                position = sample.counts[at]
             if not done[at]:
-                controlwords[at] = next_controlword(status, target, previous=controlwords[at])
+                word = next_controlword(status, target, previous=word)
                 done[at] = reached(state_of(status), target)
-        sample = yield tuple(
-            Setpoint(word, position, CYCLIC_POSITION)
-            for word, position in zip(controlwords, positions, strict=True)
-        )
+            commands[at] = Setpoint(word, position, CYCLIC_POSITION)
+        sample = yield tuple(commands)
         if not not_reached(sample, target):
             break
     return not_reached(sample, target)
@@ -104,7 +119,7 @@ def change_modes(loop: ControlLoop, modes: Sequence[JointMode]) -> Steps[None]:
     """Request one mode per joint for `MODE_SYNCS` SYNCs.
 
     The target of a joint that enters position mode is its measured position until its drive follows; a joint already in
-    that mode keeps its target.
+    that mode keeps its target. A joint that does not answer keeps its mode.
     """
     sample = yield None
     codes = [MODE_CODE[mode] for mode in modes]
@@ -116,6 +131,8 @@ def change_modes(loop: ControlLoop, modes: Sequence[JointMode]) -> Steps[None]:
         raise_alarm(loop)
         commands = list(_last_commands(loop))
         for at, (command, mode) in enumerate(zip(commands, codes, strict=True)):
+            if at + 1 in sample.missing:
+                continue
             if mode != CYCLIC_POSITION:
                 commands[at] = Setpoint(CONTROLWORD_ENABLE_OPERATION, sample.counts[at], mode)
             elif entering[at] and (
@@ -202,14 +219,21 @@ def incomplete_samples(sample: Sample) -> errors.BusError:
 
 
 def hold_all(loop: ControlLoop) -> Steps[None]:
-    """Put all joints into position mode: free joints at their positions, the others at their last targets."""
+    """Put all joints into position mode: free joints at their positions, the others at their last targets.
+
+    A joint that answers none of `HOLD_SYNCS` SYNCs stays free: at an old position it would jump.
+    """
     sample = yield None
-    yield tuple(
-        command
-        if command.mode == CYCLIC_POSITION
-        else replace(command, target_counts=counts, mode=CYCLIC_POSITION)
-        for command, counts in zip(_last_commands(loop), sample.counts, strict=True)
-    )
+    for _ in range(HOLD_SYNCS):
+        commands = list(_last_commands(loop))
+        for at, command in enumerate(commands):
+            if command.mode != CYCLIC_POSITION and at + 1 not in sample.missing:
+                counts = sample.counts[at]
+                commands[at] = replace(command, target_counts=counts, mode=CYCLIC_POSITION)
+        sample = yield tuple(commands)
+        held = all(command.mode == CYCLIC_POSITION for command in commands)
+        if held or loop.latch.latched:
+            return
 
 
 def raise_alarm(loop: ControlLoop) -> None:

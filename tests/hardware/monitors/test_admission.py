@@ -42,13 +42,14 @@ def send(
     measured: int = 100,
     status: int = ENABLED,
     mode: JointMode | None = POSITION,
+    missing: tuple[int, ...] = (),
     **situation: Any,
 ) -> None:
     situation = {"in_control": True, "stopped": False, **situation}
     admit(
         ONE,
         (mode,),
-        sample=sample((status,), (measured,)),
+        sample=sample((status,), (measured,), missing=missing),
         before=None if before is None else (before,),
         commands=(command,),
         **situation,
@@ -131,6 +132,14 @@ def test_position_mode_is_entered_only_at_the_position(before):
     send(before, Setpoint(ENABLE, 110, CSP), mode=FREE)
     with pytest.raises(CommandRefused, match="step"):
         send(before, Setpoint(ENABLE, 111, CSP), mode=FREE)
+
+
+@pytest.mark.parametrize("before", [None, Setpoint(ENABLE, 100, CST)])
+def test_position_mode_is_not_entered_at_an_old_position(before, approve):
+    with pytest.raises(CommandRefused) as refused:
+        send(before, AT_100, mode=FREE, missing=(1,))
+    approve(str(refused.value))
+    send(AT_100, Setpoint(ENABLE, 105, CSP), missing=(1,))
 
 
 def test_not_enabled_reports_the_first_drive_not_enabled():

@@ -39,6 +39,9 @@ if TYPE_CHECKING:
 
 INCOMPLETE_SYNCS = 200
 """Consecutive incomplete samples after which the steps end."""
+STANDSTILL_SYNCS = 10
+"""Consecutive incomplete samples, during which a move waits, after which it starts again from rest. After fewer, as
+where single frames are lost, it goes on at its speed."""
 TRANSITION_SYNCS = 50
 """SYNCs allowed for a drive to pass through its whole state machine."""
 MODE_SYNCS = 5
@@ -152,8 +155,9 @@ def move(
 ) -> Steps[MoveResult]:
     """Move joints along a straight line in joint space, so that all arrive together.
 
-    A non-empty result of `watch` ends the move and becomes its reason. On an alarm other than STOP, the joints first
-    come to rest along the line, then the alarm is raised; if a drive trips, all others hold their positions.
+    The move waits while samples are incomplete. A non-empty result of `watch` ends it and becomes its reason. On an
+    alarm other than STOP, the joints first come to rest along the line, then the alarm is raised; if a drive trips, all
+    others hold their positions.
     """
     loop, scales = link.loop, link.scales
     sample = yield None
@@ -182,6 +186,8 @@ def move(
             if loop.latch.latched:
                 raise_alarm(loop)
             incomplete = 0 if sample.complete else incomplete + 1
+            if incomplete == STANDSTILL_SYNCS:
+                path.start_from_rest()
             alarm = loop.alarm() or not_enabled(sample)
             ending = _higher_priority(alarm, ending)
             faulted = faulted or isinstance(alarm, errors.DriveFault)

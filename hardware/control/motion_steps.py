@@ -8,6 +8,7 @@ State and position of a joint in `Sample.missing` are old, so no command is deri
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -42,6 +43,8 @@ INCOMPLETE_SYNCS = 200
 STANDSTILL_SYNCS = 10
 """Consecutive incomplete samples, during which a move waits, after which it starts again from rest. After fewer, as
 where single frames are lost, it goes on at its speed."""
+ARRIVAL_SYNCS = 200
+"""SYNCs after the last target of a move for its joints to arrive; a joint that does not follow is detected sooner."""
 TRANSITION_SYNCS = 50
 """SYNCs allowed for a drive to pass through its whole state machine."""
 MODE_SYNCS = 5
@@ -155,9 +158,9 @@ def move(
 ) -> Steps[MoveResult]:
     """Move joints along a straight line in joint space, so that all arrive together.
 
-    The move waits while samples are incomplete. A non-empty result of `watch` ends it and becomes its reason. On an
-    alarm other than STOP, the joints first come to rest along the line, then the alarm is raised; if a drive trips, all
-    others hold their positions.
+    The move waits while samples are incomplete, and at its end for the joints to arrive. A non-empty result of `watch`
+    ends it and becomes its reason. On an alarm other than STOP, the joints first come to rest along the line, then the
+    alarm is raised; if a drive trips, all others hold their positions.
     """
     loop, scales = link.loop, link.scales
     sample = yield None
@@ -208,11 +211,29 @@ def move(
         yield from hold_all(loop)
     if ending is not None:
         raise ending
+    reason = reason or (yield from _arrive(link))
+    sample = loop.sample
     angles = [scale.to_rad(counts) for scale, counts in zip(scales, sample.counts, strict=True)]
     syncs = sample.sync_count - first
     return MoveResult(
         reached=not reason, reason=reason, positions_rad=np.array(angles), syncs=syncs
     )
+
+
+def _arrive(link: Connection) -> Steps[str]:
+    """Wait until all joints in position mode are at their targets; return why a joint is not, empty if all are."""
+    loop, commands = link.loop, _last_commands(link.loop)
+    away = loop.watch.away(loop.sample, commands)
+    for _ in range(ARRIVAL_SYNCS):
+        if not away:
+            return ""
+        sample = yield None
+        raise_alarm(loop)
+        away = loop.watch.away(sample, commands)
+    at = away[0] - 1
+    error_counts = loop.sample.counts[at] - commands[at].target_counts
+    error_deg = math.degrees(error_counts / link.scales[at].counts_per_rad)
+    return f"joint {at + 1} is {error_deg:+.1f} deg from its target"
 
 
 def incomplete_samples(sample: Sample) -> errors.BusError:

@@ -171,6 +171,10 @@ class JointMonitor:
                 self.switched_off |= {divergence.joint}
         return self.switched_off != before
 
+    def away(self, sample: Sample, commands: Setpoints) -> tuple[int, ...]:
+        """Return the joints in position mode farther from their targets than their windows, or without an answer."""
+        return self._motion[0].away(sample, commands)
+
     def expect_jerk(self) -> None:
         """Suspend jump detection, since a drive gets a command other than its move's next target."""
         self._continuity.expect_jerk()

@@ -30,12 +30,16 @@ LAG_SYNCS: Final = 20
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Divergence:
-    """A joint that is `counts` away from its target (if `stopped`: from its rest position), since SYNC `sync_count`."""
+    """A joint that is `counts` away from its target (if `stopped`: from its rest position), since SYNC `sync_count`.
+
+    `angle_rad` is the same distance as an angle; None if the joint's scale is not known.
+    """
 
     joint: int
     counts: int
     sync_count: int
     stopped: bool = False
+    angle_rad: float | None = None
 
 
 class FollowingMonitor:

@@ -75,6 +75,8 @@ FOLLOWING_FRACTION, FOLLOWING_RAD = 1 / 3, math.radians(1.0)
 """A joint's distance from its target is limited to FOLLOWING_FRACTION of the drive's following error window (6065h),
 and to at most FOLLOWING_RAD. In moves without fault the virtual arms' joints are at most 0.11 deg from their targets;
 their drives trip at 3 deg."""
+NO_FOLLOWING_WINDOW = 0xFFFF_FFFF
+"""Value of 6065h with which a drive does not check its following error (CiA 402-2)."""
 MIN_WINDOW_COUNTS = 10.0
 """Smallest limit of the distance from the target: below it, sensor noise would count as an error."""
 
@@ -90,6 +92,8 @@ class DriveFacts:
     """605Ah: if 5 or more, the drive holds after a quick stop."""
     operator_timeout_s: float | None
     """1016h: silence of node 127 after which the drive stops by itself."""
+    following_window_counts: int | None = None
+    """6065h: following error at which the drive trips; `NO_FOLLOWING_WINDOW`: at none."""
 
 
 def read_drive_facts(access: ObjectAccess, profile: BusProfile) -> tuple[DriveFacts, ...]:
@@ -105,6 +109,7 @@ def read_drive_facts(access: ObjectAccess, profile: BusProfile) -> tuple[DriveFa
             unsupported_modes=lacking,
             quick_stop_option=read_number(access, node, objects.QUICK_STOP_OPTION, 0),
             operator_timeout_s=operator_timeout_s(access, node),
+            following_window_counts=read_number(access, node, objects.FOLLOWING_WINDOW, 0),
         )
         facts.append(drive)
     return tuple(facts)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
@@ -263,14 +264,23 @@ class SensorFault(HardwareError):
 class DriveDiverged(SensorFault):
     """Uncommanded motion: a joint left its target, or (`stopped`) moved after a stop; its drive reports no fault."""
 
-    def __init__(self, joint: int, counts: int, since_sync: int, *, stopped: bool = False) -> None:
+    def __init__(
+        self,
+        joint: int,
+        counts: int,
+        since_sync: int,
+        *,
+        stopped: bool = False,
+        angle_rad: float | None = None,
+    ) -> None:
         self.counts, self.stopped = counts, stopped
+        angle = "" if angle_rad is None else f" ({math.degrees(angle_rad):+.1f} deg)"
         text = (
-            f"has moved by {counts:+d} counts after it was stopped, and its drive reports no fault: that drive "
+            f"has moved by {counts:+d} counts{angle} after it was stopped, and its drive reports no fault: that drive "
             "has been switched off"
             if stopped
-            else f"is {counts:+d} counts from its target, and its drive reports no fault: the arm has been stopped, "
-            "and that drive switched off"
+            else f"is {counts:+d} counts from its target{angle}, and its drive reports no fault: the arm has been "
+            "stopped, and that drive switched off"
         )
         super().__init__(joint, text, since_sync)
 

@@ -51,6 +51,8 @@ class Sample:
     """The three tuples: 6041h, 6064h and 6077h of joints 1..n."""
     missing: tuple[int, ...] = ()
     """Joints that did not answer this SYNC in time, or answered twice."""
+    overdue: tuple[int, ...] = ()
+    """Answers to earlier SYNCs that joints 1..n still owe: their values may be so many SYNCs old. Empty: none."""
 
     @property
     def complete(self) -> bool:

@@ -75,6 +75,8 @@ FOLLOWING_FRACTION, FOLLOWING_RAD = 1 / 3, math.radians(1.0)
 """A joint's distance from its target is limited to FOLLOWING_FRACTION of the drive's following error window (6065h),
 and to at most FOLLOWING_RAD. In moves without fault the virtual arms' joints are at most 0.11 deg from their targets;
 their drives trip at 3 deg."""
+NO_FOLLOWING_WINDOW = 0xFFFF_FFFF
+"""Value of 6065h with which a drive does not check its following error (CiA 402-2)."""
 MIN_WINDOW_COUNTS = 10.0
 """Smallest limit of the distance from the target: below it, sensor noise would count as an error."""
 
@@ -92,6 +94,8 @@ class DriveFacts:
     """1016h: silence of node 127 after which the drive reacts as 6007h states."""
     ignores_timeout: bool = False
     """Whether 6007h is 0: after that silence the drive takes no action."""
+    following_window_counts: int | None = None
+    """6065h: following error at which the drive trips; `NO_FOLLOWING_WINDOW`: at none."""
 
 
 def read_drive_facts(access: ObjectAccess, profile: BusProfile) -> tuple[DriveFacts, ...]:
@@ -108,6 +112,7 @@ def read_drive_facts(access: ObjectAccess, profile: BusProfile) -> tuple[DriveFa
             quick_stop_option=read_number(access, node, objects.QUICK_STOP_OPTION, 0),
             operator_timeout_s=operator_timeout_s(access, node),
             ignores_timeout=ignores_operator_timeout(access, node),
+            following_window_counts=read_number(access, node, objects.FOLLOWING_WINDOW, 0),
         )
         facts.append(drive)
     return tuple(facts)

@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from hardware.arm import ArmInterface, ArmSnapshot, DriveState, MoveResult, Watch
-from hardware.canopen.drive_settings import DriveFacts
+from hardware.canopen.drive_settings import NO_FOLLOWING_WINDOW, DriveFacts
 from hardware.canopen.objects import (
     ADVISED_OPERATOR_TIMEOUT_S,
     CONTROL_PERIOD_S,
@@ -187,7 +187,7 @@ PERIOD_TOLERANCE: Final = 0.2
 
 
 def drive_settings(facts: Sequence[DriveFacts]) -> Iterator[Clause]:
-    """Check the drives' modes, quick stop option and operator time-out."""
+    """Check the drives' modes, quick stop option, operator time-out and, if it is off, following error check."""
     for drive in facts:
         lacking, option = drive.unsupported_modes, drive.quick_stop_option
         modes = "the drive has no 6502h (supported modes)"
@@ -202,6 +202,12 @@ def drive_settings(facts: Sequence[DriveFacts]) -> Iterator[Clause]:
         yield Clause("modes", None if lacking is None else not lacking, modes, drive.joint)
         yield Clause("quick stop", holds, quick_stop, drive.joint)
         yield _guard(drive)
+        if drive.following_window_counts == NO_FOLLOWING_WINDOW:
+            text = (
+                "6065h = FFFFFFFFh: the drive does not check its following error, only this program does. Set 6065h "
+                "to the error, in counts, at which the drive must trip"
+            )
+            yield Clause("following error", None, text, drive.joint)
 
 
 def _guard(drive: DriveFacts) -> Clause:

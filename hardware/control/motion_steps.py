@@ -2,10 +2,13 @@
 
 Each function is a generator (`hardware.control.tasks.Steps`): it yields the commands of the next SYNC, receives the
 sample of that SYNC, and returns a result. If it ends early, joints in position mode stay at their last targets.
+
+State and position of a joint in `Sample.missing` are old, so no command is derived from them.
 """
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -17,6 +20,7 @@ from hardware import errors
 from hardware.arm import DriveState, JointMode, MoveResult, Reading, Watch
 from hardware.canopen.cia402 import (
     CLOSED_LOOP_STATES,
+    CONTROLWORD_DISABLE_VOLTAGE,
     CONTROLWORD_ENABLE_OPERATION,
     StatusBit,
     TargetState,
@@ -36,9 +40,16 @@ if TYPE_CHECKING:
 
 INCOMPLETE_SYNCS = 200
 """Consecutive incomplete samples after which the steps end."""
+STANDSTILL_SYNCS = 10
+"""Consecutive incomplete samples, during which a move waits, after which it starts again from rest. After fewer, as
+where single frames are lost, it goes on at its speed."""
+ARRIVAL_SYNCS = 200
+"""SYNCs after the last target of a move for its joints to arrive; a joint that does not follow is detected sooner."""
 TRANSITION_SYNCS = 50
 """SYNCs allowed for a drive to pass through its whole state machine."""
 MODE_SYNCS = 5
+HOLD_SYNCS = 10
+"""SYNCs after which a free joint that answers none of them stays free when the others are held."""
 
 
 def not_following(sample: Sample, modes: Sequence[JointMode]) -> int | None:
@@ -50,13 +61,13 @@ def not_following(sample: Sample, modes: Sequence[JointMode]) -> int | None:
     return None
 
 
-def first_complete_sample(loop: ControlLoop) -> Steps[Sample]:
-    """Exchange at least two SYNCs without commands, until a sample is complete; return that sample."""
+def first_complete_sample(loop: ControlLoop, *, at_least: int = 2) -> Steps[Sample]:
+    """Exchange `at_least` SYNCs or more without new commands, until a sample is complete; return that sample."""
     sample = loop.sample
-    for syncs in range(INCOMPLETE_SYNCS):
+    for syncs in range(1, INCOMPLETE_SYNCS + 1):
         sample = yield None
         raise_alarm(loop)
-        if syncs and sample.complete:
+        if syncs >= at_least and sample.complete:
             return sample
     raise incomplete_samples(sample)
 
@@ -67,24 +78,34 @@ def drive_to(
     """Bring all drives to a state within `syncs` SYNCs, in position mode at their current positions.
 
     Until a drive has power its target follows its joint, which may sink while a brake opens. A drive that has reached
-    the state keeps its controlword; if it leaves the state again, that is an alarm. Returns the joints that did not
-    reach it in time.
+    the state keeps its controlword; if it leaves the state again, that is an alarm. A joint that does not answer is
+    not enabled, but is switched off in its last mode. Returns the joints that did not reach the state in time.
     """
-    sample = yield None
-    positions = list(sample.counts)
-    controlwords, done = [0] * len(positions), [False] * len(positions)
+    if target is TargetState.ENABLED:
+        sample = yield from first_complete_sample(loop, at_least=1)
+    else:
+        sample = yield None
+    before = loop.commands
+    commands = [
+        replace(before[at], controlword=CONTROLWORD_DISABLE_VOLTAGE)
+        if before is not None and at + 1 in sample.missing
+        else Setpoint(CONTROLWORD_DISABLE_VOLTAGE, counts, CYCLIC_POSITION)
+        for at, counts in enumerate(sample.counts)
+    ]
+    done = [False] * len(commands)
     for _ in range(syncs):
         raise_alarm(loop)
         for at, status in enumerate(sample.statuswords):
+            if at + 1 in sample.missing:
+                continue
+            word, position = commands[at].controlword, commands[at].target_counts
             if state_of(status) not in CLOSED_LOOP_STATES:
-                positions[at] = sample.counts[at]
+                position = sample.counts[at]
             if not done[at]:
-                controlwords[at] = next_controlword(status, target, previous=controlwords[at])
+                word = next_controlword(status, target, previous=word)
                 done[at] = reached(state_of(status), target)
-        sample = yield tuple(
-            Setpoint(word, position, CYCLIC_POSITION)
-            for word, position in zip(controlwords, positions, strict=True)
-        )
+            commands[at] = Setpoint(word, position, CYCLIC_POSITION)
+        sample = yield tuple(commands)
         if not not_reached(sample, target):
             break
     return not_reached(sample, target)
@@ -106,7 +127,7 @@ def change_modes(loop: ControlLoop, modes: Sequence[JointMode]) -> Steps[None]:
     """Request one mode per joint for `MODE_SYNCS` SYNCs.
 
     The target of a joint that enters position mode is its measured position until its drive follows; a joint already in
-    that mode keeps its target.
+    that mode keeps its target. A joint that does not answer keeps its mode.
     """
     sample = yield None
     codes = [MODE_CODE[mode] for mode in modes]
@@ -118,6 +139,8 @@ def change_modes(loop: ControlLoop, modes: Sequence[JointMode]) -> Steps[None]:
         raise_alarm(loop)
         commands = list(_last_commands(loop))
         for at, (command, mode) in enumerate(zip(commands, codes, strict=True)):
+            if at + 1 in sample.missing:
+                continue
             if mode != CYCLIC_POSITION:
                 commands[at] = Setpoint(CONTROLWORD_ENABLE_OPERATION, sample.counts[at], mode)
             elif entering[at] and (
@@ -137,8 +160,9 @@ def move(
 ) -> Steps[MoveResult]:
     """Move joints along a straight line in joint space, so that all arrive together.
 
-    A non-empty result of `watch` ends the move and becomes its reason. On an alarm other than STOP, the joints first
-    come to rest along the line, then the alarm is raised; if a drive trips, all others hold their positions.
+    The move waits while samples are incomplete, and at its end for the joints to arrive. A non-empty result of `watch`
+    ends it and becomes its reason. On an alarm other than STOP, the joints first come to rest along the line, then the
+    alarm is raised; if a drive trips, all others hold their positions.
     """
     loop, scales = link.loop, link.scales
     sample = yield None
@@ -167,6 +191,8 @@ def move(
             if loop.latch.latched:
                 raise_alarm(loop)
             incomplete = 0 if sample.complete else incomplete + 1
+            if incomplete == STANDSTILL_SYNCS:
+                path.start_from_rest()
             alarm = loop.alarm() or not_enabled(sample)
             ending = _higher_priority(alarm, ending)
             faulted = faulted or isinstance(alarm, errors.DriveFault)
@@ -187,11 +213,29 @@ def move(
         yield from hold_all(loop)
     if ending is not None:
         raise ending
+    reason = reason or (yield from _arrive(link))
+    sample = loop.sample
     angles = [scale.to_rad(counts) for scale, counts in zip(scales, sample.counts, strict=True)]
     syncs = sample.sync_count - first
     return MoveResult(
         reached=not reason, reason=reason, positions_rad=np.array(angles), syncs=syncs
     )
+
+
+def _arrive(link: Connection) -> Steps[str]:
+    """Wait until all joints in position mode are at their targets; return why a joint is not, empty if all are."""
+    loop, commands = link.loop, _last_commands(link.loop)
+    away = loop.watch.away(loop.sample, commands)
+    for _ in range(ARRIVAL_SYNCS):
+        if not away:
+            return ""
+        sample = yield None
+        raise_alarm(loop)
+        away = loop.watch.away(sample, commands)
+    at = away[0] - 1
+    error_counts = loop.sample.counts[at] - commands[at].target_counts
+    error_deg = math.degrees(error_counts / link.scales[at].counts_per_rad)
+    return f"joint {at + 1} is {error_deg:+.1f} deg from its target"
 
 
 def incomplete_samples(sample: Sample) -> errors.BusError:
@@ -204,14 +248,21 @@ def incomplete_samples(sample: Sample) -> errors.BusError:
 
 
 def hold_all(loop: ControlLoop) -> Steps[None]:
-    """Put all joints into position mode: free joints at their positions, the others at their last targets."""
+    """Put all joints into position mode: free joints at their positions, the others at their last targets.
+
+    A joint that answers none of `HOLD_SYNCS` SYNCs stays free: at an old position it would jump.
+    """
     sample = yield None
-    yield tuple(
-        command
-        if command.mode == CYCLIC_POSITION
-        else replace(command, target_counts=counts, mode=CYCLIC_POSITION)
-        for command, counts in zip(_last_commands(loop), sample.counts, strict=True)
-    )
+    for _ in range(HOLD_SYNCS):
+        commands = list(_last_commands(loop))
+        for at, command in enumerate(commands):
+            if command.mode != CYCLIC_POSITION and at + 1 not in sample.missing:
+                counts = sample.counts[at]
+                commands[at] = replace(command, target_counts=counts, mode=CYCLIC_POSITION)
+        sample = yield tuple(commands)
+        held = all(command.mode == CYCLIC_POSITION for command in commands)
+        if held or loop.latch.latched:
+            return
 
 
 def raise_alarm(loop: ControlLoop) -> None:

@@ -183,6 +183,7 @@ class Sampler:
                 for j, received in enumerate(self._received, 1)
                 if not min(received) == max(received) == 1
             ),
+            overdue=tuple(self._overdue),
         )
         earlier = self._history[0] if self._history else sample
         self._history.append(sample)

@@ -222,7 +222,8 @@ class StartUp:
         timeout_s = heartbeat_timeout_s(access, profile, loop.nodes.heartbeat_timeout_s)
         loop.nodes.heartbeat_timeout_s = timeout_s
         unwatching = check_operator_monitoring(access, profile)
-        loop.watch.set_following_windows(following_windows_counts(access, profile, link.scales))
+        windows_counts = following_windows_counts(access, profile, link.scales)
+        loop.watch.set_following_windows(windows_counts, link.scales)
         link.rated_torques_nm = identifying.read_rated_torques_nm(access, profile)
         return unwatching
 

@@ -1,4 +1,4 @@
-"""Synchronised straight move of several joints with bounded jerk, which can brake at any time.
+"""Synchronised straight move of several joints with bounded jerk, which can brake at any time and start again.
 
 The distance along the straight line in joint space is the angle turned by the joint that moves farthest; its speed
 follows a trapezoidal profile. A moving average over `SMOOTHING_PERIODS` positions bounds the jerk; the joints stay on
@@ -85,19 +85,33 @@ class StraightMove:
     ) -> None:
         if speed_rad_per_s <= 0:
             raise ValueError("the speed must be positive")
-        self._start = np.array(start_rad, dtype=np.float64)
-        way = np.asarray(end_rad, dtype=np.float64) - self._start
+        self._speed = speed_rad_per_s
+        self._target = np.array(start_rad, dtype=np.float64)
+        self._end = np.asarray(end_rad, dtype=np.float64)
+        self.braking = self.finished = False
+        """Whether `brake` was called, and whether the last target returned was the final one."""
+        self.start_from_rest()
+
+    def start_from_rest(self) -> None:
+        """Plan the rest of the move anew, for joints that stand still at the last target; no effect while braking."""
+        if self.braking:
+            return
+        self._start = self._target
+        way = self._end - self._start
         self._length = float(np.abs(way).max(initial=0.0))
         self._end = self._start + way
         self._direction = way / self._length if self._length > 0.0 else way
-        self._line = Trapezoid(length=self._length, speed=speed_rad_per_s)
+        self._line = Trapezoid(length=self._length, speed=self._speed)
         self._window = deque([0.0] * SMOOTHING_PERIODS, maxlen=SMOOTHING_PERIODS)
         self._step = 0
-        self.braking, self.finished = False, self._length == 0.0
-        """Whether `brake` was called, and whether the last target returned was the final one."""
+        self.finished = self._length == 0.0
 
     def next(self) -> FloatArray:
         """Return the target of the next control period, shape (n,), rad; after the end, the final target."""
+        self._target = self._next()
+        return self._target.copy()
+
+    def _next(self) -> FloatArray:
         if self.finished:
             return self._place(self._window[-1])
         self._step += 1

@@ -25,9 +25,9 @@ def admit(
 ) -> None:
     """Check the commands of one SYNC against the limits.
 
-    The first target of a joint that enters position mode must be its measured position, and so must every target until
-    its drive has power; every later change of target is checked as a motion. Raises `CommandRefused` if a command is
-    outside the limits, `StopLatched` if STOP was pressed since the commands were made.
+    The first target of a joint that enters position mode must be the position that it just measured, and so must every
+    target until its drive has power; every later change of target is checked as a motion. Raises `CommandRefused` if a
+    command is outside the limits, `StopLatched` if STOP was pressed since the commands were made.
     """
     if before is commands:
         return
@@ -42,6 +42,10 @@ def admit(
         holds = last is not None and last.mode == CYCLIC_POSITION and drive in CLOSED_LOOP_STATES
         previous = last.target_counts if last is not None and holds else None
         entering = previous is None or mode is not JointMode.POSITION
+        if previous is None and limit.joint in sample.missing:
+            raise CommandRefused(
+                f"joint {limit.joint} cannot hold its position: its drive did not answer the last SYNC"
+            )
         if target == previous or (entering and abs(target - measured) <= limit.max_step_counts):
             continue
         if previous is None:

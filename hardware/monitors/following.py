@@ -11,8 +11,10 @@ leaves *operation enabled*, even if bit 12 drops. If a drive never sets bit 12, 
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from typing import Final
 
 from hardware.arm import DriveState
@@ -22,64 +24,74 @@ from hardware.canopen.objects import CYCLIC_POSITION
 
 DIVERGED_SYNCS: Final = 10
 """Consecutive SYNCs outside the window that show uncommanded motion; a new target or a late frame causes fewer."""
-
-_EMPTY_RANGE: Final = (math.inf, -math.inf)
+LAG_SYNCS: Final = 20
+"""0.2 s: how far a servo may lag behind its target in motion, in addition to its window."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Divergence:
-    """A joint that is `counts` away from its target (if `stopped`: from its rest position), since SYNC `sync_count`."""
+    """A joint that is `counts` away from its target (if `stopped`: from its rest position), since SYNC `sync_count`.
+
+    `angle_rad` is the same distance as an angle; None if the joint's scale is not known.
+    """
 
     joint: int
     counts: int
     sync_count: int
     stopped: bool = False
+    angle_rad: float | None = None
 
 
 class FollowingMonitor:
-    """Compares samples with commands; `windows_counts`, if not empty, limits each joint's distance from its target."""
+    """Compares samples with commands; `windows_counts`, if not empty, limits each joint's distance from its targets.
+
+    These are the targets of the last `LAG_SYNCS` SYNCs, and of as many more as the joint still owes answers.
+    """
 
     def __init__(self, windows_counts: Sequence[float] = ()) -> None:
         self._windows = tuple(windows_counts)
         self._outside_syncs = [0] * len(self._windows)
         self._followed = [False] * len(self._windows)
-        # Range of each joint's targets in the present and in the previous interval of MAX_LATE_SYNCS: a late answer
-        # belongs to an earlier target.
-        self._targets = [_EMPTY_RANGE] * len(self._windows)
-        self._earlier_targets = list(self._targets)
-        self._stretch_syncs = 0
+        longest = 1 + LAG_SYNCS + MAX_LATE_SYNCS
+        self._targets = tuple(deque[int](maxlen=longest) for _ in self._windows)  # newest first
 
     def update(self, sample: Sample, commands: Setpoints | None) -> tuple[Divergence, ...]:
         """Take in a sample and the commands sent before it; return the divergences of joints that do not follow."""
         return () if commands is None else tuple(self._find(sample, commands))
 
+    def away(self, sample: Sample, commands: Setpoints) -> tuple[int, ...]:
+        """Return the joints in position mode that are outside their windows, or did not answer."""
+        errors = zip(sample.counts, commands, self._windows, strict=False)  # no windows: no joint
+        return tuple(
+            joint
+            for joint, (counts, command, window) in enumerate(errors, 1)
+            if command.mode == CYCLIC_POSITION
+            and (joint in sample.missing or abs(counts - command.target_counts) > window)
+        )
+
     def _find(self, sample: Sample, commands: Setpoints) -> Iterator[Divergence]:
-        self._stretch_syncs += 1
-        if self._stretch_syncs == MAX_LATE_SYNCS:
-            self._stretch_syncs = 0
-            self._earlier_targets = self._targets
-            self._targets = [_EMPTY_RANGE] * len(self._windows)
         for at, window in enumerate(self._windows):
-            command, status = commands[at], sample.statuswords[at]
+            command, status, targets = commands[at], sample.statuswords[at], self._targets[at]
             if command.mode != CYCLIC_POSITION:
-                self._targets[at] = self._earlier_targets[at] = _EMPTY_RANGE
+                targets.clear()
                 self._outside_syncs[at], self._followed[at] = 0, False
                 continue
-            target, (low, high) = command.target_counts, self._targets[at]
-            if not low <= target <= high:
-                low, high = self._targets[at] = (min(low, target), max(high, target))
+            targets.appendleft(command.target_counts)
             if at + 1 in sample.missing:
                 continue
-            lower, higher = self._earlier_targets[at]
-            counts = sample.counts[at]
-            error = min(counts - min(low, lower), 0) or max(counts - max(high, higher), 0)
             follows = bool(status & StatusBit.FOLLOWS_COMMAND) or self._followed[at]
             self._followed[at] = follows and state_of(status) is DriveState.OPERATION_ENABLED
+            counts = sample.counts[at]
+            error = counts - command.target_counts
             outside = self._followed[at] and abs(error) > window
+            if outside:  # of the range of earlier targets too?
+                overdue = sample.overdue[at] if sample.overdue else 0
+                recent = tuple(islice(targets, 1 + LAG_SYNCS + overdue))
+                outside = not min(recent) - window <= counts <= max(recent) + window
             self._outside_syncs[at] = self._outside_syncs[at] + 1 if outside else 0
             if self._outside_syncs[at] >= DIVERGED_SYNCS:
                 since = sample.sync_count - self._outside_syncs[at] + 1
-                yield Divergence(joint=at + 1, counts=round(error), sync_count=since)
+                yield Divergence(joint=at + 1, counts=error, sync_count=since)
 
 
 MIN_BRAKING_SYNCS: Final = 30

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from hardware import errors
+from hardware.arm_description import JointScale
 from hardware.canopen.cia402 import conditions
 from hardware.canopen.cyclic import Sample, Setpoints
 from hardware.canopen.objects import OPERATOR_NODE, EmergencyCode
@@ -141,11 +142,14 @@ class JointMonitor:
         self._detects_jumps = bool(allowed_counts)
         self._continuity = ContinuityMonitor(allowed_counts)
 
-    def set_following_windows(self, windows_counts: Sequence[float]) -> None:
+    def set_following_windows(
+        self, windows_counts: Sequence[float], scales: Sequence[JointScale] = ()
+    ) -> None:
         """Set the limit of each joint's distance from its target or, once it is stopped, from its rest position.
 
-        To be called before SYNC starts.
+        With `scales`, a divergence is stated in radians too. To be called before SYNC starts.
         """
+        self._counts_per_rad = tuple(scale.counts_per_rad for scale in scales)
         self._motion = FollowingMonitor(windows_counts), StandstillMonitor(windows_counts)
 
     def update(
@@ -168,10 +172,21 @@ class JointMonitor:
         before = self.switched_off
         for monitor in self._motion:
             for divergence in monitor.update(sample, commands):
-                self.divergence = self.divergence or divergence
+                if self.divergence is None:
+                    self.divergence = self._with_angle(divergence)
                 # All of them: the drive of the first may not obey.
                 self.switched_off |= {divergence.joint}
         return self.switched_off != before
+
+    def _with_angle(self, divergence: Divergence) -> Divergence:
+        if not self._counts_per_rad:
+            return divergence
+        angle_rad = divergence.counts / self._counts_per_rad[divergence.joint - 1]
+        return replace(divergence, angle_rad=angle_rad)
+
+    def away(self, sample: Sample, commands: Setpoints) -> tuple[int, ...]:
+        """Return the joints in position mode farther from their targets than their windows, or without an answer."""
+        return self._motion[0].away(sample, commands)
 
     def expect_jerk(self) -> None:
         """Suspend jump detection, since a drive gets a command other than its move's next target."""
@@ -188,7 +203,13 @@ def stop_error(cause: Divergence | None) -> errors.HardwareError:
     """Return the error for a latched STOP, for which uncommanded motion may be the `cause`."""
     if cause is None:
         return errors.StopLatched("STOP is latched: reset it before anything moves again")
-    return errors.DriveDiverged(cause.joint, cause.counts, cause.sync_count, stopped=cause.stopped)
+    return errors.DriveDiverged(
+        cause.joint,
+        cause.counts,
+        cause.sync_count,
+        stopped=cause.stopped,
+        angle_rad=cause.angle_rad,
+    )
 
 
 def alarms(

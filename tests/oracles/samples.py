@@ -11,6 +11,7 @@ def sample(
     *,
     sync: int = 1,
     missing: tuple[int, ...] = (),
+    overdue: tuple[int, ...] = (),
 ) -> Sample:
     """Statuswords and counts (by default 0) of joints without torque."""
     zeros = (0,) * len(statuses)
@@ -20,4 +21,5 @@ def sample(
         counts=tuple(counts) or zeros,
         torques_per_mille=zeros,
         missing=missing,
+        overdue=overdue,
     )

@@ -35,6 +35,21 @@ def test_drive_without_reaction_to_the_timeout_fails_guard_clause(approve):
     approve(guard.text)
 
 
+@pytest.mark.parametrize(("window", "reported"), [(None, 0), (5000, 0), (0xFFFFFFFF, 1)])
+def test_following_error_check_that_is_off_is_reported(window, reported, approve):
+    drive = DriveFacts(
+        joint=1,
+        unsupported_modes=(),
+        quick_stop_option=6,
+        operator_timeout_s=0.5,
+        following_window_counts=window,
+    )
+    found = [clause for clause in drive_settings([drive]) if clause.name == "following error"]
+    assert [clause.passed for clause in found] == [None] * reported
+    for clause in found:
+        approve(clause.text)
+
+
 @pytest.mark.parametrize(("before", "uploads"), [(b"good", 2), (b"", 1)])
 def test_stored_invalid_document_is_reported_with_restoration(before, approve, uploads):
     documents = [before]

@@ -86,3 +86,17 @@ def test_delayed_answers_of_one_device_are_no_duplicate(answers):
 
 def test_delayed_answers_of_two_devices_are_a_duplicate():
     assert duplicates(*[0] * 30, 62, joints=1)[-1] == (1,)
+
+
+def test_sample_states_the_answers_that_joints_still_owe():
+    """Joint 1 falls three SYNCs behind, then catches up with all of them at once."""
+    sampler, owed = Sampler(frames_of(sarcos(2)), max_misses=100, now_s=0.0), []
+    for count in (1, 0, 0, 0, 1, 1, 4, 1):
+        sampler.open()
+        answer(sampler, 2, 1.0)
+        for _ in range(count):
+            answer(sampler, 1, 1.0)
+        sampler.close()
+        one, other = sampler.view.sample.overdue
+        owed.append(one - other)
+    assert owed == [0, 0, 1, 2, 3, 3, 3, 0]

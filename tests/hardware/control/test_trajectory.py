@@ -45,6 +45,34 @@ def test_speed_acceleration_and_jerk_stay_within_bounds(ends, speed, brake_at):
     assert np.all(targets <= high + 1e-12)
 
 
+@pytest.mark.parametrize("stands_at", [1, 40, 250])
+@pytest.mark.parametrize("brakes", [False, True])
+def test_move_that_stood_still_starts_again_from_rest(stands_at, brakes):
+    move = StraightMove(np.zeros(2), np.array([1.0, -0.5]), speed_rad_per_s=0.35)
+    for _ in range(stands_at):
+        stood = move.next()
+    move.start_from_rest()
+    if brakes:
+        move.brake()
+        assert np.array_equal(move.next(), stood)
+        assert move.finished
+        return
+    rest = _run(stood.tolist(), [1.0, -0.5], 0.35)
+    assert np.array_equal([move.next() for _ in rest[1:]], rest[1:])
+    assert move.finished
+
+
+def test_braking_move_does_not_start_again():
+    one, other = (StraightMove(np.zeros(1), np.ones(1), speed_rad_per_s=0.5) for _ in range(2))
+    for move in (one, other):
+        for _ in range(100):
+            move.next()
+        move.brake()
+    one.start_from_rest()
+    assert np.array_equal([one.next() for _ in range(80)], [other.next() for _ in range(80)])
+    assert one.finished
+
+
 @given(st.lists(st.tuples(angles, angles), min_size=1, max_size=7))
 @settings(max_examples=50, deadline=None, database=None)
 def test_path_is_straight_and_ends_at_target(ends):

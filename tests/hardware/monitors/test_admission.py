@@ -41,13 +41,14 @@ def send(
     measured: int = 100,
     status: int = ENABLED,
     mode: JointMode | None = POSITION,
+    missing: tuple[int, ...] = (),
     **situation: Any,
 ) -> None:
     situation = {"in_control": True, "stopped": False, **situation}
     admit(
         ONE,
         (mode,),
-        sample=sample((status,), (measured,)),
+        sample=sample((status,), (measured,), missing=missing),
         before=None if before is None else (before,),
         commands=(command,),
         **situation,
@@ -128,6 +129,14 @@ def test_target_in_wrong_state_is_refused(situation, approve):
 def test_target_after_stop_raises_stop_latched():
     with pytest.raises(StopLatched):
         send(AT_100, Setpoint(ENABLE, 105, CSP), stopped=True)
+
+
+@pytest.mark.parametrize("before", [None, Setpoint(ENABLE, 100, CST)])
+def test_position_mode_is_not_entered_at_an_old_position(before, approve):
+    with pytest.raises(CommandRefused) as refused:
+        send(before, AT_100, mode=FREE, missing=(1,))
+    approve(str(refused.value))
+    send(AT_100, Setpoint(ENABLE, 105, CSP), missing=(1,))
 
 
 def test_not_enabled_reports_the_first_drive_not_enabled():

@@ -5,6 +5,7 @@ import pytest
 from hardware.canopen.cyclic import MAX_LATE_SYNCS, Sample, Setpoint
 from hardware.monitors.following import (
     DIVERGED_SYNCS,
+    LAG_SYNCS,
     MAX_BRAKING_SYNCS,
     MIN_BRAKING_SYNCS,
     Divergence,
@@ -154,7 +155,7 @@ def move(lag: int, *, offset: int = 0) -> list[Divergence | None]:
     return [
         first(
             monitor.update(
-                sample((FOLLOWS,), (path[max(sync - lag, 0)] + offset,), sync=sync),
+                sample((FOLLOWS,), (path[max(sync - lag, 0)] + offset,), sync=sync, overdue=(lag,)),
                 (Setpoint(0x0F, target, CSP),),
             )
         )
@@ -170,7 +171,48 @@ def test_receive_latency_is_no_divergence(lag):
 @pytest.mark.parametrize("lag", [0, 23])
 def test_divergence_during_motion_is_reported_at_rest_at_the_latest(lag):
     divergence = next(result for result in move(lag, offset=-WINDOW - 1) if result is not None)
-    assert divergence.sync_count <= 400 + 2 * MAX_LATE_SYNCS
+    assert divergence.sync_count <= 400 + LAG_SYNCS + lag
+
+
+def stall(speed_counts: int, **answers: tuple[int, ...]) -> tuple[int, Divergence]:
+    """Return how many SYNCs after its stall a joint is reported, whose targets move on."""
+    monitor = FollowingMonitor([WINDOW])
+    for sync in range(1, 1000):
+        answer = sample((FOLLOWS,), (min(sync, 300) * speed_counts,), sync=sync, **answers)
+        found = first(monitor.update(answer, (Setpoint(0x0F, sync * speed_counts, CSP),)))
+        if found is not None:
+            return sync - 300, found
+    raise AssertionError("the stall is not detected")
+
+
+@pytest.mark.parametrize("speed_counts", [-200, 30])
+def test_stalled_joint_is_reported_early_with_its_distance_from_the_target(speed_counts):
+    syncs, found = stall(speed_counts)
+    assert syncs <= LAG_SYNCS + WINDOW / abs(speed_counts) + DIVERGED_SYNCS + 1
+    assert found.counts == -syncs * speed_counts
+
+
+def test_owed_answers_delay_the_report_of_a_stall():
+    assert stall(200, overdue=(30,))[0] - stall(200)[0] == 30
+
+
+@pytest.mark.parametrize("lag", [1, 5, LAG_SYNCS])
+def test_servo_may_lag_in_motion(lag):
+    monitor = FollowingMonitor([WINDOW])
+    path = [*[0] * lag, *range(0, 60_000, 200), *[60_000] * 100]
+    results = [
+        first(monitor.update(sample((FOLLOWS,), (counts,), sync=k), (Setpoint(0x0F, target, CSP),)))
+        for k, (counts, target) in enumerate(zip(path, path[lag:], strict=False))
+    ]
+    assert set(results) == {None}
+
+
+def test_joints_away_from_their_targets_or_silent_are_named():
+    monitor = FollowingMonitor([WINDOW] * 4)
+    commands = (TO_ZERO, TO_ZERO, Setpoint(0x0F, 0, CST), TO_ZERO)
+    answer = sample((FOLLOWS,) * 4, (WINDOW, -WINDOW - 1, 9000, 0), missing=(4,))
+    assert monitor.away(answer, commands) == (2, 4)
+    assert FollowingMonitor().away(answer, commands) == ()
 
 
 def test_targets_before_free_mode_are_forgotten():

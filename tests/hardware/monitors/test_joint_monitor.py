@@ -5,14 +5,18 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from hardware.canopen.cyclic import frames_of
+from hardware.arm_description import JointScale
+from hardware.canopen.cyclic import Setpoint, frames_of
 from hardware.control.sampling import Sampler
+from hardware.monitors.following import DIVERGED_SYNCS
 from hardware.monitors.joint_monitor import (
     JERK_SYNCS,
     QUIET_SYNCS,
     WINDOW_SAMPLES,
     ContinuityMonitor,
     CountJump,
+    JointMonitor,
+    stop_error,
 )
 from tests.oracles.profiles import sarcos
 from tests.oracles.samples import sample
@@ -39,6 +43,22 @@ def watch(
         if jump is not None:
             jumps.append(jump)
     return jumps
+
+
+@pytest.mark.parametrize(
+    ("counts_per_rad", "words"), [(-100.0, "is -50 counts from its target (+28.6 deg)"), (None, "")]
+)
+def test_divergence_is_stated_in_degrees_of_the_joint(counts_per_rad, words):
+    """A drive may count backwards, and a joint's scale may be unknown."""
+    monitor = JointMonitor()
+    scales = [] if counts_per_rad is None else [JointScale(counts_per_rad=counts_per_rad)]
+    monitor.set_following_windows([10.0], scales)
+    for sync in range(DIVERGED_SYNCS):
+        answer = sample((0x1627,), (-50,), sync=sync)
+        monitor.update(answer, (Setpoint(0x0F, 0, 8),), answered_late=False)
+    text = str(stop_error(monitor.divergence))
+    assert words in text
+    assert bool(words) == (" deg)" in text)
 
 
 MOTIONS: dict[str, Callable[[int], float]] = {

@@ -59,6 +59,38 @@ def test_close_with_silent_node_disables_other_drives(driven, bus, fault):
     assert bus.token == 0
 
 
+@pytest.mark.parametrize("emergency", [False, True])
+def test_free_joint_of_unknown_position_is_not_held(driven, bus, emergency):
+    """Joint 3 was moved on by the others while its answers were lost: at the last position known it would jump back."""
+    start, axis = bus.syncs, bus.drives[3]
+
+    def lose_answers(sync: int) -> None:
+        bus.without_tpdo = {3}
+        axis.counts += 100 * (sync < start + 20)
+        if emergency and sync == start + 5:
+            bus.emergency(6, 0x8311)
+
+    bus.on_sync = lose_answers
+    with pytest.raises(DriveFault if emergency else BusError):
+        driven.move({2: 0.2}, speed_rad_per_s=0.5)
+    assert not driven.close()
+    assert axis.counts == 3000 + 19 * 100
+    assert axis.status == 0x40
+
+
+def test_close_holds_free_joint_that_misses_one_sync(driven, bus):
+    start, axis = bus.syncs, bus.drives[3]
+
+    def lose_one(sync: int) -> None:
+        bus.without_tpdo = {3} if sync == start + 1 else set()
+        axis.counts += 333 * (sync == start + 1)
+
+    bus.on_sync = lose_one
+    assert driven.close()
+    assert (0x0F, 3333, 8) in axis.received
+    assert axis.counts == 3333
+
+
 @pytest.mark.parametrize("silent", [set(), {4}])
 def test_close_switches_off_drive_that_ignored_stop(driven, bus, silent):
     bus.drives[1].ignores = (0x0002,)

@@ -10,7 +10,7 @@ from tests.hardware.control.canopen_arm.conftest import (
     drive,
     wait_for,
 )
-from tests.hardware.fake_arm import JOINTS, FakeArmBus, FakeDrive
+from tests.hardware.fake_arm import COUNTS_PER_REV, JOINTS, FakeArmBus, FakeDrive
 
 FAR, WINDOW = 1600, 1111
 """Counts: final deviation of a diverging joint; one degree, the limit for a drive without 6065h."""
@@ -43,7 +43,9 @@ def test_diverged_drive_is_disabled_and_arm_stopped(driven, bus):
         DriveDiverged, match=r"joint 5 is \+1\d\d\d counts from its target"
     ) as diverged:
         capture_for_ever(driven)
-    assert WINDOW < diverged.value.counts <= FAR
+    counts = diverged.value.counts
+    assert WINDOW < counts <= FAR
+    assert f"({360 * counts / COUNTS_PER_REV:+.1f} deg)" in str(diverged.value)
     assert {j: drive.status for j, drive in bus.drives.items()} == WITHOUT_5
     # Joint 5 is disabled directly: it gets no quick stop, which would have it hold.
     words = bus.controlwords(5, since)

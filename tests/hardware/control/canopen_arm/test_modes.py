@@ -124,6 +124,20 @@ def test_alarm_while_enabling_leaves_no_drive_enabled(arm, bus, node, code, erro
     assert bus.statuses == ({0x40, 0x08} if node in bus.drives else {0x40})
 
 
+@pytest.mark.parametrize("command", ["hold", "take_control"])
+def test_free_joint_is_held_where_it_is_once_it_answers(driven, bus, command):
+    """It moves while it misses the first SYNCs of the command."""
+    start, axis = bus.syncs, bus.drives[3]
+
+    def lose_answers(sync: int) -> None:
+        bus.without_tpdo = {3} if sync <= start + 3 else set()
+        axis.counts += 500 * (sync <= start + 3)
+
+    bus.on_sync = lose_answers
+    getattr(driven, command)()
+    assert (axis.mode, axis.target, axis.counts) == (8, 4500, 4500)
+
+
 @pytest.mark.parametrize("holder", [42, 127])
 def test_token_or_heartbeat_of_another_operator_denies_control(arm, bus, holder):
     if holder == 42:

@@ -2,6 +2,7 @@ import itertools
 import math
 import os
 import signal
+import struct
 import threading
 from collections.abc import Callable
 from types import FrameType
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 
 from hardware.arm import ArmSnapshot
-from hardware.errors import CommandRefused, DriveFault, OtherMaster, Stopped
+from hardware.errors import CommandRefused, DriveDiverged, DriveFault, OtherMaster, Stopped
 from tests.hardware.control.canopen_arm.conftest import PER_RAD, drive
 from tests.hardware.fake_arm import JOINTS, FakeArmBus
 
@@ -25,6 +26,42 @@ def test_move_reaches_targets_in_small_steps(driven, bus):
     targets = [target for _, target, _ in bus.drives[2].received]
     assert max(abs(b - a) for a, b in itertools.pairwise(targets)) <= 0.5 * 0.01 * PER_RAD + 1
     assert not driven.snapshot().moving
+
+
+def freeze(bus: FakeArmBus, joint: int, at_counts: int) -> None:
+    """Have a joint stop at a position, while its drive reports that it follows."""
+    axis = bus.drives[joint]
+    axis.noise = lambda _sync: min(at_counts - axis.counts, 0)
+
+
+def test_joint_that_stalls_at_the_end_of_a_move_has_not_reached_its_target(driven, bus):
+    """It stands 2 deg before the end, which the targets reach within the time that a servo may lag."""
+    freeze(bus, 2, round((0.2 - math.radians(2)) * PER_RAD))
+    with pytest.raises(DriveDiverged) as diverged:
+        driven.move({2: 0.2}, speed_rad_per_s=0.5)
+    assert (diverged.value.joint, diverged.value.counts) == (2, round(-math.radians(2) * PER_RAD))
+
+
+def test_move_waits_for_a_joint_that_lags(driven, bus):
+    axis, lags = bus.drives[2], [-1500] * 5
+
+    def lag(_sync: int) -> int:
+        return lags.pop() if lags and axis.target == round(0.2 * PER_RAD) else 0
+
+    axis.noise = lag
+    result = driven.move({2: 0.2}, speed_rad_per_s=0.5)
+    assert result.reached
+    assert result.positions_rad[1] == pytest.approx(0.2, abs=1 / PER_RAD)
+
+
+def test_move_of_joint_that_does_not_arrive_states_its_distance(arm, bus, approve):
+    bus.not_following = set(bus.drives)  # so that its distance from the target is not monitored
+    arm.take_control()
+    bus.drives[2].noise = lambda _sync: -2222
+    bus.objects[2, 0x6064, 0] = struct.pack("<l", round(0.2 * PER_RAD) - 2222)
+    result = arm.move({2: 0.2}, speed_rad_per_s=0.5)
+    assert not result.reached
+    approve(result.reason)
 
 
 def test_repeated_session_takes_equal_sync_count(connected):

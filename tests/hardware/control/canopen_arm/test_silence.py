@@ -1,10 +1,14 @@
 """Silent, restarted and faulty nodes on a fake bus: they are named, and no call hangs."""
 
 import can
+import numpy as np
 import pytest
 
+from hardware.control.motion_steps import STANDSTILL_SYNCS
+from hardware.control.trajectory import ACCELERATION_RAD_PER_S2
 from hardware.errors import BusError, NodeRestarted, TargetRefused
 from tests.hardware.control.canopen_arm.conftest import PER_RAD, capture_for_ever, wait_for
+from tests.hardware.fake_arm import FakeArmBus
 
 
 def test_joint_without_tpdo_ends_move(driven, bus):
@@ -60,6 +64,38 @@ def test_refused_target_raises_command_refused(driven, bus):
     bus.inject(0x82, bytes(8))
     wait_for(lambda: driven.snapshot().faults == ())
     driven.capture(1)
+
+
+def silence_at_speed(bus: FakeArmBus, syncs: int) -> list[int]:
+    """Have joint 6 miss SYNCs from the 60th of a move on; return the list of joint 2's targets, SYNC by SYNC."""
+    start, targets = bus.syncs, list[int]()
+
+    def on_sync(sync: int) -> None:
+        bus.without_tpdo = {6} if 60 <= sync - start < 60 + syncs else set()
+        targets.append(bus.drives[2].target)
+
+    bus.on_sync = on_sync
+    return targets
+
+
+def test_move_that_stood_still_ends_where_it_stands(driven, bus):
+    targets = silence_at_speed(bus, 10_000)
+    with pytest.raises(BusError, match="no answer to SYNC from node 6"):
+        driven.move({2: 1.0}, speed_rad_per_s=0.5)
+    assert targets[59] - targets[58] == pytest.approx(0.5 * 0.01 * PER_RAD, abs=1.0)
+    assert set(targets[60:]) == {targets[60]}
+
+
+def test_move_that_stood_still_starts_again_from_rest(driven, bus):
+    targets = silence_at_speed(bus, STANDSTILL_SYNCS)
+    assert driven.move({2: 1.0, 5: -0.2}, speed_rad_per_s=0.5).reached
+    after = targets[60 + STANDSTILL_SYNCS :]
+    assert after[0] == targets[60]
+    changes_of_speed = np.abs(np.diff(after, n=2))
+    assert changes_of_speed.max() <= ACCELERATION_RAD_PER_S2 * 0.01**2 * PER_RAD + 2
+    assert np.diff(after).max() == pytest.approx(0.5 * 0.01 * PER_RAD, abs=1.0)
+    assert bus.drives[2].target == round(1.0 * PER_RAD)
+    assert bus.drives[5].target == round(-0.2 * PER_RAD)
 
 
 def test_single_lost_tpdo_does_not_end_move(driven, bus):

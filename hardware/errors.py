@@ -44,6 +44,19 @@ class FramesLost(BusError):
         )
 
 
+class EndlessAnswer(BusError):
+    """A node does not end its answer to an SDO read."""
+
+    def __init__(
+        self, node: int, index: int, subindex: int, received: int, max_bytes: int, max_s: float
+    ) -> None:
+        self.node, self.index, self.subindex, self.received = node, index, subindex, received
+        super().__init__(
+            f"Node {node} does not end its answer when asked for {index:04X}h sub {subindex}: it has sent {received} "
+            f"bytes (limits: {max_bytes} bytes, {max_s:.1f} s). Its SDO server has failed: switch the node off and on"
+        )
+
+
 class HostLatencyExceeded(BusError):
     """The operator's computer was late since control was taken: `times` times, by at most `longest_s`."""
 

@@ -18,6 +18,7 @@ from hardware.arm import (
 from hardware.canopen.cia402 import TargetState, state_of
 from hardware.canopen.drive_settings import DriveFacts, read_drive_facts
 from hardware.canopen.objects import DOCUMENT, ERROR_CODE, OPERATOR_NODE, Abort, emergency_text
+from hardware.canopen.sdo import MAX_DOCUMENT_BYTES
 from hardware.control import motion_steps, uploading
 from hardware.control.connectable_arm import ConnectableArm
 from hardware.control.connection import Connection
@@ -164,7 +165,7 @@ class CanopenArm(ConnectableArm):
         if supervisor is None:
             return b""
         try:
-            return self._link.access.read(supervisor, DOCUMENT)
+            return self._link.access.read(supervisor, DOCUMENT, max_bytes=MAX_DOCUMENT_BYTES)
         except errors.SdoRefused as refused:
             if refused.code == Abort.NO_DATA:
                 return b""

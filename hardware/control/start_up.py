@@ -102,6 +102,7 @@ class StartUp:
         loop, access, profile = self._loop, self._access, self._profile
         self._pressed = lambda: loop.latch.last_press is not press
         loop.nodes.cancelled = lambda: self._pressed() or loop.failure is not None
+        access.raise_if_cancelled = self._raise_if_cancelled
         loop.start()
         self._listen(self._timing.listen_s)
         # In fast forward no time passes for the drives, and no other program can use the simulated arm.
@@ -136,6 +137,7 @@ class StartUp:
         self._read_fault_codes(first)
         self._link.read_modes()
         self._raise_if_cancelled()
+        access.raise_if_cancelled = lambda: None  # a later STOP ends no access
         configured = (*self._configured, *zeroed)
         return replace(identity, unwatching=unwatching, configured=configured, zeroed=zeroed)
 

@@ -18,6 +18,7 @@ from hardware.errors import (
     DriveDropout,
     DriveFault,
     DuplicateNodeId,
+    EndlessAnswer,
     HardwareError,
     HostLatencyExceeded,
     MappingChanged,
@@ -77,6 +78,7 @@ def _remedy(error: BaseException) -> str:
 REMEDIES: Mapping[type, str] = {
     BusError: "Without a heartbeat the drives hold by themselves. Check cable and interface, "
     "then connect again",
+    EndlessAnswer: "Then connect again; if it happens again, the node needs its maker's service",
     HostLatencyExceeded: "Without a heartbeat the drives hold by themselves. Close other programs on this "
     "computer, then connect again",
     NodeMissing: "Check that these nodes are powered and on the bus, then connect again",

@@ -81,6 +81,18 @@ class NodeMissing(HardwareError):
         )
 
 
+class NodeNotStarted(HardwareError):
+    """Nodes of the arm are on the bus but do not start; `nodes` maps each to what it does, as text."""
+
+    def __init__(self, nodes: Mapping[int, str]) -> None:
+        self.nodes = dict(nodes)
+        what = "; ".join(f"node {node} {text}" for node, text in nodes.items())
+        super().__init__(
+            f"{what}. Nothing was enabled. Check that node's faults and its NMT and heartbeat settings (1017h) with "
+            "its maker's tool"
+        )
+
+
 class WrongArm(HardwareError):
     """The arm on the bus is not the one the arm file describes."""
 
@@ -193,7 +205,12 @@ class ControlDenied(HardwareError):
 
     def __init__(self, holder: int, reason: str = "") -> None:
         self.holder = holder
-        if holder:
+        if holder == 127:  # the number of every operator, this program included
+            super().__init__(
+                "another program on this bus sends the heartbeat of an operator (node 127), and may be in control of "
+                "this arm; `sarcal monitor` shows what that program sends"
+            )
+        elif holder:
             super().__init__(
                 f"node {holder} is in control of this arm; `sarcal monitor` shows what that program sends"
             )
@@ -221,11 +238,12 @@ class ModeNotReached(HardwareError):
 
 
 class DriveFault(HardwareError):
-    """A drive tripped. `code` is the CiA 402 error code of its emergency message."""
+    """A drive tripped or, if still `enabled`, reported an error. `code`: error code (CiA 402) of its emergency."""
 
-    def __init__(self, joint: int, code: int, text: str) -> None:
+    def __init__(self, joint: int, code: int, text: str, *, enabled: bool = False) -> None:
         self.joint, self.code = joint, code
-        super().__init__(f"joint {joint} tripped: {text} ({code:04X}h)")
+        what = "reports an error" if enabled else "tripped"
+        super().__init__(f"joint {joint} {what}: {text} ({code:04X}h)")
 
 
 class DriveDropout(DriveFault):
@@ -271,10 +289,10 @@ class DriveDiverged(SensorFault):
         self.counts, self.stopped = counts, stopped
         text = (
             f"has moved by {counts:+d} counts after it was stopped, and its drive reports no fault: that drive "
-            "has been switched off"
+            "was commanded to switch off"
             if stopped
             else f"is {counts:+d} counts from its target, and its drive reports no fault: the arm has been stopped, "
-            "and that drive switched off"
+            "and that drive commanded to switch off"
         )
         super().__init__(joint, text, since_sync)
 

@@ -12,7 +12,7 @@ from hardware.canopen.bus_profile import BusProfile
 from hardware.canopen.cia402 import CONTROLWORD_QUICK_STOP, state_of
 from hardware.canopen.cyclic import frames_of, unpack_emergency
 from hardware.canopen.objects import NmtState, emergency_text, node_of
-from hardware.monitors.node_monitor import NMT_NAMES, initiated_transfer
+from hardware.monitors.node_monitor import NMT_NAMES, initiated_transfer, nmt_state_name
 
 SILENT_S: Final = 1.5
 """Time without heartbeat after which a node is reported as silent."""
@@ -42,6 +42,7 @@ class BusMonitor:
         self._modes: dict[int, int] = {}
         self._stopped: set[int] = set()
         self._in_block: set[int] = set()
+        self._wrong_lengths: set[int] = set()
 
     def take_in(self, identifier: int, data: bytes, now_s: float) -> Iterator[str]:
         """Take in a frame; yield one sentence for each change that it shows."""
@@ -75,7 +76,9 @@ class BusMonitor:
         return {
             "frames": sum(self.frames.values()),
             "syncs": self.frames[objects.COB_SYNC],
-            "nodes": {str(node): _state(state) for node, state in sorted(self.nodes.items())},
+            "nodes": {
+                str(node): nmt_state_name(state) for node, state in sorted(self.nodes.items())
+            },
             "silent": sorted(self._silent),
             "joints": {
                 str(joint): {"drive": drive.value, "position_counts": self.positions.get(joint)}
@@ -93,11 +96,18 @@ class BusMonitor:
         if state == NmtState.BOOT_UP:
             yield f"{self._node_name(node)}: has booted"
         elif before != state:
-            yield f"{self._node_name(node)}: {_state(state)}"
+            yield f"{self._node_name(node)}: {nmt_state_name(state)}"
 
     def _status(self, identifier: int, data: bytes) -> Iterator[str]:
         joint, answer = self._answers[identifier]
-        values = answer.unpack(data) or {}
+        values = answer.unpack(data)
+        if values is None:
+            if identifier not in self._wrong_lengths:
+                self._wrong_lengths.add(identifier)
+                sent = f"TPDO {identifier:03X}h with {len(data)} bytes"
+                yield f"joint {joint}: {sent}; the bus profile has {answer.size}, so its data are ignored"
+            return
+        self._wrong_lengths.discard(identifier)
         if (counts := values.get(objects.POSITION_ACTUAL)) is not None:
             self.positions[joint] = counts
         word = values.get(objects.STATUSWORD)
@@ -150,10 +160,3 @@ class BusMonitor:
             yield f"{self._node_name(node)}: {place} was written"
             if data[0] >> 5 == _BLOCK_DOWNLOAD:
                 self._in_block.add(node)
-
-
-def _state(state: int) -> str:
-    try:
-        return NmtState(state).name.lower().replace("_", "-")
-    except ValueError:
-        return f"NMT state {state}"

@@ -8,8 +8,9 @@ noise nor motion, because no joint of a closed chain moves alone: counts were lo
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 
@@ -196,10 +197,14 @@ def alarms(
     stop_latched: bool,
     lost_joints: tuple[int, ...] = (),
     duplicate_joints: tuple[int, ...] = (),
+    wrong_lengths: Mapping[int, str] = MappingProxyType({}),
+    enabled_joints: tuple[int, ...] = (),
 ) -> Iterator[errors.HardwareError]:
     """Yield all alarms, highest priority first.
 
-    `lost_joints`: joints that do not answer SYNC; `duplicate_joints`: joints that answer each SYNC twice.
+    `lost_joints`: joints that do not answer SYNC; `duplicate_joints`: joints that answer each SYNC twice;
+    `wrong_lengths` describes TPDOs that are no answers because of their length; `enabled_joints`: joints whose drives
+    are *operation enabled*.
     """
     if watch.divergence is not None:  # the cause of a STOP comes before the STOP
         yield stop_error(watch.divergence)
@@ -211,7 +216,8 @@ def alarms(
         elif fault.code == EmergencyCode.REFERENCE_LIMIT:
             yield errors.CommandRefused(f"joint {fault.joint}: {fault.text}")
         else:
-            yield errors.DriveFault(fault.joint, fault.code, fault.text)
+            enabled = fault.joint in enabled_joints
+            yield errors.DriveFault(fault.joint, fault.code, fault.text, enabled=enabled)
     if nodes.foreign_command:  # before the NMT states, which that program may have changed
         yield errors.OtherMaster(
             f"Another program commands this arm: it sent {nodes.foreign_command}. End that program, check what it "
@@ -236,9 +242,28 @@ def alarms(
             "its sensor lost counts, or its coupling slipped. No pose has been captured since",
             since_sync=watch.jump.sync_count,
         )
+    yield from _silence(nodes, lost_joints, wrong_lengths)
+    if nodes.other_operator(nodes.heartbeat_timeout_s):
+        yield errors.ControlDenied(OPERATOR_NODE)
+    for each in watch.dropout.dropouts:  # last: all of the above may be the cause
+        yield errors.DriveDropout(each.joint, each.state.value, not_following=each.not_following)
+
+
+def _silence(
+    nodes: NodeMonitor, lost_joints: tuple[int, ...], wrong_lengths: Mapping[int, str]
+) -> Iterator[errors.BusError]:
+    drives = nodes.profile.drives
+    if wrong := [
+        f"node {drives[j - 1]}: {wrong_lengths[j]}" for j in lost_joints if j in wrong_lengths
+    ]:
+        yield errors.BusError(
+            f"Answers to SYNC are not as the bus profile states: {'; '.join(wrong)}. Compare the drive's PDOs with "
+            "the profile (`sarcal probe`), then reconnect."
+        )
+    mute = tuple(drives[j - 1] for j in lost_joints if j not in wrong_lengths)
     silent = (
         ("no heartbeat from node", nodes.silent()),
-        ("no answer to SYNC from node", tuple(drives[j - 1] for j in lost_joints)),
+        ("no answer to SYNC from node", mute),
     )
     if silence := " and ".join(
         f"{what} {', '.join(map(str, joints))}" for what, joints in silent if joints
@@ -246,7 +271,3 @@ def alarms(
         yield errors.BusError(
             f"The arm has gone silent: {silence}. Check power and cable, then reconnect."
         )
-    if nodes.other_operator(nodes.heartbeat_timeout_s):
-        yield errors.ControlDenied(OPERATOR_NODE)
-    for each in watch.dropout.dropouts:  # last: all of the above may be the cause
-        yield errors.DriveDropout(each.joint, each.state.value, not_following=each.not_following)

@@ -25,6 +25,7 @@ from hardware.errors import (
     MappingMismatch,
     ModeNotReached,
     NodeMissing,
+    NodeNotStarted,
     NodeRestarted,
     OtherMaster,
     PdoSetupFailed,
@@ -82,6 +83,7 @@ REMEDIES: Mapping[type, str] = {
     HostLatencyExceeded: "Without a heartbeat the drives hold by themselves. Close other programs on this "
     "computer, then connect again",
     NodeMissing: "Check that these nodes are powered and on the bus, then connect again",
+    NodeNotStarted: "Then connect again",
     WrongArm: "Connect the arm that the arm file describes, or use the arm file of the connected arm",
     MappingMismatch: "Nothing was enabled and nothing moves",
     MappingChanged: "This pose was not captured; the earlier poses passed this check and are kept",

@@ -56,6 +56,13 @@ def test_block_download_is_reported_as_one_write():
         assert events(monitor, 0x610, bytes.fromhex("2100200064000000")) == written
 
 
+def test_answer_of_wrong_length_is_reported_once(approve):
+    monitor = BusMonitor(sarcos())
+    (sentence,) = events(monitor, 0x182, bytes(6))
+    approve(sentence)
+    assert events(monitor, 0x182, bytes(6)) == []
+
+
 def test_summary_has_drive_states_positions_and_counts_of_all_frames():
     monitor = BusMonitor(sarcos())
     events(monitor, 0x080, b"")
@@ -64,8 +71,9 @@ def test_summary_has_drive_states_positions_and_counts_of_all_frames():
     ]
     assert events(monitor, 0x181, struct.pack("<Hih", 0x0227, -6, 0)) == []
     events(monitor, 0x77F, b"\x05")
-    for identifier, data in ((0x7EE, b"foreign"), (0x181, b"short"), (0x201, b""), (0x580, b"")):
+    for identifier, data in ((0x7EE, b"foreign"), (0x201, b""), (0x580, b"")):
         assert events(monitor, identifier, data) == []
+    assert len(events(monitor, 0x181, b"short")) == 1
     summary = monitor.summary()
     assert (summary["frames"], summary["syncs"]) == (8, 1)
     assert summary["joints"] == {"1": {"drive": "operation enabled", "position_counts": -6}}

@@ -19,6 +19,15 @@ def test_joint_without_tpdo_ends_move(driven, bus):
     assert joints[5].age_s > joints[0].age_s
 
 
+def test_answers_of_wrong_length_are_not_called_silence(driven, bus, approve):
+    bus.short_tpdo = {6}
+    with pytest.raises(BusError) as refused:
+        driven.move({2: 0.5}, speed_rad_per_s=0.5)
+    approve(str(refused.value))
+    bus.short_tpdo = set()
+    assert driven.capture(2).samples == 2
+
+
 def test_close_after_silence_reports_unknown_state(driven, bus):
     bus.offline = {16}
     with pytest.raises(BusError, match="no heartbeat from node 16"):

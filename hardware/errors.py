@@ -242,8 +242,11 @@ class DriveFault(HardwareError):
 
     def __init__(self, joint: int, code: int, text: str, *, enabled: bool = False) -> None:
         self.joint, self.code = joint, code
-        what = "reports an error" if enabled else "tripped"
-        super().__init__(f"joint {joint} {what}: {text} ({code:04X}h)")
+        super().__init__(
+            f"joint {joint} reports an error: {text} ({code:04X}h)"
+            if enabled
+            else f"joint {joint} tripped: {text} ({code:04X}h)"
+        )
 
 
 class DriveDropout(DriveFault):

@@ -29,6 +29,7 @@ from hardware.errors import (
     NodeRestarted,
     OtherMaster,
     PdoSetupFailed,
+    SdoRefused,
     SensorFault,
     Stopped,
     UploadRefused,
@@ -88,6 +89,8 @@ REMEDIES: Mapping[type, str] = {
     MappingMismatch: "Nothing was enabled and nothing moves",
     MappingChanged: "This pose was not captured; the earlier poses passed this check and are kept",
     PdoSetupFailed: "Nothing was enabled and nothing moves",
+    SdoRefused: "The manual of that node states what this object is and when it is refused: set it up with its maker's "
+    "tool, then connect again",
     ControlDenied: "Ask the other operator to give up control, then connect again",
     DuplicateNodeId: "Until then this program moves nothing and captures nothing",
     OtherMaster: "Until then this program moves nothing and captures nothing; the other program may still move the "

@@ -238,14 +238,14 @@ class ModeNotReached(HardwareError):
 
 
 class DriveFault(HardwareError):
-    """A drive tripped or, if still `enabled`, reported an error. `code`: error code (CiA 402) of its emergency."""
+    """A drive `tripped`, or only reported an error. `code`: error code (CiA 402) of its emergency message."""
 
-    def __init__(self, joint: int, code: int, text: str, *, enabled: bool = False) -> None:
+    def __init__(self, joint: int, code: int, text: str, *, tripped: bool = True) -> None:
         self.joint, self.code = joint, code
         super().__init__(
-            f"joint {joint} reports an error: {text} ({code:04X}h)"
-            if enabled
-            else f"joint {joint} tripped: {text} ({code:04X}h)"
+            f"joint {joint} tripped: {text} ({code:04X}h)"
+            if tripped
+            else f"joint {joint} reports an error: {text} ({code:04X}h)"
         )
 
 

@@ -255,6 +255,7 @@ STOP_CONTACTS: Final = (EmergencyCode.EXTERNAL_STOP, EmergencyCode.EXTERNAL_STOP
 
 
 _ERROR_CLASSES: Final = {
+    0x10: "generic error",
     0x20: "current",
     0x21: "current, input side",
     0x22: "current inside the device",

@@ -161,7 +161,9 @@ class ControlLoop:
             lost_joints=self._sampler.lost(),
             duplicate_joints=self._sampler.duplicates(),
             wrong_lengths=self._sampler.wrong_lengths(),
-            enabled_joints=self.sample.joints_in({DriveState.OPERATION_ENABLED}),
+            tripped_joints=self.sample.joints_in(
+                {DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE}
+            ),
         )
         despite = () if task is None else task.despite
         first = next((alarm for alarm in every if not isinstance(alarm, despite)), None)

@@ -198,13 +198,13 @@ def alarms(
     lost_joints: tuple[int, ...] = (),
     duplicate_joints: tuple[int, ...] = (),
     wrong_lengths: Mapping[int, str] = MappingProxyType({}),
-    enabled_joints: tuple[int, ...] = (),
+    tripped_joints: tuple[int, ...] = (),
 ) -> Iterator[errors.HardwareError]:
     """Yield all alarms, highest priority first.
 
     `lost_joints`: joints that do not answer SYNC; `duplicate_joints`: joints that answer each SYNC twice;
-    `wrong_lengths` describes TPDOs that are no answers because of their length; `enabled_joints`: joints whose drives
-    are *operation enabled*.
+    `wrong_lengths` describes TPDOs that are no answers because of their length; `tripped_joints`: joints whose drives
+    are in fault.
     """
     if watch.divergence is not None:  # the cause of a STOP comes before the STOP
         yield stop_error(watch.divergence)
@@ -216,8 +216,8 @@ def alarms(
         elif fault.code == EmergencyCode.REFERENCE_LIMIT:
             yield errors.CommandRefused(f"joint {fault.joint}: {fault.text}")
         else:
-            enabled = fault.joint in enabled_joints
-            yield errors.DriveFault(fault.joint, fault.code, fault.text, enabled=enabled)
+            tripped = fault.joint in tripped_joints
+            yield errors.DriveFault(fault.joint, fault.code, fault.text, tripped=tripped)
     if nodes.foreign_command:  # before the NMT states, which that program may have changed
         yield errors.OtherMaster(
             f"Another program commands this arm: it sent {nodes.foreign_command}. End that program, check what it "

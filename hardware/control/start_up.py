@@ -181,6 +181,7 @@ class StartUp:
         if not takes_over and (obeys or (enabled and holder)):
             named = [f"{profile.who(n)} is in state {state.value}" for n, state in enabled.items()]
             raise errors.ArmInUse(named, timeout_s)
+        self._link.found_powered = {profile.joint_of[n]: state for n, state in enabled.items()}
 
     def _listen(self, for_s: float) -> None:
         """Listen for `for_s` s; raise an error on hearing another operator or master."""

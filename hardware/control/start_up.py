@@ -268,6 +268,7 @@ class StartUp:
         """Raise an error for nodes that have not complied with an NMT command: `NodeMissing` if they do not answer."""
         nodes = self._loop.nodes
         answering = _read_all(self._access, [(node, objects.DEVICE_TYPE) for node in missing])
+        self._raise_if_cancelled()
         not_started = dict[int, str]()
         for node in missing:
             state = nodes.nmt_state.get(node, NmtState.BOOT_UP)

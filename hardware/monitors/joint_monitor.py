@@ -257,8 +257,8 @@ def _silence(
         f"node {drives[j - 1]}: {wrong_lengths[j]}" for j in lost_joints if j in wrong_lengths
     ]:
         yield errors.BusError(
-            f"Answers to SYNC are not as the bus profile states: {'; '.join(wrong)}. Compare the drive's PDOs with "
-            "the profile (`sarcal probe`), then reconnect."
+            f"Answers to SYNC are not as the bus profile states: {'; '.join(wrong)}. Compare the drive's map with "
+            "the profile (`sarcal probe`); if they agree, its maker must find out why it sends something else."
         )
     mute = tuple(drives[j - 1] for j in lost_joints if j not in wrong_lengths)
     silent = (

@@ -49,6 +49,19 @@ class FramesLost(BusError):
         )
 
 
+class EndlessAnswer(BusError):
+    """A node does not end its answer to an SDO read."""
+
+    def __init__(
+        self, node: int, index: int, subindex: int, received: int, max_bytes: int, max_s: float
+    ) -> None:
+        self.node, self.index, self.subindex, self.received = node, index, subindex, received
+        super().__init__(
+            f"Node {node} does not end its answer when asked for {index:04X}h sub {subindex}: it has sent {received} "
+            f"bytes (limits: {max_bytes} bytes, {max_s:.1f} s). Its SDO server has failed: switch the node off and on"
+        )
+
+
 class HostLatencyExceeded(BusError):
     """The operator's computer was late since control was taken: `times` times, by at most `longest_s`."""
 
@@ -70,6 +83,18 @@ class NodeMissing(HardwareError):
             f"no answer from node{'s' if len(nodes) > 1 else ''} {', '.join(map(str, nodes))}. "
             "Check power, cable and bitrate; a virtual arm for another process is started with: "
             "sarcal controller -i loopback"
+        )
+
+
+class NodeNotStarted(HardwareError):
+    """Nodes of the arm are on the bus but do not start; `nodes` maps each to what it does, as text."""
+
+    def __init__(self, nodes: Mapping[int, str]) -> None:
+        self.nodes = dict(nodes)
+        what = "; ".join(f"node {node} {text}" for node, text in nodes.items())
+        super().__init__(
+            f"{what}. Nothing was enabled. Check that node's faults and its NMT and heartbeat settings (1017h) with "
+            "its maker's tool"
         )
 
 
@@ -185,7 +210,12 @@ class ControlDenied(HardwareError):
 
     def __init__(self, holder: int, reason: str = "") -> None:
         self.holder = holder
-        if holder:
+        if holder == 127:  # the number of every operator, this program included
+            super().__init__(
+                "another program on this bus sends the heartbeat of an operator (node 127), and may be in control of "
+                "this arm; `sarcal monitor` shows what that program sends"
+            )
+        elif holder:
             super().__init__(
                 f"node {holder} is in control of this arm; `sarcal monitor` shows what that program sends"
             )
@@ -213,11 +243,15 @@ class ModeNotReached(HardwareError):
 
 
 class DriveFault(HardwareError):
-    """A drive tripped. `code` is the CiA 402 error code of its emergency message."""
+    """A drive `tripped`, or only reported an error. `code`: error code (CiA 402) of its emergency message."""
 
-    def __init__(self, joint: int, code: int, text: str) -> None:
+    def __init__(self, joint: int, code: int, text: str, *, tripped: bool = True) -> None:
         self.joint, self.code = joint, code
-        super().__init__(f"joint {joint} tripped: {text} ({code:04X}h)")
+        super().__init__(
+            f"joint {joint} tripped: {text} ({code:04X}h)"
+            if tripped
+            else f"joint {joint} reports an error: {text} ({code:04X}h)"
+        )
 
 
 class DriveDropout(DriveFault):
@@ -277,10 +311,10 @@ class DriveDiverged(SensorFault):
         angle = "" if angle_rad is None else f" ({math.degrees(angle_rad):+.1f} deg)"
         text = (
             f"has moved by {counts:+d} counts{angle} after it was stopped, and its drive reports no fault: that drive "
-            "has been switched off"
+            "was commanded to switch off"
             if stopped
             else f"is {counts:+d} counts from its target{angle}, and its drive reports no fault: the arm has been "
-            "stopped, and that drive switched off"
+            "stopped, and that drive commanded to switch off"
         )
         super().__init__(joint, text, since_sync)
 

@@ -80,13 +80,18 @@ class PdoFields:
                 form += f"{bits // 8}x"
         self._struct, self._indices = struct.Struct(form), tuple(known)
 
+    @property
+    def size(self) -> int:
+        """Length of the PDO's data, bytes."""
+        return self._struct.size
+
     def pack(self, values: Mapping[int, int]) -> bytes:
         """Return the data of a PDO with `values`, by object index."""
         return self._struct.pack(*(values[index] for index in self._indices))
 
     def unpack(self, data: bytes | bytearray) -> dict[int, int] | None:
         """Return the value of each object index in `data`; None if `data` has the wrong length."""
-        if len(data) != self._struct.size:
+        if len(data) != self.size:
             return None
         return dict(zip(self._indices, self._struct.unpack(data), strict=True))
 

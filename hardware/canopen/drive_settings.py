@@ -142,7 +142,7 @@ def _heartbeat_consumers(access: ObjectAccess, node: int) -> tuple[int, ...] | N
     count = read_number(access, node, objects.HEARTBEAT_CONSUMER, 0)
     if count is None:
         return None
-    index, subs = objects.HEARTBEAT_CONSUMER, range(1, count + 1)
+    index, subs = objects.HEARTBEAT_CONSUMER, range(1, (count & 0xFF) + 1)
     return tuple(read_number(access, node, index, sub) or 0 for sub in subs)
 
 

@@ -45,6 +45,8 @@ _RESERVED = frozenset(
 )
 """Identifiers of NMT, SYNC, and of EMCY, SDO and heartbeat of all nodes."""
 ABSENT = frozenset({Abort.NO_OBJECT, Abort.NO_SUBINDEX})
+_NO_INDEX = 0x0000
+"""An index that no object has (CiA 301). Some drives refuse it, and all objects that they lack, with another code."""
 Value = TypeVar("Value")
 
 
@@ -176,7 +178,9 @@ def read_map(access: ObjectAccess, node: int, index: int) -> tuple[Entry, ...] |
     count = read_number(access, node, index, 0)
     if count is None:
         return None
-    values = (read_number(access, node, index, sub) or 0 for sub in range(1, min(count, 64) + 1))
+    # An answer that states no size may carry anything beyond the count's one byte.
+    subs = range(1, min(count & 0xFF, 64) + 1)
+    values = (read_number(access, node, index, sub) or 0 for sub in subs)
     return tuple((value >> 16, value >> 8 & 0xFF, value & 0xFF) for value in values)
 
 
@@ -186,7 +190,10 @@ def _cob_id(
     """Yield a mismatch if a COB-ID is not the expected one, or if its flag bit `refused` is set."""
     value = read_number(access, node, index, sub)
     if value is None or value & (IDENTIFIER | EXTENDED | refused) != expected:
-        yield ObjectMismatch(node, index, sub, f"{expected:03X}h", _number(value, "03X"))
+        actual = _number(value, "03X")
+        if value is not None and value & refused == NOT_VALID:
+            actual = f"{value & IDENTIFIER:03X}h switched off ({actual})"
+        yield ObjectMismatch(node, index, sub, f"{expected:03X}h", actual)
 
 
 def read_number(access: ObjectAccess, node: int, index: int, sub: int) -> int | None:
@@ -197,12 +204,17 @@ def read_number(access: ObjectAccess, node: int, index: int, sub: int) -> int | 
 def read_if_present(
     read: Callable[[int, int, int], Value], node: int, index: int, sub: int = 0
 ) -> Value | None:
-    """Return what `read` returns; None if the object is absent."""
+    """Return what `read` returns; None if the object is absent: refused like an index that no object has."""
     try:
         return read(node, index, sub)
     except SdoRefused as refusal:
         if refusal.code in ABSENT:
             return None
+        try:
+            read(node, _NO_INDEX, 0)
+        except SdoRefused as of_no_object:
+            if of_no_object.code == refusal.code:
+                return None
         raise
 
 

@@ -256,9 +256,35 @@ STOP_CONTACTS: Final = (EmergencyCode.EXTERNAL_STOP, EmergencyCode.EXTERNAL_STOP
 """Emergency codes of a pressed external stop."""
 
 
+_ERROR_CLASSES: Final = {
+    0x10: "generic error",
+    0x20: "current",
+    0x21: "current, input side",
+    0x22: "current inside the device",
+    0x23: "current, output side",
+    0x30: "voltage",
+    0x31: "mains voltage",
+    0x32: "voltage inside the device",
+    0x33: "output voltage",
+    0x40: "temperature",
+    0x41: "ambient temperature",
+    0x42: "device temperature",
+    0x50: "device hardware",
+    0x60: "device software",
+    0x70: "additional module",
+    0x80: "monitoring",
+    0x81: "communication",
+    0x82: "protocol error",
+    0x90: "external error",
+}
+"""Classes of error codes (CiA 301) by the upper byte or, if it is not listed, by its upper half."""
+
+
 def emergency_text(code: int) -> str:
-    """Return a text for an EMCY error code; for an unknown code, ``error`` and the code."""
-    return next((each.text for each in EmergencyCode if each == code), f"error {code:04X}h")
+    """Return a text for an EMCY error code: for a code that is not in use here, its class."""
+    upper = code >> 8
+    known = _ERROR_CLASSES.get(upper) or _ERROR_CLASSES.get(upper & 0xF0, "error of the device")
+    return next((each.text for each in EmergencyCode if each == code), known)
 
 
 class Abort(IntEnum):

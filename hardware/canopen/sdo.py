@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 import sys
 import threading
+import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
@@ -16,7 +17,14 @@ from canopen.sdo.client import SdoClient
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
 from hardware.canopen.objects import COB_SDO_FROM_SERVER, COB_SDO_TO_SERVER, DEVICE_TYPE
-from hardware.errors import BusError, DuplicateNodeId, FramesLost, HardwareError, SdoRefused
+from hardware.errors import (
+    BusError,
+    DuplicateNodeId,
+    EndlessAnswer,
+    FramesLost,
+    HardwareError,
+    SdoRefused,
+)
 
 ANSWER_TIMEOUT_S = 1.0
 READ_ATTEMPTS = 3
@@ -27,6 +35,10 @@ MIN_UNANSWERED, MAX_UNANSWERED_FRACTION = 8, 0.1
 """Access stops when at least MIN_UNANSWERED requests, and more than the fraction MAX_UNANSWERED_FRACTION of all
 requests, are unanswered. A connection needs 600 requests: if 1 % of all frames are lost, 2 connections in 10,000 are
 refused; if 10 % are lost, every connection is."""
+MAX_OBJECT_BYTES, MAX_DOCUMENT_BYTES = 4096, 256 * 1024
+"""Largest number of bytes read from an object, and from a parameter document (2000h)."""
+MIN_READ_BYTES_PER_S = 1000.0
+"""A read ends after the time that its largest number of bytes takes at this rate, plus one answer's time-out."""
 UNIQUENESS_REQUESTS, DUPLICATE_FRACTION = 20, 0.75
 """Number of test requests to a node. If at least the fraction DUPLICATE_FRACTION is answered twice, two devices have
 the node's number. If every tenth frame is doubled in each direction, a single device reaches this fraction with a
@@ -68,7 +80,7 @@ class ObjectAccess:
     """Reads and writes objects of `nodes`; `send` puts a frame on the bus, `timeout_s` limits the wait for each answer.
 
     Every access raises `SdoRefused` if the node refuses and `BusError` if it does not answer; reading raises
-    `FramesLost` on a bus that loses too many frames.
+    `FramesLost` on a bus that loses too many frames, `EndlessAnswer` if a node sends too many bytes or too slowly.
     """
 
     def __init__(
@@ -77,7 +89,11 @@ class ObjectAccess:
         nodes: Iterable[int],
         *,
         timeout_s: float = ANSWER_TIMEOUT_S,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
+        self.raise_if_cancelled: Callable[[], None] = lambda: None
+        """Raises an error if accesses are to end; called before each access, and before each further segment read."""
+        self._timeout_s, self._clock = timeout_s, clock
         network = self._network = _Sender(send)
         self._answered: Counter[int] = Counter()
         self._unanswered: Counter[int] = Counter()
@@ -139,19 +155,23 @@ class ObjectAccess:
         asked = self._network.asked
         return Counter({node: self._answered[node] - asked[node] for node in self._clients})
 
-    def read(self, node: int, index: int, subindex: int = 0) -> bytes:
+    def read(
+        self, node: int, index: int, subindex: int = 0, *, max_bytes: int = MAX_OBJECT_BYTES
+    ) -> bytes:
         """Read an object's bytes, in up to `READ_ATTEMPTS` attempts."""
         for _ in range(READ_ATTEMPTS - 1):
             # Frames may be lost or doubled; reading again changes nothing.
             with suppress(DuplicateNodeId):
                 try:
-                    return self.read_once(node, index, subindex)
+                    return self.read_once(node, index, subindex, max_bytes=max_bytes)
+                except EndlessAnswer:
+                    raise
                 except BusError:
                     self._unanswered[node] += 1
                     self._require_answers()
             # Without this pause, a late answer would be taken for the answer to the next request.
             self._pause.wait(_IN_TRANSIT_S)
-        return self.read_once(node, index, subindex)
+        return self.read_once(node, index, subindex, max_bytes=max_bytes)
 
     def _require_answers(self) -> None:
         requests = self._network.asked
@@ -161,10 +181,28 @@ class ObjectAccess:
         if lost >= MIN_UNANSWERED and lost > MAX_UNANSWERED_FRACTION * requests.total():
             raise FramesLost(unanswered)
 
-    def read_once(self, node: int, index: int, subindex: int = 0) -> bytes:
+    def read_once(
+        self, node: int, index: int, subindex: int = 0, *, max_bytes: int = MAX_OBJECT_BYTES
+    ) -> bytes:
         """Read an object's bytes without a second attempt."""
-        data = self._exclusive(node, index, subindex, lambda client: client.upload(index, subindex))
-        return bytes(data)
+        limit_s = max_bytes / MIN_READ_BYTES_PER_S + self._timeout_s
+
+        def upload(client: Any) -> bytes:
+            began_s, data = self._clock(), b""
+            stream = client.open(index, subindex, buffering=0)
+            try:
+                while segment := stream.read(7):
+                    data += segment
+                    taken_s = self._clock() - began_s
+                    if len(data) > max_bytes or taken_s > limit_s:
+                        raise EndlessAnswer(node, index, subindex, len(data), max_bytes, limit_s)
+                    self.raise_if_cancelled()
+            except HardwareError:
+                client.abort()
+                raise
+            return data
+
+        return bytes(self._exclusive(node, index, subindex, upload))
 
     def read_unsigned(self, node: int, index: int, subindex: int = 0) -> int:
         """Read an unsigned integer of any size."""
@@ -206,6 +244,7 @@ class ObjectAccess:
         """Run an access, only one at a time per node, and translate its errors."""
         outer = sys.exception()  # handled by the caller, not part of this access
         with self._locks[node]:
+            self.raise_if_cancelled()
             try:
                 return access(self._clients[node])
             except (SdoAbortedError, SdoCommunicationError) as error:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterator
 from typing import Final
@@ -9,14 +10,15 @@ from typing import Final
 from hardware.arm import DriveState
 from hardware.canopen import objects
 from hardware.canopen.bus_profile import BusProfile
-from hardware.canopen.cia402 import CONTROLWORD_QUICK_STOP, state_of
+from hardware.canopen.cia402 import Command, command_of, state_of
 from hardware.canopen.cyclic import frames_of, unpack_emergency
 from hardware.canopen.objects import NmtState, emergency_text, node_of
-from hardware.monitors.node_monitor import NMT_NAMES, initiated_transfer
+from hardware.monitors.node_monitor import NMT_NAMES, initiated_transfer, nmt_state_name
 
 SILENT_S: Final = 1.5
-"""Time without heartbeat after which a node is reported as silent."""
+"""Time without heartbeat after which a node is reported as silent; a SYNC after such a time is reported too."""
 _ABORT, _BLOCK_DOWNLOAD, _BLOCK_ANSWER = 0x80, 6, 5
+_EXPEDITED, _SIZED, _BLOCK_SIZED = 0x02, 0x01, 0x02
 
 
 class BusMonitor:
@@ -40,8 +42,10 @@ class BusMonitor:
         self._heard_s: dict[int, float] = {}
         self._silent: set[int] = set()
         self._modes: dict[int, int] = {}
-        self._stopped: set[int] = set()
+        self._last_command: dict[int, Command] = {}
+        self._sync_s = -math.inf
         self._in_block: set[int] = set()
+        self._wrong_lengths: set[int] = set()
 
     def take_in(self, identifier: int, data: bytes, now_s: float) -> Iterator[str]:
         """Take in a frame; yield one sentence for each change that it shows."""
@@ -52,6 +56,10 @@ class BusMonitor:
             yield from self._status(identifier, data)
         elif identifier in self._commands:
             yield from self._command(identifier, data)
+        elif identifier == objects.COB_SYNC:
+            before_s, self._sync_s = self._sync_s, now_s
+            if now_s - before_s > SILENT_S:
+                yield "a master has begun to send SYNC"
         elif node := node_of(identifier, objects.COB_EMCY):
             code = unpack_emergency(data)
             if code is not None:
@@ -75,7 +83,9 @@ class BusMonitor:
         return {
             "frames": sum(self.frames.values()),
             "syncs": self.frames[objects.COB_SYNC],
-            "nodes": {str(node): _state(state) for node, state in sorted(self.nodes.items())},
+            "nodes": {
+                str(node): nmt_state_name(state) for node, state in sorted(self.nodes.items())
+            },
             "silent": sorted(self._silent),
             "joints": {
                 str(joint): {"drive": drive.value, "position_counts": self.positions.get(joint)}
@@ -93,11 +103,18 @@ class BusMonitor:
         if state == NmtState.BOOT_UP:
             yield f"{self._node_name(node)}: has booted"
         elif before != state:
-            yield f"{self._node_name(node)}: {_state(state)}"
+            yield f"{self._node_name(node)}: {nmt_state_name(state)}"
 
     def _status(self, identifier: int, data: bytes) -> Iterator[str]:
         joint, answer = self._answers[identifier]
-        values = answer.unpack(data) or {}
+        values = answer.unpack(data)
+        if values is None:
+            if identifier not in self._wrong_lengths:
+                self._wrong_lengths.add(identifier)
+                sent = f"TPDO {identifier:03X}h with {len(data)} bytes"
+                yield f"joint {joint}: {sent}; the bus profile has {answer.size}, so its data are ignored"
+            return
+        self._wrong_lengths.discard(identifier)
         if (counts := values.get(objects.POSITION_ACTUAL)) is not None:
             self.positions[joint] = counts
         word = values.get(objects.STATUSWORD)
@@ -109,15 +126,13 @@ class BusMonitor:
         joint, frames = self._commands[identifier]
         values = frames.decode_command(identifier, data)
         word, mode = values.get(objects.CONTROLWORD), values.get(objects.MODE)
-        if word is not None and word != CONTROLWORD_QUICK_STOP:
-            self._stopped.discard(joint)
-        elif word is not None and joint not in self._stopped:
-            self._stopped.add(joint)
-            yield f"joint {joint}: quick stop commanded"
+        if word is not None and self._last_command.get(joint) is not command_of(word):
+            self._last_command[joint] = command_of(word)
+            yield f"joint {joint}: {command_of(word).value} commanded"
         if mode is not None and self._modes.get(joint) != mode:
             self._modes[joint] = mode
             name = objects.JOINT_MODE.get(mode)
-            yield f"joint {joint}: {f'mode {mode}' if name is None else name.value} mode commanded"
+            yield f"joint {joint}: {f'mode {mode}' if name is None else f'{name.value} mode'} commanded"
 
     def _node_name(self, node: int) -> str:
         if node == objects.OPERATOR_NODE:
@@ -147,13 +162,16 @@ class BusMonitor:
             return
         writes, _ = initiated_transfer(data) or (False, 0)
         if writes:
-            yield f"{self._node_name(node)}: {place} was written"
+            yield f"{self._node_name(node)}: write of {_written(data)} to {place} requested"
             if data[0] >> 5 == _BLOCK_DOWNLOAD:
                 self._in_block.add(node)
 
 
-def _state(state: int) -> str:
-    try:
-        return NmtState(state).name.lower().replace("_", "-")
-    except ValueError:
-        return f"NMT state {state}"
+def _written(data: bytes) -> str:
+    """Return the value in a request that initiates a write or, if the request carries none, its size."""
+    block = data[0] >> 5 == _BLOCK_DOWNLOAD
+    if data[0] & _EXPEDITED and not block:
+        size = 4 - (data[0] >> 2 & 3) if data[0] & _SIZED else 4
+        return f"{int.from_bytes(data[4 : 4 + size], 'little'):0{2 * size}X}h"
+    sized = data[0] & (_BLOCK_SIZED if block else _SIZED)
+    return f"{int.from_bytes(data[4:], 'little')} bytes" if sized else "data"

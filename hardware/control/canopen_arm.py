@@ -26,6 +26,7 @@ from hardware.canopen.objects import (
     Abort,
     emergency_text,
 )
+from hardware.canopen.sdo import MAX_DOCUMENT_BYTES
 from hardware.control import motion_steps, uploading
 from hardware.control.connectable_arm import ConnectableArm, release_arm
 from hardware.control.connection import Connection
@@ -185,7 +186,7 @@ class CanopenArm(ConnectableArm):
         if supervisor is None:
             return b""
         try:
-            return self._link.access.read(supervisor, DOCUMENT)
+            return self._link.access.read(supervisor, DOCUMENT, max_bytes=MAX_DOCUMENT_BYTES)
         except errors.SdoRefused as refused:
             if refused.code == Abort.NO_DATA:
                 return b""

@@ -75,6 +75,11 @@ class ConnectableArm:
         link = self._connection
         return self._recording_failure if link is None else link.wire.recording_failure
 
+    @property
+    def found_powered(self) -> dict[int, DriveState]:
+        """State of each joint's drive that had power, with no operator heard, before connecting switched it off."""
+        return dict(self._link.found_powered)
+
     def take_over(self) -> None:
         """Allow the next connection to reset drives that stay enabled although no operator's heartbeat is heard."""
         self._takes_over = True

@@ -11,7 +11,7 @@ from typing import Final
 import can
 
 from hardware import errors
-from hardware.arm import ArmSnapshot, Fault, HostLatency, JointMode, JointState
+from hardware.arm import ArmSnapshot, DriveState, Fault, HostLatency, JointMode, JointState
 from hardware.arm_description import EncoderDescription
 from hardware.buses.acceptance_filters import operator_filters, set_hardware_filters
 from hardware.buses.python_can import ArmOnBus, stamping_clock
@@ -65,6 +65,8 @@ class Connection:
         """Whether this program is in control now, and whether it was at any time in this connection."""
         self._late_before_control = 0
         self._compares_positions = True
+        self.found_powered: dict[int, DriveState] = {}
+        """State of each joint's drive that had power, with no operator heard, before connecting reset its node."""
         self.rated_torques_nm: tuple[float, ...] = (0.0,) * len(profile.joints)
         """Torques of joints 1..n at 1000 per mille in 6077h, N m."""
         bus = on_bus.openers.main(settings)

@@ -15,6 +15,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 
+from hardware.arm import DriveState
 from hardware.buses.shared_bus import SharedBus
 from hardware.canopen import objects
 from hardware.canopen.bus_profile import BusProfile
@@ -159,6 +160,10 @@ class ControlLoop:
             stop_latched=self.latch.latched,
             lost_joints=self._sampler.lost(),
             duplicate_joints=self._sampler.duplicates(),
+            wrong_lengths=self._sampler.wrong_lengths(),
+            tripped_joints=self.sample.joints_in(
+                {DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE}
+            ),
         )
         despite = () if task is None else task.despite
         first = next((alarm for alarm in every if not isinstance(alarm, despite)), None)

@@ -119,6 +119,7 @@ class Sampler:
         self._awaited = [False] * joints
         self._surplus = [0] * joints
         self._overdue = [0] * joints
+        self._wrong_lengths: dict[int, int] = {}
         blank = Sample(sync_count=0, **self._columns(), missing=tuple(range(1, joints + 1)))
         self._history: deque[Sample] = deque(maxlen=SPEED_SYNCS)
         self.view = CyclicView(blank, blank, tuple(self._answered_at_s), tuple(self._late_at_s))
@@ -149,7 +150,7 @@ class Sampler:
     ) -> bool:
         """Take in a frame; return whether the frame is a TPDO of a joint. `late_s`: accumulated host latency, s.
 
-        A TPDO of the wrong length is ignored.
+        A TPDO of the wrong length is no answer; see `wrong_lengths`.
         """
         part_read = self._parts.get(identifier)
         if part_read is None:
@@ -157,7 +158,9 @@ class Sampler:
         at, part, answer = part_read
         values = answer.unpack(data)
         if values is None:
+            self._wrong_lengths[identifier] = len(data)
             return True
+        self._wrong_lengths.pop(identifier, None)
         self._states[at].update(values)
         self._answered_at_s[at] = now_s
         self._late_at_s[at] = late_s
@@ -196,6 +199,14 @@ class Sampler:
     def lost(self) -> tuple[int, ...]:
         """Return the joints that are no longer waited for."""
         return tuple(j for j, missed in enumerate(self._missed, 1) if missed >= self._max_misses)
+
+    def wrong_lengths(self) -> dict[int, str]:
+        """Describe the last TPDO of each joint that sends one of another length than the profile's."""
+        texts = dict[int, str]()
+        for identifier, got in tuple(self._wrong_lengths.items()):
+            at, _, answer = self._parts[identifier]
+            texts[at + 1] = f"its TPDO {identifier:03X}h has {got} bytes, expected {answer.size}"
+        return texts
 
     def _columns(self) -> dict[str, tuple[int, ...]]:
         statuswords, counts, torques = zip(*(state.values() for state in self._states), strict=True)

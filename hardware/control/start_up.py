@@ -27,11 +27,12 @@ from hardware.canopen.drive_settings import (
     operator_timeout_s,
 )
 from hardware.canopen.maps import check_communication, check_mapping, check_positions
-from hardware.canopen.objects import NmtCommand
+from hardware.canopen.objects import NmtCommand, NmtState
 from hardware.canopen.sdo import ObjectAccess
 from hardware.control import motion_steps
 from hardware.control.connection import Connection
 from hardware.control.tasks import Steps
+from hardware.monitors.node_monitor import NMT_NAMES, nmt_state_name
 from hardware.timing import Pace
 
 MARGIN: Final = 1.5
@@ -102,6 +103,7 @@ class StartUp:
         loop, access, profile = self._loop, self._access, self._profile
         self._pressed = lambda: loop.latch.last_press is not press
         loop.nodes.cancelled = lambda: self._pressed() or loop.failure is not None
+        access.raise_if_cancelled = self._raise_if_cancelled
         loop.start()
         self._listen(self._timing.listen_s)
         # In fast forward no time passes for the drives, and no other program can use the simulated arm.
@@ -116,7 +118,7 @@ class StartUp:
         if missing and not profile.configures_pdos:
             # The present nodes may show that the arm is set up differently: report both.
             check_mapping(access, profile, missing)
-        _require(missing)
+        self._require(missing, NmtCommand.RESET_COMMUNICATION)
         identity = identifying.read_identity(access, profile, self._link.on_bus.description)
         self._require_unique_nodes()
         self._raise_if_cancelled()
@@ -126,7 +128,8 @@ class StartUp:
         zeroed = tuple(self._zeroed)
         self._raise_if_cancelled()
         loop.begin_heartbeat()
-        _require(self._send_nmt(NmtCommand.START, loop.nodes.is_operational))
+        waiting = self._send_nmt(NmtCommand.START, loop.nodes.is_operational)
+        self._require(waiting, NmtCommand.START)
         if profile.supervisor is not None:
             self._link.token = access.read_unsigned(profile.supervisor, objects.TOKEN)
         loop.begin_sync()
@@ -136,6 +139,7 @@ class StartUp:
         self._read_fault_codes(first)
         self._link.read_modes()
         self._raise_if_cancelled()
+        access.raise_if_cancelled = lambda: None  # a later STOP ends no access
         configured = (*self._configured, *zeroed)
         return replace(identity, unwatching=unwatching, configured=configured, zeroed=zeroed)
 
@@ -177,6 +181,7 @@ class StartUp:
         if not takes_over and (obeys or (enabled and holder)):
             named = [f"{profile.who(n)} is in state {state.value}" for n, state in enabled.items()]
             raise errors.ArmInUse(named, timeout_s)
+        self._link.found_powered = {profile.joint_of[n]: state for n, state in enabled.items()}
 
     def _listen(self, for_s: float) -> None:
         """Listen for `for_s` s; raise an error on hearing another operator or master."""
@@ -211,7 +216,13 @@ class StartUp:
             check_communication(access, profile)
             self._raise_if_cancelled()
             self._configured = configure(access, profile, self._command_nodes)
-        check_mapping(access, profile)
+        try:
+            check_mapping(access, profile)
+        except errors.MappingMismatch as unchanged:
+            if not self._configured:
+                raise
+            refusals = [f"{text} although it was written" for text in unchanged.differences]
+            raise errors.PdoSetupFailed(refusals) from unchanged
         self._raise_if_cancelled()
         return unwatching if profile.configures_pdos else self._check_arm(identity)
 
@@ -254,6 +265,24 @@ class StartUp:
             self._raise_if_cancelled()
         return missing
 
+    def _require(self, missing: tuple[int, ...], command: NmtCommand) -> None:
+        """Raise an error for nodes that have not complied with an NMT command: `NodeMissing` if they do not answer."""
+        nodes = self._loop.nodes
+        answering = _read_all(self._access, [(node, objects.DEVICE_TYPE) for node in missing])
+        self._raise_if_cancelled()
+        not_started = dict[int, str]()
+        for node in missing:
+            state = nodes.nmt_state.get(node, NmtState.BOOT_UP)
+            if state != NmtState.BOOT_UP and node not in nodes.silent():
+                name, stays = NMT_NAMES[command], nmt_state_name(state)
+                not_started[node] = f"stays {stays} after the NMT command {name!r}"
+            elif (node, objects.DEVICE_TYPE) in answering:
+                not_started[node] = "answers by SDO, but sends no heartbeat"
+        if silent := tuple(node for node in missing if node not in not_started):
+            raise errors.NodeMissing(silent)
+        if not_started:
+            raise errors.NodeNotStarted(not_started)
+
     def _command_nodes(self, command: NmtCommand, nodes: Iterable[int] = ()) -> None:
         """Send an NMT command to each of `nodes`, by default to all nodes of the arm; never to other devices."""
         for node in nodes or self._profile.nodes:
@@ -276,8 +305,3 @@ class StartUp:
             yield from ()
 
         self._loop.run(note())
-
-
-def _require(missing: tuple[int, ...]) -> None:
-    if missing:
-        raise errors.NodeMissing(missing)

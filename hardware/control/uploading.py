@@ -12,7 +12,7 @@ from hardware import errors
 from hardware.arm import UploadReceipt
 from hardware.canopen import objects
 from hardware.canopen.objects import Abort, ParameterCommand, Slot
-from hardware.canopen.sdo import ObjectAccess
+from hardware.canopen.sdo import MAX_DOCUMENT_BYTES, ObjectAccess
 
 if TYPE_CHECKING:
     from hardware.control.connection import Connection
@@ -137,7 +137,8 @@ class _Attempt:
 
     def _compare(self) -> None:
         """Compare the staged document with the one sent, by bytes and digest; discard it if they differ."""
-        document, staged = self._document, self._access.read(self._supervisor, objects.DOCUMENT)
+        document = self._document
+        staged = self._access.read(self._supervisor, objects.DOCUMENT, max_bytes=MAX_DOCUMENT_BYTES)
         sha256, length = self._read_sha256(), self._read_length()
         if staged == document and length == len(document) and sha256 == self._sha256:
             return

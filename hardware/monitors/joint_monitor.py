@@ -8,8 +8,9 @@ noise nor motion, because no joint of a closed chain moves alone: counts were lo
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -219,10 +220,14 @@ def alarms(
     stop_latched: bool,
     lost_joints: tuple[int, ...] = (),
     duplicate_joints: tuple[int, ...] = (),
+    wrong_lengths: Mapping[int, str] = MappingProxyType({}),
+    tripped_joints: tuple[int, ...] = (),
 ) -> Iterator[errors.HardwareError]:
     """Yield all alarms, highest priority first.
 
-    `lost_joints`: joints that do not answer SYNC; `duplicate_joints`: joints that answer each SYNC twice.
+    `lost_joints`: joints that do not answer SYNC; `duplicate_joints`: joints that answer each SYNC twice;
+    `wrong_lengths` describes TPDOs that are no answers because of their length; `tripped_joints`: joints whose drives
+    are in fault.
     """
     if watch.divergence is not None:  # the cause of a STOP comes before the STOP
         yield stop_error(watch.divergence)
@@ -234,7 +239,8 @@ def alarms(
         elif fault.code == EmergencyCode.REFERENCE_LIMIT:
             yield errors.TargetRefused(f"joint {fault.joint}: {fault.text}")
         else:
-            yield errors.DriveFault(fault.joint, fault.code, fault.text)
+            tripped = fault.joint in tripped_joints
+            yield errors.DriveFault(fault.joint, fault.code, fault.text, tripped=tripped)
     if nodes.foreign_command:  # before the NMT states, which that program may have changed
         yield errors.OtherMaster(
             f"Another program commands this arm: it sent {nodes.foreign_command}. End that program, check what it "
@@ -259,16 +265,7 @@ def alarms(
             "its sensor lost counts, or its coupling slipped. No pose has been captured since",
             since_sync=watch.jump.sync_count,
         )
-    silent = (
-        ("no heartbeat from node", nodes.silent()),
-        ("no answer to SYNC from node", tuple(drives[j - 1] for j in lost_joints)),
-    )
-    if silence := " and ".join(
-        f"{what} {', '.join(map(str, joints))}" for what, joints in silent if joints
-    ):
-        yield errors.BusError(
-            f"The arm has gone silent: {silence}. Check power and cable, then reconnect."
-        )
+    yield from _silence(nodes, lost_joints, wrong_lengths)
     if nodes.other_operator(nodes.heartbeat_timeout_s):
         yield errors.ControlDenied(OPERATOR_NODE)
     for each in watch.dropout.dropouts:  # last: all of the above may be the cause
@@ -277,4 +274,28 @@ def alarms(
             each.state.value,
             not_following=each.not_following,
             conditions=conditions(each.status),
+        )
+
+
+def _silence(
+    nodes: NodeMonitor, lost_joints: tuple[int, ...], wrong_lengths: Mapping[int, str]
+) -> Iterator[errors.BusError]:
+    drives = nodes.profile.drives
+    if wrong := [
+        f"node {drives[j - 1]}: {wrong_lengths[j]}" for j in lost_joints if j in wrong_lengths
+    ]:
+        yield errors.BusError(
+            f"Answers to SYNC are not as the bus profile states: {'; '.join(wrong)}. Compare the drive's map with "
+            "the profile (`sarcal probe`); if they agree, its maker must find out why it sends something else."
+        )
+    mute = tuple(drives[j - 1] for j in lost_joints if j not in wrong_lengths)
+    silent = (
+        ("no heartbeat from node", nodes.silent()),
+        ("no answer to SYNC from node", mute),
+    )
+    if silence := " and ".join(
+        f"{what} {', '.join(map(str, joints))}" for what, joints in silent if joints
+    ):
+        yield errors.BusError(
+            f"The arm has gone silent: {silence}. Check power and cable, then reconnect."
         )

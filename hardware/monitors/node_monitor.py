@@ -32,6 +32,14 @@ NMT_NAMES: Final = {
 """Names of NMT commands for messages."""
 
 
+def nmt_state_name(state: int) -> str:
+    """Return the name of an NMT state for messages."""
+    try:
+        return NmtState(state).name.lower().replace("_", "-")
+    except ValueError:
+        return f"NMT state {state}"
+
+
 def describe_master_frame(profile: BusProfile, identifier: int, data: bytes) -> str:
     """Describe a frame that only a master sends, with its identifier; empty for a frame that the nodes send.
 

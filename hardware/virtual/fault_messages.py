@@ -70,7 +70,14 @@ class FaultDescription:
         return f"goes on; once the fault is reported: {self.arm}" if self.texts else "goes on"
 
 
-_GONE = ("no answer from node", "does not answer", "has gone silent", "has left operation")
+_GONE = (
+    "no answer from node",
+    "does not answer",
+    "sends no heartbeat",
+    "after the NMT command",
+    "has gone silent",
+    "has left operation",
+)
 _BAD_FRAMES = (*_GONE, "bus loses frames", "Hardly any SYNC is answered")
 _CABLE = (
     "Cable, connectors, terminators and bitrate; then connect again: every accepted pose stays."
@@ -131,6 +138,7 @@ FAULTS: Mapping[str, FaultDescription] = {
             "refused",
             "are not set up as",
             "tripped: ",
+            "reports an error: ",
             "has restarted",
             "is not the one",
             "range",
@@ -339,7 +347,7 @@ FAULTS: Mapping[str, FaultDescription] = {
     "emcy-storm": FaultDescription(
         "a drive sends fifty emergencies on every SYNC",
         "`sarcal monitor` shows the errors; take that drive off the bus.",
-        texts=("joint {joint} tripped: ", "Hardly any SYNC is answered"),
+        texts=("joint {joint} reports an error: ", "Hardly any SYNC is answered"),
         always_reported=True,
     ),
     "refused-modes": FaultDescription(

@@ -21,8 +21,8 @@ from operator_app.safe_output import as_json, say
 CHECK = """\
 Made by `sarcal probe`; nothing was moved. Check what a drive cannot report before anything is enabled:
 - Joints are numbered in the order of their nodes. Renumber them where the arm's order is another.
-- Which way does each joint count? Turn it by hand and watch `sarcal monitor`; where its count falls while
-  its angle grows in the arm file's sense, add direction: -1.
+- Which way does each joint count? Turn it by hand, and probe before and after that; where its 6064h falls
+  while its angle grows in the arm file's sense, add direction: -1.
 - Where the position units of a drive are not those of the arm file's sensor, add counts_per_rev.
 - {maps}
 - Does each drive hold when the operator's heartbeat (node 127) is lost (1016h)? `sarcal arm-check` tests it."""

@@ -23,9 +23,12 @@ def execute(args: argparse.Namespace) -> int:
                 "the embedded virtual arm has nothing to reset: it starts with each command; name a bus with -i, "
                 "or a session on one"
             )
+        found: dict[int, DriveState] = {}
         if isinstance(rig.arm, CanopenArm):
             rig.arm.take_over()  # the only command that switches off drives that another program left enabled
         identity = rig.arm.connect()
+        if isinstance(rig.arm, CanopenArm):
+            found = rig.arm.found_powered
         written = [f"Set up as the bus profile requires: {line}" for line in identity.configured]
         unwatching = unwatching_words(identity)
         for line in (*written, *([unwatching] if unwatching else [])):
@@ -34,9 +37,9 @@ def execute(args: argparse.Namespace) -> int:
         known = {fault.joint: f"{fault.text} ({fault.code:04X}h)" for fault in before.faults}
         stopped = {DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE, *POWERED_STATES}
         faults = {
-            joint.joint: known.get(joint.joint, drive_words(joint.drive))
+            joint.joint: known.get(joint.joint, drive_words(found.get(joint.joint, joint.drive)))
             for joint in before.joints
-            if joint.drive in stopped
+            if joint.drive in stopped or joint.joint in found
         }
         stays: dict[int, str] = {}
         if faults:
@@ -59,7 +62,7 @@ def execute(args: argparse.Namespace) -> int:
 def report(
     cleared: dict[int, str], stays: dict[int, str], *, arm_joints: int, in_json: bool
 ) -> None:
-    """Print which joints' faults were cleared, and which remain."""
+    """Print which joints' faults were cleared or drives switched off, and which faults remain."""
     if in_json:
         facts = {
             "cleared": [{"joint": j, "was": text} for j, text in cleared.items()],
@@ -68,7 +71,8 @@ def report(
         say(as_json(facts))
         return
     for joint, text in cleared.items():
-        say(f"Joint {joint}  {text}: reset")
+        done = "switched off" if text == drive_words(DriveState.OPERATION_ENABLED) else "reset"
+        say(f"Joint {joint}  {text}: {done}")
     if cleared:
         say("The drives are off. Nothing has moved.")
     elif not stays:

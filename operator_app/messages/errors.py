@@ -19,15 +19,18 @@ from hardware.errors import (
     DriveFault,
     DriveNotReady,
     DuplicateNodeId,
+    EndlessAnswer,
     HardwareError,
     HostLatencyExceeded,
     MappingChanged,
     MappingMismatch,
     ModeNotReached,
     NodeMissing,
+    NodeNotStarted,
     NodeRestarted,
     OtherMaster,
     PdoSetupFailed,
+    SdoRefused,
     SensorFault,
     Stopped,
     TargetRefused,
@@ -85,13 +88,17 @@ def _remedy(error: BaseException) -> str:
 REMEDIES: Mapping[type, str] = {
     BusError: "Without a heartbeat the drives hold by themselves. Check cable and interface, "
     "then connect again",
+    EndlessAnswer: "Then connect again; if it happens again, the node needs its maker's service",
     HostLatencyExceeded: "Without a heartbeat the drives hold by themselves. Close other programs on this "
     "computer, then connect again",
     NodeMissing: "Check that these nodes are powered and on the bus, then connect again",
+    NodeNotStarted: "Then connect again",
     WrongArm: "Connect the arm that the arm file describes, or use the arm file of the connected arm",
     MappingMismatch: "Nothing was enabled and nothing moves",
     MappingChanged: "This pose was not captured; the earlier poses passed this check and are kept",
     PdoSetupFailed: "Nothing was enabled and nothing moves",
+    SdoRefused: "The manual of that node states what this object is and when it is refused: set it up with its maker's "
+    "tool, then connect again",
     ControlDenied: "Ask the other operator to give up control, then connect again",
     DuplicateNodeId: "Until then this program moves nothing and captures nothing",
     OtherMaster: "Until then this program moves nothing and captures nothing; the other program may still move the "

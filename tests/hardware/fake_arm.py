@@ -84,10 +84,12 @@ class FakeArmBus(can.BusABC):
         self.syncs = 0
         self.sent: list[tuple[int, bytes]] = []
         self.without_heartbeat: set[int] = set()
+        self.never_starts: set[int] = set()
         self.duplicates_response: Callable[[int], bool] = lambda _node: False
         self.denies_control = False
         self.objects: dict[tuple[int, int, int], bytes | int] = {}
         self.without_tpdo: set[int] = set()
+        self.short_tpdo: set[int] = set()
         self.doubling_tpdo: set[int] = set()
         self.offline: set[int] = set()
         self.started: set[int] = set()
@@ -204,6 +206,8 @@ class FakeArmBus(can.BusABC):
                 bits = 0x1210 if follows and joint not in self.not_following else 0x0210
                 status = (drive.status | bits) ^ self.inverted_bits.get(joint, 0)
                 frame = struct.pack("<Hih", status, counts, drive.torque)
+                if joint in self.short_tpdo:
+                    frame = frame[:-2]
                 for _ in range(2 if joint in self.doubling_tpdo else 1):
                     self._queue.append((0x180 + joint, frame))
         elif 0x201 <= identifier <= 0x200 + JOINTS:
@@ -227,7 +231,7 @@ class FakeArmBus(can.BusABC):
                 if not self.drops(0x700 + node, b"\x00"):
                     self._queue.append((0x700 + node, b"\x00"))
                 self._queue.append((0x700 + node, b"\x7f"))
-            elif command == 0x01:
+            elif command == 0x01 and node not in self.never_starts:
                 self.started.add(node)
                 self._next_beat = 0.0
 

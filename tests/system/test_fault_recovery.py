@@ -225,7 +225,7 @@ def test_probe_and_monitor_report_bus_traffic(tmp_path, bus):
     for message in (
         "joint 3: has booted",
         "the operator (node 127): operational",
-        "node 16: 2010h sub 0 was written",
+        "node 16: write of 0000007Fh to 2010h sub 0 requested",
         "joint 2: free mode commanded",
         "joint 1: drive operation enabled",
         "nothing was sent",

@@ -130,6 +130,23 @@ def test_fixed_map_is_reported_and_other_maps_are_restored(foreign, connect):
     assert all(axis.word == 0 for axis in foreign.axes)
 
 
+def test_drive_that_confirms_a_map_and_ignores_it_is_reported(foreign, connect):
+    drive = foreign.nodes[2]
+    write = drive.set_data
+
+    def confirm(index: int, subindex: int, data: bytes, check_writable: bool = False) -> None:
+        if not check_writable or index != 0x1A02:
+            write(index, subindex, data, check_writable)
+
+    drive.set_data = confirm
+    with pytest.raises(PdoSetupFailed) as refused:
+        connect(profile())
+    (refusal,) = refused.value.refusals
+    assert refusal.startswith("node 3, 1A02h: expected TPDO3 = ")
+    assert refusal.endswith(" although it was written")
+    wait_for(lambda: maps_are_restored(foreign))
+
+
 def test_missing_pdo_is_reported_before_anything_is_written(foreign, connect):
     with pytest.raises(PdoSetupFailed) as refused:
         connect(profile(PROFILE.replace("pdo: 4", "pdo: 1")))

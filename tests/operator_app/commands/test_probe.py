@@ -2,7 +2,7 @@
 
 from hardware.canopen.drive_settings import DrivePdo
 from hardware.commissioning.probe import FoundNode, Probe
-from operator_app.commands.probe import probe_json
+from operator_app.commands.probe import CHECK, probe_json
 
 
 def test_json_lists_valid_pdos_and_counts_all():
@@ -23,3 +23,9 @@ def test_json_lists_valid_pdos_and_counts_all():
         "node", "device_type", "device_name", "serial_number", "drive", "position_counts", "heard", "problems",
         "pdos", "described", "supervises", "room", "notes", "unread",
     }  # fmt: skip
+
+
+def test_counting_direction_is_checked_with_a_command_that_shows_counts(approve):
+    """`sarcal monitor` prints none, and no drive sends any without SYNC."""
+    assert "monitor" not in CHECK
+    approve(CHECK)

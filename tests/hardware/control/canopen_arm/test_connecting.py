@@ -9,7 +9,14 @@ import pytest
 
 from hardware.arm import DriveState
 from hardware.arm_description import EncoderDescription
-from hardware.errors import BusError, ControlDenied, NodeMissing, OtherMaster, WrongArm
+from hardware.errors import (
+    BusError,
+    ControlDenied,
+    NodeMissing,
+    NodeNotStarted,
+    OtherMaster,
+    WrongArm,
+)
 from tests.hardware.control.canopen_arm.conftest import PER_RAD, describe, make, short_timing
 from tests.hardware.fake_arm import FakeArmBus
 
@@ -38,6 +45,7 @@ def test_operator_heartbeat_prevents_any_transmission(bus):
     with pytest.raises(ControlDenied) as denied:
         make(bus).connect()
     assert denied.value.holder == 127
+    assert "another program" in str(denied.value), "node 127 is this program's number too"
     assert bus.sent == []
 
 
@@ -80,6 +88,17 @@ def test_missing_nodes_fail_connecting_and_leave_no_thread(bus):
     assert missing.value.nodes == (3, 16)
     assert bus.sent.count((0x000, b"\x82\x03")) == 1, "a silent node is not reset again"
     assert threading.active_count() == before
+
+
+@pytest.mark.parametrize("defect", ["without_heartbeat", "never_starts"])
+def test_node_that_does_not_start_is_not_called_missing(bus, defect, approve):
+    """It has booted and answers by SDO."""
+    setattr(bus, defect, {2})
+    with pytest.raises(NodeNotStarted) as refused:
+        make(bus).connect()
+    assert list(refused.value.nodes) == [2]
+    assert bus.commands == []
+    approve(str(refused.value))
 
 
 def test_bus_failure_during_boot_ends_connecting():

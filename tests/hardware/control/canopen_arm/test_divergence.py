@@ -160,7 +160,7 @@ def test_drives_moving_after_stop_are_disabled(live, bus, joints):
     reason = live.snapshot().stopped_for
     assert reason.startswith(tuple(f"joint {j} has moved by +1" for j in joints))
     assert "after it was stopped" in reason
-    with pytest.raises(DriveDiverged, match="that drive has been switched off"):
+    with pytest.raises(DriveDiverged, match="that drive was commanded to switch off"):
         live.capture(1)
     assert {d.status for j, d in bus.drives.items() if j not in joints} == {0x07}
     live.reset_stop()

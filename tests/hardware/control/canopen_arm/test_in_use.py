@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from hardware.arm import DriveState
 from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import ArmInUse, CommandRefused, ControlDenied, NodeMissing, OtherMaster
 from hardware.monitors.joint_monitor import JointMonitor, alarms
@@ -164,6 +165,7 @@ def test_take_over_resets_enabled_drives_once(arm, bus):
     arm.take_over()
     arm.connect()
     assert bus.resets > 0
+    assert arm.found_powered == {2: DriveState.OPERATION_ENABLED}
     arm.close()
     arm.take_over()
     bus.offline = {3}

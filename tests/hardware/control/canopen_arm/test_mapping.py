@@ -8,7 +8,7 @@ import pytest
 from hardware.arm_description import JointScale
 from hardware.canopen.drive_settings import following_windows_counts
 from hardware.canopen.sdo import ObjectAccess
-from hardware.errors import MappingMismatch
+from hardware.errors import MappingMismatch, SdoRefused
 from tests.hardware.control.canopen_arm.conftest import make
 from tests.hardware.fake_arm import FakeArmBus
 from tests.oracles.profiles import sarcos
@@ -233,3 +233,34 @@ def test_nonzero_torque_or_offset_is_refused(bus, index, form, value):
         assert remedy in message
     for wrong in ("probe --draft", "no bus profile can accept another value"):
         assert wrong not in message
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("code", [0x08000000, 0x06010000, 0x06040043, 0x05040001, 0x12345678])
+def test_objects_refused_like_index_0000h_are_absent(bus, code):
+    """A drive with an abort code of its own for objects that it does not have."""
+    of = bus.object_of
+
+    def answer(node: int, index: int, sub: int) -> bytes | int:
+        value = of(node, index, sub)
+        return code if node == 2 and value in (0x06020000, 0x06090011) else value
+
+    bus.object_of = answer
+    arm = make(bus)
+    assert 2 in arm.connect().unwatching
+    arm.close()
+
+
+@pytest.mark.parametrize("index", [0x1019, 0x6071])
+def test_object_that_exists_but_cannot_be_read_is_refused(bus, index):
+    bus.objects[2, index, 0] = 0x08000000
+    with pytest.raises(SdoRefused, match=f"node 2 refused {index:04X}h sub 0"):
+        make(bus).connect()
+
+
+def test_count_of_map_entries_is_one_byte(bus):
+    """An answer that states no size has garbage beyond it."""
+    bus.objects[3, 0x1A00, 0] = u32(0x5A5A5A03)
+    arm = make(bus)
+    arm.connect()
+    arm.close()

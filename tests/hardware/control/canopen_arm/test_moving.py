@@ -170,6 +170,14 @@ def test_tripped_drive_ends_move_and_others_hold(driven, bus, joint, watch):
         driven.capture(3)
 
 
+def test_emergency_of_an_enabled_drive_is_not_called_a_trip(driven, bus, approve):
+    bus.inject(0x85, struct.pack("<HB5x", 0x4210, 0x08))
+    with pytest.raises(DriveFault) as fault:
+        driven.move({2: 1.0}, speed_rad_per_s=0.5)
+    assert bus.statuses == {0x27}
+    approve(str(fault.value))
+
+
 def test_other_master_takes_precedence_over_resulting_trip(driven, bus):
     """A drive that another program resets makes the others overload each other; the rest hold."""
     bus.at(40, lambda: bus.inject(0x000, b"\x81\x03"))

@@ -21,6 +21,15 @@ def test_joint_without_tpdo_ends_move(driven, bus):
     assert joints[5].age_s > joints[0].age_s
 
 
+def test_answers_of_wrong_length_are_not_called_silence(driven, bus, approve):
+    bus.short_tpdo = {6}
+    with pytest.raises(BusError) as refused:
+        driven.move({2: 0.5}, speed_rad_per_s=0.5)
+    approve(str(refused.value))
+    bus.short_tpdo = set()
+    assert driven.capture(2).samples == 2
+
+
 def test_close_after_silence_reports_unknown_state(driven, bus):
     bus.offline = {16}
     with pytest.raises(BusError, match="no heartbeat from node 16"):
@@ -29,8 +38,10 @@ def test_close_after_silence_reports_unknown_state(driven, bus):
     assert not driven.close()
 
 
-def test_bus_failure_raises_bus_error_in_every_call(driven, bus):
-    bus.io_error = can.CanOperationError("cable cut")
+@pytest.mark.parametrize("kind", [can.CanOperationError, RuntimeError])
+def test_bus_failure_raises_bus_error_in_every_call(driven, bus, kind):
+    """Drivers raise errors of any kind."""
+    bus.io_error = kind("cable cut")
     with pytest.raises(BusError, match="cable cut"):
         driven.capture(5)
     with pytest.raises(BusError):

@@ -44,10 +44,8 @@ def verdict_text(facts: Facts, *, failed: str = "") -> str:
     if facts.accepted:
         codes = _codes_in_verdict(facts)
         reasons = tuple(n.sentence for n in facts.notices if n.code in codes)
-        head = f"{head} the calibration meets its limits.{' Possible causes of error:' if reasons else ''}"
-    if failed:
-        head = paragraph(head)
-    return "\n".join((head, *(paragraph(f"- {text}", indent=2) for text in reasons)))
+        head = f"{head} {facts.limits_met}.{' Possible causes of error:' if reasons else ''}"
+    return "\n".join((paragraph(head), *(paragraph(f"- {text}", indent=2) for text in reasons)))
 
 
 def _codes_in_verdict(facts: Facts) -> set[str]:

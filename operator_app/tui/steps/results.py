@@ -40,8 +40,8 @@ class VerdictPanel(Lines):
 
     TITLE = "Verdict"
     HELP = (
-        "Accepted means that the limits of the procedure are met; notes below it are observations that no test "
-        "rejects. Tool: position error over the joints' ranges, by the arm file before and by "
+        "Accepted means that the limits of the procedure are met (a high condition number is only noted); notes "
+        "below it are observations that no test rejects; v shows them in full. Tool: position error over the joints' ranges, by the arm file before and by "
         "the parameters' sigmas after. sigma_pos and sigma_ori are the closure "
         "errors at the measured joints, before (nominal) and after; rms is the usual definition, "
         "as printed is the paper's formula."
@@ -74,6 +74,9 @@ class VerdictPanel(Lines):
         in_full = [row for text in short for row in wrapped(text, width, role, "   ")]
         if len(rows) + len(in_full) > height:
             in_full = [line((text, role)) for text in short]
+        if (hidden := len(rows) + len(in_full) - height) > 0:
+            shown = max(0, len(in_full) - hidden - 1)
+            in_full = [*in_full[:shown], line((f"   {len(in_full) - shown} more (v)", "dim"))]
         return [clip(row, width) for row in (*rows, *in_full)]
 
 

@@ -22,7 +22,7 @@ from operator_app.tui.steps.modes import PlanPanel
 from operator_app.tui.steps.results import ResultsPlot, VerdictPanel
 from operator_app.tui.widgets.list_panel import JointTable
 from solver.diagnostics.cross_validation import CommonShift
-from tests.oracles.story import busy, stale, story
+from tests.oracles.story import busy, stale, story, with_condition_above
 
 
 def lines_of(panel, picture, width: int, height: int) -> list[str]:
@@ -41,6 +41,16 @@ def test_verdict_counts_notes_and_shows_accuracy(width):
         shown_mm = float(words[words.index(name) - 2])
         assert shown_mm == pytest.approx(figures[name]["rms"], rel=0.01)
     assert len(row) <= width
+
+
+@pytest.mark.parametrize("height", [5, 6, 7, 8])
+def test_verdict_counts_the_notes_that_do_not_fit(height):
+    s = with_condition_above(with_condition_above(story()["solved"], 20.0), 30.0)
+    notes, rows = len(s.solution.warnings), lines_of(VerdictPanel(), s, 98, height)
+    assert len(rows) == height
+    assert rows[0].endswith(f"{notes} notes")
+    shown = sum(row.startswith(" · ") for row in rows)
+    assert shown == notes or rows[-1] == f"   {notes - shown} more (v)"
 
 
 def test_unreachable_plan_is_stated():

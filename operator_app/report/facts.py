@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from operator_app.calibration.acceptance import Verdict
 from operator_app.calibration.calibrated_arm import side_of
 from operator_app.calibration.result import Solution
 from operator_app.calibration.rvdt import reading_tables
@@ -81,6 +82,11 @@ class Facts:
     def json(self) -> dict[str, Any]:
         """The object of `sarcal solve --json`."""
         return merged(self.data, keyed(self.tables))
+
+    @property
+    def notices_are_notes(self) -> bool:
+        """Whether the notices require no action: those of an accepted calibration are called notes."""
+        return self.verdict == Verdict.ACCEPTED.words
 
     @property
     def limits_met(self) -> str:

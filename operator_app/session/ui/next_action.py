@@ -153,7 +153,8 @@ def _results(s: SessionSnapshot) -> NextAction:
     if missing_for(Step.EXPORT, s):
         hint = "not accepted: follow the warnings, or exclude bad poses, and calibrate again"
         return NextAction("step_4", "Capture more", hint)
-    return _next(Step.EXPORT, "the calibration is accepted")
+    verdict = "" if s.solution is None else s.solution.verdict.words
+    return _next(Step.EXPORT, f"the calibration is {verdict}")
 
 
 def _export(s: SessionSnapshot) -> NextAction:

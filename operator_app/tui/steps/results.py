@@ -54,7 +54,7 @@ class VerdictPanel(Lines):
         verdict, count = s.solution.verdict, len(facts.notices)
         glyph, role = VERDICT_GLYPHS[verdict]
         # Notices are called notes here, because ACCEPTED, WITH WARNINGS is another verdict.
-        noted = verdict is Verdict.ACCEPTED and count
+        noted = facts.notices_are_notes and count
         tail = f" · {plural(count, 'note')}" if noted else ""
         sigmas = [h for h in facts.headlines if h.closure]
         others = [h for h in facts.headlines if not h.closure and h.name != "rank"]
@@ -119,7 +119,7 @@ class ResultsPlot(Lines):
     TITLE = "Residuals (v: next)"
     HELP = (
         "v turns over: residual of each pose, corrections by joint, the linearity deviation of each RVDT "
-        "by the loops, the warnings in full, then tables: possible causes, D-H, tool position "
+        "by the loops, the warnings or notes in full, then tables: possible causes, D-H, tool position "
         "uncertainty, uncertainty budget, closure of held-out poses. The first line of an RVDT's "
         "plot states its specification."
     )
@@ -160,9 +160,12 @@ class ResultsPlot(Lines):
             rows = _of_rvdt(subject, verdict, width, height, ascii_only=ascii_only)
             return f"RVDT of J{verdict.joint}", rows
         if page == self.words_from:
-            texts = [wrapped(f" ▲ {n.text}", width, "warn", "   ") for n in solution.warnings]
+            # The word of the verdict panel: an accepted calibration has notes.
+            noted = facts.notices_are_notes
+            mark, role = ("·", "text") if noted else ("▲", "warn")
+            texts = [wrapped(f" {mark} {n.text}", width, role, "   ") for n in facts.notices]
             full = [row for lines in texts for row in (*lines, ())]
-            return "Warnings in full", full or [line((" none", "dim"))]
+            return f"{'Notes' if noted else 'Warnings'} in full", full or [line((" none", "dim"))]
         shown = [table for ident in TABLES if (table := facts.table(ident)) is not None]
         table = [joint_table(subject, subject.implicit), *shown][page - self.words_from - 1]
         head, body = table_spans(table)

@@ -10,6 +10,8 @@ import pytest
 from operator_app.calibration.acceptance import Verdict
 from operator_app.headless.plain_messages import describe
 from operator_app.report.subject import facts_on
+from operator_app.report.text import facts_text
+from operator_app.session.ui.next_action import next_action
 from operator_app.session.ui.snapshot import Level, Message, SessionSnapshot, TaskKind
 from operator_app.session.ui.steps import Step
 from operator_app.tui.dialogs import Read
@@ -68,6 +70,29 @@ def test_unreachable_plan_is_stated():
 def test_steps_of_a_resumed_session_show_its_result_before_the_arm_is_connected():
     s = replace(story()["solved"], solution=None)
     assert (detail(Step.CALIBRATE, s), detail(Step.RESULTS, s)) == ("implicit", "accepted")
+
+
+async def test_every_panel_names_the_same_verdict(still):
+    """Accepted with warnings is another verdict than accepted with notes."""
+    s = story()["solved"]
+    for causes, words, short, title in (
+        ((), "accepted", "accepted", "Notes"),
+        (s.solution.warnings[:1], "accepted, with warnings", "with warnings", "Warnings"),
+    ):
+        adjudication = replace(s.solution.adjudication, causes=causes)
+        now = replace(s, solution=replace(s.solution, adjudication=adjudication))
+        assert f"the calibration is {words}:" in next_action(Step.RESULTS, now).hint
+        assert detail(Step.RESULTS, now) == short
+        async with still(now, step=Step.RESULTS) as d:
+            plots = d.app.main.query_one(ResultsPlot)
+            while not str(plots.border_title).startswith(f"{title} in full"):
+                assert plots.page < plots.count - 1
+                await d.press("v")
+            assert ("▲" in d.text("#results-plot")) == (title == "Warnings")
+        plain = describe(Step.RESULTS, now)
+        assert any(row.startswith(f"{title[:-1]}: ") for row in plain)
+        mark = "\n! " in facts_text(facts_on(now))
+        assert mark == (title == "Warnings")
 
 
 def test_condition_limit_is_that_of_the_procedure():

@@ -27,7 +27,7 @@ def next_action(step: Step, s: SessionSnapshot) -> NextAction:
     if s.data is DataState.LOST and s.task is None:
         return _lost(step)
     if s.task is not None and not s.task.moves:
-        return NextAction("", "", f"{s.task.text} ...")
+        return NextAction("", "", f"{s.task.progress} ...")
     if s.stopped:
         when = (
             "the arm stopped by itself: keep clear until the cause is known, then"
@@ -40,7 +40,8 @@ def next_action(step: Step, s: SessionSnapshot) -> NextAction:
         hint = "a drive has a fault: find the cause, then Enter (or R) resets it; nothing moves"
         return NextAction("reset", "Reset fault", hint)
     if s.task is not None:
-        return NextAction("", "", f"{s.task.text}: any key stops it")
+        key = "" if s.task.ending else ": any key stops it"
+        return NextAction("", "", f"{s.task.progress}{key}")
     if not s.connected and Step.CONNECT < step < Step.CALIBRATE:
         return NextAction("step_1", "To Connect", "no arm is connected: Enter goes to step 1")
     return _BY_STEP[step](s)

@@ -280,6 +280,12 @@ class Operations(CalibrationOperations):
         """Publish the current move."""
         self._publish(at_waypoint=None, heading=move)
 
+    def planning(self, *, active: bool) -> None:
+        """Publish whether the next poses are being planned."""
+        self._publisher.publish(
+            lambda s: s if s.task is None else replace(s, task=replace(s.task, planning=active))
+        )
+
     def arrived(self, waypoint: int) -> None:
         """Publish the waypoint."""
         self._publish(at_waypoint=waypoint)

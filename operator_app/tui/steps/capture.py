@@ -36,18 +36,22 @@ class StillPanel(Lines):
 
 
 def _target(s: SessionSnapshot) -> Line:
+    if s.task is not None and s.task.planning:
+        return short_entry("Target", "none yet: the next poses are being planned")
     if s.heading is not None:
         return short_entry("Target", f"{_angles(s.heading.targets_rad)}: {s.heading.why}")
     planned = s.procedure.capture.strategy == "planned"
     if planned and len(s.state.used_poses) >= s.required_poses > 0:
         return short_entry("Target", "none: the plan is complete")
+    if s.chooses_by_plan and s.task is not None:
+        return short_entry("Target", "a pose captured before: see the messages")
     if s.next_waypoint is None or not s.plan:
         return short_entry("Target", "none left" if s.plan else "no plan yet")
-    target = s.plan[s.next_waypoint]
+    target = f"waypoint {s.next_waypoint + 1}: {_angles(s.plan[s.next_waypoint])}"
+    if s.chooses_by_plan:
+        return short_entry("Target", f"a: chosen by the plan; g: {target}")
     waypoint_text = f"   at waypoint {s.at_waypoint + 1}" if s.at_waypoint is not None else ""
-    return short_entry(
-        "Target", f"waypoint {s.next_waypoint + 1}: {_angles(target)}", (waypoint_text, "dim")
-    )
+    return short_entry("Target", target, (waypoint_text, "dim"))
 
 
 def _angles(targets_rad: Mapping[int, float]) -> str:

@@ -63,9 +63,10 @@ def _status(s: SessionSnapshot) -> Line:
     if s.data is DataState.LOST:
         return (("▲ DATA LOST quick stop sent; the drives hold by themselves", "alarm"),)
     if s.task is not None and stops_on_any_key(s.task):
-        return ((f"▶ ANY KEY STOPS  {s.task.text}", "accent"),)
+        key = "" if s.task.ending else "ANY KEY STOPS  "
+        return ((f"▶ {key}{s.task.progress}", "accent"),)
     if s.task is not None:
-        return (("◌ ", "bold"), (s.task.text, "text"))
+        return (("◌ ", "bold"), (s.task.progress, "text"))
     if s.simulated:
         return (("no real arm on this bus: nothing can be damaged", "dim"),)
     return (("hardware stop within reach? Software STOP is not an emergency stop", "dim"),)

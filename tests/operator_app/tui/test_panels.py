@@ -17,7 +17,7 @@ from operator_app.session.ui.steps import Step
 from operator_app.tui.dialogs import Read
 from operator_app.tui.lines import Clicked
 from operator_app.tui.main_screen import detail
-from operator_app.tui.steps.capture import ProgressPanel, QualityPanel
+from operator_app.tui.steps.capture import ProgressPanel, QualityPanel, StillPanel
 from operator_app.tui.steps.export import RecordPanel
 from operator_app.tui.steps.fixture import ChecksPanel
 from operator_app.tui.steps.modes import PlanPanel
@@ -149,6 +149,23 @@ def test_remaining_time_ignores_operator_pauses():
     assert "min left" not in progress_after(5.0), "most poses precede this task"
     planned = replace(s.procedure, capture=replace(s.procedure.capture, strategy="planned"))
     assert "exploring" in progress_after(3600.0, replace(s, procedure=planned))
+
+
+def test_target_of_a_planned_capture_is_not_the_waypoint_of_a_single_move():
+    s = story()["capturing"]
+    planned = replace(s.procedure, capture=replace(s.procedure.capture, strategy="planned"))
+    s = replace(s, procedure=planned)
+    waypoint = f"waypoint {s.next_waypoint + 1}: "
+
+    def target(s):
+        return lines_of(StillPanel(), s, 98, 2)[0].removeprefix(" Target    ")
+
+    assert target(s).startswith(f"a: chosen by the plan; g: {waypoint}")
+    running = busy(s, TaskKind.AUTOMATIC, moves=True)
+    assert waypoint not in target(running)
+    task = replace(running.task, planning=True)
+    assert "being planned" in target(replace(running, task=task))
+    assert target(busy(s, TaskKind.MOVE, moves=True)).startswith(waypoint)
 
 
 def test_trend_covers_all_poses():

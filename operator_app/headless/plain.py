@@ -79,7 +79,7 @@ class Plain:
     def run(self) -> str:
         """Show menus until the operator quits, and return the reason for the end. Ctrl-C means STOP.
 
-        If the arm is stopped, silent or not connected, Ctrl-C raises KeyboardInterrupt instead.
+        If the arm is silent or not connected, Ctrl-C raises KeyboardInterrupt instead.
         """
         self._terminal.say(
             "sarcal, plain mode. Type a number and Enter. While the arm moves, Enter stops it; "
@@ -96,6 +96,7 @@ class Plain:
         return "left"
 
     def _menu(self) -> None:
+        self._wait()  # a task that Ctrl-C ended may not have ended yet: it would close every item
         s = self.snapshot()
         self._terminal.say("\n" + lines(describe(self._step, s)))
         chosen = self._one_of(self._items(s), "Number: ")
@@ -104,7 +105,6 @@ class Plain:
                 self.refuse(chosen.missing)
             else:
                 chosen.do()
-                self._wait()
 
     def _one_of(self, items: list[_Item], prompt: str) -> _Item | None:
         """List the items, ask for a number, and return the item with this number; None if there is no such item."""
@@ -275,7 +275,7 @@ class Plain:
     def _wait(self) -> None:
         """Wait for the running task; Enter cancels a motion."""
         s = self.snapshot()
-        if s.task is not None and guards.stops_on_any_key(s.task):
+        if s.task is not None and guards.stops_on_any_key(s.task) and not s.task.ending:
             self._terminal.say(f"{s.task.kind.value}: press Enter to stop it.")
         while s.task is not None:
             if not guards.stops_on_any_key(s.task):
@@ -285,10 +285,11 @@ class Plain:
             s = self.snapshot()
 
     def _stop(self) -> bool:
-        """Send STOP on Ctrl-C and return True; False, without STOP, if the arm is stopped, silent or not connected."""
+        """Send STOP on Ctrl-C and return True; False, without STOP, if the arm is silent or not connected."""
         s = self.runner.snapshot()
-        if not s.connected or s.stopped or s.data is DataState.LOST:
+        if not s.connected or s.data is DataState.LOST:
             return False
         self.runner.stop()
         self.snapshot()
+        self._terminal.say("Ctrl-C sent STOP. When it is safe, choose Reset STOP; Quit ends the program.")
         return True

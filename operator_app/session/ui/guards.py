@@ -291,13 +291,16 @@ def in_modes(s: SessionSnapshot) -> bool:
     return s.drives_ready and len(s.position_joints) == s.mobility
 
 
-def may_reset(s: SessionSnapshot) -> str:
-    """A reset needs a latched STOP or a drive fault."""
+def needs_reset(s: SessionSnapshot) -> bool:
+    """Whether STOP is latched or a drive has a fault."""
     arm = s.arm
     tripped = arm is not None and any(j.drive is DriveState.FAULT for j in arm.joints)
-    if s.stopped or tripped or (arm is not None and arm.faults):
-        return idle(s)
-    return "STOP is not latched"
+    return s.stopped or tripped or (arm is not None and bool(arm.faults))
+
+
+def may_reset(s: SessionSnapshot) -> str:
+    """A reset needs a latched STOP or a drive fault."""
+    return idle(s) if needs_reset(s) else "STOP is not latched"
 
 
 def stops_on_any_key(task: RunningTask | None) -> bool:

@@ -126,6 +126,28 @@ def test_ctrl_c_stops_a_connected_arm_and_offers_the_reset(source):
     assert any("STOP reset: nothing moves" in row for row in script.said)
 
 
+def test_ctrl_c_in_a_motion_waits_for_its_end_and_stops_again(source):
+    """The menu comes after the task has ended, with the reset; another Ctrl-C is STOP too."""
+    source.pace_s = 0.05
+    script = Script(
+        *TO_CAPTURE, "Capture the remaining", press_ctrl_c, "Reset STOP", "Quit"
+    )
+    pressed: list[int] = []
+
+    def touched() -> bool:
+        if source.arm.snapshot().moving and not pressed:
+            pressed.append(len(script.said))
+            raise KeyboardInterrupt
+        return False
+
+    script.key_pressed_when = touched
+    assert Plain(source, script, pause=pause_briefly).run() == "left"
+    assert len(source.arm.stops) == 2
+    after = script.said[pressed[0] :]
+    assert not any("closed: wait" in row for row in after)
+    assert any("STOP reset: nothing moves" in row for row in after)
+
+
 def test_ctrl_c_without_an_arm_ends_the_program(source):
     with pytest.raises(KeyboardInterrupt):
         run(source, press_ctrl_c)

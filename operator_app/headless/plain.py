@@ -291,5 +291,7 @@ class Plain:
             return False
         self.runner.stop()
         self.snapshot()
-        self._terminal.say("Ctrl-C sent STOP. When it is safe, choose Reset STOP; Quit ends the program.")
+        self._terminal.say(
+            "Ctrl-C sent STOP. When it is safe, choose Reset STOP; Quit ends the program."
+        )
         return True

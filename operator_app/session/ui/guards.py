@@ -293,9 +293,7 @@ def in_modes(s: SessionSnapshot) -> bool:
 
 def needs_reset(s: SessionSnapshot) -> bool:
     """Whether STOP is latched or a drive has a fault."""
-    arm = s.arm
-    tripped = arm is not None and any(j.drive is DriveState.FAULT for j in arm.joints)
-    return s.stopped or tripped or (arm is not None and bool(arm.faults))
+    return s.stopped or bool(s.drive_faults) or (s.arm is not None and bool(s.arm.faults))
 
 
 def may_reset(s: SessionSnapshot) -> str:
@@ -309,7 +307,7 @@ def stops_on_any_key(task: RunningTask | None) -> bool:
 
 
 def _not_ready(s: SessionSnapshot) -> str:
-    """Return text that names a drive that is not enabled or not in its confirmed mode."""
+    """Return text that names the drives that are not enabled, or one that is not in its confirmed mode."""
     if s.arm is None:
         return "there is no data from the drives"
     for joint, mode in zip(s.arm.joints, s.modes, strict=False):
@@ -319,4 +317,8 @@ def _not_ready(s: SessionSnapshot) -> str:
             actual = "no mode" if joint.mode is None else joint.mode.value
             required = "position" if mode is JointMode.POSITION else "free"
             return f"joint {joint.joint} reports {actual} instead of {required}"
+    others = [j.drive for j in s.arm.joints if j.drive is not DriveState.OPERATION_ENABLED]
+    if len(others) > 1:
+        states = set(map(drive_words, others))
+        return f"{len(others)} drives are {states.pop() if len(states) == 1 else 'not enabled'}"
     return "the drives are not ready"

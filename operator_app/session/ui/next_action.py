@@ -36,9 +36,8 @@ def next_action(step: Step, s: SessionSnapshot) -> NextAction:
         )
         hint = f"{when} Enter (or R) resets it; nothing moves by itself"
         return NextAction("reset", "Reset STOP", hint)
-    if s.arm is not None and any(j.drive is DriveState.FAULT for j in s.arm.joints):
-        hint = "a drive has a fault: find the cause, then Enter (or R) resets it; nothing moves"
-        return NextAction("reset", "Reset fault", hint)
+    if faults := s.drive_faults:
+        return NextAction("reset", "Reset fault", f"{_faults(faults)}; nothing moves")
     if s.task is not None:
         key = "" if s.task.ending else ": any key stops it"
         return NextAction("", "", f"{s.task.progress}{key}")
@@ -52,6 +51,17 @@ def _lost(step: Step) -> NextAction:
     if step is Step.CONNECT:
         return NextAction("connect", "Connect again", what + "Enter connects again")
     return NextAction("step_1", "To Connect", what + "Enter goes to step 1")
+def _faults(faults: Mapping[int, str]) -> str:
+    """Return which drives are in fault, with the codes if there are any, and how to reset them."""
+    what = "; ".join(sorted({text for text in faults.values() if text}))
+    known = f" ({what})" if what else ""
+    if len(faults) == 1:
+        return f"the drive of J{min(faults)} is in fault{known}: find the cause, then Enter (or R) resets it"
+    return (
+        f"{len(faults)} drives are in fault{known}: find the cause, then Enter (or R) resets them"
+    )
+
+
 
 
 _CONNECT_AGAIN = NextAction(

@@ -261,12 +261,14 @@ class Operations(CalibrationOperations):
     # -- any time ----------------------------------------------------------------------------------
 
     def reset(self) -> None:
-        """Clear STOP; the drives stay disabled."""
+        """Clear STOP and drive faults; the drives stay disabled."""
+        arm = self._session.arm.snapshot()
+        cleared = "STOP" if arm.stopped else "drive faults"
         self._session.reset_stop()
         if self._session.arm.snapshot().stopped:  # pressed again meanwhile
             return
         self._publish(stop=None)
-        self.report("STOP reset: nothing moves; apply the modes again (step 3)")
+        self.report(f"{cleared} reset: nothing moves; apply the modes again (step 3)")
 
     def hold(self) -> None:
         """Hold all joints in position mode where they are."""

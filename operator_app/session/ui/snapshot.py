@@ -222,6 +222,15 @@ class SessionSnapshot:
         return "" if self.arm is None else self.arm.stopped_for
 
     @property
+    def drive_faults(self) -> dict[int, str]:
+        """The fault of each drive in fault, by joint: error code and meaning, "" if the drive has not told them."""
+        if self.arm is None:
+            return {}
+        told = {f.joint: f"{f.code:04X}h: {f.text}" for f in self.arm.faults if f.code}
+        in_fault = (DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE)
+        return {j.joint: told.get(j.joint, "") for j in self.arm.joints if j.drive in in_fault}
+
+    @property
     def required_poses(self) -> int:
         """Number of poses that the procedure requires."""
         return self.state.required_poses(self.procedure.capture)

@@ -41,10 +41,10 @@ class VerdictPanel(Lines):
     TITLE = "Verdict"
     HELP = (
         "Accepted means that the limits of the procedure are met (a high condition number is only noted); notes "
-        "below it are observations that no test rejects; v shows them in full. Tool: position error over the joints' ranges, by the arm file before and by "
-        "the parameters' sigmas after. sigma_pos and sigma_ori are the closure "
-        "errors at the measured joints, before (nominal) and after; rms is the usual definition, "
-        "as printed is the paper's formula."
+        "below it are observations that no test rejects, and v shows them in full. Tool: position error over the "
+        "joints' ranges, by the arm file before and by the parameters' sigmas after. sigma_pos and sigma_ori are "
+        "the closure errors at the measured joints, before (nominal) and after; rms is the usual definition, as "
+        "printed is the paper's formula."
     )
 
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:

@@ -141,9 +141,9 @@ def _drives(s: SessionSnapshot, *, short: bool) -> list[Span]:
     word = "DRV " if short else "DRIVES "
     if s.arm is None:
         return [(word, "dim"), ("○", "dim")]
-    for joint in s.arm.joints:
-        if joint.drive in (DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE):
-            return [(word, "dim"), (f"■ J{joint.joint} FAULT", "alarm")]
+    if faults := tuple(s.drive_faults):
+        which = f"J{faults[0]}" if len(faults) == 1 else str(len(faults))
+        return [(word, "dim"), (f"■ {which} FAULT", "alarm")]
     if s.stopped:
         return [(word, "dim"), ("■ STOP", "alarm")]
     count = len(s.arm.joints)

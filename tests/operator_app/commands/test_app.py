@@ -54,4 +54,6 @@ def test_written_files_are_named(source):
 
 
 def test_interrupt_is_named_in_plain_english(source):
-    assert close_and_report(source, "interrupted").startswith("sarcal: interrupted; the arm is held.")
+    assert close_and_report(source, "interrupted").startswith(
+        "sarcal: interrupted; the arm is held."
+    )

@@ -129,9 +129,7 @@ def test_ctrl_c_stops_a_connected_arm_and_offers_the_reset(source):
 def test_ctrl_c_in_a_motion_waits_for_its_end_and_stops_again(source):
     """The menu comes after the task has ended, with the reset; another Ctrl-C is STOP too."""
     source.pace_s = 0.05
-    script = Script(
-        *TO_CAPTURE, "Capture the remaining", press_ctrl_c, "Reset STOP", "Quit"
-    )
+    script = Script(*TO_CAPTURE, "Capture the remaining", press_ctrl_c, "Reset STOP", "Quit")
     pressed: list[int] = []
 
     def touched() -> bool:

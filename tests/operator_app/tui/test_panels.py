@@ -7,6 +7,7 @@ from datetime import datetime, timedelta
 import numpy as np
 import pytest
 
+from hardware.arm import Fault
 from operator_app.calibration.acceptance import Verdict
 from operator_app.headless.plain_messages import describe
 from operator_app.report.subject import facts_on
@@ -18,13 +19,14 @@ from operator_app.tui.dialogs import Read
 from operator_app.tui.lines import Clicked
 from operator_app.tui.main_screen import detail
 from operator_app.tui.steps.capture import ProgressPanel, QualityPanel, StillPanel
+from operator_app.tui.steps.connect import NodesPanel
 from operator_app.tui.steps.export import RecordPanel
 from operator_app.tui.steps.fixture import ChecksPanel
 from operator_app.tui.steps.modes import PlanPanel
 from operator_app.tui.steps.results import ResultsPlot, VerdictPanel
 from operator_app.tui.widgets.list_panel import JointTable
 from solver.diagnostics.cross_validation import CommonShift
-from tests.oracles.story import busy, stale, story, with_condition_above
+from tests.oracles.story import busy, stale, story, tripped, with_condition_above
 
 
 def lines_of(panel, picture, width: int, height: int) -> list[str]:
@@ -70,6 +72,17 @@ def test_unreachable_plan_is_stated():
 def test_steps_of_a_resumed_session_show_its_result_before_the_arm_is_connected():
     s = replace(story()["solved"], solution=None)
     assert (detail(Step.CALIBRATE, s), detail(Step.RESULTS, s)) == ("implicit", "accepted")
+
+
+@pytest.mark.parametrize("width", [98, 80])
+def test_node_in_fault_shows_its_code(width):
+    s = tripped(story()["connected"])
+    text = "excess torque"
+    fault = Fault(node=4, joint=4, code=0x8311, text=text, sync_count=0)
+    s = replace(s, arm=replace(s.arm, faults=(fault,)))
+    rows = lines_of(NodesPanel(), s, width, 12)
+    assert [row.partition("■ ")[2] for row in rows if "■" in row] == [f"fault 8311h: {text}"]
+    assert max(map(len, rows)) <= width
 
 
 async def test_every_panel_names_the_same_verdict(still):

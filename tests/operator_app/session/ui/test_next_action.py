@@ -5,7 +5,7 @@ from functools import cache
 
 import pytest
 
-from hardware.arm import DriveState
+from hardware.arm import DriveState, Fault
 from operator_app.calibration.verification import VerificationResult
 from operator_app.config.procedure_file import load_procedure
 from operator_app.report.spans import wrapped
@@ -23,13 +23,26 @@ def snapshots():
         **{
             f"{name}, {change.__name__}": change(s)
             for name, s in story().items()
-            for change in (real, *((stopped, stale, lost, diverged, tripped) if s.arm else ()))
+            for change in (
+                real,
+                *((stopped, stale, lost, diverged, tripped, heartbeat_lost) if s.arm else ()),
+            )
         },
         "moving": busy(story()["capturing"], TaskKind.AUTOMATIC, moves=True),
     }
 
 
 @pytest.mark.parametrize("step", list(Step), ids=lambda step: step.title)
+def heartbeat_lost(s):
+    """All drives have tripped, as after a killed program."""
+    faults = tuple(
+        Fault(node=j, joint=j, code=0x8130, text="operator's heartbeat lost", sync_count=0)
+        for j in range(1, 8)
+    )
+    joints = tuple(replace(j, drive=DriveState.FAULT, mode=None) for j in s.arm.joints)
+    return replace(s, arm=replace(s.arm, joints=joints, faults=faults))
+
+
 def test_hints_fit_two_rows_of_80_columns(step):
     for name, snapshot in snapshots().items():
         hint = next_action(step, snapshot).hint

@@ -317,3 +317,11 @@ def test_a_cancelled_task_is_shown_as_ending_at_once(runner):
     task.go_on.set()
     finish(runner)
     assert runner.snapshot().task is None
+
+
+def test_reset_says_what_it_cleared(runner, arm):
+    runner.operations.reset()
+    assert texts(runner)[-1].startswith("drive faults reset: ")
+    arm.stop()
+    runner.operations.reset()
+    assert texts(runner)[-1].startswith("STOP reset: ")

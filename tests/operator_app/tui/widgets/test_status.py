@@ -68,3 +68,9 @@ def test_stop_by_lost_data_is_not_shown_as_software_stop(capturing):
     )
     assert "DATA LOST" in line_of(Banner(), silent)
     assert "SOFTWARE STOP" in line_of(Banner(), replace(silent, stop=stopped(capturing).stop))
+
+
+def test_strip_counts_drives_in_fault(capturing):
+    joints = tuple(replace(j, drive=DriveState.FAULT) for j in capturing.arm.joints)
+    strip = line_of(SafetyStrip(), replace(capturing, arm=replace(capturing.arm, joints=joints)))
+    assert strip.endswith("│DRV ■ 7 FAULT")

@@ -283,6 +283,21 @@ def read_journal(folder: Path) -> JournalContents:
     return parse_journal(read_bytes(path), path)
 
 
+def is_in_use(folder: Path) -> bool:
+    """Whether a process has locked the journal in `folder`."""
+    try:
+        descriptor = os.open(folder / JOURNAL_NAME, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    except OSError:
+        return False
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except OSError:
+        return True
+    finally:
+        os.close(descriptor)
+    return False
+
+
 def lock(descriptor: int, path: Path) -> None:
     """Lock a journal for this process; if another process holds the lock, close the file and raise `JournalError`."""
     try:

@@ -282,6 +282,11 @@ async def test_session_choice_defaults_to_cancel(still):
     earlier = entry(story()["capturing"])
     async with still(story()["uploaded"], step=Step.EXPORT, entries=(earlier,)) as d:
         await d.until(lambda: d.app.screen is not d.app.main, "the offer to resume")
+        offer = await d.dialog_text()
+        used = len(earlier.state.used_poses)
+        assert f"{used} poses" in offer
+        assert "of SDA-0001 (procedure " in offer
+        assert "New session" in str(d.app.screen.query_one("#cancel").label)
         await d.press("escape")
         await d.press("o")
         assert isinstance(d.app.screen, Choose)

@@ -14,6 +14,7 @@ from operator_app.errors import SessionError
 from operator_app.session.store.folders import read_session
 from operator_app.session.ui.sessions import Sessions
 from operator_app.session.workflow.opening import Choices, Rig, begin, open_session, resume
+from tests.oracles.live_source import FakeSessions
 from tests.oracles.plant_arm import PlantArm
 
 CHANNEL = f"test-opening-{os.getpid()}"
@@ -110,3 +111,24 @@ def test_sessions_begun_in_one_second_have_separate_folders(tmp_path):
     for session in sessions:
         session.close("done")
         assert read_session(session.journal.path.parent).problem == ""
+
+
+def test_only_an_unused_session_of_the_named_procedure_is_offered(tmp_path):
+    source = FakeSessions(tmp_path / "sessions")
+    operations = source.new().operations
+    operations.connect()
+    operations.set_modes((1, 5))
+    for _ in range(2):
+        operations.capture(0)
+    operations.exclude(1)
+
+    def sessions(procedure):
+        return Sessions(procedure, Choices(), root=source.root, join=source._join)
+
+    assert sessions(None).unfinished() is None, "a process uses it"
+    source.close("left")
+    for named in (None, "hinge"):
+        offered = sessions(named).unfinished()
+        assert offered is not None
+        assert offered.folder == source.last
+    assert sessions("ball").unfinished() is None

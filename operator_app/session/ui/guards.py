@@ -205,9 +205,16 @@ def may_capture(s: SessionSnapshot) -> str:
 
 
 def may_run_automatically(s: SessionSnapshot) -> str:
-    """Automatic capture has the requirements of `may_move`, and needs poses that are still to be captured."""
-    complete = len(s.state.used_poses) >= s.required_poses
+    """Automatic capture has the requirements of `may_move`, and needs missing poses or a missing drift check."""
+    complete = len(s.state.used_poses) >= s.required_poses and not lacks_drift_check(s)
     return may_move(s) or (f"all {s.required_poses} poses are captured" if complete else "")
+
+
+def lacks_drift_check(s: SessionSnapshot) -> bool:
+    """Whether an explored capture has all its poses, but no pose has been measured again since."""
+    complete = len(s.state.used_poses) >= s.required_poses > 0
+    explored = s.procedure.capture.strategy != "planned"
+    return complete and explored and not s.state.repeated_since_capture
 
 
 def moves_real_arm(s: SessionSnapshot) -> bool:
@@ -310,6 +317,10 @@ def _not_ready(s: SessionSnapshot) -> str:
     """Return text that names the drives that are not enabled, or one that is not in its confirmed mode."""
     if s.arm is None:
         return "there is no data from the drives"
+    others = [j.drive for j in s.arm.joints if j.drive is not DriveState.OPERATION_ENABLED]
+    if len(others) > 1:
+        states = set(map(drive_words, others))
+        return f"{len(others)} drives are {states.pop() if len(states) == 1 else 'not enabled'}"
     for joint, mode in zip(s.arm.joints, s.modes, strict=False):
         if joint.drive is not DriveState.OPERATION_ENABLED:
             return f"drive {joint.joint} is {drive_words(joint.drive)}"
@@ -317,8 +328,4 @@ def _not_ready(s: SessionSnapshot) -> str:
             actual = "no mode" if joint.mode is None else joint.mode.value
             required = "position" if mode is JointMode.POSITION else "free"
             return f"joint {joint.joint} reports {actual} instead of {required}"
-    others = [j.drive for j in s.arm.joints if j.drive is not DriveState.OPERATION_ENABLED]
-    if len(others) > 1:
-        states = set(map(drive_words, others))
-        return f"{len(others)} drives are {states.pop() if len(states) == 1 else 'not enabled'}"
     return "the drives are not ready"

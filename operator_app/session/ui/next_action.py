@@ -6,8 +6,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from fixtures.base import Severity
-from hardware.arm import DriveState
-from operator_app.session.ui.guards import missing_for, modes_problem, moves_real_arm
+from operator_app.session.ui.guards import (
+    lacks_drift_check,
+    may_run_automatically,
+    missing_for,
+    modes_problem,
+    moves_real_arm,
+)
 from operator_app.session.ui.snapshot import DataState, SessionSnapshot, TaskKind, needs_reconnect
 from operator_app.session.ui.steps import Step
 from operator_app.units import names, others_free
@@ -46,11 +51,6 @@ def next_action(step: Step, s: SessionSnapshot) -> NextAction:
     return _BY_STEP[step](s)
 
 
-def _lost(step: Step) -> NextAction:
-    what = "no data from the arm; the drives hold by themselves. Check bus and controller, then "
-    if step is Step.CONNECT:
-        return NextAction("connect", "Connect again", what + "Enter connects again")
-    return NextAction("step_1", "To Connect", what + "Enter goes to step 1")
 def _faults(faults: Mapping[int, str]) -> str:
     """Return which drives are in fault, with the codes if there are any, and how to reset them."""
     what = "; ".join(sorted({text for text in faults.values() if text}))
@@ -62,6 +62,11 @@ def _faults(faults: Mapping[int, str]) -> str:
     )
 
 
+def _lost(step: Step) -> NextAction:
+    what = "no data from the arm; the drives hold by themselves. Check bus and controller, then "
+    if step is Step.CONNECT:
+        return NextAction("connect", "Connect again", what + "Enter connects again")
+    return NextAction("step_1", "To Connect", what + "Enter goes to step 1")
 
 
 _CONNECT_AGAIN = NextAction(
@@ -149,7 +154,10 @@ def _capture(s: SessionSnapshot) -> NextAction:
         if moves_real_arm(s):
             hint += " (it asks first)"
         return NextAction("automatic", "Automatic", hint)
-    return _next(Step.CALIBRATE, f"all {used} poses are captured")
+    captured = f"all {used} poses are captured"
+    if lacks_drift_check(s) and not may_run_automatically(s):
+        captured += ", but the drift check is missing (a makes it)"
+    return _next(Step.CALIBRATE, captured)
 
 
 def _calibrate(s: SessionSnapshot) -> NextAction:

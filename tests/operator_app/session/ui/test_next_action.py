@@ -10,6 +10,7 @@ from operator_app.calibration.verification import VerificationResult
 from operator_app.config.procedure_file import load_procedure
 from operator_app.report.spans import wrapped
 from operator_app.session.ui.action_handlers import apply_prompt
+from operator_app.session.ui.guards import may_run_automatically
 from operator_app.session.ui.next_action import next_action
 from operator_app.session.ui.snapshot import TaskKind
 from operator_app.session.ui.steps import Step
@@ -32,7 +33,6 @@ def snapshots():
     }
 
 
-@pytest.mark.parametrize("step", list(Step), ids=lambda step: step.title)
 def heartbeat_lost(s):
     """All drives have tripped, as after a killed program."""
     faults = tuple(
@@ -43,6 +43,7 @@ def heartbeat_lost(s):
     return replace(s, arm=replace(s.arm, joints=joints, faults=faults))
 
 
+@pytest.mark.parametrize("step", list(Step), ids=lambda step: step.title)
 def test_hints_fit_two_rows_of_80_columns(step):
     for name, snapshot in snapshots().items():
         hint = next_action(step, snapshot).hint
@@ -92,3 +93,19 @@ def test_an_open_arm_drives_all_joints():
     )
     assert apply_prompt(opened) == "Put joints 1, 2, 3, 4, 5, 6 and 7 into position mode"
     assert apply_prompt(s) == "Put joints 1 and 5 into position mode, the others free"
+
+
+def test_hint_names_the_fault_and_the_number_of_drives():
+    hint = next_action(Step.CONNECT, heartbeat_lost(story()["modes"])).hint
+    assert hint.startswith("7 drives are in fault (8130h: ")
+    hint = next_action(Step.CONNECT, tripped(story()["modes"])).hint
+    assert hint.startswith("the drive of J4 is in fault:")
+
+
+def test_a_missing_drift_check_is_named_and_can_be_made():
+    s = story()["captured"]
+    assert "drift check" not in next_action(Step.CAPTURE, s).hint
+    assert may_run_automatically(s)
+    s = replace(s, state=replace(s.state, readings=()))
+    assert "drift check is missing" in next_action(Step.CAPTURE, s).hint
+    assert not may_run_automatically(s)

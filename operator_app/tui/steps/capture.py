@@ -32,26 +32,30 @@ class StillPanel(Lines):
     )
 
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        return [clip(_target(s), width), clip(_still(s), width)]
+        target = wrapped_entry("Target", _target(s), width, column=11)
+        shown = [*target[: height - 2], *target[height - 2 :][:1]]
+        cut_off = len(target) > len(shown)
+        shown[-1] = (*shown[-1], (" …" if cut_off else "", "dim"))
+        return [*(clip(row, width) for row in shown), clip(_still(s), width)]
 
 
-def _target(s: SessionSnapshot) -> Line:
+def _target(s: SessionSnapshot) -> str:
+    """Return where the arm moves next, and what decides that."""
     if s.task is not None and s.task.planning:
-        return short_entry("Target", "none yet: the next poses are being planned")
+        return "none yet: the next poses are being planned"
     if s.heading is not None:
-        return short_entry("Target", f"{_angles(s.heading.targets_rad)}: {s.heading.why}")
+        return f"{_angles(s.heading.targets_rad)}: {s.heading.why}"
     planned = s.procedure.capture.strategy == "planned"
     if planned and len(s.state.used_poses) >= s.required_poses > 0:
-        return short_entry("Target", "none: the plan is complete")
+        return "none: the plan is complete"
     if s.chooses_by_plan and s.task is not None:
-        return short_entry("Target", "a pose captured before: see the messages")
+        return "a pose captured before: see the messages"
     if s.next_waypoint is None or not s.plan:
-        return short_entry("Target", "none left" if s.plan else "no plan yet")
+        return "none left" if s.plan else "no plan yet"
     target = f"waypoint {s.next_waypoint + 1}: {_angles(s.plan[s.next_waypoint])}"
     if s.chooses_by_plan:
-        return short_entry("Target", f"a: chosen by the plan; g: {target}")
-    waypoint_text = f"   at waypoint {s.at_waypoint + 1}" if s.at_waypoint is not None else ""
-    return short_entry("Target", target, (waypoint_text, "dim"))
+        return f"a: chosen by the plan; g: {target}"
+    return target if s.at_waypoint is None else f"{target}, now at waypoint {s.at_waypoint + 1}"
 
 
 def _angles(targets_rad: Mapping[int, float]) -> str:

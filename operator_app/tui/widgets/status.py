@@ -31,6 +31,10 @@ class SafetyStrip(Lines, can_focus=False):
         parts = (_arm, _bus, _heartbeat, _data, _modes, _drives)
         cells = [stop, *(part(s, short=short) for part in parts)]
         row = _joined(cells, short=short)
+        if length(row) > width and not short:
+            # The free joints are all others.
+            cells[-2] = _modes(s, short=True)
+            row = _joined(cells, short=short)
         if length(row) > width:
             # Omit the modes, which the step's view shows too; the state of the drives is shown only in the strip.
             row = _joined([*cells[:-2], cells[-1]], short=short)

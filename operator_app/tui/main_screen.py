@@ -56,12 +56,16 @@ def detail(step: Step, s: SessionSnapshot) -> str:
                 return "not set"
             if len(joints) == len(s.modes):
                 return "all held"
-            return f"J{' J'.join(map(str, joints))} drive"
+            if not s.drives_ready:
+                return "apply again"
+            # Only the names of more than three fit the list.
+            verb = {1: " drives", 2: " drive", 3: " drive"}.get(len(joints), "")
+            return f"J{' J'.join(map(str, joints))}{verb}"
         case Step.CAPTURE:
             return f"{len(s.state.used_poses)}/{s.required_poses} poses"
         case Step.CALIBRATE:
             # Of the journal: a resumed session shows it before the arm is connected.
-            return s.state.solved.get("estimator", "not run")
+            return str(s.state.solved.get("estimator", "not run"))
         case Step.RESULTS:
             if not s.state.solved:
                 return "—"

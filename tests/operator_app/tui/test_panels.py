@@ -7,8 +7,9 @@ from datetime import datetime, timedelta
 import numpy as np
 import pytest
 
-from hardware.arm import Fault
+from hardware.arm import Fault, JointMode
 from operator_app.calibration.acceptance import Verdict
+from operator_app.config.procedure_file import load_procedure
 from operator_app.headless.plain_messages import describe
 from operator_app.report.subject import facts_on
 from operator_app.report.text import facts_text
@@ -18,7 +19,7 @@ from operator_app.session.ui.steps import Step
 from operator_app.tui.dialogs import Read
 from operator_app.tui.lines import Clicked
 from operator_app.tui.main_screen import detail
-from operator_app.tui.steps.capture import ProgressPanel, QualityPanel, StillPanel
+from operator_app.tui.steps.capture import PosesPanel, ProgressPanel, QualityPanel, StillPanel
 from operator_app.tui.steps.connect import NodesPanel
 from operator_app.tui.steps.export import RecordPanel
 from operator_app.tui.steps.fixture import ChecksPanel
@@ -26,7 +27,7 @@ from operator_app.tui.steps.modes import PlanPanel
 from operator_app.tui.steps.results import ResultsPlot, VerdictPanel
 from operator_app.tui.widgets.list_panel import JointTable
 from solver.diagnostics.cross_validation import CommonShift
-from tests.oracles.story import busy, stale, story, tripped, with_condition_above
+from tests.oracles.story import busy, lost, stale, stopped, story, tripped, with_condition_above
 
 
 def lines_of(panel, picture, width: int, height: int) -> list[str]:
@@ -179,6 +180,59 @@ def test_target_of_a_planned_capture_is_not_the_waypoint_of_a_single_move():
     task = replace(running.task, planning=True)
     assert "being planned" in target(replace(running, task=task))
     assert target(busy(s, TaskKind.MOVE, moves=True)).startswith(waypoint)
+
+
+async def test_fixture_step_shows_the_whole_placement_and_all_ranges_of_a_ball(still):
+    s, ball = story()["connected"], load_procedure("ball")
+    s = replace(s, procedure=replace(s.procedure, fixture=ball.fixture))
+    async with still(s, step=Step.FIXTURE) as d:
+        await d.settle()
+        placement = d.words("#placement")
+        for name in ("ground_x", "ground_y", "ground_z", "tip_x", "tip_y", "tip_z"):
+            assert name in placement
+        assert "±" in placement
+        assert "Unknowns" in placement
+        checks = d.words("#checks")
+        assert all(f"J{j} " in checks.partition("ranges of the joints")[2] for j in range(1, 8))
+        assert ball.fixture.checklist[-1].split()[-1] in d.words("#checklist")
+
+
+def test_target_of_four_drives_is_shown_in_full():
+    s = story()["capturing"]
+    target = dict.fromkeys((1, 5, 6, 7), -1.5)
+    s = replace(s, plan=tuple(target for _ in s.plan))
+    rows = lines_of(StillPanel(), s, 66, 3)
+    assert len(rows) == 3
+    assert "".join(rows[:2]).count("-85.94") == 4
+    assert "…" not in "".join(rows)
+    assert len(lines_of(StillPanel(), s, 80, 2)) == 2
+
+
+@pytest.mark.parametrize("change", [stale, lost])
+def test_old_data_are_not_shown_as_standstill(change):
+    assert "no fresh data" in lines_of(StillPanel(), change(story()["capturing"]), 66, 3)[-1]
+
+
+def test_step_list_names_drives_that_are_on_and_otherwise_asks_to_apply():
+    s = story()["modes"]
+    assert detail(Step.MODES, s) == "J1 J5 drive"
+    for other in (stopped(s), tripped(s), replace(s, arm=None)):
+        assert detail(Step.MODES, other) == "apply again"
+    for joints, words in (((2,), "J2 drives"), ((1, 5, 6, 7), "J1 J5 J6 J7")):
+        modes = tuple("position" if j in joints else "free" for j in range(1, 8))
+        arm_joints = tuple(
+            replace(j, mode=JointMode(mode)) for j, mode in zip(s.arm.joints, modes, strict=True)
+        )
+        arm, state = replace(s.arm, joints=arm_joints), replace(s.state, modes=modes)
+        assert detail(Step.MODES, replace(s, arm=arm, state=state)) == words
+
+
+def test_first_pose_of_a_placement_is_marked():
+    s = story()["captured"]
+    poses = tuple(replace(p, placement=1 if p.number <= 4 else 2) for p in s.state.poses)
+    rows = lines_of(PosesPanel(), replace(s, state=replace(s.state, poses=poses)), 66, 30)
+    marked = [row for row in rows if "placement 2 begins" in row]
+    assert [int(row.split()[0].lstrip("▌") or row.split()[1]) for row in marked] == [5]
 
 
 def test_trend_covers_all_poses():

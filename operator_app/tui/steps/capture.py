@@ -8,8 +8,8 @@ from statistics import median
 
 import numpy as np
 
-from operator_app.report.spans import Line, clip, line, short_entry
-from operator_app.session.ui.snapshot import SessionSnapshot, TaskKind
+from operator_app.report.spans import Line, clip, line, short_entry, wrapped_entry
+from operator_app.session.ui.snapshot import DataState, SessionSnapshot, TaskKind
 from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
 from operator_app.tui.widgets.list_panel import JointTable, ListPanel
@@ -66,7 +66,7 @@ def _angles(targets_rad: Mapping[int, float]) -> str:
 
 def _still(s: SessionSnapshot) -> Line:
     motion = s.motion
-    if motion is None:
+    if motion is None or s.data is not DataState.FRESH:
         return short_entry("Motion", ("no fresh data", "warn"))
     if not motion.still:
         k = int(np.argmax(np.abs(motion.speed_rad_per_s)))

@@ -101,6 +101,8 @@ def _bus(s: SessionSnapshot, *, short: bool) -> list[Span]:
         return [("BUS ", "dim"), ("○" if short else "○ not connected", "dim")]
     if s.arm is None or s.data is DataState.LOST:
         return [("BUS ", "dim"), ("▲ SILENT", "alarm")]
+    if s.data is DataState.STALE:
+        return [("BUS ", "dim"), ("▲" if short else "▲ LATE", "warn")]
     rate = "" if short else f" {s.sync_rate_hz:3.0f}/s"
     return [("BUS ", "dim"), ("● ok", "text"), (rate, "text")]
 

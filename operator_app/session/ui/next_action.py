@@ -63,7 +63,7 @@ def _faults(faults: Mapping[int, str]) -> str:
 
 
 def _lost(step: Step) -> NextAction:
-    what = "no data from the arm; the drives hold by themselves. Check bus and controller, then "
+    what = "no data from the arm: its state is not known, look before you go near. Check bus and controller; "
     if step is Step.CONNECT:
         return NextAction("connect", "Connect again", what + "Enter connects again")
     return NextAction("step_1", "To Connect", what + "Enter goes to step 1")

@@ -199,7 +199,10 @@ class Plain:
         """Ask a question whose answer is yes, a line of text or a number; call `then` with a valid answer."""
         match question:
             case user_interface.YesNo():
-                typed = self._terminal.ask(f"{question.text} Type yes to go on: ").strip()
+                *rows, last = question.text.splitlines()
+                if rows:
+                    self._terminal.say(lines(rows))
+                typed = self._terminal.ask(f"{last} Type yes to go on: ").strip()
                 if typed.lower() == "yes":
                     then("yes")
                 else:

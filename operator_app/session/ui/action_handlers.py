@@ -280,11 +280,11 @@ def new_session(context: ActionContext) -> None:
 def remount(context: ActionContext) -> None:
     """Release the arm and continue in the next placement, after a confirmation that lists the operator's steps."""
     interface = context.interface
-    steps = " ".join(remounting_steps(context.s.procedure))
+    steps = "\n".join((*remounting_steps(context.s.procedure), "5. Only then connect."))
     text = (
         f"This session continues in placement {context.s.state.placement + 1}, at step 1, and keeps its poses. "
         "The drives are still on. Releasing the arm switches them off, and nothing commands the arm then. Leave "
-        f"its controller on, so that no counter is reset. {steps} 5. Only then connect."
+        f"its controller on, so that no counter is reset.\n{steps}"
     )
     question = YesNo(title="Remount the fixture?", text=text, yes="Release the arm")
     interface.ask(question, lambda _: interface.open(interface.sessions.remounted))

@@ -104,10 +104,12 @@ class PosesPanel(ListPanel):
     def row(self, s: SessionSnapshot, k: int, width: int) -> Sequence[Line]:
         """Return the line of one pose."""
         pose, is_marked = s.state.poses[-1 - k], k == self.cursor
+        before = s.state.poses[-2 - k] if k + 1 < len(s.state.poses) else pose
+        first = f"placement {pose.placement} begins " if pose.placement != before.placement else ""
         noise = READING_SD(float(pose.sd_rad.max())).shown
         predicted_m = s.live.predicted_m.get(pose.number) if s.live is not None else None
         predicted = "—" if predicted_m is None else PREDICTED(predicted_m).shown
-        note = ("✗ excluded " if pose.excluded else "") + pose.note
+        note = first + ("✗ excluded " if pose.excluded else "") + pose.note
         back = "cursor " if is_marked else ""
         text = f"{pose.number:>4}  {pose.utc[11:19]}  {noise:>11}  {predicted:>9}  {note}"
         role = "dim" if pose.excluded else "text"

@@ -175,6 +175,9 @@ def test_remounted_fixture_continues_the_same_session(source):
         "Capture the remaining", "Remount the fixture", "yes",
         *TO_CAPTURE, "Capture the remaining", "Quit",
     )  # fmt: skip
+    steps = [row[:2] for row in script.said if row[:2].rstrip(".").isdecimal() and row[1:2] == "."]
+    assert steps == ["1.", "2.", "3.", "4.", "5."], "one line each"
+    assert any("±" in row for row in script.said if row.startswith("3."))
     text = " ".join(" ".join(script.said).split())
     assert "6 poses of this placement are still to be captured" in text
     assert "Secure the arm" in text

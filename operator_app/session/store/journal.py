@@ -116,6 +116,14 @@ class Journal:
                 raise JournalForeignError(
                     f"{path} is a folder, not a file", "move it away, or name another session"
                 ) from error
+            except OSError as error:
+                if error.errno not in (errno.EROFS, errno.EACCES, errno.EPERM):
+                    raise
+                raise JournalError(
+                    f"cannot write to {path}: {error.strerror}",
+                    "make the folder and its files writable, or resume a copy of it in a folder that is; "
+                    "`sarcal report` reads it as it is",
+                ) from error
         lock(descriptor, path)
         try:
             with os_errors_as_journal_errors(

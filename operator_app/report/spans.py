@@ -25,9 +25,12 @@ short_entry = partial(entry, column=11)
 
 
 def wrapped_entry(label: str, text: str, width: int, column: int = 12) -> list[Line]:
-    """Make lines of `width` characters with a label at the left of the first."""
+    """Make lines of `width` characters with a label at the left of the first; they do not break at U+00A0."""
     rows = textwrap.wrap(text, max(width - column, 8)) or [""]
-    return [entry(label if k == 0 else "", row, column=column) for k, row in enumerate(rows)]
+    return [
+        entry(label if k == 0 else "", row.replace("\xa0", " "), column=column)
+        for k, row in enumerate(rows)
+    ]
 
 
 def length(of: Line) -> int:

@@ -60,7 +60,7 @@ def _target(s: SessionSnapshot) -> str:
 
 def _angles(targets_rad: Mapping[int, float]) -> str:
     """Return the drive joints and their targets as text."""
-    angles = "  ".join(f"J{j} {TARGET(v).shown}" for j, v in targets_rad.items())
+    angles = "  ".join(f"J{j}\xa0{TARGET(v).shown}" for j, v in targets_rad.items())
     return f"{angles} {TARGET.quantity.unit}"
 
 

@@ -61,7 +61,7 @@ class PlacementPanel(Lines):
             ("Lengths", False, NOMINAL_LENGTH, LENGTH_TOLERANCE(spec.tolerance_m)),
             ("Twists", True, NOMINAL_TWIST, ANGLE_TOLERANCE(spec.tolerance_rad)),
         ):
-            texts = [f"{p.name} {kind(p.nominal).shown}" for p in placed if p.is_angle is angles]
+            texts = [f"{p.name}\xa0{kind(p.nominal).shown}" for p in placed if p.is_angle is angles]
             if texts:
                 values = f"{'  '.join(texts)} {kind.quantity.unit}  ±{tolerance.with_unit}"
                 rows += wrapped_entry(name, values, width)

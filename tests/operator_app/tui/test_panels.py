@@ -205,6 +205,7 @@ def test_target_of_four_drives_is_shown_in_full():
     assert len(rows) == 3
     assert "".join(rows[:2]).count("-85.94") == 4
     assert "…" not in "".join(rows)
+    assert not rows[0].rstrip().endswith("J7"), "a joint is not parted from its angle"
     assert len(lines_of(StillPanel(), s, 80, 2)) == 2
 
 

@@ -189,6 +189,11 @@ def stop_error(cause: Divergence | None) -> errors.HardwareError:
     return errors.DriveDiverged(cause.joint, cause.counts, cause.sync_count, stopped=cause.stopped)
 
 
+def _nodes(numbers: Sequence[int]) -> str:
+    """Return nodes as text."""
+    return f"node{'s' if len(numbers) > 1 else ''} {', '.join(map(str, numbers))}"
+
+
 def alarms(
     nodes: NodeMonitor,
     watch: JointMonitor,
@@ -219,9 +224,9 @@ def alarms(
         )
     down = nodes.not_operational()
     if down:
-        numbers = ", ".join(map(str, down))
+        has = "has" if len(down) == 1 else "have"
         yield errors.BusError(
-            f"Node {numbers} has left operation, as after a loss of power. Reconnect."
+            f"{_nodes(down).capitalize()} {has} left operation, as after a loss of power. Reconnect."
         )
     if nodes.restarted:
         restarted = tuple(sorted(nodes.restarted))
@@ -237,12 +242,10 @@ def alarms(
             since_sync=watch.jump.sync_count,
         )
     silent = (
-        ("no heartbeat from node", nodes.silent()),
-        ("no answer to SYNC from node", tuple(drives[j - 1] for j in lost_joints)),
+        ("no heartbeat from", nodes.silent()),
+        ("no answer to SYNC from", tuple(drives[j - 1] for j in lost_joints)),
     )
-    if silence := " and ".join(
-        f"{what} {', '.join(map(str, joints))}" for what, joints in silent if joints
-    ):
+    if silence := " and ".join(f"{what} {_nodes(numbers)}" for what, numbers in silent if numbers):
         yield errors.BusError(
             f"The arm has gone silent: {silence}. Check power and cable, then reconnect."
         )

@@ -70,7 +70,7 @@ class FaultDescription:
         return f"goes on; once the fault is reported: {self.arm}" if self.texts else "goes on"
 
 
-_GONE = ("no answer from node", "does not answer", "has gone silent", "has left operation")
+_GONE = ("no answer from node", "does not answer", "has gone silent", "left operation")
 _BAD_FRAMES = (*_GONE, "bus loses frames", "Hardly any SYNC is answered")
 _CABLE = (
     "Cable, connectors, terminators and bitrate; then connect again: every accepted pose stays."
@@ -212,7 +212,7 @@ FAULTS: Mapping[str, FaultDescription] = {
     "restart-node": FaultDescription(
         "a joint's drive restarts, its counter at zero",
         "Find out why it lost its power; reference its counter, then connect again.",
-        texts=("has left operation", "has restarted", "outside its range", "at zero", "near zero"),
+        texts=("left operation", "has restarted", "outside its range", "at zero", "near zero"),
         kept=f"{ALL_POSES}; not the zero of that drive's counter",
         always_reported=True,
     ),

@@ -132,7 +132,8 @@ class Plain:
             )
         items += self._ways(s)
         items += [item for action in common for item in self._lines(action, s)]
-        items.append(_Item(label="Quit: the arm is held, the session is kept", do=self._leave))
+        held = "the arm is held, " if s.connected else ""
+        items.append(_Item(label=f"Quit: {held}the session is kept", do=self._leave))
         return items
 
     def _lines(self, action: user_interface.Action, s: SessionSnapshot) -> list[_Item]:
@@ -218,7 +219,7 @@ class Plain:
                 options = [
                     _Item(label=text, do=partial(then, name)) for name, text in question.options
                 ]
-                chosen = self._one_of([_Item(label="None", do=lambda: None), *options], "Which: ")
+                chosen = self._one_of([_Item(label="Cancel", do=lambda: None), *options], "Which: ")
                 if chosen is not None:
                     chosen.do()
 

@@ -259,7 +259,8 @@ class ScreenInterface:
             return
         self._opening = True
         if self.app.runner is not None:
-            self.refuse("closing this session: its work ends and the arm is held")
+            held = " and the arm is held" if self.app.runner.connected else ""
+            self.refuse(f"closing this session: its work ends{held}")
         self.app.run_worker(self._open(make, then))
 
     async def _open(

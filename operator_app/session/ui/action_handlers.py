@@ -264,15 +264,20 @@ def procedure(context: ActionContext) -> None:
     interface = context.interface
     procedures = map(load_procedure, builtin_names("procedure"))
     options = tuple((p.name, summary(p)) for p in procedures)
-    text = "This session is closed and kept, the arm is held, and a new session starts."
+    text = f"This session is closed and kept{_held(context.s)}, and a new session starts."
     question = OneOf(title="Which procedure?", text=text, options=options)
     interface.ask(question, lambda answer: interface.open(lambda: interface.sessions.new(answer)))
+
+
+def _held(s: SessionSnapshot) -> str:
+    """Return that the arm is held, for a sentence about leaving the session, if an arm is connected."""
+    return ", the arm is held" if s.connected else ""
 
 
 def new_session(context: ActionContext) -> None:
     """Start another session, after confirmation."""
     interface = context.interface
-    text = "This session is closed and kept, the arm is held, and a new session starts at step 1."
+    text = f"This session is closed and kept{_held(context.s)}, and a new session starts at step 1."
     question = YesNo(title="New session?", text=text, yes="Start")
     interface.ask(question, lambda _: interface.open(interface.sessions.new))
 

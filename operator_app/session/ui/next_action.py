@@ -130,7 +130,7 @@ def _modes(s: SessionSnapshot) -> NextAction:
         return NextAction("apply_modes", "Apply modes", hint)
     driven = names(f"J{k}" for k in marked)
     others = others_free(len(marked), s.procedure.arm.joint_count)
-    hint = f"Enter applies the modes: {driven} drive{others} (it asks first)"
+    hint = f"Enter applies the modes: {driven} drive{'s' if len(marked) == 1 else ''}{others} (it asks first)"
     return NextAction("apply_modes", "Apply modes", hint)
 
 
@@ -143,14 +143,14 @@ def _capture(s: SessionSnapshot) -> NextAction:
     if poses_left > 0 and missing:
         return NextAction("back", "Back to Modes", f"{missing}; Enter goes back there")
     if poses_left > 0:
-        poses = "the pose" if poses_left == 1 else f"the {poses_left} poses"
-        hint = f"Enter captures {poses} left automatically; g and c capture one by hand"
+        poses = "the last pose" if poses_left == 1 else f"the {poses_left} remaining poses"
+        hint = f"Enter captures {poses} automatically; g and c capture one by hand"
         if s.procedure.capture.strategy == "planned":
             planned = s.procedure.capture.poses
             hint = f"Enter explores as far as needed, then captures the {planned} most informative poses"
         if s.state.resumed and s.state.poses_here:
             first = s.state.poses_here[0].number
-            hint = f"Enter measures pose {first} again (drift check), then captures {poses} left"
+            hint = f"Enter measures pose {first} again (drift check), then captures {poses}"
         if moves_real_arm(s):
             hint += " (it asks first)"
         return NextAction("automatic", "Automatic", hint)

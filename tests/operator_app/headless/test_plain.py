@@ -146,6 +146,12 @@ def test_ctrl_c_in_a_motion_waits_for_its_end_and_stops_again(source):
     assert any("STOP reset: nothing moves" in row for row in after)
 
 
+def test_without_an_arm_nothing_is_said_to_be_held(source):
+    script = run(source, "New session", "yes", "Start another", "Cancel", "Quit")
+    assert script.reason == "left"
+    assert not any("arm is held" in row for row in script.said)
+
+
 def test_ctrl_c_without_an_arm_ends_the_program(source):
     with pytest.raises(KeyboardInterrupt):
         run(source, press_ctrl_c)

@@ -109,3 +109,11 @@ def test_a_missing_drift_check_is_named_and_can_be_made():
     s = replace(s, state=replace(s.state, readings=()))
     assert "drift check is missing" in next_action(Step.CAPTURE, s).hint
     assert not may_run_automatically(s)
+
+
+@pytest.mark.parametrize(("left", "words"), [(1, "the last pose"), (2, "the 2 remaining poses")])
+def test_hint_counts_the_poses_that_remain(left, words):
+    s = story()["capturing"]
+    capture = replace(s.procedure.capture, poses=len(s.state.used_poses) + left)
+    s = replace(s, procedure=replace(s.procedure, capture=capture))
+    assert next_action(Step.CAPTURE, s).hint.startswith(f"Enter captures {words} automatically")

@@ -341,8 +341,9 @@ async def test_remounting_instructions_fit_the_screen(still, size):
         assert isinstance(d.app.screen, Confirm)
         svg = html.unescape(d.app.export_screenshot(simplify=True))
         shown = " ".join(re.sub(r"<[^>]*>|[┃│]", " ", svg).replace("\xa0", " ").split())
-        for words in ("placement 2", "drives are still on", "1. Secure the arm", "2. Take", "hinge off the table",
-                    "3. Mount", "4. Move the arm to its home", "5. Only then", "Release the arm"):  # fmt: skip
+        for words in ("placement 2", "drives are still on", "1. Secure the arm", "2. Take", "fixture off the table",
+                    "3. Mount", "±30 mm", "4. Move the arm to its home", "5. Only then",
+                    "Release the arm"):  # fmt: skip
             assert words in shown
 
 

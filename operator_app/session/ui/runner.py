@@ -149,6 +149,9 @@ class Runner:
 
     def _current_snapshot(self) -> SessionSnapshot:
         base, now = self._base, self._monotonic()
+        if base.task is not None and self.cancelled():
+            # A task that is planning may take seconds to end: the operator sees at once that it will.
+            base = replace(base, task=replace(base.task, ending=True))
         if base.identity is None:
             return replace(base, now_s=now)
         try:
@@ -211,11 +214,6 @@ class Runner:
         for job in tuple(self._waiting_jobs):
             if not job.uncancellable and job.kind is not but:
                 job.cancel.set()
-        if self.cancelled():
-            # A task that is planning may take seconds to end: the operator sees at once that it will.
-            self.publish(
-                lambda s: s if s.task is None else replace(s, task=replace(s.task, ending=True))
-            )
 
     def stop(self) -> None:
         """Send the software STOP from the calling thread, without waiting for a task or the queue."""

@@ -223,12 +223,12 @@ class SessionSnapshot:
 
     @property
     def drive_faults(self) -> dict[int, str]:
-        """The fault of each drive in fault, by joint: error code and meaning, "" if the drive has not told them."""
+        """The fault of each drive in fault, by joint: error code and meaning, "" if it has not reported them."""
         if self.arm is None:
             return {}
-        told = {f.joint: f"{f.code:04X}h: {f.text}" for f in self.arm.faults if f.code}
+        reported = {f.joint: f"{f.code:04X}h: {f.text}" for f in self.arm.faults if f.code}
         in_fault = (DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE)
-        return {j.joint: told.get(j.joint, "") for j in self.arm.joints if j.drive in in_fault}
+        return {j.joint: reported.get(j.joint, "") for j in self.arm.joints if j.drive in in_fault}
 
     @property
     def required_poses(self) -> int:

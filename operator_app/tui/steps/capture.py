@@ -49,7 +49,7 @@ def _target(s: SessionSnapshot) -> str:
     if planned and len(s.state.used_poses) >= s.required_poses > 0:
         return "none: the plan is complete"
     if s.chooses_by_plan and s.task is not None:
-        return "a pose captured before: see the messages"
+        return "none of the plan now: see the messages"
     if s.next_waypoint is None or not s.plan:
         return "none left" if s.plan else "no plan yet"
     target = f"waypoint {s.next_waypoint + 1}: {_angles(s.plan[s.next_waypoint])}"

@@ -65,7 +65,7 @@ def _status(s: SessionSnapshot) -> Line:
     if explained or (s.stopped and s.data is not DataState.LOST):
         return ((f"■ SOFTWARE STOP {_stop_words(s)}", "alarm"),)
     if s.data is DataState.LOST:
-        return (("▲ DATA LOST stop sent; arm state not known: look before you go near", "alarm"),)
+        return (("▲ DATA LOST quick stop sent; state unknown: look before you go near", "alarm"),)
     if s.task is not None and stops_on_any_key(s.task):
         key = "" if s.task.ending else "ANY KEY STOPS  "
         return ((f"▶ {key}{s.task.progress}", "accent"),)

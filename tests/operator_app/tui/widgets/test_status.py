@@ -84,7 +84,7 @@ def test_bus_with_stale_data_is_not_ok(capturing):
 
 def test_nothing_is_claimed_about_an_arm_without_data(capturing):
     banner = line_of(Banner(), lost(capturing))
-    assert "not known" in banner
+    assert "unknown" in banner
     assert "hold" not in banner
 
 

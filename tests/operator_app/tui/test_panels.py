@@ -22,7 +22,7 @@ from operator_app.tui.main_screen import detail
 from operator_app.tui.steps.capture import PosesPanel, ProgressPanel, QualityPanel, StillPanel
 from operator_app.tui.steps.connect import NodesPanel
 from operator_app.tui.steps.export import RecordPanel
-from operator_app.tui.steps.fixture import ChecksPanel
+from operator_app.tui.steps.fixture import ChecksPanel, PlacementPanel
 from operator_app.tui.steps.modes import PlanPanel
 from operator_app.tui.steps.results import ResultsPlot, VerdictPanel
 from operator_app.tui.widgets.list_panel import JointTable
@@ -185,8 +185,10 @@ def test_target_of_a_planned_capture_is_not_the_waypoint_of_a_single_move():
 async def test_fixture_step_shows_the_whole_placement_and_all_ranges_of_a_ball(still):
     s, ball = story()["connected"], load_procedure("ball")
     s = replace(s, procedure=replace(s.procedure, fixture=ball.fixture))
+    assert max(map(len, lines_of(PlacementPanel(), s, 66, 6))) <= 66
     async with still(s, step=Step.FIXTURE) as d:
         await d.settle()
+        assert d.app.main.query_one("#checklist").content_size.height < 11, "no empty rows"
         placement = d.words("#placement")
         for name in ("ground_x", "ground_y", "ground_z", "tip_x", "tip_y", "tip_z"):
             assert name in placement
@@ -211,7 +213,9 @@ def test_target_of_four_drives_is_shown_in_full():
 
 @pytest.mark.parametrize("change", [stale, lost])
 def test_old_data_are_not_shown_as_standstill(change):
-    assert "no fresh data" in lines_of(StillPanel(), change(story()["capturing"]), 66, 3)[-1]
+    s = story()["capturing"]
+    old = replace(change(s), motion=s.motion)
+    assert "no fresh data" in lines_of(StillPanel(), old, 66, 3)[-1]
 
 
 def test_step_list_names_drives_that_are_on_and_otherwise_asks_to_apply():

@@ -213,6 +213,11 @@ def stop_error(cause: Divergence | None) -> errors.HardwareError:
     )
 
 
+def _nodes(numbers: Sequence[int]) -> str:
+    """Return nodes as text."""
+    return f"node{'s' if len(numbers) > 1 else ''} {', '.join(map(str, numbers))}"
+
+
 def alarms(
     nodes: NodeMonitor,
     watch: JointMonitor,
@@ -248,9 +253,9 @@ def alarms(
         )
     down = nodes.not_operational()
     if down:
-        numbers = ", ".join(map(str, down))
+        has = "has" if len(down) == 1 else "have"
         yield errors.BusError(
-            f"Node {numbers} has left operation, as after a loss of power. Reconnect."
+            f"{_nodes(down).capitalize()} {has} left operation, as after a loss of power. Reconnect."
         )
     if nodes.restarted:
         restarted = tuple(sorted(nodes.restarted))
@@ -290,12 +295,10 @@ def _silence(
         )
     mute = tuple(drives[j - 1] for j in lost_joints if j not in wrong_lengths)
     silent = (
-        ("no heartbeat from node", nodes.silent()),
-        ("no answer to SYNC from node", mute),
+        ("no heartbeat from", nodes.silent()),
+        ("no answer to SYNC from", mute),
     )
-    if silence := " and ".join(
-        f"{what} {', '.join(map(str, joints))}" for what, joints in silent if joints
-    ):
+    if silence := " and ".join(f"{what} {_nodes(numbers)}" for what, numbers in silent if numbers):
         yield errors.BusError(
             f"The arm has gone silent: {silence}. Check power and cable, then reconnect."
         )

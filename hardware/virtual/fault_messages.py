@@ -76,7 +76,7 @@ _GONE = (
     "sends no heartbeat",
     "after the NMT command",
     "has gone silent",
-    "has left operation",
+    "left operation",
 )
 _BAD_FRAMES = (*_GONE, "bus loses frames", "Hardly any SYNC is answered")
 _CABLE = (
@@ -220,7 +220,7 @@ FAULTS: Mapping[str, FaultDescription] = {
     "restart-node": FaultDescription(
         "a joint's drive restarts, its counter at zero",
         "Find out why it lost its power; reference its counter, then connect again.",
-        texts=("has left operation", "has restarted", "outside its range", "at zero", "near zero"),
+        texts=("left operation", "has restarted", "outside its range", "at zero", "near zero"),
         kept=f"{ALL_POSES}; not the zero of that drive's counter",
         always_reported=True,
     ),

@@ -62,7 +62,7 @@ def with_notices(
     accuracy = tool_accuracy(calibrated_arm(solution, arm), arm, as_stated, tested.linear)
     sound = not adjudication.diverged
     findings = (
-        *(() if sound else (Finding(K.DIVERGED),)),
+        *(_ill_conditioned(solution.identifiability, limits) if sound else (Finding(K.DIVERGED),)),
         *_of_readings(experiment, known, whole.linear.stated, sound=sound),
         *_of_parameters(solution, accuracy, arm, as_stated),
         *_of_the_fit(solution, same, sound=sound),
@@ -81,7 +81,6 @@ def with_notices(
             for c in adjudication.causes
             if not c.blocking and c.kind not in OWN_NOTICE and c.sensor != "RVDT"
         ),
-        *(_ill_conditioned(solution.identifiability, limits) if sound else ()),
     )
     exceeded = exceeded_limits(solution.estimate, limits)
     return replace(

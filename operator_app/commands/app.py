@@ -84,7 +84,7 @@ _ARM: Mapping[bool | None, str] = {
 
 def farewell(sessions: Sessions, folder: Path, reason: str, *, plain: bool = False) -> str:
     """Return the message at the end: final state of the arm, session folder, and how to resume."""
-    how = "" if reason == "left" else f"ended by {reason}; "
+    how = {"left": "", "interrupted": "interrupted; "}.get(reason, f"ended by {reason}; ")
     arm = _ARM[sessions.held]
     if sessions.not_held is not None and sessions.not_held.powered:
         arm = "the arm is not held: keep clear. "

@@ -29,7 +29,7 @@ FAULT_HELP = "help"
 app = declaration(
     group(
         "terminal app",
-        option("--procedure PROCEDURE", "procedure file or built-in name (hinge)", default="hinge"),
+        option("--procedure PROCEDURE", "procedure file or built-in name (hinge)"),
         option("--poses N", "how many poses to capture", type=pose_count),
         option("--resume SESSION", "go on with a session: folder, name or latest"),
         option("--ascii", "only ASCII characters"),

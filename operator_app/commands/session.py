@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from operator_app.config.errors import ConfigError
 from operator_app.errors import JournalError
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.report.results.session import (
@@ -18,7 +17,6 @@ from operator_app.report.text import aligned
 from operator_app.safe_output import as_json, say
 from operator_app.session.store import folders
 from operator_app.session.store.journal_repair import repair_journal
-from operator_app.session.store.state import SessionState
 
 
 def execute(args: argparse.Namespace) -> int:
@@ -50,7 +48,7 @@ def execute(args: argparse.Namespace) -> int:
     if args.json:
         say(as_json(_facts(entry)))
     elif entry.state is not None:
-        title = _procedure_of(entry.state)
+        title = ": ".join(filter(None, folders.documents_of(entry.state)))
         say(session_table_text(entry.folder, entry.state, procedure=title, torn=entry.torn))
     return ExitCode.ACCEPTED
 
@@ -84,15 +82,3 @@ def _row(entry: folders.SessionEntry) -> list[str]:
         stage = "exported"
     begun = state.opened_utc[:19].replace("T", " ")
     return [folder, begun, state.serial_number or "-", str(len(state.used_poses)), stage]
-
-
-def _procedure_of(state: SessionState) -> str:
-    """Return text with names of a session's procedure, arm and fixture, as far as its documents can be read."""
-    from operator_app.config.strict_yaml import load_strict
-
-    try:
-        document = load_strict(state.sources["procedure"].encode(), "procedure").data
-    except (KeyError, ConfigError):
-        return "not known"
-    known = [str(document[key]) for key in ("arm", "fixture") if key in document]
-    return f"{document.get('name', 'not known')}: {', '.join(known)}"

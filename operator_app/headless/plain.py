@@ -79,7 +79,7 @@ class Plain:
     def run(self) -> str:
         """Show menus until the operator quits, and return the reason for the end. Ctrl-C means STOP.
 
-        If the arm is stopped, silent or not connected, Ctrl-C raises KeyboardInterrupt instead.
+        If the arm is silent or not connected, Ctrl-C raises KeyboardInterrupt instead.
         """
         self._terminal.say(
             "sarcal, plain mode. Type a number and Enter. While the arm moves, Enter stops it; "
@@ -96,6 +96,7 @@ class Plain:
         return "left"
 
     def _menu(self) -> None:
+        self._wait()  # a task that Ctrl-C ended may not have ended yet: it would close every item
         s = self.snapshot()
         self._terminal.say("\n" + lines(describe(self._step, s)))
         chosen = self._one_of(self._items(s), "Number: ")
@@ -104,7 +105,6 @@ class Plain:
                 self.refuse(chosen.missing)
             else:
                 chosen.do()
-                self._wait()
 
     def _one_of(self, items: list[_Item], prompt: str) -> _Item | None:
         """List the items, ask for a number, and return the item with this number; None if there is no such item."""
@@ -132,7 +132,8 @@ class Plain:
             )
         items += self._ways(s)
         items += [item for action in common for item in self._lines(action, s)]
-        items.append(_Item(label="Quit: the arm is held, the session is kept", do=self._leave))
+        held = "the arm is held, " if s.connected else ""
+        items.append(_Item(label=f"Quit: {held}the session is kept", do=self._leave))
         return items
 
     def _lines(self, action: user_interface.Action, s: SessionSnapshot) -> list[_Item]:
@@ -199,7 +200,10 @@ class Plain:
         """Ask a question whose answer is yes, a line of text or a number; call `then` with a valid answer."""
         match question:
             case user_interface.YesNo():
-                typed = self._terminal.ask(f"{question.text} Type yes to go on: ").strip()
+                *rows, last = question.text.splitlines()
+                if rows:
+                    self._terminal.say(lines(rows))
+                typed = self._terminal.ask(f"{last} Type yes to go on: ").strip()
                 if typed.lower() == "yes":
                     then("yes")
                 else:
@@ -215,7 +219,7 @@ class Plain:
                 options = [
                     _Item(label=text, do=partial(then, name)) for name, text in question.options
                 ]
-                chosen = self._one_of([_Item(label="None", do=lambda: None), *options], "Which: ")
+                chosen = self._one_of([_Item(label="Cancel", do=lambda: None), *options], "Which: ")
                 if chosen is not None:
                     chosen.do()
 
@@ -275,7 +279,7 @@ class Plain:
     def _wait(self) -> None:
         """Wait for the running task; Enter cancels a motion."""
         s = self.snapshot()
-        if s.task is not None and guards.stops_on_any_key(s.task):
+        if s.task is not None and guards.stops_on_any_key(s.task) and not s.task.ending:
             self._terminal.say(f"{s.task.kind.value}: press Enter to stop it.")
         while s.task is not None:
             if not guards.stops_on_any_key(s.task):
@@ -285,10 +289,13 @@ class Plain:
             s = self.snapshot()
 
     def _stop(self) -> bool:
-        """Send STOP on Ctrl-C and return True; False, without STOP, if the arm is stopped, silent or not connected."""
+        """Send STOP on Ctrl-C and return True; False, without STOP, if the arm is silent or not connected."""
         s = self.runner.snapshot()
-        if not s.connected or s.stopped or s.data is DataState.LOST:
+        if not s.connected or s.data is DataState.LOST:
             return False
         self.runner.stop()
         self.snapshot()
+        self._terminal.say(
+            "Ctrl-C sent STOP. When it is safe, choose Reset STOP; Quit ends the program."
+        )
         return True

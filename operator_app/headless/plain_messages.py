@@ -115,7 +115,7 @@ def _results(s: SessionSnapshot) -> list[str]:
         *(f"{h.text.capitalize()}." for h in facts.headlines),
         *([f"The truth: {truth}"] if truth else []),
         *(f"Reason: {reason}." for reason in facts.reasons),
-        *(f"Warning: {n.text}." for n in facts.notices),
+        *(f"{'Note' if facts.notices_are_notes else 'Warning'}: {n.text}." for n in facts.notices),
     ]
 
 

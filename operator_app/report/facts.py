@@ -12,10 +12,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from operator_app.calibration.acceptance import Verdict
 from operator_app.calibration.calibrated_arm import side_of
 from operator_app.calibration.result import Solution
 from operator_app.calibration.rvdt import reading_tables
 from operator_app.config.procedure import AcceptanceLimits
+from operator_app.messages.finding import Finding, FindingKind
 from operator_app.report.json_schema import calibration_data, checks_data, estimate_data
 from operator_app.report.parameter_tables import (
     correlation_table,
@@ -52,7 +54,6 @@ from operator_app.units import ANGLE, CHI2, CONDITION, SIGMA_ORI, SIGMA_POS, Fig
 
 if TYPE_CHECKING:
     from operator_app.calibration.cross_validation import Checks
-    from operator_app.messages.finding import Finding
     from solver.estimators.estimate import Estimate
     from solver.loops.closure import ResidualSigma
 
@@ -81,6 +82,18 @@ class Facts:
     def json(self) -> dict[str, Any]:
         """The object of `sarcal solve --json`."""
         return merged(self.data, keyed(self.tables))
+
+    @property
+    def notices_are_notes(self) -> bool:
+        """Whether the notices require no action: those of an accepted calibration are called notes."""
+        return self.verdict == Verdict.ACCEPTED.words
+
+    @property
+    def limits_met(self) -> str:
+        """Clause on the limits of the procedure, for an accepted calibration: the condition number does not block."""
+        exceeded = (n for n in self.notices if n.kind is FindingKind.CONDITION)
+        met = "the calibration meets its limits"
+        return f"{met}, but its {finding.text}" if (finding := next(exceeded, None)) else met
 
     def table(self, ident: str) -> FactTable | None:
         """Return the table with this name; None if the calibration has none."""

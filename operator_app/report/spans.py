@@ -24,6 +24,15 @@ short_entry = partial(entry, column=11)
 """Make a line with a label in a narrower column, for the steps of the terminal app that show a drawing."""
 
 
+def wrapped_entry(label: str, text: str, width: int, column: int = 12) -> list[Line]:
+    """Make lines of `width` characters with a label at the left of the first; they do not break at U+00A0."""
+    rows = textwrap.wrap(text, max(width - column, 8)) or [""]
+    return [
+        entry(label if k == 0 else "", row.replace("\xa0", " "), column=column)
+        for k, row in enumerate(rows)
+    ]
+
+
 def length(of: Line) -> int:
     """Return the number of cells that a line takes; the program uses only characters that are one cell wide."""
     return sum(len(text) for text, _ in of)

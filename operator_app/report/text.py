@@ -28,7 +28,10 @@ def facts_text(facts: Facts, *, failed: str = "") -> str:
     blocks = [
         verdict_text(facts, failed=failed),
         *(table_text(table) for table in facts.tables if not table.detail),
-        warnings_text(n for n in facts.notices if n.code not in _codes_in_verdict(facts)),
+        warnings_text(
+            (n for n in facts.notices if n.code not in _codes_in_verdict(facts)),
+            mark="-" if facts.notices_are_notes else "!",
+        ),
     ]
     return "\n\n".join(block for block in blocks if block)
 
@@ -44,10 +47,8 @@ def verdict_text(facts: Facts, *, failed: str = "") -> str:
     if facts.accepted:
         codes = _codes_in_verdict(facts)
         reasons = tuple(n.sentence for n in facts.notices if n.code in codes)
-        head = f"{head} the calibration meets its limits.{' Possible causes of error:' if reasons else ''}"
-    if failed:
-        head = paragraph(head)
-    return "\n".join((head, *(paragraph(f"- {text}", indent=2) for text in reasons)))
+        head = f"{head} {facts.limits_met}.{' Possible causes of error:' if reasons else ''}"
+    return "\n".join((paragraph(head), *(paragraph(f"- {text}", indent=2) for text in reasons)))
 
 
 def _codes_in_verdict(facts: Facts) -> set[str]:
@@ -124,14 +125,14 @@ def headline_spans(headlines: Sequence[Headline], width: int) -> Line:
     return line(row)
 
 
-def warnings_text(notices: Iterable[Finding]) -> str:
-    """Return warnings, one paragraph each."""
-    return "\n".join(warning(n.sentence) for n in notices)
+def warnings_text(notices: Iterable[Finding], mark: str = "!") -> str:
+    """Return warnings, or notes with another mark, one paragraph each."""
+    return "\n".join(warning(n.sentence, mark) for n in notices)
 
 
-def warning(text: str) -> str:
+def warning(text: str, mark: str = "!") -> str:
     """Return a warning as a paragraph with a mark."""
-    return paragraph(f"! {text}", indent=2)
+    return paragraph(f"{mark} {text}", indent=2)
 
 
 MANY_JOINTS = 2

@@ -72,7 +72,7 @@ class Confirm(Dialog[YesNo]):
     def body(self) -> ComposeResult:
         """Yield two buttons, Cancel first."""
         with Horizontal(id="buttons"):
-            yield Button(self._plain("Cancel  Esc"), id="cancel", compact=True)
+            yield Button(self._plain(f"{self._question.no}  Esc"), id="cancel", compact=True)
             yield Button(self._plain(f"{self._question.yes}  y"), id="yes", compact=True)
 
     def on_button_pressed(self, event: Button.Pressed) -> None:

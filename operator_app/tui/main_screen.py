@@ -11,6 +11,7 @@ from textual.message import Message
 from textual.screen import Screen
 from textual.widgets import ContentSwitcher
 
+from operator_app.calibration.acceptance import Verdict
 from operator_app.report.spans import Line, Span, cut, length, line, wrapped
 from operator_app.session.ui import action_table
 from operator_app.session.ui.guards import missing_for, stops_on_any_key
@@ -55,7 +56,11 @@ def detail(step: Step, s: SessionSnapshot) -> str:
                 return "not set"
             if len(joints) == len(s.modes):
                 return "all held"
-            return f"J{' J'.join(map(str, joints))} drive"
+            if not s.drives_ready:
+                return "apply again"
+            # Only the names of more than three fit the list.
+            verb = {1: " drives", 2: " drive", 3: " drive"}.get(len(joints), "")
+            return f"J{' J'.join(map(str, joints))}{verb}"
         case Step.CAPTURE:
             return f"{len(s.state.used_poses)}/{s.required_poses} poses"
         case Step.CALIBRATE:
@@ -64,6 +69,8 @@ def detail(step: Step, s: SessionSnapshot) -> str:
         case Step.RESULTS:
             if not s.state.solved:
                 return "—"
+            if s.solution is not None and s.solution.verdict is Verdict.WITH_WARNINGS:
+                return "with warnings"
             return "accepted" if s.state.solved.get("accepted") else "NOT accepted"
         case Step.EXPORT:
             if s.receipt is not None:

@@ -13,6 +13,7 @@ from operator_app.documents import arm_history
 from operator_app.manual.shown import as_text
 from operator_app.messages.errors import EXPECTED, words
 from operator_app.report.results.history import history_text
+from operator_app.session.store.folders import documents_of
 from operator_app.session.ui import action_table, guards
 from operator_app.session.ui.next_action import next_action
 from operator_app.session.ui.runner import Runner
@@ -34,6 +35,7 @@ from operator_app.tui.steps.capture import CaptureView
 from operator_app.tui.steps.fixture import FixtureView
 from operator_app.tui.steps.modes import ModesView
 from operator_app.tui.widgets.status import messages_text
+from operator_app.units import plural
 
 if TYPE_CHECKING:
     from operator_app.tui.app import SarcalApp
@@ -235,17 +237,17 @@ class ScreenInterface:
 
     async def _offer_unfinished(self) -> None:
         """Offer the newest unfinished session; the journals are read in a thread."""
-        entries = await asyncio.to_thread(self.sessions.sessions)
-        unfinished = (e for e in entries if e.state and e.state.poses and not e.state.exported)
-        entry = next(unfinished, None)
+        entry = await asyncio.to_thread(self.sessions.unfinished)
         if entry is None or entry.state is None:
             return
-        name = entry.folder.name
+        name, state = entry.folder.name, entry.state
+        procedure = ": ".join(filter(None, documents_of(state)))
+        arm = state.serial_number or "an arm not known"
         text = (
-            f"Session {name} has {len(entry.state.poses)} poses and no export. Resuming checks the arm, the "
-            "fixture and the modes again before anything moves."
+            f"Session {name} of {arm} (procedure {procedure}) has {plural(len(state.used_poses), 'pose')} "
+            "and no export. Resuming checks the arm, the fixture and the modes again before anything moves."
         )
-        question = YesNo(title="Resume?", text=text, yes="Resume")
+        question = YesNo(title="Resume?", text=text, yes="Resume", no="New session")
         self.ask(question, lambda _: self.open(lambda: self.sessions.resumed(name)))
 
     def open(
@@ -257,7 +259,8 @@ class ScreenInterface:
             return
         self._opening = True
         if self.app.runner is not None:
-            self.refuse("closing this session: its work ends and the arm is held")
+            held = " and the arm is held" if self.app.runner.connected else ""
+            self.refuse(f"closing this session: its work ends{held}")
         self.app.run_worker(self._open(make, then))
 
     async def _open(

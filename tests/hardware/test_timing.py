@@ -245,7 +245,7 @@ def test_silence_is_reported_despite_host_latency(bus, loop):
             yield
         alarm = loop.alarm()
         assert isinstance(alarm, BusError)
-        assert "no heartbeat from node 1, 2, 16" in str(alarm)
+        assert "no heartbeat from nodes 1, 2, 16" in str(alarm)
 
     play(loop, bus, scenario())
 

@@ -88,6 +88,9 @@ class StaticSource:
     def sessions(self) -> tuple[SessionEntry, ...]:
         return self.entries
 
+    def unfinished(self) -> SessionEntry | None:
+        return self.entries[0] if self.entries else None
+
     def close(self, reason: str) -> None:
         """Do nothing."""
 

@@ -14,6 +14,7 @@ from hardware.arm import ArmSnapshot, DriveState, JointState
 from hardware.errors import DriveDiverged
 from operator_app.config.procedure_file import load_procedure
 from operator_app.messages.errors import stopped_words
+from operator_app.messages.finding import Finding, FindingKind
 from operator_app.session.ui.runner import Runner
 from operator_app.session.ui.snapshot import (
     ARM_RECOVERY,
@@ -204,3 +205,11 @@ def busy(s: SessionSnapshot, kind: TaskKind, *, moves: bool) -> SessionSnapshot:
 def real(s: SessionSnapshot) -> SessionSnapshot:
     """The same on a real arm, nothing confirmed yet."""
     return replace(s, simulated=False, bus="socketcan can0 1000000 bit/s", ticked=frozenset())
+
+
+def with_condition_above(s: SessionSnapshot, limit: float) -> SessionSnapshot:
+    """With the note that the condition number of the calibration exceeds this limit."""
+    assert s.solution is not None
+    number = s.solution.identifiability.scaled_condition_number
+    note = Finding(FindingKind.CONDITION, names=("a_0",), size=number, figures={"limit": limit})
+    return replace(s, solution=replace(s.solution, warnings=(note, *s.solution.warnings)))

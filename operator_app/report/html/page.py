@@ -181,7 +181,7 @@ def _verdict(subject: Subject, facts: Facts | None, outcome: str) -> Html:
     arm = (
         f"Calibration of {procedure.arm.name}, serial {serial}, in fixture {procedure.fixture.name}"
     )
-    met = " The limits of the procedure are met." if good else ""
+    met = f" {sentence(facts.limits_met)}" if facts is not None and facts.accepted else ""
     return element(
         "div",
         element("h1", glyph, outcome.capitalize()),

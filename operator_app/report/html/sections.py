@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from operator_app.calibration.acceptance import Verdict
 from operator_app.report.html.markup import (
     Html,
     Section,
@@ -132,7 +131,7 @@ def _about_sigmas(subject: Subject, estimate: Estimate) -> str:
 def _warnings(subject: Subject) -> Section | None:
     """Return the section of warnings and of notes that require no action; None if there are neither."""
     facts = subject.facts
-    notes = facts is not None and facts.verdict == Verdict.ACCEPTED.words
+    notes = facts is not None and facts.notices_are_notes
     glyph = element("span", "· " if notes else "▲ ", class_="glyph", aria_hidden="true")
     items = [element("li", glyph, prose(sentence(n.sentence))) for n in subject.notices]
     if not items:

@@ -81,6 +81,9 @@ def check_counters(arm: ArmModel, reading_rad: FloatArray) -> None:
 FALSE_REFUSAL_PROBABILITY = 1e-4
 """Probability of refusing an unchanged arm and fixture."""
 
+LEAST_STATED_PROBABILITY = 1e-12
+"""Messages give a smaller probability as an upper limit: its value depends on tails that nobody knows."""
+
 INNOVATION_PROBABILITY = 1e-6
 """Probability that the innovation check refuses an unchanged arm and fixture. Of 105 simulated arms with errors three
 times as large as specified, none is refused."""
@@ -221,7 +224,8 @@ def _refusal(
             f"home the joint; {NEW_SESSION_REMEDY}",
             probability=probability,
         )
-    probability_text = "" if not closes else f" (probability {probability:.0e})"
+    size = f"{probability:.0e}" if probability > LEAST_STATED_PROBABILITY else "below 1e-12"
+    probability_text = "" if not closes else f" (probability {size})"
     if not procedure.fixture.fixture.holds_hand:
         return ClosureRefusedError(
             f"the tracker does not measure the target where this session's {poses} poses "

@@ -10,7 +10,7 @@ from operator_app.config.procedure import Procedure
 from operator_app.errors import GuardError
 from operator_app.session.safety import resume_checks
 from operator_app.session.store.state import SessionState
-from operator_app.units import POSITION, SHIFTED, SLIP_SIGMA, TURNED
+from operator_app.units import CHI2, POSITION, SHIFTED, SLIP_SIGMA, TURNED
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.rotations import rotation_matrix
@@ -66,21 +66,40 @@ def check_repeat(state: SessionState, procedure: Procedure, *, refuse: bool) -> 
     )
 
 
-def _significant_repeat(state: SessionState, procedure: Procedure) -> Repeat | None:
-    """Return the last repeat if noise, backlash and fixture compliance do not explain its difference; else None."""
+def agreement(state: SessionState, procedure: Procedure) -> str:
+    """Return a message that the last repeated pose agrees with its first reading, with the figures if there are any."""
+    state = state.here
+    last = state.repeats[-1]
+    agrees = f"Pose {last.first.number} measured again agrees with its first reading"
+    repeat = _repeat(state, procedure) if procedure.fixture.fixture.holds_hand else None
+    if repeat is None:
+        return f"{agrees}."
+    joint = int(np.argmax(np.abs(repeat.difference_rad))) + 1
+    largest = POSITION(float(repeat.difference_rad[joint - 1])).with_unit
+    figures = f"chi2 {CHI2(repeat.chi2).shown}, limit {CHI2(_chi2_limit(repeat)).shown}"
+    return f"{agrees} ({figures}; largest difference: J{joint} {largest})."
+
+
+def _chi2_limit(repeat: Repeat) -> float:
     from scipy.special import chdtri
 
+    return float(chdtri(repeat.dof, resume_checks.FALSE_REFUSAL_PROBABILITY))
+
+
+def _significant_repeat(state: SessionState, procedure: Procedure) -> Repeat | None:
+    """Return the last repeat if noise, backlash and fixture compliance do not explain its difference; else None."""
+    repeat = _repeat(state, procedure)
+    return None if repeat is None or repeat.chi2 <= _chi2_limit(repeat) else repeat
+
+
+def _repeat(state: SessionState, procedure: Procedure) -> Repeat | None:
+    """Compare the readings of the last repeated pose; None if any two readings would agree."""
     arm, fixture = procedure.arm, procedure.fixture.fixture
     model = fixture.model(arm, unsensed_joints=procedure.unsensed_joints)
     fixed = resume_checks.parameters_from_poses(state, procedure)
     values = {} if fixed is None else fixed.values
     x: FloatArray = np.array([values.get(p.name, p.nominal) for p in model.parameters])
-    repeat = compare_readings(arm, model, x, state.rereads[-1], fixture.compliance)
-    if repeat is None or repeat.chi2 <= float(
-        chdtri(repeat.dof, resume_checks.FALSE_REFUSAL_PROBABILITY)
-    ):
-        return None
-    return repeat
+    return compare_readings(arm, model, x, state.rereads[-1], fixture.compliance)
 
 
 def _check_target_again(state: SessionState, procedure: Procedure) -> str:

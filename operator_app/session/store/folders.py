@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
+from operator_app.config.errors import ConfigError
 from operator_app.config.resources import expanded
 from operator_app.errors import JournalError, SessionError
 from operator_app.session.store.journal import read_journal
@@ -86,6 +87,18 @@ def read_session(folder: Path) -> SessionEntry:
     except JournalError as error:
         return SessionEntry(folder=folder, state=None, problem=error.happened, remedy=error.remedy)
     return SessionEntry(folder=folder, state=state, torn=contents.torn)
+
+
+def documents_of(state: SessionState) -> tuple[str, str]:
+    """Return names of a session's procedure, and of its arm and fixture, as far as its documents can be read."""
+    from operator_app.config.strict_yaml import load_strict
+
+    try:
+        document = load_strict(state.sources["procedure"].encode(), "procedure").data
+    except (KeyError, ConfigError):
+        return "not known", ""
+    known = [str(document[key]) for key in ("arm", "fixture") if key in document]
+    return str(document.get("name", "not known")), ", ".join(known)
 
 
 def list_sessions(root: Path) -> tuple[SessionEntry, ...]:

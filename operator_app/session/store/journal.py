@@ -116,6 +116,14 @@ class Journal:
                 raise JournalForeignError(
                     f"{path} is a folder, not a file", "move it away, or name another session"
                 ) from error
+            except OSError as error:
+                if error.errno not in (errno.EROFS, errno.EACCES, errno.EPERM):
+                    raise
+                raise JournalError(
+                    f"cannot write to {path}: {error.strerror}",
+                    "make the folder and its files writable, or resume a copy of it in a folder that is; "
+                    "`sarcal report` reads it as it is",
+                ) from error
         lock(descriptor, path)
         try:
             with os_errors_as_journal_errors(
@@ -281,6 +289,21 @@ def read_journal(folder: Path) -> JournalContents:
     """Return the contents of the journal in `folder`, without locking it; raises `JournalError` if it is unreadable."""
     path = folder / JOURNAL_NAME
     return parse_journal(read_bytes(path), path)
+
+
+def is_in_use(folder: Path) -> bool:
+    """Whether a process has locked the journal in `folder`."""
+    try:
+        descriptor = os.open(folder / JOURNAL_NAME, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    except OSError:
+        return False
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except OSError:
+        return True
+    finally:
+        os.close(descriptor)
+    return False
 
 
 def lock(descriptor: int, path: Path) -> None:

@@ -264,15 +264,20 @@ def procedure(context: ActionContext) -> None:
     interface = context.interface
     procedures = map(load_procedure, builtin_names("procedure"))
     options = tuple((p.name, summary(p)) for p in procedures)
-    text = "This session is closed and kept, the arm is held, and a new session starts."
+    text = f"This session is closed and kept{_held(context.s)}, and a new session starts."
     question = OneOf(title="Which procedure?", text=text, options=options)
     interface.ask(question, lambda answer: interface.open(lambda: interface.sessions.new(answer)))
+
+
+def _held(s: SessionSnapshot) -> str:
+    """Return that the arm is held, for a sentence about leaving the session, if an arm is connected."""
+    return ", the arm is held" if s.connected else ""
 
 
 def new_session(context: ActionContext) -> None:
     """Start another session, after confirmation."""
     interface = context.interface
-    text = "This session is closed and kept, the arm is held, and a new session starts at step 1."
+    text = f"This session is closed and kept{_held(context.s)}, and a new session starts at step 1."
     question = YesNo(title="New session?", text=text, yes="Start")
     interface.ask(question, lambda _: interface.open(interface.sessions.new))
 
@@ -280,11 +285,11 @@ def new_session(context: ActionContext) -> None:
 def remount(context: ActionContext) -> None:
     """Release the arm and continue in the next placement, after a confirmation that lists the operator's steps."""
     interface = context.interface
-    steps = " ".join(remounting_steps(context.s.procedure))
+    steps = "\n".join((*remounting_steps(context.s.procedure), "5. Only then connect."))
     text = (
         f"This session continues in placement {context.s.state.placement + 1}, at step 1, and keeps its poses. "
         "The drives are still on. Releasing the arm switches them off, and nothing commands the arm then. Leave "
-        f"its controller on, so that no counter is reset. {steps} 5. Only then connect."
+        f"its controller on, so that no counter is reset.\n{steps}"
     )
     question = YesNo(title="Remount the fixture?", text=text, yes="Release the arm")
     interface.ask(question, lambda _: interface.open(interface.sessions.remounted))

@@ -267,7 +267,7 @@ ACTIONS: tuple[Action | OnScreen, ...] = (
     Action(name="reset", keys=("R",), shown="R", label="Reset STOP",
            prompt="Reset STOP; nothing moves",
            help="Clear a latched STOP or a drive fault. Nothing moves; the drives stay disabled.",
-           offered=lambda s: not guards.may_reset(s), guard=guards.may_reset,
+           offered=guards.needs_reset, guard=guards.may_reset,
            work=action_handlers.task(TaskKind.RESET, lambda o: o.reset())),
     Action(name="acknowledge", keys=("A",), shown="A", label="Acknowledge",
            help="Hide the alarm that is shown; the one before it is shown then. Its cause remains.",

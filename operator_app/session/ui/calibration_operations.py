@@ -170,9 +170,8 @@ class CalibrationOperations(Listener):
                 verification=None, report=None,
             )  # fmt: skip
             self.refresh()
-            verdict = "accepted" if solution.accepted else "not accepted"
             level = Level.INFO if solution.accepted else Level.WARNING
-            self.report(f"calibrated from {solution.poses} poses: {verdict}", level)
+            self.report(f"calibrated from {solution.poses} poses: {solution.verdict.words}", level)
             # The cross-validation takes seconds: the verdict is shown first.
             checks = self._session.check(solution, solver)
         self._publish(cross_checks=checks)

@@ -205,9 +205,16 @@ def may_capture(s: SessionSnapshot) -> str:
 
 
 def may_run_automatically(s: SessionSnapshot) -> str:
-    """Automatic capture has the requirements of `may_move`, and needs poses that are still to be captured."""
-    complete = len(s.state.used_poses) >= s.required_poses
+    """Automatic capture has the requirements of `may_move`, and needs missing poses or a missing drift check."""
+    complete = len(s.state.used_poses) >= s.required_poses and not lacks_drift_check(s)
     return may_move(s) or (f"all {s.required_poses} poses are captured" if complete else "")
+
+
+def lacks_drift_check(s: SessionSnapshot) -> bool:
+    """Whether an explored capture has all its poses, but no pose has been measured again since."""
+    complete = len(s.state.used_poses) >= s.required_poses > 0
+    explored = s.procedure.capture.strategy != "planned"
+    return complete and explored and not s.state.repeated_since_capture
 
 
 def moves_real_arm(s: SessionSnapshot) -> bool:
@@ -291,13 +298,14 @@ def in_modes(s: SessionSnapshot) -> bool:
     return s.drives_ready and len(s.position_joints) == s.mobility
 
 
+def needs_reset(s: SessionSnapshot) -> bool:
+    """Whether STOP is latched or a drive has a fault."""
+    return s.stopped or bool(s.drive_faults) or (s.arm is not None and bool(s.arm.faults))
+
+
 def may_reset(s: SessionSnapshot) -> str:
     """A reset needs a latched STOP or a drive fault."""
-    arm = s.arm
-    tripped = arm is not None and any(j.drive is DriveState.FAULT for j in arm.joints)
-    if s.stopped or tripped or (arm is not None and arm.faults):
-        return idle(s)
-    return "STOP is not latched"
+    return idle(s) if needs_reset(s) else "STOP is not latched"
 
 
 def stops_on_any_key(task: RunningTask | None) -> bool:
@@ -306,9 +314,13 @@ def stops_on_any_key(task: RunningTask | None) -> bool:
 
 
 def _not_ready(s: SessionSnapshot) -> str:
-    """Return text that names a drive that is not enabled or not in its confirmed mode."""
+    """Return text that names the drives that are not enabled, or one that is not in its confirmed mode."""
     if s.arm is None:
         return "there is no data from the drives"
+    others = [j.drive for j in s.arm.joints if j.drive is not DriveState.OPERATION_ENABLED]
+    if len(others) > 1:
+        states = set(map(drive_words, others))
+        return f"{len(others)} drives are {states.pop() if len(states) == 1 else 'not enabled'}"
     for joint, mode in zip(s.arm.joints, s.modes, strict=False):
         if joint.drive is not DriveState.OPERATION_ENABLED:
             return f"drive {joint.joint} is {drive_words(joint.drive)}"

@@ -6,9 +6,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from fixtures.base import Severity
-from hardware.arm import DriveState
 from operator_app.messages.errors import unstopped_words
-from operator_app.session.ui.guards import missing_for, modes_problem, moves_real_arm
+from operator_app.session.ui.guards import (
+    lacks_drift_check,
+    may_run_automatically,
+    missing_for,
+    modes_problem,
+    moves_real_arm,
+)
 from operator_app.session.ui.snapshot import DataState, SessionSnapshot, TaskKind, needs_reconnect
 from operator_app.session.ui.steps import Step
 from operator_app.units import names, others_free
@@ -28,7 +33,7 @@ def next_action(step: Step, s: SessionSnapshot) -> NextAction:
     if s.data is DataState.LOST and s.task is None:
         return _lost(step)
     if s.task is not None and not s.task.moves:
-        return NextAction("", "", f"{s.task.text} ...")
+        return NextAction("", "", f"{s.task.progress} ...")
     if s.stopped:
         when = (
             "the arm stopped by itself: keep clear until the cause is known, then"
@@ -39,18 +44,29 @@ def next_action(step: Step, s: SessionSnapshot) -> NextAction:
             when = f"{unstopped_words(s.unstopped_joints)}: use the hardware stop. STOP is latched:"
         hint = f"{when} Enter (or R) resets it; nothing moves by itself"
         return NextAction("reset", "Reset STOP", hint)
-    if s.arm is not None and any(j.drive is DriveState.FAULT for j in s.arm.joints):
-        hint = "a drive has a fault: find the cause, then Enter (or R) resets it; nothing moves"
-        return NextAction("reset", "Reset fault", hint)
+    if faults := s.drive_faults:
+        return NextAction("reset", "Reset fault", f"{_faults(faults)}; nothing moves")
     if s.task is not None:
-        return NextAction("", "", f"{s.task.text}: any key stops it")
+        key = "" if s.task.ending else ": any key stops it"
+        return NextAction("", "", f"{s.task.progress}{key}")
     if not s.connected and Step.CONNECT < step < Step.CALIBRATE:
         return NextAction("step_1", "To Connect", "no arm is connected: Enter goes to step 1")
     return _BY_STEP[step](s)
 
 
+def _faults(faults: Mapping[int, str]) -> str:
+    """Return which drives are in fault, with the codes if there are any, and how to reset them."""
+    what = "; ".join(sorted({text for text in faults.values() if text}))
+    known = f" ({what})" if what else ""
+    if len(faults) == 1:
+        return f"the drive of J{min(faults)} is in fault{known}: find the cause, then Enter (or R) resets it"
+    return (
+        f"{len(faults)} drives are in fault{known}: find the cause, then Enter (or R) resets them"
+    )
+
+
 def _lost(step: Step) -> NextAction:
-    what = "no data from the arm; the drives hold by themselves. Check bus and controller, then "
+    what = "no data from the arm: its state is not known, look before you go near. Check bus and controller; "
     if step is Step.CONNECT:
         return NextAction("connect", "Connect again", what + "Enter connects again")
     return NextAction("step_1", "To Connect", what + "Enter goes to step 1")
@@ -117,7 +133,7 @@ def _modes(s: SessionSnapshot) -> NextAction:
         return NextAction("apply_modes", "Apply modes", hint)
     driven = names(f"J{k}" for k in marked)
     others = others_free(len(marked), s.procedure.arm.joint_count)
-    hint = f"Enter applies the modes: {driven} drive{others} (it asks first)"
+    hint = f"Enter applies the modes: {driven} drive{'s' if len(marked) == 1 else ''}{others} (it asks first)"
     return NextAction("apply_modes", "Apply modes", hint)
 
 
@@ -130,18 +146,21 @@ def _capture(s: SessionSnapshot) -> NextAction:
     if poses_left > 0 and missing:
         return NextAction("back", "Back to Modes", f"{missing}; Enter goes back there")
     if poses_left > 0:
-        poses = "the pose" if poses_left == 1 else f"the {poses_left} poses"
-        hint = f"Enter captures {poses} left automatically; g and c capture one by hand"
+        poses = "the last pose" if poses_left == 1 else f"the {poses_left} remaining poses"
+        hint = f"Enter captures {poses} automatically; g and c capture one by hand"
         if s.procedure.capture.strategy == "planned":
             planned = s.procedure.capture.poses
             hint = f"Enter explores as far as needed, then captures the {planned} most informative poses"
         if s.state.resumed and s.state.poses_here:
             first = s.state.poses_here[0].number
-            hint = f"Enter measures pose {first} again (drift check), then captures {poses} left"
+            hint = f"Enter measures pose {first} again (drift check), then captures {poses}"
         if moves_real_arm(s):
             hint += " (it asks first)"
         return NextAction("automatic", "Automatic", hint)
-    return _next(Step.CALIBRATE, f"all {used} poses are captured")
+    captured = f"all {used} poses are captured"
+    if lacks_drift_check(s) and not may_run_automatically(s):
+        captured += ", but the drift check is missing (a makes it)"
+    return _next(Step.CALIBRATE, captured)
 
 
 def _calibrate(s: SessionSnapshot) -> NextAction:
@@ -156,7 +175,8 @@ def _results(s: SessionSnapshot) -> NextAction:
     if missing_for(Step.EXPORT, s):
         hint = "not accepted: follow the warnings, or exclude bad poses, and calibrate again"
         return NextAction("step_4", "Capture more", hint)
-    return _next(Step.EXPORT, "the calibration is accepted")
+    verdict = "" if s.solution is None else s.solution.verdict.words
+    return _next(Step.EXPORT, f"the calibration is {verdict}")
 
 
 def _export(s: SessionSnapshot) -> NextAction:

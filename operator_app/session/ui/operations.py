@@ -261,12 +261,14 @@ class Operations(CalibrationOperations):
     # -- any time ----------------------------------------------------------------------------------
 
     def reset(self) -> None:
-        """Clear STOP; the drives stay disabled."""
+        """Clear STOP and drive faults; the drives stay disabled."""
+        arm = self._session.arm.snapshot()
+        cleared = "STOP" if arm.stopped else "drive faults"
         self._session.reset_stop()
         if self._session.arm.snapshot().stopped:  # pressed again meanwhile
             return
         self._publish(stop=None)
-        self.report("STOP reset: nothing moves; apply the modes again (step 3)")
+        self.report(f"{cleared} reset: nothing moves; apply the modes again (step 3)")
 
     def hold(self) -> None:
         """Hold all joints in position mode where they are."""
@@ -279,6 +281,12 @@ class Operations(CalibrationOperations):
     def going(self, move: GoTo | None) -> None:
         """Publish the current move."""
         self._publish(at_waypoint=None, heading=move)
+
+    def planning(self, *, active: bool) -> None:
+        """Publish whether the next poses are being planned."""
+        self._publisher.publish(
+            lambda s: s if s.task is None else replace(s, task=replace(s.task, planning=active))
+        )
 
     def arrived(self, waypoint: int) -> None:
         """Publish the waypoint."""

@@ -149,6 +149,9 @@ class Runner:
 
     def _current_snapshot(self) -> SessionSnapshot:
         base, now = self._base, self._monotonic()
+        if base.task is not None and self.cancelled():
+            # A task that is planning may take seconds to end: the operator sees at once that it will.
+            base = replace(base, task=replace(base.task, ending=True))
         if base.identity is None:
             return replace(base, now_s=now)
         try:

@@ -6,8 +6,10 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
 
+from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import DrivesNotOffError, JournalLostError, SessionError
-from operator_app.session.store.folders import SessionEntry, list_sessions
+from operator_app.session.store.folders import SessionEntry, documents_of, list_sessions
+from operator_app.session.store.journal import is_in_use
 from operator_app.session.ui.runner import Runner
 from operator_app.session.ui.snapshot import Level
 from operator_app.session.workflow.opening import (
@@ -21,12 +23,15 @@ from operator_app.session.workflow.opening import (
 )
 from operator_app.session.workflow.remounting import record_in
 
+DEFAULT_PROCEDURE = "hinge"
+
 
 class Sessions:
     """Opens and closes the sessions of one folder.
 
-    `procedure`: built-in name or path. `choices`: options of the command line. `join` returns a context manager with
-    the `Rig` (the arm) of an `Opening`. `warning`: first message to the operator; "" for none.
+    `procedure`: built-in name or path; None: `DEFAULT_PROCEDURE`. `choices`: options of the command line. `join`
+    returns a context manager with the `Rig` (the arm) of an `Opening`. `warning`: first message to the operator; "" for
+    none.
 
     The other attributes are about the session that was closed last. `last`: its folder; None if the folder was empty
     and has been removed. `exported`: whether its parameters were written. `held`: whether its arm confirmed that it
@@ -36,7 +41,7 @@ class Sessions:
 
     def __init__(
         self,
-        procedure: str,
+        procedure: str | None,
         choices: Choices,
         *,
         root: Path,
@@ -55,11 +60,11 @@ class Sessions:
 
     def new(self, procedure: str | None = None) -> Runner:
         """Start a session and return its runner; `procedure`, if given, becomes the default for later sessions."""
-        named = procedure or self._procedure
+        named = procedure or self._procedure or DEFAULT_PROCEDURE
         runner = self._open(
             begin(named, self._choices, root=self.root), "another session was started"
         )
-        self._procedure = named
+        self._procedure = procedure or self._procedure
         return runner
 
     def resumed(self, reference: str) -> Runner:
@@ -92,6 +97,20 @@ class Sessions:
     def sessions(self) -> tuple[SessionEntry, ...]:
         """Return all sessions, newest first."""
         return list_sessions(self.root)[::-1]
+
+    def unfinished(self) -> SessionEntry | None:
+        """Return the newest session with poses and no export, of the named procedure if one was named; None if none.
+
+        Sessions that a process uses are left out.
+        """
+        named = None if self._procedure is None else load_procedure(self._procedure).name
+        for entry in self.sessions():
+            state = entry.state
+            if state is None or not state.used_poses or state.exported or is_in_use(entry.folder):
+                continue
+            if named in (None, documents_of(state)[0]):
+                return entry
+        return None
 
     def close(self, reason: str) -> None:
         """Close the open session. May be called twice."""

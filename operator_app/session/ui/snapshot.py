@@ -86,12 +86,23 @@ class Message:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunningTask:
-    """The running task. `moves`: whether the arm may move, so that any key cancels the task."""
+    """The running task. `moves`: whether the arm may move, so that any key cancels the task.
+
+    `planning`: whether the next poses are being planned, while nothing moves. `ending`: whether it is cancelled.
+    """
 
     kind: TaskKind
     text: str
     moves: bool
     started_s: float
+    planning: bool = False
+    ending: bool = False
+
+    @property
+    def progress(self) -> str:
+        """What the task does now."""
+        now = "planning the next poses; the arm stands still" if self.planning else self.text
+        return f"ending: {now}" if self.ending else now
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -214,9 +225,24 @@ class SessionSnapshot:
         return "" if self.arm is None else self.arm.stopped_for
 
     @property
+    def drive_faults(self) -> dict[int, str]:
+        """The fault of each drive in fault, by joint: error code and meaning, "" if it has not reported them."""
+        if self.arm is None:
+            return {}
+        reported = {f.joint: f"{f.code:04X}h: {f.text}" for f in self.arm.faults if f.code}
+        in_fault = (DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE)
+        return {j.joint: reported.get(j.joint, "") for j in self.arm.joints if j.drive in in_fault}
+
+    @property
     def required_poses(self) -> int:
         """Number of poses that the procedure requires."""
         return self.state.required_poses(self.procedure.capture)
+
+    @property
+    def chooses_by_plan(self) -> bool:
+        """Whether the next target is chosen by the plan of a planned capture and is not the next waypoint."""
+        by_hand = self.task is not None and self.task.kind is not TaskKind.AUTOMATIC
+        return self.procedure.capture.strategy == "planned" and not by_hand
 
     @property
     def modes(self) -> tuple[JointMode, ...]:

@@ -163,7 +163,8 @@ class Supervisor:
                 cause, remedy = "this program did not read the bus", "End other programs"
             self._runner.say(
                 Level.ALARM,
-                f"{cause} for {now.oldest_s:.1f} s: {sent}, the drives hold by themselves. {remedy}",
+                f"{cause} for {now.oldest_s:.1f} s: {sent}; the arm's state is not known: look before you "
+                f"go near. {remedy}",
                 ARM_RECOVERY,
             )
         elif (

@@ -33,9 +33,10 @@ class Titled:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class YesNo(Titled):
-    """A request for confirmation; `yes` is the label of the button."""
+    """A request for confirmation; `yes` and `no` are the labels of the buttons."""
 
     yes: str
+    no: str = "Cancel"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -18,7 +18,7 @@ from operator_app.errors import GuardError
 from operator_app.messages.errors import configured_words, unwatching_words
 from operator_app.planning.live import is_path_clear
 from operator_app.session.safety.resume_checks import SHIFT_RAD
-from operator_app.session.safety.return_check import check_repeat
+from operator_app.session.safety.return_check import agreement, check_repeat
 from operator_app.session.store.state import CapturedPose, pose_set_of
 from operator_app.session.workflow import drive_selection
 from operator_app.session.workflow.listener import Listener
@@ -220,8 +220,7 @@ class _DriftCheck:
         text = check_repeat(session.state, session.procedure, refuse=refuse)
         if refuse:
             session.record("return_holds", {"of": first.number, "told": text})
-        if text:
-            report(text)
+        report(text or agreement(session.state, session.procedure))
         return way
 
 

@@ -28,6 +28,9 @@ class Listener:
     def going(self, move: GoTo | None) -> None:
         """The arm is about to move; `move` is the move of a planned capture, None for any other motion."""
 
+    def planning(self, *, active: bool) -> None:
+        """Planning of the next poses begins (`active`) or has ended; nothing moves meanwhile."""
+
     def arrived(self, waypoint: int) -> None:
         """The arm is at a waypoint."""
 

@@ -8,7 +8,8 @@ new campaign starts with the used poses.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -29,7 +30,7 @@ from operator_app.session.workflow.drive_selection import require_in_box
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
 from operator_app.units import WHOLE_DEGREES, joints_named, plural
-from solver.design.actions import Capture, ChangeDrives, Finished, GoTo, Phase, path_watch
+from solver.design.actions import Action, Capture, ChangeDrives, Finished, GoTo, Phase, path_watch
 from solver.design.campaign import Campaign
 from solver.design.stop_rule import WeakParameter
 
@@ -74,12 +75,13 @@ class PlannedCapture:
             self._ended = _end_from_journal(log.ended) if log.ended["complete"] else None
             return self._chosen
         try:
-            campaign = replay_campaign(session.model, session.fixture, session.state)
+            with self._planning():
+                campaign = replay_campaign(session.model, session.fixture, session.state)
         except ReplayDivergedError:
             self._say("The recorded plan cannot be replayed: making a new plan from its poses.")
             return self._chosen
         q_rad = session.arm.snapshot().positions_rad
-        if can_continue_from(campaign.propose(), campaign.at_rad, q_rad):
+        if can_continue_from(self._next_action(campaign), campaign.at_rad, q_rad):
             self.campaign = campaign
             return campaign.drives
         if campaign.phase is Phase.EXPLORING:
@@ -111,7 +113,7 @@ class PlannedCapture:
         if self.campaign is None:
             again = bool(session.state.campaign.begun)
             self.campaign = self._new_campaign()
-            self.campaign.propose()
+            self._next_action(self.campaign)
             if again and self.campaign.phase is Phase.EXPLORING:
                 # The first step of a new exploration leads straight back to the start of the session.
                 require_in_box(session)
@@ -120,7 +122,7 @@ class PlannedCapture:
         campaign = self.campaign
         while True:
             phase, plan = campaign.phase, campaign.plan
-            action = campaign.propose()
+            action = self._next_action(campaign)
             if campaign.plan is not plan:
                 self._report_plan(campaign, phase)
             match action:
@@ -170,6 +172,20 @@ class PlannedCapture:
         return "", stops
 
     # -- carrying out ----------------------------------------------------------------------------
+
+    @contextmanager
+    def _planning(self) -> Iterator[None]:
+        """Tell the listener that poses are being planned, while nothing moves."""
+        self._listener.planning(active=True)
+        try:
+            yield
+        finally:
+            self._listener.planning(active=False)
+
+    def _next_action(self, campaign: Campaign) -> Action:
+        """Return the next action of the campaign, which may take seconds to plan."""
+        with self._planning():
+            return campaign.propose()
 
     def _move(self, campaign: Campaign, action: GoTo) -> None:
         """Move the arm, record the move in the journal and report it to the campaign.

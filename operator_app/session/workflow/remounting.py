@@ -14,6 +14,7 @@ from operator_app.config.procedure import MOST_PLACEMENTS, Procedure
 from operator_app.errors import GuardError, SessionError
 from operator_app.session.store.journal import Journal
 from operator_app.session.store.state import SessionState
+from operator_app.units import ANGLE_TOLERANCE, LENGTH_TOLERANCE
 
 
 def next_due(state: SessionState, procedure: Procedure) -> bool:
@@ -59,11 +60,12 @@ def require_mountable(procedure: Procedure, count: int) -> int:
 
 def remounting_steps(procedure: Procedure) -> tuple[str, ...]:
     """Return the operator's steps between two placements."""
-    on_hand = procedure.fixture.fixture.stays_on_hand
+    spec, on_hand = procedure.fixture, procedure.fixture.fixture.stays_on_hand
+    length, angle = LENGTH_TOLERANCE(spec.tolerance_m), ANGLE_TOLERANCE(spec.tolerance_rad)
     part = "; its part on the tool stays" if on_hand else " and off the tool"
     return (
         "1. Secure the arm against falling, by hand or by a strap, with a second person at the hardware stop.",
-        f"2. Take the {procedure.fixture.name} off the table{part}.",
-        "3. Mount it again, turned and shifted within the tolerance that its file states.",
+        f"2. Take the fixture off the table{part}.",
+        f"3. Mount it again, shifted and turned within its tolerance (±{length.with_unit}, ±{angle.with_unit}).",
         "4. Move the arm to its home, by hand or with its controller; close the loop; go through the check list.",
     )

@@ -8,8 +8,8 @@ from statistics import median
 
 import numpy as np
 
-from operator_app.report.spans import Line, clip, line, short_entry
-from operator_app.session.ui.snapshot import SessionSnapshot, TaskKind
+from operator_app.report.spans import Line, clip, line, short_entry, wrapped_entry
+from operator_app.session.ui.snapshot import DataState, SessionSnapshot, TaskKind
 from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
 from operator_app.tui.widgets.list_panel import JointTable, ListPanel
@@ -32,33 +32,41 @@ class StillPanel(Lines):
     )
 
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        return [clip(_target(s), width), clip(_still(s), width)]
+        target = wrapped_entry("Target", _target(s), width, column=11)
+        shown = [*target[: height - 2], *target[height - 2 :][:1]]
+        cut_off = len(target) > len(shown)
+        shown[-1] = (*shown[-1], (" …" if cut_off else "", "dim"))
+        return [*(clip(row, width) for row in shown), clip(_still(s), width)]
 
 
-def _target(s: SessionSnapshot) -> Line:
+def _target(s: SessionSnapshot) -> str:
+    """Return where the arm moves next, and what decides that."""
+    if s.task is not None and s.task.planning:
+        return "none yet: the next poses are being planned"
     if s.heading is not None:
-        return short_entry("Target", f"{_angles(s.heading.targets_rad)}: {s.heading.why}")
+        return f"{_angles(s.heading.targets_rad)}: {s.heading.why}"
     planned = s.procedure.capture.strategy == "planned"
     if planned and len(s.state.used_poses) >= s.required_poses > 0:
-        return short_entry("Target", "none: the plan is complete")
+        return "none: the plan is complete"
+    if s.chooses_by_plan and s.task is not None:
+        return "none of the plan now: see the messages"
     if s.next_waypoint is None or not s.plan:
-        return short_entry("Target", "none left" if s.plan else "no plan yet")
-    target = s.plan[s.next_waypoint]
-    waypoint_text = f"   at waypoint {s.at_waypoint + 1}" if s.at_waypoint is not None else ""
-    return short_entry(
-        "Target", f"waypoint {s.next_waypoint + 1}: {_angles(target)}", (waypoint_text, "dim")
-    )
+        return "none left" if s.plan else "no plan yet"
+    target = f"waypoint {s.next_waypoint + 1}: {_angles(s.plan[s.next_waypoint])}"
+    if s.chooses_by_plan:
+        return f"a: chosen by the plan; g: {target}"
+    return target if s.at_waypoint is None else f"{target}, now at waypoint {s.at_waypoint + 1}"
 
 
 def _angles(targets_rad: Mapping[int, float]) -> str:
     """Return the drive joints and their targets as text."""
-    angles = "  ".join(f"J{j} {TARGET(v).shown}" for j, v in targets_rad.items())
+    angles = "  ".join(f"J{j}\xa0{TARGET(v).shown}" for j, v in targets_rad.items())
     return f"{angles} {TARGET.quantity.unit}"
 
 
 def _still(s: SessionSnapshot) -> Line:
     motion = s.motion
-    if motion is None:
+    if motion is None or s.data is not DataState.FRESH:
         return short_entry("Motion", ("no fresh data", "warn"))
     if not motion.still:
         k = int(np.argmax(np.abs(motion.speed_rad_per_s)))
@@ -96,10 +104,12 @@ class PosesPanel(ListPanel):
     def row(self, s: SessionSnapshot, k: int, width: int) -> Sequence[Line]:
         """Return the line of one pose."""
         pose, is_marked = s.state.poses[-1 - k], k == self.cursor
+        before = s.state.poses[-2 - k] if k + 1 < len(s.state.poses) else pose
+        first = f"placement {pose.placement} begins " if pose.placement != before.placement else ""
         noise = READING_SD(float(pose.sd_rad.max())).shown
         predicted_m = s.live.predicted_m.get(pose.number) if s.live is not None else None
         predicted = "—" if predicted_m is None else PREDICTED(predicted_m).shown
-        note = ("✗ excluded " if pose.excluded else "") + pose.note
+        note = first + ("✗ excluded " if pose.excluded else "") + pose.note
         back = "cursor " if is_marked else ""
         text = f"{pose.number:>4}  {pose.utc[11:19]}  {noise:>11}  {predicted:>9}  {note}"
         role = "dim" if pose.excluded else "text"

@@ -46,7 +46,7 @@ class NodesPanel(Lines):
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         if s.identity is None:
             return [(), line(("  no arm is connected", "dim"))]
-        wide = width >= 90
+        wide = width >= 90 and not s.drive_faults  # a fault takes the room of the device name
         device = "DEVICE".ljust(26) + " " if wide else ""
         titles = f"  NODE  ROLE        {device} SERIAL  HEARTBEAT      DATA  STATE"
         return [
@@ -63,12 +63,16 @@ def _node(s: SessionSnapshot, node: NodeIdentity, *, wide: bool) -> Line:
     age = "     —" if joint is None else f"{DATA_AGE(joint.age_s).with_unit:>7}"
     device = f"{node.device_name[:26]:<26} " if wide else ""
     late = beat is not None and beat > HEARTBEAT_LATE_S
-    state = "● answers" if joint is None else f"● answers, drive {drive_words(joint.drive)}"
+    state, role = "● answers", "warn" if late else "text"
+    if joint is not None:
+        state += f", drive {drive_words(joint.drive)}"
+        if (fault := s.drive_faults.get(joint.joint)) is not None:
+            state, role = f"■ fault {fault}".rstrip(), "alarm"
     return line(
         f"  {node.node:>4}  {node.role[:11]:<11} {device}{node.serial_number:>7}  ",
         (f"{heartbeat:>9}  ", "warn" if late else "text"),
         (f"{age:>7}  ", "text"),
-        (f"▲ LATE, {state}" if late else state, "warn" if late else "text"),
+        (f"▲ LATE, {state}" if late else state, role),
     )
 
 

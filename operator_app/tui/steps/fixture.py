@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from fixtures.base import Severity
 from operator_app.messages.errors import REACHES_NOTHING
 from operator_app.planning.live import Forecast
-from operator_app.report.spans import Line, entry, line, wrapped
+from operator_app.report.spans import Line, entry, line, wrapped, wrapped_entry
 from operator_app.session.ui.snapshot import SessionSnapshot
 from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
@@ -34,6 +34,10 @@ NEAR_END_RAD = math.radians(3.0)
 """A joint is marked if its predicted range comes closer than this to an end of the joint's allowed range."""
 
 
+FRAME_ROWS = 2
+"""Rows of a panel's frame."""
+
+
 class PlacementPanel(Lines):
     """Nominal placement with tolerances."""
 
@@ -44,6 +48,10 @@ class PlacementPanel(Lines):
     )
 
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
+        return self.all_rows(s, width)
+
+    def all_rows(self, s: SessionSnapshot, width: int) -> Sequence[Line]:
+        """Return the lines of the panel."""
         spec = s.procedure.fixture
         loop = spec.fixture.model(s.procedure.arm)
         rows = [entry("Fixture", (f"{spec.name}", "bold"), f"  kind {spec.kind}")]
@@ -53,10 +61,10 @@ class PlacementPanel(Lines):
             ("Lengths", False, NOMINAL_LENGTH, LENGTH_TOLERANCE(spec.tolerance_m)),
             ("Twists", True, NOMINAL_TWIST, ANGLE_TOLERANCE(spec.tolerance_rad)),
         ):
-            texts = [f"{p.name} {kind(p.nominal).shown}" for p in placed if p.is_angle is angles]
+            texts = [f"{p.name}\xa0{kind(p.nominal).shown}" for p in placed if p.is_angle is angles]
             if texts:
-                values = f"{'  '.join(texts)} {kind.quantity.unit}"
-                rows.append(entry(name, values, (f"  ±{tolerance.with_unit}", "dim")))
+                values = f"{'  '.join(texts)} {kind.quantity.unit}  ±{tolerance.with_unit}"
+                rows += wrapped_entry(name, values, width)
         count, equations = len(loop.parameters), loop.equations_per_pose
         unknowns = f"{count} parameters, {equations} equations per pose"
         return [*rows, entry("Unknowns", unknowns)]
@@ -129,6 +137,10 @@ class ChecklistPanel(ListPanel):
         text = f"{'▌' if is_marked else ' '}[{mark}] {s.procedure.fixture.checklist[k]}"
         return wrapped(text, width, "cursor text" if is_marked else "text", "     ")
 
+    def all_rows(self, s: SessionSnapshot, width: int) -> Sequence[Line]:
+        """Return the lines of all items."""
+        return [row for k in range(self.count(s)) for row in self.row(s, k, width)]
+
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         """Return the lines of the list; after an item was ticked, the next unticked item is marked."""
         if s.ticked != self._ticked:
@@ -146,3 +158,10 @@ class FixtureView(StepView):
     )
     MAIN = "checklist"
     VIEWS = (("placement", "checklist"), ("checks",), ("fixture-arm",))
+
+    def show(self, s: SessionSnapshot) -> None:
+        """Show a snapshot; on a large terminal, placement and check list take their rows, the checks all others."""
+        for panel in (self.query_one(PlacementPanel), self.query_one(ChecklistPanel)):
+            rows = len(panel.all_rows(s, panel.content_size.width))
+            panel.styles.height = None if self.compact else rows + FRAME_ROWS
+        super().show(s)

@@ -43,7 +43,8 @@ class PlanPanel(Lines):
         if s.wiggle:
             rows += wrapped(f" Wiggle: {s.wiggle}", width, "text", "   ")
         if s.ranked:
-            text = " Ranked    by how well each pair drives the chain here, 0 to 1"
+            each = {1: "joint", 2: "pair"}.get(s.mobility, "set")
+            text = f" Ranked    by how well each {each} drives the chain here, 0 to 1"
             rows.append(line((text, "dim")))
         pairs = []
         for k, ranked in enumerate(s.ranked, 1):

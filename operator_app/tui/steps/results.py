@@ -40,11 +40,11 @@ class VerdictPanel(Lines):
 
     TITLE = "Verdict"
     HELP = (
-        "Accepted means that the limits of the procedure are met; notes below it are observations that no test "
-        "rejects. Tool: position error over the joints' ranges, by the arm file before and by "
-        "the parameters' sigmas after. sigma_pos and sigma_ori are the closure "
-        "errors at the measured joints, before (nominal) and after; rms is the usual definition, "
-        "as printed is the paper's formula."
+        "Accepted means that the limits of the procedure are met (a high condition number is only noted); notes "
+        "below it are observations that no test rejects, and v shows them in full. Tool: position error over the "
+        "joints' ranges, by the arm file before and by the parameters' sigmas after. sigma_pos and sigma_ori are "
+        "the closure errors at the measured joints, before (nominal) and after; rms is the usual definition, as "
+        "printed is the paper's formula."
     )
 
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
@@ -54,7 +54,7 @@ class VerdictPanel(Lines):
         verdict, count = s.solution.verdict, len(facts.notices)
         glyph, role = VERDICT_GLYPHS[verdict]
         # Notices are called notes here, because ACCEPTED, WITH WARNINGS is another verdict.
-        noted = verdict is Verdict.ACCEPTED and count
+        noted = facts.notices_are_notes and count
         tail = f" · {plural(count, 'note')}" if noted else ""
         sigmas = [h for h in facts.headlines if h.closure]
         others = [h for h in facts.headlines if not h.closure and h.name != "rank"]
@@ -74,6 +74,9 @@ class VerdictPanel(Lines):
         in_full = [row for text in short for row in wrapped(text, width, role, "   ")]
         if len(rows) + len(in_full) > height:
             in_full = [line((text, role)) for text in short]
+        if (hidden := len(rows) + len(in_full) - height) > 0:
+            shown = max(0, len(in_full) - hidden - 1)
+            in_full = [*in_full[:shown], line((f"   {len(in_full) - shown} more (v)", "dim"))]
         return [clip(row, width) for row in (*rows, *in_full)]
 
 
@@ -116,7 +119,7 @@ class ResultsPlot(Lines):
     TITLE = "Residuals (v: next)"
     HELP = (
         "v turns over: residual of each pose, corrections by joint, the linearity deviation of each RVDT "
-        "by the loops, the warnings in full, then tables: possible causes, D-H, tool position "
+        "by the loops, the warnings or notes in full, then tables: possible causes, D-H, tool position "
         "uncertainty, uncertainty budget, closure of held-out poses. The first line of an RVDT's "
         "plot states its specification."
     )
@@ -157,9 +160,12 @@ class ResultsPlot(Lines):
             rows = _of_rvdt(subject, verdict, width, height, ascii_only=ascii_only)
             return f"RVDT of J{verdict.joint}", rows
         if page == self.words_from:
-            texts = [wrapped(f" ▲ {n.text}", width, "warn", "   ") for n in solution.warnings]
+            # The word of the verdict panel: an accepted calibration has notes.
+            noted = facts.notices_are_notes
+            mark, role = ("·", "text") if noted else ("▲", "warn")
+            texts = [wrapped(f" {mark} {n.text}", width, role, "   ") for n in facts.notices]
             full = [row for lines in texts for row in (*lines, ())]
-            return "Warnings in full", full or [line((" none", "dim"))]
+            return f"{'Notes' if noted else 'Warnings'} in full", full or [line((" none", "dim"))]
         shown = [table for ident in TABLES if (table := facts.table(ident)) is not None]
         table = [joint_table(subject, subject.implicit), *shown][page - self.words_from - 1]
         head, body = table_spans(table)

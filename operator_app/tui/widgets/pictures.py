@@ -155,7 +155,13 @@ class ArmView(Lines):
             return [(), *wrapped(" ▲ data LOST: the arm is not drawn", width, "warn", "   ")]
         q = s.arm.positions_rad
         x = s.live.x if s.live is not None and s.live.estimated else None
-        figures = (s.next_waypoint, tuple(j.mode for j in s.arm.joints), width, height)
+        figures = (
+            s.next_waypoint,
+            s.chooses_by_plan,
+            tuple(j.mode for j in s.arm.joints),
+            width,
+            height,
+        )
         things = (s.procedure, x, s.forecast, s.heading)
         news = figures != self._figures or any(map(is_not, things, self._things))
         self._turn = not self._turn
@@ -210,7 +216,7 @@ def _next(model: ClosureModel, x: FloatArray, s: SessionSnapshot) -> tuple[Float
             return ()
         sampled = way[:: max(1, len(way) // 12)]
         return _points(model, x, way[-1]), np.stack([_points(model, x, q)[-1] for q in sampled])
-    if s.forecast is None or s.next_waypoint is None:
+    if s.forecast is None or s.next_waypoint is None or s.chooses_by_plan:
         return ()
     return (_points(model, x, s.forecast.q_rad[s.next_waypoint]),)
 

@@ -32,6 +32,10 @@ class SafetyStrip(Lines, can_focus=False):
         parts = (_arm, _bus, _heartbeat, _data, _modes, _drives)
         cells = [stop, *(part(s, short=short) for part in parts)]
         row = _joined(cells, short=short)
+        if length(row) > width and not short:
+            # The free joints are all others.
+            cells[-2] = _modes(s, short=True)
+            row = _joined(cells, short=short)
         if length(row) > width:
             # Omit the modes, which the step's view shows too; the state of the drives is shown only in the strip.
             row = _joined([*cells[:-2], cells[-1]], short=short)
@@ -64,11 +68,12 @@ def _status(s: SessionSnapshot) -> Line:
     if explained or (s.stopped and s.data is not DataState.LOST):
         return ((f"■ SOFTWARE STOP {_stop_words(s)}", "alarm"),)
     if s.data is DataState.LOST:
-        return (("▲ DATA LOST quick stop sent; the drives hold by themselves", "alarm"),)
+        return (("▲ DATA LOST quick stop sent; state unknown: look before you go near", "alarm"),)
     if s.task is not None and stops_on_any_key(s.task):
-        return ((f"▶ ANY KEY STOPS  {s.task.text}", "accent"),)
+        key = "" if s.task.ending else "ANY KEY STOPS  "
+        return ((f"▶ {key}{s.task.progress}", "accent"),)
     if s.task is not None:
-        return (("◌ ", "bold"), (s.task.text, "text"))
+        return (("◌ ", "bold"), (s.task.progress, "text"))
     if s.simulated:
         return (("no real arm on this bus: nothing can be damaged", "dim"),)
     return (("hardware stop within reach? Software STOP is not an emergency stop", "dim"),)
@@ -99,6 +104,8 @@ def _bus(s: SessionSnapshot, *, short: bool) -> list[Span]:
         return [("BUS ", "dim"), ("○" if short else "○ not connected", "dim")]
     if s.arm is None or s.data is DataState.LOST:
         return [("BUS ", "dim"), ("▲ SILENT", "alarm")]
+    if s.data is DataState.STALE:
+        return [("BUS ", "dim"), ("▲" if short else "▲ LATE", "warn")]
     rate = "" if short else f" {s.sync_rate_hz:3.0f}/s"
     return [("BUS ", "dim"), ("● ok", "text"), (rate, "text")]
 
@@ -143,9 +150,9 @@ def _drives(s: SessionSnapshot, *, short: bool) -> list[Span]:
     word = "DRV " if short else "DRIVES "
     if s.arm is None:
         return [(word, "dim"), ("○", "dim")]
-    for joint in s.arm.joints:
-        if joint.drive in (DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE):
-            return [(word, "dim"), (f"■ J{joint.joint} FAULT", "alarm")]
+    if faults := tuple(s.drive_faults):
+        which = f"J{faults[0]}" if len(faults) == 1 else str(len(faults))
+        return [(word, "dim"), (f"■ {which} FAULT", "alarm")]
     if s.stopped:
         return [(word, "dim"), ("■ STOP", "alarm")]
     count = len(s.arm.joints)

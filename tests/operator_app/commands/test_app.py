@@ -50,3 +50,9 @@ def test_written_files_are_named(source):
     message = close_and_report(source)
     assert "parameters.yaml and poses.csv are in it" in message
     assert f"sarcal report {source.last}" in message
+
+
+def test_interrupt_is_named_in_plain_english(source):
+    assert close_and_report(source, "interrupted").startswith(
+        "sarcal: interrupted; the arm is held."
+    )

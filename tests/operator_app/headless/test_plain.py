@@ -126,6 +126,32 @@ def test_ctrl_c_stops_a_connected_arm_and_offers_the_reset(source):
     assert any("STOP reset: nothing moves" in row for row in script.said)
 
 
+def test_ctrl_c_in_a_motion_waits_for_its_end_and_stops_again(source):
+    """The menu comes after the task has ended, with the reset; another Ctrl-C is STOP too."""
+    source.pace_s = 0.05
+    script = Script(*TO_CAPTURE, "Capture the remaining", press_ctrl_c, "Reset STOP", "Quit")
+    pressed: list[int] = []
+
+    def touched() -> bool:
+        if source.arm.snapshot().moving and not pressed:
+            pressed.append(len(script.said))
+            raise KeyboardInterrupt
+        return False
+
+    script.key_pressed_when = touched
+    assert Plain(source, script, pause=pause_briefly).run() == "left"
+    assert len(source.arm.stops) == 2
+    after = script.said[pressed[0] :]
+    assert not any("closed: wait" in row for row in after)
+    assert any("STOP reset: nothing moves" in row for row in after)
+
+
+def test_without_an_arm_nothing_is_said_to_be_held(source):
+    script = run(source, "New session", "yes", "Start another", "Cancel", "Quit")
+    assert script.reason == "left"
+    assert not any("arm is held" in row for row in script.said)
+
+
 def test_ctrl_c_without_an_arm_ends_the_program(source):
     with pytest.raises(KeyboardInterrupt):
         run(source, press_ctrl_c)
@@ -155,6 +181,9 @@ def test_remounted_fixture_continues_the_same_session(source):
         "Capture the remaining", "Remount the fixture", "yes",
         *TO_CAPTURE, "Capture the remaining", "Quit",
     )  # fmt: skip
+    steps = [row[:2] for row in script.said if row[:2].rstrip(".").isdecimal() and row[1:2] == "."]
+    assert steps == ["1.", "2.", "3.", "4.", "5."], "one line each"
+    assert any("±" in row for row in script.said if row.startswith("3."))
     text = " ".join(" ".join(script.said).split())
     assert "6 poses of this placement are still to be captured" in text
     assert "Secure the arm" in text

@@ -18,10 +18,11 @@ from operator_app.cli import main
 from operator_app.report.spans import Line
 from operator_app.report.subject import facts_on
 from operator_app.report.table import FactTable
-from operator_app.report.text import headline_spans, table_spans
+from operator_app.report.text import headline_spans, table_spans, verdict_text
 from operator_app.session.ui.operations import Operations
-from operator_app.units import Figure
+from operator_app.units import CONDITION, Figure
 from tests.oracles.journalled_sessions import Quiet, resume_on_plant
+from tests.oracles.story import story, with_condition_above
 
 NUMBER = re.compile(r"(?<![\w.])[-+\u2212]?\d+(?:\.\d+)?(?:e[-+]?\d+|·10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)?(?![\w.])")
 RAISED = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
@@ -221,3 +222,13 @@ def test_short_headlines_omit_notes_only(renderings):
     assert "before" not in short
     for headline in renderings.facts.headlines:
         assert headline.figure_text in short
+
+
+def test_exceeded_condition_number_is_in_the_sentence_of_the_verdict():
+    """It does not change the verdict, so no rendering may say only that the limits are met."""
+    s = with_condition_above(story()["solved"], 20.0)
+    facts, number = facts_on(s), s.solution.identifiability.scaled_condition_number
+    assert (facts.accepted, facts.verdict) == (True, "accepted")
+    verdict = " ".join(verdict_text(facts).split())
+    assert f"but its scaled condition number {CONDITION(number).shown} is above 20" in verdict
+    assert "but" not in verdict_text(facts_on(story()["solved"]))

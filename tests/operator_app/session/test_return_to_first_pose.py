@@ -24,7 +24,10 @@ from tests.oracles.plant_sessions import RecordingListener, short_procedure, tak
 
 def test_capture_ends_with_a_repeat_of_the_first_pose(make_session):
     session = make_session(short_procedure(6), connect=True)
-    take_poses(session, Listener(), (1, 5))
+    listener = RecordingListener()
+    take_poses(session, listener, (1, 5))
+    # A check that finds nothing states its result too.
+    assert "Pose 1 measured again agrees with its first reading (chi2 " in listener.said[-1]
     (repeat,) = session.state.repeats
     assert (repeat.first.number, repeat.again.kind, repeat.again.after) == (1, "return", 6)
     assert len(session.state.used_poses) == 6

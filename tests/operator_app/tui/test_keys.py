@@ -267,6 +267,11 @@ async def test_session_choice_defaults_to_cancel(still):
     earlier = entry(story()["capturing"])
     async with still(story()["uploaded"], step=Step.EXPORT, entries=(earlier,)) as d:
         await d.until(lambda: d.app.screen is not d.app.main, "the offer to resume")
+        offer = await d.dialog_text()
+        used = len(earlier.state.used_poses)
+        assert f"{used} poses" in offer
+        assert "of SDA-0001 (procedure " in offer
+        assert "New session" in str(d.app.screen.query_one("#cancel").label)
         await d.press("escape")
         await d.press("o")
         assert isinstance(d.app.screen, Choose)
@@ -321,8 +326,9 @@ async def test_remounting_instructions_fit_the_screen(still, size):
         assert isinstance(d.app.screen, Confirm)
         svg = html.unescape(d.app.export_screenshot(simplify=True))
         shown = " ".join(re.sub(r"<[^>]*>|[┃│]", " ", svg).replace("\xa0", " ").split())
-        for words in ("placement 2", "drives are still on", "1. Secure the arm", "2. Take", "hinge off the table",
-                    "3. Mount", "4. Move the arm to its home", "5. Only then", "Release the arm"):  # fmt: skip
+        for words in ("placement 2", "drives are still on", "1. Secure the arm", "2. Take", "fixture off the table",
+                    "3. Mount", "±30 mm", "4. Move the arm to its home", "5. Only then",
+                    "Release the arm"):  # fmt: skip
             assert words in shown
 
 

@@ -7,22 +7,27 @@ from datetime import datetime, timedelta
 import numpy as np
 import pytest
 
+from hardware.arm import Fault, JointMode
 from operator_app.calibration.acceptance import Verdict
+from operator_app.config.procedure_file import load_procedure
 from operator_app.headless.plain_messages import describe
 from operator_app.report.subject import facts_on
+from operator_app.report.text import facts_text
+from operator_app.session.ui.next_action import next_action
 from operator_app.session.ui.snapshot import Level, Message, SessionSnapshot, TaskKind
 from operator_app.session.ui.steps import Step
 from operator_app.tui.dialogs import Read
 from operator_app.tui.lines import Clicked
 from operator_app.tui.main_screen import detail
-from operator_app.tui.steps.capture import ProgressPanel, QualityPanel
+from operator_app.tui.steps.capture import PosesPanel, ProgressPanel, QualityPanel, StillPanel
+from operator_app.tui.steps.connect import NodesPanel
 from operator_app.tui.steps.export import RecordPanel
-from operator_app.tui.steps.fixture import ChecksPanel
+from operator_app.tui.steps.fixture import ChecksPanel, PlacementPanel
 from operator_app.tui.steps.modes import PlanPanel
 from operator_app.tui.steps.results import ResultsPlot, VerdictPanel
 from operator_app.tui.widgets.list_panel import JointTable
 from solver.diagnostics.cross_validation import CommonShift
-from tests.oracles.story import busy, stale, story
+from tests.oracles.story import busy, lost, stale, stopped, story, tripped, with_condition_above
 
 
 def lines_of(panel, picture, width: int, height: int) -> list[str]:
@@ -43,6 +48,16 @@ def test_verdict_counts_notes_and_shows_accuracy(width):
     assert len(row) <= width
 
 
+@pytest.mark.parametrize("height", [5, 6, 7, 8])
+def test_verdict_counts_the_notes_that_do_not_fit(height):
+    s = with_condition_above(with_condition_above(story()["solved"], 20.0), 30.0)
+    notes, rows = len(s.solution.warnings), lines_of(VerdictPanel(), s, 98, height)
+    assert len(rows) == height
+    assert rows[0].endswith(f"{notes} notes")
+    shown = sum(row.startswith(" · ") for row in rows)
+    assert shown == notes or rows[-1] == f"   {notes - shown} more (v)"
+
+
 def test_unreachable_plan_is_stated():
     s = story()["connected"]
     forecast = replace(s.forecast, reachable=np.zeros_like(s.forecast.reachable))
@@ -58,6 +73,40 @@ def test_unreachable_plan_is_stated():
 def test_steps_of_a_resumed_session_show_its_result_before_the_arm_is_connected():
     s = replace(story()["solved"], solution=None)
     assert (detail(Step.CALIBRATE, s), detail(Step.RESULTS, s)) == ("implicit", "accepted")
+
+
+@pytest.mark.parametrize("width", [98, 80])
+def test_node_in_fault_shows_its_code(width):
+    s = tripped(story()["connected"])
+    text = "excess torque"
+    fault = Fault(node=4, joint=4, code=0x8311, text=text, sync_count=0)
+    s = replace(s, arm=replace(s.arm, faults=(fault,)))
+    rows = lines_of(NodesPanel(), s, width, 12)
+    assert [row.partition("■ ")[2] for row in rows if "■" in row] == [f"fault 8311h: {text}"]
+    assert max(map(len, rows)) <= width
+
+
+async def test_every_panel_names_the_same_verdict(still):
+    """Accepted with warnings is another verdict than accepted with notes."""
+    s = story()["solved"]
+    for causes, words, short, title in (
+        ((), "accepted", "accepted", "Notes"),
+        (s.solution.warnings[:1], "accepted, with warnings", "with warnings", "Warnings"),
+    ):
+        adjudication = replace(s.solution.adjudication, causes=causes)
+        now = replace(s, solution=replace(s.solution, adjudication=adjudication))
+        assert f"the calibration is {words}:" in next_action(Step.RESULTS, now).hint
+        assert detail(Step.RESULTS, now) == short
+        async with still(now, step=Step.RESULTS) as d:
+            plots = d.app.main.query_one(ResultsPlot)
+            while not str(plots.border_title).startswith(f"{title} in full"):
+                assert plots.page < plots.count - 1
+                await d.press("v")
+            assert ("▲" in d.text("#results-plot")) == (title == "Warnings")
+        plain = describe(Step.RESULTS, now)
+        assert any(row.startswith(f"{title[:-1]}: ") for row in plain)
+        mark = "\n! " in facts_text(facts_on(now))
+        assert mark == (title == "Warnings")
 
 
 def test_condition_limit_is_that_of_the_procedure():
@@ -114,6 +163,81 @@ def test_remaining_time_ignores_operator_pauses():
     assert "min left" not in progress_after(5.0), "most poses precede this task"
     planned = replace(s.procedure, capture=replace(s.procedure.capture, strategy="planned"))
     assert "exploring" in progress_after(3600.0, replace(s, procedure=planned))
+
+
+def test_target_of_a_planned_capture_is_not_the_waypoint_of_a_single_move():
+    s = story()["capturing"]
+    planned = replace(s.procedure, capture=replace(s.procedure.capture, strategy="planned"))
+    s = replace(s, procedure=planned)
+    waypoint = f"waypoint {s.next_waypoint + 1}: "
+
+    def target(s):
+        return lines_of(StillPanel(), s, 98, 2)[0].removeprefix(" Target    ")
+
+    assert target(s).startswith(f"a: chosen by the plan; g: {waypoint}")
+    running = busy(s, TaskKind.AUTOMATIC, moves=True)
+    assert waypoint not in target(running)
+    task = replace(running.task, planning=True)
+    assert "being planned" in target(replace(running, task=task))
+    assert target(busy(s, TaskKind.MOVE, moves=True)).startswith(waypoint)
+
+
+async def test_fixture_step_shows_the_whole_placement_and_all_ranges_of_a_ball(still):
+    s, ball = story()["connected"], load_procedure("ball")
+    s = replace(s, procedure=replace(s.procedure, fixture=ball.fixture))
+    assert max(map(len, lines_of(PlacementPanel(), s, 66, 6))) <= 66
+    async with still(s, step=Step.FIXTURE) as d:
+        await d.settle()
+        assert d.app.main.query_one("#checklist").content_size.height < 11, "no empty rows"
+        placement = d.words("#placement")
+        for name in ("ground_x", "ground_y", "ground_z", "tip_x", "tip_y", "tip_z"):
+            assert name in placement
+        assert "±" in placement
+        assert "Unknowns" in placement
+        checks = d.words("#checks")
+        assert all(f"J{j} " in checks.partition("ranges of the joints")[2] for j in range(1, 8))
+        assert ball.fixture.checklist[-1].split()[-1] in d.words("#checklist")
+
+
+def test_target_of_four_drives_is_shown_in_full():
+    s = story()["capturing"]
+    target = dict.fromkeys((1, 5, 6, 7), -1.5)
+    s = replace(s, plan=tuple(target for _ in s.plan))
+    rows = lines_of(StillPanel(), s, 66, 3)
+    assert len(rows) == 3
+    assert "".join(rows[:2]).count("-85.94") == 4
+    assert "…" not in "".join(rows)
+    assert not rows[0].rstrip().endswith("J7"), "a joint is not parted from its angle"
+    assert len(lines_of(StillPanel(), s, 80, 2)) == 2
+
+
+@pytest.mark.parametrize("change", [stale, lost])
+def test_old_data_are_not_shown_as_standstill(change):
+    s = story()["capturing"]
+    old = replace(change(s), motion=s.motion)
+    assert "no fresh data" in lines_of(StillPanel(), old, 66, 3)[-1]
+
+
+def test_step_list_names_drives_that_are_on_and_otherwise_asks_to_apply():
+    s = story()["modes"]
+    assert detail(Step.MODES, s) == "J1 J5 drive"
+    for other in (stopped(s), tripped(s), replace(s, arm=None)):
+        assert detail(Step.MODES, other) == "apply again"
+    for joints, words in (((2,), "J2 drives"), ((1, 5, 6, 7), "J1 J5 J6 J7")):
+        modes = tuple("position" if j in joints else "free" for j in range(1, 8))
+        arm_joints = tuple(
+            replace(j, mode=JointMode(mode)) for j, mode in zip(s.arm.joints, modes, strict=True)
+        )
+        arm, state = replace(s.arm, joints=arm_joints), replace(s.state, modes=modes)
+        assert detail(Step.MODES, replace(s, arm=arm, state=state)) == words
+
+
+def test_first_pose_of_a_placement_is_marked():
+    s = story()["captured"]
+    poses = tuple(replace(p, placement=1 if p.number <= 4 else 2) for p in s.state.poses)
+    rows = lines_of(PosesPanel(), replace(s, state=replace(s.state, poses=poses)), 66, 30)
+    marked = [row for row in rows if "placement 2 begins" in row]
+    assert [int(row.split()[0].lstrip("▌") or row.split()[1]) for row in marked] == [5]
 
 
 def test_trend_covers_all_poses():

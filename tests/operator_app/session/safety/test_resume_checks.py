@@ -92,6 +92,13 @@ def test_a_shifted_zero_is_detected_before_enabling(resumed, joint, degrees):
         assert arm.enabled == 0
 
 
+def test_a_probability_beyond_the_tails_is_stated_as_a_limit(resumed):
+    session, _ = resumed(joint=5, degrees=8.0)
+    session.connect()
+    with pytest.raises(GuardError, match=r"\(probability below 1e-12\)"):
+        take_poses(session, Listener(), (1, 5))
+
+
 @pytest.mark.parametrize(("counts", "where"), [(0, "at zero"), (36, "near zero")])
 def test_a_counter_at_zero_after_a_resume_is_named(resumed, counts, where):
     session, arm = resumed()

@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from operator_app.errors import JournalDamagedError, JournalError
-from operator_app.session.store.journal import JOURNAL_NAME, Journal, read_journal
+from operator_app.session.store.journal import JOURNAL_NAME, Journal, is_in_use, read_journal
 from tests.oracles.journals import written
 
 EVENTS = (("opened", {"a": 1.25}), ("pose", {"mean_rad": [0.1, -2e-17]}), ("note", {"t": "µ\n"}))
@@ -256,3 +256,30 @@ def test_a_linked_journal_is_readable_but_not_writable(tmp_path):
     with pytest.raises(JournalError, match="is a symbolic link") as refused:
         Journal.resume(tmp_path / "here")
     assert refused.value.remedy.endswith(str(tmp_path / "there"))
+
+
+def test_session_on_a_read_only_file_system_is_refused_with_a_remedy_that_helps(
+    tmp_path, monkeypatch
+):
+    journal = Journal.create(tmp_path / "s")
+    journal.close()
+    system_open = os.open
+
+    def read_only(path, flags, *arguments):
+        if flags & os.O_RDWR and str(path).endswith(JOURNAL_NAME):
+            raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+        return system_open(path, flags, *arguments)
+
+    monkeypatch.setattr(os, "open", read_only)
+    with pytest.raises(JournalError) as refused:
+        Journal.resume(tmp_path / "s")
+    assert "writable" in refused.value.remedy
+    assert "session list" not in refused.value.remedy
+
+
+def test_a_locked_journal_is_in_use(tmp_path):
+    journal = Journal.create(tmp_path / "s")
+    assert is_in_use(tmp_path / "s")
+    journal.close()
+    assert not is_in_use(tmp_path / "s")
+    assert not is_in_use(tmp_path / "none")

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from fixtures.base import CheckKind, SetupCheck, Severity
-from hardware.arm import Fault, JointMode
+from hardware.arm import DriveState, Fault, JointMode
 from operator_app.session.ui import guards
 from operator_app.session.ui.snapshot import (
     ARM_RECOVERY,
@@ -72,6 +72,12 @@ def switched_off(s):
     return replace(s, arm=replace(s.arm, faults=(fault,)))
 
 
+def all_off(s):
+    """Every drive is off, as after a reset."""
+    joints = tuple(replace(j, drive=DriveState.SWITCH_ON_DISABLED) for j in s.arm.joints)
+    return replace(s, arm=replace(s.arm, joints=joints))
+
+
 def misreported(s):
     """A drive is in another mode than it was put into."""
     joints = tuple(replace(j, mode=JointMode.FREE) if j.joint == 1 else j for j in s.arm.joints)
@@ -130,6 +136,7 @@ def not_accepted(s):
         ("may_verify", "uploaded", stopped),
         ("may_verify", "uploaded", lambda s: replace(s, selected_joints=(3,))),
         ("may_reset", "modes", None),
+        ("capture_ready", "modes", all_off),
     ],
 )
 def test_unmet_conditions_are_reported(guard, name, change, approve):

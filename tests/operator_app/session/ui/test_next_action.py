@@ -5,11 +5,12 @@ from functools import cache
 
 import pytest
 
-from hardware.arm import DriveState
+from hardware.arm import DriveState, Fault
 from operator_app.calibration.verification import VerificationResult
 from operator_app.config.procedure_file import load_procedure
 from operator_app.report.spans import wrapped
 from operator_app.session.ui.action_handlers import apply_prompt
+from operator_app.session.ui.guards import may_run_automatically
 from operator_app.session.ui.next_action import next_action
 from operator_app.session.ui.snapshot import TaskKind
 from operator_app.session.ui.steps import Step
@@ -35,11 +36,25 @@ def snapshots():
             for name, s in story().items()
             for change in (
                 real,
-                *((stopped, unstopped, stale, lost, diverged, tripped) if s.arm else ()),
+                *(
+                    (stopped, unstopped, stale, lost, diverged, tripped, heartbeat_lost)
+                    if s.arm
+                    else ()
+                ),
             )
         },
         "moving": busy(story()["capturing"], TaskKind.AUTOMATIC, moves=True),
     }
+
+
+def heartbeat_lost(s):
+    """All drives have tripped, as after a killed program."""
+    faults = tuple(
+        Fault(node=j, joint=j, code=0x8130, text="operator's heartbeat lost", sync_count=0)
+        for j in range(1, 8)
+    )
+    joints = tuple(replace(j, drive=DriveState.FAULT, mode=None) for j in s.arm.joints)
+    return replace(s, arm=replace(s.arm, joints=joints, faults=faults))
 
 
 @pytest.mark.parametrize("step", list(Step), ids=lambda step: step.title)
@@ -97,3 +112,27 @@ def test_an_open_arm_drives_all_joints():
     )
     assert apply_prompt(opened) == "Put joints 1, 2, 3, 4, 5, 6 and 7 into position mode"
     assert apply_prompt(s) == "Put joints 1 and 5 into position mode, the others free"
+
+
+def test_hint_names_the_fault_and_the_number_of_drives():
+    hint = next_action(Step.CONNECT, heartbeat_lost(story()["modes"])).hint
+    assert hint.startswith("7 drives are in fault (8130h: ")
+    hint = next_action(Step.CONNECT, tripped(story()["modes"])).hint
+    assert hint.startswith("the drive of J4 is in fault:")
+
+
+def test_a_missing_drift_check_is_named_and_can_be_made():
+    s = story()["captured"]
+    assert "drift check" not in next_action(Step.CAPTURE, s).hint
+    assert may_run_automatically(s)
+    s = replace(s, state=replace(s.state, readings=()))
+    assert "drift check is missing" in next_action(Step.CAPTURE, s).hint
+    assert not may_run_automatically(s)
+
+
+@pytest.mark.parametrize(("left", "words"), [(1, "the last pose"), (2, "the 2 remaining poses")])
+def test_hint_counts_the_poses_that_remain(left, words):
+    s = story()["capturing"]
+    capture = replace(s.procedure.capture, poses=len(s.state.used_poses) + left)
+    s = replace(s, procedure=replace(s.procedure, capture=capture))
+    assert next_action(Step.CAPTURE, s).hint.startswith(f"Enter captures {words} automatically")

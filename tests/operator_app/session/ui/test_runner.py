@@ -291,3 +291,25 @@ def test_resuming_marks_the_drive_joints_of_the_session(make_session):
     runner = Runner(resumed, simulated=True, bus="none")
     assert runner.snapshot().selected_joints == (1, 4)
     runner.close("end of the test")
+
+
+def test_a_cancelled_task_is_shown_as_ending_at_once(runner):
+    """One that is planning may take seconds until it ends."""
+    task = Task()
+    runner.submit(TaskKind.AUTOMATIC, "moving", task)
+    assert task.begun.wait(PATIENCE_S)
+    runner.operations.planning(active=True)
+    assert runner.snapshot().task.progress == "planning the next poses; the arm stands still"
+    runner.cancel()
+    assert runner.snapshot().task.progress.startswith("ending: planning")
+    task.go_on.set()
+    finish(runner)
+    assert runner.snapshot().task is None
+
+
+def test_reset_says_what_it_cleared(runner, arm):
+    runner.operations.reset()
+    assert texts(runner)[-1].startswith("drive faults reset: ")
+    arm.stop()
+    runner.operations.reset()
+    assert texts(runner)[-1].startswith("STOP reset: ")

@@ -6,6 +6,7 @@ from datetime import UTC, datetime
 from functools import partial
 
 import pytest
+from tests.oracles.live_arm import FakeSessions
 
 from hardware.timing import Pace
 from operator_app.composition import open_arm, unattended
@@ -110,3 +111,24 @@ def test_sessions_begun_in_one_second_have_separate_folders(tmp_path):
     for session in sessions:
         session.close("done")
         assert read_session(session.journal.path.parent).problem == ""
+
+
+def test_only_an_unused_session_of_the_named_procedure_is_offered(tmp_path):
+    source = FakeSessions(tmp_path / "sessions")
+    operations = source.new().operations
+    operations.connect()
+    operations.set_modes((1, 5))
+    for _ in range(2):
+        operations.capture(0)
+    operations.exclude(1)
+
+    def sessions(procedure):
+        return Sessions(procedure, Choices(), root=source.root, join=source._join)
+
+    assert sessions(None).unfinished() is None, "a process uses it"
+    source.close("left")
+    for named in (None, "hinge"):
+        offered = sessions(named).unfinished()
+        assert offered is not None
+        assert offered.folder == source.last
+    assert sessions("ball").unfinished() is None

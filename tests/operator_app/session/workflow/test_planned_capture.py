@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -20,7 +21,7 @@ from operator_app.session.workflow.campaign_replay import is_same_action
 from operator_app.session.workflow.drive_selection import choose, retrace
 from operator_app.session.workflow.planned_capture import PlannedCapture
 from operator_app.session.workflow.session import Session
-from solver.design.actions import Finished
+from solver.design.actions import Finished, GoTo
 from tests.oracles.journal_events import event_data, journal_events
 from tests.oracles.plant_arm import PlantArm
 from tests.oracles.plant_sessions import RecordingListener, opened, short_procedure
@@ -41,7 +42,14 @@ class PlannedRun(RecordingListener):
     def __init__(self, session: Session, drives: tuple[int, ...] = (1, 5)) -> None:
         super().__init__()
         self.session = session
+        self.phases: list[str] = []
         self.capture = PlannedCapture(session, drives, self, candidates=CANDIDATES)
+
+    def planning(self, *, active: bool) -> None:
+        self.phases.append("begins" if active else "ends")
+
+    def going(self, move: GoTo | None) -> None:
+        self.phases.append("moves")
 
     def run(self) -> Finished:
         self.session.connect()
@@ -99,6 +107,12 @@ def test_arm_far_from_its_nominal_values_is_calibrated_within_its_range(make_ses
 
 
 @pytest.mark.campaign
+def test_planning_is_announced_and_nothing_moves_meanwhile(complete_run):
+    phases = complete_run.run.phases
+    assert phases.count("begins") == phases.count("ends") > 4
+    assert all(after == "ends" for now, after in pairwise(phases) if now == "begins")
+
+
 def test_return_to_the_first_pose_uses_known_paths_and_changes_no_plan(make_session):
     session = make_session(planned_procedure(4))
     run = PlannedRun(session)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from hardware.arm import DriveState
+from hardware.arm import DriveState, JointMode
 from operator_app.session.ui.snapshot import DataState, StopReport, TaskKind
 from operator_app.tui.widgets.status import Banner, SafetyStrip
 from tests.oracles.story import busy, lost, real, stale, stopped, story, tripped, unstopped
@@ -72,3 +72,30 @@ def test_stop_by_lost_data_is_not_shown_as_software_stop(capturing):
     )
     assert "DATA LOST" in line_of(Banner(), silent)
     assert "SOFTWARE STOP" in line_of(Banner(), replace(silent, stop=stopped(capturing).stop))
+
+
+def test_strip_counts_drives_in_fault(capturing):
+    joints = tuple(replace(j, drive=DriveState.FAULT) for j in capturing.arm.joints)
+    strip = line_of(SafetyStrip(), replace(capturing, arm=replace(capturing.arm, joints=joints)))
+    assert strip.endswith("│DRV ■ 7 FAULT")
+
+
+def test_bus_with_stale_data_is_not_ok(capturing):
+    assert "BUS ● ok" in line_of(SafetyStrip(), capturing)
+    assert "BUS ▲│" in line_of(SafetyStrip(), stale(capturing))
+    assert "BUS ▲ LATE │" in line_of(SafetyStrip(), stale(capturing), 120)
+
+
+def test_nothing_is_claimed_about_an_arm_without_data(capturing):
+    banner = line_of(Banner(), lost(capturing))
+    assert "unknown" in banner
+    assert "hold" not in banner
+
+
+def test_modes_of_four_drives_stay_in_the_strip(capturing):
+    joints = tuple(
+        replace(j, mode=JointMode.POSITION if j.joint in (1, 5, 6, 7) else JointMode.FREE)
+        for j in capturing.arm.joints
+    )
+    s = replace(capturing, arm=replace(capturing.arm, joints=joints))
+    assert "POS J1 J5 J6 J7 " in line_of(SafetyStrip(), s, 120)

@@ -87,9 +87,6 @@ def assert_arm_reaction(outcome: Outcome, reaction: ArmReaction, *, connected: b
         return  # nothing was enabled yet
     match reaction:
         case ArmReaction.HOLDS:
-            # A silent free joint is switched off, not held: its position is unknown.
-            if outcome.kind == "silent-node":
-                modes = {mode for j, (_, mode) in enumerate(outcome.then, 1) if j != 4}
             assert modes <= {JointMode.POSITION, None}
             assert DriveState.OPERATION_ENABLED not in states
         case ArmReaction.TRIPS if "tripped" in outcome.message:

@@ -6,7 +6,6 @@ from datetime import UTC, datetime
 from functools import partial
 
 import pytest
-from tests.oracles.live_arm import FakeSessions
 
 from hardware.timing import Pace
 from operator_app.composition import open_arm, unattended
@@ -15,6 +14,7 @@ from operator_app.errors import SessionError
 from operator_app.session.store.folders import read_session
 from operator_app.session.ui.sessions import Sessions
 from operator_app.session.workflow.opening import Choices, Rig, begin, open_session, resume
+from tests.oracles.live_arm import FakeSessions
 from tests.oracles.plant_arm import PlantArm
 
 CHANNEL = f"test-opening-{os.getpid()}"

@@ -87,7 +87,7 @@ def assert_arm_reaction(outcome: Outcome, reaction: ArmReaction, *, connected: b
         return  # nothing was enabled yet
     match reaction:
         case ArmReaction.HOLDS if "no heartbeat from node" in outcome.message:
-            # The message may precede the supervisor's stop: nothing moves meanwhile, and all hold or are off at the end.
+            # The message may precede the stop: nothing moves meanwhile, and all hold or are off at the end.
             assert DriveState.OPERATION_ENABLED in states or modes <= {JointMode.POSITION, None}
         case ArmReaction.HOLDS:
             assert modes <= {JointMode.POSITION, None}

@@ -342,7 +342,12 @@ FAULTS: Mapping[str, FaultDescription] = {
     "deaf-drive": FaultDescription(
         "a drive in position mode does not move, and reports that it does not follow (6041h, bit 12)",
         "Check that drive: interpolation, halt, internal limits. Reset (R, or `sarcal reset`), then go on.",
-        texts=("(6041h, bit 12)", "following error", "counts from its target"),
+        texts=(
+            "(6041h, bit 12)",
+            "no longer follows its target",
+            "following error",
+            "counts from its target",
+        ),
     ),
     "emcy-storm": FaultDescription(
         "a drive sends fifty emergencies on every SYNC",

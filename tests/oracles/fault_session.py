@@ -19,6 +19,7 @@ from hardware.arm import DriveState, JointMode
 from hardware.buses.python_can import BusSettings
 from hardware.virtual.controller import VirtualController
 from hardware.virtual.embedded_bus import attended_openers
+from hardware.virtual.fault_messages import FAULTS, ArmReaction
 from hardware.virtual.faults import ScriptedFault, inject
 from hardware.virtual.plant import Plant
 from operator_app.messages.errors import EXPECTED
@@ -49,8 +50,9 @@ class Outcome:
     """Outcome of a session.
 
     `message`: of the error that ended it, or "". `poses`, `wrong`: accepted poses, and the numbers of wrong ones.
-    `moved_deg`, `states`: largest motion of a true angle in the 1.5 s after the message, without commands; the drives
-    at the message. `final_modes`: of the drives after the session was closed. `reports`: those that did not end it.
+    `moved_deg`, `states`, `states_later`: largest motion of a true angle in the 1.5 s after the message, without
+    commands; the drives at the message, and after these 1.5 s. `final_modes`: of the drives after the session was
+    closed. `reports`: those that did not end it.
     """
 
     message: str
@@ -58,6 +60,7 @@ class Outcome:
     wrong: tuple[int, ...]
     moved_deg: float
     states: DriveStates
+    states_later: DriveStates
     final_modes: tuple[JointMode | None, ...]
     reports: tuple[str, ...]
 
@@ -85,17 +88,17 @@ def drives_of(controller: VirtualController) -> DriveStates:
     return tuple((node.drive.state, node.drive.command().mode) for node in controller.drives)
 
 
-def observe_drives(controller: VirtualController) -> tuple[DriveStates, float]:
-    """The drives' states, and the largest motion (deg) of a true angle without further commands."""
+def observe_drives(controller: VirtualController) -> tuple[DriveStates, DriveStates, float]:
+    """The drives' states now and later, and the largest motion (deg) of a true angle without further commands."""
 
-    def observe() -> tuple[DriveStates, float]:
+    def observe() -> tuple[DriveStates, DriveStates, float]:
         plant = controller.plant
         assert isinstance(plant, Plant)
         states, start, largest = drives_of(controller), plant.true_angles_rad, 0.0
         for _ in range(OBSERVED_SYNCS):
             controller.group.step()
             largest = max(largest, float(np.abs(plant.true_angles_rad - start).max()))
-        return states, float(np.rad2deg(largest))
+        return states, drives_of(controller), float(np.rad2deg(largest))
 
     return call_in_loop(controller, observe)
 
@@ -116,6 +119,12 @@ def stopped(states: DriveStates) -> bool:
     return DriveState.OPERATION_ENABLED not in {state for state, _ in states}
 
 
+def reacted(states: DriveStates) -> bool:
+    """Whether the drives have stopped, or one has tripped, which stops the others in the next control period."""
+    tripped = {DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE}
+    return stopped(states) or bool(tripped & {state for state, _ in states})
+
+
 def holding(states: DriveStates) -> bool:
     return JointMode.FREE not in {mode for _, mode in states}
 
@@ -130,6 +139,7 @@ def run_session_with_fault(
     script: Sequence[ScriptedFault] = ()
     moved_deg = 0.0
     states: DriveStates = ()
+    later: DriveStates = ()
     if kind and at_sync:
         script = [ScriptedFault(kind=kind, joint=joint, at_sync=at_sync)]
     chosen = Choices(scenario="exact", seed=0)
@@ -162,10 +172,12 @@ def run_session_with_fault(
             take_poses(session, listener, (1, 5))
         except EXPECTED as exception:
             message = str(exception)
-            if session.identity is not None and arm.snapshot().stopped:
-                # The message may precede the frames of the stop.
-                wait_for_drives(controller, stopped, patience_s=PATIENCE_S)
-            states, moved_deg = observe_drives(controller)
+            holds = kind in FAULTS and FAULTS[kind].arm is ArmReaction.HOLDS
+            if session.identity is not None and (holds or arm.snapshot().stopped):
+                # The message may precede the frames of the stop, or the time-out of the drive that causes it.
+                condition = reacted if holds else stopped
+                wait_for_drives(controller, condition, patience_s=PATIENCE_S)
+            states, later, moved_deg = observe_drives(controller)
         finally:
             controller.running.set()
             session.close("done")
@@ -178,6 +190,7 @@ def run_session_with_fault(
         wrong=tuple(p.number for p in used if loop_error(p.mean_rad) > MAX_CLOSURE_ERROR),
         moved_deg=moved_deg,
         states=states,
+        states_later=later,
         final_modes=tuple(mode for _, mode in ended),
         reports=tuple(listener.said),
     )

@@ -93,8 +93,8 @@ class NodeNotStarted(HardwareError):
         self.nodes = dict(nodes)
         what = "; ".join(f"node {node} {text}" for node, text in nodes.items())
         super().__init__(
-            f"{what}. Nothing was enabled. Check that node's faults and its NMT and heartbeat settings (1017h) with "
-            "its maker's tool"
+            f"{what}. Nothing was enabled. Check faults, NMT state and heartbeat period (1017h) with the tool of the "
+            "node's maker"
         )
 
 

@@ -52,7 +52,7 @@ class Sample:
     missing: tuple[int, ...] = ()
     """Joints that did not answer this SYNC in time, or answered twice."""
     overdue: tuple[int, ...] = ()
-    """Answers to earlier SYNCs that joints 1..n still owe: their values may be so many SYNCs old. Empty: none."""
+    """Earlier SYNCs that joints 1..n have not answered: their values may be that many SYNCs old. Empty: none."""
 
     @property
     def complete(self) -> bool:

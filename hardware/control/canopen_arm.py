@@ -219,5 +219,6 @@ def _power_after(sample: Sample | None) -> str:
     powered = sample.joints_in(CLOSED_LOOP_STATES)
     if not powered:
         return "All drives have been switched off again"
-    joints = ", ".join(map(str, powered))
-    return f"All drives were commanded off again; joint {joints} still has power: use the hardware stop"
+    who, have = ("joint", "has") if len(powered) == 1 else ("joints", "have")
+    joints = f"{who} {', '.join(map(str, powered))} still {have} power"
+    return f"All drives were commanded off again; {joints}: use the hardware stop"

@@ -93,7 +93,7 @@ class StraightMove:
         self.start_from_rest()
 
     def start_from_rest(self) -> None:
-        """Plan the rest of the move anew, for joints that stand still at the last target; no effect while braking."""
+        """Plan the remaining move from standstill at the last target; no effect while braking."""
         if self.braking:
             return
         self._start = self._target

@@ -45,7 +45,7 @@ class Divergence:
 class FollowingMonitor:
     """Compares samples with commands; `windows_counts`, if not empty, limits each joint's distance from its targets.
 
-    These are the targets of the last `LAG_SYNCS` SYNCs, and of as many more as the joint still owes answers.
+    These are the targets of the last `LAG_SYNCS` SYNCs, plus one for each SYNC that the joint has not answered yet.
     """
 
     def __init__(self, windows_counts: Sequence[float] = ()) -> None:

@@ -293,10 +293,10 @@ def _silence(
             f"Answers to SYNC are not as the bus profile states: {'; '.join(wrong)}. Compare the drive's map with "
             "the profile (`sarcal probe`); if they agree, its maker must find out why it sends something else."
         )
-    mute = tuple(drives[j - 1] for j in lost_joints if j not in wrong_lengths)
+    unanswered = tuple(drives[j - 1] for j in lost_joints if j not in wrong_lengths)
     silent = (
         ("no heartbeat from", nodes.silent()),
-        ("no answer to SYNC from", mute),
+        ("no answer to SYNC from", unanswered),
     )
     if silence := " and ".join(f"{what} {_nodes(numbers)}" for what, numbers in silent if numbers):
         yield errors.BusError(

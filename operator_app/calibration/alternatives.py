@@ -231,10 +231,8 @@ def _same_loop(stated: Experiment) -> Iterator[Alternative]:
                 order[[i, j]] = j, i
                 entries = (f"{kind}_{i + 1}", f"{kind}_{j + 1}")
                 finding = Finding(FindingKind.ENTRIES_EXCHANGED, names=entries)
-                yield (
-                    finding,
-                    replace(stated, arm=_with_table(arm, **{f"{kind}_m": lengths[order]})),
-                )
+                exchanged = _with_table(arm, **{f"{kind}_m": lengths[order]})
+                yield finding, replace(stated, arm=exchanged)
 
 
 def _with_table(arm: ArmModel, **columns: FloatArray) -> ArmModel:

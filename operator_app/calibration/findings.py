@@ -228,17 +228,12 @@ def rms_displacement(
     group = np.zeros(len(concerned), dtype=np.int64)
     if faults.design.group is not None:
         group = faults.design.group[faults.order]
-    return max(
-        (
-            {
-                "turn_rad": _rms_length(moved[:, :-3]) if moved.shape[1] > 3 else 0.0,
-                "shift_m": _rms_length(moved[:, -3:]),
-            }
-            for placement in np.unique(group[concerned])
-            for moved in [along_fixture[concerned & (group == placement)]]
-        ),
-        key=lambda moved: (moved["shift_m"], moved["turn_rad"]),
-    )
+    sizes = []
+    for placement in np.unique(group[concerned]):
+        moved = along_fixture[concerned & (group == placement)]
+        turn_rad = _rms_length(moved[:, :-3]) if moved.shape[1] > 3 else 0.0
+        sizes.append({"turn_rad": turn_rad, "shift_m": _rms_length(moved[:, -3:])})
+    return max(sizes, key=lambda size: (size["shift_m"], size["turn_rad"]))
 
 
 def _rms_length(vectors: FloatArray) -> float:

@@ -158,7 +158,7 @@ def far_from_files(
 
 
 def _implausible(far: tuple[Parameter, float], times: float | None) -> Finding:
-    """The finding of a value far from nominal; `times`: how much better another solution fits, None without one."""
+    """Return the finding of a value far from nominal; `times`: how much better another solution fits, if one does."""
     p, change = far
     return Finding(
         FindingKind.FAR_FROM_NOMINAL if times is None else FindingKind.OTHER_SOLUTION,

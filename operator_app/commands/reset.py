@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Collection
 
 from hardware.arm import DriveState
 from hardware.canopen.cia402 import POWERED_STATES
@@ -23,12 +24,10 @@ def execute(args: argparse.Namespace) -> int:
                 "the embedded virtual arm has nothing to reset: it starts with each command; name a bus with -i, "
                 "or a session on one"
             )
-        found: dict[int, DriveState] = {}
         if isinstance(rig.arm, CanopenArm):
             rig.arm.take_over()  # the only command that switches off drives that another program left enabled
         identity = rig.arm.connect()
-        if isinstance(rig.arm, CanopenArm):
-            found = rig.arm.found_powered
+        found = rig.arm.found_powered if isinstance(rig.arm, CanopenArm) else {}
         written = [f"Set up as the bus profile requires: {line}" for line in identity.configured]
         unwatching = unwatching_words(identity)
         for line in (*written, *([unwatching] if unwatching else [])):
@@ -55,12 +54,17 @@ def execute(args: argparse.Namespace) -> int:
             }
     cleared = {joint: text for joint, text in faults.items() if joint not in stays}
     remaining = {joint: faults.get(joint, text) for joint, text in stays.items()}
-    report(cleared, remaining, arm_joints=len(before.joints), in_json=args.json)
+    report(cleared, remaining, switched_off=found, arm_joints=len(before.joints), in_json=args.json)
     return ExitCode.ARM_FAULT if stays else ExitCode.ACCEPTED
 
 
 def report(
-    cleared: dict[int, str], stays: dict[int, str], *, arm_joints: int, in_json: bool
+    cleared: dict[int, str],
+    stays: dict[int, str],
+    *,
+    switched_off: Collection[int] = (),
+    arm_joints: int,
+    in_json: bool,
 ) -> None:
     """Print which joints' faults were cleared or drives switched off, and which faults remain."""
     if in_json:
@@ -71,8 +75,7 @@ def report(
         say(as_json(facts))
         return
     for joint, text in cleared.items():
-        done = "switched off" if text == drive_words(DriveState.OPERATION_ENABLED) else "reset"
-        say(f"Joint {joint}  {text}: {done}")
+        say(f"Joint {joint}  {text}: {'switched off' if joint in switched_off else 'reset'}")
     if cleared:
         say("The drives are off. Nothing has moved.")
     elif not stays:

@@ -41,7 +41,7 @@ from hardware.errors import (
 from operator_app.config.errors import ConfigError, WriteError
 from operator_app.config.procedure import Procedure
 from operator_app.errors import COMMAND_WORDS, SessionError
-from operator_app.units import REACH, plural
+from operator_app.units import REACH, joints_named, plural
 from solver.errors import SolverError, TooFewPosesError, UnidentifiableError
 
 EXPECTED = (SessionError, HardwareError, SolverError, FixtureError, ConfigError, WriteError)
@@ -68,8 +68,7 @@ def stopped_words(reason: str) -> str:
 
 def unstopped_words(joints: Sequence[int]) -> str:
     """Return the clause on joints whose drives have not obeyed STOP."""
-    who, have = ("joint", "has") if len(joints) == 1 else ("joints", "have")
-    return f"{who} {', '.join(map(str, joints))} {have} NOT stopped"
+    return f"{joints_named(joints)} {'has' if len(joints) == 1 else 'have'} NOT stopped"
 
 
 def _remedy(error: BaseException) -> str:

@@ -302,7 +302,7 @@ class FindingKind(Enum):
     UNEXPLAINED_SCATTER = _Message(
         "UNNAMED",
         text="the readings scatter {times:TIMES} times as much as the files state and no single fault explains it",
-        remedy=_TOGETHER,
+        remedy=f"{_TOGETHER}; if the files state smaller errors than this arm has, state larger ones",
     )
     UNEXPLAINED_PATTERN = _Message(
         "UNNAMED",
@@ -330,7 +330,7 @@ class FindingKind(Enum):
     ZERO_TURNED = _Message(
         "ZERO_JOINT_{joint}",
         text="the loops close if theta_off_{joint} of the arm file is changed by {size:TARGET}",
-        remedy="correct theta_off_{joint} in the arm file, or set the zero of joint {joint}'s encoder",
+        remedy="correct theta_off_{joint} in the arm file, or set the zero of joint {joint}'s sensor",
     )
     ENTRIES_EXCHANGED = _Message(
         "EXCHANGED_{names}",
@@ -460,7 +460,7 @@ class FindingKind(Enum):
         "{size:FAR_ANGLE|FAR_LENGTH}",
         remedy="the calibration uses the position found from the poses; if the socket stays there, correct "
         "ground_mm in the fixture's file; if it is where the file states, all lengths of the arm file are wrong in "
-        "proportion, which a measured distance between two sockets determines",
+        "proportion: a measured distance between two sockets shows by how much",
     )
     FIXTURE_ELSEWHERE = _Message(
         "FIXTURE_ELSEWHERE",

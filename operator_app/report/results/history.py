@@ -11,9 +11,10 @@ from operator_app.calibration.history import ArmHistory, EntryHistory
 from operator_app.report.table import Cell, FactTable, figures, words
 from operator_app.report.text import WIDTH, paragraph, table_lines
 from operator_app.units import ANGLE, LENGTH, Figure, Quantity, places_to_show, plural
-from solver.chain.parameters import DhEntry
+from solver.chain.parameters import DhEntry, is_entry
 from solver.diagnostics.control_chart import BASELINE, RECENT, ChartSignal
 from solver.diagnostics.limits import CONTROL_CHART_FALSE_ALARM_PROBABILITY
+from solver.loops.open_arm import MeasuredClosure
 
 TITLES = {
     Side.ARM: "Offsets of the arm",
@@ -37,8 +38,11 @@ FRAMED = 72
 
 
 def quantity(name: str) -> Quantity:
-    """Return the quantity of an entry: angle or length."""
-    return ANGLE if DhEntry.parse(name).kind.is_angle else LENGTH
+    """Return the quantity of a parameter: angle or length."""
+    entry = name.partition("[")[0]
+    if is_entry(entry):
+        return ANGLE if DhEntry.parse(entry).kind.is_angle else LENGTH
+    return ANGLE if entry in MeasuredClosure.OWN_ANGLES else LENGTH
 
 
 def title_of(part: EntryHistory) -> str:

@@ -17,7 +17,6 @@ from operator_app.session.store.journal_format import JOURNAL_NAME
 from operator_app.units import (
     ANGLE,
     CONDITION,
-    LENGTH,
     NOISE_ANGLE,
     Figure,
     Kind,
@@ -177,21 +176,12 @@ def _about(folder: Path, state: SessionState, procedure: str, torn: str) -> Fact
 
 def solved_json(state: SessionState) -> dict[str, Any]:
     """Return the journal's summary of the last calibration as JSON, parameters in deg or m; empty if there is none."""
-    from solver.chain.parameters import DhEntry, is_entry
-    from solver.loops.open_arm import MeasuredClosure
-
-    def value(name: str, si: float) -> float | None:
-        entry = name.partition("[")[0]
-        angle = (
-            DhEntry.parse(entry).kind.is_angle
-            if is_entry(entry)
-            else entry in MeasuredClosure.OWN_ANGLES
-        )
-        return Figure(si, ANGLE if angle else LENGTH).in_json
+    from operator_app.report.results.history import quantity
 
     solved = dict(state.solved)
     if "parameters" in solved:
-        solved["parameters"] = {name: value(name, si) for name, si in solved["parameters"].items()}
+        known = solved["parameters"].items()
+        solved["parameters"] = {name: Figure(si, quantity(name)).in_json for name, si in known}
     return solved
 
 

@@ -1,3 +1,4 @@
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,43 +9,31 @@ from hardware.canopen.drive_settings import DriveFacts
 from hardware.commissioning.checks import drive_settings
 from hardware.commissioning.clauses import BENCH, is_enabled_unmoved, keeps_its_document
 
+DRIVE = DriveFacts(joint=1, unsupported_modes=(), quick_stop_option=6, operator_timeout_s=0.5)
+
 
 @pytest.mark.parametrize(
     ("guard_s", "passed"),
     [(None, False), (0.5, True), (2.0, True), (2.1, None), (10.0, None), (10.1, False)],
 )
 def test_heartbeat_timeout_bounds_of_guard_clause(guard_s, passed, approve):
-    drive = DriveFacts(
-        joint=1, unsupported_modes=(), quick_stop_option=6, operator_timeout_s=guard_s
-    )
-    (guard,) = [clause for clause in drive_settings([drive]) if clause.name == "guard"]
+    clauses = drive_settings([replace(DRIVE, operator_timeout_s=guard_s)])
+    (guard,) = [clause for clause in clauses if clause.name == "guard"]
     assert guard.passed is passed
     approve(guard.text)
 
 
 def test_drive_without_reaction_to_the_timeout_fails_guard_clause(approve):
-    drive = DriveFacts(
-        joint=1,
-        unsupported_modes=(),
-        quick_stop_option=6,
-        operator_timeout_s=0.5,
-        ignores_timeout=True,
-    )
-    (guard,) = [clause for clause in drive_settings([drive]) if clause.name == "guard"]
+    clauses = drive_settings([replace(DRIVE, ignores_timeout=True)])
+    (guard,) = [clause for clause in clauses if clause.name == "guard"]
     assert guard.passed is False
     approve(guard.text)
 
 
 @pytest.mark.parametrize(("window", "reported"), [(None, 0), (5000, 0), (0xFFFFFFFF, 1)])
 def test_following_error_check_that_is_off_is_reported(window, reported, approve):
-    drive = DriveFacts(
-        joint=1,
-        unsupported_modes=(),
-        quick_stop_option=6,
-        operator_timeout_s=0.5,
-        following_window_counts=window,
-    )
-    found = [clause for clause in drive_settings([drive]) if clause.name == "following error"]
+    clauses = drive_settings([replace(DRIVE, following_window_counts=window)])
+    found = [clause for clause in clauses if clause.name == "following error"]
     assert [clause.passed for clause in found] == [None] * reported
     for clause in found:
         approve(clause.text)

@@ -6,7 +6,6 @@ The hand's half is nominal, except for its tilt against joint 7; the table's hal
 from functools import cache
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from tests.oracles.shop_floor_chain import (
     FOLLOW,
@@ -82,16 +81,25 @@ def mount_hinge(hand: Chain, angles: np.ndarray) -> tuple[Chain, np.ndarray]:
 
 
 def _tilt_hand(hand: Chain, angles: np.ndarray, tilt: float) -> np.ndarray | None:
-    """Turn joints 2, 4 and 6 until the hand's axis is `tilt` from that of joint 1, either way up."""
+    """Turn joints 2, 4 and 6 until the hand's axis is `tilt` from that of joint 1."""
+    angles = angles.copy()
 
-    def turned(steps: np.ndarray) -> np.ndarray:
-        return angles + np.insert(steps, [0, 1, 2, 3], 0.0)
-
-    def error(steps: np.ndarray) -> np.ndarray:
+    def cosine(joint_angles):
         R = np.eye(3)
-        for angle, alpha in zip(turned(steps), hand.alpha[1:], strict=True):
-            R = R @ (rotation_about_z(angle) @ link_transform(0.0, 0.0, alpha))[:3, :3]
-        return np.arctan2(np.hypot(R[0, 2], R[1, 2]), abs(R[2, 2])) - tilt
+        for j in range(1, 8):
+            step = rotation_about_z(joint_angles[j - 1]) @ link_transform(0.0, 0.0, hand.alpha[j])
+            R = R @ step[:3, :3]
+        return np.array([np.hypot(R[0, 2], R[1, 2]), R[2, 2]])
 
-    found = least_squares(error, np.zeros(3), xtol=1e-15, ftol=1e-15, gtol=1e-15)
-    return turned(found.x) if abs(found.fun[0]) < 1e-12 else None
+    for _ in range(60):
+        sine, cos = cosine(angles)
+        error = np.arctan2(sine, abs(cos)) - tilt
+        if abs(error) < 1e-12:
+            return angles
+        slope = np.zeros(7)
+        for j in (1, 3, 5):
+            stepped = cosine(angles + 1e-6 * np.eye(7)[j])
+            slope[j] = (np.arctan2(stepped[0], abs(stepped[1])) - tilt - error) / 1e-6
+        step = -error * slope / max(float(slope @ slope), 1e-12)
+        angles += np.clip(step, -0.2, 0.2)
+    return None

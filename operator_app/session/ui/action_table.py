@@ -162,7 +162,7 @@ ACTIONS: tuple[Action | OnScreen, ...] = (
     OnScreen(name="toggle_mode", keys=("f",), shown="f", label="Free/Pos",
              help="Select the other mode for the selected joint; it takes effect when applied.",
              steps=_at(Step.MODES), footer=_at(Step.MODES)),
-    Action(name="suggest", keys=("p",), shown="p", label="Best pair",
+    Action(name="suggest", keys=("p",), shown="p", label="Best set",
            prompt="Select the best ranked joints", help="Select the best ranked drive joints.",
            steps=_at(Step.MODES), footer=_at(Step.MODES), guard=guards.may_suggest,
            work=lambda context: mark(context.runner, context.s.ranked[0].drives)),

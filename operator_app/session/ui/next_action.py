@@ -123,7 +123,7 @@ def _modes(s: SessionSnapshot) -> NextAction:
     if not problem and s.position_joints == marked and not missing_for(Step.CAPTURE, s):
         return _next(Step.CAPTURE, "the modes are set and read back")
     if problem:
-        return NextAction("suggest", "Best pair", problem)
+        return NextAction("suggest", "Best set", problem)
     if needs_reconnect(s):
         return _CONNECT_AGAIN
     if any(alarm.resolving_tasks == {TaskKind.MODES} for alarm in s.alarms):

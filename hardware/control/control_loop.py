@@ -260,8 +260,14 @@ class ControlLoop:
             self._beat()
         self._sampler.close()
         before, stopped = self.watch.dropout.dropouts, self.latch.latched
-        late = self._sampler.answered_late
-        if self.watch.update(self.sample, self.commands, answered_late=late, stopped=stopped):
+        diverged = self.watch.update(
+            self.sample,
+            self.commands,
+            answered_late=self._sampler.answered_late,
+            stopped=stopped,
+            refusing_joints=self.nodes.refusing_joints,
+        )
+        if diverged:
             self.latch.press(self.watch.divergence)
             self._sender.stop_all(self.commands)
         elif self.commands is not None and self.watch.dropout.dropouts != before:

@@ -5,14 +5,15 @@ drive, or the drive's reports are wrong, only the operator, who knows the comman
 
 A joint is checked from the moment its drive reports that it follows (6041h, bit 12) until its mode changes or the drive
 leaves *operation enabled*, even if bit 12 drops. If a drive never sets bit 12, setting its mode fails
-(`hardware.control.canopen_arm`).
+(`hardware.control.canopen_arm`). A drive that reports a refused target keeps an earlier one, so its joint may be near
+any of the targets sent before the report.
 """
 
 from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from typing import Final
@@ -55,9 +56,14 @@ class FollowingMonitor:
         longest = 1 + LAG_SYNCS + MAX_LATE_SYNCS
         self._targets = tuple(deque[int](maxlen=longest) for _ in self._windows)  # newest first
 
-    def update(self, sample: Sample, commands: Setpoints | None) -> tuple[Divergence, ...]:
-        """Take in a sample and the commands sent before it; return the divergences of joints that do not follow."""
-        return () if commands is None else tuple(self._find(sample, commands))
+    def update(
+        self, sample: Sample, commands: Setpoints | None, refusing_joints: Collection[int] = ()
+    ) -> tuple[Divergence, ...]:
+        """Take in a sample and the commands sent before it; return the divergences of joints that do not follow.
+
+        `refusing_joints`: those whose drives have reported that they refuse their targets.
+        """
+        return () if commands is None else tuple(self._find(sample, commands, refusing_joints))
 
     def away(self, sample: Sample, commands: Setpoints) -> tuple[int, ...]:
         """Return the joints in position mode that are outside their windows, or did not answer."""
@@ -69,14 +75,17 @@ class FollowingMonitor:
             and (joint in sample.missing or abs(counts - command.target_counts) > window)
         )
 
-    def _find(self, sample: Sample, commands: Setpoints) -> Iterator[Divergence]:
+    def _find(
+        self, sample: Sample, commands: Setpoints, refusing_joints: Collection[int]
+    ) -> Iterator[Divergence]:
         for at, window in enumerate(self._windows):
             command, status, targets = commands[at], sample.statuswords[at], self._targets[at]
             if command.mode != CYCLIC_POSITION:
                 targets.clear()
                 self._outside_syncs[at], self._followed[at] = 0, False
                 continue
-            targets.appendleft(command.target_counts)
+            if at + 1 not in refusing_joints or not targets:
+                targets.appendleft(command.target_counts)
             if at + 1 in sample.missing:
                 continue
             follows = bool(status & StatusBit.FOLLOWS_COMMAND) or self._followed[at]

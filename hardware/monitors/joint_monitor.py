@@ -8,7 +8,7 @@ noise nor motion, because no joint of a closed chain moves alone: counts were lo
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
@@ -160,10 +160,12 @@ class JointMonitor:
         *,
         answered_late: bool,
         stopped: bool = False,
+        refusing_joints: Collection[int] = (),
     ) -> bool:
         """Take in a sample and the commands sent before it; return whether a joint just diverged.
 
-        `answered_late`: the previous sample may hold answers to earlier SYNCs; `stopped`: STOP is latched.
+        `answered_late`: the previous sample may hold answers to earlier SYNCs; `stopped`: STOP is latched;
+        `refusing_joints`: joints whose drives have reported a refused target.
         """
         if self.jump is None and self._detects_jumps:
             if answered_late:
@@ -171,12 +173,13 @@ class JointMonitor:
             self.jump = self._continuity.update(sample)
         self.dropout.update(sample, commands, stopped=stopped)
         before = self.switched_off
-        for monitor in self._motion:
-            for divergence in monitor.update(sample, commands):
-                if self.divergence is None:
-                    self.divergence = self._with_angle(divergence)
-                # All of them: the drive of the first may not obey.
-                self.switched_off |= {divergence.joint}
+        following, standstill = self._motion
+        found = following.update(sample, commands, refusing_joints)
+        for divergence in (*found, *standstill.update(sample, commands)):
+            if self.divergence is None:
+                self.divergence = self._with_angle(divergence)
+            # All of them: the drive of the first may not obey.
+            self.switched_off |= {divergence.joint}
         return self.switched_off != before
 
     def _with_angle(self, divergence: Divergence) -> Divergence:

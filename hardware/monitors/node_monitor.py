@@ -15,7 +15,13 @@ from hardware.canopen import objects
 from hardware.canopen.bus_profile import BusProfile
 from hardware.canopen.cia402 import CONTROLWORD_QUICK_STOP
 from hardware.canopen.cyclic import frames_of, unpack_emergency
-from hardware.canopen.objects import NmtCommand, NmtState, emergency_text, node_of
+from hardware.canopen.objects import (
+    EmergencyCode,
+    NmtCommand,
+    NmtState,
+    emergency_text,
+    node_of,
+)
 
 _RPDOS: Final = tuple(objects.COB_RPDO1 + at * objects.COB_NEXT_PDO for at in range(4))
 """Base identifiers of RPDO1..4 in CiA 301's predefined connection set."""
@@ -182,6 +188,15 @@ class NodeMonitor:
     def not_operational(self) -> tuple[int, ...]:
         """Return the nodes whose last heartbeat reports an NMT state other than *operational*."""
         return tuple(n for n in self.nodes if n in self.nmt_state and not self.is_operational(n))
+
+    @property
+    def refusing_joints(self) -> tuple[int, ...]:
+        """The joints whose drives report that they refuse their targets."""
+        return tuple(
+            fault.joint
+            for fault in self.faults
+            if fault.joint is not None and fault.code == EmergencyCode.REFERENCE_LIMIT
+        )
 
     def other_operator(self, limit_s: float) -> bool:
         """Whether another operator's heartbeat was heard within `limit_s`."""

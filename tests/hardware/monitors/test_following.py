@@ -192,6 +192,27 @@ def test_stalled_joint_is_reported_early_with_its_distance_from_the_target(speed
     assert found.counts == -syncs * speed_counts
 
 
+def refusal(counts: int) -> list[Divergence | None]:
+    """Results of a joint that goes to `counts` after its drive has reported a refused target at 6000 counts."""
+    monitor = FollowingMonitor([WINDOW])
+    return [
+        first(
+            monitor.update(
+                sample((FOLLOWS,), (sync * 200 if sync <= 30 else counts,), sync=sync),
+                (Setpoint(0x0F, sync * 200, CSP),),
+                (1,) if sync > 32 else (),
+            )
+        )
+        for sync in range(1, 200)
+    ]
+
+
+def test_refused_targets_are_no_divergence_as_long_as_the_joint_keeps_an_earlier_one():
+    assert set(refusal(6000)) == set(refusal(6000 - 3 * WINDOW)) == {None}
+    divergence = next(result for result in refusal(6600 + WINDOW) if result is not None)
+    assert divergence.sync_count <= 40
+
+
 def test_owed_answers_delay_the_report_of_a_stall():
     assert stall(200, overdue=(30,))[0] - stall(200)[0] == 30
 

@@ -362,6 +362,11 @@ class FindingKind(Enum):
         "hinge and {several:were|was} left out",
         remedy="take {several:them|it} again with the tool the right way up, or remove {several:them|it}",
     )
+    REPEATED_ROWS = _Message(
+        "REPEATED_ROWS",
+        text="{count:d} of {of:d} rows repeat another, because no joint had moved in between: they count as "
+        "{distinct:d} poses",
+    )
     OUTLIERS = _Message(
         "OUTLIERS",
         text="{poses} {outlying} not fit the others",

@@ -29,6 +29,7 @@ EXAMPLE = Finding(
         "upper_rad": 1.25,
         "after": 12,
         "count": 3,
+        "distinct": 37,
         "of": 40,
         "iterations": 50,
         "solutions": 2,

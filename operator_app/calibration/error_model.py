@@ -174,10 +174,10 @@ def averaged_at_rest(arm: ArmModel, poses: PoseSet) -> PoseSet:
     `distinct_poses` counts them once. Rows that are equal already are one pose written several times.
     """
     q, rows = poses.q_rad, [poses.q_rad, poses.placement[:, None]]
-    limits = [_moves_rad(arm), [0.0]]
+    limits = [_moves_rad(arm), np.zeros(1)]
     if poses.endpoint is not None:
         rows.append(poses.endpoint[:, :3])
-        limits.append([MOVED_M] * 3)
+        limits.append(np.full(3, MOVED_M))
     table, limit = np.column_stack(rows), np.concatenate(limits)
     steps = np.abs(np.diff(table, axis=0))
     near = np.all(steps <= limit, axis=1)

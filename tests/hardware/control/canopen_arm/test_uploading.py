@@ -5,7 +5,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import pytest
-from canopen.sdo.exceptions import SdoCommunicationError
 
 from hardware.arm import DriveState
 from hardware.control.uploading import MAX_UPLOADS
@@ -215,15 +214,6 @@ def test_control_lost_repeatedly_raises_host_latency_exceeded(late, bus):
     assert 0.6 < exceeded.value.longest_s <= late.snapshot().lateness.longest_s
     assert bus.drops.lost == MAX_UPLOADS
     assert bus.document == OLD_DOCUMENT
-
-
-def test_refusal_after_sdo_timeout_raises_upload_refused(driven, bus):
-    bus.refusal = "another arm"
-    try:
-        raise SdoCommunicationError("No SDO response received")
-    except SdoCommunicationError:
-        with pytest.raises(UploadRefused, match="another arm"):
-            driven.upload_parameters(DOCUMENT)
 
 
 @pytest.mark.parametrize("frame", [2, 3, 9])

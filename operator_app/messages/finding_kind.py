@@ -419,6 +419,12 @@ class FindingKind(Enum):
         "estimate",
         remedy=_DISTANCE,
     )
+    ENDPOINTS_SHIFTED = _Message(
+        "ENDPOINTS_SHIFTED",
+        text="the measured endpoint of each pose stands one row {name}: a row of the instrument's data is missing "
+        "or extra",
+        remedy="assign the endpoints to the poses by their times",
+    )
     ENDPOINTS_UNUSED = _Message(
         "ENDPOINTS_UNUSED",
         text="the poses have measured endpoints (x_m,y_m,z_m), which a {name} fixture does not use",

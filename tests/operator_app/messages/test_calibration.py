@@ -65,6 +65,7 @@ OVERRIDES = {
     Kind.COMPARED_SCALED: {"names": ("A",), "size": 1.5},
     Kind.COMPARED_REFUSED: {"names": ("FORCED", "B")},
     Kind.UNEXPLAINED_PATTERN: {"names": ("STEP", "CHI2_STATED")},
+    Kind.ENDPOINTS_SHIFTED: {"names": ("further up",)},
     Kind.ENDPOINTS_UNUSED: {"names": ("hinge",)},
     Kind.CONDITION: {"size": 120.0, "figures": {"limit": 100.0}},
     Kind.CHI2_EXCEEDS: {"size": 2.9},

@@ -42,7 +42,7 @@ MIN_READ_BYTES_PER_S = 1000.0
 UNIQUENESS_REQUESTS, DUPLICATE_FRACTION = 20, 0.75
 """Number of test requests to a node. If at least the fraction DUPLICATE_FRACTION is answered twice, two devices have
 the node's number. If every tenth frame is doubled in each direction, a single device reaches this fraction with a
-probability of 10^-8."""
+probability of 3 in 100,000."""
 _IN_TRANSIT_S = 0.02
 _ABORT, _GENERAL_ERROR = 0x80, 0x08000000
 

@@ -8,7 +8,6 @@ from datetime import datetime
 from itertools import pairwise
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from fixtures.ball import Ball, KnownDistance
 from fixtures.base import EndpointConstraint
@@ -103,7 +102,7 @@ def _loads(experiment: Experiment, kept: IntArray) -> LoadBasis | None:
     if not len(kept):
         return None
     order = canonical_order(experiment.poses.q_rad[kept])
-    masses = arm.masses or unstated_masses(arm.joint_count)
+    masses = arm.masses or unstated_masses(arm.joint_count, arm.down)
     pulled = arm.masses is not None and fixture.kind != "measured"
     used = experiment.at_poses(kept[order])
     model, q = used.loop(), used.poses.q_rad
@@ -198,6 +197,8 @@ def averaged_at_rest(arm: ArmModel, poses: PoseSet) -> PoseSet:
     if poses.endpoint is not None:
         endpoint = mean(poses.endpoint)
         if endpoint.shape[1] > 3:
+            from scipy.spatial.transform import Rotation
+
             # Rotation vectors near half a turn may have opposite signs.
             groups = np.split(poses.endpoint[:, 3:].copy(), starts[1:])
             endpoint[:, 3:] = [Rotation.from_rotvec(r).mean().as_rotvec() for r in groups]

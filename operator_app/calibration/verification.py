@@ -299,7 +299,7 @@ def _in_order(model: ClosureModel, fixed: Fixed) -> tuple[FloatArray, FloatArray
     strange = sorted(set(known) - set(names))
     if strange:
         raise ValueError(f"{strange[0]} is not a parameter of this arm in this fixture")
-    x = np.array([fixed.values.get(p.name, p.nominal) for p in model.parameters])
+    x = nominal_vector(model.parameters, fixed.values)
     covariance = np.zeros((len(names), len(names)))
     columns = [names.index(name) for name in known]
     covariance[np.ix_(columns, columns)] = fixed.covariance

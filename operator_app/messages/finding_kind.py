@@ -13,7 +13,7 @@ from enum import Enum
 from typing import NamedTuple, Self
 
 _FIX_BOLTS = (
-    "tighten its bolts and check for play; otherwise state its compliance (key give) or, of an instrument, a larger "
+    "tighten its bolts and check for play; otherwise state its compliance (key give) or, for an instrument, a larger "
     "instrument_sigma_mm in the fixture file"
 )
 _UNSENSED = "calibrate with --unsensed {joint}"
@@ -246,7 +246,7 @@ class FindingKind(Enum):
     JOINT_SAG = _Message(
         "SAG_JOINT_{joint}",
         text="joint {joint} {certain:sags|may sag} by {size:SCATTER} rms, depending on the pose, more than its "
-        "sag_deg allows",
+        "sag_deg in the arm file allows for",
         remedy="check joint {joint} for play or a compliant link, or state a larger sag_deg",
     )
     PLAY_EXCEEDS = _Message(

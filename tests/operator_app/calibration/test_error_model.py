@@ -105,6 +105,9 @@ def test_loads_need_masses_and_compliance(poses):
     # Sag follows gravity; the load of the fixture is unknown.
     unstated = error_model(replace(experiment, arm=replace(ARM, masses=None))).loads
     assert unstated.joints.columns.any()
+    turned = replace(ARM, masses=None, down=(0.0, 1.0, 0.0))
+    columns = error_model(replace(experiment, arm=turned)).loads.joints.columns
+    assert not np.allclose(columns, unstated.joints.columns), "sag follows the stated gravity"
     assert not unstated.all_deflections.any()
     rigid = replace(HINGE, compliance=RIGID)
     assert not error_model(replace(experiment, fixture=rigid)).loads.all_deflections.any()

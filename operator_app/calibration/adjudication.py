@@ -20,7 +20,7 @@ from operator_app.calibration.alternatives import (
     wrong_distances,
 )
 from operator_app.calibration.experiment import Experiment, placement_checks
-from operator_app.calibration.findings import exceeded, motion_causes, range_finding
+from operator_app.calibration.findings import exceeded, motion_causes, pose_labels, range_finding
 from operator_app.calibration.multistart import (
     far_from_files,
     has_diverged,
@@ -143,7 +143,7 @@ def adjudicate(
         known=known,
         diagnosis=diagnose(calibrated.linear, arm, taken=calibrated.order, measured=measured),
     )
-    labels, scale = _labels(case.stated.poses), case.chi2_per_dof
+    labels, scale = pose_labels(case.stated.poses), case.chi2_per_dof
     by_tests, alternatives, nothing_fits = _misfit_causes(case, labels)
     # If nothing fits, e.g. with poses of another arm, the solution has no meaning.
     far = () if nothing_fits else _local_minimum_causes(case)
@@ -315,16 +315,6 @@ def _poorly_determined(case: _Case) -> tuple[Finding, ...]:
     return tuple(
         replace(cause, blocking=True)
         for cause in acceptance.little_motion(model.parameters, sd, case.known.judged)
-    )
-
-
-def _labels(poses: PoseSet) -> tuple[str, ...]:
-    """Labels of poses, with the placement number if there are several placements."""
-    if len(poses.placements) == 1:
-        return poses.label
-    return tuple(
-        f"{label} of placement {number}"
-        for label, number in zip(poses.label, poses.placement, strict=True)
     )
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from functools import partial
 from itertools import chain, combinations, product
 from time import thread_time
 
@@ -23,25 +24,27 @@ from operator_app.calibration.alternative_model import (
     other_fixtures,
     shift_of,
     solved,
+    start,
     tried,
     without_reading,
     without_readings,
 )
 from operator_app.calibration.experiment import Experiment
-from operator_app.calibration.findings import reading_step, sensor_name
+from operator_app.calibration.findings import pose_labels, reading_step, sensor_name
 from operator_app.calibration.instrument_registration import with_registered_instrument
 from operator_app.calibration.placements import compared, contradiction
 from operator_app.messages.finding import Finding, FindingKind
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector, wrap_angles
+from solver.chain.poses import PoseSet
 from solver.diagnostics import limits
 from solver.diagnostics.fault_models import constant_reading_runs
 from solver.diagnostics.hypothesis_tests import HypothesisTest
 from solver.diagnostics.model_selection import probabilities
 from solver.diagnostics.range_checks import mistakes, mostly_in_range
 from solver.diagnostics.statistics import sigmas_at
-from solver.estimators.estimate import Estimate
+from solver.estimators.estimate import Estimate, closure_at_readings
 from solver.estimators.linear_fit import LinearFit
 
 PROMISING_COST_SHARE = 0.3
@@ -59,6 +62,9 @@ LEAST_CHANGE_RAD = np.deg2rad(0.05)
 
 LARGEST_OFFSET_RAD = np.deg2rad(10.0)
 """Largest offset that a zero may have in addition to a quarter or half turn."""
+
+MOST_LEFT_OUT = 3
+"""Most poses that are left out as the explanation of a gross misfit; at most a tenth of all."""
 
 SOLVED_ALTERNATIVES = 3
 """Number of the most promising alternatives that are solved completely."""
@@ -93,7 +99,7 @@ def find_alternatives(
         families: list[Iterable[Alternative]] = [_same_loop(stated), *([blind] if sensors else [])]
     else:
         elsewhere = chain(other_fixtures(replace(stated, unsensed=())), blind)
-        families = [_frozen(stated), _same_loop(stated), elsewhere]
+        families = [_frozen(stated), _without_worst(stated), _same_loop(stated), elsewhere]
     for family in families:
         for finding, alternative in _closest(
             family, deadline, below=PROMISING_COST_SHARE * as_it_is
@@ -239,15 +245,34 @@ def _same_loop(stated: Experiment) -> Iterator[Alternative]:
                 yield finding, replace(stated, arm=exchanged)
 
 
+def _without_worst(stated: Experiment) -> Iterator[Alternative]:
+    """Yield alternatives without the poses that close worst, each fitted again without those before."""
+    labels, kept, rest = pose_labels(stated.poses), np.arange(len(stated.poses)), stated
+    left_out: list[str] = []
+    while not stated.unsensed and len(left_out) < min(MOST_LEFT_OUT, len(labels) // 10):
+        found = tried(partial(start, rest), None)
+        if found is None:
+            return
+        residual = closure_at_readings(rest.loop(), found[0], rest.poses.q_rad).residual
+        worst = int(np.argmax((residual**2).sum(-1)))
+        left_out.append(labels[kept[worst]])
+        kept = np.delete(kept, worst)
+        rest = _refitted(stated, stated.poses.at_poses(kept))
+        yield Finding(FindingKind.OUTLIERS, poses=tuple(left_out)), rest
+
+
+def _refitted(stated: Experiment, poses: PoseSet) -> Experiment:
+    """Return the experiment with other poses, by which an instrument is registered again."""
+    fixture = with_registered_instrument(stated.arm, stated.fixture, poses)
+    return replace(stated, poses=poses, fixture=fixture)
+
+
 def _other_rows(stated: Experiment, endpoint: FloatArray, rows: int) -> Alternative:
     """Return the alternative in which each pose's endpoint stands `rows` rows further down."""
     kept = np.arange(max(-rows, 0), len(endpoint) - max(rows, 0))
     poses = replace(stated.poses.at_poses(kept), endpoint=endpoint[kept + rows])
-    fixture = with_registered_instrument(stated.arm, stated.fixture, poses)
     names = ("further down" if rows > 0 else "further up",)
-    return Finding(FindingKind.ENDPOINTS_SHIFTED, names=names), replace(
-        stated, poses=poses, fixture=fixture
-    )
+    return Finding(FindingKind.ENDPOINTS_SHIFTED, names=names), _refitted(stated, poses)
 
 
 def _with_table(arm: ArmModel, **columns: FloatArray) -> ArmModel:

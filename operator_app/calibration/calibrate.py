@@ -32,7 +32,7 @@ from operator_app.calibration.experiment import (
     placement_checks,
     refuse_placement,
 )
-from operator_app.calibration.findings import left_out_poses
+from operator_app.calibration.findings import left_out_poses, pose_labels
 from operator_app.calibration.instrument_registration import with_registered_instrument
 from operator_app.calibration.notices import with_notices
 from operator_app.calibration.placements import compared, distances, indistinguishable_placements
@@ -41,6 +41,7 @@ from operator_app.calibration.result import Solution
 from operator_app.calibration.rvdt import check_rvdts
 from operator_app.calibration.tool_accuracy import tip_sigma
 from operator_app.config.procedure import AcceptanceLimits
+from operator_app.messages.finding import FindingKind
 from operator_app.units import joints_named
 from solver.arrays import FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
@@ -325,7 +326,7 @@ def collect(
         tolerated=tuple(fitted.tolerance),
         components=fitted.components,
         search=loops.search,
-        outliers=tuple(poses.label[k] for k in _outliers(calibrated, prepared.distinct)),
+        outliers=_outliers(calibrated, prepared.distinct, poses, adjudication),
         rvdt=known.rvdt,
         assumed=(*arm.assumed, *fixture.compliance.assumed),
         hand=tip_sigma(model, estimate, q),
@@ -414,12 +415,21 @@ def _starts(prepared: Prepared) -> Iterator[FloatArray | None]:
         yield in_order(model, identifiable, best)
 
 
-def _outliers(calibrated: Calibrated, of_each: IntArray) -> tuple[int, ...]:
-    """Poses that the others do not predict, the worst first; `of_each`: indices of the poses of `calibrated`."""
+def _outliers(
+    calibrated: Calibrated, of_each: IntArray, poses: PoseSet, adjudication: Adjudication
+) -> tuple[str, ...]:
+    """Labels of the poses that the others do not predict, the worst first; those of the cause if they are the cause.
+
+    `of_each`: indices of the poses of `calibrated`.
+    """
     from scipy.special import chdtrc
 
+    for cause in adjudication.causes:
+        if cause.kind is FindingKind.OUTLIERS and cause.blocking:
+            labels = pose_labels(poses)
+            return tuple(poses.label[labels.index(n)] for n in cause.poses if n in labels)
     chi2, dof = calibrated.linear.left_out_chi2()
     chances = chdtrc(np.maximum(dof, 1), chi2)
     limit = OUTLIER_NOTICE_PROBABILITY / len(chances)
     named = (k for k in np.argsort(chances) if chances[k] < limit)
-    return tuple(int(of_each[calibrated.order[k]]) for k in named)
+    return tuple(poses.label[of_each[calibrated.order[k]]] for k in named)

@@ -40,6 +40,16 @@ EXCEEDED_KINDS = {
 """Kinds of finding by the first word of a variance component's name."""
 
 
+def pose_labels(poses: PoseSet) -> tuple[str, ...]:
+    """Labels of poses, with the placement number if there are several placements."""
+    if len(poses.placements) == 1:
+        return poses.label
+    return tuple(
+        f"{label} of placement {number}"
+        for label, number in zip(poses.label, poses.placement, strict=True)
+    )
+
+
 def finding_of(
     candidate: Candidate, evidence: Evidence, faults: FaultModels, labels: tuple[str, ...]
 ) -> Finding:

@@ -62,3 +62,17 @@ def test_endpoints_in_other_rows_are_named(tmp_path, rows, where):
     solution = calibrate(ARM, tracker, shifted.at_poses(kept), drop=True)
     assert solution.causes[0].kind is FindingKind.ENDPOINTS_SHIFTED
     assert where in solution.causes[0].text
+
+
+@pytest.mark.parametrize("rows", [(2,), (10, 25)], ids=["200 mm off", "exchanged"])
+def test_gross_outliers_are_named(tmp_path, rows):
+    poses = load_poses(write_measured_poses(tmp_path / "open.csv")).poses
+    endpoint = poses.endpoint.copy()
+    if len(rows) == 1:
+        endpoint[rows] += [0.1, -0.1, 0.14]
+    endpoint[list(rows)] = endpoint[list(rows)[::-1]]
+    tracker = load_fixture("tracker").fixture
+    solution = calibrate(ARM, tracker, replace(poses, endpoint=endpoint), drop=True)
+    named = {poses.label[k] for k in rows}
+    assert solution.causes[0].kind is FindingKind.OUTLIERS
+    assert {*solution.causes[0].poses} == {*solution.outliers} == named

@@ -109,9 +109,12 @@ def test_a_line_of_another_journal_is_rejected(tmp_path):
 
 def test_a_session_is_opened_by_one_program_at_a_time_and_not_overwritten(tmp_path):
     journal = begun(tmp_path)
+    assert is_in_use(tmp_path)
     with pytest.raises(JournalError, match="in use"):
         Journal.resume(tmp_path)
     journal.close()
+    assert not is_in_use(tmp_path)
+    assert not is_in_use(tmp_path / "none")
     Journal.resume(tmp_path).close()
     with pytest.raises(JournalError, match="exists already"):
         Journal.create(tmp_path)
@@ -275,11 +278,3 @@ def test_session_on_a_read_only_file_system_is_refused_with_a_remedy_that_helps(
         Journal.resume(tmp_path / "s")
     assert "writable" in refused.value.remedy
     assert "session list" not in refused.value.remedy
-
-
-def test_a_locked_journal_is_in_use(tmp_path):
-    journal = Journal.create(tmp_path / "s")
-    assert is_in_use(tmp_path / "s")
-    journal.close()
-    assert not is_in_use(tmp_path / "s")
-    assert not is_in_use(tmp_path / "none")

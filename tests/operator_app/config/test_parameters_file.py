@@ -158,7 +158,7 @@ def documents(draw):
         template.quality,
         scaled_condition_number=st.floats(1.0, 1e300),
         sigma_pos_mm=figures,
-        sigma_ori_mrad=figures,
+        sigma_ori_mrad=st.none() | figures,
         chi2_per_dof=st.none() | SIGMA,
     )
     warning = st.builds(DocumentWarning, code=st.just("CODE"), text=WORD)

@@ -1,16 +1,13 @@
 """A ball's loops give no orientation: null in files, "n/a" in texts."""
 
 import re
-from dataclasses import replace
 
 import pytest
 import sarcal
 
-from operator_app.config.parameters_file import load_parameters, save_parameters
 from operator_app.report.facts import estimate_json, facts_of
 from operator_app.report.results.verification import verified_words
 from operator_app.report.text import facts_text, table_spans
-from tests.oracles.parameter_documents import make_document
 from tests.oracles.story import story
 
 UNKNOWN = {"rms": None, "as_printed": None}
@@ -56,11 +53,3 @@ def test_verification_uses_positions_only(calibrated):
     assert re.search(r": [\d.]+ mm, [\d.]+ mrad rms, chi2", verified_words(hinge))
     data = verification.to_json()
     assert data["sigma_ori_mrad"] == data["nominal"]["sigma_ori_mrad"] == UNKNOWN
-
-
-def test_parameters_file_keeps_null_orientation(tmp_path):
-    hinge = make_document()
-    document = replace(hinge, quality=replace(hinge.quality, sigma_ori_mrad=None))
-    save_parameters(tmp_path / "parameters.yaml", document)
-    assert "sigma_ori_mrad: null" in (tmp_path / "parameters.yaml").read_text()
-    assert load_parameters(tmp_path / "parameters.yaml") == document

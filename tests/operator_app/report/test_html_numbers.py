@@ -48,6 +48,21 @@ def test_joint_table_compares_with_stated_sigma(page, subject):
         assert not row[6].startswith("▲")
 
 
+def test_page_has_closure_before_after_and_held_out(page, subject):
+    rows = {row[0]: [number(cell) for cell in row[1:]] for row in page.rows("Closure at")}
+    for name, sigmas in (
+        ("nominal, before", subject.solution.before),
+        ("implicit (chosen), after", subject.solution.estimate.sigmas),
+    ):
+        position, orientation = sigmas.position_m, sigmas.orientation_rad
+        figures = (position.rms, position.as_printed, orientation.rms, orientation.as_printed)
+        assert rows[name] == pytest.approx([1e3 * figure for figure in figures], rel=1e-3)
+    held_out = next(values for name, values in rows.items() if "held out" in name)
+    sigmas = subject.checks.held_out.sigmas
+    assert held_out[0] == pytest.approx(1e3 * sigmas.position_m.rms, rel=1e-3)
+    assert held_out[2] == pytest.approx(1e3 * sigmas.orientation_rad.rms, rel=1e-3)
+
+
 def test_page_lists_all_poses_and_joints(page, subject):
     poses = page.rows("Captured poses")
     assert [row[0] for row in poses] == [str(p.number) for p in subject.poses]
@@ -66,14 +81,18 @@ def test_page_lists_all_poses_and_joints(page, subject):
     assert [number(row[7]) for row in joints] == pytest.approx(low.tolist(), abs=0.006)
 
 
-def test_page_has_rvdt_verdicts_and_limits(page, subject):
+def test_page_has_rvdt_verdicts_and_condition(page, subject):
     assert len(subject.solution.rvdt) == 2
     assert page.rows("Corrections of RVDT readings")
     for verdict in subject.solution.rvdt:
         assert verdict.text in page.text
     rows = {row[0]: row[1:] for row in page.rows("How well the poses")}
+    condition = subject.solution.identifiability.scaled_condition_number
+    assert number(rows["scaled condition number"][0]) == pytest.approx(condition, rel=5e-3)
     assert "limit 100" in rows["scaled condition number"][1]
     assert rows["rank"] == ["14", "of 14"]
+    shown = [number(row[1]) for row in page.rows("Observability")]
+    assert shown == pytest.approx(list(subject.solution.identifiability.observability), rel=5e-3)
 
 
 def test_page_of_the_paper_estimator(folder, parse_page):

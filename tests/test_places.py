@@ -14,7 +14,6 @@ operator_app/calibration/test_convergence.py
 operator_app/commands/test_command_line.py
 operator_app/commands/test_invalid_arguments.py
 operator_app/commands/test_stored_results.py
-operator_app/config/test_parameters_version_2.py
 operator_app/manual/test_commands.py
 operator_app/manual/test_help.py
 operator_app/report/test_html_numbers.py

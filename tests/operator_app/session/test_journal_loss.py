@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from hardware.arm import JointMode
+from hardware.arm import HostLatency, JointMode
 from operator_app.calibration.result import Solution
 from operator_app.errors import JournalLostError
 from operator_app.headless.console import ConsoleListener
@@ -25,6 +25,10 @@ PATIENCE_S = 60.0
 EVENTS = (("opened", {"a": 1.25}), ("pose", {"number": 1}))
 
 
+def lose_folder(path: Path) -> None:
+    shutil.rmtree(path.parent)
+
+
 def replace_file(path: Path) -> None:
     raw = path.read_bytes()
     path.unlink()
@@ -37,7 +41,7 @@ def append_line(path: Path) -> None:
 
 
 LOSSES: Mapping[str, tuple[Callable[[Path], object], str]] = {
-    "folder deleted": (lambda p: shutil.rmtree(p.parent), "deleted, moved or renamed"),
+    "folder deleted": (lose_folder, "deleted, moved or renamed"),
     "folder renamed": (lambda p: p.parent.rename(p.parent.with_name("x")), "deleted, moved or"),
     "deleted": (Path.unlink, "deleted, moved or renamed"),
     "renamed": (lambda p: p.rename(p.with_name("mine.jsonl")), "deleted, moved or renamed"),
@@ -122,14 +126,16 @@ def test_flipped_bit_is_detected_when_read_back(tmp_path, line, resumed):
 
 
 @pytest.mark.parametrize(
-    "lose", [lambda path: shutil.rmtree(path.parent), flip_bit], ids=["deleted", "changed"]
+    ("lose", "late_times", "last"),
+    [(lose_folder, 0, "closed"), (lose_folder, 1, "late"), (flip_bit, 0, "closed")],
 )
-def test_loss_is_detected_when_the_session_is_closed(make_session, lose):
+def test_loss_is_detected_when_the_session_is_closed(make_session, lose, late_times, last):
     session = make_session(short_procedure(8), connect=True)
+    session.arm.lateness = HostLatency(times=late_times, last_s=0.4, longest_s=0.4)
     lose(session.journal.path)
-    session.close("done")
+    assert session.close("done"), "the arm is held"
     assert session.journal.loss is not None
-    assert read_journal(session.journal.kept_folder).events[-1].name == "closed"
+    assert read_journal(session.journal.kept_folder).events[-1].name == last
 
 
 def is_held(session: Session) -> bool:

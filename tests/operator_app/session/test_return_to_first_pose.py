@@ -154,13 +154,17 @@ def return_causes(solution: Solution) -> list[str]:
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ["exact", "datasheet"])
 def test_sound_session_has_no_cause_from_its_return(make_session, name):
-    procedure = short_procedure(20, name, samples=32)
-    solution = calibrate_with_step(make_session(procedure, name))
+    """Another return after the calibration requires a new calibration."""
+    session = make_session(short_procedure(20, name, samples=32), name)
+    solution = calibrate_with_step(session)
     test = return_test(solution)
     assert test.code == "RETURN_20"
     assert 0.0 < test.statistic < test.threshold
     assert return_causes(solution) == []
     assert solution.accepted
+    assert session.recorded_calibration() is not None
+    session.take_check_reading("return", of=session.state.used_poses[0].number)
+    assert session.recorded_calibration() is None
 
 
 @pytest.mark.sample(2)
@@ -187,14 +191,6 @@ def test_compliant_fixture_is_not_reported_as_a_joint_step(make_session):
     assert not [code for code in return_causes(solution) if code.startswith("RETURN_JOINT")]
     assert any("fixture" in c.text for c in solution.causes)
     assert solution.verdict is not Verdict.ACCEPTED
-
-
-def test_repeat_after_a_calibration_requires_a_new_calibration(make_session):
-    session = make_session(short_procedure(20, "exact", samples=32))
-    calibrate_with_step(session)
-    assert session.recorded_calibration() is not None
-    session.take_check_reading("return", of=session.state.used_poses[0].number)
-    assert session.recorded_calibration() is None
 
 
 @pytest.mark.parametrize(

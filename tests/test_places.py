@@ -14,16 +14,12 @@ operator_app/calibration/test_convergence.py
 operator_app/commands/test_command_line.py
 operator_app/commands/test_stored_results.py
 operator_app/manual/test_commands.py
-operator_app/manual/test_help.py
 operator_app/report/test_position_only.py
 operator_app/report/test_renderings.py
 operator_app/session/test_capture_faults.py
 operator_app/session/test_journal_loss.py
 operator_app/session/test_open_arm.py
 operator_app/session/test_placements.py
-operator_app/session/test_return_to_first_pose.py
-operator_app/session/test_second_placement.py
-operator_app/session/test_step_change_detection.py
 operator_app/test_fuzz.py
 operator_app/test_loaded_modules.py
 operator_app/test_recording.py

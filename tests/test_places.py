@@ -14,7 +14,6 @@ operator_app/calibration/test_convergence.py
 operator_app/commands/test_command_line.py
 operator_app/commands/test_stored_results.py
 operator_app/manual/test_commands.py
-operator_app/report/test_position_only.py
 operator_app/report/test_renderings.py
 operator_app/session/test_capture_faults.py
 operator_app/session/test_journal_loss.py

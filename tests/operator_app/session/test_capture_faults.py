@@ -15,7 +15,6 @@ from hardware.arm import ArmSnapshot, JointMode, MoveResult, Reading
 from hardware.errors import DriveDiverged, SensorFault
 from hardware.virtual.scenarios import scenario
 from operator_app.config.procedure import Procedure
-from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import Cancelled, GuardError, SessionError
 from operator_app.session.workflow.capture import take_poses
 from operator_app.session.workflow.drive_selection import HOMING_SPEED_RAD_PER_S
@@ -210,11 +209,10 @@ def arm_outside_box(procedure: Procedure) -> PlantArm:
 
 def case_procedure(case: str) -> Procedure:
     """The procedure of a case; `planned` explores round home, `complete` has all its poses after a session."""
-    procedure = load_procedure("hinge_planned" if case == "planned" else "hinge")
-    capture = replace(procedure.capture, samples_per_pose=8)
-    if case != "planned":
-        capture = replace(capture, poses=POSES if case == "complete" else 40)
-    return replace(procedure, position_joints=(1, 5), capture=capture)
+    packaged = "hinge_planned" if case == "planned" else "hinge"
+    poses = 40 if case == "incomplete" else POSES
+    procedure = short_procedure(poses, "datasheet", packaged=packaged, seed=3)
+    return replace(procedure, position_joints=(1, 5))
 
 
 @pytest.fixture(scope="module")

@@ -90,8 +90,6 @@ def test_error_messages_repeat_arguments_as_text(tmp_path, capsys, run_command):
 
 @pytest.fixture
 def write_outlier_poses(reference_data, tmp_path):
-    """Write a poses file with one outlier and labels with this prefix."""
-
     def write(label: str) -> Path:
         source = (reference_data / "hinge" / "hinge_exact.csv").read_text().splitlines()
         rows = [row.split(",") for row in source[:14]]

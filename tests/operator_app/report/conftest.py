@@ -63,12 +63,10 @@ class Page:
         return table
 
     def rows(self, caption: str) -> list[list[str]]:
-        """Texts of a table's body."""
         return [[text for _, _, text in row] for row in self.table(caption)["tbody"]]
 
 
 def _cells(row: ET.Element) -> list[tuple[str, dict[str, str], str]]:
-    """Tag, attributes and text of each cell."""
     return [(cell.tag, dict(cell.items()), "".join(cell.itertext())) for cell in row]
 
 

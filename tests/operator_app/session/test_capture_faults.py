@@ -80,7 +80,6 @@ def connected(make_session: MakeSession, scenario_name: str) -> Session:
 
 @pytest.fixture
 def session(make_session):
-    """A session with the modes set."""
     session = connected(make_session, "datasheet")
     session.set_modes((1, 5))
     return session
@@ -228,7 +227,6 @@ def session_folder(tmp_path_factory):
 
 @pytest.fixture
 def resumed(session_folder, make_session, tmp_path, case, undone):
-    """A resumed session whose arm is outside its box."""
     procedure = case_procedure(case)
     shutil.copytree(session_folder(case), tmp_path / "session")
     session = make_session(procedure, arm=arm_outside_box(procedure), resume=True, connect=True)

@@ -27,7 +27,6 @@ REMOUNTED = ("remounted", {"placement": 2})
 
 
 def first_placement(poses: int = 12) -> list[Named]:
-    """Events of a complete first placement."""
     return [
         ("opened", {"sources": sources(), "settings": SETTINGS}),
         ("control", {"start_rad": Q, "home_rad": Q}),

@@ -207,7 +207,6 @@ def remounted_session(tmp_path_factory):
 
 @pytest.fixture
 def second(remounted_session, tmp_path, make_session):
-    """The same session resumed, its arm in the second placement."""
     folder, procedure = remounted_session
     shutil.copytree(folder, tmp_path / "session")
     return make_session(procedure, arm=arm_in(procedure, 2), resume=True, connect=True)

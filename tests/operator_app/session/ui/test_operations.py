@@ -12,8 +12,6 @@ from tests.oracles.plant_sessions import short_procedure
 
 
 class Publisher(Quiet):
-    """Records the headings as well."""
-
     headings: tuple[GoTo | None, ...] = ()
 
     def publish(self, change: Change) -> None:

@@ -25,7 +25,6 @@ def runner(source):
 
 @pytest.fixture
 def arm(source, runner):
-    """The arm of that runner, connected."""
     runner.submit(TaskKind.CONNECT, "connecting", runner.operations.connect_mounted)
     finish(runner)
     assert source.arm is not None

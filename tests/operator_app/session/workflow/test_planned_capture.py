@@ -37,8 +37,6 @@ def planned_procedure(poses: int, **capture: object) -> Procedure:
 
 
 class PlannedRun(RecordingListener):
-    """A planned capture of a session, with its reports."""
-
     def __init__(self, session: Session, drives: tuple[int, ...] = (1, 5)) -> None:
         super().__init__()
         self.session = session
@@ -146,7 +144,6 @@ def session_from(events: Sequence[JournalEvent], procedure: Procedure, folder: P
 
 
 def action_indices(events: Sequence[JournalEvent]) -> list[int]:
-    """Indices of the actions that the campaign proposed."""
     actions = ("campaign_move", "campaign_drives", "pose")
     return [k for k, e in enumerate(events) if e.name in actions]
 

@@ -96,5 +96,10 @@ def subject(folder):
 
 
 @pytest.fixture(scope="session")
-def page(subject, parse_page):
-    return parse_page(report_html(subject).decode())
+def html(subject):
+    return report_html(subject).decode()
+
+
+@pytest.fixture(scope="session")
+def page(html, parse_page):
+    return parse_page(html)

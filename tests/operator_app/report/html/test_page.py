@@ -39,11 +39,10 @@ frame.onload = () => {
 """
 
 
-def test_page_is_well_formed_self_contained_and_reproducible(page, subject, folder):
-    source = report_html(subject).decode()
-    assert report_html(report_subject(read_journal(folder).events)).decode() == source
+def test_page_is_well_formed_self_contained_and_reproducible(page, html, folder):
+    assert report_html(report_subject(read_journal(folder).events)).decode() == html
     assert not {"script", "img", "link", "iframe", "object", "form", "input"} & set(page.tags)
-    assert re.findall(r"https?:|url\(|@import", source) == []
+    assert re.findall(r"https?:|url\(|@import", html) == []
     links = [value for _, name, value in page.attributes if name in ("href", "src", "action")]
     anchors = {value for _, name, value in page.attributes if name == "id"}
     assert all(link.startswith("#") and link[1:] in anchors for link in links)
@@ -57,13 +56,12 @@ def test_page_is_well_formed_self_contained_and_reproducible(page, subject, fold
     ]
 
 
-def test_hostile_notes_stay_text(page, subject):
-    source = report_html(subject).decode()
+def test_hostile_notes_stay_text(page, html, subject):
     assert "alert(" in page.text
-    assert "<script" not in source
+    assert "<script" not in html
     poses = page.rows("Captured poses")
     assert poses[6][-1].startswith('<script>alert("1")</script></td></table>')
-    assert "\x07" not in source
+    assert "\x07" not in html
     assert poses[3][-1] == "✕ excluded: bumped the table <b>"
     invalid = tuple(replace(p, note=HOSTILE) for p in subject.poses)
     other = replace(subject, state=replace(subject.state, poses=invalid))
@@ -110,7 +108,13 @@ def test_pictures_and_headers_are_accessible(page):
     assert page.tags.count("caption") == page.tags.count("table")
 
 
-def test_page_head_names_arm_fixture_and_time(page, subject):
+def test_page_head_names_arm_fixture_time_verdict_widest_sigma_and_tool(page, html, subject):
+    head, _, rest = html.partition("<main")
+    assert head.index("<h1") < head.index("Widest sigma") < head.index("hand-before")
+    assert head.index("hand-before") < head.index("hand-after") < head.index('class="tiles"')
+    assert "To halve it: " in head
+    assert "hand-before" not in rest
+    assert 'id="warnings"' in rest
     assert page.tags.index("h1") < page.tags.index("h2")
     for words in (
         "Accepted",
@@ -143,30 +147,28 @@ def test_recalculation_missing_checks_and_simulation_are_stated(page, subject, p
     assert "scenario wild" in simulated
 
 
-def test_page_head_has_true_errors_of_a_simulation(subject):
+def test_page_head_has_true_errors_of_a_simulation(subject, html):
     truth = TrueErrors(inside_95=13, of=14, tool_rms_m=0.00031, predicted_rms_m=0.00042)
     simulated = replace(subject, solution=replace(subject.solution, truth=truth))
     head = report_html(simulated).decode().partition("<main")[0]
     assert (
         "The truth: 13 of 14 entries within their 95 % intervals; tool off by 0.31 mm rms" in head
     )
-    assert "The truth" not in report_html(subject).decode()
+    assert "The truth" not in html
 
 
-def test_notes_of_an_accepted_result_are_not_warnings(subject):
-    accepted = report_html(subject).decode()
+def test_notes_of_an_accepted_result_are_not_warnings(subject, html):
     assert subject.facts.verdict == "accepted"
-    assert 'class="warnings notes"' in accepted
-    assert " warning<" not in accepted
+    assert 'class="warnings notes"' in html
+    assert " warning<" not in html
     refused = replace(subject, solution=replace(subject.solution, reasons=("too far off",)))
     assert 'class="warnings"' in report_html(refused).decode()
 
 
 @pytest.mark.campaign
 @pytest.mark.skipif(BROWSER is None, reason="needs Chromium")
-def test_browser_clips_no_table(subject, tmp_path):
-    page = report_html(subject).decode()
-    page = re.sub(r'<meta http-equiv="Content-Security-Policy"[^>]*>', "", page)
+def test_browser_clips_no_table(html, tmp_path):
+    page = re.sub(r'<meta http-equiv="Content-Security-Policy"[^>]*>', "", html)
     page = page.replace("</html>", "").replace("</script>", "")
     html = "<!DOCTYPE html>" + MEASURE.replace("PAGE", json.dumps(page).replace("</", "<\\/"))
     (tmp_path / "look.html").write_text(html)
@@ -184,15 +186,6 @@ def test_browser_clips_no_table(subject, tmp_path):
     # On a phone wide tables scroll; the page does not.
     assert ("390", "page") in measured
     assert [r for r in regions if int(r[-1]) > 0] == []
-
-
-def test_page_head_has_verdict_widest_sigma_and_tool(subject):
-    head, _, rest = report_html(subject).decode().partition("<main")
-    assert head.index("<h1") < head.index("Widest sigma") < head.index("hand-before")
-    assert head.index("hand-before") < head.index("hand-after") < head.index('class="tiles"')
-    assert "To halve it: " in head
-    assert "hand-before" not in rest
-    assert 'id="warnings"' in rest
 
 
 def test_page_compares_both_estimators(page, subject):

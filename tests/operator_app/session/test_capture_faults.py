@@ -238,8 +238,8 @@ def resumed(session_folder, make_session, tmp_path, case, undone):
 @pytest.mark.sample(2)
 @pytest.mark.parametrize(
     ("case", "undone"),
-    [("incomplete", False), ("complete", False), ("planned", False), ("planned", True)],
-    ids=["incomplete", "complete", "planned", "new plan"],
+    [("incomplete", False), ("complete", False), ("planned", True), ("planned", False)],
+    ids=["incomplete", "complete", "new plan", "planned"],
 )
 def test_resume_moves_only_with_agreement_and_then_home_slowly_first(resumed):
     def measured() -> tuple[int, int]:

@@ -54,9 +54,9 @@ async def test_new_action_appears_and_works_in_all_interfaces(still, source, mon
 
     script = Script("Whistle", "Connect", "Whistle")
     Plain(source, script, pause=pause_briefly).run()
-    assert any(row.endswith("Whistle: Blow the whistle beside the arm") for row in script.said)
-    assert sum("whistled" in row for row in script.said) == 1
-    assert "Not done: an arm is connected." in script.said
+    assert any(row.endswith("Whistle: Blow the whistle beside the arm") for row in script.lines)
+    assert sum("whistled" in row for row in script.lines) == 1
+    assert "Not done: an arm is connected." in script.lines
 
 
 async def test_manual_is_shown_on_screen_and_in_prompts(still, source):
@@ -77,7 +77,7 @@ async def test_manual_is_shown_on_screen_and_in_prompts(still, source):
 
     script = Script("Read the manual", "keys:")
     Plain(source, script, pause=pause_briefly).run()
-    assert "Keys of the terminal app" in script.said
+    assert "Keys of the terminal app" in script.lines
 
 
 def test_next_action_belongs_to_its_step():

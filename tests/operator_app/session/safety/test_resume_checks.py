@@ -143,7 +143,7 @@ def test_with_few_poses_the_nearest_is_measured_again(resumed, joint):
     nearest = session.state.poses[int(np.argmin(away))]
     with pytest.raises(GuardError, match=f"pose {nearest.number} differs from its first reading"):
         take_poses(session, listener, (1, 5))
-    assert [text for text in listener.said if f"to pose {nearest.number} at 5 deg/s" in text]
+    assert [text for text in listener.reports if f"to pose {nearest.number} at 5 deg/s" in text]
     assert {speed for _, speed in arm.moves} == {HOMING_SPEED_RAD_PER_S}
     assert len(session.state.poses) == 2
 

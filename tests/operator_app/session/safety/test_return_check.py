@@ -41,7 +41,7 @@ def test_capture_ends_with_a_repeat_of_the_first_pose(make_session):
     listener = RecordingListener()
     take_poses(session, listener, (1, 5))
     # A check that finds nothing states its result too.
-    assert "Pose 1 measured again agrees with its first reading (chi2 " in listener.said[-1]
+    assert "Pose 1 measured again agrees with its first reading (chi2 " in listener.reports[-1]
     (repeat,) = session.state.repeats
     assert (repeat.first.number, repeat.again.kind, repeat.again.after) == (1, "return", 6)
     assert len(session.state.used_poses) == 6
@@ -63,7 +63,7 @@ def test_repeat_that_cannot_disagree_is_no_evidence(make_session):
     session = make_session(procedure, connect=True)
     listener = RecordingListener()
     take_poses(session, listener, (1, 5))
-    assert not any("differs" in text for text in listener.said)
+    assert not any("differs" in text for text in listener.reports)
     solution = session.calibrate()
     loop = session.fixture.model(session.model, unsensed_joints=(3, 4, 5))
     (reread,) = session.state.rereads
@@ -103,7 +103,7 @@ def test_unreachable_first_pose_is_reported_and_the_capture_complete(make_sessio
     take_poses(session, listener, (1, 5))
     assert len(session.state.used_poses) == 4
     assert session.state.repeats == ()
-    assert "joint 7" in listener.said[-1]
+    assert "joint 7" in listener.reports[-1]
     assert journal_events(session)[-1].name == "return_missed"
     (notice,) = missing_repeat_notices(session.state)
     assert notice.code == "NO_RETURN"
@@ -359,7 +359,7 @@ def test_step_of_a_driven_joint_is_reported_at_the_next_pose(begin, name, after)
     assert "start a new session" in str(error.value)
     assert session.state.poses[-1].planned is (name == "hinge_planned")
     assert len(session.state.poses) == after + 1
-    assert f"Pose {after + 1} does not fit" in " ".join(listener.said)
+    assert f"Pose {after + 1} does not fit" in " ".join(listener.reports)
 
 
 def test_sound_arm_repeats_no_pose(begin):
@@ -367,7 +367,7 @@ def test_sound_arm_repeats_no_pose(begin):
     with pytest.raises(Cancelled):
         take_poses(session, listener, (1, 5))
     assert session.state.readings == ()
-    assert listener.said == []
+    assert listener.reports == []
 
 
 @PROCEDURES
@@ -379,7 +379,7 @@ def test_single_outlier_costs_one_repeat_only(begin, name, after):
         take_poses(session, listener, (1, 5))
     assert len(session.state.poses) == after + 3
     assert [r.again.after for r in session.state.repeats] == [after + 1]
-    assert any("outlier" in text and f" {after + 1} " in text for text in listener.said)
+    assert any("outlier" in text and f" {after + 1} " in text for text in listener.reports)
 
 
 def test_step_between_manual_poses_warns_and_automatic_capture_repeats(begin, approve):
@@ -391,7 +391,7 @@ def test_step_between_manual_poses_warns_and_automatic_capture_repeats(begin, ap
         assert visit(session, waypoint)
         operations.capture(waypoint)
         listener.pose_captured(session.state, 40)
-    (warning,) = (text for level, text in publisher.said if level is Level.WARNING)
+    (warning,) = (text for level, text in publisher.messages if level is Level.WARNING)
     approve(warning)
     assert session.state.readings == ()
     with pytest.raises(GuardError, match="joint 1 has shifted by"):

@@ -44,8 +44,8 @@ def test_automatic_capture_follows_the_plan_and_can_be_cancelled(make_session):
     used = session.state.used_poses
     assert sum(p.planned for p in used) == 2
     assert initial_snapshot(session).required_poses == len(used)
-    assert publisher.said[-1][0] is Level.INFO
-    assert any("Explored" in text for _, text in publisher.said)
+    assert publisher.messages[-1][0] is Level.INFO
+    assert any("Explored" in text for _, text in publisher.messages)
 
     # Every move was shown before it began, on the planned ones the poses on the way as well.
     *moves, last = publisher.headings

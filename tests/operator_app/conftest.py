@@ -1,14 +1,16 @@
-"""Sessions on the simulated plant, without a bus."""
+"""Sessions on the simulated plant, without a bus; calibrations by the library."""
 
 import shutil
 
 import pytest
+import sarcal
 
 from operator_app.config.procedure import Procedure
 from operator_app.session.workflow.session import Session
 from tests.oracles.answers import run_command
 from tests.oracles.journalled_sessions import journalled_sessions
 from tests.oracles.live_arm import FakeSessions
+from tests.oracles.panda import FOLDER as PANDA
 from tests.oracles.plant_arm import SERIAL, PlantArm
 from tests.oracles.plant_sessions import TickingClock, opened
 from tests.oracles.recorded import cached_folder
@@ -58,3 +60,19 @@ def journalled(tmp_path_factory):
     folder = tmp_path_factory.mktemp("sessions") / "made"
     shutil.copytree(cached_folder(journalled_sessions), folder)
     return {path.name: path for path in folder.iterdir()}
+
+
+@pytest.fixture(scope="session")
+def result(reference_data):
+    """The library's result from exact poses in a hinge."""
+    poses = reference_data / "hinge/hinge_exact.csv"
+    return sarcal.calibrate(arm="sarcos_dextrous", fixture="hinge", poses=poses)
+
+
+@pytest.fixture(scope="session")
+def ball():
+    """The library's result from a real arm's poses with a ball in six sockets."""
+    poses = PANDA / "panda_1.csv"
+    return sarcal.calibrate(
+        arm="franka_panda", fixture="ball", poses=poses, drop_unidentifiable=True
+    )

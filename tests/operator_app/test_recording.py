@@ -40,8 +40,8 @@ def test_incomplete_recording_is_reported_when_the_arm_is_closed(
     assert ("Free some space" in messages) is reported
 
 
-def wait_until(condition: Callable[[], object], seconds: float = 120.0) -> None:
-    end = time.monotonic() + seconds
+def wait_until(condition: Callable[[], object]) -> None:
+    end = time.monotonic() + 120.0
     while not condition():
         assert time.monotonic() < end
         threading.Event().wait(0.01)

@@ -90,8 +90,6 @@ def test_error_messages_repeat_arguments_as_text(tmp_path, capsys, run_command):
 
 @pytest.fixture
 def write_outlier_poses(reference_data, tmp_path):
-    """Write a poses file with one outlier and labels with this prefix."""
-
     def write(label: str) -> Path:
         source = (reference_data / "hinge" / "hinge_exact.csv").read_text().splitlines()
         rows = [row.split(",") for row in source[:14]]
@@ -159,20 +157,20 @@ def test_unwritable_progress_is_ignored(monkeypatch, stream):
             say("another", err=True)
 
 
-@pytest.mark.parametrize("stream", [stream_on_full_disk, stream_without_reader])
-def test_exit_code_with_unwritable_results(write_outlier_poses, monkeypatch, stream):
-    poses = str(write_outlier_poses(""))
+@pytest.mark.parametrize(
+    ("stream", "words", "code"),
+    [
+        # 4: not accepted, because of the outlier. 2: the output was to be kept, and could not be written.
+        (stream_without_reader, ["solve", "poses.csv", *SARCOS_HINGE], 4),
+        (stream_on_full_disk, ["solve", "poses.csv", *SARCOS_HINGE], 2),
+        (stream_on_full_disk, ["--help"], 2),
+    ],
+)
+def test_exit_code_with_unwritable_results(write_outlier_poses, monkeypatch, stream, words, code):
+    monkeypatch.chdir(write_outlier_poses("").parent)
     with stream() as broken:
         monkeypatch.setattr("sys.stdout", broken)
-        code = main(["solve", poses, *SARCOS_HINGE])
-    # 4: not accepted, because of the outlier. 2: the output was to be kept, and could not be written.
-    assert code == (4 if stream is stream_without_reader else 2)
-
-
-def test_help_on_a_full_disk_is_an_error_code(monkeypatch):
-    with stream_on_full_disk() as broken:
-        monkeypatch.setattr("sys.stdout", broken)
-        assert main(["--help"]) == 2
+        assert main(words) == code
 
 
 def test_streaming_ends_when_its_reader_closes(monkeypatch):

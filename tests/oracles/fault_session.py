@@ -192,5 +192,5 @@ def run_session_with_fault(
         states=states,
         states_later=later,
         final_modes=tuple(mode for _, mode in ended),
-        reports=tuple(listener.said),
+        reports=tuple(listener.reports),
     )

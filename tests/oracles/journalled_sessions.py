@@ -33,17 +33,17 @@ def initial_snapshot(session: Session) -> SessionSnapshot:
 
 
 class Quiet:
-    """A publisher without cancellation; `shown` is its snapshot, `said` its messages with their levels."""
+    """A publisher without cancellation; `shown` is its snapshot, `messages` with their levels."""
 
     def __init__(self, session: Session) -> None:
         self.shown = initial_snapshot(session)
-        self.said: list[tuple[Level, str]] = []
+        self.messages: list[tuple[Level, str]] = []
 
     def publish(self, change: Change) -> None:
         self.shown = change(self.shown)
 
     def say(self, level: Level, text: str) -> None:
-        self.said.append((level, text))
+        self.messages.append((level, text))
 
     def cancelled(self) -> bool:
         return False

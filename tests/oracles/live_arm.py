@@ -26,27 +26,21 @@ from operator_app.config.procedure_file import load_procedure
 from operator_app.session.ui.runner import Runner
 from operator_app.session.ui.sessions import Sessions
 from operator_app.session.workflow.opening import Choices, Opening, Rig
-from tests.oracles.plant_arm import PERIOD_S, SERIAL, PlantArm, node
+from tests.oracles.plant_arm import PERIOD_S, PlantArm, node
 
 TOKEN = 127
 
 
 class LiveArm(PlantArm):
-    """`connect_error` is raised by the next `connect`, `work_error` by every task of a connection."""
+    """`connect_error` is raised by the next `connect`, `stop_error` by each `stop`."""
 
     def __init__(
-        self,
-        procedure: Procedure,
-        scenario_name: str = "datasheet",
-        *,
-        pace_s: float = 0.0,
-        serial: str = SERIAL,
+        self, procedure: Procedure, scenario_name: str = "datasheet", *, pace_s: float = 0.0
     ) -> None:
         self.lock = threading.RLock()
         self.pace_s = pace_s
         self.connect_error: HardwareError | None = None
         self.stop_error: HardwareError | None = None
-        self.work_error: HardwareError | None = None
         self.stops: list[float] = []
         self._stop_latch = threading.Event()
         self._diverged: DriveDiverged | None = None
@@ -57,7 +51,7 @@ class LiveArm(PlantArm):
         self._faults: tuple[Fault, ...] = ()
         self._moving = False
         self._ticker: threading.Thread | None = None
-        super().__init__(procedure, scenario_name, serial)
+        super().__init__(procedure, scenario_name)
         self._modes = [None] * self.model.joint_count
 
     def _step(self):
@@ -69,9 +63,8 @@ class LiveArm(PlantArm):
     def _work_step(self) -> None:
         if self.pace_s:
             self._stop_latch.wait(self.pace_s)
-        for error in (self.work_error, self._diverged):
-            if error is not None:
-                raise error
+        if self._diverged is not None:
+            raise self._diverged
         if self._stop_latch.is_set():
             raise StopLatched("STOP is latched")
         if self._silent_since is not None:
@@ -208,7 +201,7 @@ class LiveArm(PlantArm):
         if self._ticker is not None:
             self._ticker.join()
             self._ticker = None
-        self._diverged = self.work_error = None
+        self._diverged = None
         return True
 
 
@@ -230,7 +223,6 @@ class FakeSessions(Sessions):
         self.root, self.simulated = root, True
         self.procedure = quick_procedure()
         self.pace_s = 0.0
-        self.serial = "SDA-0001"
         self.arm: LiveArm | None = None
         self._made = 0
 
@@ -246,6 +238,6 @@ class FakeSessions(Sessions):
             folder = self.root / f"session-{self._made}"
         if procedure.name == self.procedure.name:
             procedure = self.procedure
-        self.arm = LiveArm(procedure, pace_s=self.pace_s, serial=self.serial)
+        self.arm = LiveArm(procedure, pace_s=self.pace_s)
         test_opening = replace(opening, folder=folder, procedure=procedure)
         yield Rig(arm=self.arm, opening=test_opening, simulated=self.simulated)

@@ -61,18 +61,18 @@ def opened(
 
 
 class RecordingListener(Listener):
-    """`said` are the reports, `heard` the numbers of used poses; `then` is called with the number of all poses."""
+    """`reports` are texts, `counts` the numbers of used poses; `then` is called with the number of all poses."""
 
     def __init__(self, then: Callable[[int], object] = id) -> None:
-        self.said: list[str] = []
-        self.heard: list[int] = []
+        self.reports: list[str] = []
+        self.counts: list[int] = []
         self._then = then
 
     def report(self, text: str) -> None:
-        self.said.append(text)
+        self.reports.append(text)
 
     def pose_captured(self, state: SessionState, total: int) -> None:
-        self.heard.append(len(state.used_poses))
+        self.counts.append(len(state.used_poses))
         self._then(len(state.poses))
 
 

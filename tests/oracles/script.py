@@ -12,18 +12,18 @@ def pause_briefly(pause_s: float) -> None:
 
 
 class Script:
-    """A terminal with these answers; `said` are the lines written to it."""
+    """A terminal with these answers; `lines` are written to it."""
 
     def __init__(self, *answers: str | Callable[[], str]) -> None:
         self.answers = iter(answers)
-        self.said: list[str] = []
+        self.lines: list[str] = []
         self.key_pressed_when: Callable[[], bool] = lambda: False
 
     def say(self, text: str) -> None:
-        self.said += text.splitlines()
+        self.lines += text.splitlines()
 
     def ask(self, prompt: str) -> str:
-        self.said.append(prompt)
+        self.lines.append(prompt)
         try:
             answer = next(self.answers)
         except StopIteration as end:
@@ -32,11 +32,11 @@ class Script:
             return answer()
         if prompt not in ("Number: ", "Which: "):
             return answer
-        for row in reversed(self.said):
+        for row in reversed(self.lines):
             number, _, label = row.strip().partition(" ")
             if number.isdecimal() and label.startswith(answer):
                 return number
-        assert prompt != "Number: ", f"no item {answer!r} in {self.said[-12:]}"
+        assert prompt != "Number: ", f"no item {answer!r} in {self.lines[-12:]}"
         return answer
 
     def touched(self, timeout_s: float) -> bool:

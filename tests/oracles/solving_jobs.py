@@ -7,10 +7,10 @@ import threading
 from collections.abc import Callable
 from pathlib import Path
 
-from solver.errors import SolverError, UnidentifiableDirection, UnidentifiableError
+from solver.errors import UnidentifiableDirection, UnidentifiableError
 
 
-def process_state(path: str) -> dict[str, object]:
+def process_state() -> dict[str, object]:
     """Identity, loaded modules and open files of the process."""
     return {
         "pid": os.getpid(),
@@ -18,7 +18,6 @@ def process_state(path: str) -> dict[str, object]:
         "modules": sorted(sys.modules),
         # The directory itself is open while it is listed.
         "open": [str(fd.readlink()) for fd in Path("/proc/self/fd").iterdir() if fd.is_symlink()],
-        "given": path,
     }  # fmt: skip
 
 
@@ -33,10 +32,6 @@ def never(mark: str, progress: Callable[[int, float], None]) -> None:
     Path(mark).write_text(str(os.getpid()), "utf-8")
     progress(os.getpid(), 0.0)
     threading.Event().wait()
-
-
-def refuse() -> None:
-    raise SolverError("these poses say nothing")
 
 
 def fail_unidentifiable(name: str) -> None:

@@ -131,7 +131,7 @@ def _reproducible(s: SessionSnapshot) -> SessionSnapshot:
     )
 
 
-def _with_joints(
+def with_joints(
     s: SessionSnapshot, change: Callable[[JointState], JointState], **changes: Any
 ) -> SessionSnapshot:
     """The snapshot with changed joints and other changes."""
@@ -141,7 +141,7 @@ def _with_joints(
 
 def stale(s: SessionSnapshot) -> SessionSnapshot:
     """The data of joint 5 are old."""
-    return _with_joints(
+    return with_joints(
         s,
         lambda j: replace(j, age_s=0.24) if j.joint == 5 else j,
         data=DataState.STALE,
@@ -153,7 +153,7 @@ def stale(s: SessionSnapshot) -> SessionSnapshot:
 
 def lost(s: SessionSnapshot) -> SessionSnapshot:
     """No data for 1.5 s."""
-    return _with_joints(
+    return with_joints(
         s,
         lambda j: replace(j, age_s=1.5),
         data=DataState.LOST,
@@ -166,7 +166,7 @@ def lost(s: SessionSnapshot) -> SessionSnapshot:
 def stopped(s: SessionSnapshot) -> SessionSnapshot:
     report = StopReport(asked_s=NOW_S, acknowledged_after_s=0.012, drives_stopped=7)
     quick_stop = {"drive": DriveState.QUICK_STOP_ACTIVE, "mode": None}
-    s = _with_joints(s, lambda j: replace(j, **quick_stop), stop=report, task=None)
+    s = with_joints(s, lambda j: replace(j, **quick_stop), stop=report, task=None)
     assert s.arm is not None
     return replace(s, arm=replace(s.arm, stopped=True))
 
@@ -174,7 +174,7 @@ def stopped(s: SessionSnapshot) -> SessionSnapshot:
 def unstopped(s: SessionSnapshot) -> SessionSnapshot:
     """The drives of joints 3 and 5 do not obey STOP."""
     s, joints = stopped(s), (3, 5)
-    return _with_joints(
+    return with_joints(
         s,
         lambda j: replace(j, drive=DriveState.OPERATION_ENABLED) if j.joint in joints else j,
         stop=StopReport(asked_s=NOW_S - 0.6, drives_stopped=5),
@@ -195,7 +195,7 @@ def diverged(s: SessionSnapshot) -> SessionSnapshot:
 
 def tripped(s: SessionSnapshot) -> SessionSnapshot:
     fault = {"drive": DriveState.FAULT, "mode": None}
-    return _with_joints(s, lambda j: replace(j, **fault) if j.joint == 4 else j)
+    return with_joints(s, lambda j: replace(j, **fault) if j.joint == 4 else j)
 
 
 def busy(s: SessionSnapshot, kind: TaskKind, *, moves: bool) -> SessionSnapshot:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from hardware.arm import Watch
 from operator_app.errors import GuardError
 from operator_app.planning.exploration import RANGE_END_MARGIN_RAD
 from operator_app.planning.task import CANDIDATES, require_closed_chain
+from operator_app.session.store.state import CampaignLog
 from operator_app.session.store.stored_calibration import NO_WAY_BACK
 from operator_app.session.workflow.campaign_replay import (
     ReplayDivergedError,
@@ -111,12 +113,7 @@ class PlannedCapture:
         if self._ended is not None:
             return self._ended
         if self.campaign is None:
-            again = bool(session.state.campaign.begun)
             self.campaign = self._new_campaign()
-            self._next_action(self.campaign)
-            if again and self.campaign.phase is Phase.EXPLORING:
-                # The first step of a new exploration leads straight back to the start of the session.
-                require_in_box(session)
         elif self._moved:
             self._move_back(self.campaign)
         campaign = self.campaign
@@ -274,22 +271,30 @@ class PlannedCapture:
         }
 
     def _new_campaign(self) -> Campaign:
-        """Record and return a new campaign that contains the used poses and starts at the current position."""
+        """Record and return a new campaign that contains the used poses and starts at the current position.
+
+        Raises GuardError, and records nothing, if it would explore again from outside the box: a recorded campaign
+        is continued from where it started.
+        """
         session = self._session
         sets = session.state.drive_sets if session.procedure.position_joints is None else ()
         q_rad = session.reader.read().mean_rad
         earlier = session.state.campaign.begun
-        session.record(
-            "campaign",
-            {
-                **self._required_settings(),
-                "drive_sets": [list(self._chosen), *(list(d) for d in sets if d != self._chosen)],
-                "start_rad": earlier.get("start_rad", q_rad.tolist()),
-                "at_rad": q_rad.tolist(),
-                "captured": [p.number for p in session.state.used_poses],
-            },
-        )
-        return campaign_from_log(session.model, session.fixture, session.state)
+        begun = {
+            **self._required_settings(),
+            "drive_sets": [list(self._chosen), *(list(d) for d in sets if d != self._chosen)],
+            "start_rad": earlier.get("start_rad", q_rad.tolist()),
+            "at_rad": q_rad.tolist(),
+            "captured": [p.number for p in session.state.used_poses],
+        }
+        state = replace(session.state, campaign=CampaignLog(begun=begun))
+        campaign = campaign_from_log(session.model, session.fixture, state)
+        self._next_action(campaign)
+        if earlier and campaign.phase is Phase.EXPLORING:
+            # The first step of a new exploration leads straight back to the start of the session.
+            require_in_box(session)
+        session.record("campaign", begun)
+        return campaign
 
 
 def _path_watch(campaign: Campaign, move: GoTo) -> Watch:

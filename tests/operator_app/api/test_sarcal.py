@@ -18,10 +18,9 @@ from operator_app.cli import main
 from operator_app.session.store.journal import Journal
 from solver.chain.parameters import DhKind
 from tests.oracles.makers_chains import flange
-from tests.oracles.panda import FOLDER as PANDA
 
 HINGE = Path(__file__).parents[2] / "data/hinge"
-EXACT = HINGE / "hinge_exact.csv"
+POSES, QUANTISED = HINGE / "hinge_exact.csv", HINGE / "hinge_quantised.csv"
 MODULES = ["sarcal", *(f"sarcal.{m.name}" for m in pkgutil.iter_modules(sarcal.__path__))]
 
 
@@ -35,7 +34,7 @@ def test_docstring_examples_run(name):
 
 
 def test_result_agrees_with_the_command(result, run_command):
-    document = run_command(0, "solve", EXACT, "--json").json
+    document = run_command(0, "solve", POSES, "--json").json
     assert result.to_json() == document
     for key, value in result.values.items():
         name, _, unit = key.rpartition("_")
@@ -53,7 +52,7 @@ def test_result_agrees_with_the_command(result, run_command):
     assert rms == pytest.approx(document["best_table_tool_sigma_mm"], rel=0.2)
     assert result.tip_sigma(result.poses.q_rad[0]).shape == ()
     assert result.verdict == document["verdict"]
-    assert run_command(0, "solve", EXACT).out.rstrip("\n") == result.text
+    assert run_command(0, "solve", POSES).out.rstrip("\n") == result.text
 
 
 def test_the_best_table_has_the_base_frame_of_the_arm_file(result, approve):
@@ -68,7 +67,7 @@ def test_the_best_table_has_the_base_frame_of_the_arm_file(result, approve):
 
 
 def test_arrays_file_and_data_frame_give_the_same_poses(result):
-    poses = sarcal.load_poses(EXACT)
+    poses = sarcal.load_poses(POSES)
     in_deg = sarcal.poses_of(q_deg=poses.q_deg)
     in_rad = sarcal.poses_of(q_rad=poses.q_rad)
     np.testing.assert_allclose(in_deg.q_rad, in_rad.q_rad, rtol=0, atol=1e-14)
@@ -90,7 +89,7 @@ class _Frame(dict[str, list[float]]):
 
 def test_pandas_data_frames_are_accepted_and_returned(result):
     pd = pytest.importorskip("pandas")
-    poses = sarcal.load_poses(EXACT)
+    poses = sarcal.load_poses(POSES)
     frame = pd.DataFrame(poses.q_deg, columns=[f"theta{j}_deg" for j in range(1, 8)])
     np.testing.assert_array_equal(sarcal.load_poses(frame).q_rad, np.deg2rad(poses.q_deg))
     assert list(result.table().to_frame().columns) == list(result.table().columns)
@@ -116,16 +115,13 @@ def test_tool_line_of_a_hinge_is_the_same_in_all_poses(result):
     np.testing.assert_allclose(first, T[0], rtol=0, atol=1e-15)
 
 
-def test_tool_point_of_a_ball_is_in_its_sockets():
-    result = sarcal.calibrate(
-        arm="franka_panda", fixture="ball", poses=PANDA / "panda_1.csv", drop_unidentifiable=True
-    )
-    T = result.fk(result.poses.q_rad)
+def test_tool_point_of_a_ball_is_in_its_sockets(ball):
+    T = ball.fk(ball.poses.q_rad)
     for placement in (1, 4):
-        points = T[result.poses.placement == placement, :3, 3]
-        centre = [result.values[f"ground_{axis}[{placement}]_mm"] / 1e3 for axis in "xyz"]
+        points = T[ball.poses.placement == placement, :3, 3]
+        centre = [ball.values[f"ground_{axis}[{placement}]_mm"] / 1e3 for axis in "xyz"]
         assert np.linalg.norm(points - centre, axis=1).mean() < 1.5e-3
-    assert result.tip_sigma(result.poses.q_rad).max() < 0.01
+    assert ball.tip_sigma(ball.poses.q_rad).max() < 0.01
 
 
 def test_saved_result_is_a_session_and_is_loaded_unchanged(result, tmp_path, run_command):
@@ -136,7 +132,7 @@ def test_saved_result_is_a_session_and_is_loaded_unchanged(result, tmp_path, run
     document = run_command(0, "report", folder, "--json").json
     assert document["parameters"] == result.to_json()["parameters"]
     run_command(0, "compare", folder, folder / "parameters.yaml")
-    run_command(0, "verify", folder, HINGE / "hinge_quantised.csv")
+    run_command(0, "verify", folder, QUANTISED)
     run_command(0, "export", folder, "-o", tmp_path / "p.yaml")
     np.testing.assert_array_equal(sarcal.load_poses(folder / "poses.csv").q_rad, q_rad)
     assert sarcal.compare(result, folder).drifted == ()
@@ -144,7 +140,7 @@ def test_saved_result_is_a_session_and_is_loaded_unchanged(result, tmp_path, run
     assert reloaded.to_json() == result.to_json()
     assert repr(reloaded) == repr(result)
     np.testing.assert_array_equal(reloaded.fk(q_rad), result.fk(q_rad))
-    assert sarcal.verify(reloaded, HINGE / "hinge_quantised.csv").holds
+    assert sarcal.verify(reloaded, QUANTISED).holds
     with pytest.raises(ValueError, match="these are poses that the calibration was made from"):
         sarcal.verify(reloaded, folder / "poses.csv")
     measured = sarcal.poses_of(q_rad=q_rad[:4] + 5e-4, endpoint_m=np.zeros((4, 3)))
@@ -169,9 +165,7 @@ def test_saving_again_replaces_only_our_files_of_the_same_data(result, tmp_path,
         "journal.jsonl", "parameters.yaml", "poses.csv", "report.html", "my_notes.txt",
     }  # fmt: skip
     before = (folder / "journal.jsonl").read_bytes()
-    other = sarcal.calibrate(
-        arm="sarcos_dextrous", fixture="hinge", poses=HINGE / "hinge_quantised.csv"
-    )
+    other = sarcal.calibrate(arm="sarcos_dextrous", fixture="hinge", poses=QUANTISED)
     with pytest.raises(sarcal.SessionError, match=r"of other data \(\d+ poses\).*overwrite=True"):
         other.save(folder)
     assert (folder / "journal.jsonl").read_bytes() == before

@@ -21,11 +21,18 @@ def source(source):
     return source
 
 
-@pytest.mark.parametrize("plain", [False, True])
-def test_connected_arm_is_reported_as_held_with_the_command_to_continue(source, plain):
-    message = close_and_report(source, "SIGTERM", plain=plain)
-    assert message.startswith("sarcal: ended by SIGTERM; the arm is held. Session ")
-    option = "--plain " if plain else ""
+@pytest.mark.parametrize(
+    ("reason", "words", "plain", "option"),
+    [
+        ("SIGTERM", "ended by SIGTERM", False, ""),
+        ("interrupted", "interrupted", True, "--plain "),
+    ],
+)
+def test_connected_arm_is_reported_as_held_with_the_command_to_continue(
+    source, reason, words, plain, option
+):
+    message = close_and_report(source, reason, plain=plain)
+    assert message.startswith(f"sarcal: {words}; the arm is held. Session ")
     assert message.endswith(f"\nGo on with: sarcal {option}--resume {source.last}")
     assert "parameters.yaml" not in message
 
@@ -50,9 +57,3 @@ def test_written_files_are_named(source):
     message = close_and_report(source)
     assert "parameters.yaml and poses.csv are in it" in message
     assert f"sarcal report {source.last}" in message
-
-
-def test_interrupt_is_named_in_plain_english(source):
-    assert close_and_report(source, "interrupted").startswith(
-        "sarcal: interrupted; the arm is held."
-    )

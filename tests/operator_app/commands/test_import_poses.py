@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import sarcal
 
-from operator_app.config.errors import ConfigError
 from operator_app.config.joint_log import load_joint_log
 from operator_app.config.parameters_file import load_parameters
 from operator_app.config.poses_file import load_poses
@@ -126,52 +125,6 @@ def test_insufficient_poses_are_kept_and_reported(tmp_path, run_command):
     assert run_command(5, "report", imported["session"]["folder"], "--json").json == imported
     report = run_command(5, "report", imported["session"]["folder"], "--text").out
     assert "theta_off_7 cannot be separated from" in report
-
-
-def test_columns_are_selected_by_number_or_name(tmp_path):
-    file = tmp_path / "log.txt"
-    file.write_text("# a comment\nt q1 q2 speed q3\n0.0 0.5 -1.5 9 2.5\n1.0 0.25 -1.25 9 2.25\n")
-    expected = [[0.5, -1.5, 2.5], [0.25, -1.25, 2.25]]
-    for columns in ("2-3,5", "2,3,5", "q1,q2,q3"):
-        log = load_joint_log(file, joint_count=3, unit="rad", columns=columns)
-        np.testing.assert_array_equal(log.poses.q_rad, expected)
-    reordered = load_joint_log(file, joint_count=3, unit="deg", columns="q3,q1,q2")
-    np.testing.assert_allclose(np.rad2deg(reordered.poses.q_rad[0]), [2.5, 0.5, -1.5])
-
-
-@pytest.mark.parametrize(
-    ("text", "options"),
-    [
-        ("0.1,0.2,0.3\n" * 6, {}),
-        ("1,2,3,4\n", {"unit": "deg"}),
-        ("t,a,b,c\n1,2,3,4\n", {"unit": "deg"}),
-        ("1,2\n", {"unit": "deg"}),
-        ("1,2,3\n4,x,6\n", {"unit": "deg"}),
-        ("1,2,3\n4,5\n", {"unit": "deg"}),
-        ("1,2,900\n", {"unit": "rad"}),
-        ("1,200,900\n" * 9, {"unit": "rad"}),
-        ("t,a,b,c,p\n1,2,3,4,x\n", {"unit": "deg", "placement": "p"}),
-        ("1,2,3\n", {"unit": "deg", "columns": "1-4"}),
-        ("1,2,3\n", {"unit": "deg", "columns": "1,1,2"}),
-        ("1,2,3\n", {"unit": "deg", "columns": "q1"}),
-        ("theta1_deg,theta2_deg,theta3_deg\n1,2,3\n", {"unit": "rad"}),
-        ("# nothing\n", {}),
-        ("a,1,2,3\n", {"unit": "deg", "placement": "hole"}),
-        ("a,1,2,3\n", {"unit": "deg", "placement": "5"}),
-        ("p,a,b,c\n1,1,2,3\n,4,5,6\n", {"unit": "deg", "placement": "p"}),
-        ("p,a,b,c\n1,1,2,3\n", {"unit": "deg"}),
-        ("1,2,nan\n", {"unit": "deg"}),
-        ("q1,q2,q3,v1,v2,v3\n1,1,1,1,1,1\n", {}),
-        ("time,base,shoulder,elbow,extra\n0,1,2,3,4\n", {}),
-        ("a,b\n1,2,3,4\n", {"unit": "deg"}),
-    ],
-)  # fmt: skip
-def test_invalid_log_is_refused_with_place_and_remedy(tmp_path, text, options, approve):
-    file = tmp_path / "log.csv"
-    file.write_text(text)
-    with pytest.raises(ConfigError) as caught:
-        load_joint_log(file, joint_count=3, **options)
-    approve(str(caught.value))  # type: ignore[arg-type]
 
 
 @pytest.mark.sample(1)

@@ -82,6 +82,8 @@ BAD = [
     ("range_deg: [-35, 115]", "range_deg: ['-35,5', 115]", "joints[joint 1].range_deg[1]"),
     ("{row: 3, theta_off_deg: -20,  ", "{row: 3, ", "dh[row 3].theta_off_deg"),
     ("row: 3", "row: 4", "dh[row 4].row"),
+    ("- joint: 2", "- joint: 3", "joints[joint 3].joint"),
+    ("free: [theta_off_1", "free: [theta_off_01", "free[1]"),
     ("kind: rvdt", "kind: rdvt", "joints[joint 6].sensor"),
     ("{kind: rvdt, bits: 12,", "{bits: 12,", "joints[joint 6].sensor"),
     ("bits: 12", "bit: 12", "joints[joint 6].sensor.bit"),
@@ -160,11 +162,6 @@ def test_joint_and_row_numbers_must_correspond():
     problems = parse_problems(parse, text)
     assert [p.key for p in problems] == ["joints", "home_deg"]
     assert "6 joints for 7 D-H rows" in problems[0].text
-    problem = single_problem(parse, GOOD, "- joint: 2", "- joint: 3")
-    assert problem.key == "joints[joint 3].joint"
-    assert "in place of joint 2" in problem.text
-    problem = single_problem(parse, GOOD, "free: [theta_off_1", "free: [theta_off_01")
-    assert (problem.key, problem.remedy) == ("free[1]", "write theta_off_1")
 
 
 def test_offset_of_joint_without_sensor_cannot_be_free():

@@ -1,4 +1,4 @@
-"""Columns of a joint log: joints recognised by their names or numbers."""
+"""Joint logs: columns by name or number, and one problem for each mistake."""
 
 import numpy as np
 import pytest
@@ -8,49 +8,71 @@ from operator_app.config.joint_log import load_joint_log
 
 
 @pytest.mark.parametrize(
-    ("header", "columns"),
+    ("header", "selected", "columns"),
     [
-        ("t,q2,q1,q3", (2, 1, 3)),
-        ("joint_0,joint_1,joint_2,joint_1_speed", (0, 1, 2)),
-        ("q1,q2,q3,Q1", (0, 1, 2)),
-        ("t,Joint1,joint2,JOINT3", (1, 2, 3)),
-        ("t,q3,q2,q1,i8", (3, 2, 1)),
-        ("q3,q2,q1", (2, 1, 0)),
-        ("a,b,c", (0, 1, 2)),
-        ("elbow,shoulder,base", (2, 1, 0)),
-        ("elbow,base,q1,shoulder,q2,q3", (1, 3, 0)),
-        ("q1,q2,q3,Q1,Q2,Q3", None),
-        ("t,q1,q2,q4", None),
-        pytest.param(f"q1,q2,q3,q{'9' * 5000}", None, id="thousands of digits"),
+        ("t,q2,q1,q3", "", (2, 1, 3)),
+        ("joint_0,joint_1,joint_2,joint_1_speed", "", (0, 1, 2)),
+        ("q1,q2,q3,Q1", "", (0, 1, 2)),
+        ("t,Joint1,joint2,JOINT3", "", (1, 2, 3)),
+        ("t,q3,q2,q1,i8", "", (3, 2, 1)),
+        ("q3,q2,q1", "", (2, 1, 0)),
+        ("a,b,c", "", (0, 1, 2)),
+        ("elbow,shoulder,base", "", (2, 1, 0)),
+        ("elbow,base,q1,shoulder,q2,q3", "", (1, 3, 0)),
+        *(("t q1 q2 speed q3", selected, (1, 2, 4)) for selected in ("2-3,5", "2,3,5", "q1,q2,q3")),
+        ("t q1 q2 speed q3", "q3,q1,q2", (4, 1, 2)),
     ],
 )
-def test_joint_columns_are_recognised_by_name_or_number(tmp_path, header, columns):
-    log = tmp_path / "log.csv"
-    cells = [str(10 * k) for k in range(len(header.split(",")))]
-    log.write_text(f"{header}\n{','.join(cells)}\n")
-    if columns is None:
-        with pytest.raises(ConfigError, match="for an arm of 3 joints"):
-            load_joint_log(log, joint_count=3, unit="deg")
-    else:
-        arm = ("base", "shoulder", "elbow")
-        poses = load_joint_log(log, joint_count=3, unit="deg", joints=arm).poses
-        np.testing.assert_allclose(np.rad2deg(poses.q_rad[0]), [10 * k for k in columns])
+def test_joint_columns_are_recognised_or_selected(tmp_path, header, selected, columns):
+    log, separator = tmp_path / "log.csv", "," if "," in header else " "
+    rows = ((k + 10 * n for n in range(len(header.split(separator)))) for k in (0, 1))
+    lines = ["# a comment", header, *(separator.join(map(str, row)) for row in rows)]
+    log.write_text("\n".join(lines))
+    arm = ("base", "shoulder", "elbow")
+    options = {"columns": selected} if selected else {}
+    poses = load_joint_log(log, joint_count=3, unit="deg", joints=arm, **options).poses
+    expected = [[10 * column + k for column in columns] for k in (0, 1)]
+    np.testing.assert_allclose(np.rad2deg(poses.q_rad), expected)
 
 
 @pytest.mark.parametrize(
-    ("text", "line", "message"),
+    ("text", "options"),
     [
-        ("10.5;20.5;30.5\n", 1, "semicolons"),
-        ("# by a spreadsheet\nq1;q2;q3\n10;20;30\n", 2, "semicolons"),
-        ("10,5;20,5;-30,5\n", 1, "decimal commas"),
-        ("10,5 20,5 -30,5\n", 1, "decimal commas"),
-        ("q1 q2 q3\n10,5\t20,5\t-30,5\n", 2, "decimal commas"),
+        ("0.1,0.2,0.3\n" * 6, {}),
+        ("1,2,3,4\n", {"unit": "deg"}),
+        ("t,a,b,c\n1,2,3,4\n", {"unit": "deg"}),
+        ("1,2\n", {"unit": "deg"}),
+        ("1,2,3\n4,x,6\n", {"unit": "deg"}),
+        ("1,2,3\n4,5\n", {"unit": "deg"}),
+        ("1,2,900\n", {"unit": "rad"}),
+        ("1,200,900\n" * 9, {"unit": "rad"}),
+        ("t,a,b,c,p\n1,2,3,4,x\n", {"unit": "deg", "placement": "p"}),
+        ("1,2,3\n", {"unit": "deg", "columns": "1-4"}),
+        ("1,2,3\n", {"unit": "deg", "columns": "1,1,2"}),
+        ("1,2,3\n", {"unit": "deg", "columns": "q1"}),
+        ("theta1_deg,theta2_deg,theta3_deg\n1,2,3\n", {"unit": "rad"}),
+        ("# nothing\n", {}),
+        ("a,1,2,3\n", {"unit": "deg", "placement": "hole"}),
+        ("a,1,2,3\n", {"unit": "deg", "placement": "5"}),
+        ("p,a,b,c\n1,1,2,3\n,4,5,6\n", {"unit": "deg", "placement": "p"}),
+        ("p,a,b,c\n1,1,2,3\n", {"unit": "deg"}),
+        ("1,2,nan\n", {"unit": "deg"}),
+        ("q1,q2,q3,v1,v2,v3\n1,1,1,1,1,1\n", {}),
+        ("time,base,shoulder,elbow,extra\n0,1,2,3,4\n", {}),
+        ("a,b\n1,2,3,4\n", {"unit": "deg"}),
+        ("q1,q2,q3,Q1,Q2,Q3\n0,10,20,30,40,50\n", {"unit": "deg"}),
+        ("t,q1,q2,q4\n0,10,20,30\n", {"unit": "deg"}),
+        pytest.param(f"q1,q2,q3,q{'9' * 5000}\n0,1,2,3\n", {}, id="thousands of digits"),
+        ("10.5;20.5;30.5\n", {"unit": "deg"}),
+        ("# by a spreadsheet\nq1;q2;q3\n10;20;30\n", {"unit": "deg"}),
+        ("10,5;20,5;-30,5\n", {"unit": "deg"}),
+        ("10,5 20,5 -30,5\n", {"unit": "deg"}),
+        ("q1 q2 q3\n10,5\t20,5\t-30,5\n", {"unit": "deg"}),
     ],
 )
-def test_semicolons_and_decimal_commas_are_reported(tmp_path, text, line, message):
-    log = tmp_path / "log.csv"
-    log.write_text(text)
-    with pytest.raises(ConfigError, match=message) as refused:
-        load_joint_log(log, joint_count=3, unit="deg")
-    (problem,) = refused.value.problems
-    assert problem.line == line
+def test_invalid_log_is_refused_with_place_and_remedy(tmp_path, text, options, approve):
+    file = tmp_path / "log.csv"
+    file.write_text(text)
+    with pytest.raises(ConfigError) as caught:
+        load_joint_log(file, joint_count=3, **options)
+    approve(str(caught.value).replace("9" * 5000, "9..."))

@@ -6,12 +6,15 @@ from fixtures.errors import FixtureError
 from hardware.canopen.objects import emergency_text
 from hardware.errors import (
     BusError,
+    ControlDenied,
     DriveFault,
     DuplicateNodeId,
     HostLatencyExceeded,
+    NodeMissing,
     NodeRestarted,
     OtherMaster,
     SensorFault,
+    WrongArm,
 )
 from operator_app.errors import SessionError
 from operator_app.messages.errors import REMEDIES, words
@@ -30,6 +33,9 @@ STUCK = (
     [
         BusError("The arm has gone silent"),
         BusError("The arm has gone silent. Check power and cable, then reconnect."),
+        NodeMissing((3, 5)),
+        WrongArm("this is an arm of six joints"),
+        ControlDenied(127),
         HostLatencyExceeded(3, 0.4),
         OtherMaster("Another program commands this arm. End that program, then connect again."),
         NodeRestarted((5,), ["joint 5"]),

@@ -1,4 +1,4 @@
-"""Results and one session to report, and a reader of report pages that shares no code with their writer."""
+"""One session to report, and a reader of report pages that shares no code with their writer."""
 
 import re
 import xml.etree.ElementTree as ET
@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import pytest
-import sarcal
 
 from operator_app.headless.procedure_run import run
 from operator_app.report.html.page import report_html
@@ -15,7 +14,6 @@ from operator_app.session.store.journal import JournalEvent, read_journal
 from operator_app.session.store.replay import replay
 from operator_app.session.store.stored_calibration import session_calibration, with_checks
 from operator_app.session.workflow.listener import Listener
-from tests.oracles.panda import FOLDER as PANDA
 from tests.oracles.plant_arm import SERIAL, PlantArm
 from tests.oracles.plant_sessions import TickingClock, opened, short_procedure
 
@@ -65,34 +63,16 @@ class Page:
         return table
 
     def rows(self, caption: str) -> list[list[str]]:
-        """Texts of a table's body."""
         return [[text for _, _, text in row] for row in self.table(caption)["tbody"]]
 
 
 def _cells(row: ET.Element) -> list[tuple[str, dict[str, str], str]]:
-    """Tag, attributes and text of each cell."""
     return [(cell.tag, dict(cell.items()), "".join(cell.itertext())) for cell in row]
 
 
 @pytest.fixture(scope="session")
 def parse_page():
     return Page
-
-
-@pytest.fixture(scope="session")
-def hinge(reference_data):
-    """The library's result from poses in a hinge."""
-    poses = reference_data / "hinge/hinge_quantised.csv"
-    return sarcal.calibrate(arm="sarcos_dextrous", fixture="hinge", poses=poses)
-
-
-@pytest.fixture(scope="session")
-def ball():
-    """The library's result from a real arm's poses with a ball in six sockets."""
-    poses = PANDA / "panda_1.csv"
-    return sarcal.calibrate(
-        arm="franka_panda", fixture="ball", poses=poses, drop_unidentifiable=True
-    )
 
 
 @pytest.fixture(scope="session")
@@ -116,5 +96,10 @@ def subject(folder):
 
 
 @pytest.fixture(scope="session")
-def page(subject, parse_page):
-    return parse_page(report_html(subject).decode())
+def html(subject):
+    return report_html(subject).decode()
+
+
+@pytest.fixture(scope="session")
+def page(html, parse_page):
+    return parse_page(html)

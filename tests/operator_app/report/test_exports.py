@@ -19,10 +19,10 @@ from solver.chain.kinematics import DhTable
 from tests.oracles.panda import FOLDER as PANDA
 from tests.oracles.urdfs import places
 
-HINGE = Path(__file__).parents[2] / "data/hinge/hinge_quantised.csv"
+HINGE = Path(__file__).parents[2] / "data/hinge/hinge_exact.csv"
 
 
-@pytest.mark.parametrize("which", ["hinge", "ball"])
+@pytest.mark.parametrize("which", ["result", "ball"])
 def test_exported_urdf_has_our_frames_in_pinocchio(which, request, tmp_path):
     result: sarcal.Result = request.getfixturevalue(which)
     urdf = result.export(tmp_path / "arm.urdf").read_bytes()
@@ -37,7 +37,7 @@ def test_exported_urdf_has_our_frames_in_pinocchio(which, request, tmp_path):
     np.testing.assert_allclose(model.upperPositionLimit, arm.upper_rad, rtol=0, atol=1e-12)
 
 
-def test_export_into_an_own_urdf(hinge, tmp_path, run_command):
+def test_export_into_an_own_urdf(result, tmp_path, run_command):
     arm = load_arm("sarcos_dextrous")
     own, sessions = tmp_path / "own.urdf", ["--sessions", tmp_path / "sessions"]
     own.write_bytes(format_urdf(arm, arm.table))
@@ -46,9 +46,9 @@ def test_export_into_an_own_urdf(hinge, tmp_path, run_command):
     run_command(0, "export", folder, "--format", "urdf", "--into", own)
     written = (folder / "own_calibrated.urdf").read_bytes()
     assert b"theta_off_3: " in written
-    by_library = hinge.export(tmp_path / "program.urdf", into=own).read_bytes()
-    q = hinge.poses.q_rad
-    expected = hinge.fk(q, frame="flange")
+    by_library = result.export(tmp_path / "program.urdf", into=own).read_bytes()
+    q = result.poses.q_rad
+    expected = result.fk(q, frame="flange")
     for urdf in (written, by_library):
         np.testing.assert_allclose(places(urdf, q, "flange"), expected, rtol=0, atol=1e-9)
     run_command(2, "export", folder, "--format", "csv", "--into", own)
@@ -56,16 +56,16 @@ def test_export_into_an_own_urdf(hinge, tmp_path, run_command):
     run_command(2, "export", folder, "--into", PANDA / "panda_1.csv")
 
 
-def test_urdf_excludes_parameters_of_the_mounting(hinge, tmp_path):
-    text = hinge.export(tmp_path / "arm.urdf").read_text()
+def test_urdf_excludes_parameters_of_the_mounting(result, tmp_path):
+    text = result.export(tmp_path / "arm.urdf").read_text()
     table = parse_urdf(text.encode(), "arm.urdf").table
     nominal = load_arm("sarcos_dextrous").table
-    off, best = np.rad2deg(table.theta_off_rad), hinge.to_json()["best_table"]
+    off, best = np.rad2deg(table.theta_off_rad), result.to_json()["best_table"]
     for j in (2, 3, 4, 5, 6):
         assert off[j - 1] == pytest.approx(best[f"theta_off_{j}"], abs=1e-9)
     for j in (1, 7):
         assert off[j - 1] == pytest.approx(np.rad2deg(nominal.theta_off_rad[j - 1]), abs=1e-9)
-        assert abs(off[j - 1] - hinge.values[f"theta_off_{j}_deg"]) > 0.01
+        assert abs(off[j - 1] - result.values[f"theta_off_{j}_deg"]) > 0.01
     assert table.s_m[0] == table.s_m[6] == table.a_m[6] == 0.0
     assert "belong to the mounting" in text
     assert "theta_off_1, theta_off_7, a_0, s_0, alpha_0, s_1, a_7, s_7, alpha_7" in text
@@ -83,8 +83,8 @@ def test_dh_table_survives_the_urdf_with_any_serial_number(serial):
     assert "\x1b" not in text.decode()
 
 
-def test_csv_json_mat_and_yaml_agree(hinge, tmp_path, run_command):
-    folder = hinge.save(tmp_path / "s")
+def test_csv_json_mat_and_yaml_agree(result, tmp_path, run_command):
+    folder = result.save(tmp_path / "s")
     for kind in ("csv", "json", "mat", "urdf", "yaml"):
         run_command(0, "export", folder, "--format", kind)
     with (folder / "parameters.csv").open(newline="") as file:
@@ -96,8 +96,8 @@ def test_csv_json_mat_and_yaml_agree(hinge, tmp_path, run_command):
     assert list(rows) == list(document["parameters"]) == mat["names"].tolist()
     for k, (name, row) in enumerate(rows.items()):
         unit = f"{name}_{row['unit']}"
-        assert float(row["value"]) == pytest.approx(hinge.values[unit], rel=1e-12)
-        assert float(row["sigma"]) == pytest.approx(hinge.sigmas[unit], rel=1e-12)
+        assert float(row["value"]) == pytest.approx(result.values[unit], rel=1e-12)
+        assert float(row["sigma"]) == pytest.approx(result.sigmas[unit], rel=1e-12)
         scale = 1.0 if row["unit"] == "deg" else 1e3
         assert scale * document["parameters"][name] == pytest.approx(float(row["value"]), rel=1e-12)
         in_si = np.deg2rad(float(row["value"])) if scale == 1.0 else float(row["value"]) / 1e3
@@ -118,7 +118,7 @@ def test_csv_json_mat_and_yaml_agree(hinge, tmp_path, run_command):
         "ground", "arm", "hand",
     ]  # fmt: skip
     np.testing.assert_allclose(
-        mat["T_base_tip"][..., 3], hinge.fk(hinge.poses.q_rad[3]), atol=1e-12
+        mat["T_base_tip"][..., 3], result.fk(result.poses.q_rad[3]), atol=1e-12
     )
     assert (folder / "result.mat").read_bytes().startswith(b"MATLAB 5.0 MAT-file")
     urdf = (folder / "arm.urdf").read_bytes()

@@ -1,6 +1,7 @@
 """One session has the same numbers and units in text, JSON, page and on the screen.
 
 Text and JSON are printed by `sarcal report`, the page is written by it, the screen is that of the resumed session.
+A ball's loops give no orientation: null in JSON, "n/a" in texts.
 """
 
 import json
@@ -13,12 +14,15 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+import sarcal
 
 from operator_app.cli import main
+from operator_app.report.facts import estimate_json, facts_of
+from operator_app.report.results.verification import verified_words
 from operator_app.report.spans import Line
 from operator_app.report.subject import facts_on
 from operator_app.report.table import FactTable
-from operator_app.report.text import headline_spans, table_spans, verdict_text
+from operator_app.report.text import facts_text, headline_spans, table_spans, verdict_text
 from operator_app.session.ui.operations import Operations
 from operator_app.units import CONDITION, Figure
 from tests.oracles.journalled_sessions import Quiet, resume_on_plant
@@ -232,3 +236,48 @@ def test_exceeded_condition_number_is_in_the_sentence_of_the_verdict():
     verdict = " ".join(verdict_text(facts).split())
     assert f"but its scaled condition number {CONDITION(number).shown} is above 20" in verdict
     assert "but" not in verdict_text(facts_on(story()["solved"]))
+
+
+UNKNOWN = {"rms": None, "as_printed": None}
+
+
+@pytest.fixture(scope="module")
+def calibrated():
+    """A result, and new poses of the same arm."""
+    ball = {"arm": "sarcos_dextrous", "fixture": "sarcos_ball"}
+    q_rad = sarcal.simulate(**ball, poses=30, seed=1).poses.q_rad
+    made_from, new = sarcal.poses_of(q_rad=q_rad[:22]), sarcal.poses_of(q_rad=q_rad[22:])
+    return sarcal.calibrate(**ball, poses=made_from, drop_unidentifiable=True), new
+
+
+def test_json_has_null_orientation(calibrated):
+    solution = calibrated[0]._subject.solution
+    document = facts_of(solution).json
+    for part in (document, document["before"], estimate_json(solution.paper)):
+        assert part["sigma_ori_mrad"] == UNKNOWN
+        assert part["sigma_pos_mm"]["rms"] > 0.0
+
+
+def test_text_and_screen_show_no_orientation(calibrated):
+    facts = facts_of(calibrated[0]._subject.solution)
+    table = facts.table("closure")
+    _, body = table_spans(table)
+    screen = ["".join(words for words, _ in spans) for spans in body]
+    for lines in (facts_text(facts).splitlines(), screen):
+        rows = [line for line in lines if re.search(r"before|after|comparison", line)]
+        closures = [line for line in rows if "n/a" in line]
+        assert len(closures) == len(table.rows)
+        assert all(line.count("n/a") == 2 for line in closures)
+
+
+def test_verification_uses_positions_only(calibrated):
+    verification = sarcal.verify(*calibrated)
+    (row,) = [
+        line for line in str(verification).splitlines() if line.lstrip().startswith("calibrated")
+    ]
+    assert row.split()[-2:] == ["n/a", "n/a"]
+    assert re.search(r": [\d.]+ mm rms, chi2", verified_words(verification._result))
+    hinge = story()["verified"].verification
+    assert re.search(r": [\d.]+ mm, [\d.]+ mrad rms, chi2", verified_words(hinge))
+    data = verification.to_json()
+    assert data["sigma_ori_mrad"] == data["nominal"]["sigma_ori_mrad"] == UNKNOWN

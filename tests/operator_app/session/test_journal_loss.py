@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from hardware.arm import JointMode
+from hardware.arm import HostLatency, JointMode
 from operator_app.calibration.result import Solution
 from operator_app.errors import JournalLostError
 from operator_app.headless.console import ConsoleListener
@@ -25,6 +25,10 @@ PATIENCE_S = 60.0
 EVENTS = (("opened", {"a": 1.25}), ("pose", {"number": 1}))
 
 
+def lose_folder(path: Path) -> None:
+    shutil.rmtree(path.parent)
+
+
 def replace_file(path: Path) -> None:
     raw = path.read_bytes()
     path.unlink()
@@ -37,7 +41,7 @@ def append_line(path: Path) -> None:
 
 
 LOSSES: Mapping[str, tuple[Callable[[Path], object], str]] = {
-    "folder deleted": (lambda p: shutil.rmtree(p.parent), "deleted, moved or renamed"),
+    "folder deleted": (lose_folder, "deleted, moved or renamed"),
     "folder renamed": (lambda p: p.parent.rename(p.parent.with_name("x")), "deleted, moved or"),
     "deleted": (Path.unlink, "deleted, moved or renamed"),
     "renamed": (lambda p: p.rename(p.with_name("mine.jsonl")), "deleted, moved or renamed"),
@@ -75,31 +79,21 @@ def test_lost_journal_is_rescued_and_accepts_no_more_events(tmp_path, kind):
     resumed.close()
 
 
-def test_loss_is_detected_without_writing(tmp_path):
-    """The arm moves only while the journal is intact."""
-    journal = Journal.create(tmp_path / "session")
-    journal.append("opened", {})
-    journal.require_intact()
-    shutil.rmtree(tmp_path / "session")
-    with pytest.raises(JournalLostError, match="All entries are in"):
-        journal.require_intact()
-    journal.close()
-    assert [e.name for e in read_journal(journal.kept_folder).events] == ["opened"]
-
-
-def test_rescue_goes_to_the_temporary_folder_if_the_parent_is_gone(tmp_path, monkeypatch):
+def test_loss_of_the_parent_is_detected_without_writing(tmp_path, monkeypatch):
+    """The arm moves only while the journal is intact. The rescue goes to the temporary folder."""
     temporary = tmp_path / "tmp"
     temporary.mkdir()
     monkeypatch.setattr("tempfile.tempdir", str(temporary))
     journal = Journal.create(tmp_path / "sessions" / "one")
     journal.append("opened", {})
+    journal.require_intact()
     shutil.rmtree(tmp_path / "sessions")
     (tmp_path / "sessions").write_text("a file where the sessions were")
-    with pytest.raises(JournalLostError):
-        journal.append("pose", {})
+    with pytest.raises(JournalLostError, match="All entries are in"):
+        journal.require_intact()
     journal.close()
     assert journal.kept_folder == temporary / "one-rescued"
-    assert len(read_journal(journal.kept_folder).events) == 2
+    assert [e.name for e in read_journal(journal.kept_folder).events] == ["opened"]
 
 
 def flip_bit(path: Path, line: int = 1) -> None:
@@ -132,14 +126,16 @@ def test_flipped_bit_is_detected_when_read_back(tmp_path, line, resumed):
 
 
 @pytest.mark.parametrize(
-    "lose", [lambda path: shutil.rmtree(path.parent), flip_bit], ids=["deleted", "changed"]
+    ("lose", "late_times", "last"),
+    [(lose_folder, 0, "closed"), (lose_folder, 1, "late"), (flip_bit, 0, "closed")],
 )
-def test_loss_is_detected_when_the_session_is_closed(make_session, lose):
+def test_loss_is_detected_when_the_session_is_closed(make_session, lose, late_times, last):
     session = make_session(short_procedure(8), connect=True)
+    session.arm.lateness = HostLatency(times=late_times, last_s=0.4, longest_s=0.4)
     lose(session.journal.path)
-    session.close("done")
+    assert session.close("done"), "the arm is held"
     assert session.journal.loss is not None
-    assert read_journal(session.journal.kept_folder).events[-1].name == "closed"
+    assert read_journal(session.journal.kept_folder).events[-1].name == last
 
 
 def is_held(session: Session) -> bool:

@@ -58,12 +58,10 @@ class Driver:
         return "".join(str(text.content) for text in self.app.screen.query("#text").results(Static))
 
     async def dialog_text(self) -> str:
-        """Wait for the text of the dialog on the screen."""
         await self.until(lambda: self.visible_dialog_text != "", "dialog text")
         return self.visible_dialog_text
 
     async def show(self, picture: SessionSnapshot, step: Step) -> None:
-        """Put another snapshot and step on the screen of a still runner."""
         while self.app.screen is not self.app.main:
             self.app.pop_screen()
             await self.settle()

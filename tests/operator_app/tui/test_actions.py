@@ -1,12 +1,15 @@
 """The action table: each action is in footer, palette, help and prompts, and works there."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
+import pytest
 from textual.widgets import OptionList
 
 from operator_app.commands.help_topic import manual
 from operator_app.headless.plain import Plain
 from operator_app.session.ui import action_table
+from operator_app.session.ui.action_handlers import go
 from operator_app.session.ui.action_table import ACTIONS, by_name, footer, for_key
 from operator_app.session.ui.next_action import next_action
 from operator_app.session.ui.snapshot import Level, TaskKind
@@ -51,9 +54,9 @@ async def test_new_action_appears_and_works_in_all_interfaces(still, source, mon
 
     script = Script("Whistle", "Connect", "Whistle")
     Plain(source, script, pause=pause_briefly).run()
-    assert any(row.endswith("Whistle: Blow the whistle beside the arm") for row in script.said)
-    assert sum("whistled" in row for row in script.said) == 1
-    assert "Not done: an arm is connected." in script.said
+    assert any(row.endswith("Whistle: Blow the whistle beside the arm") for row in script.lines)
+    assert sum("whistled" in row for row in script.lines) == 1
+    assert "Not done: an arm is connected." in script.lines
 
 
 async def test_manual_is_shown_on_screen_and_in_prompts(still, source):
@@ -74,7 +77,7 @@ async def test_manual_is_shown_on_screen_and_in_prompts(still, source):
 
     script = Script("Read the manual", "keys:")
     Plain(source, script, pause=pause_briefly).run()
-    assert "Keys of the terminal app" in script.said
+    assert "Keys of the terminal app" in script.lines
 
 
 def test_next_action_belongs_to_its_step():
@@ -156,3 +159,15 @@ async def test_outdated_calibration_is_not_shown(still):
                 await d.press("v")
         await d.show(all_excluded, Step.RESULTS)
         assert "the poses have changed since the calibration" in d.words("#verdict")
+
+
+@pytest.mark.parametrize("waypoint", [None, 0, 4])
+def test_without_a_waypoint_nothing_moves(waypoint):
+    refused, gone = list[str](), list[int]()
+    context = SimpleNamespace(
+        interface=SimpleNamespace(refuse=refused.append),
+        submit=lambda _, work, __: work(SimpleNamespace(go=gone.append)),
+    )
+    go(context, waypoint)
+    assert gone == ([] if waypoint is None else [waypoint])
+    assert len(refused) == (waypoint is None)

@@ -5,7 +5,7 @@ import pytest
 from operator_app.session.ui.snapshot import TaskKind
 from operator_app.session.ui.steps import Step
 from operator_app.tui.app import SarcalApp
-from operator_app.tui.theme import DARK, LIGHT, NO_COLOUR
+from operator_app.tui.theme import DARK, LIGHT, NO_COLOUR, look
 from tests.oracles.still_runner import StaticSource
 from tests.oracles.story import busy, diverged, lost, stale, stopped, story
 
@@ -82,3 +82,9 @@ def test_fault_states(compare, state, size):
 @pytest.mark.parametrize("size", SIZES, ids=["120x36", "80x24"])
 def test_dialog_leaves_strip_and_rail_visible(compare, size):
     assert compare(story()["ticked"], Step.MODES, size, press=("a",))
+
+
+def test_ascii_theme_replaces_special_characters():
+    plain = look("sarcal-dark", ascii_only=True)
+    assert plain.text("placement ±5 mm") == "placement +-5 mm"
+    assert plain.text("✗ excluded · ✕ \N{MINUS SIGN}1") == "x excluded . x -1"

@@ -10,13 +10,13 @@ import sarcal
 from sarcal.calls import one_blas_thread
 from threadpoolctl import threadpool_info, threadpool_limits
 
-EXACT = Path(__file__).parents[3] / "data/hinge/hinge_exact.csv"
+POSES = Path(__file__).parents[3] / "data/hinge/hinge_exact.csv"
 HINGE: Any = {"arm": "sarcos_dextrous", "fixture": "hinge"}
 Q = np.zeros((12, 7))
 
 
 def calibrate(**changes):
-    return sarcal.calibrate(**{**HINGE, "poses": EXACT, **changes})
+    return sarcal.calibrate(**{**HINGE, "poses": POSES, **changes})
 
 
 def with_nan(value):
@@ -60,7 +60,7 @@ def with_nan(value):
         (lambda: sarcal.poses_of(q_rad=Q, samples=2.5), TypeError),
         (lambda: sarcal.poses_of(q_rad=Q, sd_rad=[0.1, 0.2]), ValueError),
         (lambda: sarcal.poses_of(q_rad=Q, endpoint_m=Q[:, :2]), ValueError),
-        (lambda: sarcal.verify("sessions/mine", EXACT), TypeError),
+        (lambda: sarcal.verify("sessions/mine", POSES), TypeError),
         (lambda: sarcal.compare(3, "b.yaml"), TypeError),
         (lambda: sarcal.compare("a.yaml", "b.yaml", level=2), ValueError),
         (lambda: sarcal.poses_of(q_rad=Q, placement=10**30), ValueError),
@@ -71,7 +71,7 @@ def with_nan(value):
         (lambda: sarcal.poses_of(q_rad=Q, names=["left"]), ValueError),
         (lambda: calibrate(unsensed_joints=[True]), TypeError),
         (lambda: sarcal.load_arm("ur5e").fk(None), TypeError),
-        (lambda: sarcal.load_poses(EXACT, joint_count="7"), TypeError),
+        (lambda: sarcal.load_poses(POSES, joint_count="7"), TypeError),
     ],
 )  # fmt: skip
 def test_invalid_argument_is_named(call, kind, approve):

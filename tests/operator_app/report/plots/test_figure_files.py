@@ -36,16 +36,16 @@ def scale(panel: ET.Element) -> tuple[float, float]:
     return float(slope), float(start)
 
 
-def test_available_figures_depend_on_the_fixture(hinge, ball):
-    assert hinge.figures == tuple(FIGURES)
+def test_available_figures_depend_on_the_fixture(result, ball):
+    assert result.figures == tuple(FIGURES)
     assert set(FIGURES) - set(ball.figures) == {"rvdt", "condition"}
     with pytest.raises(KeyError, match="there are parameters, residuals"):
-        hinge.figure("nothing")
+        result.figure("nothing")
 
 
-def test_budget_bars_match_the_json(hinge):
-    budget = hinge.to_json()["budget"]
-    (panel,) = panels(hinge, "budget")
+def test_budget_bars_match_the_json(result):
+    budget = result.to_json()["budget"]
+    (panel,) = panels(result, "budget")
     assert [t for t in texts(panel) if t in budget] == list(budget)
     slope, _ = scale(panel)
     # The first of each is the legend's.
@@ -58,10 +58,10 @@ def test_budget_bars_match_the_json(hinge):
     assert percent[:, 0] == pytest.approx(max(by_source.values(), key=sum), abs=0.1)
 
 
-def test_parameter_points_and_intervals_match_the_json(hinge):
-    document = hinge.to_json()
+def test_parameter_points_and_intervals_match_the_json(result):
+    document = result.to_json()
     names = [n for n in document["parameters"] if n.startswith(("theta", "alpha"))]
-    panel = panels(hinge, "parameters")[0]
+    panel = panels(result, "parameters")[0]
     slope, start = scale(panel)
     # The first of each is the legend's.
     points = [slope * at(e, "cx") + start for e in of_class(panel, "mark a")[1:]]
@@ -76,21 +76,21 @@ def test_parameter_points_and_intervals_match_the_json(hinge):
     assert width == pytest.approx(ends[:, 1] - ends[:, 0], abs=5e-3)
 
 
-def test_residual_and_workspace_panels_match_the_json(hinge):
+def test_residual_and_workspace_panels_match_the_json(result):
     labels = ("position error [mm]", "orientation error [mrad]", "distance [mm]")
-    for label, panel in zip(labels, panels(hinge, "residuals"), strict=True):
+    for label, panel in zip(labels, panels(result, "residuals"), strict=True):
         assert label in " ".join(texts(panel))
     radii = [
         max(float(e.get("r", "0")) for e in of_class(p, "mark a")[:-1])
-        for p in panels(hinge, "workspace")
+        for p in panels(result, "workspace")
     ]
-    worst = hinge.to_json()["hand_accuracy_mm"]
+    worst = result.to_json()["hand_accuracy_mm"]
     expected = np.sqrt(worst["after"]["worst"] / worst["before"]["worst"])
     assert radii[1] / radii[0] == pytest.approx(expected, abs=2e-3)
 
 
-def test_figure_is_saved_as_standalone_svg(hinge, tmp_path):
-    figure = hinge.figure("condition")
+def test_figure_is_saved_as_standalone_svg(result, tmp_path):
+    figure = result.figure("condition")
     assert figure._repr_svg_() == figure.svg
     figure.savefig(tmp_path / "condition.svg")
     assert (tmp_path / "condition.svg").read_text() == figure.svg
@@ -99,11 +99,11 @@ def test_figure_is_saved_as_standalone_svg(hinge, tmp_path):
         figure.savefig(tmp_path / "condition.png")
 
 
-def test_pdf_has_text_and_is_reproducible(hinge, tmp_path):
+def test_pdf_has_text_and_is_reproducible(result, tmp_path):
     pytest.importorskip("svglib", reason="needs the extra [plots]")
     files = [tmp_path / "one.pdf", tmp_path / "two.pdf"]
     for file in files:
-        hinge.figure("budget").savefig(file)
+        result.figure("budget").savefig(file)
     one, two = (file.read_bytes() for file in files)
     assert one.startswith(b"%PDF-")
     assert b"/TrueType" in one
@@ -111,9 +111,9 @@ def test_pdf_has_text_and_is_reproducible(hinge, tmp_path):
 
 
 @pytest.mark.campaign
-def test_report_command_writes_every_figure(hinge, tmp_path, run_command):
+def test_report_command_writes_every_figure(result, tmp_path, run_command):
     pytest.importorskip("svglib", reason="needs the extra [plots]")
-    session = hinge.save(tmp_path / "session")
+    session = result.save(tmp_path / "session")
     page = (session / "report.html").read_bytes()
     figures = tmp_path / "new" / "figures"
     output = run_command(0, "report", session, "--plots", figures).out.splitlines()
@@ -123,12 +123,12 @@ def test_report_command_writes_every_figure(hinge, tmp_path, run_command):
     assert "cannot be written" in message
 
 
-def test_without_svglib_only_svg_files_are_written(hinge, tmp_path, monkeypatch, run_command):
-    session = hinge.save(tmp_path / "session")
+def test_without_svglib_only_svg_files_are_written(result, tmp_path, monkeypatch, run_command):
+    session = result.save(tmp_path / "session")
     monkeypatch.setitem(sys.modules, "svglib", None)
     monkeypatch.setitem(sys.modules, "svglib.svglib", None)
     with pytest.raises(SessionError, match=r"pip install 'sarcal\[plots\]'"):
-        hinge.figure("budget").savefig(tmp_path / "budget.pdf")
+        result.figure("budget").savefig(tmp_path / "budget.pdf")
     run_command(0, "report", session, "--plots", tmp_path / "figures")
     assert {file.suffix for file in (tmp_path / "figures").iterdir()} == {".svg"}
 

@@ -112,10 +112,3 @@ def test_the_arm_is_released_despite_full_disk_and_latency(busy, monkeypatch):
         busy.close("end of the test")
     assert busy.arm.closed == closed + 1
     assert busy.journal.closed
-
-
-def test_a_held_arm_is_reported_though_the_journal_was_removed(busy):
-    busy.arm.lateness = late(1, 0.4, 0.4)
-    busy.journal.path.unlink()
-    assert busy.close("end of the test")
-    assert busy.journal.loss is not None

@@ -1,6 +1,5 @@
 """Events of a journal are checked: they give a state, or one error that names the line and the key."""
 
-from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -14,71 +13,49 @@ from operator_app.session.workflow.opening import Choices, resume
 from tests.oracles.journals import events, write_journal, written
 
 Q = [0.1] * 7
-
-
-def at(name: str, which: int = 0) -> int:
-    return [k for k, (event, _) in enumerate(events()) if event == name][which]
-
-
-def changed(name: str, **keys: Any) -> bytes:
-    entries = events()
-    entries[at(name)][1].update(keys)
-    return written(entries)
-
-
-def without(name: str, key: str) -> bytes:
-    entries = events()
-    del entries[at(name)][1][key]
-    return written(entries)
-
-
-def swapped() -> bytes:
-    entries = events()
-    first, second = at("pose", 0), at("pose", 1)
-    entries[first], entries[second] = entries[second], entries[first]
-    return written(entries)
-
-
-WRONG: dict[str, tuple[Callable[[], bytes], str]] = {
-    "sources missing": (lambda: without("opened", "sources"), "opened.sources"),
-    "sources a list": (lambda: changed("opened", sources=[]), "opened.sources"),
-    "source a number": (lambda: changed("opened", sources={"arm": 3}), "opened.sources"),
-    "settings missing": (lambda: without("resumed", "settings"), "resumed.settings"),
-    "poses text": (lambda: changed("opened", settings={"poses": "x"}), "settings"),
-    "poses true": (lambda: changed("opened", settings={"poses": True}), "settings"),
-    "plan": (lambda: changed("opened", settings={"plan": "later"}), "settings"),
-    "scenario": (lambda: changed("opened", settings={"scenario": "q"}), "settings"),
-    "seed": (lambda: changed("opened", settings={"seed": -1}), "settings"),
-    "serial a number": (lambda: changed("connected", serial_number=5), "serial_number"),
-    "nodes": (lambda: changed("connected", nodes=[5]), "connected.nodes"),
-    "node": (lambda: changed("connected", nodes=[{"node": 1}]), "nodes"),
-    "start of 6": (lambda: changed("modes", modes=["free"] * 6), "modes.modes"),
-    "mode": (lambda: changed("modes", modes=["up"] * 7), "modes.modes"),
-    "mean missing": (lambda: without("pose", "mean_rad"), "pose.mean_rad"),
-    "mean of 6": (lambda: changed("pose", mean_rad=Q[:6]), "pose.mean_rad"),
-    "mean of text": (lambda: changed("pose", mean_rad=["a"] * 7), "mean_rad"),
-    "mean nested": (lambda: changed("pose", mean_rad=[Q] * 7), "mean_rad"),
-    "mean null": (lambda: changed("pose", mean_rad=None), "mean_rad"),
-    "counts": (lambda: changed("pose", mean_rad=[4e5] * 7), "pose.mean_rad"),
-    "negative spread": (lambda: changed("pose", sd_rad=[-0.1] * 7), "pose.sd_rad"),
-    "no samples": (lambda: changed("pose", samples=0), "pose.samples"),
-    "many samples": (lambda: changed("pose", samples=10**30), "pose.samples"),
-    "half a sample": (lambda: changed("pose", samples=1.5), "pose.samples"),
-    "note a list": (lambda: changed("pose", note=[]), "pose.note"),
-    "number negative": (lambda: changed("pose", number=-1), "pose.number"),
-    "pose twice": (swapped, "pose.number"),
-    "exclusion": (lambda: without("pose_excluded", "text"), "pose_excluded.text"),
-    "drives": (lambda: changed("drives_chosen", drives=[1, 9]), "drives"),
-    "sets": (lambda: changed("drives_chosen", sets=3), "drives_chosen.sets"),
-    "requested": (lambda: changed("campaign", requested=[]), "campaign.requested"),
-    "targets": (lambda: changed("campaign_move", targets_rad={"x": 1}), "targets_rad"),
-    "end": (lambda: changed("campaign_ended", weak=[{}]), "campaign_ended.weak"),
-    "accepted": (lambda: changed("solved", accepted="yes"), "solved.accepted"),
-    "record": (lambda: changed("solved", record=[]), "solved.record"),
-    "upload": (lambda: changed("exported", uploaded={}), "exported.uploaded"),
-    "verified with": (lambda: changed("verified", poses="x"), "verified.poses"),
-    "verified to": (lambda: changed("verified", position_m=[]), "verified.position_m"),
-    "verdict": (lambda: changed("verified", holds="no"), "verified.holds"),
+MISSING = object()
+# By the kind of mistake: event, key and wrong value, place in the problem.
+WRONG: dict[str, tuple[str, str, Any, str]] = {
+    "sources missing": ("opened", "sources", MISSING, "opened.sources"),
+    "sources a list": ("opened", "sources", [], "opened.sources"),
+    "source a number": ("opened", "sources", {"arm": 3}, "opened.sources"),
+    "settings missing": ("resumed", "settings", MISSING, "resumed.settings"),
+    "poses text": ("opened", "settings", {"poses": "x"}, "settings"),
+    "poses true": ("opened", "settings", {"poses": True}, "settings"),
+    "plan": ("opened", "settings", {"plan": "later"}, "settings"),
+    "scenario": ("opened", "settings", {"scenario": "q"}, "settings"),
+    "seed": ("opened", "settings", {"seed": -1}, "settings"),
+    "serial a number": ("connected", "serial_number", 5, "serial_number"),
+    "nodes": ("connected", "nodes", [5], "connected.nodes"),
+    "node": ("connected", "nodes", [{"node": 1}], "nodes"),
+    "start of 6": ("modes", "modes", ["free"] * 6, "modes.modes"),
+    "mode": ("modes", "modes", ["up"] * 7, "modes.modes"),
+    "mean missing": ("pose", "mean_rad", MISSING, "pose.mean_rad"),
+    "mean of 6": ("pose", "mean_rad", Q[:6], "pose.mean_rad"),
+    "mean of text": ("pose", "mean_rad", ["a"] * 7, "mean_rad"),
+    "mean nested": ("pose", "mean_rad", [Q] * 7, "mean_rad"),
+    "mean null": ("pose", "mean_rad", None, "mean_rad"),
+    "counts": ("pose", "mean_rad", [4e5] * 7, "pose.mean_rad"),
+    "negative spread": ("pose", "sd_rad", [-0.1] * 7, "pose.sd_rad"),
+    "no samples": ("pose", "samples", 0, "pose.samples"),
+    "many samples": ("pose", "samples", 10**30, "pose.samples"),
+    "half a sample": ("pose", "samples", 1.5, "pose.samples"),
+    "note a list": ("pose", "note", [], "pose.note"),
+    "number negative": ("pose", "number", -1, "pose.number"),
+    "pose twice": ("pose", "number", 2, "pose.number"),
+    "pose out of order": ("pose", "number", 3, "pose.number"),
+    "exclusion": ("pose_excluded", "text", MISSING, "pose_excluded.text"),
+    "drives": ("drives_chosen", "drives", [1, 9], "drives"),
+    "sets": ("drives_chosen", "sets", 3, "drives_chosen.sets"),
+    "requested": ("campaign", "requested", [], "campaign.requested"),
+    "targets": ("campaign_move", "targets_rad", {"x": 1}, "targets_rad"),
+    "end": ("campaign_ended", "weak", [{}], "campaign_ended.weak"),
+    "accepted": ("solved", "accepted", "yes", "solved.accepted"),
+    "record": ("solved", "record", [], "solved.record"),
+    "upload": ("exported", "uploaded", {}, "exported.uploaded"),
+    "verified with": ("verified", "poses", "x", "verified.poses"),
+    "verified to": ("verified", "position_m", [], "verified.position_m"),
+    "verdict": ("verified", "holds", "no", "verified.holds"),
 }
 
 
@@ -86,13 +63,18 @@ WRONG: dict[str, tuple[Callable[[], bytes], str]] = {
 def test_invalid_event_data_is_one_error_with_file_line_and_key(
     tmp_path, kind, run_command, approve
 ):
-    make, key = WRONG[kind]
-    folder = write_journal(tmp_path / "sessions" / "one", make())
+    event, key, value, place = WRONG[kind]
+    entries = events()
+    data = next(data for name, data in entries if name == event)
+    data[key] = value
+    if value is MISSING:
+        del data[key]
+    folder = write_journal(tmp_path / "sessions" / "one", written(entries))
     path = folder / JOURNAL_NAME
     contents = read_journal(folder)
     with pytest.raises(JournalDamagedError, match=r"line \d+: ") as refused:
         session_state(contents)
-    assert key in refused.value.problem
+    assert place in refused.value.problem
     approve(refused.value.problem)
     assert refused.value.path == path
     assert contents.events[refused.value.line - 1].name in refused.value.problem

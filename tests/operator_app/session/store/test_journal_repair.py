@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from operator_app.errors import JournalDamagedError, JournalError
@@ -52,6 +52,7 @@ def test_one_flipped_bit_does_not_lose_a_session(tmp_path):
 
 @settings(max_examples=60)
 @given(position=st.integers(0, len(SHORT) - 1), bit=st.integers(0, 7))
+@example(position=SHORT.index(b"\n"), bit=0)
 def test_any_flipped_bit_is_repaired(position, bit):
     raw = bytearray(SHORT)
     raw[position] ^= 1 << bit

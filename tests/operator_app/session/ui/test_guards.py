@@ -15,7 +15,7 @@ from operator_app.session.ui.snapshot import (
     add_message,
 )
 from operator_app.session.ui.steps import Step
-from tests.oracles.story import lost, real, stale, stopped, story, tripped
+from tests.oracles.story import lost, real, stale, stopped, story, tripped, with_joints
 
 FIRST_CLOSED = {
     "start": Step.FIXTURE,
@@ -74,14 +74,12 @@ def switched_off(s):
 
 def all_off(s):
     """Every drive is off, as after a reset."""
-    joints = tuple(replace(j, drive=DriveState.SWITCH_ON_DISABLED) for j in s.arm.joints)
-    return replace(s, arm=replace(s.arm, joints=joints))
+    return with_joints(s, lambda j: replace(j, drive=DriveState.SWITCH_ON_DISABLED))
 
 
 def misreported(s):
     """A drive is in another mode than it was put into."""
-    joints = tuple(replace(j, mode=JointMode.FREE) if j.joint == 1 else j for j in s.arm.joints)
-    return replace(s, arm=replace(s.arm, joints=joints))
+    return with_joints(s, lambda j: replace(j, mode=JointMode.FREE) if j.joint == 1 else j)
 
 
 def not_accepted(s):

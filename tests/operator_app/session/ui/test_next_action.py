@@ -24,6 +24,7 @@ from tests.oracles.story import (
     story,
     tripped,
     unstopped,
+    with_joints,
 )
 
 
@@ -53,8 +54,8 @@ def heartbeat_lost(s):
         Fault(node=j, joint=j, code=0x8130, text="operator's heartbeat lost", sync_count=0)
         for j in range(1, 8)
     )
-    joints = tuple(replace(j, drive=DriveState.FAULT, mode=None) for j in s.arm.joints)
-    return replace(s, arm=replace(s.arm, joints=joints, faults=faults))
+    s = with_joints(s, lambda j: replace(j, drive=DriveState.FAULT, mode=None))
+    return replace(s, arm=replace(s.arm, faults=faults))
 
 
 @pytest.mark.parametrize("step", list(Step), ids=lambda step: step.title)
@@ -94,8 +95,8 @@ def test_a_verification_result_is_the_last_hint(holds, text):
 
 def test_disabled_drives_lead_back_to_the_modes_and_a_missing_arm_to_connect():
     s = story()["capturing"]
-    joints = tuple(replace(j, drive=DriveState.SWITCH_ON_DISABLED) for j in s.arm.joints)
-    action = next_action(Step.CAPTURE, replace(s, arm=replace(s.arm, joints=joints)))
+    disabled = with_joints(s, lambda j: replace(j, drive=DriveState.SWITCH_ON_DISABLED))
+    action = next_action(Step.CAPTURE, disabled)
     assert action.action == "back"
     assert "apply the modes again" in action.hint
     assert "Enter" in action.hint

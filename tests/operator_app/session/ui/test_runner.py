@@ -25,11 +25,18 @@ def runner(source):
 
 @pytest.fixture
 def arm(source, runner):
-    """The arm of that runner, connected."""
     runner.submit(TaskKind.CONNECT, "connecting", runner.operations.connect_mounted)
     finish(runner)
     assert source.arm is not None
     return source.arm
+
+
+@pytest.fixture
+def work(runner):
+    """Operations of a connected arm with its modes set."""
+    runner.operations.connect()
+    runner.operations.set_modes((1, 5))
+    return runner.operations
 
 
 class Task:
@@ -149,7 +156,9 @@ def test_a_stop_pressed_during_a_reset_is_not_reported_as_reset(runner, arm):
     runner.submit(TaskKind.RESET, "resetting STOP", runner.operations.reset)
     finish(runner)
     assert runner.snapshot().stop is None
-    assert any("STOP reset" in text for text in texts(runner))
+    assert texts(runner)[-1].startswith("STOP reset: ")
+    runner.operations.reset()
+    assert texts(runner)[-1].startswith("drive faults reset: ")
 
 
 def test_an_unwatched_motion_is_ended(make_session):
@@ -183,10 +192,7 @@ def test_a_crashed_thread_stops_the_arm_and_is_reported(source):
     runner.close("end of the test")
 
 
-def test_the_shown_plan_is_the_one_that_was_begun(runner):
-    work = runner.operations
-    work.connect()
-    work.set_modes((1, 5))
+def test_the_shown_plan_is_the_one_that_was_begun(runner, work):
     before = runner.snapshot().plan
     work.go(3)
     work.check_fixture()
@@ -195,10 +201,7 @@ def test_the_shown_plan_is_the_one_that_was_begun(runner):
 
 
 @pytest.mark.campaign
-def test_a_new_calibration_is_not_verified(runner):
-    work = runner.operations
-    work.connect()
-    work.set_modes((1, 5))
+def test_a_new_calibration_is_not_verified(runner, work):
     work.automatic()
     work.calibrate("implicit", ())
     work.verify(2)
@@ -210,10 +213,7 @@ def test_a_new_calibration_is_not_verified(runner):
     assert shown.solution is not None
 
 
-def test_held_joints_do_not_work_against_each_other(runner):
-    work = runner.operations
-    work.connect()
-    work.set_modes((1, 5))
+def test_held_joints_do_not_work_against_each_other(runner, work):
     work.hold()
     before = runner.session.arm.snapshot().positions_rad
     for moves in (lambda: work.go(0), work.wiggle, lambda: work.capture(0)):
@@ -228,11 +228,9 @@ def sensor_faults(runner: Runner) -> list[object]:
 
 
 @pytest.fixture
-def stopped_by_itself(source, runner):
+def stopped_by_itself(source, runner, work):
     """With a pose; a running calibration that ends only if cancelled delays the record of why the arm stopped."""
-    work, calibrating = runner.operations, Task(runner.cancelled)
-    work.connect()
-    work.set_modes((1, 5))
+    calibrating = Task(runner.cancelled)
     work.capture(0)
     runner.submit(TaskKind.CALIBRATE, "calibrating", calibrating)
     assert calibrating.begun.wait(PATIENCE_S)
@@ -305,11 +303,3 @@ def test_a_cancelled_task_is_shown_as_ending_at_once(runner):
     task.go_on.set()
     finish(runner)
     assert runner.snapshot().task is None
-
-
-def test_reset_says_what_it_cleared(runner, arm):
-    runner.operations.reset()
-    assert texts(runner)[-1].startswith("drive faults reset: ")
-    arm.stop()
-    runner.operations.reset()
-    assert texts(runner)[-1].startswith("STOP reset: ")

@@ -51,6 +51,8 @@ def test_a_repeated_message_becomes_the_newest_and_is_shown_again():
     assert again.alarms[-1].number > s.messages[-1].number
     acknowledged = without_acknowledged(again, again.alarms[-1].number)
     assert texts(acknowledged) == ["full"]
+    assert acknowledged.messages == again.messages
+    assert without_acknowledged(acknowledged, again.alarms[-1].number) == acknowledged
     later = say(acknowledged, Level.ALARM, "hot")
     assert texts(later) == ["full", "hot"]
     assert later.alarms[-1].number > again.alarms[-1].number
@@ -86,14 +88,3 @@ def test_only_the_awaited_task_resolves_an_alarm():
     assert texts(without_resolved(s, TaskKind.CAPTURE)) == ["hot", "full", "unread"]
     assert texts(without_resolved(s, TaskKind.RESET)) == ["full", "unread"]
     assert texts(without_resolved(s, TaskKind.EXPORT)) == ["hot", "unread"]
-
-
-def test_only_one_alarm_is_acknowledged():
-    s = story()["start"]
-    for text in ("hot", "full", "unread"):
-        s = say(s, Level.ALARM, text)
-    seen = without_acknowledged(s, s.alarms[1].number)
-    assert texts(seen) == ["hot", "unread"]
-    assert seen.messages == s.messages
-    # Nobody has seen what is not there.
-    assert without_acknowledged(seen, s.alarms[1].number) == seen

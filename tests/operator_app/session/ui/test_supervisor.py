@@ -13,7 +13,7 @@ from operator_app.session.ui.supervisor import Motion, MotionMonitor, Supervisor
 from solver.chain.sensors import NoSensor
 from tests.oracles.plant_arm import PlantArm
 from tests.oracles.still_runner import StaticRunner
-from tests.oracles.story import stopped, story, unstopped
+from tests.oracles.story import stopped, story, unstopped, with_joints
 
 PROCEDURE = load_procedure("hinge")
 ALLOWED = np.array(PROCEDURE.capture.settle.spread_rad(PROCEDURE.arm))
@@ -101,15 +101,13 @@ def supervised(picture: SessionSnapshot) -> tuple[StaticRunner, Supervisor]:
 
 
 def alarms_after(
-    runner: StaticRunner, supervisor: Supervisor, by_s: float, **ages_s: float
+    runner: StaticRunner, supervisor: Supervisor, by_s: float, *, age_s: float = 0.0
 ) -> list[str]:
     """Check the snapshot `by_s` later; joint 3's data are then `age_s` old. Return the alarms so far."""
-    arm = runner.picture.arm
-    aged = tuple(
-        replace(j, age_s=ages_s.get("age_s", 0.0) if j.joint == 3 else 0.0) for j in arm.joints
-    )
-    runner.picture = replace(
-        runner.picture, now_s=runner.picture.now_s + by_s, arm=replace(arm, joints=aged)
+    runner.picture = with_joints(
+        runner.picture,
+        lambda j: replace(j, age_s=age_s if j.joint == 3 else 0.0),
+        now_s=runner.picture.now_s + by_s,
     )
     supervisor.check(runner.picture, unseen_s=0.0)
     return [m.text for m in runner.picture.messages if m.level is Level.ALARM]
@@ -118,8 +116,7 @@ def alarms_after(
 def not_stopped(*joints: int) -> SessionSnapshot:
     picture = replace(unstopped(story()["capturing"]), messages=(), unstopped_joints=())
     drives = {True: DriveState.OPERATION_ENABLED, False: DriveState.QUICK_STOP_ACTIVE}
-    changed = tuple(replace(j, drive=drives[j.joint in joints]) for j in picture.arm.joints)
-    return replace(picture, arm=replace(picture.arm, joints=changed))
+    return with_joints(picture, lambda j: replace(j, drive=drives[j.joint in joints]))
 
 
 def test_drive_still_enabled_half_a_second_after_stop_is_an_alarm(approve):

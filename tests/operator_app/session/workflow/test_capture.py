@@ -42,9 +42,9 @@ def test_changed_drive_settings_are_reported_and_journalled(make_session, identi
     session.arm.connect = lambda: replace(connect_arm(), **identity)
     listener, publisher = RecordingListener(), Quiet(session)
     connect(session, listener)
-    approve(listener.said[0])
+    approve(listener.reports[0])
     Operations(session, publisher).connect()
-    assert (level, listener.said[0].removesuffix(".")) in publisher.said
+    assert (level, listener.reports[0].removesuffix(".")) in publisher.messages
     journalled = [data.get("configured", []) for data in event_data(session, "connected")]
     assert journalled == [list(identity.get("configured", ()))] * 2
 
@@ -53,7 +53,7 @@ def test_run_reports_each_pose_and_uploads_the_parameters_of_its_poses(make_sess
     session = make_session(short_procedure(20))
     listener = RecordingListener()
     result = run(session, listener)
-    assert listener.heard == list(range(1, 21))
+    assert listener.counts == list(range(1, 21))
     document = load_parameters(result.exported.parameters)
     assert document.arm.serial == "SDA-0001"
     poses = load_poses(result.exported.parameters.parent / "poses.csv", joint_count=7).poses

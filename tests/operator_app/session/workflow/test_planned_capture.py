@@ -37,8 +37,6 @@ def planned_procedure(poses: int, **capture: object) -> Procedure:
 
 
 class PlannedRun(RecordingListener):
-    """A planned capture of a session, with its reports."""
-
     def __init__(self, session: Session, drives: tuple[int, ...] = (1, 5)) -> None:
         super().__init__()
         self.session = session
@@ -87,8 +85,8 @@ def test_complete_run_takes_the_planned_poses_and_recovers_the_arm(complete_run)
     poses = session.state.poses
     assert complete_run.end.complete
     assert [p.planned for p in poses] == [False] * (len(poses) - 4) + [True] * 4
-    assert run.heard == list(range(1, len(poses) + 1))
-    assert any("Explored" in text and "joints 1 and 5 drive" in text for text in run.said)
+    assert run.counts == list(range(1, len(poses) + 1))
+    assert any("Explored" in text and "joints 1 and 5 drive" in text for text in run.reports)
     solution = calibrate(session.model, session.fixture, session.state.pose_set())
     error = np.abs(solution.estimate.x - true_parameters(solution, paper_loop()))
     assert np.all(error < 5.0 * solution.estimate.standard_deviation)
@@ -146,7 +144,6 @@ def session_from(events: Sequence[JournalEvent], procedure: Procedure, folder: P
 
 
 def action_indices(events: Sequence[JournalEvent]) -> list[int]:
-    """Indices of the actions that the campaign proposed."""
     actions = ("campaign_move", "campaign_drives", "pose")
     return [k for k, e in enumerate(events) if e.name in actions]
 
@@ -159,7 +156,7 @@ def test_replay_of_a_journal_repeats_the_decisions(complete_run, tmp_path, share
     k = indices[max(1, int(share * len(indices)))]
     run = PlannedRun(session_from(events[:k], complete_run.session.procedure, tmp_path / "s"))
     run.capture.ready()
-    assert run.said == []
+    assert run.reports == []
     campaign = run.capture.campaign
     assert is_same_action(campaign.propose(), events[k].name, events[k].data)
 
@@ -180,7 +177,7 @@ def test_journal_that_cannot_be_replayed_is_planned_again(complete_run, tmp_path
     k = indices[len(indices) // 2]
     run = PlannedRun(session_from(events[:k], complete_run.session.procedure, tmp_path / "s"))
     assert run.capture.ready() == (1, 5)
-    assert "cannot be replayed" in run.said[0]
+    assert "cannot be replayed" in run.reports[0]
     assert run.capture.campaign is None
 
 
@@ -196,7 +193,7 @@ def test_interrupted_capture_is_completed_without_loss(make_session, sync):
     end = run.run()
     assert end.complete, end.text
     exploring = bool(poses_before) and not any(p.planned for p in poses_before)
-    assert any("last position first" in text for text in run.said) is exploring
+    assert any("last position first" in text for text in run.reports) is exploring
     poses = resumed.state.poses
     assert [p.number for p in poses] == list(range(1, len(poses) + 1))
     assert sum(p.planned for p in poses) == 3
@@ -214,7 +211,7 @@ def test_arm_that_did_not_move_continues_the_same_plan(make_session):
     resumed = make_session(procedure, resume=True, arm=session.arm)
     run = PlannedRun(resumed)
     assert run.run().complete
-    assert not any("new plan" in text or "going back" in text for text in run.said)
+    assert not any("new plan" in text or "going back" in text for text in run.reports)
     assert len(event_data(resumed, "campaign")) == 1
 
 
@@ -286,7 +283,7 @@ def test_drives_change_during_the_capture_after_confirmed_modes(make_session):
     session.record("drives_chosen", {"drives": [2, 5], "sets": [[2, 5], [1, 5]], "reasons": []})
     run = PlannedRun(session, (2, 5))
     assert run.run().complete
-    assert any("the drive joints from now on" in text for text in run.said)
+    assert any("the drive joints from now on" in text for text in run.reports)
     names = [e.name for e in journal_events(session) if e.name in ("modes", "campaign_drives")]
     changes = [k for k, name in enumerate(names) if name == "campaign_drives"]
     assert changes

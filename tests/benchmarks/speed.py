@@ -34,7 +34,6 @@ from solver.estimators.paper import estimate_paper
 from tests.benchmarks.command_line import one_thread, options
 from tests.oracles.as_shipped import ARM, HINGE, poses_of
 from tests.oracles.shop_floor import Sizes, session
-from tests.oracles.shop_floor_large import large
 
 BARS = {
     **{f"calibrate{arm} 40": 150.0 for arm in range(4)},
@@ -67,7 +66,7 @@ def work(kind: str, count: int) -> Callable[[], object]:
             return lambda: calibrate(ARM, HINGE, drawn)
         solution = calibrate(ARM, HINGE, drawn)
         return lambda: check(solution, ARM, HINGE, drawn)
-    taken = large(1, count, Sizes.only())
+    taken = session(1, Sizes.only(), poses=count)
     if kind == "calibrate0":
         poses = sarcal.poses_of(q_rad=taken.readings, sd_rad=taken.spread, samples=taken.samples)
         return lambda: calibrate(ARM, HINGE, poses._set)

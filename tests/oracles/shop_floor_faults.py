@@ -11,10 +11,10 @@ from tests.oracles.shop_floor import (
     Sizes,
     Specimen,
     Stream,
-    closed_random_walk,
     session,
     stream,
     taken,
+    walked,
 )
 from tests.oracles.shop_floor_chain import (
     LOWER_DEG,
@@ -69,8 +69,8 @@ def slipped_hinge(seed: int, *, shift_m: float = 0.0, turn_deg: float = 0.0) -> 
     step = np.concatenate((np.deg2rad(turn_deg) * turn, shift_m * shift))
     halves = [step, np.zeros(6)] if rng.random() < 0.5 else [np.zeros(6), step]
     specimen = Specimen.drawn(seed, Sizes())
-    walk = closed_random_walk(specimen, 40, slipped=(int(rng.integers(8, 33)), *halves))
-    return Case(taken=taken(specimen, *walk), causes=("SLIP_FIXTURE",), judged=OWN)
+    slipped = walked(specimen, slipped=(int(rng.integers(8, 33)), *halves))
+    return Case(taken=slipped, causes=("SLIP_FIXTURE",), judged=OWN)
 
 
 @cache
@@ -116,8 +116,7 @@ def flipped(seed: int, *, poses: int) -> Case:
     flipped_angles = flipped_poses(sound_session.specimen.chain, rng, poses)
     if len(flipped_angles) < poses:
         return flipped(seed + 100_000, poses=poses)
-    zero = np.zeros((poses, 6))
-    flipped_session = taken(sound_session.specimen, flipped_angles, zero, zero, walk=1)
+    flipped_session = taken(sound_session.specimen, flipped_angles, walk=1)
     order = np.arange(40)
     for k in sorted(rng.choice(40 - poses, poses, replace=False)):
         order = np.insert(order[:-1], k, -1)
@@ -141,8 +140,7 @@ def longer_elbow(seed: int, *, mm: float, harmless: bool = False) -> Case:
     chain = specimen.chain.changed(**{entry: specimen.chain.value(entry) + change})
     specimen = replace(specimen, chain=chain)
     causes = ("LENGTH_s_3", "LENGTH_s_5")
-    walk = closed_random_walk(specimen, 40)
-    return Case(taken=taken(specimen, *walk), causes=causes, harmless=harmless)
+    return Case(taken=walked(specimen), causes=causes, harmless=harmless)
 
 
 def ball_instead_of_hinge(seed: int) -> Case:
@@ -155,9 +153,7 @@ def ball_instead_of_hinge(seed: int) -> Case:
     loop = Loop(chain=chain, rows=(3, 4, 5))
     angles, closes = loop.closed(angles, free=tuple(range(1, 8)))
     closes &= in_range((angles - chain.theta_off)[:, 1:])
-    angles = angles[closes][:40]
-    zero = np.zeros((len(angles), 6))
-    return Case(taken=taken(specimen, angles, zero, zero), causes=("WRONG_FIXTURE.*",))
+    return Case(taken=taken(specimen, angles[closes][:40]), causes=("WRONG_FIXTURE.*",))
 
 
 def near_parallel(seed: int, *, joint: int, deg: float) -> Case:
@@ -180,13 +176,13 @@ def near_parallel(seed: int, *, joint: int, deg: float) -> Case:
     )
     specimen = replace(base, chain=base.chain.changed(**changes), load=load)
     box = tuple((np.rad2deg(c.min()), np.rad2deg(c.max())) for c in chart.place.T)
-    walk = closed_random_walk(specimen, 40, chart=chart, box_deg=box)
+    near = walked(specimen, chart=chart, box_deg=box)
     nominal = {}
     for name in entries:
         angle = name.startswith(("alpha", "theta"))
         size = np.deg2rad(0.1 * min(deg, 5.0) if name.startswith("alpha") else 1.0)
         nominal[name] = chain.value(name) + (size if angle else 3e-3) * rng.normal()
-    return Case(taken=taken(specimen, *walk), causes=("PARALLEL.*",), nominal=nominal)
+    return Case(taken=near, causes=("PARALLEL.*",), nominal=nominal)
 
 
 def as_reported(seed: int) -> Case:
@@ -200,7 +196,7 @@ def as_reported(seed: int) -> Case:
     }
     specimen = replace(specimen, chain=specimen.chain.changed(**lengths))
     return Case(
-        taken=taken(specimen, *closed_random_walk(specimen, 40)),
+        taken=walked(specimen),
         causes=("LENGTH.*", "GIVE.*", "FIXTURE_GIVES.*", "TOLERANCE.*", "DISCREPANCY.*"),
     )
 

@@ -13,11 +13,11 @@ from tests.oracles.shop_floor import (
     Sizes,
     Specimen,
     Stream,
-    closed_random_walk,
     draw_rvdt,
     session,
     stream,
     taken,
+    walked,
 )
 from tests.oracles.shop_floor_chain import LOWER_DEG, UPPER_DEG
 from tests.oracles.shop_floor_sensors import Rvdt
@@ -70,7 +70,7 @@ def sinusoidal_rvdts(seed: int) -> Case:
         sensor = specimen.sensors[joint - 1]
         assert isinstance(sensor, Rvdt)
         specimen = _with_sensor(specimen, joint, replace(sensor, shape=size * y))
-    return Case(taken=taken(specimen, *closed_random_walk(specimen, 40)), causes=())
+    return Case(taken=walked(specimen), causes=())
 
 
 def slipped_joint(

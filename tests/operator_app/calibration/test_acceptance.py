@@ -17,7 +17,7 @@ from solver.diagnostics.hypothesis_tests import HypothesisTest
 from solver.diagnostics.model_selection import evidence
 from solver.errors import UnidentifiableDirection, UnidentifiableError
 from tests.oracles.as_shipped import ARM, HINGE, SEED, displaced, fit_of, poses_of, solved
-from tests.oracles.shop_floor import Specimen, closed_random_walk, session, taken
+from tests.oracles.shop_floor import Specimen, session, walked
 from tests.oracles.shop_floor_faults import CASES
 
 
@@ -75,8 +75,7 @@ def test_joint_slip_is_the_first_cause_with_size_and_remedy_if_poses_are_in_orde
 def test_fixture_slip_is_located_between_two_poses():
     specimen = Specimen.drawn(SEED, session(SEED).specimen.sizes)
     slip = np.array([0.0, 0.0, 0.0, 2e-3, 2e-3, 1e-3])
-    walk = closed_random_walk(specimen, 40, slipped=(23, slip, np.zeros(6)))
-    solution = solved(taken(specimen, *walk))
+    solution = solved(walked(specimen, slipped=(23, slip, np.zeros(6))))
     assert solution.causes[0].code == "SLIP_FIXTURE"
     assert solution.causes[0].poses == ("p023", "p024")
 

@@ -21,8 +21,7 @@ from operator_app.session.store.parameters_document import rvdt_remedy
 from solver.diagnostics.rvdt import Soundness
 from tests.oracles.as_shipped import ARM, HINGE, poses_of, solved, spread_out
 from tests.oracles.parameter_documents import VALUES, make_document
-from tests.oracles.shop_floor import Sizes, Specimen, session
-from tests.oracles.shop_floor import taken as taken_at
+from tests.oracles.shop_floor import Sizes, Specimen, session, taken
 from tests.oracles.shop_floor_chain import frames, rotation_about_z
 from tests.oracles.shop_floor_faults import CASES, ball_instead_of_hinge
 from tests.oracles.shop_floor_misread import sinusoidal_rvdts
@@ -146,8 +145,7 @@ def test_cause_of_non_convergence_comes_first():
 
 @pytest.mark.parametrize(("lsb", "samples"), [(1.0, 32), (8.0, 32), (4.0, 8), (2.0, 8)])
 def test_spread_within_poses_gives_single_reading_noise(lsb, samples):
-    taken = session(7003, Sizes(noise_lsb=lsb), samples=samples)
-    for verdict in solved(taken).rvdt:
+    for verdict in solved(session(7003, Sizes(noise_lsb=lsb), samples=samples)).rvdt:
         assert verdict.noise.lsb == pytest.approx(lsb, rel=0.1)
         assert f"noise of a single reading {verdict.noise.lsb:.1f} LSB" in verdict.text
         # 2 LSB are allowed for a single reading; means of 32 readings of 8 LSB would pass.
@@ -155,8 +153,8 @@ def test_spread_within_poses_gives_single_reading_noise(lsb, samples):
 
 
 def test_noise_is_undetermined_without_spread():
-    taken = session(7003, Sizes(noise_lsb=1.0), samples=32)
-    for verdict in calibrate(ARM, HINGE, replace(poses_of(taken), sd_rad=None)).rvdt:
+    poses = poses_of(session(7003, Sizes(noise_lsb=1.0)))
+    for verdict in calibrate(ARM, HINGE, replace(poses, sd_rad=None)).rvdt:
         assert not verdict.noise.determined
         assert verdict.noise.high > 1.0
         assert "not determined by these poses, below" in verdict.text
@@ -176,8 +174,6 @@ def ball_session(seed, *, lsb, samples):
     """Poses of a tool on a ball, and the ball at its true place."""
     angles = ball_instead_of_hinge(seed).taken.angles
     specimen = Specimen.drawn(seed, Sizes(noise_lsb=lsb))
-    rigid = np.zeros((len(angles), 6))
-    taken = taken_at(specimen, angles, rigid, rigid, samples=samples)
     chain = specimen.chain
     tip = np.array([chain.a[7], 0.0, chain.s[7]])
     T = frames(chain, angles)
@@ -185,13 +181,14 @@ def ball_session(seed, *, lsb, samples):
     ground = (tool @ np.append(tip, 1.0))[:, :3]
     assert np.ptp(ground, axis=0).max() < 1e-9
     compliance = HINGE.compliance
-    return taken, Ball(tip_m=tuple(tip), ground_m=tuple(ground[0]), compliance=compliance)
+    ball = Ball(tip_m=tuple(tip), ground_m=tuple(ground[0]), compliance=compliance)
+    return taken(specimen, angles, samples=samples), ball
 
 
 @pytest.mark.parametrize(("lsb", "samples"), [(1.0, 32), (2.0, 8), (8.0, 32), (2.0, 1), (8.0, 1)])
 def test_ball_poses_give_noise_but_no_linearity(lsb, samples):
-    taken, ball = ball_session(7003, lsb=lsb, samples=samples)
-    verdicts = calibrate(ARM, ball, poses_of(taken), drop=True).rvdt
+    simulated, ball = ball_session(7003, lsb=lsb, samples=samples)
+    verdicts = calibrate(ARM, ball, poses_of(simulated), drop=True).rvdt
     assert [v.joint for v in verdicts] == [6, 7]
     for verdict in verdicts:
         noise = verdict.noise

@@ -85,11 +85,11 @@ def test_reading_fault_is_the_first_cause(seed, change, code, size, pattern):
     result = outcome(replace(taken, readings=readings))
     assert result.verdict != ACCEPTED
     codes = [c for c in result.causes if not c.startswith("RANGE")]
-    assert codes[0] == code, result.said
+    assert codes[0] == code, result.text
     assert "WRONG_FIXTURE" not in codes
     if pattern:
         tolerance = 0.1 if pattern is SCATTER else 0.25
-        assert float(re.search(pattern, result.said)[1]) == pytest.approx(size, rel=tolerance)
+        assert float(re.search(pattern, result.text)[1]) == pytest.approx(size, rel=tolerance)
 
 
 @pytest.mark.parametrize(
@@ -100,7 +100,7 @@ def test_rows_in_radians_are_not_reported_as_flipped(rows, code):
     readings = taken.readings.copy()
     in_radians(readings, rows=rows)
     result = outcome(replace(taken, readings=readings))
-    assert result.causes == (code,), result.said
+    assert result.causes == (code,), result.text
     assert not {"FLIPPED_BRANCH", "RANGE"} & set(result.warnings)
 
 
@@ -110,7 +110,7 @@ def test_motion_during_sampling_is_named(poses):
     assert result.verdict == WARNED
     assert result.causes == ("UNSTEADY_3",)
     assert "UNSTEADY_3" in result.warnings
-    assert "spread by up to 1.000 deg within pose" in result.said
+    assert "spread by up to 1.000 deg within pose" in result.text
 
 
 def test_left_out_poses_have_their_reason():

@@ -85,20 +85,20 @@ SURE = (
 @pytest.mark.parametrize("name", SURE)
 def test_fault_is_named_first_and_not_accepted_unnamed(name):
     verdict = one((name, 3100))
-    assert verdict.outcome.verdict != CRASHED, verdict.outcome.said
+    assert verdict.outcome.verdict != CRASHED, verdict.outcome.text
     assert not verdict.accepted_wrong
-    assert verdict.first, (verdict.outcome.causes, verdict.outcome.said)
+    assert verdict.first, (verdict.outcome.causes, verdict.outcome.text)
 
 
 def test_slip_within_tolerance_is_accepted():
     verdict = one(("joint slips 5 counts", 3100))
-    assert verdict.outcome.accepted, verdict.outcome.said
+    assert verdict.outcome.accepted, verdict.outcome.text
     assert not verdict.wrong
 
 
 def test_thousand_sound_poses_are_accepted():
     result = outcome(session(1, poses=1000))
-    assert result.verdict == Verdict.ACCEPTED.value, result.said
+    assert result.verdict == Verdict.ACCEPTED.value, result.text
     assert np.abs(result.z).max() < 4.0
 
 
@@ -111,7 +111,7 @@ def test_non_convergence_is_named_with_many_poses():
 @pytest.mark.parametrize("seed", [1, 2])
 def test_ten_thousand_sound_poses_keep_the_scale(seed):
     result = outcome(session(seed, poses=10_000))
-    assert result.verdict in (Verdict.ACCEPTED.value, Verdict.WITH_WARNINGS.value), result.said
+    assert result.verdict in (Verdict.ACCEPTED.value, Verdict.WITH_WARNINGS.value), result.text
     lengths = result.error[[7, 8, 10, 11, 12]]
     assert np.abs(lengths).max() < 1.5e-3
     assert np.abs(result.z).max() < 6.0
@@ -121,14 +121,14 @@ def test_vibration_of_every_reading_is_the_only_cause():
     sound = session(1, poses=150)
     noise = stream(1, Stream.FAULTS).normal(size=sound.readings.shape)
     result = outcome(displaced(sound, ..., 0.15 * noise))
-    assert result.causes == ("SCATTER",), result.said
+    assert result.causes == ("SCATTER",), result.text
 
 
 def test_longer_forearm_is_named_in_a_large_set():
     specimen = session(1).specimen
     chain = specimen.chain.changed(s_5=specimen.chain.value("s_5") + 0.03)
     result = outcome(walked(replace(specimen, chain=chain), MANY))
-    assert result.causes[0] in ("LENGTH_s_3", "LENGTH_s_5"), result.said
+    assert result.causes[0] in ("LENGTH_s_3", "LENGTH_s_5"), result.text
 
 
 @pytest.mark.parametrize("poses", [1000, 3000])
@@ -142,4 +142,4 @@ def test_outliers_of_a_large_set_are_named(share, poses):
         deg = 0.5 * rng.choice((-1.0, 1.0), len(affected))
         joint = rng.integers(7, size=len(affected))
     result = outcome(displaced(sound, (affected, joint), deg))
-    assert result.causes[0] in ("OUTLIERS", "ENCODER_2"), result.said
+    assert result.causes[0] in ("OUTLIERS", "ENCODER_2"), result.text

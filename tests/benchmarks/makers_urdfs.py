@@ -22,7 +22,6 @@ import numpy as np
 import pinocchio as pin
 import sarcal
 import yaml
-from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from operator_app.cli import main as command
@@ -99,14 +98,6 @@ def built(steps: Steps, rng: np.random.Generator) -> Steps:
     return Steps(places, steps.axes)
 
 
-@dataclass(frozen=True)
-class Held:
-    """A point (m) and a direction (zeros: none) of the hand or the ground."""
-
-    point: np.ndarray
-    direction: np.ndarray
-
-
 class Chain:
     """Forward kinematics and Jacobian of a chain's URDF, by pinocchio."""
 
@@ -119,10 +110,11 @@ class Chain:
         pin.framesForwardKinematics(self.model, self.data, q)
         return self.data.oMf[self.flange].homogeneous.copy()
 
-    def closed(self, hand: Held, ground: Held, rng, near: np.ndarray, box_rad: float) -> np.ndarray:
-        """Joint angles (n,), within `box_rad` of `near`, at which the hand's point and direction are the ground's."""
-        low, high = np.maximum(near - box_rad, -RANGE_RAD), np.minimum(near + box_rad, RANGE_RAD)
-        across = np.linalg.svd(ground.direction[None])[2][1:]
+    def closed(self, hand, ground, rng: np.random.Generator, near: np.ndarray) -> np.ndarray:
+        """Joint angles (n,), within `BOX_RAD` of `near`, at which the hand's point and direction are the ground's."""
+        low, high = np.maximum(near - BOX_RAD, -RANGE_RAD), np.minimum(near + BOX_RAD, RANGE_RAD)
+        across = np.linalg.svd(ground[1][None])[2][1:]
+        rows = slice(None) if hand[1].any() else slice(3)
         for _ in range(2000):
             q = rng.uniform(low, high)
             for _ in range(30):
@@ -130,17 +122,14 @@ class Chain:
                 J = pin.computeFrameJacobian(
                     self.model, self.data, q, self.flange, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
                 )
-                lever, direction = T[:3, :3] @ hand.point, T[:3, :3] @ hand.direction
-                error = np.concatenate((T[:3, 3] + lever - ground.point, across @ direction))
-                rates = np.vstack(
-                    (J[:3] - pin.skew(lever) @ J[3:], -across @ pin.skew(direction) @ J[3:])
-                )
-                rows = slice(None) if hand.direction.any() else slice(3)
-                step = np.linalg.lstsq(rates[rows], error[rows], rcond=None)[0]
+                lever, direction = T[:3, :3] @ hand[0], T[:3, :3] @ hand[1]
+                error = np.concatenate((T[:3, 3] + lever - ground[0], across @ direction))[rows]
+                rates = (J[:3] - pin.skew(lever) @ J[3:], -across @ pin.skew(direction) @ J[3:])
+                step = np.linalg.lstsq(np.vstack(rates)[rows], error, rcond=None)[0]
                 q = q - step * min(1.0, 0.5 / max(np.abs(step).max(), 1e-300))
                 if np.abs(step).max() < 1e-12:
                     break
-            if np.abs(error[rows]).max() < 1e-10 and np.all((low < q) & (q < high)):
+            if np.abs(error).max() < 1e-10 and np.all((low < q) & (q < high)):
                 return q
         raise RuntimeError("no closed pose")
 
@@ -213,34 +202,29 @@ def fixture_file(kind: str, arm: str, to: Path, **points: np.ndarray) -> str:
     return str(to)
 
 
-def in_sockets(rig: Rig, rng: np.random.Generator):
-    """Joint angles of 13 poses in each of two sockets, placements, and where they are held."""
-    there = rig.stated.flange_of(rig.near)
-    sockets = [point(there, TIP) + rng.normal(0.0, 0.05, 3) for _ in range(2)]
-    q, placement, none = [], [], np.zeros(3)
-    for k, socket in enumerate(sockets, 1):
-        for give in rng.normal(0.0, GIVE_M, (13, 3)):
-            q.append(
-                rig.moves.closed(
-                    Held(rig.tip, none), Held(socket + give, none), rng, rig.near, BOX_RAD
-                )
-            )
-            placement.append(k)
-    return np.array(q), placement, {"hand_point": rig.tip, "base_point": sockets[0]}
-
-
-def on_hinge(rig: Rig, rng: np.random.Generator):
-    """Joint angles of 40 poses on a hinge, placements, and where they are held."""
-    held = rig.moves.flange_of(rig.near)
-    hand, at, along = Held(rig.tip, rig.axis), point(held, rig.tip), held[:3, :3] @ rig.axis
-    q = [
-        rig.moves.closed(hand, Held(at + shift, along + turn), rng, rig.near, BOX_RAD)
-        for shift, turn in zip(
-            rng.normal(0.0, GIVE_M, (40, 3)), rng.normal(0.0, GIVE_RAD, (40, 3)), strict=True
-        )
-    ]
-    where = {"hand_point": rig.tip, "hand_direction": rig.axis}
-    return np.array(q), [1] * len(q), where | {"base_point": at, "base_direction": along}
+def held_poses(kind: str, rig: Rig, rng: np.random.Generator):
+    """Joint angles of 13 poses in each of two sockets or of 40 on a hinge, placements, and where they are held."""
+    T = rig.stated.flange_of(rig.near) if kind == "ball" else rig.moves.flange_of(rig.near)
+    where = {"hand_point": rig.tip}
+    if kind == "ball":
+        count, turn_rad, hand = 13, 0.0, (rig.tip, np.zeros(3))
+        grounds = [(point(T, TIP) + rng.normal(0.0, 0.05, 3), np.zeros(3)) for _ in range(2)]
+        where |= {"base_point": grounds[0][0]}
+    else:
+        count, turn_rad, hand = 40, GIVE_RAD, (rig.tip, rig.axis)
+        grounds = [(point(T, rig.tip), T[:3, :3] @ rig.axis)]
+        where |= {
+            "hand_direction": rig.axis,
+            "base_point": grounds[0][0],
+            "base_direction": grounds[0][1],
+        }
+    q = []
+    for at, along in grounds:
+        shifts = rng.normal(0.0, GIVE_M, (count, 3))
+        turns = rng.normal(0.0, turn_rad, (count, 3)) if turn_rad else np.zeros((count, 3))
+        for shift, turn in zip(shifts, turns, strict=True):
+            q.append(rig.moves.closed(hand, (at + shift, along + turn), rng, rig.near))
+    return np.array(q), np.repeat(np.arange(1, len(grounds) + 1), count), where
 
 
 @dataclass(frozen=True)
@@ -257,7 +241,7 @@ class Outcome:
 def one(name: str, kind: str, seed: int, folder: Path) -> Outcome:
     rng = np.random.default_rng(seed)
     rig = drawn(name, rng, folder)
-    q, placement, where = (in_sockets if kind == "ball" else on_hinge)(rig, rng)
+    q, placement, where = held_poses(kind, rig, rng)
     true = yaml.safe_load(
         Path(fixture_file(kind, rig.true_arm, folder / "true.yaml", **where)).read_text()
     )
@@ -309,25 +293,20 @@ def tool_error(result: sarcal.Result, rig: Rig, q: np.ndarray) -> tuple[float, f
     The base turned about and moved along joint 1, which no loop sees, is taken out.
     """
     truth = np.array([point(rig.moves.flange_of(k), tip_of(result, rig)) for k in q])
-    found = result.fk(q)[:, :3, 3]
-
-    def off(x: np.ndarray) -> np.ndarray:
-        c, s = np.cos(x[0]), np.sin(x[0])
-        return (
-            found @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]).T
-            + [0.0, 0.0, x[1]]
-            - truth
-        )
-
-    starts = [least_squares(lambda x: off(x).ravel(), [t, 0.0]) for t in (0.0, 2.0, -2.0)]
-    seen = min(starts, key=lambda r: r.cost)
-    unseen = np.linalg.qr(seen.jac)[0]
+    tools = result.fk(q)[:, :3, 3]
+    x, y = tools[:, 0], tools[:, 1]
+    turn = np.arctan2(x @ truth[:, 1] - y @ truth[:, 0], x @ truth[:, 0] + y @ truth[:, 1])
+    tools = tools @ Rotation.from_rotvec([0.0, 0.0, turn]).as_matrix().T
+    error = tools - truth
+    error[:, 2] -= error[:, 2].mean()
+    about = np.cross([0.0, 0.0, 1.0], tools).ravel()
+    unseen = np.linalg.qr(np.stack((about, np.tile([0.0, 0.0, 1.0], len(q))), axis=1))[0]
     best = result._calibrated_arm.best
     rates = tool_positions(best.table, best.tip_m, best.entries, q)[1].reshape(truth.size, -1)
     rates = rates - unseen @ (unseen.T @ rates)
     sigma_m = math.sqrt(((rates @ best.covariance) * rates).sum() / len(q) + best.left_m**2)
-    off_m = math.sqrt(2.0 * seen.cost / len(q))
-    return off_m / sigma_m, 1e3 * off_m
+    error_m = math.sqrt((error**2).sum() / len(q))
+    return error_m / sigma_m, 1e3 * error_m
 
 
 def tip_of(result: sarcal.Result, rig: Rig) -> np.ndarray:

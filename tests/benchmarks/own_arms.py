@@ -1,4 +1,4 @@
-"""Arms of another generator: a UR5e with a ball and an iiwa 14 with a hinge, from 100 lines of NumPy; prints a table.
+"""A UR5e with a ball and an iiwa 14 with a hinge, of a separate generator in NumPy; prints a table.
 
     python -m tests.benchmarks.own_arms [--size 1.0,0.333] [--arms 40]
 
@@ -24,6 +24,7 @@ import yaml
 from operator_app.cli import main as command
 from operator_app.config.resources import resolve
 from tests.benchmarks.command_line import options
+from tests.oracles.loop_oracle import product
 
 POSES, FARTHEST_RAD = 26, 2.0
 HAND_POINT_M, HAND_AXIS = np.array([0.05, 0.02, 0.1]), np.array([0.8, 0.3, 0.52])
@@ -59,19 +60,6 @@ class Arm:
         self.nominal = np.deg2rad([r["theta_off_deg"] for r in file["dh"]])
         self.offset = self.nominal + np.deg2rad(file["offset_tolerance_deg"]) * rng.normal(size=n)
 
-    def tool(self, theta: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        """Transform (4, 4) of the last frame."""
-        T = np.eye(4)
-        for t, (s, a, alpha) in zip(theta, rows, strict=True):
-            c, d, ca, sa = np.cos(t), np.sin(t), np.cos(alpha), np.sin(alpha)
-            T = T @ [
-                [c, -d * ca, d * sa, a * c],
-                [d, c * ca, -c * sa, a * d],
-                [0, sa, ca, s],
-                [0, 0, 0, 1],
-            ]
-        return T
-
     def close(self, error: Callable[[np.ndarray], np.ndarray], q: np.ndarray) -> np.ndarray | None:
         """Joint angles near readings `q` at which `error` is zero; None if there are none in range and near home."""
         theta, step = q + self.offset, 1e-6 * np.eye(len(q))
@@ -88,14 +76,10 @@ class Arm:
     def readings(self, theta: np.ndarray) -> np.ndarray:
         """Readings (m, n) at true angles: harmonics of the encoders, play to either side, sag that follows the pose."""
         rng, n, q = self.rng, len(self.offset), theta - self.offset
-        accuracy, play, sag = (
-            self.size * np.deg2rad([of(j) for j in self.joints])
-            for of in (
-                lambda j: j["sensor"]["accuracy_deg"],
-                lambda j: j["backlash_deg"],
-                lambda j: j["sag_deg"],
-            )
-        )
+        stated = [
+            (j["sensor"]["accuracy_deg"], j["backlash_deg"], j["sag_deg"]) for j in self.joints
+        ]
+        accuracy, play, sag = self.size * np.deg2rad(stated).T
         waves = np.stack((np.sin(q), np.cos(q), np.sin(2 * q), np.cos(2 * q)), axis=-1)
         error = accuracy * (waves * rng.normal(size=(n, 4))).sum(-1)
         load = np.cos(np.cumsum(q, axis=1) - q[:, :1] + rng.uniform(-0.3, 0.3, n))
@@ -114,7 +98,7 @@ def with_ball(arm: Arm, fixture: Path, sockets: int) -> tuple[np.ndarray, np.nda
         while len(theta) < POSES * k // sockets:
             target = ground + arm.size * 2e-4 * rng.normal(size=3)
             found = arm.close(
-                lambda t, at=target: (arm.tool(t, arm.rows) @ [*tip, 1.0])[:3] - at,
+                lambda t, at=target: (product(t, *arm.rows.T) @ [*tip, 1.0])[:3] - at,
                 arm.home + rng.uniform(-1.0, 1.0, len(arm.home)),
             )
             theta += [] if found is None else [found]
@@ -125,13 +109,13 @@ def with_ball(arm: Arm, fixture: Path, sockets: int) -> tuple[np.ndarray, np.nda
 def with_hinge(arm: Arm, fixture: Path) -> tuple[np.ndarray, np.ndarray]:
     """The same for a hinge, whose axis is a line of the tool and a line of the base."""
     rng, theta = arm.rng, []
-    T = arm.tool(arm.home + arm.nominal, arm.stated)
+    T = product(arm.home + arm.nominal, *arm.stated.T)
     lines = [(HAND_POINT_M, HAND_AXIS), ((T @ [*HAND_POINT_M, 1.0])[:3], T[:3, :3] @ HAND_AXIS)]
     words = [",".join(f"{v:.9f}" for v in x) for p, d in lines for x in (1e3 * p, d)]
     names = ("--hand-point", "--hand-direction", "--base-point", "--base-direction")
-    options = [f"{name}={word}" for name, word in zip(names, words, strict=True)]
+    measured = [f"{name}={word}" for name, word in zip(names, words, strict=True)]
     kind = f"--kind hinge --arm {arm.name} --name own".split()
-    command(["new", "fixture", *kind, *options, "-o", str(fixture)])
+    command(["new", "fixture", *kind, *measured, "-o", str(fixture)])
     give = yaml.safe_load(fixture.read_text())["give"]
     (point, axis), (ground, up) = [
         (p + 0.005 * rng.normal(size=3), d + 0.03 * rng.normal(size=3)) for p, d in lines
@@ -143,12 +127,12 @@ def with_hinge(arm: Arm, fixture: Path) -> tuple[np.ndarray, np.ndarray]:
         tilt = 1e-3 * arm.size * give["orientation_mrad"] * rng.normal(size=2)
 
         def error(t: np.ndarray, off: np.ndarray = off, tilt: np.ndarray = tilt) -> np.ndarray:
-            T = arm.tool(t, arm.rows)
+            T = product(t, *arm.rows.T)
             miss = (T @ [*point, 1.0])[:3] - ground
             return np.append(miss - off, across @ T[:3, :3] @ axis - tilt)
 
         found = arm.close(error, near + 0.35 * rng.normal(size=len(near)))
-        if found is not None and (arm.tool(found, arm.rows)[:3, :3] @ axis) @ up > 0.0:
+        if found is not None and (product(found, *arm.rows.T)[:3, :3] @ axis) @ up > 0.0:
             theta.append(found)
             near = found - arm.offset if rng.random() < 0.7 else arm.home
     return np.array(theta), np.ones(POSES, dtype=np.int64)

@@ -21,8 +21,8 @@ ALONE = {"nothing": Sizes.only(), **{source: Sizes.only(source) for source in SO
 DRAWN: dict[str, Sizes] = {
     **ALONE,
     "all": Sizes(),
-    "all half": Sizes.everything(times=0.5),
-    "all twice": Sizes.everything(times=2.0),
+    "all half": Sizes.only(*SOURCES, times=0.5),
+    "all twice": Sizes.only(*SOURCES, times=2.0),
     **{f"{name} stated": sizes for name, sizes in ALONE.items()},
 }
 """Sizes of the true errors, by row."""

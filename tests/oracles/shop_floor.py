@@ -96,11 +96,6 @@ class Sizes:
         scale = {n: times * (source in sources) for source in SOURCES for n in SOURCES[source]}
         return replace(stated, **{n: k * getattr(stated, n) for n, k in scale.items()})
 
-    @classmethod
-    def everything(cls, times: float = 1.0) -> Sizes:
-        """All of `SOURCES` at `times` their stated size."""
-        return cls.only(*SOURCES, times=times)
-
 
 Stream = IntEnum(
     "Stream",

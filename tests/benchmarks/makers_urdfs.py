@@ -27,7 +27,7 @@ from scipy.spatial.transform import Rotation
 from operator_app.cli import main as command
 from solver.posterior.best_table import tool_positions
 from tests.oracles.makers_chains import CHAINS, ur
-from tests.oracles.urdfs import joint, robot, words
+from tests.oracles.urdfs import serial_chain
 
 CHAINS = CHAINS | {"ur5": ur(0.089159, -0.425, -0.39225, 0.10915, 0.09465, 0.0823)}
 RANGE_RAD = 2.8
@@ -54,26 +54,10 @@ class Steps:
     axes: np.ndarray
 
     def urdf(self) -> str:
-        joints, parent = [], "base"
-        for k, place in enumerate(self.places):
-            turns = k < len(self.axes)
-            link = f"link_{k + 1}" if turns else "flange"
-            rpy = Rotation.from_matrix(place[:3, :3]).as_euler("xyz", suppress_warnings=True)
-            joints.append(
-                joint(
-                    f"to_{link}",
-                    parent,
-                    link,
-                    words(place[:3, 3]),
-                    words(rpy),
-                    words(self.axes[k]) if turns else "",
-                    kind="revolute" if turns else "fixed",
-                    ends=(-RANGE_RAD, RANGE_RAD),
-                    effort=50,
-                )
-            )
-            parent = link
-        return robot(*joints)
+        rpy = Rotation.from_matrix(self.places[:, :3, :3]).as_euler("xyz", suppress_warnings=True)
+        steps = zip(self.places[:, :3, 3], rpy, [*self.axes, None], strict=True)
+        limits = {"ends": (-RANGE_RAD, RANGE_RAD), "effort": 50}
+        return serial_chain(list(steps), [limits] * len(self.axes))
 
 
 def nominal(name: str) -> Steps:

@@ -8,15 +8,14 @@ from solver.diagnostics.model_selection import drop_unidentifiable
 from solver.estimators.paper import estimate_paper
 from solver.loops.placements import place
 from solver.loops.point import PointClosure
-from tests.oracles.panda import TRAINING, panda_columns, panda_readings, scatter_mm
+from tests.oracles.panda import A_M, ALPHA_RAD, S_M, TRAINING, panda_readings, scatter_mm
 from tests.solver.conftest import entries, tip_position
 
 
 def test_freeing_all_lengths_and_twists_needs_one_fixed_length():
     """With all lengths unknown the scale is not determined: one arm length is fixed, and named."""
-    s, a, alpha = panda_columns()
     single = PointClosure(
-        table=DhTable(theta_off_rad=np.zeros(7), s_m=s, a_m=a, alpha_rad=alpha),
+        table=DhTable(theta_off_rad=np.zeros(7), s_m=S_M, a_m=A_M, alpha_rad=ALPHA_RAD),
         entries=entries([f"{kind.symbol}_{j}" for kind in DhKind for j in range(1, 8)]),
         tip_m=np.array([0.0, 0.0, 0.03]),
         ground_m=np.zeros(3),

@@ -43,12 +43,6 @@ def test_readings_slightly_out_of_range_are_noise_and_farther_are_named(q, side)
     assert found.reading_rad == q[7, 2]
 
 
-def test_radians_are_refused_with_the_unit(q):
-    with pytest.raises(ReadingsOutOfRangeError, match="taken as radians") as error:
-        found_in(np.deg2rad(q))
-    assert "RADIANS" in [mistake.code for mistake in error.value.causes]
-
-
 def test_readings_of_another_arm_are_refused_by_joint_and_pose(q):
     q[:, 5] += np.deg2rad(100.0)
     with pytest.raises(ReadingsOutOfRangeError, match=r"joint 6 reads .* deg in pose") as error:

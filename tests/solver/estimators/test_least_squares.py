@@ -29,13 +29,6 @@ def test_a_triangle_is_sufficient_for_least_squares(count, cuts):
         np.testing.assert_allclose(found.step()[0], known, rtol=1e-9)
 
 
-def test_blocks_of_poses_are_stacked_row_by_row():
-    r, J = rows(60)
-    whole = triangle_of([(r, J)])
-    poses = triangle_of([(r.reshape(12, 5), J.reshape(12, 5, 14))])
-    np.testing.assert_allclose(np.abs(poses.T), np.abs(whole.T), rtol=1e-10)
-
-
 def test_an_undetermined_direction_gets_no_step():
     r, J = rows(100)
     J[:, 3] = 2.0 * J[:, 5]

@@ -6,14 +6,12 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from solver.chain.sensors import curves_of
 from solver.errors import TooFewPosesError
 from solver.estimators.error_model import ErrorModel, stated_errors
 from solver.estimators.implicit import NoiseModel, estimate_implicit
 from solver.estimators.variance_components import Calibrated, estimate_with_errors
 from tests.oracles.loop_oracle import paper_truth
 from tests.oracles.simulated_loops import (
-    FULL_SCALE_RAD,
     RVDT_SD,
     RvdtCurve,
     Simulation,
@@ -159,12 +157,3 @@ def test_errors_must_refer_to_the_loop(truth):
         estimate_with_errors(unsensed, q, sensors(20), x0=np.zeros(12))
     with pytest.raises(TooFewPosesError):
         estimate_with_errors(loop_of(truth), q[:2], sensors(2))
-
-
-def test_curves_are_taken_from_the_arm(truth):
-    arm = paper_arm(truth)
-    assert [c.joint for c in curves_of(arm)] == [6, 7]
-    assert [c.joint for c in curves_of(arm, unsensed_joints=(6,))] == [7]
-    assert curves_of(arm)[0].middle_rad == pytest.approx(truth.home[5])
-    assert curves_of(arm)[0].half_scale_rad == pytest.approx(0.5 * FULL_SCALE_RAD)
-    assert [a.joint for a in sensors(3).analogue] == [6, 7]

@@ -118,14 +118,14 @@ def test_outliers_do_not_mask_each_other():
     for poses in ((7,), (3, 11, 20)):
         disturbed = w.copy()
         disturbed[list(poses)] += 9.0
-        found = find_outliers(fit_residuals(disturbed, A, V))
-        assert sorted(found.poses) == sorted(poses)
-        assert found.test.fires
-        assert found.rest.chi2 < found.rest.dof * 2.0
+        result = find_outliers(fit_residuals(disturbed, A, V))
+        assert sorted(result.poses) == sorted(poses)
+        assert result.test.fires
+        assert result.rest.chi2 < result.rest.dof * 2.0
 
 
 def test_excluded_poses_equal_poses_with_own_columns():
-    """Pose 9 alone sees the last unknown: without it that one is not seen, and nothing is divided by zero."""
+    """Only pose 9 determines the last unknown; without it there is no division by zero."""
     w, A, V, G = problem(10)
     A = np.concatenate((A, np.zeros((POSES, ROWS, 1))), axis=-1)
     A[9, :, -1] = 1.0
@@ -147,7 +147,7 @@ def test_excluded_poses_equal_poses_with_own_columns():
 
 
 def test_many_outliers_are_found_in_few_rounds(monkeypatch):
-    """Several are excluded at a time: all of them, no sound one."""
+    """Several are excluded at a time."""
     m = 1000
     rng = np.random.default_rng(11)
     A, w = rng.normal(size=(m, ROWS, UNKNOWNS)), rng.normal(size=(m, ROWS))
@@ -158,9 +158,9 @@ def test_many_outliers_are_found_in_few_rounds(monkeypatch):
     monkeypatch.setattr(
         WhitenedResiduals, "without", lambda *excluded: rounds.append(0) or without(*excluded)
     )
-    found = find_outliers(left)
-    assert sorted(found.poses) == sorted(poses)
-    assert found.rest.U.shape == left.U.shape
+    result = find_outliers(left)
+    assert sorted(result.poses) == sorted(poses)
+    assert result.rest.U.shape == left.U.shape
     assert 80 <= len(rounds) <= 110
 
 
@@ -171,8 +171,8 @@ def test_a_sound_pose_set_rarely_has_an_outlier():
     alarms = 0
     for _ in range(600):
         w = (root @ rng.normal(size=(POSES, ROWS, 1)))[..., 0]
-        found = find_outliers(fit_residuals(w, A, V))
-        alarms += bool(found.poses)
+        result = find_outliers(fit_residuals(w, A, V))
+        alarms += bool(result.poses)
     assert alarms <= 5
 
 
@@ -194,9 +194,9 @@ def test_evidence_prefers_the_true_cause():
 def test_evidence_prefers_no_fault_for_sound_poses():
     w, A, V, G = problem(10)
     left = fit_residuals(w, A, V)
-    found = evidence(left, G, np.ones(3))
-    assert found is not None
-    assert log_likelihood(left, most_noise=np.inf) > found.log_likelihood - 1.0
+    result = evidence(left, G, np.ones(3))
+    assert result is not None
+    assert log_likelihood(left, most_noise=np.inf) > result.log_likelihood - 1.0
     assert 0.25 <= noise_scale(left.chi2, left.dof) <= 1.0
 
 
@@ -216,8 +216,8 @@ def left():
     w = rng.normal(size=(MORE_POSES, ROWS))
     w[[3, 20]] += 6.0
     prior = np.where(np.arange(UNKNOWNS) == 2, 0.5, np.inf)
-    found = fit_residuals(w, A, np.broadcast_to(V, (MORE_POSES, ROWS, ROWS)), prior_sd=prior)
-    return replace(found, whitener=np.array(found.whitener))
+    result = fit_residuals(w, A, np.broadcast_to(V, (MORE_POSES, ROWS, ROWS)), prior_sd=prior)
+    return replace(result, whitener=np.array(result.whitener))
 
 
 @pytest.mark.parametrize(("count", "width"), [(1, 4), (3, 2), (30, 1), (40, 3)])
@@ -264,8 +264,8 @@ def test_a_thousand_outliers_need_no_dense_columns():
     eye = np.broadcast_to(np.eye(r), (m, r, r))
     left, own = fit_residuals(w, A, eye), np.arange(0, m, 3)
     tracemalloc.start()
-    found = evidence(left, pose_columns(left, own), np.full(len(own) * r, 3.0), own=own)
+    result = evidence(left, pose_columns(left, own), np.full(len(own) * r, 3.0), own=own)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert found is not None
+    assert result is not None
     assert peak < 12e6

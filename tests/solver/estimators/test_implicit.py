@@ -23,9 +23,9 @@ def noise_of(simulation: Simulation) -> NoiseModel:
 
 def test_a_curved_wrist_does_not_affect_the_arm_if_unsensed(hinge_data, truth):
     q = read_poses(hinge_data / "hinge_rvdt1pct.csv")
-    found = estimate_implicit(loop_of(truth, unsensed=(6, 7)), q, noise_of(WRIST))
-    error = found.x - truth.values(UNSENSED)
-    assert found.converged
+    result = estimate_implicit(loop_of(truth, unsensed=(6, 7)), q, noise_of(WRIST))
+    error = result.x - truth.values(UNSENSED)
+    assert result.converged
     assert np.abs(error[:5]).max() < 0.02e-3
     assert np.abs(error[[5, 6, 8, 9, 10]]).max() < 0.02e-3
     paper = estimate_paper(loop_of(truth), q)
@@ -54,22 +54,22 @@ def test_covariance_is_the_bound_of_a_second_implementation(truth):
         model = loop_of(truth, unsensed=unsensed)
         names = [p.name for p in model.parameters]
         noise = NoiseModel(joint_variance=WRIST.sigma() ** 2, fixture_variance=variance_of_give)
-        found = fit_implicit(model, q, noise, truth.values(names))
+        result = fit_implicit(model, q, noise, truth.values(names))
         bound = cramer_rao(
             truth, closed, names, WRIST.sigma() ** 2, unsensed=unsensed, give=variance_of_give
         )
-        assert found.covariance == pytest.approx(bound, rel=1e-5, abs=1e-8 * np.abs(bound).max())
+        assert result.covariance == pytest.approx(bound, rel=1e-5, abs=1e-8 * np.abs(bound).max())
 
 
 def test_adjusted_readings_close_exactly(truth):
     q = WRIST.readings(1)
     model = loop_of(truth)
-    found = fit_implicit(model, q, noise_of(WRIST), truth.values(NAMES))
-    closed = model.loop(found.x, q + found.corrections, found.unsensed)
+    result = fit_implicit(model, q, noise_of(WRIST), truth.values(NAMES))
+    closed = model.loop(result.x, q + result.corrections, result.unsensed)
     assert np.abs(closed.residual).max() < 1e-12
-    weighted = (found.corrections / WRIST.sigma()) ** 2
-    assert found.pose_chi2 == pytest.approx(weighted.sum(-1), rel=1e-6)
-    assert found.chi2 == pytest.approx(weighted.sum(), rel=1e-6)
+    weighted = (result.corrections / WRIST.sigma()) ** 2
+    assert result.pose_chi2 == pytest.approx(weighted.sum(-1), rel=1e-6)
+    assert result.chi2 == pytest.approx(weighted.sum(), rel=1e-6)
 
 
 def test_too_few_poses_with_unsensed_joints_are_refused(truth):
@@ -87,5 +87,4 @@ def test_progress_may_cancel(truth):
 
 
 def test_an_encoders_specification_is_its_quantisation():
-    # The simulations and the sensor models have to mean the same arm.
     assert Encoder(counts_per_rev=400_000).sigma_rad == pytest.approx(ENCODER_SD)

@@ -199,16 +199,16 @@ def test_more_held_out_equations_than_columns_are_handled():
 
 def test_the_score_is_the_gradient_of_the_likelihood(design, system):
     v = variances(design)
-    found = LinearFit(design, system, v).derivatives
+    result = LinearFit(design, system, v).derivatives
     for k, name in enumerate(c.name for c in design.components):
         h = 1e-4 * v[k] * np.eye(len(v))[k]
         up, down = (Dense(design, system, v + s * h).log_likelihood for s in (1.0, -1.0))
-        assert found.score[k] * v[k] == pytest.approx((up - down) / 2e-4, rel=1e-3, abs=1e-4), name
+        assert result.score[k] * v[k] == pytest.approx((up - down) / 2e-4, rel=1e-3, abs=1e-4), name
 
 
 def test_information_of_effects_and_cross_terms_is_right(design, system):
     v = variances(design)
-    found = LinearFit(design, system, v).derivatives
+    result = LinearFit(design, system, v).derivatives
     dense = Dense(design, system, v)
     names = [c.name for c in design.components]
     lengths, twists = dense.Z[:, :3], dense.Z[:, 3:5]
@@ -216,12 +216,12 @@ def test_information_of_effects_and_cross_terms_is_right(design, system):
     for one, A in parts.items():
         for other, B in parts.items():
             expected = 0.5 * np.trace(dense.P @ A @ dense.P @ B)
-            value = found.information[names.index(one), names.index(other)]
+            value = result.information[names.index(one), names.index(other)]
             assert value == pytest.approx(expected, rel=1e-5)
     play = Dense(design, system, v + 1e-6 * np.eye(len(v))[names.index("joint_play")])
     rate = (play.V - dense.V) / 1e-6
     expected = 0.5 * np.trace(dense.P @ rate @ dense.P @ parts["lengths"])
-    value = found.information[names.index("joint_play"), names.index("lengths")]
+    value = result.information[names.index("joint_play"), names.index("lengths")]
     assert value == pytest.approx(expected, rel=0.05)
 
 

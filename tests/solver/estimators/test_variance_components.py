@@ -33,7 +33,7 @@ def exact(poses: int, **more: object) -> ErrorModel:
     return ErrorModel(joint_variance=variance, **more)
 
 
-def found(simulation: Simulation, seed: int, errors: ErrorModel | None = None) -> Calibrated:
+def calibrated(simulation: Simulation, seed: int, errors: ErrorModel | None = None) -> Calibrated:
     q = simulation.readings(seed)
     errors = sensors(len(q)) if errors is None else errors
     truth = simulation.truth
@@ -68,7 +68,7 @@ def test_components_are_separated():
     runs, hits, inside = 6, np.zeros(14), dict.fromkeys(("rvdt_6", "fixture_m", "fixture_rad"), 0)
     true = {"rvdt_6": 4e-3, "fixture_m": 1e-3, "fixture_rad": 2e-3}
     for seed in range(runs):
-        whole = found(simulation, seed)
+        whole = calibrated(simulation, seed)
         estimate, vc = whole.estimate, whole.components
         assert vc.converged
         assert vc.compliance is not None
@@ -91,7 +91,7 @@ def test_a_fixture_as_compliant_as_stated_is_no_finding(truth):
     errors = sensors(40, give_rad=2e-4, give_m=2e-4)
     surprises = 0
     for seed in range(8):
-        vc = found(simulation, seed, errors).components
+        vc = calibrated(simulation, seed, errors).components
         assert vc.compliance is not None
         surprises += vc.compliance.deflects
         assert vc.sd("fixture_m") >= 1e-4 * (1.0 - 1e-9)

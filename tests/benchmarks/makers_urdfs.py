@@ -67,11 +67,11 @@ class Steps:
 
 
 def nominal(name: str) -> Steps:
-    places = np.tile(np.eye(4), (len(CHAINS[name]), 1, 1))
-    for place, (xyz, rpy, _) in zip(places, CHAINS[name], strict=True):
-        place[:3, :3] = Rotation.from_euler("xyz", rpy, degrees=True).as_matrix()
-        place[:3, 3] = xyz
-    return Steps(places, np.array([axis for *_, axis in CHAINS[name][:-1]], float))
+    xyz, rpy, axes = zip(*CHAINS[name], strict=True)
+    places = np.tile(np.eye(4), (len(xyz), 1, 1))
+    places[:, :3, :3] = Rotation.from_euler("xyz", rpy, degrees=True).as_matrix()
+    places[:, :3, 3] = xyz
+    return Steps(places, np.array(axes[:-1], float))
 
 
 def built(steps: Steps, rng: np.random.Generator, size: float) -> Steps:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 
@@ -201,44 +201,39 @@ def as_reported(seed: int) -> Case:
     )
 
 
-def _case(make: Callable[..., Case], **how) -> Callable[[int], Case]:
-    return lambda seed: make(seed, **how)
-
-
 CASES: dict[str, Callable[[int], Case]] = {
-    "3 poses": _case(too_few_poses, poses=3),
-    "motion 1 deg": _case(little_motion, motion_deg=1.0),
-    "motion 5 deg": _case(little_motion, motion_deg=5.0),
-    "hinge slips 1 mm": _case(slipped_hinge, shift_m=1e-3),
-    "hinge slips 5 mm": _case(slipped_hinge, shift_m=5e-3),
-    "hinge turns 0.5 deg": _case(slipped_hinge, turn_deg=0.5),
-    "1 outlier 0.5 deg": _case(odd_poses, poses=1),
-    "3 outliers 0.5 deg": _case(odd_poses, poses=3),
-    "3 flipped": _case(flipped, poses=3),
-    "12 flipped": _case(flipped, poses=12),
-    "RVDT 3 %": _case(nonlinear_rvdt, percent=3.0),
-    "RVDT 5 %": _case(nonlinear_rvdt, percent=5.0),
+    "3 poses": partial(too_few_poses, poses=3),
+    "motion 1 deg": partial(little_motion, motion_deg=1.0),
+    "motion 5 deg": partial(little_motion, motion_deg=5.0),
+    "hinge slips 1 mm": partial(slipped_hinge, shift_m=1e-3),
+    "hinge slips 5 mm": partial(slipped_hinge, shift_m=5e-3),
+    "hinge turns 0.5 deg": partial(slipped_hinge, turn_deg=0.5),
+    "1 outlier 0.5 deg": partial(odd_poses, poses=1),
+    "3 outliers 0.5 deg": partial(odd_poses, poses=3),
+    "3 flipped": partial(flipped, poses=3),
+    "12 flipped": partial(flipped, poses=12),
+    "RVDT 3 %": partial(nonlinear_rvdt, percent=3.0),
+    "RVDT 5 %": partial(nonlinear_rvdt, percent=5.0),
     "RVDT stuck": stuck_rvdt,
     "RVDT saturated": saturated_rvdt,
-    "joint slips 0.05 deg": _case(slipped_joint, deg=0.05, only=(1, 2, 3, 4, 5)),
-    "joint slips 1 deg": _case(slipped_joint, deg=1.0),
-    "joint slips 5 counts": _case(slipped_joint, counts=5, harmless=True),
-    "joint slips 50 counts": _case(slipped_joint, counts=50),
-    "encoder slips 500 counts": _case(slipped_joint, counts=500, only=(1, 2, 3, 4, 5)),
-    "RVDT slips 0.05 deg": _case(slipped_joint, deg=0.05, only=(6, 7), harmless=True),
+    "joint slips 0.05 deg": partial(slipped_joint, deg=0.05, only=(1, 2, 3, 4, 5)),
+    "joint slips 1 deg": partial(slipped_joint, deg=1.0),
+    "joint slips 5 counts": partial(slipped_joint, counts=5, harmless=True),
+    "joint slips 50 counts": partial(slipped_joint, counts=50),
+    "encoder slips 500 counts": partial(slipped_joint, counts=500, only=(1, 2, 3, 4, 5)),
+    "RVDT slips 0.05 deg": partial(slipped_joint, deg=0.05, only=(6, 7), harmless=True),
     "frozen for half": frozen,
-    "hinge 5 deg from joint 1": _case(near_parallel, joint=1, deg=5.0),
-    "hinge 1 deg from joint 1": _case(near_parallel, joint=1, deg=1.0),
-    "hinge 0.5 deg from joint 1": _case(near_parallel, joint=1, deg=0.5),
-    "hinge 5 deg from joint 7": _case(near_parallel, joint=7, deg=5.0),
-    "hinge 1 deg from joint 7": _case(near_parallel, joint=7, deg=1.0),
-    "hinge 0.5 deg from joint 7": _case(near_parallel, joint=7, deg=0.5),
+    **{
+        f"hinge {deg:g} deg from joint {joint}": partial(near_parallel, joint=joint, deg=deg)
+        for joint in (1, 7)
+        for deg in (5.0, 1.0, 0.5)
+    },
     "radians": radians,
     "columns exchanged": exchanged,
     "a joint's sign": wrong_sign,
-    "elbow 30 mm": _case(longer_elbow, mm=30.0),
-    "elbow 5 mm": _case(longer_elbow, mm=5.0),
-    "elbow 2 mm": _case(longer_elbow, mm=2.0, harmless=True),
+    "elbow 30 mm": partial(longer_elbow, mm=30.0),
+    "elbow 5 mm": partial(longer_elbow, mm=5.0),
+    "elbow 2 mm": partial(longer_elbow, mm=2.0, harmless=True),
     "ball for hinge": ball_instead_of_hinge,
     "as_reported": as_reported,
 }

@@ -86,9 +86,3 @@ def test_the_threshold_has_its_stated_false_alarm_rate(poses, dof):
 def test_more_poses_and_unknowns_raise_the_threshold():
     assert step_threshold(20, 1, 1e-3) < step_threshold(200, 1, 1e-3) < step_threshold(200, 5, 1e-3)
     assert step_threshold(40, 1, 1e-2) < step_threshold(40, 1, 1e-4)
-
-
-def test_too_few_poses_show_no_step():
-    w = np.ones((2 * STEP_EDGE_POSES - 1, ROWS))
-    few = fit_residuals(w, A[: len(w)], np.broadcast_to(np.eye(ROWS), (len(w), ROWS, ROWS)))
-    assert steps(few, (suspect("one", G[: len(w), :, :1]),)) == ()

@@ -206,12 +206,6 @@ def test_gravity_along_an_axis_causes_no_torque(model, q):
     np.testing.assert_allclose(result.joints.side[:, 0], 0.0, atol=1e-6)
 
 
-def test_nothing_stated_gives_no_effects(model, q):
-    result = basis(model, q, stated_deflection=(0.0, 0.0))
-    assert not result.deflection_at().any()
-    assert not result.deflection_missed.any()
-
-
 def test_placements_deflect_independently(model, q):
     number = np.repeat([1, 2], POSES // 2)
     both = place(model, number)

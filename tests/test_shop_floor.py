@@ -129,16 +129,6 @@ def test_hinge_and_joint_deflections_have_the_stated_sizes():
     assert np.rad2deg(np.sqrt(np.mean(np.square(sag)))) == pytest.approx(0.01, rel=0.2)
 
 
-def test_rvdt_noise_has_the_stated_size_and_encoders_have_none():
-    spreads = [session(k, Sizes.only(), poses=30).spread for k in range(2)]
-    assert np.abs(np.concatenate(spreads)[:, :5]).max() == 0.0
-    for lsb in (1.0, 8.0):
-        noisy = session(5, Sizes(noise_lsb=lsb), poses=40).spread[:, 5:]
-        assert np.sqrt(np.mean(noisy**2)) / LSB == pytest.approx(
-            np.sqrt(lsb**2 + 1.0 / 12.0), rel=0.08
-        )
-
-
 def test_each_error_source_has_a_random_stream_of_its_own():
     full, twists = session(11), session(11, Sizes.only("twists"))
     for name in (*PARAMETERS, *TWISTS):

@@ -11,9 +11,6 @@ S_M = np.array([0.333, 0.0, 0.316, 0.0, 0.384, 0.0, 0.107])
 A_M = np.array([0.0, 0.0, 0.0825, -0.0825, 0.0, 0.088, 0.0])
 ALPHA_RAD = np.deg2rad([-90.0, 90.0, 90.0, -90.0, 90.0, 90.0, 0.0])
 
-TRAINING = (1, 2)
-"""Placements to fit; 3 to 6 are for verification."""
-
 
 def panda_readings() -> tuple[np.ndarray, np.ndarray]:
     """Placement of each pose (m,) and joint angles (m, 7), rad."""

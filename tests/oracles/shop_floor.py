@@ -10,13 +10,14 @@ stream, so that switching one off leaves the others unchanged. `Sizes` has the s
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
 from enum import IntEnum
 from typing import Any
 
 import numpy as np
 
+from tests.oracles.loop_oracle import COLUMNS
 from tests.oracles.shop_floor_chain import (
     BOX_DEG,
     DRIVES,
@@ -48,6 +49,8 @@ PARAMETERS = (
 LENGTHS = (*(f"s_{j}" for j in range(2, 7)), *(f"a_{j}" for j in range(1, 7)))
 TWISTS = tuple(f"alpha_{j}" for j in range(1, 7))
 """Fixed parameters of the arm file."""
+
+ENTRIES = tuple(f"{column}_{row}" for column in COLUMNS for row in range(LINKS))
 
 ENCODERS = (1, 2, 3, 4, 5)
 RVDTS = (6, 7)
@@ -192,15 +195,6 @@ class Session:
         return "\n".join(lines) + "\n"
 
 
-def truth_of(chain: Chain) -> dict[str, float]:
-    return {
-        f"{column}_{row}": float(getattr(chain, column)[row])
-        for column in (f.name for f in fields(Chain))
-        for row in range(LINKS)
-        if (column, row) != ("theta_off", 0)
-    }
-
-
 def session(
     seed: int,
     sizes: Sizes | None = None,
@@ -299,7 +293,7 @@ def taken(
         hand=hand,
         minute=np.arange(len(angles)),
         specimen=specimen,
-        truth=truth_of(specimen.chain),
+        truth={name: specimen.chain.value(name) for name in ENTRIES},
     )
 
 

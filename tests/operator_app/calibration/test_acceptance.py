@@ -66,6 +66,8 @@ def test_joint_slip_is_the_first_cause_with_size_and_remedy_if_poses_are_in_orde
     first = solution.causes[0]
     assert (first.code,) == case.causes
     assert abs(first.size) == pytest.approx(np.deg2rad(1.0), rel=0.1)
+    ((name, offset_rad),) = case.either.items()
+    assert case.taken.truth[name] - offset_rad == pytest.approx(first.size, rel=0.1)
     assert first.remedy
     assert first.probability > 0.5
     shuffled = case.taken.picked(np.random.default_rng(0).permutation(40))

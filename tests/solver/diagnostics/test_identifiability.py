@@ -102,8 +102,8 @@ def test_fewer_rows_than_parameters_are_handled():
 
 
 @pytest.mark.parametrize("without", [(), (6, 7)])
-def test_noisy_and_closed_loops_agree(hinge_data, truth, without):
-    q = read_poses(hinge_data / "hinge_exact.csv")[:40]
+def test_noisy_and_closed_loops_agree(truth, without):
+    q = read_poses("hinge_exact.csv")[:40]
     names = tuple(n for n in NAMES if n not in {f"theta_off_{j}" for j in without})
     x = truth.values(NAMES)
     errors = ErrorModel(joint_variance=np.full(q.shape, 1e-10))

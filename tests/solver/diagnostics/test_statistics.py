@@ -18,20 +18,16 @@ SIMULATION = Simulation(poses=30, wrist_sd=6e-3)
 NOISE = NoiseModel(joint_variance=SIMULATION.sigma() ** 2)
 
 
-def test_intervals_are_normal_under_a_noise_model(truth):
-    result = estimate_implicit(loop_of(truth), SIMULATION.rereadings(0), NOISE)
-    (low, high), sd = intervals(result), result.standard_deviation
-    assert high - result.x == pytest.approx(1.959964 * sd, rel=1e-6)
-    assert result.x - low == pytest.approx(1.959964 * sd, rel=1e-6)
-
-
-def test_intervals_are_students_if_residuals_give_the_scale(truth):
-    result = estimate_paper(loop_of(truth), SIMULATION.rereadings(0)[:4])
-    assert result.dof == 6
-    high = intervals(result)[1]
-    assert (high - result.x) / result.standard_deviation == pytest.approx(
-        np.full(14, 2.446912), rel=1e-6
-    )
+def test_intervals_are_normal_or_students_if_residuals_give_the_scale(truth):
+    q = SIMULATION.rereadings(0)
+    by_noise = estimate_implicit(loop_of(truth), q, NOISE)
+    by_residuals = estimate_paper(loop_of(truth), q[:4])
+    assert by_residuals.dof == 6
+    for estimate, quantile in ((by_noise, 1.959964), (by_residuals, 2.446912)):
+        low, high = intervals(estimate)
+        sd = estimate.standard_deviation
+        assert high - estimate.x == pytest.approx(quantile * sd, rel=1e-6)
+        assert estimate.x - low == pytest.approx(quantile * sd, rel=1e-6)
 
 
 def test_correlations():

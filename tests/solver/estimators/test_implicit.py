@@ -21,8 +21,8 @@ def noise_of(simulation: Simulation) -> NoiseModel:
     return NoiseModel(joint_variance=simulation.sigma() ** 2)
 
 
-def test_a_curved_wrist_does_not_affect_the_arm_if_unsensed(hinge_data, truth):
-    q = read_poses(hinge_data / "hinge_rvdt1pct.csv")
+def test_a_curved_wrist_does_not_affect_the_arm_if_unsensed(truth):
+    q = read_poses("hinge_rvdt1pct.csv")
     result = estimate_implicit(loop_of(truth, unsensed=(6, 7)), q, noise_of(WRIST))
     error = result.x - truth.values(UNSENSED)
     assert result.converged

@@ -53,16 +53,9 @@ def modules() -> list[tuple[Path, ast.Module]]:
 
 def identifiers(path: Path, module: ast.Module) -> set[str]:
     """Return every name that a module defines or uses, and its own."""
-    names = {path.stem}
-    for node in ast.walk(module):
-        match node:
-            case ast.Name(id=name) | ast.Attribute(attr=name):
-                names.add(name)
-            case ast.arg(arg=name) | ast.keyword(arg=str(name)):
-                names.add(name)
-            case ast.FunctionDef() | ast.AsyncFunctionDef() | ast.ClassDef():
-                names.add(node.name)
-    return names
+    fields = ("id", "attr", "arg", "name")
+    names = (getattr(node, field, None) for node in ast.walk(module) for field in fields)
+    return {path.stem, *(name for name in names if isinstance(name, str))}
 
 
 def words(name: str) -> set[str]:

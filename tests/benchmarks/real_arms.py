@@ -12,6 +12,7 @@ two blocks or more is trained on each of its blocks in turn.
 
 import sys
 import tempfile
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -58,92 +59,85 @@ def with_every_entry(arm: str, folder: Path) -> str:
     return str(whole)
 
 
-def by_script(
-    arm: str, tip_mm: float, q: np.ndarray, placement: np.ndarray, here: np.ndarray
-) -> float:
-    """Test scatter of the script, mm."""
-    model = load_arm(arm)
-    t = model.table
-    rows = np.stack([t.s_m, t.a_m, t.alpha_rad, t.theta_off_rad, t.beta_rad], axis=1)
-    n, twist = len(rows), model.twist_tolerance_rad
-    offset = np.full(n, model.offset_tolerance_rad)
-    sd = np.stack(
-        [model.length_tolerance_m, model.length_tolerance_m, twist, offset, 0.0 * twist], 1
-    )
-    found = script(rows, np.array([0.0, 0.0, 1e-3 * tip_mm]), q[here], placement[here], sd)
-    return scatter_mm(tips(*found, q[~here]), placement[~here])
+@dataclass(frozen=True)
+class DataSet:
+    """Files of an arm, and readings with their sockets; `rows` are masks or numbers of poses."""
 
+    arm: str
+    fixture: str
+    tip_mm: float
+    placement: np.ndarray
+    q: np.ndarray
 
-def calibrated(arm: str, fixture: str, q: np.ndarray, placement: np.ndarray) -> sarcal.Result:
-    poses = sarcal.poses_of(q_rad=q, placement=placement)
-    return sarcal.calibrate(arm=arm, fixture=fixture, poses=poses)
+    def calibrated(self, rows: np.ndarray, arm: str = "") -> sarcal.Result:
+        poses = sarcal.poses_of(q_rad=self.q[rows], placement=self.placement[rows])
+        return sarcal.calibrate(arm=arm or self.arm, fixture=self.fixture, poses=poses)
 
+    def scatter_mm(self, result: sarcal.Result, rows: np.ndarray, *, corrections: bool) -> float:
+        centres = result.fk(self.q[rows], corrections=corrections)[:, :3, 3]
+        return scatter_mm(centres, self.placement[rows])
 
-def trained(
-    label: str, arm: str, fixture: str, tip_mm: float, q: np.ndarray, placement: np.ndarray, training: int
-) -> tuple[float, float, float, float]:  # fmt: skip
-    """Print how the sockets after the first `training` are predicted: script, table, corrected (mm), chi2/dof."""
-    here = placement <= training
-    result = calibrated(arm, fixture, q[here], placement[here])
-    by_table, corrected = (
-        scatter_mm(result.fk(q[~here], corrections=c)[:, :3, 3], placement[~here])
-        for c in (False, True)
-    )
-    later = sarcal.verify(result, sarcal.poses_of(q_rad=q[~here], placement=placement[~here]))
-    least = by_script(arm, tip_mm, q, placement, here)
-    print(
-        f"{label:26}{least:8.3f}{by_table:12.3f}{corrected:11.3f}{later.chi2_per_dof:10.2f}"
-        f"{'holds' if later.holds else 'does not':>10}{'' if result.accepted else '  not'} accepted"
-    )
-    return least, by_table, corrected, later.chi2_per_dof
+    def script_mm(self, rows: np.ndarray, test: np.ndarray) -> float:
+        """Scatter of the test poses by the script."""
+        model = load_arm(self.arm)
+        t, n, twist = model.table, len(model.joints), model.twist_tolerance_rad
+        table = np.stack([t.s_m, t.a_m, t.alpha_rad, t.theta_off_rad, t.beta_rad], axis=1)
+        length, offset = model.length_tolerance_m, np.full(n, model.offset_tolerance_rad)
+        sd = np.stack([length, length, twist, offset, 0.0 * twist], axis=1)
+        tip = np.array([0.0, 0.0, 1e-3 * self.tip_mm])
+        fitted = script(table, tip, self.q[rows], self.placement[rows], sd)
+        return scatter_mm(tips(*fitted, self.q[test]), self.placement[test])
 
+    def trained(self, label: str, training: int) -> tuple[float, float, float, float]:
+        """Print how the sockets after the first are predicted: script, table, corrected (mm), chi2/dof."""
+        rows = self.placement <= training
+        result, least = self.calibrated(rows), self.script_mm(rows, ~rows)
+        by_table, corrected = (self.scatter_mm(result, ~rows, corrections=c) for c in (False, True))
+        new = sarcal.poses_of(q_rad=self.q[~rows], placement=self.placement[~rows])
+        later = sarcal.verify(result, new)
+        print(
+            f"{label:26}{least:8.3f}{by_table:12.3f}{corrected:11.3f}{later.chi2_per_dof:10.2f}"
+            f"{'holds' if later.holds else 'does not':>10}{'' if result.accepted else '  not'} accepted"
+        )
+        return least, by_table, corrected, later.chi2_per_dof
 
-def excess_mm(
-    arm: str, fixture: str, tip_mm: float, q: np.ndarray, placement: np.ndarray, training: int
-) -> tuple[float, float]:
-    """Return by how much the best table predicts worse than the script, and the jackknife sigma of that, mm.
+    def excess_mm(self, training: int) -> tuple[float, float]:
+        """Return by how much the best table predicts worse than the script, and the jackknife sigma of that, mm.
 
-    Ten fits, each without a tenth of the training poses, show how far it depends on which poses were taken.
-    """
+        Ten fits, each without a tenth of the training poses, show how far it depends on these poses.
+        """
+        rows, test = np.flatnonzero(self.placement <= training), self.placement > training
 
-    def excess(here: np.ndarray) -> float:
-        result, test = calibrated(arm, fixture, q[here], placement[here]), placement > training
-        own = scatter_mm(result.fk(q[test])[:, :3, 3], placement[test])
-        used = here | test
-        return own - by_script(arm, tip_mm, q[used], placement[used], here[used])
+        def excess(rows: np.ndarray) -> float:
+            own = self.scatter_mm(self.calibrated(rows), test, corrections=False)
+            return own - self.script_mm(rows, test)
 
-    trained_on = placement <= training
-    tenth = np.random.default_rng(0).permutation(trained_on.sum()) % 10
-    parts = []
-    for k in range(10):
-        here = trained_on.copy()
-        here[np.flatnonzero(trained_on)[tenth == k]] = False
-        parts.append(excess(here))
-    return excess(trained_on), 3.0 * float(np.std(parts))
+        tenth = np.random.default_rng(0).permutation(len(rows)) % 10
+        return excess(rows), 3.0 * float(np.std([excess(rows[tenth != k]) for k in range(10)]))
 
 
 def one(real: RealArm, folder: Path) -> bool:
     """Print one set's lines; whether its bars are met (10 % better than the script is asked of two sets only)."""
     placement, q = real.readings()
-    arm, fixture = files_of(real, folder)
-    *_, chi2 = trained(real.name, arm, fixture, real.tip_mm, q, placement, real.training)
-    excess, sigma = excess_mm(arm, fixture, real.tip_mm, q, placement, real.training)
+    data = DataSet(*files_of(real, folder), real.tip_mm, placement, q)
+    *_, chi2 = data.trained(real.name, real.training)
+    excess, sigma = data.excess_mm(real.training)
     print(
         f"{'':26}table minus script: {excess:+.3f} mm, sigma {sigma:.3f} mm by jackknife of the poses"
     )
-    ended = [
-        calibrated(a, fixture, q[placement <= k], placement[placement <= k])
-        for a in (arm, with_every_entry(arm, folder))
+    results = [
+        data.calibrated(placement <= k, arm)
+        for arm in (data.arm, with_every_entry(data.arm, folder))
         for k in (2, 3, placement.max())
     ]
-    settled = sum(r.to_json()["converged"] and r.accepted for r in ended)
-    print(f"{'':26}converged and accepted: {settled} of {len(ended)}")
-    return 0.3 <= chi2 <= 2.0 and settled == len(ended)
+    settled = sum(r.to_json()["converged"] and r.accepted for r in results)
+    print(f"{'':26}converged and accepted: {settled} of {len(results)}")
+    return 0.3 <= chi2 <= 2.0 and settled == len(results)
 
 
 def every_block(clone: Path, folder: Path) -> None:
     """Print a line for each block of each set, and geometric means against the script."""
-    found = []
+    results = []
     for data in sorted((clone / "data").iterdir()):
         blocks = sorted({log.parent for log in data.glob("*/hole_?.csv")})
         if len(blocks) < 2:
@@ -158,9 +152,9 @@ def every_block(clone: Path, folder: Path) -> None:
             read = [np.loadtxt(f, delimiter=",", usecols=range(joints)) for f in logs]
             placement = np.repeat(np.arange(1, len(read) + 1), [len(q) for q in read])
             own = sum(f.parent == block for f in logs)
-            label = f"{data.name} {block.name}"
-            found.append(trained(label, arm, fixture, tip_mm, np.concatenate(read), placement, own))
-    least, by_table, corrected, chi2 = np.array(found).T
+            block_data = DataSet(arm, fixture, tip_mm, placement, np.concatenate(read))
+            results.append(block_data.trained(f"{data.name} {block.name}", own))
+    least, by_table, corrected, chi2 = np.array(results).T
     for name, scatter in (("table", by_table), ("corrected", corrected)):
         ratio = scatter / least
         print(

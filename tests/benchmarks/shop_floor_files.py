@@ -1,4 +1,4 @@
-"""The shipped arm and fixture files with what an operator would have written instead. Judges nothing."""
+"""The packaged arm and fixture files with other values, as an operator may write them."""
 
 from functools import cache
 
@@ -12,15 +12,7 @@ from tests.oracles.shop_floor import Sizes
 
 
 def written(nominal: dict[str, float], stated: Sizes | None = None) -> tuple[bytes, bytes]:
-    """Arm and fixture files (YAML) as an operator may write them.
-
-    Parameters
-    ----------
-    nominal
-        Entries (rad, m) that replace the shipped ones, by D-H name.
-    stated
-        How large the errors are that the files admit; None leaves what is shipped.
-    """
+    """Arm and fixture files (YAML) with entries (rad, m) by D-H name, and error sizes if `stated`."""
     arm = yaml.safe_load(resolve("arm", "sarcos_dextrous").data)
     fixture = yaml.safe_load(resolve("fixture", "hinge").data)
     for name, value in nominal.items():
@@ -33,21 +25,18 @@ def written(nominal: dict[str, float], stated: Sizes | None = None) -> tuple[byt
             assert key in fixture["placement"]
             fixture["placement"][key] = number
     if stated is not None:
-        arm["tolerance"] = {
-            "length_mm": float(1e3 * stated.length_m),
-            "twist_deg": float(np.rad2deg(stated.twist_rad)),
-        }
+        twist, backlash, sag, accuracy = np.rad2deg(
+            [stated.twist_rad, stated.backlash_rad, stated.sag_rad, stated.encoder_rad]
+        ).tolist()
+        length, position, orientation = (
+            1e3 * float(v) for v in (stated.length_m, stated.give_m, stated.give_rad)
+        )
+        arm["tolerance"] = {"length_mm": length, "twist_deg": twist}
+        fixture["give"] = {"position_mm": position, "orientation_mrad": orientation}
         for joint in arm["joints"]:
-            joint["backlash_deg"] = float(np.rad2deg(stated.backlash_rad))
-            joint["sag_deg"] = float(np.rad2deg(stated.sag_rad))
-            if joint["sensor"]["kind"] == "encoder":
-                joint["sensor"]["accuracy_deg"] = float(np.rad2deg(stated.encoder_rad))
-            else:
-                joint["sensor"]["gain"] = stated.gain
-        fixture["give"] = {
-            "position_mm": float(1e3 * stated.give_m),
-            "orientation_mrad": float(1e3 * stated.give_rad),
-        }
+            joint |= {"backlash_deg": backlash, "sag_deg": sag}
+            encoder = joint["sensor"]["kind"] == "encoder"
+            joint["sensor"] |= {"accuracy_deg": accuracy} if encoder else {"gain": stated.gain}
     return tuple(yaml.safe_dump(document, sort_keys=False).encode() for document in (arm, fixture))
 
 

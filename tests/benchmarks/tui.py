@@ -9,6 +9,7 @@ import os
 import tempfile
 import threading
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import can
@@ -98,7 +99,7 @@ def measure(app: PtyProgram) -> None:
 def stops(
     app: PtyProgram, watch: StopWatch, what: str, before: bytes = b"", ends: str = ""
 ) -> None:
-    """F8 to the seventh frame on the bus; each time reset before the next. `ends`: what it must end."""
+    """F8 to the seventh frame on the bus; each time reset before the next. `ends`: message of the ended task."""
     times = []
     for _ in range(STOPS):
         if before:
@@ -115,30 +116,22 @@ def stops(
             app.write(b"\x1b")
             threading.Event().wait(0.3)
         reset(app)
-        # What was written may be the message of the time before, moved up by a row: the work goes on then.
+        # The text may have been an earlier message, moved up by a row, while the task goes on.
         threading.Event().wait(0.5)
-    show(f"STOP, {what}", times)
+    ms = 1e3 * np.array(times)
+    p50, p95, p99 = np.percentile(ms, [50, 95, 99])
+    print(f"{what:<30} p50 {p50:6.1f}  p95 {p95:6.1f}  p99 {p99:6.1f}  max {ms.max():6.1f} ms")
 
 
 def reset(app: PtyProgram) -> None:
-    """Reset STOP; as a person does, again where the key fell into a dialog or work that was ending."""
+    """Reset STOP; as a person does, again if the key reached a dialog or a task that was ending."""
     mark = app.mark()
-    for _ in range(PRESSES):
+    for patience_s in (*[3.0] * PRESSES, 60.0):
         app.write(b"R")
-        try:
-            app.seen("STOP reset", mark, patience_s=3.0)
-        except TimeoutError:
-            continue
-        return
-    app.seen("STOP reset", mark, patience_s=3.0)
-
-
-def show(what: str, times: list[float]) -> None:
-    ms = 1e3 * np.array(times)
-    p50, p95, p99 = np.percentile(ms, [50, 95, 99])
-    print(
-        f"{what:<34} p50 {p50:6.1f}  p95 {p95:6.1f}  p99 {p99:6.1f}  max {ms.max():6.1f} ms  (n {len(ms)})"
-    )
+        with suppress(TimeoutError):
+            app.seen("STOP reset", mark, patience_s)
+            return
+    raise TimeoutError("STOP was not reset")
 
 
 if __name__ == "__main__":

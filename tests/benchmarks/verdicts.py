@@ -2,7 +2,7 @@
 
     python -m tests.benchmarks.verdicts [--arms 20] [--sound 100] [--workers 2] [--cases slips,elbow]
 
-A result is wrong when any parameter that still has a truth is beyond four of its own sigmas. Bars: a
+A result is wrong when any parameter with a defined true value is off by more than four of its own sigmas. Bars: a
 wrong result is never accepted without a cause or warning that names the fault; the right cause comes
 first in 90 % of the arms; at most one in a hundred sound sets is refused. Column `unseen`: wrong, accepted, not named.
 """
@@ -11,7 +11,7 @@ import re
 import sys
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -23,13 +23,13 @@ from tests.oracles.shop_floor_faults import CASES, sound
 from tests.oracles.shop_floor_misread import Case
 
 FIRST_SEED = 3000
-RIGHT = 0.90
-FALSE = 0.01
+FIRST_SHARE = 0.90
+FALSE_ALARM = 0.01
 
 
 @dataclass(frozen=True, kw_only=True)
 class Judged:
-    """One case's outcome against what is true of it."""
+    """One case's outcome, compared with the true causes and values."""
 
     outcome: Outcome
     first: bool
@@ -39,71 +39,58 @@ class Judged:
 
     @property
     def accepted_wrong(self) -> bool:
-        """Wrong, and accepted with nothing that says why."""
+        """Wrong, and accepted without the name of the fault."""
         return self.wrong and self.outcome.accepted and not self.named
 
 
-def judged(case: Case) -> Judged:
-    """Calibrate a case's session with the files its operator has, and compare."""
+def one(job: tuple[str, int]) -> Judged:
+    """Calibrate the session of a case (name, seed) with the files of its operator, and compare."""
+    name, seed = job
+    case = sound(seed) if name == "sound" else CASES[name](seed)
     arm, fixture = read(case.nominal)
-    found = outcome(case.taken, arm=arm, fixture=fixture)
-    patterns = [re.compile(c) for c in case.causes]
-
-    def names(code: str) -> bool:
-        return any(p.fullmatch(code) for p in patterns)
-
+    result = outcome(case.taken, arm=arm, fixture=fixture)
+    right = [
+        any(re.fullmatch(pattern, code) for pattern in case.causes)
+        for code in (*result.causes, *result.warnings)
+    ]
     return Judged(
-        outcome=found,
-        first=bool(found.causes) and names(found.causes[0]),
-        named=any(names(c) for c in (*found.causes, *found.warnings)),
-        wrong=found.has_result and bool(np.any(np.abs(_z(case, found)) > 4.0)),
+        outcome=result,
+        first=bool(result.causes) and right[0],
+        named=any(right),
+        wrong=result.has_result and bool(np.any(np.abs(_z(case, result)) > 4.0)),
         harmless=case.harmless,
     )
 
 
-def _z(case: Case, found: Outcome) -> np.ndarray:
-    """Errors in sigmas of the parameters that have a truth, to the nearer one of two."""
-    z = found.z.copy()
+def _z(case: Case, result: Outcome) -> np.ndarray:
+    """Errors in sigmas of the parameters with a true value, from the nearer one of two."""
+    z = result.z.copy()
     for name, other in case.either.items():
         k = PARAMETERS.index(name)
-        elsewhere = found.error[k] + case.taken.truth[name] - other
-        z[k] = min(z[k], elsewhere / found.sigma[k], key=abs)
+        z_of_other = (result.error[k] + case.taken.truth[name] - other) / result.sigma[k]
+        z[k] = min(z[k], z_of_other, key=abs)
     return z[[PARAMETERS.index(n) for n in case.judged]]
 
 
-def one(job: tuple[str, int]) -> Judged:
-    name, seed = job
-    case = sound(seed) if name == "sound" else CASES[name](seed)
-    found = judged(case)
-    return replace(found, outcome=replace(found.outcome, said=found.outcome.said[:4000]))
-
-
-def line(name: str, found: Sequence[Judged]) -> bool:
+def line(name: str, cases: Sequence[Judged]) -> bool:
     """Print one row of the table; whether its bars are met."""
-    n = len(found)
-    accepted = sum(j.outcome.accepted for j in found)
-    crashed = sum(j.outcome.verdict == CRASHED for j in found)
-    first, named = (sum(getattr(j, key) for j in found) for key in ("first", "named"))
-    wrong, accepted_wrong = (
-        sum(getattr(j, key) for j in found) for key in ("wrong", "accepted_wrong")
+    n, verdicts = len(cases), Counter(j.outcome.verdict for j in cases)
+    accepted, crashed = sum(j.outcome.accepted for j in cases), verdicts[CRASHED]
+    first, named, wrong, unseen = (
+        sum(getattr(j, key) for j in cases) for key in ("first", "named", "wrong", "accepted_wrong")
     )
     if name == "sound":
-        refused = sum(j.outcome.verdict in (REFUSED, CRASHED) for j in found)
-        good = refused <= FALSE * n and accepted_wrong == 0
+        good = unseen == 0 and verdicts[REFUSED] + crashed <= FALSE_ALARM * n
     else:
-        good = accepted_wrong == 0 and crashed == 0
-        good = good and (all(j.harmless for j in found) or first >= RIGHT * n)
-    codes = Counter(j.outcome.causes[0] if j.outcome.causes else "-" for j in found)
+        named_first = all(j.harmless for j in cases) or first >= FIRST_SHARE * n
+        good = unseen == 0 and crashed == 0 and named_first
+    codes = Counter(j.outcome.causes[0] if j.outcome.causes else "-" for j in cases)
     print(
-        f"{name:28}{accepted:5}{n - accepted - crashed:5}{crashed:5}{wrong:6}{accepted_wrong:7}"
-        f"{first:6}{named:6}   {'      ' if good else 'MISSED'} "
-        f"{', '.join(f'{c} {k}' for c, k in codes.most_common(4))}",
+        f"{name:28}{accepted:5}{n - accepted - crashed:5}{crashed:6}{wrong:6}{unseen:7}{first:6}{named:6}   "
+        f"{'      ' if good else 'MISSED'} {', '.join(f'{c} {k}' for c, k in codes.most_common(4))}",
+        *[f"\n{j.outcome.text}" for j in cases if j.outcome.verdict == CRASHED][:1],
         flush=True,
     )
-    for j in found:
-        if j.outcome.verdict == CRASHED:
-            print("\n".join(f"      {text}" for text in j.outcome.said.splitlines()[-4:]))
-            break
     return good
 
 
@@ -113,8 +100,8 @@ def main() -> int:
     rows = {"sound": chosen.sound} | dict.fromkeys(CASES, chosen.arms)
     good = True
     print(
-        f"{'case':28}{'acc.':>5}{'not':>5}{'crash':>5}{'wrong':>6}{'unseen':>7}{'first':>6}"
-        f"{'named':>6}          first causes"
+        f"{'case':28}{'acc.':>5}{'not':>5}{'crash':>6}{'wrong':>6}{'unseen':>7}{'first':>6}{'named':>6}"
+        "          first causes"
     )
     with workers(chosen.workers) as pool:
         for name, arms in rows.items():

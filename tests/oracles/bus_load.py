@@ -1,26 +1,29 @@
-"""Load on a loopback bus by other nodes' frames, and kernel time stamps of every SYNC.
+"""Load on a loopback bus by other nodes' frames, kernel time stamps of every SYNC, and pauses of the machine.
 
-A kernel filter passes only the arm's frames to the recorder, which therefore never lags.
+A kernel filter passes only SYNCs to their recorder, which therefore never lags. Pauses are times in which a host did
+not run a virtual machine's processor: on each one, a process of the highest priority sleeps 5 ms repeatedly. No program
+could have run while it woke up late.
 """
 
+import os
 import random
 import socket
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from multiprocessing import get_context
 from multiprocessing.synchronize import Event
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import can
 
 from hardware.buses.loopback import MULTICAST_PORT, LoopbackBus, channel_group
 
-SYNC, ANSWERS = 0x080, range(0x181, 0x188)
+SYNC = 0x080
 SPAWN = get_context("spawn")
+PRIORITY, NAP_S, LATE_S = 90, 0.005, 0.005
 
 
 def foreign_frames(count: int) -> list[can.Message]:
@@ -56,33 +59,68 @@ def send_foreign_frames(channel: str, rate: float, done: Event, sent: Any) -> No
             time.sleep(0.001)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SyncRecord:
-    """SYNCs of a session: times `at_s`, and joints that answered before the next."""
-
-    at_s: tuple[float, ...]
-    answers: tuple[int, ...]
-
-    def gaps_s(self) -> list[float]:
-        return [b - a for a, b in zip(self.at_s, self.at_s[1:], strict=False)]
+def compute(done: Event) -> None:
+    while not done.is_set():
+        sum(range(100_000))
 
 
-def record_syncs(channel: str, ready: Event, done: Event, pipe: Any) -> None:
-    """Record SYNCs and answers until `done`; send a `SyncRecord` through the pipe."""
-    arm = [{"can_id": i, "can_mask": 0x7FF, "extended": False} for i in (SYNC, *ANSWERS)]
-    at_s: list[float] = []
-    answers: list[int] = []
-    with LoopbackBus(channel, can_filters=arm) as bus:
-        ready.set()
+def record_syncs(channel: str, done: Event, pipe: Any) -> None:
+    """Send the times of all SYNCs until `done` through the pipe, after True when it is ready."""
+    sync_filter = [{"can_id": SYNC, "can_mask": 0x7FF, "extended": False}]
+    times_s: list[float] = []
+    with LoopbackBus(channel, can_filters=sync_filter) as bus:
+        pipe.send(True)
         while (message := bus.recv(0.05)) is not None or not done.is_set():
-            if message is None:
-                continue
-            if message.arbitration_id == SYNC:
-                at_s.append(message.timestamp)
-                answers.append(0)
-            elif answers:
-                answers[-1] += 1
-    pipe.send(SyncRecord(at_s=tuple(at_s), answers=tuple(answers)))
+            if message is not None:
+                times_s.append(message.timestamp)
+    pipe.send(times_s)
+
+
+def record_pauses(processor: int, done: Event, pipe: Any) -> None:
+    """Send the pauses (from, to) of a processor through the pipe, after whether its priority was granted."""
+    os.sched_setaffinity(0, {processor})
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+    except OSError:
+        pipe.send(False)
+    else:
+        pipe.send(True)
+    pauses: list[tuple[float, float]] = []
+    due = time.monotonic() + NAP_S
+    while not done.is_set():
+        time.sleep(max(0.0, due - time.monotonic()))
+        late = time.monotonic() - due
+        if late > LATE_S:
+            now = time.time()
+            pauses.append((now - late, now))
+        due = time.monotonic() + NAP_S
+    pipe.send(pauses)
+
+
+@dataclass(slots=True, kw_only=True)
+class BusLoad:
+    """Number of frames `sent` so far (a shared value); at the end, times of SYNCs and pauses of each processor.
+
+    Times are seconds of the wall clock. Without `known` pauses there are none.
+    """
+
+    sent: Any
+    syncs_s: list[float] = field(default_factory=list)
+    pauses: list[list[tuple[float, float]]] = field(default_factory=list)
+    known: bool = True
+
+    def longest_pause_s(self, begin: float, end: float) -> float:
+        """Longest pause of any processor that overlaps an interval."""
+        pauses = (pause for processor in self.pauses for pause in processor)
+        return max((b - a for a, b in pauses if b >= begin and a <= end), default=0.0)
+
+    def paused_s(self, begin: float, end: float) -> float:
+        """Total pause within an interval, of the processor with the largest."""
+        totals = (
+            sum(max(0.0, min(b, end) - max(a, begin)) for a, b in processor)
+            for processor in self.pauses
+        )
+        return max(totals, default=0.0)
 
 
 def backlog_bytes(channel: str) -> int:
@@ -93,37 +131,35 @@ def backlog_bytes(channel: str) -> int:
     return max((int(row[4].split(":")[1], 16) for row in rows if row[1] == address), default=0)
 
 
-def compute(done: Event) -> None:
-    while not done.is_set():
-        sum(range(100_000))
-
-
 @contextmanager
-def loaded_bus(channel: str, *, rate: float, busy: int = 0) -> Iterator[SimpleNamespace]:
-    """Send `rate` foreign frames a second on a channel, beside `busy` processes that only compute.
-
-    Yields the number `sent` so far, a shared value; its `rhythm` is the `SyncRecord` at the end.
-    """
-    done, watch_done, ready = SPAWN.Event(), SPAWN.Event(), SPAWN.Event()
-    sent = SPAWN.Value("q", 0, lock=False)
-    receiver, sender = SPAWN.Pipe(duplex=False)
-    jobs = [
-        (record_syncs, (channel, ready, watch_done, sender)),
-        (send_foreign_frames, (channel, rate, done, sent)),
+def loaded_bus(channel: str, *, rate: float, busy: int = 0) -> Iterator[BusLoad]:
+    """Send `rate` foreign frames a second on a channel, beside `busy` processes that only compute."""
+    done, watched = SPAWN.Event(), SPAWN.Event()
+    load = BusLoad(sent=SPAWN.Value("q", 0, lock=False))
+    jobs: list[tuple[Any, tuple[Any, ...]]] = [
+        (send_foreign_frames, (channel, rate, done, load.sent)),
         *[(compute, (done,))] * busy,
     ]
+    results = []
+    recorders = [(record_syncs, channel)]
+    recorders += [(record_pauses, processor) for processor in sorted(os.sched_getaffinity(0))]
+    for record, of in recorders:
+        receiver, sender = SPAWN.Pipe(duplex=False)
+        results.append(receiver)
+        jobs.append((record, (of, watched, sender)))
     processes = [SPAWN.Process(target=job, args=args, daemon=True) for job, args in jobs]
-    load = SimpleNamespace(sent=sent, rhythm=None)
     for process in processes:
         process.start()
     try:
-        if not ready.wait(300):
-            raise TimeoutError("the recorder of the bus did not start")
+        if not all(receiver.poll(300) for receiver in results):
+            raise TimeoutError("a recorder did not start")
+        load.known = False not in [receiver.recv() for receiver in results]
         yield load
     finally:
-        watch_done.set()
-        if receiver.poll(60):
-            load.rhythm = receiver.recv()
+        watched.set()
+        if all(receiver.poll(60) for receiver in results):
+            load.syncs_s, *pauses = (receiver.recv() for receiver in results)
+            load.pauses = pauses if load.known else []
         done.set()
         for process in processes:
             process.join(30)

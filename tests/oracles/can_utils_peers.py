@@ -18,15 +18,15 @@ def main() -> None:
     dump = subprocess.Popen(
         ["candump", "-n", "2", "-L", "vcan0,181:7FF"], stdout=subprocess.PIPE, text=True
     )
-    deadline = time.monotonic() + 20  # candump is ready when the kernel lists a receiver for 181h
+    deadline = time.monotonic() + 60  # candump is ready when the kernel lists a receiver for 181h
     while " 181 " not in Path("/proc/net/can/rcvlist_fil").read_text():
         if time.monotonic() > deadline:
             sys.exit("candump did not start")
     bus.send(can.Message(arbitration_id=0x181, data=b"\x11\x22\x33", is_extended_id=False))
     bus.send(can.Message(arbitration_id=0x181, data=b"\xff", is_extended_id=False))
-    print("DUMP", [line.split()[-1] for line in dump.communicate(timeout=20)[0].splitlines()])
+    print("DUMP", [line.split()[-1] for line in dump.communicate(timeout=60)[0].splitlines()])
     subprocess.run(["cansend", "vcan0", "581#4B41600027020000"], check=True)
-    received = bus.recv(10)
+    received = bus.recv(60)
     print("RECEIVED", hex(received.arbitration_id), received.data.hex())
     other = open_bus(BusSettings(interface="socketcan", channel="vcan0"))
     for _ in range(3000):  # two seconds of an arm's traffic, not read by a suspended program

@@ -81,7 +81,7 @@ def call_in_loop(controller: VirtualController, reader: Callable[[], T]) -> T:
     results: queue.SimpleQueue[T] = queue.SimpleQueue()
     controller.running.set()
     controller.post(lambda: results.put(reader()))
-    return results.get(timeout=10.0)
+    return results.get(timeout=60.0)
 
 
 def drives_of(controller: VirtualController) -> DriveStates:

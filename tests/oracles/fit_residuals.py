@@ -7,41 +7,24 @@ from solver.diagnostics.whitened_residuals import WhitenedResiduals
 
 
 def fit_residuals(
-    w: FloatArray,
-    A: FloatArray,
-    V: FloatArray,
-    *,
-    drawn: FloatArray | None = None,
-    prior_sd: FloatArray | None = None,
+    w: FloatArray, A: FloatArray, V: FloatArray, *, prior_sd: FloatArray | None = None
 ) -> WhitenedResiduals:
     """Fit misclosures w (m, r) with Jacobian A (m, r, P) and covariance V (m, r, r).
 
-    `drawn` (m, r, c) are columns of random effects with a standard deviation of 1; `prior_sd` (P,) is inf for
-    parameters without a prior, the others are at their prior means.
+    `prior_sd` (P,) is inf for parameters without a prior, the others are at their prior means.
     """
     m, r, P = A.shape
     whitener = np.linalg.inv(np.linalg.cholesky(V))
-    columns = A if drawn is None else np.concatenate((A, drawn), axis=-1)
-    K = columns.shape[-1]
-    white = whitener @ np.concatenate((columns, w[..., None]), axis=-1)
-    X, y = white[..., :K].reshape(m * r, K), white[..., K].reshape(m * r)
-    precision = np.ones(K)
-    precision[:P] = 0.0 if prior_sd is None else 1.0 / prior_sd**2
-    scale = np.sqrt(np.sum(X**2, axis=0) + precision)
-    scale[scale == 0.0] = 1.0
-    rows = np.concatenate((X, np.diag(np.sqrt(precision))[precision > 0.0]))
-    Q, s, Wt = np.linalg.svd(rows / scale, full_matrices=False)
-    observable = s > 1e-12 * s[0]
-    U = Q[: m * r, observable]
-    to_unknowns = (Wt[observable].T / s[observable]) / scale[:, None]
-    components = U.T @ y
-    residuals = y - U @ components
+    X, y = (whitener @ A).reshape(m * r, P), (whitener @ w[..., None]).reshape(m * r)
+    prior = np.zeros(P) if prior_sd is None else 1.0 / prior_sd
+    U, s, Wt = np.linalg.svd(np.concatenate((X, np.diag(prior))), full_matrices=False)
+    U = U[: m * r]
+    residuals = y - U @ (U.T @ y)
     return WhitenedResiduals(
         whitener=whitener,
-        U=U.reshape(m, r, -1),
+        U=U.reshape(m, r, P),
         white=residuals.reshape(m, r),
         chi2=float(y @ residuals),
-        # w = -A dx: a coefficient is minus its parameter.
-        to_x=to_unknowns[:P],
-        dof=m * r - int(np.count_nonzero(precision == 0.0)),
+        to_x=Wt.T / s,
+        dof=m * r - int(np.count_nonzero(prior == 0.0)),
     )

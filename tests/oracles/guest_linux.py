@@ -42,7 +42,7 @@ def _inside(runner: str, command: tuple[str, ...], patience_s: float) -> str:
     return output
 
 
-def in_user_mode_linux(*command: str, patience_s: float = 170.0) -> str:
+def in_user_mode_linux(*command: str, patience_s: float = 550.0) -> str:
     """Run a command without privileges on the host; skips on an unsupported processor."""
     return _inside("in_user_mode_linux.py", command, patience_s)
 

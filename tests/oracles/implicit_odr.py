@@ -46,21 +46,20 @@ def fit(
     def equations(x, beta):
         return PENALTY_SCALE * hinge_equations(truth_at(beta), x.T * sigma).T
 
-    def by_parameter(x, beta):
-        truth = truth_at(beta)
+    def rates(points, widths):
+        """Derivatives (5, k, m) at (truth, readings) with complex steps, per unit of `widths` (k,)."""
         columns = [
-            hinge_equations(_stepped(truth, n, h), x.T * sigma).imag.T * (width / h)
-            for n, width in zip(names, scale, strict=True)
+            hinge_equations(*at).imag.T * (w / h) for at, w in zip(points, widths, strict=True)
         ]
         return PENALTY_SCALE * np.stack(columns, axis=1)
 
+    def by_parameter(x, beta):
+        truth = truth_at(beta)
+        return rates([(_stepped(truth, n, h), x.T * sigma) for n in names], scale)
+
     def by_reading(x, beta):
         truth = truth_at(beta)
-        columns = [
-            hinge_equations(truth, x.T * sigma + 1j * h * row).imag.T * (width / h)
-            for row, width in zip(np.eye(len(sigma)), sigma, strict=True)
-        ]
-        return PENALTY_SCALE * np.stack(columns, axis=1)
+        return rates([(truth, x.T * sigma + 1j * h * row) for row in np.eye(len(sigma))], sigma)
 
     result = odrpack.odr_fit(
         equations,

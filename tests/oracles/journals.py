@@ -8,6 +8,7 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
+from operator_app.config.resources import resolve
 from operator_app.session.store.journal import JOURNAL_NAME
 from operator_app.session.store.journal_format import JournalEvent
 
@@ -16,7 +17,6 @@ Named = tuple[str, dict[str, Any]]
 POSE = {
     "waypoint": 0, "sd_rad": [1e-5] * 7, "samples": 8, "first_sync": 12, "note": "",
 }  # fmt: skip
-WORDS = ("procedure", "arm", "fixture")
 
 
 def journal_event(name: str, data: dict[str, Any]) -> JournalEvent:
@@ -24,13 +24,8 @@ def journal_event(name: str, data: dict[str, Any]) -> JournalEvent:
 
 
 def sources() -> dict[str, str]:
-    root = Path(__file__).parents[2]
-    folders = {
-        "procedure": root / "operator_app/data/procedures/hinge.yaml",
-        "arm": root / "operator_app/data/arms/sarcos_dextrous.yaml",
-        "fixture": root / "fixtures/data/hinge.yaml",
-    }
-    return {kind: folders[kind].read_text(encoding="utf-8") for kind in WORDS}
+    names = {"procedure": "hinge", "arm": "sarcos_dextrous", "fixture": "hinge"}
+    return {kind: resolve(kind, name).data.decode() for kind, name in names.items()}
 
 
 def events() -> list[Named]:

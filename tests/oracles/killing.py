@@ -50,12 +50,6 @@ class KillStatistics:
     poses: int = 0
     faults: list[str] = field(default_factory=list)
 
-    def add(self, other: KillStatistics) -> None:
-        self.kills += other.kills
-        self.sessions += other.sessions
-        self.poses += other.poses
-        self.faults += other.faults
-
 
 class Program:
     def __init__(self, folder: Path, name: str, *arguments: str) -> None:

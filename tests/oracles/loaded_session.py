@@ -5,20 +5,21 @@ import subprocess
 import time
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
-from tests.oracles.bus_load import SyncRecord, backlog_bytes, loaded_bus
+from tests.oracles.bus_load import backlog_bytes, loaded_bus
 from tests.oracles.fault_session import MAX_CLOSURE_ERROR, loop_error
 from tests.oracles.journal_events import event_data
-from tests.oracles.machine_pauses import MachinePauses, machine_pauses
 from tests.oracles.own_process import ROOT, SARCAL, controller, environment
 
 DRIVES_TRIP_S = 0.25
 """Pause of one processor after which drives on another one, with its queue, miss the heartbeat for 0.5 s."""
 END_S = 2.0
 """Longest time between a pause and the last SYNC of a session that it ended."""
+TRIPPED = r"joint \d tripped: [^.]*\(8130h\)"
 PROCEDURE = ROOT / "operator_app" / "data" / "procedures" / "hinge.yaml"
 
 
@@ -27,7 +28,8 @@ class LoadedSession:
     """Outcome of a session.
 
     Exit code and output of the operator; number of accepted poses, numbers of wrong ones; longest receive queue (the
-    kernel drops frames above 8 MB); foreign frames sent in `took_s`; pauses of the machine.
+    kernel drops frames above 8 MB); foreign frames a second and the duration; intervals between SYNCs, with and without
+    pauses of the machine (equal where these are not known); the pause that tripped the drives, or 0.
     """
 
     code: int
@@ -35,31 +37,12 @@ class LoadedSession:
     poses: int
     wrong: tuple[int, ...]
     backlog_bytes: int
-    foreign: int
+    foreign_per_s: float
     took_s: float
-    rhythm: SyncRecord
-    pauses: MachinePauses
-
-    def pauses_in_intervals_s(self) -> list[float]:
-        """Pauses of the machine (s) in each interval between two SYNCs; 0 if unknown."""
-        if not self.pauses.known:
-            return [0.0] * max(len(self.rhythm.at_s) - 1, 0)
-        gaps = zip(self.rhythm.at_s, self.rhythm.gaps_s(), strict=False)
-        return [self.pauses.within_s(begin, begin + gap) for begin, gap in gaps]
-
-    def machine_pause_message(self) -> str:
-        """The pause of the machine that tripped the drives, as a message; "" if there was none."""
-        if self.code != 3 or not self.pauses.known or not self.rhythm.at_s:
-            return ""
-        if not re.search(r"joint \d tripped: [^.]*\(8130h\)", " ".join(self.output.split())):
-            return ""
-        end = self.rhythm.at_s[-1]
-        longest_s = self.pauses.longest_s(end - END_S, end)
-        return (
-            f"the machine itself stood still for {longest_s:.2f} s before the drives tripped"
-            if longest_s > DRIVES_TRIP_S
-            else ""
-        )
+    gaps_s: np.ndarray
+    own_gaps_s: np.ndarray
+    pauses_known: bool
+    tripped_by_pause_s: float
 
 
 def run_session_under_load(
@@ -82,7 +65,6 @@ def run_session_under_load(
     bus = ("-i", "loopback", "-c", channel, "--scenario", "exact")
     with (
         controller(folder, *bus) as (_, first_line),
-        machine_pauses() as pauses,
         loaded_bus(channel, rate=rate, busy=busy) as load,
         (folder / "output.txt").open("wb") as output,
     ):
@@ -101,8 +83,13 @@ def run_session_under_load(
             if time.monotonic() - start_s > patience_s:
                 operator.kill()
         took_s, foreign = time.monotonic() - start_s, load.sent.value - foreign
-    if load.rhythm is None:
+    if not load.syncs_s:
         raise RuntimeError("the recorder of the bus did not report")
+    gaps = list(pairwise(load.syncs_s))
+    text = (folder / "output.txt").read_text("utf-8", "replace")
+    pause_s, end = 0.0, load.syncs_s[-1]
+    if operator.returncode == 3 and re.search(TRIPPED, " ".join(text.split())):
+        pause_s = load.longest_pause_s(end - END_S, end)
     pose_data = [
         pose
         for journal in (folder / "sessions").glob("*/journal.jsonl")
@@ -111,12 +98,14 @@ def run_session_under_load(
     errors = {p["number"]: loop_error(np.array(p["mean_rad"])) for p in pose_data}
     return LoadedSession(
         code=operator.returncode,
-        output=(folder / "output.txt").read_text("utf-8", "replace"),
+        output=text,
         poses=len(pose_data),
         wrong=tuple(number for number, error in errors.items() if error > MAX_CLOSURE_ERROR),
         backlog_bytes=backlog,
-        foreign=foreign,
+        foreign_per_s=foreign / took_s,
         took_s=took_s,
-        rhythm=load.rhythm,
-        pauses=pauses,
+        gaps_s=np.array([b - a for a, b in gaps]),
+        own_gaps_s=np.array([b - a - load.paused_s(a, b) for a, b in gaps]),
+        pauses_known=load.known,
+        tripped_by_pause_s=pause_s if pause_s > DRIVES_TRIP_S else 0.0,
     )

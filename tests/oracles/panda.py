@@ -6,21 +6,10 @@ import numpy as np
 
 FOLDER = Path(__file__).resolve().parents[1] / "data" / "panda_ball"
 
-# The maker's modified D-H table: row j has the link before joint j.
-A_BEFORE_M = [0.0, 0.0, 0.0, 0.0825, -0.0825, 0.0, 0.088]
-ALPHA_BEFORE_DEG = [0.0, -90.0, 90.0, 90.0, -90.0, 90.0, 90.0]
-D_M = [0.333, 0.0, 0.316, 0.0, 0.384, 0.0, 0.107]
-TRAINING = (1, 2)
-"""Placements to fit; 3 to 6 are for verification."""
-
-
-def panda_columns() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """s, a (m) and alpha (rad) of rows 1..7 in the distal convention: row j has the link after joint j."""
-    return (
-        np.array(D_M),
-        np.array([*A_BEFORE_M[1:], 0.0]),
-        np.deg2rad([*ALPHA_BEFORE_DEG[1:], 0.0]),
-    )
+# The maker's table, converted to the distal convention: row j has the link after joint j.
+S_M = np.array([0.333, 0.0, 0.316, 0.0, 0.384, 0.0, 0.107])
+A_M = np.array([0.0, 0.0, 0.0825, -0.0825, 0.0, 0.088, 0.0])
+ALPHA_RAD = np.deg2rad([-90.0, 90.0, 90.0, -90.0, 90.0, 90.0, 0.0])
 
 
 def panda_readings() -> tuple[np.ndarray, np.ndarray]:

@@ -103,6 +103,6 @@ class PtyProgram:
     def close(self) -> None:
         if self.process.poll() is None:
             self.process.terminate()
-            self.process.wait(20)
+            self.process.wait(60)
         if self._master >= 0:
             self.close_terminal()

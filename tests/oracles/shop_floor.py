@@ -10,12 +10,14 @@ stream, so that switching one off leaves the others unchanged. `Sizes` has the s
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
 from enum import IntEnum
+from typing import Any
 
 import numpy as np
 
+from tests.oracles.loop_oracle import COLUMNS
 from tests.oracles.shop_floor_chain import (
     BOX_DEG,
     DRIVES,
@@ -48,11 +50,16 @@ LENGTHS = (*(f"s_{j}" for j in range(2, 7)), *(f"a_{j}" for j in range(1, 7)))
 TWISTS = tuple(f"alpha_{j}" for j in range(1, 7))
 """Fixed parameters of the arm file."""
 
+ENTRIES = tuple(f"{column}_{row}" for column in COLUMNS for row in range(LINKS))
+
 ENCODERS = (1, 2, 3, 4, 5)
 RVDTS = (6, 7)
 COUNTS_PER_REV = 400_000
 FULL_SCALE = np.deg2rad(120.0)
 BITS = 12
+LONGEST_WALK = 2000
+"""Poses of a longer walk leave the range."""
+
 SCATTER = 0.3
 """Non-repeatable fraction of the hinge's deflection; the rest is a smooth function of load."""
 
@@ -91,11 +98,6 @@ class Sizes:
         stated = cls()
         scale = {n: times * (source in sources) for source in SOURCES for n in SOURCES[source]}
         return replace(stated, **{n: k * getattr(stated, n) for n, k in scale.items()})
-
-    @classmethod
-    def everything(cls, times: float = 1.0) -> Sizes:
-        """All of `SOURCES` at `times` their stated size."""
-        return cls.only(*SOURCES, times=times)
 
 
 Stream = IntEnum(
@@ -155,6 +157,9 @@ class Specimen:
         )
 
 
+ROWS = ("readings", "spread", "samples", "angles", "ground", "hand", "minute")
+
+
 @dataclass(frozen=True, kw_only=True)
 class Session:
     """Readings of a session, and the truth behind them.
@@ -178,8 +183,7 @@ class Session:
 
     def picked(self, keep) -> Session:
         """Return the session with these poses only, in this order."""
-        rows = ("readings", "spread", "samples", "angles", "ground", "hand", "minute")
-        return replace(self, **{name: getattr(self, name)[keep] for name in rows})
+        return replace(self, **{name: getattr(self, name)[keep] for name in ROWS})
 
     def csv(self) -> str:
         columns = [f"{name}{j}_deg" for name in ("theta", "sd") for j in range(1, 8)]
@@ -189,15 +193,6 @@ class Session:
             cells = (*(repr(float(v)) for v in angles_deg), str(int(self.samples[row])), utc)
             lines.append(",".join(("1", f"p{row + 1:03d}", *cells)))
         return "\n".join(lines) + "\n"
-
-
-def truth_of(chain: Chain) -> dict[str, float]:
-    return {
-        f"{column}_{row}": float(getattr(chain, column)[row])
-        for column in (f.name for f in fields(Chain))
-        for row in range(LINKS)
-        if (column, row) != ("theta_off", 0)
-    }
 
 
 def session(
@@ -211,8 +206,20 @@ def session(
 ) -> Session:
     """Simulate a session of the arm of `seed`; `walk` numbers the sessions of one arm."""
     specimen = Specimen.drawn(seed, Sizes() if sizes is None else sizes)
-    angles, ground, hand = closed_random_walk(specimen, poses, box_deg=box_deg, walk=walk)
-    return taken(specimen, angles, ground, hand, samples=samples, walk=walk)
+    return walked(specimen, poses, samples=samples, walk=walk, box_deg=box_deg)
+
+
+def walked(
+    specimen: Specimen, poses: int = 40, *, samples: int = 32, walk: int = 0, **how: Any
+) -> Session:
+    """Simulate a session of an arm, of several random walks if one would be too long."""
+    if poses <= LONGEST_WALK:
+        closed = closed_random_walk(specimen, poses, walk=walk, **how)
+        return taken(specimen, *closed, samples=samples, walk=walk)
+    counts = [min(LONGEST_WALK, poses - first) for first in range(0, poses, LONGEST_WALK)]
+    parts = [walked(specimen, n, samples=samples, walk=k, **how) for k, n in enumerate(counts)]
+    rows = {name: np.concatenate([getattr(p, name) for p in parts]) for name in ROWS}
+    return replace(parts[0], **rows | {"minute": np.arange(poses)})
 
 
 def closed_random_walk(
@@ -261,13 +268,12 @@ def closed_random_walk(
 def taken(
     specimen: Specimen,
     angles: np.ndarray,
-    ground: np.ndarray,
-    hand: np.ndarray,
-    *,
+    *deflections: np.ndarray,
     samples: int = 32,
     walk: int = 0,
 ) -> Session:
-    """Simulate readings of true angles (m, 8) by the specimen's joints and sensors."""
+    """Simulate readings of true angles (m, 8); `deflections` (m, 6) of table and hand, zero in a rigid fixture."""
+    ground, hand = deflections or (np.zeros((len(angles), 6)),) * 2
     torque = specimen.load.torque(frames(specimen.chain, angles, ground=ground, hand=hand))
     twist = specimen.load.sag * torque
     previous_angles = np.concatenate((angles[:1], angles[:-1]))
@@ -287,7 +293,7 @@ def taken(
         hand=hand,
         minute=np.arange(len(angles)),
         specimen=specimen,
-        truth=truth_of(specimen.chain),
+        truth={name: specimen.chain.value(name) for name in ENTRIES},
     )
 
 

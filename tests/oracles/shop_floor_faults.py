@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 
@@ -11,10 +11,10 @@ from tests.oracles.shop_floor import (
     Sizes,
     Specimen,
     Stream,
-    closed_random_walk,
     session,
     stream,
     taken,
+    walked,
 )
 from tests.oracles.shop_floor_chain import (
     LOWER_DEG,
@@ -69,8 +69,8 @@ def slipped_hinge(seed: int, *, shift_m: float = 0.0, turn_deg: float = 0.0) -> 
     step = np.concatenate((np.deg2rad(turn_deg) * turn, shift_m * shift))
     halves = [step, np.zeros(6)] if rng.random() < 0.5 else [np.zeros(6), step]
     specimen = Specimen.drawn(seed, Sizes())
-    walk = closed_random_walk(specimen, 40, slipped=(int(rng.integers(8, 33)), *halves))
-    return Case(taken=taken(specimen, *walk), causes=("SLIP_FIXTURE",), judged=OWN)
+    slipped = walked(specimen, slipped=(int(rng.integers(8, 33)), *halves))
+    return Case(taken=slipped, causes=("SLIP_FIXTURE",), judged=OWN)
 
 
 @cache
@@ -116,8 +116,7 @@ def flipped(seed: int, *, poses: int) -> Case:
     flipped_angles = flipped_poses(sound_session.specimen.chain, rng, poses)
     if len(flipped_angles) < poses:
         return flipped(seed + 100_000, poses=poses)
-    zero = np.zeros((poses, 6))
-    flipped_session = taken(sound_session.specimen, flipped_angles, zero, zero, walk=1)
+    flipped_session = taken(sound_session.specimen, flipped_angles, walk=1)
     order = np.arange(40)
     for k in sorted(rng.choice(40 - poses, poses, replace=False)):
         order = np.insert(order[:-1], k, -1)
@@ -141,8 +140,7 @@ def longer_elbow(seed: int, *, mm: float, harmless: bool = False) -> Case:
     chain = specimen.chain.changed(**{entry: specimen.chain.value(entry) + change})
     specimen = replace(specimen, chain=chain)
     causes = ("LENGTH_s_3", "LENGTH_s_5")
-    walk = closed_random_walk(specimen, 40)
-    return Case(taken=taken(specimen, *walk), causes=causes, harmless=harmless)
+    return Case(taken=walked(specimen), causes=causes, harmless=harmless)
 
 
 def ball_instead_of_hinge(seed: int) -> Case:
@@ -155,9 +153,7 @@ def ball_instead_of_hinge(seed: int) -> Case:
     loop = Loop(chain=chain, rows=(3, 4, 5))
     angles, closes = loop.closed(angles, free=tuple(range(1, 8)))
     closes &= in_range((angles - chain.theta_off)[:, 1:])
-    angles = angles[closes][:40]
-    zero = np.zeros((len(angles), 6))
-    return Case(taken=taken(specimen, angles, zero, zero), causes=("WRONG_FIXTURE.*",))
+    return Case(taken=taken(specimen, angles[closes][:40]), causes=("WRONG_FIXTURE.*",))
 
 
 def near_parallel(seed: int, *, joint: int, deg: float) -> Case:
@@ -180,13 +176,13 @@ def near_parallel(seed: int, *, joint: int, deg: float) -> Case:
     )
     specimen = replace(base, chain=base.chain.changed(**changes), load=load)
     box = tuple((np.rad2deg(c.min()), np.rad2deg(c.max())) for c in chart.place.T)
-    walk = closed_random_walk(specimen, 40, chart=chart, box_deg=box)
+    near = walked(specimen, chart=chart, box_deg=box)
     nominal = {}
     for name in entries:
         angle = name.startswith(("alpha", "theta"))
         size = np.deg2rad(0.1 * min(deg, 5.0) if name.startswith("alpha") else 1.0)
         nominal[name] = chain.value(name) + (size if angle else 3e-3) * rng.normal()
-    return Case(taken=taken(specimen, *walk), causes=("PARALLEL.*",), nominal=nominal)
+    return Case(taken=near, causes=("PARALLEL.*",), nominal=nominal)
 
 
 def as_reported(seed: int) -> Case:
@@ -200,49 +196,44 @@ def as_reported(seed: int) -> Case:
     }
     specimen = replace(specimen, chain=specimen.chain.changed(**lengths))
     return Case(
-        taken=taken(specimen, *closed_random_walk(specimen, 40)),
+        taken=walked(specimen),
         causes=("LENGTH.*", "GIVE.*", "FIXTURE_GIVES.*", "TOLERANCE.*", "DISCREPANCY.*"),
     )
 
 
-def _case(make: Callable[..., Case], **how) -> Callable[[int], Case]:
-    return lambda seed: make(seed, **how)
-
-
 CASES: dict[str, Callable[[int], Case]] = {
-    "3 poses": _case(too_few_poses, poses=3),
-    "motion 1 deg": _case(little_motion, motion_deg=1.0),
-    "motion 5 deg": _case(little_motion, motion_deg=5.0),
-    "hinge slips 1 mm": _case(slipped_hinge, shift_m=1e-3),
-    "hinge slips 5 mm": _case(slipped_hinge, shift_m=5e-3),
-    "hinge turns 0.5 deg": _case(slipped_hinge, turn_deg=0.5),
-    "1 outlier 0.5 deg": _case(odd_poses, poses=1),
-    "3 outliers 0.5 deg": _case(odd_poses, poses=3),
-    "3 flipped": _case(flipped, poses=3),
-    "12 flipped": _case(flipped, poses=12),
-    "RVDT 3 %": _case(nonlinear_rvdt, percent=3.0),
-    "RVDT 5 %": _case(nonlinear_rvdt, percent=5.0),
+    "3 poses": partial(too_few_poses, poses=3),
+    "motion 1 deg": partial(little_motion, motion_deg=1.0),
+    "motion 5 deg": partial(little_motion, motion_deg=5.0),
+    "hinge slips 1 mm": partial(slipped_hinge, shift_m=1e-3),
+    "hinge slips 5 mm": partial(slipped_hinge, shift_m=5e-3),
+    "hinge turns 0.5 deg": partial(slipped_hinge, turn_deg=0.5),
+    "1 outlier 0.5 deg": partial(odd_poses, poses=1),
+    "3 outliers 0.5 deg": partial(odd_poses, poses=3),
+    "3 flipped": partial(flipped, poses=3),
+    "12 flipped": partial(flipped, poses=12),
+    "RVDT 3 %": partial(nonlinear_rvdt, percent=3.0),
+    "RVDT 5 %": partial(nonlinear_rvdt, percent=5.0),
     "RVDT stuck": stuck_rvdt,
     "RVDT saturated": saturated_rvdt,
-    "joint slips 0.05 deg": _case(slipped_joint, deg=0.05, only=(1, 2, 3, 4, 5)),
-    "joint slips 1 deg": _case(slipped_joint, deg=1.0),
-    "joint slips 5 counts": _case(slipped_joint, counts=5, harmless=True),
-    "joint slips 50 counts": _case(slipped_joint, counts=50),
-    "encoder slips 500 counts": _case(slipped_joint, counts=500, only=(1, 2, 3, 4, 5)),
-    "RVDT slips 0.05 deg": _case(slipped_joint, deg=0.05, only=(6, 7), harmless=True),
+    "joint slips 0.05 deg": partial(slipped_joint, deg=0.05, only=(1, 2, 3, 4, 5)),
+    "joint slips 1 deg": partial(slipped_joint, deg=1.0),
+    "joint slips 5 counts": partial(slipped_joint, counts=5, harmless=True),
+    "joint slips 50 counts": partial(slipped_joint, counts=50),
+    "encoder slips 500 counts": partial(slipped_joint, counts=500, only=(1, 2, 3, 4, 5)),
+    "RVDT slips 0.05 deg": partial(slipped_joint, deg=0.05, only=(6, 7), harmless=True),
     "frozen for half": frozen,
-    "hinge 5 deg from joint 1": _case(near_parallel, joint=1, deg=5.0),
-    "hinge 1 deg from joint 1": _case(near_parallel, joint=1, deg=1.0),
-    "hinge 0.5 deg from joint 1": _case(near_parallel, joint=1, deg=0.5),
-    "hinge 5 deg from joint 7": _case(near_parallel, joint=7, deg=5.0),
-    "hinge 1 deg from joint 7": _case(near_parallel, joint=7, deg=1.0),
-    "hinge 0.5 deg from joint 7": _case(near_parallel, joint=7, deg=0.5),
+    **{
+        f"hinge {deg:g} deg from joint {joint}": partial(near_parallel, joint=joint, deg=deg)
+        for joint in (1, 7)
+        for deg in (5.0, 1.0, 0.5)
+    },
     "radians": radians,
     "columns exchanged": exchanged,
     "a joint's sign": wrong_sign,
-    "elbow 30 mm": _case(longer_elbow, mm=30.0),
-    "elbow 5 mm": _case(longer_elbow, mm=5.0),
-    "elbow 2 mm": _case(longer_elbow, mm=2.0, harmless=True),
+    "elbow 30 mm": partial(longer_elbow, mm=30.0),
+    "elbow 5 mm": partial(longer_elbow, mm=5.0),
+    "elbow 2 mm": partial(longer_elbow, mm=2.0, harmless=True),
     "ball for hinge": ball_instead_of_hinge,
     "as_reported": as_reported,
 }

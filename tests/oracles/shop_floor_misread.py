@@ -13,11 +13,11 @@ from tests.oracles.shop_floor import (
     Sizes,
     Specimen,
     Stream,
-    closed_random_walk,
     draw_rvdt,
     session,
     stream,
     taken,
+    walked,
 )
 from tests.oracles.shop_floor_chain import LOWER_DEG, UPPER_DEG
 from tests.oracles.shop_floor_sensors import Rvdt
@@ -30,18 +30,10 @@ LSB = FULL_SCALE / 2**BITS
 class Case:
     """A session with a fault.
 
-    Attributes
-    ----------
-    causes
-        Regular expressions of finding codes, any of which is a correct diagnosis.
-    judged
-        Parameters with a defined true value.
-    either
-        Second true values by name: a joint's offset after a step of its counts.
-    nominal
-        Entries of the operator's arm and fixture files that differ from the packaged ones.
-    harmless
-        Whether the fault is within the stated errors, and need not be diagnosed.
+    `causes`: regular expressions of finding codes, any of which is a correct diagnosis. `judged`: parameters with a
+    defined true value. `either`: second true values by name, of a joint's offset after a step of its counts. `nominal`:
+    entries of the operator's arm and fixture files that differ from the packaged ones. `harmless`: whether the fault is
+    within the stated errors, and need not be diagnosed.
     """
 
     taken: Session
@@ -70,7 +62,7 @@ def sinusoidal_rvdts(seed: int) -> Case:
         sensor = specimen.sensors[joint - 1]
         assert isinstance(sensor, Rvdt)
         specimen = _with_sensor(specimen, joint, replace(sensor, shape=size * y))
-    return Case(taken=taken(specimen, *closed_random_walk(specimen, 40)), causes=())
+    return Case(taken=walked(specimen), causes=())
 
 
 def slipped_joint(

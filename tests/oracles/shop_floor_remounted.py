@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tests.oracles.shop_floor import Session, Sizes, Specimen, closed_random_walk, taken
+from tests.oracles.shop_floor import Session, Sizes, Specimen, taken, walked
 from tests.oracles.shop_floor_chain import (
     HOME_DEG,
     Chain,
@@ -57,15 +57,13 @@ def remounted(kind: str, seed: int, *, poses: int, standings: int) -> Remounted:
         try:
             if kind == "wild":
                 specimen, own_chart = _wild(specimen, rng)
-            angles, ground, hand = closed_random_walk(specimen, poses, chart=own_chart)
+            first = walked(specimen, poses, chart=own_chart)
         except RuntimeError:
             continue
         chain = _remount(specimen.chain, rng, wild=kind == "wild")
         standing_angles = _closed_near_home(chain, rng, standings)
         if standing_angles is not None:
-            zeros = np.zeros((standings, 6))
-            second = taken(replace(specimen, chain=chain), standing_angles, zeros, zeros, walk=1)
-            first = taken(specimen, angles, ground, hand)
+            second = taken(replace(specimen, chain=chain), standing_angles, walk=1)
             return Remounted(first=first, standing=second.readings, chain=chain)
     raise RuntimeError(f"arm {seed} closes nowhere")
 

@@ -139,28 +139,26 @@ def with_joints(
     return replace(s, arm=replace(s.arm, joints=tuple(map(change, s.arm.joints))), **changes)
 
 
-def stale(s: SessionSnapshot) -> SessionSnapshot:
-    """The data of joint 5 are old."""
+def _aged(
+    s: SessionSnapshot, data: DataState, age_s: float, joints: tuple[int, ...]
+) -> SessionSnapshot:
+    """The snapshot with data of this age of some joints."""
     return with_joints(
         s,
-        lambda j: replace(j, age_s=0.24) if j.joint == 5 else j,
-        data=DataState.STALE,
+        lambda j: replace(j, age_s=age_s) if j.joint in joints else j,
+        data=data,
         motion=None,
-        oldest_s=0.24,
-        stale_joints=(5,),
+        oldest_s=age_s,
+        stale_joints=joints,
     )
+
+
+def stale(s: SessionSnapshot) -> SessionSnapshot:
+    return _aged(s, DataState.STALE, 0.24, (5,))
 
 
 def lost(s: SessionSnapshot) -> SessionSnapshot:
-    """No data for 1.5 s."""
-    return with_joints(
-        s,
-        lambda j: replace(j, age_s=1.5),
-        data=DataState.LOST,
-        motion=None,
-        oldest_s=1.5,
-        stale_joints=tuple(range(1, 8)),
-    )
+    return _aged(s, DataState.LOST, 1.5, tuple(range(1, 8)))
 
 
 def stopped(s: SessionSnapshot) -> SessionSnapshot:

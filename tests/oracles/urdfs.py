@@ -1,6 +1,7 @@
 """URDFs of serial chains as text, and poses of their links by pinocchio."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -43,6 +44,18 @@ def robot(*joints: str) -> str:
     links = {word.split('"')[1] for j in joints for word in j.split("link=")[1:]}
     text = "\n".join([*joints, *(f'<link name="{link}"/>' for link in sorted(links))])
     return f'<robot name="arm">{text}</robot>'
+
+
+def serial_chain(steps: Sequence[tuple[Any, Any, Any]], limits: Sequence[dict[str, Any]]) -> str:
+    """A chain from link `base`; a step has xyz (m), rpy (rad) and the joint's axis, that of the flange None."""
+    joints, parent = [], "base"
+    for k, (xyz, rpy, axis) in enumerate(steps):
+        link = "flange" if axis is None else f"link_{k + 1}"
+        at = (f"to_{link}", parent, link, words(xyz), words(rpy))
+        own = {"kind": "fixed"} if axis is None else {"axis": words(axis), **limits[k]}
+        joints.append(joint(*at, **own))
+        parent = link
+    return robot(*joints)
 
 
 def tip_error(urdf: bytes, chain: UrdfChain, table: DhTable) -> float:

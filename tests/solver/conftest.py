@@ -74,12 +74,7 @@ def truth():
     return paper_truth()
 
 
-@pytest.fixture(scope="session")
-def hinge_data(reference_data):
-    """Folder of the oracle pose sets of the hinge."""
-    return reference_data / "hinge"
-
-
-def read_poses(path: Path) -> np.ndarray:
-    """Joint angles (m, 7), rad."""
-    return np.deg2rad(np.loadtxt(path, delimiter=",", skiprows=1)[:, 2:9])
+def read_poses(name: str) -> np.ndarray:
+    """Joint angles (m, 7), rad, of an oracle pose set of the hinge."""
+    file = Path(__file__).parents[1] / "data" / "hinge" / name
+    return np.deg2rad(np.loadtxt(file, delimiter=",", skiprows=1)[:, 2:9])

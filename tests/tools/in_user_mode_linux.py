@@ -12,8 +12,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-KERNEL = os.environ.get("UML", "/usr/bin/linux.uml")
-MODULES = os.environ.get("UML_MODULES", "/usr/lib/uml/modules")
+KERNEL, MODULES = "/usr/bin/linux.uml", "/usr/lib/uml/modules"
 PATIENCE_S = 900.0
 NOT_RUN = 99
 EXIT_CODE = "UML_RC="
@@ -41,7 +40,6 @@ def host(command: list[str]) -> int:
         "con": "null",
         "con0": "fd:0,fd:1",
         # Parameters unknown to the kernel become environment variables of its init.
-        "UML_MODULES": MODULES,
         "COMMAND": shlex.join(command).encode().hex(),
     }
     result = subprocess.run(
@@ -72,7 +70,7 @@ def guest(*modules: str) -> None:
         ("tmpfs", "/run", "tmpfs"),
     ):
         libc.mount(source.encode(), target.encode(), kind.encode(), 0, None)
-    kernel = Path(os.environ.get("UML_MODULES", MODULES)) / os.uname().release / "kernel"
+    kernel = Path(MODULES) / os.uname().release / "kernel"
     for name in modules:
         module = os.open(kernel / f"{name}.ko", os.O_RDONLY)
         if libc.syscall(FINIT_MODULE, module, b"", 0):

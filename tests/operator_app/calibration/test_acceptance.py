@@ -17,7 +17,7 @@ from solver.diagnostics.hypothesis_tests import HypothesisTest
 from solver.diagnostics.model_selection import evidence
 from solver.errors import UnidentifiableDirection, UnidentifiableError
 from tests.oracles.as_shipped import ARM, HINGE, SEED, displaced, fit_of, poses_of, solved
-from tests.oracles.shop_floor import Specimen, closed_random_walk, session, taken
+from tests.oracles.shop_floor import Specimen, session, walked
 from tests.oracles.shop_floor_faults import CASES
 
 
@@ -66,6 +66,8 @@ def test_joint_slip_is_the_first_cause_with_size_and_remedy_if_poses_are_in_orde
     first = solution.causes[0]
     assert (first.code,) == case.causes
     assert abs(first.size) == pytest.approx(np.deg2rad(1.0), rel=0.1)
+    ((name, offset_rad),) = case.either.items()
+    assert case.taken.truth[name] - offset_rad == pytest.approx(first.size, rel=0.1)
     assert first.remedy
     assert first.probability > 0.5
     shuffled = case.taken.picked(np.random.default_rng(0).permutation(40))
@@ -75,8 +77,7 @@ def test_joint_slip_is_the_first_cause_with_size_and_remedy_if_poses_are_in_orde
 def test_fixture_slip_is_located_between_two_poses():
     specimen = Specimen.drawn(SEED, session(SEED).specimen.sizes)
     slip = np.array([0.0, 0.0, 0.0, 2e-3, 2e-3, 1e-3])
-    walk = closed_random_walk(specimen, 40, slipped=(23, slip, np.zeros(6)))
-    solution = solved(taken(specimen, *walk))
+    solution = solved(walked(specimen, slipped=(23, slip, np.zeros(6))))
     assert solution.causes[0].code == "SLIP_FIXTURE"
     assert solution.causes[0].poses == ("p023", "p024")
 

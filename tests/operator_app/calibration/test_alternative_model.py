@@ -57,13 +57,13 @@ def test_wrong_fixture_kind_is_named_and_its_remedy_works(fixture, tmp_path, mon
     ball = fixture == "hinge"
     taken = CASES["ball for hinge"](3000).taken if ball else session(3000)
     first = outcome(taken, fixture=load_fixture(fixture).fixture)
-    assert first.causes[0] == "WRONG_FIXTURE", first.said
-    assert ("--drop-unidentifiable" in first.said) == ball
-    command = COMMAND.search(first.said)
-    assert command is not None, first.said
+    assert first.causes[0] == "WRONG_FIXTURE", first.text
+    assert ("--drop-unidentifiable" in first.text) == ball
+    command = COMMAND.search(first.text)
+    assert command is not None, first.text
     assert main(shlex.split(command[1])) == 0
     again = outcome(taken, fixture=load_fixture("found.yaml").fixture, drop=ball)
-    assert again.accepted, again.said
+    assert again.accepted, again.text
 
 
 def test_hinge_poses_solved_as_a_ball_are_named():

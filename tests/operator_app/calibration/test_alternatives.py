@@ -35,7 +35,7 @@ EXCHANGED = ARM.table.s_m[[0, 1, 4, 3, 2, 5, 6]]
 )
 def test_mistake_in_the_arm_file_is_named(seed, columns, code):
     result = outcome(session(seed), arm=replace(ARM, table=replace(ARM.table, **columns)))
-    assert result.causes[0] == code, result.said
+    assert result.causes[0] == code, result.text
 
 
 def test_panda_poses_do_not_fit_an_iiwa_and_blame_no_joint():

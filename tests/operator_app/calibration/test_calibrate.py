@@ -142,8 +142,9 @@ def test_out_of_range_readings_name_joint_pose_and_unit(poses):
     assert notice.joint == 1
     assert notice.poses[0] == poses.label[worst]
     assert "-35.0 to 85.0 deg" in notice.text
-    with pytest.raises(ReadingsOutOfRangeError, match="taken as radians"):
+    with pytest.raises(ReadingsOutOfRangeError, match="taken as radians") as error:
         calibrate(ARM, HINGE, replace(poses, q_rad=np.deg2rad(poses.q_rad)), search=True)
+    assert "RADIANS" in [mistake.code for mistake in error.value.causes]
 
 
 def test_text_names_five_of_many_outliers_and_counts_the_rest():

@@ -23,7 +23,7 @@ def test_parts_use_the_gravity_sign_of_the_full_fit(reference_data):
 
 def test_parts_use_the_length_tolerance_of_the_calibration():
     exact = replace(ARM, tolerances=tuple(replace(t, length_m=0.0) for t in ARM.tolerances))
-    poses, jackknife_sds = poses_of(session(0, Sizes.everything())), []
+    poses, jackknife_sds = poses_of(session(0)), []
     for arm, tolerance_m in ((ARM, None), (exact, float(ARM.length_tolerance_m.max()))):
         solution = calibrate(arm, HINGE, poses, length_tolerance_m=tolerance_m)
         jackknife_sds.append(check(solution, arm, HINGE, poses).jackknife_sd)
@@ -33,14 +33,14 @@ def test_parts_use_the_length_tolerance_of_the_calibration():
 def test_chi2_of_held_out_poses_counts_every_stated_error():
     """Sound sessions: about 1 or less. Sensor noise alone makes it 3 to 1000, because sag and curves are larger."""
     for seed in (SEED, SEED + 1):
-        sound = session(seed, Sizes.everything())
+        sound = session(seed)
         checks = check(solved(sound), ARM, HINGE, poses_of(sound))
         for part in (*checks.held_out.parts, *checks.far_block.parts):
             assert 0.1 < part.per_dof < 2.0
 
 
 def test_chi2_of_held_out_poses_shows_a_reading_that_the_others_contradict():
-    sound = session(SEED, Sizes.everything())
+    sound = session(SEED)
     poses, solution = poses_of(sound), solved(sound)
     q = poses.q_rad.copy()
     q[3, 3] += np.deg2rad(5.0)

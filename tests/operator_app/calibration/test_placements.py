@@ -13,7 +13,7 @@ from operator_app.calibration.prediction import concatenated_poses
 from operator_app.report.facts import facts_of
 from operator_app.report.text import facts_text
 from tests.oracles.as_shipped import ARM, BALL, HINGE, PANDA, panda_poses, poses_of
-from tests.oracles.shop_floor import Sizes, Specimen, closed_random_walk, taken
+from tests.oracles.shop_floor import Sizes, Specimen, walked
 
 CODE = "SAME_PLACEMENT"
 
@@ -35,10 +35,7 @@ def remounted(seed, *, turned_deg, shifted_m):
     second = replace(
         first, chain=chain.changed(**{n: chain.value(n) + d for n, d in changes.items()})
     )
-    walks = [
-        taken(specimen, *closed_random_walk(specimen, 20, walk=k), samples=32, walk=k)
-        for k, specimen in enumerate((first, second))
-    ]
+    walks = [walked(specimen, 20, walk=k) for k, specimen in enumerate((first, second))]
     poses = [replace(poses_of(w), placement=np.full(20, k)) for k, w in enumerate(walks, 1)]
     return calibrate(ARM, HINGE, concatenated_poses(*poses))
 

@@ -1,10 +1,12 @@
-"""RVDT corrections, offsets from the loop and noise of single readings, against planted truth and exact readings."""
+"""Verdicts on RVDTs, their corrections, offsets from the loop and noise, against planted truth and exact readings."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import sarcal
 
 from fixtures.ball import Ball
 from operator_app.calibration.calibrate import calibrate
@@ -21,11 +23,11 @@ from operator_app.session.store.parameters_document import rvdt_remedy
 from solver.diagnostics.rvdt import Soundness
 from tests.oracles.as_shipped import ARM, HINGE, poses_of, solved, spread_out
 from tests.oracles.parameter_documents import VALUES, make_document
-from tests.oracles.shop_floor import Sizes, Specimen, session
-from tests.oracles.shop_floor import taken as taken_at
+from tests.oracles.shop_floor import Sizes, Specimen, session, taken
 from tests.oracles.shop_floor_chain import frames, rotation_about_z
 from tests.oracles.shop_floor_faults import CASES, ball_instead_of_hinge
 from tests.oracles.shop_floor_misread import sinusoidal_rvdts
+from tests.oracles.simulated_loops import FULL_SCALE_RAD, LSB_RAD, Simulation, wrist_curves
 
 DATA = Path(__file__).parents[2] / "data" / "hinge"
 CURVED = DATA / "hinge_rvdt1pct.csv"
@@ -36,6 +38,84 @@ RVDTS = (6, 7)
 def curved():
     """Readings with a linearity deviation of 1 % of full scale, solved as they are."""
     return calibrate(ARM, HINGE, load_poses(CURVED).poses)
+
+
+def verdicts_of(simulation, seed, poses=None):
+    """The verdict of each RVDT from readings of random closed poses, or from some of them."""
+    read = simulation.readings if simulation.flexure_m else simulation.rereadings
+    return rvdts_of(calibrate(ARM, HINGE, sarcal.poses_of(q_rad=read(seed)[:poses])._set))
+
+
+def rvdts_of(solution):
+    return {v.joint: v for v in solution.rvdt}
+
+
+def test_planted_curve_of_1_percent_is_found(curved):
+    exact = load_poses(DATA / "hinge_exact.csv").poses.q_rad
+    q, verdicts = load_poses(CURVED).poses.q_rad, rvdts_of(curved)
+    for joint, verdict in verdicts.items():
+        # The planted curve without its noise: a sine of three periods a turn.
+        angle, deviation = exact[:, joint - 1], (q - exact)[:, joint - 1]
+        basis = np.stack((np.sin(3 * angle), np.cos(3 * angle), np.ones_like(angle)), axis=1)
+        wave = np.linalg.lstsq(basis, deviation, rcond=None)[0]
+        assert np.hypot(*wave[:2]) == pytest.approx(0.01 * FULL_SCALE_RAD, rel=0.05)
+        figures = verdict.figures
+        # A constant difference is part of the joint's offset.
+        assert np.ptp(figures.curve(figures.angle_rad) - basis @ wave) < 0.002 * FULL_SCALE_RAD
+        assert verdict.verdict is Soundness.CURVED
+        assert verdict.treat_as_unsensed
+        assert f"treat joint {joint} as unsensed" in verdict.text
+        assert 1.5 < figures.noise.lsb < 2.6
+    # The poses cover nearly all of joint 7's scale: half the peak-to-peak is the amplitude.
+    assert verdicts[7].figures.half_range == pytest.approx(0.01, abs=0.001)
+    assert verdicts[6].share + verdicts[7].share > 0.8
+
+
+def test_linear_sensors_are_not_corrected():
+    solution = calibrate(ARM, HINGE, load_poses(DATA / "hinge_quantised.csv").poses)
+    for verdict in solution.rvdt:
+        assert verdict.verdict is Soundness.SOUND
+        assert not verdict.treat_as_unsensed
+        assert verdict.figures.gain == pytest.approx(1.0, abs=1e-3)
+
+
+def test_curve_beyond_2_percent_is_out_of_specification():
+    verdict = verdicts_of(Simulation(bows=wrist_curves(6.0)), 1)[7]
+    assert verdict.verdict is Soundness.OUT_OF_SPECIFICATION
+    assert verdict.figures.linearity > 0.02
+
+
+def test_excess_noise_is_out_of_specification():
+    for verdict in verdicts_of(Simulation(wrist_sd=4.0 * LSB_RAD), 1).values():
+        assert verdict.verdict is Soundness.OUT_OF_SPECIFICATION
+        assert verdict.figures.noise.low < 4.0 < verdict.figures.noise.high
+        assert re.search(r"noise of a single reading [34]\.\d LSB", verdict.text)
+
+
+def test_gain_is_estimated():
+    verdicts = verdicts_of(Simulation(poses=40, gains={6: 0.02}), 0)
+    for joint, gain in ((6, 1.02), (7, 1.0)):
+        assert verdicts[joint].figures.gain == pytest.approx(gain, abs=3e-3)
+
+
+def test_few_poses_or_a_small_span_give_no_statement():
+    few = verdicts_of(Simulation(poses=40), 0, poses=12)
+    for verdict in few.values():
+        assert verdict.verdict is Soundness.CANNOT_DECIDE
+        assert verdict.figures is None
+        assert not verdict.treat_as_unsensed
+        assert "12 poses are too few" in verdict.text
+    narrow = verdicts_of(Simulation(poses=40, spread_deg=6.0), 0)[6]
+    assert narrow.verdict is Soundness.CANNOT_DECIDE
+    assert "through only" in narrow.text
+
+
+def test_compliant_fixture_is_not_blamed_on_the_sensor():
+    """Deflections of 5 mrad hide 1 mrad of noise."""
+    verdict = verdicts_of(Simulation(poses=40, flexure_m=1e-3, flexure_rad=5e-3), 0)[6]
+    assert verdict.figures.noise.low == 0.0
+    assert "noise of a single reading: not determined" in verdict.text
+    assert verdict.verdict is Soundness.SOUND
 
 
 def test_readings_beyond_the_table_use_its_ends(curved):
@@ -146,8 +226,7 @@ def test_cause_of_non_convergence_comes_first():
 
 @pytest.mark.parametrize(("lsb", "samples"), [(1.0, 32), (8.0, 32), (4.0, 8), (2.0, 8)])
 def test_spread_within_poses_gives_single_reading_noise(lsb, samples):
-    taken = session(7003, Sizes(noise_lsb=lsb), samples=samples)
-    for verdict in solved(taken).rvdt:
+    for verdict in solved(session(7003, Sizes(noise_lsb=lsb), samples=samples)).rvdt:
         assert verdict.noise.lsb == pytest.approx(lsb, rel=0.1)
         assert f"noise of a single reading {verdict.noise.lsb:.1f} LSB" in verdict.text
         # 2 LSB are allowed for a single reading; means of 32 readings of 8 LSB would pass.
@@ -155,8 +234,8 @@ def test_spread_within_poses_gives_single_reading_noise(lsb, samples):
 
 
 def test_noise_is_undetermined_without_spread():
-    taken = session(7003, Sizes(noise_lsb=1.0), samples=32)
-    for verdict in calibrate(ARM, HINGE, replace(poses_of(taken), sd_rad=None)).rvdt:
+    poses = poses_of(session(7003, Sizes(noise_lsb=1.0)))
+    for verdict in calibrate(ARM, HINGE, replace(poses, sd_rad=None)).rvdt:
         assert not verdict.noise.determined
         assert verdict.noise.high > 1.0
         assert "not determined by these poses, below" in verdict.text
@@ -176,8 +255,6 @@ def ball_session(seed, *, lsb, samples):
     """Poses of a tool on a ball, and the ball at its true place."""
     angles = ball_instead_of_hinge(seed).taken.angles
     specimen = Specimen.drawn(seed, Sizes(noise_lsb=lsb))
-    rigid = np.zeros((len(angles), 6))
-    taken = taken_at(specimen, angles, rigid, rigid, samples=samples)
     chain = specimen.chain
     tip = np.array([chain.a[7], 0.0, chain.s[7]])
     T = frames(chain, angles)
@@ -185,13 +262,14 @@ def ball_session(seed, *, lsb, samples):
     ground = (tool @ np.append(tip, 1.0))[:, :3]
     assert np.ptp(ground, axis=0).max() < 1e-9
     compliance = HINGE.compliance
-    return taken, Ball(tip_m=tuple(tip), ground_m=tuple(ground[0]), compliance=compliance)
+    ball = Ball(tip_m=tuple(tip), ground_m=tuple(ground[0]), compliance=compliance)
+    return taken(specimen, angles, samples=samples), ball
 
 
 @pytest.mark.parametrize(("lsb", "samples"), [(1.0, 32), (2.0, 8), (8.0, 32), (2.0, 1), (8.0, 1)])
 def test_ball_poses_give_noise_but_no_linearity(lsb, samples):
-    taken, ball = ball_session(7003, lsb=lsb, samples=samples)
-    verdicts = calibrate(ARM, ball, poses_of(taken), drop=True).rvdt
+    simulated, ball = ball_session(7003, lsb=lsb, samples=samples)
+    verdicts = calibrate(ARM, ball, poses_of(simulated), drop=True).rvdt
     assert [v.joint for v in verdicts] == [6, 7]
     for verdict in verdicts:
         noise = verdict.noise

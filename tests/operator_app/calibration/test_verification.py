@@ -23,7 +23,7 @@ from operator_app.config.fixture_file import load_fixture
 from operator_app.config.poses_file import load_poses
 from tests.oracles.as_shipped import ARM, BALL, HINGE, PANDA, SEED, displaced, panda_poses, poses_of
 from tests.oracles.open_arm import write_measured_poses
-from tests.oracles.shop_floor import Specimen, closed_random_walk, session, taken
+from tests.oracles.shop_floor import Specimen, session, walked
 
 SIGMA_M = 5e-5
 TRACKER = load_fixture("tracker").fixture
@@ -95,7 +95,7 @@ def slipped_session(poses, shift_m):
     """Poses of the sound session's arm, taken later in a fixture whose ground half has moved."""
     specimen = Specimen.drawn(SEED, session(SEED).specimen.sizes)
     slip = (0, np.concatenate((np.zeros(3), shift_m)), np.zeros(6))
-    return taken(specimen, *closed_random_walk(specimen, poses, walk=1, slipped=slip))
+    return walked(specimen, poses, walk=1, slipped=slip)
 
 
 def test_fixture_slip_fails_verification_whatever_noise_was_estimated(sound):

@@ -12,10 +12,9 @@ from operator_app.config.fixture_file import load_fixture
 from operator_app.config.procedure_file import load_procedure
 from tests.oracles.json_schema import complaints
 from tests.oracles.loop_oracle import product
-from tests.oracles.panda import panda_columns
+from tests.oracles.panda import A_M, ALPHA_RAD, S_M
 
 HOME_DEG = np.array([0.0, -45.0, 0.0, -135.0, 0.0, 90.0, 45.0])
-S_M, A_M, ALPHA = panda_columns()
 
 
 @pytest.fixture(autouse=True)
@@ -24,7 +23,7 @@ def working_folder(tmp_path, monkeypatch):
 
 
 def flange_pose(q_deg: np.ndarray) -> np.ndarray:
-    return product(np.deg2rad(q_deg), S_M, A_M, ALPHA)
+    return product(np.deg2rad(q_deg), S_M, A_M, ALPHA_RAD)
 
 
 def joined(vector: np.ndarray) -> str:
@@ -37,7 +36,9 @@ def hinge_error(file: str, q_deg: np.ndarray) -> tuple[float, float]:
         k.rpartition("_")[0]: np.deg2rad(v) if k.endswith("_deg") else v / 1e3
         for k, v in yaml.safe_load(Path(file).read_text())["placement"].items()
     }
-    theta, s, a, alpha = (np.append(0.0, column) for column in (np.deg2rad(q_deg), S_M, A_M, ALPHA))
+    theta, s, a, alpha = (
+        np.append(0.0, column) for column in (np.deg2rad(q_deg), S_M, A_M, ALPHA_RAD)
+    )
     theta[1] += placement["theta_off_1"]
     theta[7] += placement["theta_off_n"]
     s[[0, 1, 7]] = [placement[k] for k in ("s_0", "s_1", "s_n")]

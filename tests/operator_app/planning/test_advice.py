@@ -23,6 +23,7 @@ def test_good_placement_is_feasible():
     assert report.mobility == 2
     assert report.scaled_condition_number < 20.0
     assert report.drives[0].drives == (1, 5)
+    assert report.drives[0].reach > 0.75
     assert np.all(report.reach_rad[:, 0] >= ARM.lower_rad)
     assert np.all(report.reach_rad[:, 1] <= ARM.upper_rad)
     assert np.ptp(report.reach_rad, axis=1).min() > np.deg2rad(20.0)

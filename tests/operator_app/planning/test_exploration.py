@@ -10,15 +10,16 @@ def box(lower_rad: tuple[float, ...], upper_rad: tuple[float, ...]) -> Box:
     return Box(joints=(1, 3), centre_rad=(0.0, 0.0), lower_rad=lower_rad, upper_rad=upper_rad)
 
 
-def test_distance_from_the_box_is_zero_inside():
-    beyond = box((-0.5, -1.2), (0.8, 0.0)).beyond_rad(np.array([1.0, 9.0, -0.3]))
-    assert beyond == pytest.approx([0.2, 0.0])
-
-
-def test_every_position_is_outside_an_empty_box():
-    # As for joints that start 0.9 rad beyond the end of their range.
-    empty = box((1.7, 1.7), (0.9, 0.9))
-    assert empty.beyond_rad(np.array([0.9, 9.0, 1.3])) == pytest.approx([0.8, 0.4])
+@pytest.mark.parametrize(
+    ("lower", "upper", "positions", "beyond"),
+    [
+        ((-0.5, -1.2), (0.8, 0.0), (1.0, 9.0, -0.3), (0.2, 0.0)),
+        # An empty box, as for joints that start 0.9 rad beyond the end of their range.
+        ((1.7, 1.7), (0.9, 0.9), (0.9, 9.0, 1.3), (0.8, 0.4)),
+    ],
+)
+def test_distance_from_the_box_is_zero_inside(lower, upper, positions, beyond):
+    assert box(lower, upper).beyond_rad(np.array(positions)) == pytest.approx(beyond)
 
 
 def test_waypoints_are_cached():

@@ -10,32 +10,20 @@ from operator_app.config.procedure_file import load_procedure
 from operator_app.planning.live import is_path_clear, live_quality
 from solver.estimators.paper import estimate_paper
 from tests.oracles.as_shipped import ARM, HINGE
-from tests.oracles.loop_oracle import Truth, closure, closure_rates, paper_truth, product
+from tests.oracles.loop_oracle import paper_truth
+from tests.oracles.shop_floor_chain import FOLLOW, Loop, home_hinge_angle
 
 STEP_RAD = np.deg2rad(1.0)
-FREE = np.array([0, 2, 3, 4, 6, 7])
-"""Columns of theta_0 and of the free joints: 1 and 5 drive."""
 
 
-def close_loop(truth: Truth, angles: np.ndarray) -> np.ndarray:
-    """Close the loop with the free joints alone."""
-    angles = angles.copy()
-    for _ in range(4):
-        step = np.linalg.solve(
-            closure_rates(truth, angles[None], ())[0][0][:, FREE], closure(truth, angles[None])[0]
-        )
-        angles[FREE] -= step
-    assert np.abs(closure(truth, angles[None])).max() < 1e-7
-    return angles
-
-
-def drive(truth: Truth, angles: np.ndarray, joint: int, by_deg: float) -> tuple[np.ndarray, float]:
-    """All joints after a drive moved so far, and the speed of the fastest relative to the drive."""
+def drive(loop: Loop, angles: np.ndarray, joint: int, by_deg: float) -> tuple[np.ndarray, float]:
+    """True angles (8,) after a drive moved so far, and the speed of the fastest joint relative to the drive."""
     fastest = 0.0
     for _ in range(round(abs(np.deg2rad(by_deg)) / STEP_RAD)):
         ahead = angles.copy()
         ahead[joint] += np.sign(by_deg) * STEP_RAD
-        closed = close_loop(truth, ahead)
+        (closed,), (closes,) = loop.closed(ahead[None], free=FOLLOW)
+        assert closes
         fastest = max(fastest, float(np.abs(closed - angles)[1:].max() / STEP_RAD))
         angles = closed
     return angles, fastest
@@ -47,19 +35,20 @@ def drive(truth: Truth, angles: np.ndarray, joint: int, by_deg: float) -> tuple[
 )
 def test_path_with_runaway_free_joints_is_not_clear(first_deg, then_deg, *, clear):
     truth, procedure = paper_truth(), load_procedure("hinge")
-    loop = procedure.fixture.fixture.model(procedure.arm)
-    start = np.concatenate(([0.0], truth.home))
-    T = product(start + truth.theta_off, truth.s, truth.a, truth.alpha)
-    start[0] = -np.arctan2(T[1, 0], T[0, 0])
-    first, _ = drive(truth, close_loop(truth, start), 1, first_deg)
-    second, fastest = drive(truth, first, 5, then_deg)
+    model = procedure.fixture.fixture.model(procedure.arm)
+    home = np.concatenate(([0.0], truth.home)) + truth.theta_off
+    home[0] = home_hinge_angle(truth, home)
+    loop = Loop(chain=truth)
+    first, _ = drive(loop, loop.closed(home[None], free=FOLLOW)[0][0], 1, first_deg)
+    second, fastest = drive(loop, first, 5, then_deg)
     assert (fastest < 1.5) if clear else (fastest > 5.0)
-    x = truth.values([p.name for p in loop.parameters])
+    first, second = first - truth.theta_off, second - truth.theta_off
+    x = truth.values([p.name for p in model.parameters])
     target = {1: float(second[1]), 5: float(second[5])}
-    assert is_path_clear(procedure.arm, loop, x, first[1:], target) is clear
+    assert is_path_clear(procedure.arm, model, x, first[1:], target) is clear
     # A target a degree beyond a joint range is not clear.
     beyond = {1: float(procedure.arm.upper_rad[0]) + 0.02, 5: float(first[5])}
-    assert not is_path_clear(procedure.arm, loop, x, first[1:], beyond)
+    assert not is_path_clear(procedure.arm, model, x, first[1:], beyond)
 
 
 @pytest.mark.campaign

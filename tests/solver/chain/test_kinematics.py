@@ -42,13 +42,6 @@ def test_frames_and_jacobian_agree_with_pinocchio(seed, links):
     assert np.abs(columns - oracle.jacobian(*chain)).max() < 1e-12
 
 
-def test_jacobian_columns_are_in_the_requested_order():
-    frames = forward(*random_chain(5))
-    requested = Entries.of([3, 1, 4, 0, 2], [6, 0, 3, 2, 2])
-    columns = columns_of(frames)
-    assert np.array_equal(jacobian(frames, requested), columns[:, [3, 1, 4, 0, 2], [6, 0, 3, 2, 2]])
-
-
 def test_leading_axes_are_broadcast():
     rng = np.random.default_rng(3)
     theta = rng.uniform(-3, 3, (4, 5, LINKS))
@@ -77,8 +70,3 @@ def test_zero_hayati_twist_changes_no_digit():
     plain, twisted = forward(*chain), forward(*chain, np.zeros(LINKS))
     assert np.array_equal(plain.axes_of, twisted.axes_of)
     assert np.array_equal(plain.origin_of, twisted.origin_of)
-
-
-def test_table_from_its_stacked_columns_is_equal():
-    rows = np.arange(15.0).reshape(5, 3)
-    assert np.array_equal(DhTable.from_stacked(rows).stacked(), rows)

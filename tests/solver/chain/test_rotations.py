@@ -8,7 +8,6 @@ from solver.chain.rotations import (
     rotation_matrix,
     rotation_vector,
     rotation_vector_differential,
-    skew,
 )
 
 ANGLES = (0.0, 1e-300, 1e-12, 1e-8, 1e-6, 0.99e-4, 1e-4, 1.01e-4, 1e-2, 1.0, 2.0, 3.0, 3.14)
@@ -44,8 +43,3 @@ def test_differential_agrees_with_pinocchio(angle):
         expected = pin.Jlog3(R) @ R.T
         differential = rotation_vector_differential(angle * axis)
         assert np.abs(differential - expected).max() < (1e-12 if angle < 3.0 else 1e-10)
-
-
-def test_skew_is_the_cross_product():
-    v, w = np.random.default_rng(2).normal(size=(2, 5, 3))
-    assert np.allclose((skew(v) @ w[..., None])[..., 0], np.cross(v, w), rtol=0, atol=1e-15)

@@ -1,4 +1,4 @@
-"""Control charts: how often a sound history raises an alarm, and how soon a shift is named. Statistical model."""
+"""Control charts: how often a sound history raises an alarm, and how soon a shift is named."""
 
 from collections.abc import Iterator
 
@@ -22,10 +22,9 @@ def histories(
     entries_differ: float = 0.15,
     sessions_differ: float = 0.0,
 ) -> Iterator[tuple[int, tuple[ChartSignal, ...]]]:
-    """Sessions scatter by 0.010 deg on average, correlated; the stated figure is off by more.
+    """Twelve sessions with a correlated scatter of 0.010 deg on average, ten if there is a shift, and their changes.
 
-    Scatter differs from what is stated entry by entry, and from session to session (standard deviations).
-    What is common to all sessions, 0.1 deg, is in every value. Twelve sessions; of ten a shift counts.
+    `entries_differ`, `sessions_differ`: standard deviations of the logarithm of the scatter.
     """
     rng = np.random.default_rng(seed)
     for _ in range(count):
@@ -45,7 +44,7 @@ def histories(
 
 @pytest.mark.campaign
 def test_at_most_5_percent_of_200_sound_histories_alarm():
-    alarms = [np.mean([bool(found) for _, found in histories(200, seed=s)]) for s in range(10)]
+    alarms = [np.mean([bool(result) for _, result in histories(200, seed=s)]) for s in range(10)]
     assert np.mean(alarms) <= 0.02
     assert max(alarms) <= 0.05
 
@@ -53,15 +52,15 @@ def test_at_most_5_percent_of_200_sound_histories_alarm():
 @pytest.mark.campaign
 @pytest.mark.parametrize(("entries", "sessions"), [(0.35, 0.0), (0.15, 0.2), (0.15, 0.35)])
 def test_unequal_scatter_raises_no_more_alarms(entries, sessions):
-    found = histories(2000, seed=11, entries_differ=entries, sessions_differ=sessions)
-    assert np.mean([bool(changes) for _, changes in found]) <= 0.05
+    result = histories(2000, seed=11, entries_differ=entries, sessions_differ=sessions)
+    assert np.mean([bool(changes) for _, changes in result]) <= 0.05
 
 
 @pytest.mark.campaign
 def test_a_shift_of_0_05_deg_at_session_8_is_named_by_session_10():
     named, placed = [], []
-    for j, found in histories(1000, seed=77, shift_deg=0.05):
-        own = [c for c in found if c.name == NAMES[j] and c.at >= 6]
+    for j, result in histories(1000, seed=77, shift_deg=0.05):
+        own = [c for c in result if c.name == NAMES[j] and c.at >= 6]
         named.append(bool(own))
         placed += [c.at == 7 for c in own[:1]]
     assert np.mean(named) >= 0.90
@@ -72,26 +71,26 @@ def test_a_shift_is_named_once_with_session_and_amount():
     rng = np.random.default_rng(3)
     values = rng.normal(0.0, 0.01, (20, 4))
     values[12:, 2] += 0.2
-    found = control_chart("abcd", values, np.full((20, 4), 0.03))
-    (change,) = found.changes
+    result = control_chart("abcd", values, np.full((20, 4), 0.03))
+    (change,) = result.changes
     assert (change.name, change.at, change.detected_at, change.chart) == ("c", 12, 12, "shewhart")
     assert change.size == pytest.approx(0.2, abs=0.03)
-    assert np.isnan(found.centre[:4]).all()
-    assert not np.isnan(found.centre[4:, :2]).any()
+    assert np.isnan(result.centre[:4]).all()
+    assert not np.isnan(result.centre[4:, :2]).any()
     # Four sessions after it the quantity is judged again, by its new level.
-    assert np.isnan(found.centre[13:16, 2]).all()
-    assert found.centre[17, 2] == pytest.approx(0.2, abs=0.02)
+    assert np.isnan(result.centre[13:16, 2]).all()
+    assert result.centre[17, 2] == pytest.approx(0.2, abs=0.02)
 
 
 def test_limits_follow_the_scatter_not_the_stated_sigmas():
     rng = np.random.default_rng(4)
     values = rng.normal(0.0, 0.01, (40, 5))
     for stated in (0.01, 0.05, 0.002):
-        found = control_chart(NAMES, values, np.full((40, 5), stated))
-        assert found.changes == ()
-        assert found.between[-1].mean() == pytest.approx(0.01, rel=0.25)
-    least = smallest_shift(found.between[-1], 37, 5)
-    assert np.all((least > 2.5 * found.between[-1]) & (least / found.between[-1] < 4.5))
+        result = control_chart(NAMES, values, np.full((40, 5), stated))
+        assert result.changes == ()
+        assert result.between[-1].mean() == pytest.approx(0.01, rel=0.25)
+    least = smallest_shift(result.between[-1], 37, 5)
+    assert np.all((least > 2.5 * result.between[-1]) & (least / result.between[-1] < 4.5))
     assert 0.0 < CONTROL_CHART_FALSE_ALARM_PROBABILITY < 0.05
 
 

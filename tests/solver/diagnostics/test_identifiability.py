@@ -38,10 +38,10 @@ def test_condition_at_the_readings_follows_the_papers_closure(truth):
         columns.append(((up - down) / (2.0 * h)).ravel())
     J = np.stack(columns, axis=-1)
     s = np.linalg.svd(J / np.linalg.norm(J, axis=0), compute_uv=False)
-    found = condition_at_readings(loop_of(truth), values, q)
-    assert found == pytest.approx(s[0] / s[-1], rel=2e-3)
+    result = condition_at_readings(loop_of(truth), values, q)
+    assert result == pytest.approx(s[0] / s[-1], rel=2e-3)
     closed = identifiability(loop_of(truth), values, q).scaled_condition_number
-    assert abs(closed / found - 1.0) > 0.008
+    assert abs(closed / result - 1.0) > 0.008
 
 
 def test_noise_does_not_make_unidentifiable_parameters_identifiable(truth):
@@ -62,14 +62,14 @@ def test_noise_does_not_make_unidentifiable_parameters_identifiable(truth):
 
 def test_condition_and_observability_agree_with_a_second_implementation(truth):
     closed = closed_poses(truth, np.random.default_rng(1), 30)
-    found = identifiability(loop_of(truth), truth.values(NAMES), closed[:, 1:])
+    result = identifiability(loop_of(truth), truth.values(NAMES), closed[:, 1:])
     _, by_name = closure_rates(truth, closed, NAMES)
     # At closure the hinge moves the third row only.
     J = np.delete(by_name, 2, axis=1).reshape(-1, 14)
     s = np.linalg.svd(J / np.linalg.norm(J, axis=0), compute_uv=False)
     plain = np.linalg.svd(J, compute_uv=False)
-    assert found.scaled_condition_number == pytest.approx(s[0] / s[-1], rel=1e-8)
-    assert found.condition_number == pytest.approx(plain[0] / plain[-1], rel=1e-8)
+    assert result.scaled_condition_number == pytest.approx(s[0] / s[-1], rel=1e-8)
+    assert result.condition_number == pytest.approx(plain[0] / plain[-1], rel=1e-8)
     expected = (
         np.prod(s) ** (1 / 14) / np.sqrt(30),
         s[-1] / s[0],
@@ -77,44 +77,44 @@ def test_condition_and_observability_agree_with_a_second_implementation(truth):
         s[-1] ** 2 / s[0],
         1.0 / (1.0 / s).sum(),
     )
-    assert found.observability == pytest.approx(expected, rel=1e-8)
+    assert result.observability == pytest.approx(expected, rel=1e-8)
 
 
 def test_independent_unidentifiable_directions_are_listed_separately():
     J = np.random.default_rng(8).normal(size=(40, 5))
     J[:, 1] = 0.0
     J[:, 4] = 2.0 * J[:, 3]
-    found = identifiability_of_jacobian(J.reshape(8, 5, 5), "pqrst", MOVING)
-    assert found.rank == 3
-    assert found.scaled_condition_number == np.inf
-    assert {frozenset(d.parameters) for d in found.directions} == {
+    result = identifiability_of_jacobian(J.reshape(8, 5, 5), "pqrst", MOVING)
+    assert result.rank == 3
+    assert result.scaled_condition_number == np.inf
+    assert {frozenset(d.parameters) for d in result.directions} == {
         frozenset({"q"}),
         frozenset({"s", "t"}),
     }
-    texts = {str(d) for d in found.directions}
+    texts = {str(d) for d in result.directions}
     assert "q cannot be determined" in texts
 
 
 def test_fewer_rows_than_parameters_are_handled():
-    found = identifiability_of_jacobian(np.eye(5)[:3, None], "pqrst", MOVING[:3])
-    assert found.rank == 3
-    assert {d.parameters for d in found.directions} == {("s",), ("t",)}
+    result = identifiability_of_jacobian(np.eye(5)[:3, None], "pqrst", MOVING[:3])
+    assert result.rank == 3
+    assert {d.parameters for d in result.directions} == {("s",), ("t",)}
 
 
 @pytest.mark.parametrize("without", [(), (6, 7)])
-def test_noisy_and_closed_loops_agree(hinge_data, truth, without):
-    q = read_poses(hinge_data / "hinge_exact.csv")[:40]
+def test_noisy_and_closed_loops_agree(truth, without):
+    q = read_poses("hinge_exact.csv")[:40]
     names = tuple(n for n in NAMES if n not in {f"theta_off_{j}" for j in without})
     x = truth.values(NAMES)
     errors = ErrorModel(joint_variance=np.full(q.shape, 1e-10))
     order = np.random.default_rng(1).permutation(len(q))
     fit = expected_fit(loop_of(truth), q[order], errors, x)
-    found = identifiability_of_fit(fit, names, taken=order, without=without)
+    result = identifiability_of_fit(fit, names, taken=order, without=without)
     blind = loop_of(truth, unsensed=without)
     there = identifiability(blind, np.array([x[NAMES.index(p.name)] for p in blind.parameters]), q)
-    assert found.rank == there.rank == len(names)
-    assert found.scaled_condition_number == pytest.approx(there.scaled_condition_number, rel=1e-6)
-    assert found.condition_number == pytest.approx(there.condition_number, rel=1e-6)
-    assert found.weakest.parameters == there.weakest.parameters
-    assert [n for n, _ in found.trend] == [n for n, _ in there.trend]
-    assert [c for _, c in found.trend] == pytest.approx([c for _, c in there.trend], rel=1e-6)
+    assert result.rank == there.rank == len(names)
+    assert result.scaled_condition_number == pytest.approx(there.scaled_condition_number, rel=1e-6)
+    assert result.condition_number == pytest.approx(there.condition_number, rel=1e-6)
+    assert result.weakest.parameters == there.weakest.parameters
+    assert [n for n, _ in result.trend] == [n for n, _ in there.trend]
+    assert [c for _, c in result.trend] == pytest.approx([c for _, c in there.trend], rel=1e-6)

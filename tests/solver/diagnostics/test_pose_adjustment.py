@@ -10,14 +10,14 @@ from tests.oracles.simulated_loops import Simulation
 from tests.solver.conftest import NAMES, loop_of
 
 
-def test_a_pose_with_zero_step_waits_for_the_others(truth):
+def test_iteration_goes_on_after_a_zero_step_of_one_pose(truth):
     """Its ratio of steps is 0/0."""
     rigid = replace(loop_of(truth), hinge=False)
     q = Simulation(poses=6, wrist_sd=6e-3).readings(0)
     variance = np.full(q.shape, 1e-6)
     variance[0] = 0.0
     noise = NoiseModel(joint_variance=variance, fixture_variance=np.full(6, 1e-6))
-    found = adjust_poses(rigid, truth.values(NAMES), q, noise)
-    assert found.converged.all()
-    assert not found.corrections[0].any()
-    assert found.corrections[1:].any()
+    result = adjust_poses(rigid, truth.values(NAMES), q, noise)
+    assert result.converged.all()
+    assert not result.corrections[0].any()
+    assert result.corrections[1:].any()

@@ -18,20 +18,16 @@ SIMULATION = Simulation(poses=30, wrist_sd=6e-3)
 NOISE = NoiseModel(joint_variance=SIMULATION.sigma() ** 2)
 
 
-def test_intervals_are_normal_under_a_noise_model(truth):
-    found = estimate_implicit(loop_of(truth), SIMULATION.rereadings(0), NOISE)
-    (low, high), sd = intervals(found), found.standard_deviation
-    assert high - found.x == pytest.approx(1.959964 * sd, rel=1e-6)
-    assert found.x - low == pytest.approx(1.959964 * sd, rel=1e-6)
-
-
-def test_intervals_are_students_if_residuals_give_the_scale(truth):
-    found = estimate_paper(loop_of(truth), SIMULATION.rereadings(0)[:4])
-    assert found.dof == 6
-    high = intervals(found)[1]
-    assert (high - found.x) / found.standard_deviation == pytest.approx(
-        np.full(14, 2.446912), rel=1e-6
-    )
+def test_intervals_are_normal_or_students_if_residuals_give_the_scale(truth):
+    q = SIMULATION.rereadings(0)
+    by_noise = estimate_implicit(loop_of(truth), q, NOISE)
+    by_residuals = estimate_paper(loop_of(truth), q[:4])
+    assert by_residuals.dof == 6
+    for estimate, quantile in ((by_noise, 1.959964), (by_residuals, 2.446912)):
+        low, high = intervals(estimate)
+        sd = estimate.standard_deviation
+        assert high - estimate.x == pytest.approx(quantile * sd, rel=1e-6)
+        assert estimate.x - low == pytest.approx(quantile * sd, rel=1e-6)
 
 
 def test_correlations():
@@ -44,9 +40,9 @@ def test_correlations():
 
 def test_chi2_band():
     # 99 % band of chi2 with 100 degrees of freedom, from tables: 67.328 .. 140.169
-    found = chi2_test(100.0, 100)
-    assert (found.low, found.high) == pytest.approx((0.67328, 1.40169), rel=1e-5)
-    assert found.accepted
+    result = chi2_test(100.0, 100)
+    assert (result.low, result.high) == pytest.approx((0.67328, 1.40169), rel=1e-5)
+    assert result.accepted
     assert not chi2_test(141.0, 100).accepted
     assert not chi2_test(67.0, 100).accepted
     with pytest.raises(ValueError, match="degree of freedom"):
@@ -66,15 +62,15 @@ def fitted(truth: Truth, q: np.ndarray, *, loose: bool = False) -> Calibrated:
 @pytest.mark.parametrize("loose", [False, True])
 def test_jackknife_equals_fits_without_each_pose(truth, loose):
     q = SIMULATION.rereadings(1)
-    found = fitted(truth, q, loose=loose)
+    result = fitted(truth, q, loose=loose)
     rest = [fitted(truth, np.delete(q, k, axis=0), loose=loose).estimate.x for k in range(len(q))]
     apart = np.array(rest) - np.mean(rest, axis=0)
     full = np.sqrt((len(q) - 1.0) / len(q) * (apart**2).sum(axis=0))
     assert len(full) == len(NAMES) + 2 * loose
-    assert jackknife(found.linear) == pytest.approx(full, rel=0.02)
+    assert jackknife(result.linear) == pytest.approx(full, rel=0.02)
 
 
 def test_jackknife_needs_a_spare_pose(truth):
-    found = fitted(truth, SIMULATION.rereadings(0)[:3])
+    result = fitted(truth, SIMULATION.rereadings(0)[:3])
     with pytest.raises(TooFewPosesError):
-        jackknife(found.linear)
+        jackknife(result.linear)

@@ -1,4 +1,4 @@
-"""What a fit left over: against least squares done again with the columns in question."""
+"""Whitened residuals, against least squares with the further columns."""
 
 from dataclasses import replace
 
@@ -19,7 +19,7 @@ POSES, ROWS, UNKNOWNS = 30, 4, 6
 
 
 def problem(seed: int):
-    """A system with correlated noise: w, A, V and columns that nobody fitted."""
+    """A system with correlated noise: w, A, V and further columns."""
     rng = np.random.default_rng(seed)
     A = rng.normal(size=(POSES, ROWS, UNKNOWNS))
     root = np.eye(ROWS) + 0.3 * np.tril(rng.normal(size=(POSES, ROWS, ROWS)), -1)
@@ -39,6 +39,13 @@ def projector(V: np.ndarray, X: np.ndarray) -> np.ndarray:
     """V^-1 - V^-1 X (X' V^-1 X)^-1 X' V^-1, multiplied out."""
     W = np.linalg.inv(V)
     return W - W @ X @ np.linalg.inv(X.T @ W @ X) @ X.T @ W
+
+
+def written_out(m: int, own: np.ndarray, blocks: np.ndarray) -> np.ndarray:
+    """Blocks (k, r, c) of poses `own` (k,) as columns (m, r, k c) of all poses."""
+    out = np.zeros((m, ROWS, len(own), blocks.shape[-1]))
+    out[own, :, np.arange(len(own)), :] = blocks
+    return out.reshape(m, ROWS, -1)
 
 
 def covariance(left: WhitenedResiduals) -> np.ndarray:
@@ -64,18 +71,19 @@ def test_random_effects_and_priors_are_in_the_covariance():
     Z = rng.normal(size=(POSES, ROWS, 5))
     prior = np.full(UNKNOWNS, np.inf)
     prior[[1, 4]] = 0.3, 2.0
-    left = fit_residuals(w, A, V, drawn=Z, prior_sd=prior)
     flat = Z.reshape(-1, 5)
     soft = A.reshape(-1, UNKNOWNS)[:, [1, 4]] * (0.3, 2.0)
     whole = dense(V) + flat @ flat.T + soft @ soft.T
-    P = projector(whole, A.reshape(-1, UNKNOWNS)[:, [0, 2, 3, 5]])
+    P, y = projector(whole, A.reshape(-1, UNKNOWNS)[:, [0, 2, 3, 5]]), w.reshape(-1)
+    left = fit_residuals(w, A, V, prior_sd=prior).with_columns(Z, np.ones(5))
+    assert left.chi2 == pytest.approx(y @ P @ y)
     s, C = left.score(G)
-    np.testing.assert_allclose(s, G.reshape(-1, 3).T @ P @ w.reshape(-1), rtol=1e-8, atol=1e-9)
+    np.testing.assert_allclose(s, G.reshape(-1, 3).T @ P @ y, rtol=1e-8, atol=1e-9)
     np.testing.assert_allclose(C, G.reshape(-1, 3).T @ P @ G.reshape(-1, 3), rtol=1e-8, atol=1e-9)
-    with_columns = fit_residuals(w, A, V, prior_sd=prior).with_columns(Z, np.ones(5))
-    assert with_columns.chi2 == pytest.approx(left.chi2)
-    np.testing.assert_allclose(covariance(with_columns), covariance(left), rtol=1e-8, atol=1e-12)
-    np.testing.assert_allclose(with_columns.score(G)[0], s, rtol=1e-8, atol=1e-9)
+    columns = np.concatenate((A, Z), axis=-1).reshape(len(y), -1)
+    information = columns.T @ np.linalg.inv(dense(V)) @ columns + np.diag([*prior**-2, *np.ones(5)])
+    expected = np.linalg.inv(information)[:UNKNOWNS, :UNKNOWNS]
+    np.testing.assert_allclose(covariance(left), expected, rtol=1e-8, atol=1e-12)
 
 
 def test_added_columns_equal_fitted_columns():
@@ -110,20 +118,23 @@ def test_outliers_do_not_mask_each_other():
     for poses in ((7,), (3, 11, 20)):
         disturbed = w.copy()
         disturbed[list(poses)] += 9.0
-        found = find_outliers(fit_residuals(disturbed, A, V))
-        assert sorted(found.poses) == sorted(poses)
-        assert found.test.fires
-        assert found.rest.chi2 < found.rest.dof * 2.0
+        result = find_outliers(fit_residuals(disturbed, A, V))
+        assert sorted(result.poses) == sorted(poses)
+        assert result.test.fires
+        assert result.rest.chi2 < result.rest.dof * 2.0
 
 
 def test_excluded_poses_equal_poses_with_own_columns():
-    """Pose 9 alone sees the last unknown: without it that one is not seen, and nothing is divided by zero."""
+    """Only pose 9 determines the last unknown; without it there is no division by zero."""
     w, A, V, G = problem(10)
     A = np.concatenate((A, np.zeros((POSES, ROWS, 1))), axis=-1)
     A[9, :, -1] = 1.0
     left = fit_residuals(w, A, V)
     poses = np.array([4, 9])
-    there, fitted = left.without(poses), left.with_columns(own_columns(left, poses))
+    there, fitted = (
+        left.without(poses),
+        left.with_columns(written_out(POSES, poses, pose_columns(left, poses))),
+    )
     assert there.U.shape == left.U.shape
     assert there.dof == fitted.dof
     assert there.chi2 == pytest.approx(fitted.chi2)
@@ -135,15 +146,8 @@ def test_excluded_poses_equal_poses_with_own_columns():
     np.testing.assert_allclose(one_by_one.white, there.white, atol=1e-9)
 
 
-def own_columns(left: WhitenedResiduals, poses: np.ndarray) -> np.ndarray:
-    """Columns that free all equations of some poses, written out."""
-    out = np.zeros((POSES, ROWS, len(poses), ROWS))
-    out[poses, :, np.arange(len(poses)), :] = pose_columns(left, poses)
-    return out.reshape(POSES, ROWS, -1)
-
-
 def test_many_outliers_are_found_in_few_rounds(monkeypatch):
-    """Several are excluded at a time: all of them, no sound one."""
+    """Several are excluded at a time."""
     m = 1000
     rng = np.random.default_rng(11)
     A, w = rng.normal(size=(m, ROWS, UNKNOWNS)), rng.normal(size=(m, ROWS))
@@ -154,9 +158,9 @@ def test_many_outliers_are_found_in_few_rounds(monkeypatch):
     monkeypatch.setattr(
         WhitenedResiduals, "without", lambda *excluded: rounds.append(0) or without(*excluded)
     )
-    found = find_outliers(left)
-    assert sorted(found.poses) == sorted(poses)
-    assert found.rest.U.shape == left.U.shape
+    result = find_outliers(left)
+    assert sorted(result.poses) == sorted(poses)
+    assert result.rest.U.shape == left.U.shape
     assert 80 <= len(rounds) <= 110
 
 
@@ -167,8 +171,8 @@ def test_a_sound_pose_set_rarely_has_an_outlier():
     alarms = 0
     for _ in range(600):
         w = (root @ rng.normal(size=(POSES, ROWS, 1)))[..., 0]
-        found = find_outliers(fit_residuals(w, A, V))
-        alarms += bool(found.poses)
+        result = find_outliers(fit_residuals(w, A, V))
+        alarms += bool(result.poses)
     assert alarms <= 5
 
 
@@ -190,9 +194,9 @@ def test_evidence_prefers_the_true_cause():
 def test_evidence_prefers_no_fault_for_sound_poses():
     w, A, V, G = problem(10)
     left = fit_residuals(w, A, V)
-    found = evidence(left, G, np.ones(3))
-    assert found is not None
-    assert log_likelihood(left, most_noise=np.inf) > found.log_likelihood - 1.0
+    result = evidence(left, G, np.ones(3))
+    assert result is not None
+    assert log_likelihood(left, most_noise=np.inf) > result.log_likelihood - 1.0
     assert 0.25 <= noise_scale(left.chi2, left.dof) <= 1.0
 
 
@@ -212,14 +216,8 @@ def left():
     w = rng.normal(size=(MORE_POSES, ROWS))
     w[[3, 20]] += 6.0
     prior = np.where(np.arange(UNKNOWNS) == 2, 0.5, np.inf)
-    found = fit_residuals(w, A, np.broadcast_to(V, (MORE_POSES, ROWS, ROWS)), prior_sd=prior)
-    return replace(found, whitener=np.array(found.whitener))
-
-
-def written_out(own: np.ndarray, blocks: np.ndarray) -> np.ndarray:
-    out = np.zeros((MORE_POSES, ROWS, len(own), blocks.shape[-1]))
-    out[own, :, np.arange(len(own)), :] = blocks
-    return out.reshape(MORE_POSES, ROWS, -1)
+    result = fit_residuals(w, A, np.broadcast_to(V, (MORE_POSES, ROWS, ROWS)), prior_sd=prior)
+    return replace(result, whitener=np.array(result.whitener))
 
 
 @pytest.mark.parametrize(("count", "width"), [(1, 4), (3, 2), (30, 1), (40, 3)])
@@ -228,7 +226,7 @@ def test_evidence_equals_that_of_explicit_columns(left, count, width):
     own = np.sort(rng.choice(MORE_POSES, count, replace=False))
     blocks = rng.normal(size=(count, ROWS, width))
     expected_size = np.tile(rng.uniform(0.5, 2.0, width), count)
-    there = evidence(left, written_out(own, blocks), expected_size)
+    there = evidence(left, written_out(MORE_POSES, own, blocks), expected_size)
     here = evidence(left, blocks, expected_size, own=own)
     assert there is not None
     assert here is not None
@@ -241,11 +239,11 @@ def test_evidence_equals_that_of_explicit_columns(left, count, width):
 
 
 def test_random_columns_count_as_noise_of_their_poses(left):
-    """Whitened anew, and yet every question has the answer it has with the columns beside the others."""
+    """Whitened again, with the same scores as with columns that are fitted."""
     rng = np.random.default_rng(7)
     own, other = np.array([3, 20, 31]), rng.normal(size=(MORE_POSES, ROWS, 2))
     blocks = 5.0 * pose_columns(left, own)
-    there = left.with_columns(written_out(own, blocks), np.ones(len(own) * ROWS))
+    there = left.with_columns(written_out(MORE_POSES, own, blocks), np.ones(len(own) * ROWS))
     here = OwnColumns(left, own, blocks).drawn()
     assert here.U.shape == left.U.shape
     assert here.chi2 == pytest.approx(there.chi2)
@@ -257,7 +255,7 @@ def test_random_columns_count_as_noise_of_their_poses(left):
 
 
 def test_a_thousand_outliers_need_no_dense_columns():
-    """Written out they are 1.2 GB; what is needed for them is a hundredth of that."""
+    """All columns together would have 1.2 GB."""
     import tracemalloc
 
     rng = np.random.default_rng(3)
@@ -266,8 +264,8 @@ def test_a_thousand_outliers_need_no_dense_columns():
     eye = np.broadcast_to(np.eye(r), (m, r, r))
     left, own = fit_residuals(w, A, eye), np.arange(0, m, 3)
     tracemalloc.start()
-    found = evidence(left, pose_columns(left, own), np.full(len(own) * r, 3.0), own=own)
+    result = evidence(left, pose_columns(left, own), np.full(len(own) * r, 3.0), own=own)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert found is not None
+    assert result is not None
     assert peak < 12e6

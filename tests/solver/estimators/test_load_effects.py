@@ -1,4 +1,4 @@
-"""What bends under load: static equilibrium by central differences, covariances by drawing them."""
+"""Deflection under load: static equilibrium by central differences, covariances by draws."""
 
 from dataclasses import replace
 
@@ -60,9 +60,6 @@ def falling_torque(model: DhLoop, q: np.ndarray, masses: LinkMasses) -> np.ndarr
     return -np.array([oracle.holding_torque(p + offsets, s, a, alpha) for p in q])
 
 
-# ---- equilibrium
-
-
 def test_free_joints_are_in_equilibrium_without_hinge_moment(model, q):
     """Virtual work by central differences of the closure: no Jacobian of the subject is used."""
     x = nominal_vector(model.parameters)
@@ -102,9 +99,6 @@ def test_the_number_of_driven_joints_is_the_mobility():
     assert {len(s) for s in driven_sets(7, 3)} == {4}
 
 
-# ---- covariances
-
-
 def test_displacements_have_the_covariance_of_wishart_compliances():
     rng = np.random.default_rng(1)
     m, a, count = 2, 3, 40_000
@@ -121,10 +115,10 @@ def test_displacements_have_the_covariance_of_wishart_compliances():
     moved = np.einsum("i,nij,j,nmj->nmi", s, M, s, own)
     drawn = 0.7 * np.einsum("mij,nmj->nmi", turn, moved).reshape(count, -1)
     expected = drawn.T @ drawn / count
-    found = covariance(pulled, pulled, s)
+    result = covariance(pulled, pulled, s)
     scale = np.sqrt(np.outer(np.diagonal(expected), np.diagonal(expected)))
-    assert np.abs((found - expected) / scale).max() < 0.05
-    assert variance(pulled, s).reshape(-1) == pytest.approx(np.diagonal(found), rel=1e-10)
+    assert np.abs((result - expected) / scale).max() < 0.05
+    assert variance(pulled, s).reshape(-1) == pytest.approx(np.diagonal(result), rel=1e-10)
 
 
 @pytest.mark.parametrize(
@@ -141,23 +135,22 @@ def test_compliance_sizes_reproduce_the_stated_deflection(stated_deflection):
     assert size[3:].mean() == pytest.approx(stated_deflection[1] ** 2, rel=1e-9)
 
 
-# ---- columns
-
-
 def test_columns_and_missed_variance_add_up_to_the_stated(model, q):
     few, many = basis(model, q, deflection_columns=5), basis(model, q, deflection_columns=60)
-    for found in (few, many):
-        total = (found.deflection_at() ** 2).sum(-1) + found.deflection_missed
+    for result in (few, many):
+        total = (result.deflection_at() ** 2).sum(-1) + result.deflection_missed
         assert total[:, :3].mean() == pytest.approx(1.0, rel=1e-6)
         assert total[:, 3:].mean() == pytest.approx(1.0, rel=1e-6)
-        twist = found.joints.expected**2 + (found.joints.columns**2).sum(-1) + found.joints.missed
+        twist = (
+            result.joints.expected**2 + (result.joints.columns**2).sum(-1) + result.joints.missed
+        )
         assert twist.mean(0) == pytest.approx(np.ones(7), rel=1e-9)
     assert many.deflection_missed.max() < 0.02 < few.deflection_missed.mean()
 
 
 def test_other_masses_within_tolerance_lie_in_the_columns(model, q):
     rng = np.random.default_rng(4)
-    found = basis(model, q)
+    result = basis(model, q)
     for _ in range(10):
         other = replace(
             MASSES,
@@ -169,67 +162,64 @@ def test_other_masses_within_tolerance_lie_in_the_columns(model, q):
             shape = torque[:, j] / np.sqrt((torque[:, j] ** 2).mean())
             left = (
                 shape
-                - found.joints.columns[:, j] @ np.linalg.lstsq(found.joints.columns[:, j], shape)[0]
+                - result.joints.columns[:, j]
+                @ np.linalg.lstsq(result.joints.columns[:, j], shape)[0]
             )
             assert np.sqrt((left**2).mean()) < 0.15
 
 
 def test_expected_sag_is_that_of_half_normal_compliances(model, q):
-    """Where they twist is where the links would fall, against the torque that holds them."""
-    found = basis(model, q)
+    """Joints twist in the direction in which the links would fall."""
+    result = basis(model, q)
     falling = falling_torque(model, q, MASSES)
     rng = np.random.default_rng(5)
     mean = np.abs(rng.normal(size=100_000)).mean()
     for j in range(4):
         shape = falling[:, j] / np.sqrt((falling[:, j] ** 2).mean())
         # Uncertain masses take a share of the mean square: less of it is expected, never more.
-        along = (found.joints.expected[:, j] @ shape) / (shape @ shape)
+        along = (result.joints.expected[:, j] @ shape) / (shape @ shape)
         assert 0.85 * mean < along < 1.01 * mean
-        left = found.joints.expected[:, j] - along * shape
+        left = result.joints.expected[:, j] - along * shape
         assert np.sqrt((left**2).mean()) < 0.1
 
 
 def test_play_follows_a_certain_load_and_is_unknown_otherwise(model, q):
-    found = basis(model, q)
+    result = basis(model, q)
     sure = replace(MASSES, mass_sd_kg=np.zeros(7), centre_sd_m=np.zeros(7), down_sd_rad=0.0)
     falling = np.sign(falling_torque(model, q, MASSES))
     np.testing.assert_array_equal(basis(model, q, sure).joints.side, falling)
-    assert np.all(np.abs(found.joints.side) <= 1.0)
+    assert np.all(np.abs(result.joints.side) <= 1.0)
     # The hand's roll about its own axis hardly has a lever, the shoulder has a large one.
-    assert np.abs(found.joints.side[:, 1]).min() > 0.9
-    assert np.abs(found.joints.side[:, 6]).mean() < np.abs(found.joints.side[:, 1]).mean()
+    assert np.abs(result.joints.side[:, 1]).min() > 0.9
+    assert np.abs(result.joints.side[:, 6]).mean() < np.abs(result.joints.side[:, 1]).mean()
 
 
 def test_gravity_along_an_axis_causes_no_torque(model, q):
     along = replace(MASSES, down=np.array([0.0, 0.0, -1.0]), down_sd_rad=0.0)
-    found = basis(model, q, along)
+    result = basis(model, q, along)
     assert (
-        np.abs(found.joints.columns[:, 0]).max() == np.abs(found.joints.expected[:, 0]).max() == 0.0
+        np.abs(result.joints.columns[:, 0]).max()
+        == np.abs(result.joints.expected[:, 0]).max()
+        == 0.0
     )
-    assert np.all(found.joints.missed[:, 0] == 1.0)
-    np.testing.assert_allclose(found.joints.side[:, 0], 0.0, atol=1e-6)
-
-
-def test_nothing_stated_gives_no_effects(model, q):
-    found = basis(model, q, stated_deflection=(0.0, 0.0))
-    assert not found.deflection_at().any()
-    assert not found.deflection_missed.any()
+    assert np.all(result.joints.missed[:, 0] == 1.0)
+    np.testing.assert_allclose(result.joints.side[:, 0], 0.0, atol=1e-6)
 
 
 def test_placements_deflect_independently(model, q):
     number = np.repeat([1, 2], POSES // 2)
     both = place(model, number)
-    found = basis(both, q, deflection_columns=10)
-    assert found.deflection_at().shape == (POSES, 6, 20)
+    result = basis(both, q, deflection_columns=10)
+    assert result.deflection_at().shape == (POSES, 6, 20)
     apart = np.einsum(
-        "aic,bjc->aibj", found.deflection_at()[number == 1], found.deflection_at()[number == 2]
+        "aic,bjc->aibj", result.deflection_at()[number == 1], result.deflection_at()[number == 2]
     )
     assert not apart.any()
     alone = basis(model, q[number == 2], deflection_columns=10)
-    np.testing.assert_allclose(found.deflection_at()[number == 2][..., 10:], alone.deflection_at())
-    picked = found.at_poses(np.flatnonzero(number == 2))
-    np.testing.assert_array_equal(picked.deflection_at(), found.deflection_at()[number == 2])
-    np.testing.assert_array_equal(picked.joints.side, found.joints.side[number == 2])
+    np.testing.assert_allclose(result.deflection_at()[number == 2][..., 10:], alone.deflection_at())
+    picked = result.at_poses(np.flatnonzero(number == 2))
+    np.testing.assert_array_equal(picked.deflection_at(), result.deflection_at()[number == 2])
+    np.testing.assert_array_equal(picked.joints.side, result.joints.side[number == 2])
 
 
 def test_a_ball_deflects_along_three_components(q):
@@ -239,9 +229,9 @@ def test_a_ball_deflects_along_three_components(q):
         tip_m=np.array([0.0, 0.0, 0.05]),
         ground_m=np.array([0.3, 0.1, 0.2]),
     )
-    found = basis(ball, q, stated_deflection=(0.0, 2e-4))
-    assert found.deflection_at().shape[:2] == (POSES, 3)
-    total = (found.deflection_at() ** 2).sum(-1) + found.deflection_missed
+    result = basis(ball, q, stated_deflection=(0.0, 2e-4))
+    assert result.deflection_at().shape[:2] == (POSES, 3)
+    total = (result.deflection_at() ** 2).sum(-1) + result.deflection_missed
     assert total.mean() == pytest.approx(1.0, rel=1e-6)
 
 

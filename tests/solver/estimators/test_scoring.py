@@ -1,4 +1,4 @@
-"""A step of the variances, where the likelihood is given."""
+"""Steps of the variances for given derivatives of the likelihood, and the prior of scales."""
 
 from types import SimpleNamespace
 
@@ -25,7 +25,7 @@ def fit_of(v: list[float]) -> SimpleNamespace:
     return SimpleNamespace(v=np.array(v), design=design)
 
 
-def found(score: list[float], information: list[list[float]]) -> Derivatives:
+def derivatives(score: list[float], information: list[list[float]]) -> Derivatives:
     known = np.array(information)
     return Derivatives(
         score=np.array(score), information=known, curvature=known, expected=np.zeros(len(score))
@@ -33,15 +33,15 @@ def found(score: list[float], information: list[list[float]]) -> Derivatives:
 
 
 def test_an_unbounded_step_is_newtons():
-    taken = step(fit_of([1.0, 1.0]), found([0.2, -0.1], [[2.0, 0.5], [0.5, 1.0]]))
+    taken = step(fit_of([1.0, 1.0]), derivatives([0.2, -0.1], [[2.0, 0.5], [0.5, 1.0]]))
     expected = np.linalg.solve([[2.0, 0.5], [0.5, 1.0]], [0.2, -0.1])
     np.testing.assert_allclose(taken.change, expected, rtol=1e-6)
 
 
 def test_an_undetermined_variance_stays_and_the_others_move():
-    """Rounding may leave less than nothing on the diagonal, and something beside it."""
+    """Rounding may leave a negative number on the diagonal, and a large one beside it."""
     for nothing in (0.0, -1e-9):
-        taken = step(fit_of([1.0, 1.0]), found([0.2, 0.3], [[2.0, 1e10], [1e10, nothing]]))
+        taken = step(fit_of([1.0, 1.0]), derivatives([0.2, 0.3], [[2.0, 1e10], [1e10, nothing]]))
         np.testing.assert_allclose(taken.change, [0.1, 0.0], rtol=1e-6)
 
 
@@ -49,9 +49,11 @@ def test_slope_after_a_step_falls_with_the_square_of_steps_that_shrink_fast():
     ascent = VarianceSearch()
     left = []
     for size, slope in ((1.0, 4.0), (0.2, 1.0), (0.1, 0.5)):
-        wanted = ScoringStep(change=np.zeros(2), largest=size, slope=slope)
+        proposed = ScoringStep(change=np.zeros(2), largest=size, slope=slope)
         fit = SimpleNamespace(v=np.ones(2), log_likelihood=0.0)
-        ascent.next_variances(fit, found([0.0, 0.0], [[1.0, 0.0], [0.0, 1.0]]), wanted, far=True)
+        ascent.next_variances(
+            fit, derivatives([0.0, 0.0], [[1.0, 0.0], [0.0, 1.0]]), proposed, far=True
+        )
         left.append(ascent.slope_left)
     np.testing.assert_allclose(left, [4.0, 0.04, 0.5])
 

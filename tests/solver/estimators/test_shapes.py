@@ -1,4 +1,4 @@
-"""Shapes of play, sag and deflection: nothing enters below its statement, and columns say what effects do."""
+"""Shapes of play, sag and deflection: stated variances are reproduced, and columns equal the effects."""
 
 from dataclasses import replace
 
@@ -34,7 +34,7 @@ def errors(model, q):
 
 
 def joint_variance_by_source(design: Layout, source: str) -> np.ndarray:
-    """What the columns of play or sag bring to every joint, in squares of what is stated."""
+    """Variance of every joint by the columns of play or sag, in squares of the stated size."""
     shapes, stated = {
         "joint_play": (design.play, design.backlash), "sag": (design.sags, design.sag)
     }[source]  # fmt: skip
@@ -57,7 +57,7 @@ def test_the_stated_variance_is_reproduced(model, q, errors):
 
 
 def test_play_follows_the_load_with_probability_one_half(model, q, errors):
-    """Second moments of joints of which half lie where the load is and half where they came from."""
+    """Second moments of joints, half of them displaced by the load and half by their approach."""
     design = LinearModel(model, q, errors)
     rng = np.random.default_rng(1)
     follows = rng.random(20_000) < 0.5
@@ -72,7 +72,7 @@ def test_play_follows_the_load_with_probability_one_half(model, q, errors):
 
 
 def test_expected_effects_are_subtracted_from_the_readings(model, q, errors):
-    """Readings off by just what is expected close at the truth, and no effect is asked for it."""
+    """Readings with the expected error close at the truth without an effect."""
     design = LinearModel(model, q, errors)
     e = design.effects_at(np.zeros(design.width - design.hard), q)[0]
     assert np.abs(e).max() > 1e-5
@@ -138,8 +138,8 @@ def test_without_a_sign_second_moments_are_equal(model, q, errors):
 
 @pytest.mark.parametrize(("share", "signed"), [(1.0, True), (0.0, False), (-1.0, False)])
 def test_the_readings_decide_the_sign_of_gravity(model, errors, share, signed):
-    """Readings with so much of the sag and play that is expected; those of an exact arm have none of it."""
+    """Readings with a share of the expected sag and play; those of an exact arm have none."""
     q = Simulation(poses=POSES, wrist_sd=1e-7, encoder_sd=1e-7).readings(0)
     expected = LinearModel(model, q, errors).expected
-    found, _ = settle(model, q - share * expected, errors)
-    assert found.fit.design.errors.signed is signed
+    result, _ = settle(model, q - share * expected, errors)
+    assert result.fit.design.errors.signed is signed

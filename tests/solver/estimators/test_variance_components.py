@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from solver.chain.sensors import curves_of
 from solver.errors import TooFewPosesError
 from solver.estimators.error_model import ErrorModel, stated_errors
 from solver.estimators.implicit import NoiseModel, estimate_implicit
@@ -17,7 +16,6 @@ from solver.estimators.variance_components import (
 )
 from tests.oracles.loop_oracle import paper_truth
 from tests.oracles.simulated_loops import (
-    FULL_SCALE_RAD,
     RVDT_SD,
     RvdtCurve,
     Simulation,
@@ -43,7 +41,7 @@ def sd(results: VarianceComponents, name: str) -> float:
     return next((c.sd for c in results.components if c.name == name), 0.0)
 
 
-def found(simulation: Simulation, seed: int, errors: ErrorModel | None = None) -> Calibrated:
+def calibrated(simulation: Simulation, seed: int, errors: ErrorModel | None = None) -> Calibrated:
     q = simulation.readings(seed)
     errors = sensors(len(q)) if errors is None else errors
     truth = simulation.truth
@@ -78,7 +76,7 @@ def test_components_are_separated():
     runs, hits, inside = 6, np.zeros(14), dict.fromkeys(("rvdt_6", "fixture_m", "fixture_rad"), 0)
     true = {"rvdt_6": 4e-3, "fixture_m": 1e-3, "fixture_rad": 2e-3}
     for seed in range(runs):
-        whole = found(simulation, seed)
+        whole = calibrated(simulation, seed)
         estimate, vc = whole.estimate, whole.components
         assert estimate.converged
         assert vc.compliance is not None
@@ -101,7 +99,7 @@ def test_a_fixture_as_compliant_as_stated_is_no_finding(truth):
     errors = sensors(40, give_rad=2e-4, give_m=2e-4)
     surprises = 0
     for seed in range(8):
-        vc = found(simulation, seed, errors).components
+        vc = calibrated(simulation, seed, errors).components
         assert vc.compliance is not None
         surprises += vc.compliance.deflects
         assert sd(vc, "fixture_m") >= 1e-4 * (1.0 - 1e-9)
@@ -167,12 +165,3 @@ def test_errors_must_refer_to_the_loop(truth):
         estimate_with_errors(unsensed, q, sensors(20), x0=np.zeros(12))
     with pytest.raises(TooFewPosesError):
         estimate_with_errors(loop_of(truth), q[:2], sensors(2))
-
-
-def test_curves_are_taken_from_the_arm(truth):
-    arm = paper_arm(truth)
-    assert [c.joint for c in curves_of(arm)] == [6, 7]
-    assert [c.joint for c in curves_of(arm, unsensed_joints=(6,))] == [7]
-    assert curves_of(arm)[0].middle_rad == pytest.approx(truth.home[5])
-    assert curves_of(arm)[0].half_scale_rad == pytest.approx(0.5 * FULL_SCALE_RAD)
-    assert [a.joint for a in sensors(3).analogue] == [6, 7]

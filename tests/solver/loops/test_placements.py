@@ -19,7 +19,6 @@ from tests.solver.conftest import NAMES, loop_of
 
 GROUND = ("theta_off_1", "a_0", "s_0", "alpha_0", "s_1")
 TOOL = ("theta_off_7", "a_7", "s_7", "alpha_7")
-INNER = tuple(f"theta_off_{j}" for j in range(2, 7))
 
 
 def second_truth(*, same_hand: bool) -> Truth:

@@ -6,7 +6,8 @@ UR5, xArm 6, Gen3 lite, IRB 120 and iiwa 14, each in a ball's two sockets (26 po
 arm file by `sarcal new arm --urdf`, fixture as that command's user would measure it. True errors of lengths, twists,
 encoders, play, sag and fixture are `size` times those that the files state. True entries are read from the drawn arm's
 own URDF; rows whose entries depend on the fixture's place are left out. Bars, at either size: 95 % intervals cover at
-least 92 % (at size 1 at most 99 %), rms of error/sigma 0.5 to 1.1, the tool of the best table within 3 of its own sigmas, all accepted.
+least 92 % (at size 1 at most 99 %), rms of error/sigma 0.5 to 1.1, the tool of the best table within 3 of its own
+sigmas, all accepted.
 """
 
 import math
@@ -315,7 +316,7 @@ def main() -> int:
             inside, rms = np.mean(np.abs(z) < NORMAL_95), np.sqrt(np.mean(z**2))
             accepted = set(verdicts) <= {ACCEPTED, WARNED}
             met = (
-                0.92 <= inside <= (1.0 if size < 1.0 else 0.99)
+                0.92 <= inside <= (1.0 if float(size) < 1.0 else 0.99)
                 and 0.5 <= rms <= 1.1
                 and max(tool) < 3.0
                 and accepted

@@ -20,8 +20,9 @@ from operator_app.calibration.tool_accuracy import HandAccuracy
 from operator_app.config.procedure import AcceptanceLimits
 from operator_app.messages.finding import Finding, FindingKind, NamedSize
 from solver.chain.arm_model import ArmModel
+from solver.chain.parameters import DhEntry, DhKind, is_entry, wrap_angle
 from solver.diagnostics.identifiability import Identifiability
-from solver.diagnostics.limits import CHI2_NOTICE_PROBABILITY
+from solver.diagnostics.limits import CHI2_NOTICE_PROBABILITY, OFFSET_NOTICE_SIGMAS
 from solver.estimators.estimate import Estimate
 from solver.estimators.linear_fit import LinearFit
 from solver.estimators.variance_components import Calibrated
@@ -134,6 +135,7 @@ def _of_parameters(
     if offsets:
         tolerance = arm.offset_tolerance_rad
         yield Finding(K.FIXED_BY_CHOICE, size=tolerance, unit="rad", sizes=offsets, figures=rates)
+    yield from _offsets_beyond_tolerance(solution.estimate, arm)
     units = {p.name: p.unit for p in solution.estimate.parameters}
     sd, shares = solution.estimate.sd_by_name, solution.shares
     sizes = tuple(
@@ -143,6 +145,26 @@ def _of_parameters(
     if sizes:
         yield Finding(K.KNOWN_BY_FILES, sizes=sizes)
     yield from second_solution(solution.search)
+
+
+def _offsets_beyond_tolerance(estimate: Estimate, arm: ArmModel) -> Iterator[Finding]:
+    """Notices about offsets farther from the file's than `OFFSET_NOTICE_SIGMAS` of its standard deviation."""
+    sigma = arm.offset_tolerance_rad
+    for p, x in zip(estimate.parameters, estimate.x.tolist(), strict=True):
+        entry = DhEntry.parse(p.name) if is_entry(p.name) else None
+        if not sigma or entry is None or entry.kind is not DhKind.THETA_OFF:
+            continue
+        change = float(wrap_angle(x - p.nominal))
+        if abs(change) > OFFSET_NOTICE_SIGMAS * sigma:
+            figures = {"times": abs(change) / sigma}
+            yield Finding(
+                K.OFFSET_FAR,
+                joint=entry.row,
+                names=(p.name,),
+                size=change,
+                unit="rad",
+                figures=figures,
+            )
 
 
 def _of_the_fit(solution: Solution, same: tuple[Finding, ...], *, sound: bool) -> Iterator[Finding]:

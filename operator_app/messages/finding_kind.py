@@ -478,6 +478,11 @@ class FindingKind(Enum):
         text="the fixture's {name} differs from its file by {size:FAR_ANGLE|FAR_LENGTH}",
         remedy="the calibration uses the value found from the poses; if the fixture stays there, correct its file",
     )
+    OFFSET_FAR = _Message(
+        "OFFSET_TOLERANCE",
+        text="{name} differs from the arm file by {size:FAR_ANGLE}, {times:TIMES} times its offset_tolerance_deg",
+        remedy="check the zero of joint {joint}; if it is right, correct the offset or the tolerance in the arm file",
+    )
     SECOND_SOLUTION = _Message(
         "SECOND_SOLUTION",
         text="{solutions:d} distinct solutions fit these poses equally well",

@@ -136,6 +136,9 @@ LEARNED_VARIANCE_FACTOR = 2.0
 
 # Parameters
 
+OFFSET_NOTICE_SIGMAS = 5.0
+"""An offset farther from its nominal value than this many of its stated standard deviations is mentioned."""
+
 FAR_FROM_NOMINAL_RAD = np.deg2rad(20.0)
 FAR_FROM_NOMINAL_M = 0.06
 """Difference from the file's value that neither a mounting error nor an offset can credibly cause."""

@@ -147,6 +147,16 @@ def test_out_of_range_readings_name_joint_pose_and_unit(poses):
     assert "RADIANS" in [mistake.code for mistake in error.value.causes]
 
 
+def test_offset_far_beyond_its_tolerance_is_mentioned(poses):
+    usual = calibrate(ARM, HINGE, poses)
+    assert "OFFSET_TOLERANCE" not in codes(usual)
+    sigma_rad = np.deg2rad(0.3)
+    stated = calibrate(replace(ARM, offset_tolerance_rad=sigma_rad), HINGE, poses)
+    changes = {j: stated.estimate.value(f"theta_off_{j}") for j in range(1, 8)}
+    far = {j for j, x in changes.items() if abs(x - ARM.table.theta_off_rad[j - 1]) > 5 * sigma_rad}
+    assert far == {w.joint for w in stated.warnings if w.code == "OFFSET_TOLERANCE"} != set()
+
+
 def test_text_names_five_of_many_outliers_and_counts_the_rest():
     (notice,) = outliers_still_used(tuple(str(k) for k in range(1, 513)))
     assert "poses 1, 2, 3, 4, 5 and 507 more" in notice.text

@@ -146,8 +146,10 @@ def _fitted(
             used = free & (np.arange(9) >= 3) if step == 0 else free
             residual = measured - base - swung
             d = np.zeros(9)
-            A = np.concatenate((J.reshape(-1, 9), prior * np.eye(9)[6:]))
-            b = np.concatenate((residual.reshape(-1), prior * (stated - tip)))
+            # A turn that the points hardly determine, e.g. about a line on which all of them are, stays small.
+            damping = POINT_ERROR_M * np.eye(9)[:3]
+            A = np.concatenate((J.reshape(-1, 9), prior * np.eye(9)[6:], damping))
+            b = np.concatenate((residual.reshape(-1), prior * (stated - tip), np.zeros(3)))
             d[used] = np.linalg.lstsq(A[:, used], b)[0]
             turn = d[:3] * min(1.0, LARGEST_STEP_RAD / max(float(np.linalg.norm(d[:3])), 1e-12))
             R_base = rotation_matrix(turn) @ R_base

@@ -2,7 +2,10 @@
 
 import numpy as np
 
-from operator_app.calibration.instrument_registration import with_registered_instrument
+from operator_app.calibration.instrument_registration import (
+    placed_by_poses,
+    with_registered_instrument,
+)
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from solver.chain.kinematics import forward
@@ -37,3 +40,18 @@ def test_target_stays_near_its_stated_place_with_one_orientation():
     assert np.abs(np.subtract(registered.tip_m, tracker.tip_m)).max() < tracker.tolerance.position_m
     assert np.abs(registered.base_m - BASE_M).max() < tracker.tolerance.position_m
     assert np.abs(turn - rotation_matrix(np.array(registered.base_turn_rad))).max() < 0.01
+
+
+def test_base_stays_near_where_all_points_are_nearly_on_a_line():
+    arm, tracker = load_arm("ur5e"), load_fixture("tracker").fixture
+    q = np.tile(arm.home_rad, (40, 1))
+    q[:, 2] += np.linspace(-1e-3, 1e-3, 40)
+    frames = forward(q + arm.table.theta_off_rad, *arm.table.stacked()[1:])
+    rng = np.random.default_rng(1)
+    p = BASE_M + (frames.p_end + frames.R_end @ TIP_M) @ rotation_matrix(TURN_RAD).T
+    poses = PoseSet(
+        placement=np.ones(len(q), dtype=np.int64), label=tuple(map(str, range(len(q)))), q_rad=q,
+        endpoint=p + rng.normal(0.0, 1e-4, p.shape),
+    )  # fmt: skip
+    placed = placed_by_poses(arm, tracker, poses, {})
+    assert np.linalg.norm(np.subtract(placed.base_m, BASE_M)) < 2.0 * frames.p_end[0].max()

@@ -151,20 +151,57 @@ def test_lost_heartbeat_does_not_power_an_unpowered_drive(bench, tripped):
     assert bench.drive.command().mode is None
 
 
-@pytest.mark.parametrize("sign", [1, -1])
-def test_excess_torque_trips_after_its_cycles(bench, enabled, sign):
-    bench.torque_nm = sign * 100.0
-    bench.run(20)
-    assert enabled.state is S.OPERATION_ENABLED
-    bench.torque_nm = sign * math.nextafter(100.0, math.inf)
-    bench.run(ENCODER.trip_cycles - 1)
-    assert enabled.state is S.OPERATION_ENABLED
+WINDOW = ENCODER.following_window_counts
+SPEED = ENCODER.limits.max_speed_rad_per_s
+LOW, HIGH = RVDT.lowest_counts, RVDT.highest_counts
+
+
+@pytest.mark.parametrize(
+    ("mode", "quantity", "last_valid", "invalid", "cycles", "code"),
+    [
+        (
+            CSP,
+            "torque_nm",
+            100.0,
+            math.nextafter(100.0, math.inf),
+            ENCODER.trip_cycles,
+            E.EXCESS_TORQUE,
+        ),
+        (
+            CSP,
+            "torque_nm",
+            -100.0,
+            -math.nextafter(100.0, math.inf),
+            ENCODER.trip_cycles,
+            E.EXCESS_TORQUE,
+        ),
+        (CSP, "counts", 100 + WINDOW, 101 + WINDOW, ENCODER.trip_cycles, E.FOLLOWING),
+        *(
+            (mode, "speed", -SPEED, -math.nextafter(SPEED, 9.0), 1, E.OVERSPEED)
+            for mode in (CSP, CST)
+        ),
+        # A converter at its end, also of a drive that is off.
+        (None, "counts", LOW + 1, LOW, 1, E.SENSOR),
+        (None, "counts", HIGH - 1, HIGH, 1, E.SENSOR),
+    ],
+)
+def test_drive_trips_after_its_cycles_beyond_a_limit(
+    mode, quantity, last_valid, invalid, cycles, code
+):
+    bench = DriveBench(RVDT if code is E.SENSOR else ENCODER)
+    drive = bench.drive if mode is None else bench.enable(mode)
+    before = drive.state
+    for value, periods in ((last_valid, 20), (invalid, cycles - 1)):
+        setattr(bench, quantity, value)
+        bench.run(periods)
+        assert drive.state is before
     bench.run()
-    assert enabled.state is S.FAULT_REACTION_ACTIVE
-    assert enabled.command().mode is None
+    assert drive.state is S.FAULT_REACTION_ACTIVE
+    assert drive.command().mode is None
     bench.run()
-    assert enabled.state is S.FAULT
-    assert bench.error_log == [E.EXCESS_TORQUE]
+    assert drive.state is S.FAULT
+    assert bench.error_log == [code]
+    assert bool(drive.flags & StatusBit.FOLLOWING_ERROR) is (code is E.FOLLOWING)
 
 
 def test_intermittent_excess_torque_does_not_trip(bench, enabled):
@@ -176,16 +213,6 @@ def test_intermittent_excess_torque_does_not_trip(bench, enabled):
     assert enabled.state is S.OPERATION_ENABLED
 
 
-def test_following_error_trips_outside_its_window(bench, enabled):
-    bench.counts = 100 + ENCODER.following_window_counts
-    bench.run(20)
-    assert enabled.state is S.OPERATION_ENABLED
-    bench.counts += 1
-    bench.run(ENCODER.trip_cycles)
-    assert bench.error_log == [E.FOLLOWING]
-    assert enabled.flags & StatusBit.FOLLOWING_ERROR
-
-
 def test_free_joint_has_no_following_error(bench):
     drive = bench.enable(CST)
     for _ in range(50):
@@ -194,39 +221,10 @@ def test_free_joint_has_no_following_error(bench):
     assert drive.state is S.OPERATION_ENABLED
 
 
-@pytest.mark.parametrize("mode", [CSP, CST])
-def test_overspeed_trips_at_once(bench, mode):
-    drive = bench.enable(mode)
-    limit = ENCODER.limits.max_speed_rad_per_s
-    bench.speed = -limit
-    bench.run(5)
-    assert drive.state is S.OPERATION_ENABLED
-    bench.speed = -math.nextafter(limit, math.inf)
-    bench.run()
-    assert bench.error_log == [E.OVERSPEED]
-
-
 def test_unpowered_drive_does_not_trip_on_torque_or_speed(bench):
     bench.torque_nm, bench.speed = 1e4, 1e4
     bench.run(10)
     assert bench.drive.state is S.SWITCH_ON_DISABLED
-
-
-@pytest.mark.parametrize(
-    ("last_valid", "end"),
-    [
-        (RVDT.lowest_counts + 1, RVDT.lowest_counts),
-        (RVDT.highest_counts - 1, RVDT.highest_counts),
-    ],
-)
-def test_converter_at_its_end_is_a_sensor_fault(last_valid, end):
-    bench = DriveBench(RVDT)
-    bench.counts = last_valid
-    bench.run()
-    assert bench.error_log == []
-    bench.counts = end
-    bench.run()
-    assert bench.error_log == [E.SENSOR]
 
 
 def test_constant_reset_bit_resets_once(bench):

@@ -20,6 +20,8 @@ from tests.oracles.profiles import sarcos
 
 def test_take_control_enables_every_drive_at_its_position(arm, bus):
     before = [drive.counts for drive in bus.drives.values()]
+    with pytest.raises(CommandRefused, match="switch on disabled"):
+        arm.set_modes(TWO_DRIVEN)
     arm.take_control()
     assert bus.token == 127
     assert bus.statuses == {0x27}
@@ -27,28 +29,6 @@ def test_take_control_enables_every_drive_at_its_position(arm, bus):
     snapshot = arm.snapshot()
     assert snapshot.token == 127
     assert {joint.mode for joint in snapshot.joints} == {POSITION}
-
-
-def test_joint_sinking_before_enable_is_held_at_its_final_position(arm, bus):
-    """The brake of joint 3 opens late, and meanwhile the joint sinks by some degrees."""
-    axis, opens_at_sync = bus.drives[3], bus.syncs + 30
-    prompt_rpdo = axis.rpdo
-
-    def late_rpdo(data: bytes) -> None:
-        if struct.unpack("<Hib", data)[0] != 0x0F or bus.syncs >= opens_at_sync:
-            prompt_rpdo(data)
-
-    def sink(_sync: int) -> None:
-        axis.counts -= 200 * (axis.status != 0x27)
-
-    axis.rpdo, bus.on_sync = late_rpdo, sink
-    arm.take_control()
-    counts_when_enabled = axis.counts
-    assert 3000 - counts_when_enabled >= 30 * 200
-    assert axis.status == 0x27
-    assert abs(axis.target - counts_when_enabled) <= 200
-    arm.set_modes([POSITION] * 7)
-    assert abs(axis.counts - counts_when_enabled) <= 200
 
 
 def enable_late(bus: FakeArmBus, joint: int, syncs: int) -> None:
@@ -61,6 +41,24 @@ def enable_late(bus: FakeArmBus, joint: int, syncs: int) -> None:
             prompt_rpdo(data)
 
     axis.rpdo = late_rpdo
+
+
+def test_joint_sinking_before_enable_is_held_at_its_final_position(arm, bus):
+    """The brake of joint 3 opens late, and meanwhile the joint sinks by some degrees."""
+    axis = bus.drives[3]
+
+    def sink(_sync: int) -> None:
+        axis.counts -= 200 * (axis.status != 0x27)
+
+    enable_late(bus, 3, 30)
+    bus.on_sync = sink
+    arm.take_control()
+    counts_when_enabled = axis.counts
+    assert 3000 - counts_when_enabled >= 30 * 200
+    assert axis.status == 0x27
+    assert abs(axis.target - counts_when_enabled) <= 200
+    arm.set_modes([POSITION] * 7)
+    assert abs(axis.counts - counts_when_enabled) <= 200
 
 
 def test_drive_not_enabled_in_time_leaves_all_drives_off(arm, bus, approve):
@@ -110,15 +108,7 @@ def test_drive_that_stays_on_after_failed_enabling_is_named(arm, bus, approve):
 def test_alarm_while_enabling_leaves_no_drive_enabled(arm, bus, node, code, error):
     """A supervisor's emergency counts as a stop, but stops no drive."""
     enable_late(bus, 3, 30)
-    at = bus.syncs + 20
-
-    def fail(sync: int) -> None:
-        if sync == at and node in bus.drives:
-            bus.trip(node, code)
-        elif sync == at:
-            bus.inject(0x80 + node, struct.pack("<HB5x", code, 0x81))
-
-    bus.on_sync = fail
+    bus.at(20, lambda: (bus.trip if node in bus.drives else bus.emergency)(node, code))
     with pytest.raises(error, match="All drives have been switched off again"):
         arm.take_control()
     assert bus.statuses == ({0x40, 0x08} if node in bus.drives else {0x40})
@@ -172,11 +162,6 @@ def test_unreached_mode_raises_mode_not_reached(arm, bus):
     with pytest.raises(ModeNotReached) as error:
         arm.set_modes(TWO_DRIVEN)
     assert (error.value.joint, error.value.wanted, error.value.actual) == (3, "free", "position")
-
-
-def test_set_modes_requires_enabled_drives(arm):
-    with pytest.raises(CommandRefused, match="switch on disabled"):
-        arm.set_modes(TWO_DRIVEN)
 
 
 def test_hold_sets_position_mode_and_current_position(driven, bus):

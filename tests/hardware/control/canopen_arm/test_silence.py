@@ -109,12 +109,6 @@ def test_move_that_stood_still_starts_again_from_rest(driven, bus):
     assert bus.drives[5].target == round(-0.2 * PER_RAD)
 
 
-def test_single_lost_tpdo_does_not_end_move(driven, bus):
-    bus.at(20, lambda: bus.without_tpdo.add(4))
-    bus.at(21, bus.without_tpdo.clear)
-    assert driven.move({2: 0.2}, speed_rad_per_s=0.5).reached
-
-
 def test_malformed_and_unknown_frames_are_ignored(driven, bus):
     for identifier, data in (
         (0x181, b""),  # a TPDO1 of another length

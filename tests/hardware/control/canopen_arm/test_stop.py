@@ -21,20 +21,6 @@ from tests.hardware.control.canopen_arm.conftest import (
 from tests.hardware.fake_arm import JOINTS, FakeArmBus
 
 
-def test_stop_reaches_all_drives_and_latches(driven, bus):
-    driven.stop()
-    assert bus.statuses == {0x07}
-    assert driven.snapshot().stopped
-    for command in (
-        lambda: driven.move({2: 0.1}, speed_rad_per_s=0.1),
-        driven.take_control,
-        driven.hold,
-    ):
-        with pytest.raises(Stopped):
-            command()
-    assert bus.statuses == {0x07}
-
-
 def test_stop_during_transmission_overrides_late_setpoint(driven, bus):
     """STOP comes from another thread after the loop has read the latch and before it sends; it waits for no lock."""
     presses: list[threading.Thread] = []
@@ -173,14 +159,22 @@ def test_stop_pressed_after_reset_request_stays_latched():
     assert loop.commands == ()
 
 
-def test_stop_survives_reconnection(driven, bus):
+def test_stop_reaches_all_drives_and_survives_reconnection(driven, bus):
     driven.stop()
-    driven.close()
-    driven.connect()
-    assert driven.snapshot().stopped
-    for command in (driven.take_control, lambda: driven.move({2: 0.1}, speed_rad_per_s=0.1)):
-        with pytest.raises(Stopped):
-            command()
+    assert bus.statuses == {0x07}
+    for reconnects in (False, True):
+        if reconnects:
+            driven.close()
+            driven.connect()
+        assert driven.snapshot().stopped
+        for command in (
+            lambda: driven.move({2: 0.1}, speed_rad_per_s=0.1),
+            driven.take_control,
+            driven.hold,
+        ):
+            with pytest.raises(Stopped):
+                command()
+        assert bus.statuses == {0x07}
     driven.reset_stop()
     assert not driven.snapshot().stopped
     drive(driven)

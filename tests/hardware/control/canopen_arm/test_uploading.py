@@ -44,18 +44,13 @@ def arm(connected):
     return connected(timing=TIMING)
 
 
-def test_upload_is_staged_verified_and_committed(driven, bus):
-    receipt = driven.upload_parameters(DOCUMENT)
+def test_upload_is_staged_verified_and_committed_without_enabling_drives(arm, bus):
+    receipt = arm.upload_parameters(DOCUMENT)
     assert bus.document == DOCUMENT
     assert receipt.sha256 == SHA256
     assert (receipt.slot, receipt.length) == ("A", len(DOCUMENT))
     assert receipt.home_offset_counts == tuple(-11 * j for j in range(1, JOINTS + 1))
-    assert driven.active_parameters() == DOCUMENT
-
-
-def test_upload_leaves_drives_disabled(arm, bus):
-    arm.upload_parameters(DOCUMENT)
-    assert bus.document == DOCUMENT
+    assert arm.active_parameters() == DOCUMENT
     assert {j.drive for j in arm.snapshot().joints} == {DriveState.SWITCH_ON_DISABLED}
 
 

@@ -52,6 +52,29 @@ class FakeDrive(Axis):
             self.mode = mode
 
 
+@dataclass
+class FrameLoss:
+    """Loses the first `times` frames with this beginning, after `skip` that arrive, and acts at each."""
+
+    identifier: int
+    begin: bytes
+    times: int = 1
+    skip: int = 0
+    act: Callable[[int], None] = lambda _lost: None
+    lost: int = 0
+
+    def __call__(self, identifier: int, data: bytes) -> bool:
+        matches = identifier == self.identifier and data.startswith(self.begin)
+        if not matches or self.lost == self.times:
+            return False
+        if self.skip:
+            self.skip -= 1
+            return False
+        self.lost += 1
+        self.act(self.lost)
+        return True
+
+
 class FakeServer(SdoServer):
     """SDO server of the `canopen` package for the objects of one node of `bus`."""
 
@@ -240,6 +263,12 @@ class FakeArmBus(can.BusABC):
             return
         for _ in range(2 if self.duplicates_response(node) else 1):
             self._queue.append((0x580 + node, data))
+
+    def set_heartbeat_consumers(self, node: int, *entries: tuple[int, int]) -> None:
+        """Set 1016h of a node: producer nodes and time-outs, ms."""
+        self.objects[node, 0x1016, 0] = bytes([len(entries)])
+        for sub, (producer, time_ms) in enumerate(entries, 1):
+            self.objects[node, 0x1016, sub] = struct.pack("<L", producer << 16 | time_ms)
 
     def object_of(self, node: int, index: int, sub: int) -> bytes | int:
         """Return the bytes of an object, or the abort code."""

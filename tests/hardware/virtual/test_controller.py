@@ -111,18 +111,14 @@ def test_tpdo1_contains_statusword_counts_and_torque(arm):
     assert states[1][2] == 32767
 
 
-def test_rpdo1_takes_effect_without_sync(arm):
-    arm.peer.start()
+def test_rpdo1_takes_effect_without_sync_once_operational(arm):
     arm.peer.take_control()
+    arm.peer.command(4, 0x06, 0, 8)
+    assert arm.peer.unsigned(4, 0x6041) & STATE == 0x40
+    arm.peer.start()
     for word, state in ((0x06, 0x21), (0x07, 0x23), (0x0F, 0x27), (0x02, 0x07)):
         arm.peer.command(4, word, 0, 8)
         assert arm.peer.unsigned(4, 0x6041) & STATE == state
-
-
-def test_rpdo1_before_operational_is_ignored(arm):
-    arm.peer.take_control()
-    arm.peer.command(1, 0x06, 0, 8)
-    assert arm.peer.unsigned(1, 0x6041) & STATE == 0x40
 
 
 def test_malformed_extended_remote_and_foreign_frames_are_ignored(arm):

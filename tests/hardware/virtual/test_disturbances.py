@@ -146,13 +146,6 @@ def test_lost_nmt_stop_is_not_obeyed_and_late_one_is_when_it_arrives(arm):
     assert drive_states() == {DriveState.QUICK_STOP_ACTIVE}
 
 
-def test_doubled_sync_steps_the_plant_twice(arm):
-    disturb(arm, intact="wire_out", doubled=1.0)
-    arm.peer.send(0x080)
-    wait_for_loop(arm)
-    assert arm.controller.sync_count == 2
-
-
 @pytest.mark.parametrize(("fault", "at_once", "later"), [("doubled", 2, 2), ("late", 0, 1)])
 def test_frames_of_the_arm_are_doubled_or_late(arm, fault, at_once, later):
     arm.peer.start()

@@ -1,6 +1,5 @@
 """An arm in use by another program, which sends nothing just now, is not reset by connecting."""
 
-import struct
 from collections.abc import Callable
 from typing import Any
 
@@ -47,10 +46,6 @@ class ReadingBus(FakeArmBus):
 
     def when_read_more_often(self, times: int, what: bytes, act: Callable[[], None]) -> None:
         self.on_read = lambda reads: act() if reads.count(what) > times else None
-
-    def set_heartbeat_consumer(self, node: int, time_ms: int) -> None:
-        self.objects[node, 0x1016, 0] = b"\x01"
-        self.objects[node, 0x1016, 1] = struct.pack("<L", 127 << 16 | time_ms)
 
 
 @pytest.fixture
@@ -125,7 +120,7 @@ def test_enabled_drives_raise_arm_in_use_with_remedy(bus):
 
 
 def test_listening_time_covers_drive_heartbeat_timeout(bus):
-    bus.set_heartbeat_consumer(2, 400)
+    bus.set_heartbeat_consumers(2, (127, 400))
     bus.drives[2].status = ENABLED
     assert refused(bus, ArmInUse).listened_s == pytest.approx(0.6)
 
@@ -202,7 +197,7 @@ def test_lost_token_response_keeps_holder(bus, read):
 
 def test_listening_time_covers_supervisor_heartbeat_timeout(arm, bus):
     """The holder was killed; this program's heartbeat has the same node, and must not keep the token alive."""
-    bus.set_heartbeat_consumer(16, 400)
+    bus.set_heartbeat_consumers(16, (127, 400))
     bus.token = 127
     # 30 reads in 0.6 s; without 1016h there are 10.
     bus.when_read_more_often(20, TOKEN, lambda: setattr(bus, "token", 0))

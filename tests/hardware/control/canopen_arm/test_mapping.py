@@ -116,13 +116,6 @@ def test_tpdo_contradicting_its_mapping_is_refused(bus):
     )
 
 
-def set_heartbeat_consumers(bus: FakeArmBus, node: int, *entries: tuple[int, int]) -> None:
-    """Set 1016h of a drive: producer nodes and time-outs, ms."""
-    bus.objects[node, 0x1016, 0] = bytes([len(entries)])
-    for sub, (producer, time_ms) in enumerate(entries, 1):
-        bus.objects[node, 0x1016, sub] = struct.pack("<L", producer << 16 | time_ms)
-
-
 @pytest.mark.parametrize(
     "entries",
     [
@@ -135,7 +128,7 @@ def set_heartbeat_consumers(bus: FakeArmBus, node: int, *entries: tuple[int, int
     ],
 )
 def test_drive_without_operator_heartbeat_timeout_is_refused(bus, entries):
-    set_heartbeat_consumers(bus, 6, *entries)
+    bus.set_heartbeat_consumers(6, *entries)
     expected = "node 6, 1016h: expected a time-out of at most 10000 ms"
     assert expected in str(connection_refusal(bus))
 
@@ -144,13 +137,13 @@ def test_drive_without_operator_heartbeat_timeout_is_refused(bus, entries):
     "entries", [[(OPERATOR, 1)], [(OPERATOR, 10_000)], [(5, 0), (OPERATOR, 500)]]
 )
 def test_one_valid_heartbeat_consumer_entry_is_accepted(connected, bus, entries):
-    set_heartbeat_consumers(bus, 6, *entries)
+    bus.set_heartbeat_consumers(6, *entries)
     connected()
 
 
 def test_drives_without_heartbeat_consumer_are_listed(bus):
     for node in (1, 2, 4, 6, 7):
-        set_heartbeat_consumers(bus, node, (OPERATOR, 500))
+        bus.set_heartbeat_consumers(node, (OPERATOR, 500))
     arm = make(bus)
     assert arm.connect().unwatching == (3, 5)
     arm.close()
@@ -159,7 +152,7 @@ def test_drives_without_heartbeat_consumer_are_listed(bus):
 @pytest.mark.parametrize(("option", "listed"), [(0, True), (1, False), (3, False), (-1, False)])
 def test_drive_without_reaction_to_the_timeout_is_listed(bus, option, listed):
     for node in range(1, 8):
-        set_heartbeat_consumers(bus, node, (OPERATOR, 500))
+        bus.set_heartbeat_consumers(node, (OPERATOR, 500))
     bus.objects[4, 0x6007, 0] = struct.pack("<h", option)
     arm = make(bus)
     assert arm.connect().unwatching == ((4,) if listed else ())

@@ -1,8 +1,6 @@
 import hashlib
 import struct
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
 
 import pytest
 from canopen.sdo.exceptions import SdoCommunicationError
@@ -18,7 +16,7 @@ from hardware.errors import (
 )
 from hardware.timing import Pace
 from tests.hardware.control.canopen_arm.conftest import drive, short_timing, wait_for
-from tests.hardware.fake_arm import JOINTS, FakeArmBus
+from tests.hardware.fake_arm import JOINTS, FakeArmBus, FrameLoss
 
 FREE_TOKEN = struct.pack("<BHBL", 0x80, 0x2002, 0, 0x08000021)
 OLD_DOCUMENT = b"the one before"
@@ -74,29 +72,6 @@ def test_corrupted_document_is_not_committed(driven, bus):
     with pytest.raises(UploadRefused, match=f"byte {len(DOCUMENT) - 1} differs"):
         driven.upload_parameters(DOCUMENT)
     assert driven.active_parameters() == OLD_DOCUMENT
-
-
-@dataclass
-class FrameLoss:
-    """Loses the first `times` SDO frames with this beginning, after `skip` that arrive, and acts at each."""
-
-    identifier: int
-    begin: bytes
-    times: int = 1
-    skip: int = 0
-    act: Callable[[int], None] = lambda _lost: None
-    lost: int = 0
-
-    def __call__(self, identifier: int, data: bytes) -> bool:
-        matches = identifier == self.identifier and data.startswith(self.begin)
-        if not matches or self.lost == self.times:
-            return False
-        if self.skip:
-            self.skip -= 1
-            return False
-        self.lost += 1
-        self.act(self.lost)
-        return True
 
 
 def test_silence_after_commit_raises_upload_unknown(driven, bus):

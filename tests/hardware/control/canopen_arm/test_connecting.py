@@ -102,17 +102,14 @@ def test_node_that_does_not_start_is_not_called_missing(bus, defect, approve):
     approve(str(refused.value))
 
 
-def test_bus_failure_during_boot_ends_connecting():
-    class Breaking(FakeArmBus):
-        """Cannot be read after the reset of the first node."""
+def test_bus_failure_during_boot_ends_connecting(bus):
+    def break_adapter(identifier: int, data: bytes) -> None:
+        if (identifier, data) == (0x000, b"\x82\x10"):
+            bus.io_error = can.CanOperationError("adapter gone")
 
-        def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
-            if (0x000, b"\x82\x01") in self.sent:
-                raise can.CanOperationError("adapter gone")
-            return super()._recv_internal(timeout)
-
+    bus.on_send = break_adapter
     with pytest.raises(BusError, match="can no longer be read: adapter gone"):
-        make(Breaking()).connect()
+        make(bus).connect()
 
 
 SHORT_SDO_TIMEOUT = short_timing(sdo_timeout_s=0.05)

@@ -12,7 +12,7 @@ from hardware.monitors.joint_monitor import JointMonitor, alarms
 from hardware.monitors.node_monitor import NodeMonitor
 from hardware.timing import Pace
 from tests.hardware.control.canopen_arm.conftest import capture_for_ever, make, short_timing
-from tests.hardware.fake_arm import FakeArmBus
+from tests.hardware.fake_arm import FakeArmBus, FrameLoss
 from tests.oracles.profiles import sarcos
 
 ENABLED, QUICK_STOP, TRIPPED = 0x27, 0x07, 0x08
@@ -21,24 +21,18 @@ STATUSWORD, TOKEN = b"\x41\x60\x00", b"\x10\x20\x00"
 
 
 class ReadingBus(FakeArmBus):
-    """Calls `on_read` at every SDO read, and loses the n-th response of the objects in `lost`."""
+    """Calls `on_read` at every SDO read."""
 
     def __init__(self) -> None:
         super().__init__()
         self.reads: list[bytes] = []
         self.on_read: Callable[[list[bytes]], None] = lambda _reads: None
-        self.lost: dict[tuple[int, bytes], int] = {}
+        self.on_send = self._note_read
 
-    def _handle(self, identifier: int, data: bytes) -> None:
+    def _note_read(self, identifier: int, data: bytes) -> None:
         if 0x600 < identifier < 0x680 and data[0] == 0x40:
             self.reads.append(data[1:4])
             self.on_read(self.reads)
-            place = identifier - 0x600, data[1:4]
-            if place in self.lost:
-                self.lost[place] -= 1
-                if self.lost[place] == 0:
-                    return
-        super()._handle(identifier, data)
 
     @property
     def resets(self) -> int:
@@ -181,15 +175,15 @@ def test_stopped_drives_with_token_held_are_in_use(bus):
 @pytest.mark.parametrize("read", [1, 3])
 def test_lost_statusword_response_keeps_last_state(bus, read):
     bus.drives[2].status = ENABLED
-    bus.lost[2, STATUSWORD] = read
+    bus.drops = FrameLoss(0x582, b"\x4b" + STATUSWORD, skip=read - 1)
     refused(bus, ArmInUse, r"joint 2 \(node 2\) is in state operation enabled")
-    assert bus.lost[2, STATUSWORD] <= 0
+    assert bus.drops.lost == 1
 
 
 @pytest.mark.parametrize("read", [1, 3])
 def test_lost_token_response_keeps_holder(bus, read):
     bus.token = 99
-    bus.lost[16, TOKEN] = read
+    bus.drops = FrameLoss(0x590, b"\x43" + TOKEN, skip=read - 1)
     heartbeat = ((0x700 + 99, b"\x05"),)
     bus.when_read_more_often(5, TOKEN, lambda: setattr(bus, "other_master", heartbeat))
     assert refused(bus, ControlDenied).holder == 99

@@ -18,7 +18,7 @@ from tests.hardware.control.canopen_arm.conftest import (
     make,
     short_timing,
 )
-from tests.hardware.fake_arm import JOINTS, FakeArmBus
+from tests.hardware.fake_arm import JOINTS
 
 
 def test_stop_during_transmission_overrides_late_setpoint(driven, bus):
@@ -53,26 +53,21 @@ STAGES = {
 
 
 @pytest.mark.parametrize("stage", STAGES)
-def test_stop_while_connecting_is_sent_and_latched(stage):
+def test_stop_while_connecting_is_sent_and_latched(bus, stage):
     """The bus may be open already, and a drive may be moving for the program before."""
 
-    class PressingBus(FakeArmBus):
-        pressed = False
+    pressed = []
 
-        def press_if(self, due: bool) -> None:
-            if due and not self.pressed:
-                self.pressed = True
-                arm.stop()
+    def press_if_due(identifier: int, data: bytes = b"") -> None:
+        if STAGES[stage](identifier, data) and not pressed:
+            pressed.append(identifier)
+            arm.stop()
 
-        def _handle(self, identifier: int, data: bytes) -> None:
-            super()._handle(identifier, data)
-            self.press_if(STAGES[stage](identifier, data))
+    def press_and_receive(timeout: float | None) -> tuple[can.Message | None, bool]:
+        press_if_due(-1)
+        return receive(timeout)
 
-        def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
-            self.press_if(stage == "listening")
-            return super()._recv_internal(timeout)
-
-    bus = PressingBus()
+    bus.on_send, receive, bus._recv_internal = press_if_due, bus._recv_internal, press_and_receive
     # Listening would not end by itself.
     arm = make(bus, timing=short_timing(listen_s=1e4 if stage == "listening" else 0.02))
     with pytest.raises(Stopped, match="STOP was pressed while connecting"):

@@ -109,6 +109,8 @@ def test_braking_distance_matches_prediction(speed):
     move.next()  # braking begins two periods after the position was read
     final = float(move.next()[0])
     move.brake()
+    periods = 0
     while not move.finished:
-        final = float(move.next()[0])
+        final, periods = float(move.next()[0]), periods + 1
+    assert periods <= speed / 1.0 / PERIOD_S + SMOOTHING + 1
     assert final - position == pytest.approx(current_speed * coming_to_rest_s(speed), rel=0.02)

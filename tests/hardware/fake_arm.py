@@ -272,31 +272,27 @@ class FakeArmBus(can.BusABC):
 
     def object_of(self, node: int, index: int, sub: int) -> bytes | int:
         """Return the bytes of an object, or the abort code."""
-        name = b"fake supervisor" if node == SUPERVISOR else b"fake drive"
+        if (node, index, sub) in self.objects:
+            return self.objects[node, index, sub]
+        if node != SUPERVISOR and index in MAPS:
+            return struct.pack("<L", MAPS[index][sub]) if sub < len(MAPS[index]) else 0x06090011
+        own = self._of_supervisor() if node == SUPERVISOR else self._of_drive(node)
         common = {
-            (0x1008, 0): name,
             (0x1017, 0): struct.pack("<H", 100),
             (0x1018, 1): bytes(4),
             (0x1018, 2): b"\x01\0\0\0",
             (0x1018, 3): b"\0\0\x01\0",
             (0x1018, 4): struct.pack("<L", 7000 + node),
         }
-        if (node, index, sub) in self.objects:
-            return self.objects[node, index, sub]
-        if (index, sub) in common:
-            return common[index, sub]
-        if node == SUPERVISOR:
-            return self._of_supervisor(index, sub)
-        return self._of_drive(node, index, sub)
+        return (common | own).get((index, sub), 0x06020000)
 
-    def _of_drive(self, node: int, index: int, sub: int) -> bytes | int:
+    def _of_drive(self, node: int) -> dict[tuple[int, int], bytes | int]:
         limit = round(COUNTS_PER_REV / 4)
         rvdt = node == JOINTS
-        if index in (0x1600, 0x1A00):
-            return struct.pack("<L", MAPS[index][sub]) if sub < len(MAPS[index]) else 0x06090011
         return {
             (0x1000, 0): struct.pack("<L", 0x00020192),
             (0x1005, 0): struct.pack("<L", 0x80),
+            (0x1008, 0): b"fake drive",
             (0x1014, 0): struct.pack("<L", 0x80 + node),
             (0x1400, 1): struct.pack("<L", 0x200 + node),
             (0x1400, 2): b"\xfe",
@@ -317,12 +313,13 @@ class FakeArmBus(can.BusABC):
             (0x2100, 1): b"\x02" if rvdt else b"\x01",
             (0x2100, 2): struct.pack("<L", 120_000_000),
             (0x2100, 3): b"\x0c",
-        }.get((index, sub), 0x06020000)
+        }
 
-    def _of_supervisor(self, index: int, sub: int) -> bytes | int:
+    def _of_supervisor(self) -> dict[tuple[int, int], bytes | int]:
         document = self.document if self.written is None else self.written
         return {
             (0x1000, 0): bytes(4),
+            (0x1008, 0): b"fake supervisor",
             (0x2000, 0): document or 0x08000024,
             (0x2001, 1): hashlib.sha256(document).digest(),
             (0x2001, 2): struct.pack("<L", len(document)),
@@ -333,7 +330,7 @@ class FakeArmBus(can.BusABC):
             (0x2020, 1): b"fake",
             (0x2020, 2): b"FAKE-1",
             (0x2020, 3): bytes([JOINTS]),
-        }.get((index, sub), 0x06020000)
+        }
 
     def store(self, index: int, value: bytes) -> None:
         if index == 0x2010:

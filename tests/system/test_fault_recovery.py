@@ -4,7 +4,6 @@ import os
 import signal
 import subprocess
 from collections import Counter
-from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 
@@ -48,18 +47,21 @@ def run_until_fault(root: Path, bus: tuple[str, ...], *, poses: int = 40) -> tup
 
 
 def freeze(
-    run: subprocess.Popen[str], bus: BusSettings, ends: Callable[[can.Message], bool]
+    run: subprocess.Popen[str],
+    bus: tuple[str, ...],
+    identifier: int,
+    data: bytes = b"",
+    times: int = 1,
 ) -> None:
-    """Stop the process until a frame on the bus ends its freeze."""
-    listener = open_bus(bus)
+    """Stop the process until so many frames with this identifier and beginning came."""
+    listener = open_bus(BusSettings(interface="loopback", channel=bus[-1]))
     run.send_signal(signal.SIGSTOP)
     while listener.recv(0.0) is not None:
         pass  # frames from before the freeze
-    while True:
+    while times > 0:
         frame = listener.recv(PATIENCE_S)
         assert frame is not None
-        if ends(frame):
-            break
+        times -= frame.arbitration_id == identifier and frame.data.startswith(data)
     run.send_signal(signal.SIGCONT)
     listener.shutdown()
 
@@ -69,11 +71,7 @@ def test_resume_succeeds_after_frozen_operator_trips_drives(tmp_path, bus):
     with controller(tmp_path, *bus):
         run = start(tmp_path, "run", "hinge", *bus, "--poses", "5")
         folder = wait_for_poses(tmp_path / "sessions", 1, run)
-        freeze(
-            run,
-            BusSettings(interface="loopback", channel=bus[-1]),
-            lambda frame: frame.arbitration_id == 0x081 and frame.data[:2] == b"\x30\x81",
-        )
+        freeze(run, bus, 0x081, b"\x30\x81")
         errors = finished(run, 3).err
         assert "heartbeat lost (8130h)" in errors
         assert resume_command(folder) in errors
@@ -89,12 +87,7 @@ def test_freeze_of_0_3_s_trips_no_drive_and_loses_no_pose(tmp_path, bus):
     with controller(tmp_path, *bus):
         run = start(tmp_path, "run", "hinge", *bus, "--poses", "5", "--json")
         folder = wait_for_poses(tmp_path / "sessions", 1, run)
-        heartbeats = iter((False, False, True))  # of joint 1, one every 0.1 s
-        freeze(
-            run,
-            BusSettings(interface="loopback", channel=bus[-1]),
-            lambda frame: frame.arbitration_id == 0x701 and next(heartbeats),
-        )
+        freeze(run, bus, 0x701, times=3)  # heartbeats of joint 1, one every 0.1 s
         completed = finished(run, 0, 4)
     assert "heartbeat lost" not in completed.err
     assert completed.json["poses"] == 5

@@ -6,17 +6,15 @@ from functools import partial
 
 import pytest
 
-from hardware.buses.python_can import ArmOnBus, BusSettings, open_bus
+from hardware.buses.python_can import BusSettings, open_bus
 from hardware.control.canopen_arm import CanopenArm
-from hardware.timing import Pace, Timing
 from hardware.virtual.axis import arm_axes
 from hardware.virtual.controller import VirtualController
 from hardware.virtual.scenarios import scenario
 from hardware.virtual.supervisor_node import ArmLabel
-from operator_app.composition import describe
 from operator_app.config.arm_file import load_arm
 from tests.hardware.control.canopen_arm.conftest import drive
-from tests.oracles.profiles import sarcos
+from tests.oracles.fast_arm import fast_arm
 from tests.oracles.virtual_rig import parse
 
 SERIAL = "SDA-0007"
@@ -42,12 +40,9 @@ def controller_on(settings: BusSettings) -> Iterator[VirtualController]:
         bus.shutdown()
 
 
-def operator_on(settings: BusSettings, timing: Timing | None = None) -> CanopenArm:
+def operator_on(settings: BusSettings, **waits: float) -> CanopenArm:
     """Return the operator's side of the arm, not connected."""
-    timing = timing or Timing(listen_s=0.15)
-    return CanopenArm(
-        ArmOnBus(describe(MODEL), settings, sarcos(), pace=Pace.FAST_FORWARD, timing=timing)
-    )
+    return fast_arm(MODEL, settings, patience_s=10.0, listen_s=0.15, **waits)
 
 
 @pytest.fixture

@@ -223,12 +223,6 @@ def test_statuswords_of_the_standard_are_decoded(pattern, state):
             assert [word for word in range(256) if state_of(word | high) is state] == words
 
 
-@pytest.mark.parametrize("word", [0x0002, 0x0061])
-def test_drive_without_a_decodable_state_is_not_enabled(word):
-    assert state_of(word) is S.NOT_READY_TO_SWITCH_ON
-    assert next_controlword(word, TargetState.ENABLED) == DISABLE
-
-
 @given(st.sampled_from(list(S)), st.sampled_from([0, ALL_FLAGS, *StatusBit]))
 def test_statusword_is_decoded_as_encoded(state, flags):
     word = statusword(state, flags)
@@ -238,22 +232,25 @@ def test_statusword_is_decoded_as_encoded(state, flags):
 
 
 @pytest.mark.parametrize(
-    ("state", "target", "word"),
+    ("status", "target", "word"),
     [
-        (S.SWITCH_ON_DISABLED, TargetState.ENABLED, SHUTDOWN),
-        (S.READY_TO_SWITCH_ON, TargetState.ENABLED, ON),
-        (S.SWITCHED_ON, TargetState.ENABLED, ENABLE),
-        (S.OPERATION_ENABLED, TargetState.ENABLED, ENABLE),
-        (S.QUICK_STOP_ACTIVE, TargetState.ENABLED, DISABLE),
-        (S.FAULT, TargetState.ENABLED, DISABLE),
-        (S.FAULT, TargetState.DISABLED, DISABLE),
-        (S.FAULT, TargetState.FAULT_CLEARED, RESET),
-        (S.OPERATION_ENABLED, TargetState.STOPPED, STOP),
-        (S.OPERATION_ENABLED, TargetState.DISABLED, DISABLE),
+        (0x40, TargetState.ENABLED, SHUTDOWN),
+        (0x21, TargetState.ENABLED, ON),
+        (0x23, TargetState.ENABLED, ENABLE),
+        (0x27, TargetState.ENABLED, ENABLE),
+        (0x07, TargetState.ENABLED, DISABLE),
+        (0x08, TargetState.ENABLED, DISABLE),
+        (0x08, TargetState.DISABLED, DISABLE),
+        (0x08, TargetState.FAULT_CLEARED, RESET),
+        (0x27, TargetState.STOPPED, STOP),
+        (0x27, TargetState.DISABLED, DISABLE),
+        # A drive without a decodable state is not enabled.
+        (0x02, TargetState.ENABLED, DISABLE),
+        (0x61, TargetState.ENABLED, DISABLE),
     ],
 )
-def test_next_controlword_towards_target(state, target, word):
-    assert next_controlword(statusword(state), target) == word
+def test_next_controlword_towards_target(status, target, word):
+    assert next_controlword(status, target) == word
 
 
 @pytest.mark.parametrize("target", TargetState)

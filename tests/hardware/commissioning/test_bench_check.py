@@ -14,7 +14,7 @@ from can.interfaces.virtual import VirtualBus
 
 from hardware.arm import ArmSnapshot, DriveState, MoveResult
 from hardware.arm_description import EncoderDescription, RvdtDescription
-from hardware.buses.python_can import BusSettings
+from hardware.buses.python_can import BusOpeners, BusSettings
 from hardware.canopen.objects import COB_HEARTBEAT, HEARTBEAT_CONSUMER, OPERATOR_NODE
 from hardware.commissioning.bench_check import NOT_TESTED, Bench, CheckFinding, Stage, check
 from hardware.commissioning.checks import Turn, is_interrupted
@@ -237,8 +237,9 @@ class WithoutOperators(VirtualBus):
 def test_second_operator_that_connects_is_reported(bench, same_bus):
     """On the same bus it has reset the nodes before it is refused by their holder: a finding as well."""
     arm = arm_of(bench)
+    without_operators = BusOpeners(main=lambda s: WithoutOperators(s.channel))
     with nullcontext(bench) if same_bus else running_bench() as other_bench:
-        other = arm_of(other_bench, opener=lambda s: WithoutOperators(s.channel))
+        other = arm_of(other_bench, openers=without_operators)
         arm.another = lambda: other
         findings = findings_of(arm, User(), Stage.LOOK)
     assert failed(findings) == [("one operator", None)]

@@ -86,25 +86,14 @@ def test_bits_and_commands_have_the_values_of_the_standard():
     assert {S.FAULT_REACTION_ACTIVE} == CLOSED_LOOP_STATES - POWERED_STATES
 
 
-@pytest.mark.parametrize(
-    ("status", "bits"),
-    [
-        (0x0250, []),
-        (0x0240, [4]),
-        (0x0050, [9]),
-        (0x0040, [4, 9]),
-        (0x3850, [9]),
-        (0x1237, []),
-        (0x0237, [12]),
-        (0x1A37, [11]),
-        (0x3237, [13]),
-        (0x2837, [11, 12, 13]),
-    ],
-)
-def test_conditions_name_the_bits_that_explain_the_state(status, bits):
-    text = conditions(status)
-    assert [bit for bit in range(16) if f"bit {bit} = {status >> bit & 1}," in text] == bits
-    assert bool(text) is bool(bits)
+def test_conditions_name_the_bits_that_explain_the_state():
+    for status, bits in {
+        0x0250: [], 0x0240: [4], 0x0050: [9], 0x0040: [4, 9], 0x3850: [9], 0x1237: [], 0x0237: [12],
+        0x1A37: [11], 0x3237: [13], 0x2837: [11, 12, 13],
+    }.items():  # fmt: skip
+        text = conditions(status)
+        assert [bit for bit in range(16) if f"bit {bit} = {status >> bit & 1}," in text] == bits
+        assert bool(text) is bool(bits)
 
 
 @pytest.mark.parametrize("state", S)
@@ -232,25 +221,18 @@ def test_statusword_is_decoded_as_encoded(state, flags):
 
 
 @pytest.mark.parametrize(
-    ("status", "target", "word"),
+    ("target", "words"),
     [
-        (0x40, TargetState.ENABLED, SHUTDOWN),
-        (0x21, TargetState.ENABLED, ON),
-        (0x23, TargetState.ENABLED, ENABLE),
-        (0x27, TargetState.ENABLED, ENABLE),
-        (0x07, TargetState.ENABLED, DISABLE),
-        (0x08, TargetState.ENABLED, DISABLE),
-        (0x08, TargetState.DISABLED, DISABLE),
-        (0x08, TargetState.FAULT_CLEARED, RESET),
-        (0x27, TargetState.STOPPED, STOP),
-        (0x27, TargetState.DISABLED, DISABLE),
-        # A drive without a decodable state is not enabled.
-        (0x02, TargetState.ENABLED, DISABLE),
-        (0x61, TargetState.ENABLED, DISABLE),
+        (TargetState.ENABLED, {0x40: SHUTDOWN, 0x21: ON, 0x23: ENABLE, 0x27: ENABLE}),
+        (TargetState.ENABLED, {0x07: DISABLE, 0x08: DISABLE}),
+        (TargetState.ENABLED, {0x02: DISABLE, 0x61: DISABLE}),  # without a decodable state
+        (TargetState.DISABLED, {0x08: DISABLE, 0x27: DISABLE}),
+        (TargetState.FAULT_CLEARED, {0x08: RESET}),
+        (TargetState.STOPPED, {0x27: STOP}),
     ],
 )
-def test_next_controlword_towards_target(status, target, word):
-    assert next_controlword(status, target) == word
+def test_next_controlword_towards_target(target, words):
+    assert {status: next_controlword(status, target) for status in words} == words
 
 
 @pytest.mark.parametrize("target", TargetState)

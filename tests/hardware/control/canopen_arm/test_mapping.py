@@ -2,12 +2,13 @@
 
 import math
 import struct
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 from hardware.arm_description import JointScale
 from hardware.canopen.drive_settings import following_windows_counts
-from hardware.canopen.sdo import ObjectAccess
 from hardware.errors import MappingMismatch, SdoRefused
 from tests.hardware.control.canopen_arm.conftest import make
 from tests.hardware.fake_arm import FakeArmBus
@@ -162,31 +163,15 @@ def test_drive_without_reaction_to_the_timeout_is_listed(bus, option, listed):
     arm.close()
 
 
-class Windows(ObjectAccess):
-    """Nodes with these values of 6065h."""
-
-    def __init__(self, *counts: int) -> None:
-        self._counts = counts
-
-    def read(self, node: int, index: int, subindex: int = 0) -> bytes:
-        assert (index, subindex) == (0x6065, 0)
-        return struct.pack("<L", self._counts[node - 1])
-
-
 def test_following_window_is_a_third_of_6065h_or_one_degree():
-    limits = {
-        3000: 1000.0,
-        0: COUNTS_PER_DEGREE,
-        0xFFFFFFFF: COUNTS_PER_DEGREE,
-        1: 10.0,
-        29: 10.0,
-        400_000: COUNTS_PER_DEGREE,
-        0x7FFFFFFF: COUNTS_PER_DEGREE,
-        0xFFFFFFFE: COUNTS_PER_DEGREE,
-    }
+    unlimited = (0, 0xFFFFFFFF, 400_000, 0x7FFFFFFF, 0xFFFFFFFE)
+    limits = {3000: 1000.0, 1: 10.0, 29: 10.0} | dict.fromkeys(unlimited, COUNTS_PER_DEGREE)
     counts_per_rad = 360 * COUNTS_PER_DEGREE / math.tau
     scales = [JointScale(counts_per_rad=(-1) ** k * counts_per_rad) for k in range(len(limits))]
-    windows = following_windows_counts(Windows(*limits), sarcos(len(limits)), scales)
+    values = dict(enumerate(limits, 1))
+    read_6065h = {(n, 0x6065, 0): struct.pack("<L", counts) for n, counts in values.items()}
+    sdo: Any = SimpleNamespace(read=lambda node, index, sub=0: read_6065h[node, index, sub])
+    windows = following_windows_counts(sdo, sarcos(len(limits)), scales)
     assert windows == pytest.approx([*limits.values()])
 
 

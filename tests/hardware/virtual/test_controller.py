@@ -173,8 +173,9 @@ class FailingPlant(TrivialPlant):
         return super().step(commands)
 
 
-def run_failing_plant() -> None:
-    with rig(plant=FailingPlant([a.scale.counts_per_rad for a in axes()])) as arm:
+def test_failing_plant_ends_heartbeats_and_close_raises():
+    plant = FailingPlant([a.scale.counts_per_rad for a in axes()])
+    with pytest.raises(ArithmeticError, match="does not close"), rig(plant=plant) as arm:  # noqa: PT012
         arm.peer.start()
         for _ in range(5):
             arm.peer.send(0x080)
@@ -185,8 +186,3 @@ def run_failing_plant() -> None:
         arm.peer.send(0x601, b"\x40\x00\x10\x00\x00\x00\x00\x00")
         assert arm.peer.receive(0.1) is None
         assert isinstance(arm.controller.failure, ArithmeticError)
-
-
-def test_failing_plant_ends_heartbeats_and_close_raises():
-    with pytest.raises(ArithmeticError, match="does not close"):
-        run_failing_plant()

@@ -192,22 +192,17 @@ def test_document_of_another_arm_is_not_used(tmp_path):
         assert b"active document not used" in arm.peer.read(16, 0x2004)
 
 
-def run_failing_schema() -> None:
+def test_exception_of_the_schema_is_answered_and_raised_by_close():
     def failing(data: bytes) -> ValidatedParameters:
         raise KeyError("a mistake in the schema's own code")
 
-    with rig(validate=failing) as arm:
+    with pytest.raises(KeyError, match="mistake"), rig(validate=failing) as arm:  # noqa: PT012
         arm.peer.take_control()
         for _ in range(2):  # the second command is answered too
             arm.peer.write(16, 0x2000, 0, document())
             assert execute(arm, STAGE) == 0x08000000
             assert b"the controller failed" in arm.peer.read(16, 0x2004)
         assert slots(arm)[0] == 0
-
-
-def test_exception_of_the_schema_is_answered_and_raised_by_close():
-    with pytest.raises(KeyError, match="mistake"):
-        run_failing_schema()
 
 
 class FullDisk(Disk):

@@ -168,9 +168,8 @@ def test_following_window_is_a_third_of_6065h_or_one_degree():
     limits = {3000: 1000.0, 1: 10.0, 29: 10.0} | dict.fromkeys(unlimited, COUNTS_PER_DEGREE)
     counts_per_rad = 360 * COUNTS_PER_DEGREE / math.tau
     scales = [JointScale(counts_per_rad=(-1) ** k * counts_per_rad) for k in range(len(limits))]
-    values = dict(enumerate(limits, 1))
-    read_6065h = {(n, 0x6065, 0): struct.pack("<L", counts) for n, counts in values.items()}
-    sdo: Any = SimpleNamespace(read=lambda node, index, sub=0: read_6065h[node, index, sub])
+    counts = {(node, 0x6065, 0): value for node, value in enumerate(limits, 1)}
+    sdo: Any = SimpleNamespace(read_unsigned=lambda *place: counts[place])
     windows = following_windows_counts(sdo, sarcos(len(limits)), scales)
     assert windows == pytest.approx([*limits.values()])
 

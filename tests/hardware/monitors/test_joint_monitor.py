@@ -8,16 +8,8 @@ import pytest
 from hardware.arm_description import JointScale
 from hardware.canopen.cyclic import Setpoint, frames_of
 from hardware.control.sampling import Sampler
+from hardware.monitors import joint_monitor
 from hardware.monitors.following import DIVERGED_SYNCS
-from hardware.monitors.joint_monitor import (
-    JERK_SYNCS,
-    QUIET_SYNCS,
-    WINDOW_SAMPLES,
-    ContinuityMonitor,
-    CountJump,
-    JointMonitor,
-    stop_error,
-)
 from tests.oracles.profiles import sarcos
 from tests.oracles.samples import sample
 
@@ -30,9 +22,9 @@ def watch(
     positions: list[tuple[float, ...]],
     missing: frozenset[int] = frozenset(),
     jerk_expected: int | None = None,
-) -> list[CountJump]:
+) -> list[joint_monitor.CountJump]:
     """Return the jumps detected; joint 1 misses some SYNCs, and a jerk may be expected from one SYNC on."""
-    monitor = ContinuityMonitor([4.0] * len(positions[0]))
+    monitor = joint_monitor.ContinuityMonitor([4.0] * len(positions[0]))
     jumps = []
     for sync, angles in enumerate(positions, 1):
         if sync == jerk_expected:
@@ -50,13 +42,13 @@ def watch(
 )
 def test_divergence_is_stated_in_degrees_of_the_joint(counts_per_rad, words):
     """A drive may count backwards, and a joint's scale may be unknown."""
-    monitor = JointMonitor()
+    monitor = joint_monitor.JointMonitor()
     scales = [] if counts_per_rad is None else [JointScale(counts_per_rad=counts_per_rad)]
     monitor.set_following_windows([10.0], scales)
     for sync in range(DIVERGED_SYNCS):
         answer = sample((0x1627,), (-50,), sync=sync)
         monitor.update(answer, (Setpoint(0x0F, 0, 8),), answered_late=False)
-    text = str(stop_error(monitor.divergence))
+    text = str(joint_monitor.stop_error(monitor.divergence))
     assert words in text
     assert bool(words) == (" deg)" in text)
 
@@ -83,7 +75,7 @@ def test_jump_is_reported_with_joint_size_and_sync(motion, counts):
 @pytest.mark.parametrize("counts", [5, -5])
 def test_jump_of_five_counts_at_rest_is_reported(counts):
     positions = [(7.0, 9.0 + counts * (k >= AT)) for k in range(1, SYNCS + 1)]
-    assert watch(positions) == [CountJump(joint=2, counts=counts, sync_count=AT)]
+    assert watch(positions) == [joint_monitor.CountJump(joint=2, counts=counts, sync_count=AT)]
 
 
 def trapezoid(k: int) -> float:
@@ -115,14 +107,14 @@ def test_jump_during_a_missing_answer_is_not_reported():
 
 
 def test_expected_jerk_is_not_reported_and_a_later_jump_is():
-    later = AT + JERK_SYNCS + WINDOW_SAMPLES
+    later = AT + joint_monitor.JERK_SYNCS + joint_monitor.WINDOW_SAMPLES
     positions = [(8.0 * (k >= AT) + 40.0 * (k >= later), 0.0) for k in range(1, SYNCS + 1)]
     jumps = watch(positions, jerk_expected=AT - 3)
     assert [(jump.joint, jump.counts) for jump in jumps] == [(1, 40)]
 
 
 def test_jump_is_reported_within_quiet_syncs():
-    positions = [(0.0, 500.0 * (k >= AT)) for k in range(1, AT + QUIET_SYNCS + 1)]
+    positions = [(0.0, 500.0 * (k >= AT)) for k in range(1, AT + joint_monitor.QUIET_SYNCS + 1)]
     assert len(watch(positions)) == 1
 
 
@@ -131,7 +123,7 @@ def jump_is_detected_in_answers(
 ) -> bool:
     """Sample joint 1 of two; `answers`: its counts received before and after the sample of a SYNC closes."""
     sampler = Sampler(frames_of(sarcos(2)), max_misses=9, now_s=0.0)
-    monitor = ContinuityMonitor([4.0, 4.0])
+    monitor = joint_monitor.ContinuityMonitor([4.0, 4.0])
     detected = False
     for sync in range(1, SYNCS + 1):
         sampler.open()

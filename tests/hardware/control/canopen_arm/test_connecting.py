@@ -8,16 +8,9 @@ from collections.abc import Callable
 import can
 import pytest
 
+from hardware import errors
 from hardware.arm import DriveState
 from hardware.canopen.sdo import ObjectAccess
-from hardware.errors import (
-    BusError,
-    ControlDenied,
-    FramesLost,
-    NodeMissing,
-    NodeNotStarted,
-    OtherMaster,
-)
 from tests.hardware.control.canopen_arm.conftest import PER_RAD, make, short_timing
 from tests.hardware.fake_arm import FakeArmBus, FrameLoss
 
@@ -43,7 +36,7 @@ def test_connect_resets_starts_and_identifies_nodes_of_the_arm(arm, bus):
 
 def test_operator_heartbeat_prevents_any_transmission(bus):
     bus.other_master = ((0x77F, b"\x05"),)
-    with pytest.raises(ControlDenied) as denied:
+    with pytest.raises(errors.ControlDenied) as denied:
         make(bus).connect()
     assert denied.value.holder == 127
     assert "another program" in str(denied.value), "node 127 is this program's number too"
@@ -56,7 +49,7 @@ COMMAND_TO_JOINT_1 = 0x201, bytes.fromhex("0f000500000008")
 def test_traffic_of_another_master_prevents_any_transmission(bus):
     bus.other_master = ((0x080, b""), COMMAND_TO_JOINT_1)
     expected = r"uses this bus: it sent a SYNC \(COB-ID 080h\).* End that program"
-    with pytest.raises(OtherMaster, match=expected):
+    with pytest.raises(errors.OtherMaster, match=expected):
         make(bus, timing=short_timing(listen_s=0.3)).connect()
     assert bus.sent == []
 
@@ -75,7 +68,7 @@ def test_nmt_command_while_connecting_raises_other_master(bus):
 
     bus.on_send = interfere
     with pytest.raises(
-        OtherMaster,
+        errors.OtherMaster,
         match=r"commands this arm: it sent the NMT command 'enter pre-operational' to all nodes \(COB-ID 000h\)",
     ):
         make(bus).connect()
@@ -84,7 +77,7 @@ def test_nmt_command_while_connecting_raises_other_master(bus):
 def test_missing_nodes_fail_connecting_and_leave_no_thread(bus):
     bus.offline = {3, 16}
     before = threading.active_count()
-    with pytest.raises(NodeMissing) as missing:
+    with pytest.raises(errors.NodeMissing) as missing:
         make(bus).connect()
     assert missing.value.nodes == (3, 16)
     assert bus.sent.count((0x000, b"\x82\x03")) == 1, "a silent node is not reset again"
@@ -95,7 +88,7 @@ def test_missing_nodes_fail_connecting_and_leave_no_thread(bus):
 def test_node_that_does_not_start_is_not_called_missing(bus, defect, approve):
     """It has booted and answers by SDO."""
     setattr(bus, defect, {2})
-    with pytest.raises(NodeNotStarted) as refused:
+    with pytest.raises(errors.NodeNotStarted) as refused:
         make(bus).connect()
     assert list(refused.value.nodes) == [2]
     assert bus.commands == []
@@ -108,7 +101,7 @@ def test_bus_failure_during_boot_ends_connecting(bus):
             bus.io_error = can.CanOperationError("adapter gone")
 
     bus.on_send = break_adapter
-    with pytest.raises(BusError, match="can no longer be read: adapter gone"):
+    with pytest.raises(errors.BusError, match="can no longer be read: adapter gone"):
         make(bus).connect()
 
 
@@ -131,7 +124,7 @@ def requests(bus: FakeArmBus) -> int:
 
 def test_ten_percent_frame_loss_raises_frames_lost_early(bus):
     bus.drops = one_in(10)
-    with pytest.raises(FramesLost, match=r"of the requests \d of \d+ to node 1") as lost:
+    with pytest.raises(errors.FramesLost, match=r"of the requests \d of \d+ to node 1") as lost:
         make(bus, timing=SHORT_SDO_TIMEOUT).connect()
     unanswered, sent = map(sum, zip(*lost.value.requests.values(), strict=True))
     assert unanswered == 8
@@ -155,7 +148,7 @@ def test_single_attempts_do_not_count_as_frame_loss():
     nodes = range(1, 9)
     access = ObjectAccess(send, nodes, timeout_s=0.01)
     for node in (*nodes, *nodes):
-        with pytest.raises(BusError):
+        with pytest.raises(errors.BusError):
             access.read_once(node, 0x6041)
     assert [access.read_unsigned(node, 0x1000) for node in (*nodes, *nodes)] == [7] * 16
     assert not lost
@@ -163,9 +156,11 @@ def test_single_attempts_do_not_count_as_frame_loss():
 
 def test_single_unanswered_object_is_no_frame_loss(bus):
     bus.drops = lambda identifier, data: (identifier, data[1:3]) == (0x604, b"\x14\x10")
-    with pytest.raises(BusError, match="Node 4 does not answer when asked for 1014h") as silent:
+    with pytest.raises(
+        errors.BusError, match="Node 4 does not answer when asked for 1014h"
+    ) as silent:
         make(bus, timing=SHORT_SDO_TIMEOUT).connect()
-    assert not isinstance(silent.value, FramesLost)
+    assert not isinstance(silent.value, errors.FramesLost)
     assert re.search(r"It has answered \d+ of \d+ requests", str(silent.value))
 
 

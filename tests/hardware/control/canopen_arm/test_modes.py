@@ -5,14 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hardware.errors import (
-    CommandRefused,
-    ControlDenied,
-    DriveFault,
-    DriveNotReady,
-    ModeNotReached,
-    Stopped,
-)
+from hardware import errors
 from tests.hardware.control.canopen_arm.conftest import PER_RAD, POSITION, TWO_DRIVEN
 from tests.hardware.fake_arm import JOINTS, FakeArmBus
 from tests.oracles.profiles import sarcos
@@ -20,7 +13,7 @@ from tests.oracles.profiles import sarcos
 
 def test_take_control_enables_every_drive_at_its_position(arm, bus):
     before = [drive.counts for drive in bus.drives.values()]
-    with pytest.raises(CommandRefused, match="switch on disabled"):
+    with pytest.raises(errors.CommandRefused, match="switch on disabled"):
         arm.set_modes(TWO_DRIVEN)
     arm.take_control()
     assert bus.token == 127
@@ -63,14 +56,14 @@ def test_joint_sinking_before_enable_is_held_at_its_final_position(arm, bus):
 
 def test_drive_not_enabled_in_time_leaves_all_drives_off(arm, bus, approve):
     enable_late(bus, 3, 70)
-    with pytest.raises(DriveNotReady) as error:
+    with pytest.raises(errors.DriveNotReady) as error:
         arm.take_control()
     assert (error.value.joint, error.value.state) == (3, "switched on")
     approve(str(error.value))
     assert bus.statuses == {0x40}
     arm.capture(100)  # beyond the time at which the drive acts
     assert bus.statuses == {0x40}
-    with pytest.raises(CommandRefused):
+    with pytest.raises(errors.CommandRefused):
         arm.move({1: 0.1}, speed_rad_per_s=0.2)
     arm.take_control()
     assert bus.statuses == {0x27}
@@ -79,7 +72,7 @@ def test_drive_not_enabled_in_time_leaves_all_drives_off(arm, bus, approve):
 def test_statusword_explains_a_drive_that_cannot_be_enabled(arm, bus, approve):
     bus.drives[2].rpdo = lambda _data: None
     bus.inverted_bits[2] = 0x0210  # no voltage, local control
-    with pytest.raises(DriveNotReady) as error:
+    with pytest.raises(errors.DriveNotReady) as error:
         arm.take_control()
     approve(str(error.value))
 
@@ -94,7 +87,7 @@ def test_profile_allows_more_time_for_enabling(connected, bus):
 def test_drive_that_stays_on_after_failed_enabling_is_named(arm, bus, approve):
     enable_late(bus, 3, 10_000)
     bus.drives[5].ignores = (0x0000,)
-    with pytest.raises(DriveNotReady) as error:
+    with pytest.raises(errors.DriveNotReady) as error:
         arm.take_control()
     approve(str(error.value))
     assert {joint: drive.status for joint, drive in bus.drives.items() if drive.status != 0x40} == {
@@ -103,7 +96,7 @@ def test_drive_that_stays_on_after_failed_enabling_is_named(arm, bus, approve):
 
 
 @pytest.mark.parametrize(
-    ("node", "code", "error"), [(4, 0x4210, DriveFault), (16, 0x5441, Stopped)]
+    ("node", "code", "error"), [(4, 0x4210, errors.DriveFault), (16, 0x5441, errors.Stopped)]
 )
 def test_alarm_while_enabling_leaves_no_drive_enabled(arm, bus, node, code, error):
     """A supervisor's emergency counts as a stop, but stops no drive."""
@@ -135,7 +128,7 @@ def test_token_or_heartbeat_of_another_operator_denies_control(arm, bus, holder)
     else:
         bus.inject(0x77F, b"\x05")
         arm.active_parameters()  # whose response comes after the heartbeat
-    with pytest.raises(ControlDenied) as denied:
+    with pytest.raises(errors.ControlDenied) as denied:
         arm.take_control()
     assert denied.value.holder == holder
     assert bus.commands == []
@@ -151,7 +144,7 @@ def test_drive_fault_without_emergency_denies_control(connected, bus, before_con
     else:
         arm = connected()
         bus.drives[4].status = 0x08
-    with pytest.raises(DriveFault) as error:
+    with pytest.raises(errors.DriveFault) as error:
         arm.take_control()
     assert (error.value.joint, error.value.code) == (4, 0x8611)
 
@@ -159,7 +152,7 @@ def test_drive_fault_without_emergency_denies_control(connected, bus, before_con
 def test_unreached_mode_raises_mode_not_reached(arm, bus):
     arm.take_control()
     bus.drives[3].follows_mode = False
-    with pytest.raises(ModeNotReached) as error:
+    with pytest.raises(errors.ModeNotReached) as error:
         arm.set_modes(TWO_DRIVEN)
     assert (error.value.joint, error.value.wanted, error.value.actual) == (3, "free", "position")
 
@@ -176,7 +169,7 @@ def test_hold_sets_position_mode_and_current_position(driven, bus):
 def test_missing_following_bit_raises_mode_not_reached(arm, bus):
     bus.not_following = set(bus.drives)
     arm.take_control()
-    with pytest.raises(ModeNotReached, match=r"joint 2 .* position .* bit 12") as error:
+    with pytest.raises(errors.ModeNotReached, match=r"joint 2 .* position .* bit 12") as error:
         arm.set_modes(TWO_DRIVEN)
     assert error.value.joint == 2
     assert "have the drive set that bit" in str(error.value)

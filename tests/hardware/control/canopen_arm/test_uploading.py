@@ -5,15 +5,9 @@ import time
 import pytest
 from canopen.sdo.exceptions import SdoCommunicationError
 
+from hardware import errors
 from hardware.arm import DriveState
 from hardware.control.uploading import MAX_UPLOADS
-from hardware.errors import (
-    BusError,
-    ControlDenied,
-    HostLatencyExceeded,
-    UploadRefused,
-    UploadUnknown,
-)
 from hardware.timing import Pace
 from tests.hardware.control.canopen_arm.conftest import drive, short_timing, wait_for
 from tests.hardware.fake_arm import JOINTS, FakeArmBus, FrameLoss
@@ -62,14 +56,14 @@ def test_documents_of_any_length_round_trip(driven, bus, document):
 
 def test_corrupted_document_is_not_committed(driven, bus):
     bus.corrupts = True
-    with pytest.raises(UploadRefused, match=f"byte {len(DOCUMENT) - 1} differs"):
+    with pytest.raises(errors.UploadRefused, match=f"byte {len(DOCUMENT) - 1} differs"):
         driven.upload_parameters(DOCUMENT)
     assert driven.active_parameters() == OLD_DOCUMENT
 
 
 def test_silence_after_commit_raises_upload_unknown(driven, bus):
     bus.drops = lambda identifier, _: identifier == 0x590 and bus.document == DOCUMENT
-    with pytest.raises(UploadUnknown, match=r"not known.*does not answer"):
+    with pytest.raises(errors.UploadUnknown, match=r"not known.*does not answer"):
         driven.upload_parameters(DOCUMENT)
     bus.drops = lambda _identifier, _data: False
     assert driven.active_parameters() == DOCUMENT
@@ -99,7 +93,7 @@ def test_document_dropped_before_commit_is_uploaded_again(driven, bus, times):
         driven.upload_parameters(DOCUMENT)
         assert bus.document == DOCUMENT
         return
-    with pytest.raises(BusError):
+    with pytest.raises(errors.BusError):
         driven.upload_parameters(DOCUMENT)
     assert bus.drops.lost == MAX_UPLOADS
     assert bus.document == OLD_DOCUMENT
@@ -128,7 +122,7 @@ def test_lost_frame_is_retried(driven, bus, loss):
 def test_repeatedly_lost_segments_report_no_answer(driven, bus):
     """The node aborts the segment that ends a transfer it has given up; that abort is not the cause."""
     bus.drops = FrameLoss(0x610, b"\x10", times=MAX_UPLOADS, skip=3)
-    with pytest.raises(BusError, match="Node 16 does not answer when asked for 2000h"):
+    with pytest.raises(errors.BusError, match="Node 16 does not answer when asked for 2000h"):
         driven.upload_parameters(DOCUMENT)
     assert driven.active_parameters() == OLD_DOCUMENT
 
@@ -164,7 +158,7 @@ def test_control_lost_by_host_latency_is_taken_again(late, bus):
 
 def test_control_lost_without_host_latency_is_denied(driven, bus):
     bus.drops = control_lapse(bus)
-    with pytest.raises(ControlDenied) as denied:
+    with pytest.raises(errors.ControlDenied) as denied:
         driven.upload_parameters(DOCUMENT)
     assert denied.value.holder == 0
     assert bus.token == 0
@@ -173,7 +167,7 @@ def test_control_lost_without_host_latency_is_denied(driven, bus):
 
 def test_control_lost_repeatedly_raises_host_latency_exceeded(late, bus):
     bus.drops = control_lapse(bus, times=MANY)
-    with pytest.raises(HostLatencyExceeded) as exceeded:
+    with pytest.raises(errors.HostLatencyExceeded) as exceeded:
         late.upload_parameters(DOCUMENT)
     assert 0.6 < exceeded.value.longest_s <= late.snapshot().lateness.longest_s
     assert bus.drops.lost == MAX_UPLOADS
@@ -186,7 +180,7 @@ def test_upload_refusal_gives_the_controllers_reason(driven, bus):
     try:
         raise SdoCommunicationError("No SDO response received")
     except SdoCommunicationError:
-        with pytest.raises(UploadRefused, match="serial SDA-0007 is another arm"):
+        with pytest.raises(errors.UploadRefused, match="serial SDA-0007 is another arm"):
             driven.upload_parameters(DOCUMENT)
     assert driven.active_parameters() == OLD_DOCUMENT
 

@@ -353,6 +353,11 @@ class FakeArmBus(can.BusABC):
             raise SdoAbortedError(0x06020000)
 
 
+def capture_for_ever(arm: Any) -> None:
+    while True:
+        arm.capture(5)
+
+
 class _StopHandle(can.BusABC):
     def __init__(self, bus: FakeArmBus) -> None:
         self._bus = bus

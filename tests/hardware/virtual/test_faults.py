@@ -41,8 +41,7 @@ def test_trip_sends_its_code_and_stops_other_drives(arm, quantity, joint, value,
     arm.operational([8, 10, 10, 10, 8, 10, 10])
     arm.run_in_loop(lambda: getattr(arm.plant, quantity).__setitem__(joint - 1, value))
     expect_trip(arm, joint, code)
-    assert arm.peer.unsigned(joint, 0x1001) == 0x21
-    assert arm.peer.unsigned(joint, 0x603F) == code
+    assert (arm.peer.unsigned(joint, 0x1001), arm.peer.unsigned(joint, 0x603F)) == (0x21, code)
 
 
 def test_lost_enable_shows_only_in_the_statusword(arm):

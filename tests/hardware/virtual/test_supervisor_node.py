@@ -67,8 +67,7 @@ def test_document_is_staged_read_back_and_committed(arm):
     assert arm.peer.read(16, 0x2001, 1) == hashlib.sha256(data).digest()
     assert arm.peer.unsigned(16, 0x2001, 2) == len(data)
     assert execute(arm, COMMIT) is None
-    assert slots(arm) == [1, 1, 0, 0]
-    assert offsets(arm) == OFFSETS
+    assert (slots(arm), offsets(arm)) == ([1, 1, 0, 0], OFFSETS)
     assert arm.peer.read(16, 0x2000) == data
 
 
@@ -81,11 +80,9 @@ def test_roll_back_drops_the_staged_document_then_switches_slots(arm):
     assert execute(arm, COMMIT) == 0x08000022
     assert offsets(arm) == OFFSETS
     upload(arm, document(OTHER))
-    assert slots(arm) == [2, 1, 1, 0]
-    assert offsets(arm) == OTHER
+    assert (slots(arm), offsets(arm)) == ([2, 1, 1, 0], OTHER)
     assert execute(arm, ROLL_BACK) is None
-    assert slots(arm) == [1, 1, 1, 0]
-    assert offsets(arm) == OFFSETS
+    assert (slots(arm), offsets(arm)) == ([1, 1, 1, 0], OFFSETS)
     assert arm.peer.read(16, 0x2000) == document()
 
 
@@ -106,8 +103,7 @@ def test_invalid_document_is_refused_without_effect(arm, data, approve):
     assert execute(arm, STAGE) == 0x08000020
     approve(arm.peer.read(16, 0x2004).decode())
     assert execute(arm, COMMIT) == 0x08000022
-    assert slots(arm) == [1, 1, 0, 0]
-    assert offsets(arm) == OTHER
+    assert (slots(arm), offsets(arm)) == ([1, 1, 0, 0], OTHER)
     assert arm.peer.read(16, 0x2000) == document(OTHER)
 
 
@@ -176,8 +172,7 @@ def test_committed_offsets_survive_a_restart(tmp_path):
     with rig(store=ParameterStore(FolderDisk(tmp_path))) as arm:
         inject(arm.controller, "restart", 1)
         arm.peer.wait_for(lambda number, data: (number, data) == (0x710, b"\0"))
-        assert offsets(arm) == OFFSETS
-        assert slots(arm) == [1, 1, 0, 0]
+        assert (offsets(arm), slots(arm)) == (OFFSETS, [1, 1, 0, 0])
 
 
 def test_document_of_another_arm_is_not_used(tmp_path):

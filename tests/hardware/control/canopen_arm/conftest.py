@@ -63,11 +63,6 @@ def wait_for(condition: Callable[[], bool]) -> None:
         pass
 
 
-def capture_for_ever(arm: CanopenArm) -> None:
-    while True:
-        arm.capture(5)
-
-
 @pytest.fixture
 def bus():
     return FakeArmBus()

@@ -3,8 +3,8 @@ import threading
 import pytest
 
 from hardware.errors import BusError, DriveFault
-from tests.hardware.control.canopen_arm.conftest import capture_for_ever, wait_for
-from tests.hardware.fake_arm import JOINTS
+from tests.hardware.control.canopen_arm.conftest import wait_for
+from tests.hardware.fake_arm import JOINTS, capture_for_ever
 
 
 def test_fast_forward_sends_no_sync_when_idle(driven, bus):
@@ -66,8 +66,7 @@ def test_free_joint_of_unknown_position_is_not_held(driven, bus, emergency):
     with pytest.raises(DriveFault if emergency else BusError):
         driven.move({2: 0.2}, speed_rad_per_s=0.5)
     assert not driven.close()
-    assert axis.counts == 3000 + 19 * 100
-    assert axis.status == 0x40
+    assert (axis.counts, axis.status) == (3000 + 19 * 100, 0x40)
 
 
 def test_close_holds_free_joint_that_misses_one_sync(driven, bus):
@@ -131,8 +130,7 @@ def test_close_before_first_command_releases_arm(arm, bus):
 def test_stop_while_closing_latches(driven, bus):
     bus.at(2, driven.stop)
     driven.close()
-    assert bus.statuses == {0x07}
-    assert bus.token == 0
+    assert (bus.statuses, bus.token) == ({0x07}, 0)
     driven.connect()
     assert driven.snapshot().stopped
 

@@ -4,13 +4,8 @@ import can
 import pytest
 
 from hardware.errors import BusError, DriveDiverged
-from tests.hardware.control.canopen_arm.conftest import (
-    TWO_DRIVEN,
-    capture_for_ever,
-    drive,
-    wait_for,
-)
-from tests.hardware.fake_arm import COUNTS_PER_REV, JOINTS, FakeArmBus, FakeDrive
+from tests.hardware.control.canopen_arm.conftest import TWO_DRIVEN, drive, wait_for
+from tests.hardware.fake_arm import COUNTS_PER_REV, JOINTS, FakeArmBus, FakeDrive, capture_for_ever
 
 FAR, WINDOW = 1600, 1111
 """Counts: final deviation of a diverging joint; one degree, the limit for a drive without 6065h."""

@@ -11,8 +11,8 @@ from hardware.errors import ArmInUse, CommandRefused, ControlDenied, NodeMissing
 from hardware.monitors.joint_monitor import JointMonitor, alarms
 from hardware.monitors.node_monitor import NodeMonitor
 from hardware.timing import Pace
-from tests.hardware.control.canopen_arm.conftest import capture_for_ever, make, short_timing
-from tests.hardware.fake_arm import FakeArmBus, FrameLoss
+from tests.hardware.control.canopen_arm.conftest import make, short_timing
+from tests.hardware.fake_arm import FakeArmBus, FrameLoss, capture_for_ever
 from tests.oracles.profiles import sarcos
 
 ENABLED, QUICK_STOP, TRIPPED = 0x27, 0x07, 0x08

@@ -22,8 +22,7 @@ ABSENT = 0x06020000
 @pytest.fixture
 def bus(bus):
     yield bus
-    assert bus.commands == []
-    assert bus.token == 0
+    assert (bus.commands, bus.token) == ([], 0)
 
 
 def connection_refusal(bus: FakeArmBus) -> MappingMismatch:

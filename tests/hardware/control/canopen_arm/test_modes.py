@@ -16,8 +16,7 @@ def test_take_control_enables_every_drive_at_its_position(arm, bus):
     with pytest.raises(errors.CommandRefused, match="switch on disabled"):
         arm.set_modes(TWO_DRIVEN)
     arm.take_control()
-    assert bus.token == 127
-    assert bus.statuses == {0x27}
+    assert (bus.token, bus.statuses) == (127, {0x27})
     assert [drive.target for drive in bus.drives.values()] == before
     snapshot = arm.snapshot()
     assert snapshot.token == 127
@@ -213,8 +212,7 @@ def test_incomplete_sample_is_excluded_from_reading(driven, bus, fault):
     bus.drives[6].noise = lambda sync: 1000 * (sync == start + 3)
     reading = driven.capture(6)
     assert bus.syncs - start == 7
-    assert reading.mean_counts[5] == 6000
-    assert reading.sd_rad[5] == 0.0
+    assert (reading.mean_counts[5], reading.sd_rad[5]) == (6000, 0.0)
 
 
 def test_snapshot_ages_are_never_negative(driven, monkeypatch):

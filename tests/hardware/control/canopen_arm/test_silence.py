@@ -7,8 +7,8 @@ import pytest
 from hardware.control.motion_steps import STANDSTILL_SYNCS
 from hardware.control.trajectory import ACCELERATION_RAD_PER_S2
 from hardware.errors import BusError, NodeRestarted, TargetRefused
-from tests.hardware.control.canopen_arm.conftest import PER_RAD, capture_for_ever, wait_for
-from tests.hardware.fake_arm import FakeArmBus
+from tests.hardware.control.canopen_arm.conftest import PER_RAD, wait_for
+from tests.hardware.fake_arm import FakeArmBus, capture_for_ever
 
 
 def test_joint_without_tpdo_ends_move(driven, bus):

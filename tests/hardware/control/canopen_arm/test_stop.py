@@ -11,14 +11,8 @@ from hardware.buses.python_can import BusSettings
 from hardware.control import motion_steps
 from hardware.control.stop_line import StopLatch
 from hardware.errors import BusError, CommandRefused, Stopped
-from tests.hardware.control.canopen_arm.conftest import (
-    PER_RAD,
-    capture_for_ever,
-    drive,
-    make,
-    short_timing,
-)
-from tests.hardware.fake_arm import JOINTS
+from tests.hardware.control.canopen_arm.conftest import PER_RAD, drive, make, short_timing
+from tests.hardware.fake_arm import JOINTS, capture_for_ever
 
 
 def test_stop_during_transmission_overrides_late_setpoint(driven, bus):

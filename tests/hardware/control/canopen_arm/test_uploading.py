@@ -95,8 +95,7 @@ def test_document_dropped_before_commit_is_uploaded_again(driven, bus, times):
         return
     with pytest.raises(errors.BusError):
         driven.upload_parameters(DOCUMENT)
-    assert bus.drops.lost == MAX_UPLOADS
-    assert bus.document == OLD_DOCUMENT
+    assert (bus.drops.lost, bus.document) == (MAX_UPLOADS, OLD_DOCUMENT)
 
 
 @pytest.mark.parametrize(
@@ -152,17 +151,14 @@ def late(connected):
 def test_control_lost_by_host_latency_is_taken_again(late, bus):
     bus.drops = control_lapse(bus)
     late.upload_parameters(DOCUMENT)
-    assert bus.document == DOCUMENT
-    assert bus.token == 127
+    assert (bus.document, bus.token) == (DOCUMENT, 127)
 
 
 def test_control_lost_without_host_latency_is_denied(driven, bus):
     bus.drops = control_lapse(bus)
     with pytest.raises(errors.ControlDenied) as denied:
         driven.upload_parameters(DOCUMENT)
-    assert denied.value.holder == 0
-    assert bus.token == 0
-    assert bus.document == OLD_DOCUMENT
+    assert (denied.value.holder, bus.token, bus.document) == (0, 0, OLD_DOCUMENT)
 
 
 def test_control_lost_repeatedly_raises_host_latency_exceeded(late, bus):
@@ -170,8 +166,7 @@ def test_control_lost_repeatedly_raises_host_latency_exceeded(late, bus):
     with pytest.raises(errors.HostLatencyExceeded) as exceeded:
         late.upload_parameters(DOCUMENT)
     assert 0.6 < exceeded.value.longest_s <= late.snapshot().lateness.longest_s
-    assert bus.drops.lost == MAX_UPLOADS
-    assert bus.document == OLD_DOCUMENT
+    assert (bus.drops.lost, bus.document) == (MAX_UPLOADS, OLD_DOCUMENT)
 
 
 def test_upload_refusal_gives_the_controllers_reason(driven, bus):

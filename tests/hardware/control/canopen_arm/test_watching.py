@@ -13,8 +13,8 @@ from hardware.buses.python_can import BusSettings
 from hardware.control.control_loop import MAX_IDLE_POLL_S
 from hardware.monitors.node_monitor import NodeMonitor
 from hardware.timing import Timing
-from tests.hardware.control.canopen_arm.conftest import capture_for_ever, short_timing, wait_for
-from tests.hardware.fake_arm import JOINTS, FakeArmBus
+from tests.hardware.control.canopen_arm.conftest import short_timing, wait_for
+from tests.hardware.fake_arm import JOINTS, FakeArmBus, capture_for_ever
 from tests.oracles.profiles import sarcos
 
 

@@ -10,23 +10,13 @@ import can
 import numpy as np
 import pytest
 
+from hardware import timing
 from hardware.arm import HostLatency
 from hardware.buses.python_can import BusSettings, stamping_clock
 from hardware.canopen.cyclic import Sample
 from hardware.canopen.objects import COB_HEARTBEAT, COB_SYNC, COB_TPDO1, NmtState
 from hardware.control.control_loop import ControlLoop
 from hardware.errors import BusError
-from hardware.timing import (
-    LOOP_PRIORITY,
-    MAX_POLL_GAP_S,
-    PRIORITY,
-    REPORTED_S,
-    LatencyMonitor,
-    Pace,
-    Timing,
-    raise_loop_priority,
-    real_time_priority,
-)
 from tests.oracles.profiles import sarcos
 
 
@@ -38,7 +28,7 @@ def priority_of_a_thread(**options: Callable[[], None]) -> tuple[int, int]:
 
 
 def priority_of_a_loop() -> int:
-    return priority_of_a_thread(initializer=raise_loop_priority)[1]
+    return priority_of_a_thread(initializer=timing.raise_loop_priority)[1]
 
 
 def real_time_is_allowed() -> bool:
@@ -55,9 +45,9 @@ def real_time_is_allowed() -> bool:
     not real_time_is_allowed(), reason="this user may not ask for real-time priority"
 )
 def test_real_time_priority_applies_inside_context_only():
-    with real_time_priority():
-        assert priority_of_a_thread() == (os.SCHED_RR, PRIORITY)
-        assert priority_of_a_loop() == LOOP_PRIORITY > PRIORITY
+    with timing.real_time_priority():
+        assert priority_of_a_thread() == (os.SCHED_RR, timing.PRIORITY)
+        assert priority_of_a_loop() == timing.LOOP_PRIORITY > timing.PRIORITY
     assert priority_of_a_thread() == (os.sched_getscheduler(0), 0) == (os.SCHED_OTHER, 0)
     assert priority_of_a_loop() == 0
 
@@ -67,7 +57,7 @@ def test_denied_real_time_priority_is_ignored(monkeypatch):
         raise PermissionError
 
     monkeypatch.setattr(os, "sched_setscheduler", refuse)
-    with real_time_priority():
+    with timing.real_time_priority():
         assert priority_of_a_thread() == (os.SCHED_OTHER, 0)
 
 
@@ -157,11 +147,11 @@ def loop(bus):
     return ControlLoop(
         bus,
         profile=sarcos(JOINTS),
-        pace=Pace.REAL_TIME,
+        pace=timing.Pace.REAL_TIME,
         on_sdo=lambda *_: None,
         allow=lambda *_: None,
         quick_stop=lambda: None,
-        timing=Timing(heartbeat_timeout_s=1.0),
+        timing=timing.Timing(heartbeat_timeout_s=1.0),
         clock=bus.clock,
         stamps=bus.clock.stamps,
     )
@@ -215,7 +205,7 @@ def test_suspended_loop_reports_no_silence(bus, loop, times, suspended_s):
             assert loop.alarm() is None
         yield from bus.beat()
         assert loop.alarm() is None
-        late_s = suspended_s - MAX_POLL_GAP_S
+        late_s = suspended_s - timing.MAX_POLL_GAP_S
         assert loop.latency.late_s == pytest.approx(times * late_s, abs=times * 0.03)
 
     play(loop, bus, scenario())
@@ -254,7 +244,7 @@ def test_queued_answer_has_age_of_its_stamp(bus, loop):
     loop.begin_sync()
     play(loop, bus, itertools.repeat(None))
     assert ages[1:6] == pytest.approx([0.01, 0.01, 0.01, 0.7, 0.01], abs=0.001)
-    assert host_shares[4] == pytest.approx(0.7, abs=MAX_POLL_GAP_S + 1e-6)
+    assert host_shares[4] == pytest.approx(0.7, abs=timing.MAX_POLL_GAP_S + 1e-6)
     late_s = pytest.approx(0.7, abs=1e-6)
     assert latencies[4] == latencies[5] == HostLatency(times=1, last_s=late_s, longest_s=late_s)
 
@@ -294,8 +284,8 @@ def test_steps_proceed_under_permanent_latency(bus, loop):
 
 
 def test_listened_time_never_exceeds_elapsed_time(clock):
-    latency = LatencyMonitor(clock)
-    for gap_s in (0.01, MAX_POLL_GAP_S, 0.3, 2.0, 0.0):
+    latency = timing.LatencyMonitor(clock)
+    for gap_s in (0.01, timing.MAX_POLL_GAP_S, 0.3, 2.0, 0.0):
         clock.now_s += gap_s
         latency.frame_read()
     assert latency.late_s == pytest.approx(0.2 + 1.9)
@@ -307,7 +297,7 @@ def test_listened_time_never_exceeds_elapsed_time(clock):
 @pytest.mark.parametrize("step_s", [-3600.0, -0.5, -0.02, 0.02, 0.5, 3600.0])
 def test_clock_step_does_not_exceed_possible_frame_age(clock, step_s):
     offset_s = 0.0
-    latency = LatencyMonitor(clock, lambda: clock.stamps() + offset_s)
+    latency = timing.LatencyMonitor(clock, lambda: clock.stamps() + offset_s)
     for cycle in range(30):
         latency.queue_empty(clock.now_s)
         stamp_s = clock.stamps() + offset_s
@@ -323,7 +313,7 @@ def test_clock_step_does_not_exceed_possible_frame_age(clock, step_s):
 
 def test_backlog_is_measured_by_stamps(clock):
     """A frame every millisecond, and 1.2 ms to process each: the queue is never empty, and polls never pause."""
-    latency = LatencyMonitor(clock, clock.stamps)
+    latency = timing.LatencyMonitor(clock, clock.stamps)
     latency.queue_empty(clock.now_s)
     arrived_s = clock.now_s
     for _ in range(3000):
@@ -340,7 +330,7 @@ def test_backlog_is_measured_by_stamps(clock):
     ("own_stamps", "stamp_s"), [(False, 0.0), (False, 12.5), (False, TIME_OF_DAY_S), (True, 0.0)]
 )
 def test_frame_without_own_stamp_has_no_latency(clock, own_stamps, stamp_s):
-    latency = LatencyMonitor(clock, clock if own_stamps else None)
+    latency = timing.LatencyMonitor(clock, clock if own_stamps else None)
     latency.queue_empty(clock.now_s)
     clock.now_s += 5.0
     assert latency.frame_read(stamp_s) == 0.0
@@ -360,17 +350,17 @@ def test_only_local_interfaces_have_a_stamping_clock(clock, interfaces):
 
 @pytest.mark.parametrize(("arm_waits", "times"), [(False, 1), (True, 0)])
 def test_waiting_arm_has_no_latency(clock, arm_waits, times):
-    latency = LatencyMonitor(clock, arm_waits=arm_waits)
+    latency = timing.LatencyMonitor(clock, arm_waits=arm_waits)
     clock.now_s += 2.0
     latency.frame_read()
     assert latency.lateness.times == times
 
 
 def test_each_latency_is_counted_once(clock):
-    latency = LatencyMonitor(clock)
+    latency = timing.LatencyMonitor(clock)
     clock.now_s += 5.0  # before monitoring begins
     latency.begin()
-    for gap_s in (0.1, REPORTED_S - 0.01, 0.8, 0.05, 0.4, *[0.05] * 50, 0.5):
+    for gap_s in (0.1, timing.REPORTED_S - 0.01, 0.8, 0.05, 0.4, *[0.05] * 50, 0.5):
         clock.now_s += gap_s
         latency.frame_read()
         latency.queue_empty(clock.now_s)

@@ -14,15 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hardware.buses import loopback
-from hardware.buses.loopback import (
-    LoopbackBus,
-    channel_group,
-    channel_tag,
-    decode_frame,
-    encode_frame,
-)
 
-TAG = channel_tag("somewhere")
+TAG = loopback.channel_tag("somewhere")
 _numbers = itertools.count()
 
 
@@ -33,7 +26,7 @@ def channel():
 
 @pytest.fixture
 def bus(channel):
-    with LoopbackBus(channel) as opened:
+    with loopback.LoopbackBus(channel) as opened:
         yield opened
 
 
@@ -49,9 +42,9 @@ def bus(channel):
 )
 def test_datagram_has_the_documented_format(message, text):
     datagram = b"CANo" + TAG + bytes.fromhex(text)
-    assert encode_frame(message, TAG) == datagram
-    assert decode_frame(datagram, TAG).equals(message, timestamp_delta=None)
-    assert decode_frame(datagram, channel_tag("another channel")) is None
+    assert loopback.encode_frame(message, TAG) == datagram
+    assert loopback.decode_frame(datagram, TAG).equals(message, timestamp_delta=None)
+    assert loopback.decode_frame(datagram, loopback.channel_tag("another channel")) is None
 
 
 _with_valid_header = st.builds(
@@ -68,18 +61,18 @@ _with_valid_header = st.builds(
 @given(st.one_of(st.binary(max_size=100), _with_valid_header))
 @settings(max_examples=500, deadline=None, database=None)
 def test_random_datagram_is_refused_or_a_valid_frame(datagram):
-    message = decode_frame(datagram, TAG)
+    message = loopback.decode_frame(datagram, TAG)
     if message is not None:
         message._check()  # python-can's check
-        assert encode_frame(message, TAG) == datagram
+        assert loopback.encode_frame(message, TAG) == datagram
 
 
 def test_invalid_datagrams_are_ignored(bus, channel):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as foreign:
         foreign.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton("127.0.0.1"))
         for datagram in (b"", b"x", b"CANo" + b"\xff" * 14, b"\x00" * 2000):
-            foreign.sendto(datagram, (channel_group(channel), loopback.MULTICAST_PORT))
-    with LoopbackBus(channel) as peer:
+            foreign.sendto(datagram, (loopback.channel_group(channel), loopback.MULTICAST_PORT))
+    with loopback.LoopbackBus(channel) as peer:
         peer.send(can.Message(arbitration_id=0x77, is_extended_id=False))
     assert bus.recv(60.0).arbitration_id == 0x77
 
@@ -87,7 +80,7 @@ def test_invalid_datagrams_are_ignored(bus, channel):
 def test_kernel_filters_agree_with_python_can(channel):
     """python-can's rule, over masks, kinds of identifier and several filters at once, is the oracle."""
     rng = random.Random(1)  # noqa: S311 - to be repeated, not to be secret
-    with LoopbackBus(channel) as bus, LoopbackBus(channel) as peer:
+    with loopback.LoopbackBus(channel) as bus, loopback.LoopbackBus(channel) as peer:
         total = 0
         for _ in range(40):
             filters: list[CanFilter] = []
@@ -137,13 +130,13 @@ def test_fd_frame_is_refused(bus):
 
 def test_bus_is_readable_in_select_when_a_frame_arrives(bus, channel):
     assert select.select([bus], [], [], 0.0)[0] == []
-    with LoopbackBus(channel) as peer:
+    with loopback.LoopbackBus(channel) as peer:
         peer.send(can.Message(arbitration_id=2, is_extended_id=False))
     assert select.select([bus.fileno()], [], [], 60.0)[0] == [bus.fileno()]
 
 
 def test_closed_bus_raises(channel):
-    closed = LoopbackBus(channel)
+    closed = loopback.LoopbackBus(channel)
     closed.shutdown()
     with pytest.raises(can.CanOperationError):
         closed.send(can.Message(arbitration_id=2, is_extended_id=False))
@@ -157,4 +150,4 @@ def test_python_can_opens_it_by_interface_name(channel):
     except importlib.metadata.PackageNotFoundError:
         pytest.skip("sarcal is not installed, so it has no entry points")
     with can.Bus(interface="loopback", channel=channel, ignore_config=True) as bus:
-        assert isinstance(bus, LoopbackBus)
+        assert isinstance(bus, loopback.LoopbackBus)

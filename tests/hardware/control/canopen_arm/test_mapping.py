@@ -173,17 +173,31 @@ def test_following_window_is_a_third_of_6065h_or_one_degree():
     assert windows == pytest.approx([*limits.values()])
 
 
+ACCEPT, ACCEPT_NONE = "heartbeat: slowest_ms", "no bus profile can accept another value"
+ZERO = "send it as 0 with the commands, or write 0 (pdo_maps: configured), then connect"
+
+
 @pytest.mark.parametrize(
-    ("period_ms", "profile_may_accept"), [(5000, True), (10_001, False), (0, False)]
+    ("index", "form", "value", "difference", "remedy", "wrong_remedy"),
+    [
+        (0x1017, "<H", 5000, " sub 0:", ACCEPT, ACCEPT_NONE),
+        (0x1017, "<H", 10_001, " sub 0:", ACCEPT_NONE, ACCEPT),
+        (0x1017, "<H", 0, " sub 0:", ACCEPT_NONE, ACCEPT),
+        (0x6071, "<h", -50, ": expected 0, found -50", ZERO, ACCEPT_NONE),
+        (0x60B2, "<h", 200, ": expected 0, found 200", ZERO, ACCEPT_NONE),
+        (0x60B0, "<l", 4000, ": expected 0, found 4000", ZERO, ACCEPT_NONE),
+    ],
 )
-def test_slow_heartbeat_names_its_remedies(bus, period_ms, profile_may_accept):
-    bus.objects[3, 0x1017, 0] = struct.pack("<H", period_ms)
-    message = str(connection_refusal(bus))
-    assert "node 3, 1017h sub 0" in message
-    assert "Set 1017h in these drives as expected, with their maker's tool" in message
-    assert ("heartbeat: slowest_ms" in message) is profile_may_accept
-    assert ("no bus profile can accept another value" in message) is not profile_may_accept
-    assert "probe --draft" not in message
+def test_heartbeat_torque_or_offset_is_refused_with_its_remedies(
+    bus, index, form, value, difference, remedy, wrong_remedy
+):
+    bus.objects[3, index, 0] = struct.pack(form, value)
+    refusal = connection_refusal(bus)
+    (text,) = refusal.differences
+    assert f"{text} ".startswith(f"node 3, {index:04X}h{difference} ")
+    by_tool = f"Set {index:04X}h in these drives as expected, with their maker's tool"
+    for part in (by_tool, remedy, wrong_remedy, "probe --draft"):
+        assert (part in str(refusal)) is (part in (by_tool, remedy))
 
 
 def test_each_difference_has_its_own_remedy(bus):
@@ -192,23 +206,6 @@ def test_each_difference_has_its_own_remedy(bus):
     message = str(connection_refusal(bus))
     assert "Set 1005h in these drives as expected, with their maker's tool" in message
     assert "commission them as expected, or describe them in a bus profile" in message
-
-
-@pytest.mark.parametrize(
-    ("index", "form", "value"), [(0x6071, "<h", -50), (0x60B2, "<h", 200), (0x60B0, "<l", 4000)]
-)
-def test_nonzero_torque_or_offset_is_refused(bus, index, form, value):
-    bus.objects[3, index, 0] = struct.pack(form, value)
-    refusal = connection_refusal(bus)
-    assert refusal.differences == (f"node 3, {index:04X}h: expected 0, found {value}",)
-    message = str(refusal)
-    for remedy in (
-        f"Set {index:04X}h in these drives as expected, with their maker's tool",
-        "send it as 0 with the commands, or write 0 (pdo_maps: configured), then connect",
-    ):
-        assert remedy in message
-    for wrong in ("probe --draft", "no bus profile can accept another value"):
-        assert wrong not in message
 
 
 @pytest.mark.sample(1)

@@ -24,20 +24,19 @@ MODEL = SCENARIO.arm(load_arm("sarcos_dextrous"))
 
 @contextmanager
 def controller_on(settings: BusSettings) -> Iterator[VirtualController]:
-    bus = open_bus(settings)
-    try:
-        with VirtualController(
+    with (
+        open_bus(settings) as bus,
+        VirtualController(
             bus,
             SCENARIO.build(MODEL),
             axes=arm_axes(MODEL),
             arm=ArmLabel(model=MODEL.name, serial_number=SERIAL),
             validate=partial(parse, of=arm_axes(MODEL)),
             heartbeat_timeout_s=10.0,  # both ends share a processor, without real-time priority
-        ) as controller:
-            yield controller
-        assert controller.failure is None
-    finally:
-        bus.shutdown()
+        ) as controller,
+    ):
+        yield controller
+    assert controller.failure is None
 
 
 def operator_on(settings: BusSettings, **waits: float) -> CanopenArm:

@@ -12,8 +12,7 @@ from tests.oracles.slcan_adapter import slcan_adapter
 
 def test_arm_moves_and_stops_over_slcan():
     inside = BusSettings(interface="loopback", channel=f"slcan-{os.getpid()}")
-    bus = open_bus(inside)
-    with controller_on(inside), slcan_adapter(bus) as (port, commands):
+    with open_bus(inside) as bus, controller_on(inside), slcan_adapter(bus) as (port, commands):
         line = BusSettings(
             interface="slcan", channel=port, bitrate=1_000_000, options={"sleep_after_open": 0.0}
         )
@@ -31,4 +30,3 @@ def test_arm_moves_and_stops_over_slcan():
             assert commands.count("O") <= 2
             assert commands[-1] == "O"
         assert "S8" in commands
-    bus.shutdown()

@@ -52,20 +52,18 @@ def idle_thread(monkeypatch):
 
 @pytest.fixture
 def controller(plant, settings):
-    bus = open_bus(settings)
-    controller = VirtualController(bus, plant, axes=axes(), arm=ARM, attended=True)
-    controller.start()
-    yield controller
-    controller.close()
-    bus.shutdown()
+    with open_bus(settings) as bus:
+        controller = VirtualController(bus, plant, axes=axes(), arm=ARM, attended=True)
+        controller.start()
+        yield controller
+        controller.close()
 
 
 @pytest.fixture
 def bus(controller, settings):
-    bus = attended_openers(controller).main(settings)
-    bus.send(can.Message(arbitration_id=0, data=[1, 0], is_extended_id=False))
-    yield bus
-    bus.shutdown()
+    with attended_openers(controller).main(settings) as bus:
+        bus.send(can.Message(arbitration_id=0, data=[1, 0], is_extended_id=False))
+        yield bus
 
 
 def send_sync(bus: can.BusABC) -> None:

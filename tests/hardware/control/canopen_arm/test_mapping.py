@@ -2,6 +2,7 @@
 
 import math
 import struct
+from contextlib import closing
 from types import SimpleNamespace
 from typing import Any
 
@@ -141,25 +142,22 @@ def test_one_valid_heartbeat_consumer_entry_is_accepted(connected, bus, entries)
     connected()
 
 
-def test_drives_without_heartbeat_consumer_are_listed(bus):
-    for node in (1, 2, 4, 6, 7):
-        bus.set_heartbeat_consumers(node, (OPERATOR, 500))
-    arm = make(bus)
-    assert arm.connect().unwatching == (3, 5)
-    arm.close()
-
-
-@pytest.mark.parametrize(("option", "listed"), [(0, True), (1, False), (3, False), (-1, False)])
-def test_drive_without_reaction_to_the_timeout_is_listed(bus, option, listed):
-    for node in range(1, 8):
+@pytest.mark.parametrize(
+    ("nodes", "option", "unwatching"),
+    [
+        ((1, 2, 4, 6, 7), 1, (3, 5)),
+        (range(1, 8), 0, (4,)),
+        *((range(1, 8), option, ()) for option in (1, 3, -1)),
+    ],
+)
+def test_drives_that_take_no_action_after_the_timeout_are_listed(bus, nodes, option, unwatching):
+    for node in nodes:
         bus.set_heartbeat_consumers(node, (OPERATOR, 500))
     bus.objects[4, 0x6007, 0] = struct.pack("<h", option)
-    arm = make(bus)
-    assert arm.connect().unwatching == ((4,) if listed else ())
-    assert [drive.ignores_timeout for drive in arm.drive_facts()] == [
-        listed and joint == 4 for joint in range(1, 8)
-    ]
-    arm.close()
+    with closing(make(bus)) as arm:
+        assert arm.connect().unwatching == unwatching
+        ignoring = [drive.joint for drive in arm.drive_facts() if drive.ignores_timeout]
+        assert ignoring == [4] * (option == 0)
 
 
 def test_following_window_is_a_third_of_6065h_or_one_degree():
@@ -219,9 +217,8 @@ def test_objects_refused_like_index_0000h_are_absent(bus, code):
         return code if node == 2 and value in (0x06020000, 0x06090011) else value
 
     bus.object_of = answer
-    arm = make(bus)
-    assert 2 in arm.connect().unwatching
-    arm.close()
+    with closing(make(bus)) as arm:
+        assert 2 in arm.connect().unwatching
 
 
 @pytest.mark.parametrize("index", [0x1019, 0x6071])
@@ -231,9 +228,7 @@ def test_object_that_exists_but_cannot_be_read_is_refused(bus, index):
         make(bus).connect()
 
 
-def test_count_of_map_entries_is_one_byte(bus):
+def test_count_of_map_entries_is_one_byte(connected, bus):
     """An answer that states no size has garbage beyond it."""
     bus.objects[3, 0x1A00, 0] = u32(0x5A5A5A03)
-    arm = make(bus)
-    arm.connect()
-    arm.close()
+    connected()

@@ -107,6 +107,17 @@ def test_frames_received_late_are_recorded_in_order(tmp_path, suffix):
     assert [stamp for _, stamp in frames] == pytest.approx(stamps, abs=1e-5)
 
 
+@pytest.mark.parametrize("suffix", [".blf", ".asc", ".log"])
+def test_channel_name_ending_in_digits_is_recorded(tmp_path, suffix):
+    """python-can packs the number at the end of a channel's name into two bytes."""
+    recording, message = Recording(tmp_path / f"bus{suffix}"), frame(0x701, 1.7e9)
+    message.channel = "bench-4294967296"
+    recording.record(message)
+    recording.close()
+    assert recording.failure is None
+    assert [number for number, _ in read_recording(tmp_path / f"bus{suffix}")] == [0x701]
+
+
 def test_frames_with_equal_timestamps_keep_their_order(tmp_path):
     assert record(tmp_path / "bus.log", [1.7e9] * 100) == list(range(100))
 

@@ -100,8 +100,7 @@ def test_enabling_resets_target_to_position(bench, enabled):
     bench.run()
     for word in (SHUTDOWN, SWITCH_ON, ENABLE):
         enabled.obey(word, 100, CSP)
-    assert enabled.target_counts == 700
-    assert bench.error_log == [E.REFERENCE_LIMIT]
+    assert (enabled.target_counts, bench.error_log) == (700, [E.REFERENCE_LIMIT])
 
 
 def test_target_step_is_limited(bench, enabled):

@@ -19,8 +19,7 @@ def test_close_holds_disables_and_releases_token(driven, bus):
     driven.close()
     assert bus.token == 0
     assert {drive.mode for drive in bus.drives.values()} == {8}
-    assert bus.drives[3].target == 3333
-    assert bus.statuses == {0x40}
+    assert (bus.drives[3].target, bus.statuses) == (3333, {0x40})
     driven.close()
     assert not [t for t in threading.enumerate() if t.name == "sarcal-control"]
 
@@ -112,8 +111,7 @@ def test_close_disables_drives_despite_reported_emergency(driven, bus, node, cod
     bus.emergency(node, code)
     wait_for(lambda: bool(driven.snapshot().faults))
     assert driven.close()
-    assert driven.left_powered == ()
-    assert bus.statuses == {0x40}
+    assert (driven.left_powered, bus.statuses) == ((), {0x40})
 
 
 def test_close_before_first_command_releases_arm(arm, bus):
@@ -123,8 +121,7 @@ def test_close_before_first_command_releases_arm(arm, bus):
     with pytest.raises(DriveFault):
         arm.take_control()
     assert arm.close()
-    assert arm.left_powered == ()
-    assert bus.token == 0
+    assert (arm.left_powered, bus.token) == ((), 0)
 
 
 def test_stop_while_closing_latches(driven, bus):
@@ -171,5 +168,4 @@ def test_close_reports_drive_enabled_by_another_program(arm, bus, status, held):
     bus.drives[3].status = status
     arm.capture(1)
     assert arm.close() is held
-    assert arm.left_powered == (3,)
-    assert bus.drives[3].status == status
+    assert (arm.left_powered, bus.drives[3].status) == ((3,), status)

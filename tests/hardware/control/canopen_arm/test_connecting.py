@@ -1,4 +1,4 @@
-"""Connecting to an arm on a fake bus: identity, other masters, missing nodes, lost frames."""
+"""Connecting to an arm on a fake bus: identity, other masters, missing nodes, lost frames, recordings."""
 
 import itertools
 import re
@@ -12,7 +12,7 @@ from hardware import errors
 from hardware.arm import DriveState
 from hardware.canopen.sdo import ObjectAccess
 from tests.hardware.control.canopen_arm.conftest import PER_RAD, make, short_timing
-from tests.hardware.fake_arm import FakeArmBus, FrameLoss
+from tests.hardware.fake_arm import JOINTS, FakeArmBus, FrameLoss
 
 NODES = [*range(1, 8), 16]
 
@@ -176,3 +176,41 @@ def test_lost_nmt_command_or_boot_up_is_repeated(connected, bus, identifier, fra
     arm = connected()
     arm.take_control()
     assert arm.capture(2).samples == 2, "a second boot-up is no restart here"
+
+
+def test_recording_holds_every_frame_in_order(connected, bus, tmp_path):
+    arm = connected(record_to=tmp_path / "bus.blf")
+    arm.take_control()
+    arm.stop()
+    arm.close()
+    assert arm.recording_failure is None
+    frames = list(can.LogReader(tmp_path / "bus.blf"))
+    directions = [(frame.arbitration_id, frame.is_rx) for frame in frames]
+    assert directions.count((0x080, False)) == bus.syncs
+    # The bus may be closed before the answer to the last SYNC.
+    assert bus.syncs - directions.count((0x183, True)) in (0, 1)
+    stops = [f for f in frames if 0x200 < f.arbitration_id <= 0x207 and f.data[:2] == b"\x02\x00"]
+    assert {f.arbitration_id for f in stops} == {0x201 + k for k in range(JOINTS)}
+    assert not any(f.is_rx for f in stops)
+    open_requests = 0
+    for frame in sorted(frames, key=lambda f: f.timestamp):
+        open_requests += frame.arbitration_id == 0x604
+        if frame.arbitration_id == 0x584:
+            assert open_requests > 0
+            open_requests -= 1
+
+
+def test_reconnecting_starts_a_second_recording(connected, tmp_path):
+    arm = connected(record_to=tmp_path / "bus.blf")
+    arm.close()
+    first = (tmp_path / "bus.blf").read_bytes()
+    arm.connect()
+    arm.close()
+    assert (tmp_path / "bus.blf").read_bytes() == first
+    with can.LogReader(tmp_path / "bus-2.blf") as second:
+        assert any(frame.arbitration_id == 0x701 for frame in second)
+
+
+def test_unwritable_recording_raises_bus_error(connected, tmp_path):
+    with pytest.raises(errors.BusError, match="cannot be recorded"):
+        connected(record_to=tmp_path / "missing" / "bus.blf")

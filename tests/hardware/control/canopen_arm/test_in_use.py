@@ -1,6 +1,7 @@
 """An arm in use by another program, which sends nothing just now, is not reset by connecting."""
 
 from collections.abc import Callable
+from contextlib import closing
 from typing import Any
 
 import pytest
@@ -16,7 +17,6 @@ from tests.hardware.fake_arm import FakeArmBus, FrameLoss, capture_for_ever
 from tests.oracles.profiles import sarcos
 
 ENABLED, QUICK_STOP, TRIPPED = 0x27, 0x07, 0x08
-SDO_TIMEOUT_S = 0.5
 STATUSWORD, TOKEN = b"\x41\x60\x00", b"\x10\x20\x00"
 
 
@@ -48,15 +48,14 @@ def bus():
 
 
 def real_time_arm(bus: FakeArmBus) -> CanopenArm:
-    timing = short_timing(speed=10.0, operator_timeout_s=0.2, sdo_timeout_s=SDO_TIMEOUT_S)
+    timing = short_timing(speed=10.0, operator_timeout_s=0.2, sdo_timeout_s=0.5)
     return make(bus, pace=Pace.REAL_TIME, timing=timing)
 
 
 @pytest.fixture
 def arm(bus):
-    arm = real_time_arm(bus)
-    yield arm
-    arm.close()
+    with closing(real_time_arm(bus)) as arm:
+        yield arm
 
 
 def refused(bus: ReadingBus, error: type[Exception], match: str | None = None) -> Any:
@@ -127,10 +126,9 @@ def test_own_stopped_drives_accept_reconnection(arm, bus):
         arm.close()
     before = bus.reads.count(STATUSWORD)
     # Another program cannot know whose they are: it listens, and connects as nobody is active.
-    other = real_time_arm(bus)
-    other.connect()
-    assert bus.reads.count(STATUSWORD) == before + 7 * (1 + 10)
-    other.close()
+    with closing(real_time_arm(bus)) as other:
+        other.connect()
+        assert bus.reads.count(STATUSWORD) == before + 7 * (1 + 10)
 
 
 def test_drives_enabled_by_another_program_are_in_use(arm, bus):

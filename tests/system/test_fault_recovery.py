@@ -14,7 +14,7 @@ from hardware.buses.python_can import BusSettings, open_bus
 from tests.oracles.journal_events import event_data
 from tests.oracles.own_process import controller, finished, start, wait_for_poses
 
-pytestmark = pytest.mark.real_time
+pytestmark = [pytest.mark.real_time, pytest.mark.campaign]
 
 PATIENCE_S = 240
 PATIENT = ("--heartbeat-timeout", "5")
@@ -66,7 +66,6 @@ def freeze(
     listener.shutdown()
 
 
-@pytest.mark.campaign
 def test_resume_succeeds_after_frozen_operator_trips_drives(tmp_path, bus):
     with controller(tmp_path, *bus):
         run = start(tmp_path, "run", "hinge", *bus, "--poses", "5")
@@ -82,7 +81,6 @@ def test_resume_succeeds_after_frozen_operator_trips_drives(tmp_path, bus):
     assert pose_numbers(folder)[: len(poses)] == poses
 
 
-@pytest.mark.campaign
 def test_freeze_of_0_3_s_trips_no_drive_and_loses_no_pose(tmp_path, bus):
     with controller(tmp_path, *bus):
         run = start(tmp_path, "run", "hinge", *bus, "--poses", "5", "--json")
@@ -94,7 +92,6 @@ def test_freeze_of_0_3_s_trips_no_drive_and_loses_no_pose(tmp_path, bus):
     assert pose_numbers(folder) == [1, 2, 3, 4, 5]
 
 
-@pytest.mark.campaign
 def test_reset_and_resume_succeed_after_torque_trip(tmp_path, bus):
     fault = ("--fault", "collision", "--fault-joint", "4", "--fault-sync", "1500")
     with controller(tmp_path, *bus, *PATIENT, *fault):
@@ -118,7 +115,6 @@ def test_reset_and_resume_succeed_after_torque_trip(tmp_path, bus):
         assert second_reset.json == {"cleared": [], "left": []}
 
 
-@pytest.mark.campaign
 def test_reset_reports_external_stop_that_is_still_pressed(tmp_path, bus):
     fault = ("--fault", "external-stop", "--fault-sync", "300")
     with controller(tmp_path, *bus, *PATIENT, *fault):
@@ -131,7 +127,6 @@ def test_reset_reports_external_stop_that_is_still_pressed(tmp_path, bus):
         assert "release the external stop" in errors
 
 
-@pytest.mark.campaign
 def test_arm_is_not_reported_as_held_after_controller_dies(tmp_path, bus):
     with controller(tmp_path, *bus) as (process, _):
         run = start(tmp_path, "run", "hinge", *bus, "--poses", "40")
@@ -145,7 +140,6 @@ def test_arm_is_not_reported_as_held_after_controller_dies(tmp_path, bus):
     assert "held" not in errors
 
 
-@pytest.mark.campaign
 @pytest.mark.parametrize("existing", [False, True])
 def test_failed_connection_removes_only_new_folders(tmp_path, run_command, bus, existing):
     sessions = tmp_path / "new" / "s"
@@ -157,7 +151,6 @@ def test_failed_connection_removes_only_new_folders(tmp_path, run_command, bus, 
     assert sorted(tmp_path.rglob("*")) == ([sessions.parent, sessions] if existing else [])
 
 
-@pytest.mark.campaign
 def test_arm_check_without_answer_reports_that_nothing_was_enabled(run_command, bus):
     report = run_command(3, "arm-check", *bus).out
     assert "no answer from nodes" in report
@@ -165,7 +158,6 @@ def test_arm_check_without_answer_reports_that_nothing_was_enabled(run_command, 
     assert "Nothing was enabled: there is no connection to the arm." in report
 
 
-@pytest.mark.campaign
 def test_automatic_stop_is_reported_after_its_cause(tmp_path, bus):
     fault = ("--fault", "stray", "--fault-joint", "5", "--fault-sync", "500")
     with controller(tmp_path, *bus, *fault):
@@ -177,7 +169,6 @@ def test_automatic_stop_is_reported_after_its_cause(tmp_path, bus):
     assert fault["joint"] == 5
 
 
-@pytest.mark.campaign
 def test_drive_disabled_at_the_drive_is_enabled_only_on_resuming(tmp_path, bus):
     fault = ("--fault", "lost-enable", "--fault-joint", "3", "--fault-sync", "700")
     with controller(tmp_path, *bus, *fault):
@@ -189,7 +180,6 @@ def test_drive_disabled_at_the_drive_is_enabled_only_on_resuming(tmp_path, bus):
     assert resumed.json["poses"] == 6
 
 
-@pytest.mark.campaign
 def test_probe_and_monitor_report_bus_traffic(tmp_path, bus):
     assert "no node answers" in finished(start(tmp_path, "probe", *bus), 3).err
     with controller(tmp_path, *bus, *PATIENT):
@@ -235,7 +225,6 @@ def count_frames(frames: list[can.Message]) -> Counter[tuple[int, bytes]]:
     return Counter((frame.arbitration_id, bytes(frame.data)) for frame in frames)
 
 
-@pytest.mark.campaign
 def test_arm_check_enables_nothing_without_consent(tmp_path, bus):
     with controller(tmp_path, *bus, "--record", "all.log") as (process, _):
         look = ("arm-check", *bus, "--through", "look", "--json", "--record", "look.log")

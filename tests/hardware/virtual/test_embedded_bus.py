@@ -17,6 +17,7 @@ from tests.hardware.control.canopen_arm.conftest import wait_for
 from tests.oracles.virtual_rig import ARM, TrivialPlant, axes
 
 JOINTS = 7
+SETTINGS = BusSettings(channel="attended-openers")
 
 
 class ThreadLoggingPlant(TrivialPlant):
@@ -40,19 +41,14 @@ def plant():
 
 
 @pytest.fixture
-def settings(request):
-    return BusSettings(channel=f"attended_openers-{request.node.name}")
-
-
-@pytest.fixture
 def idle_thread(monkeypatch):
     """The arm's own thread receives twice a second only, however busy the machine."""
     monkeypatch.setattr(controller_module, "_POLL_S", 0.5)
 
 
 @pytest.fixture
-def controller(plant, settings):
-    with open_bus(settings) as bus:
+def controller(plant):
+    with open_bus(SETTINGS) as bus:
         controller = VirtualController(bus, plant, axes=axes(), arm=ARM, attended=True)
         controller.start()
         yield controller
@@ -60,8 +56,8 @@ def controller(plant, settings):
 
 
 @pytest.fixture
-def bus(controller, settings):
-    with attended_openers(controller).main(settings) as bus:
+def bus(controller):
+    with attended_openers(controller).main(SETTINGS) as bus:
         bus.send(can.Message(arbitration_id=0, data=[1, 0], is_extended_id=False))
         yield bus
 

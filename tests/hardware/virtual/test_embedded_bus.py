@@ -42,8 +42,8 @@ def plant():
 
 @pytest.fixture
 def idle_thread(monkeypatch):
-    """The arm's own thread receives twice a second only, however busy the machine."""
-    monkeypatch.setattr(controller_module, "_POLL_S", 0.5)
+    """The arm's own thread receives every two seconds only, however busy the machine."""
+    monkeypatch.setattr(controller_module, "_POLL_S", 2.0)
 
 
 @pytest.fixture

@@ -84,26 +84,21 @@ def test_lost_disable_command_is_repeated(driven, bus):
     wait_for(lambda: len(lost) == 2 and bus.drives[5].status == 0x40)
 
 
-def test_full_main_handle_does_not_block_stop(connected):
+def test_full_main_handle_does_not_block_stop(driven, bus):
     """STOP has a handle of its own, which the frame that disables one drive must not delay."""
+    send, refused = bus.send, list[can.Message]()
 
-    class Full(FakeArmBus):
-        """Refuses every frame from the command that disables joint 5 on."""
+    def refuse_from_disabling_on(msg: can.Message, timeout: float | None = None) -> None:
+        if refused or (msg.arbitration_id == 0x205 and msg.data[:2] == b"\0\0"):
+            refused.append(msg)
+            raise can.CanOperationError("no buffer space")
+        send(msg, timeout)
 
-        full = False
-
-        def send(self, msg: can.Message, timeout: float | None = None) -> None:
-            self.full = self.full or (msg.arbitration_id == 0x205 and msg.data[:2] == b"\0\0")
-            if self.full:
-                raise can.CanOperationError("no buffer space")
-            super().send(msg, timeout)
-
-    bus = Full()
-    arm = drive(connected(bus))
+    bus.send = refuse_from_disabling_on
     diverge(bus, 5)
     with pytest.raises(BusError, match="no longer takes frames: no buffer space"):
-        capture_for_ever(arm)
-    assert bus.full
+        capture_for_ever(driven)
+    assert refused
     assert bus.statuses == {0x07}
 
 

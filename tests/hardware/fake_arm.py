@@ -32,8 +32,6 @@ MAPS = {
 
 @dataclass
 class FakeDrive(Axis):
-    """An ideal CiA 402 axis."""
-
     counts: int = 1000
     torque: int = 0
     follows_mode: bool = True

@@ -21,7 +21,6 @@ from tests.oracles.profiles import sarcos
 
 
 def priority_of_a_thread(**options: Callable[[], None]) -> tuple[int, int]:
-    """Return scheduling policy and priority of a new thread."""
     with ThreadPoolExecutor(1, **options) as pool:
         policy, parameter = pool.submit(os.sched_getscheduler, 0), pool.submit(os.sched_getparam, 0)
         return policy.result(), parameter.result().sched_priority

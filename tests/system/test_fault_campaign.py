@@ -69,7 +69,6 @@ DEFAULT_RUN = {
 
 
 def is_reported(outcome: Outcome, kind: str, joint: int) -> bool:
-    """Whether the session ended with a message of this fault."""
     texts = [text.format(joint=joint).lower() for text in FAULTS[kind].texts]
     return any(text in outcome.message.lower() for text in texts)
 

@@ -23,7 +23,6 @@ PATIENT = ("--heartbeat-timeout", "5")
 
 @pytest.fixture
 def bus(request):
-    """Options that name a bus of the test's own."""
     return ("-i", "loopback", "-c", f"fault-{os.getpid()}-{request.node.name[:24]}")
 
 

@@ -29,7 +29,6 @@ def bench(tmp_path):
 
 
 def accepted_folder(bench: Bench) -> Path:
-    """Run an accepted calibration and return its session folder."""
     result = bench.calibrated()
     assert result.solution.accepted, result.solution.reasons
     return result.exported.parameters.parent

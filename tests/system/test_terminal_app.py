@@ -56,20 +56,17 @@ def answer(t: Terminal, question: str, *keys: str) -> None:
 
 
 def start_capture(t: Terminal, *, poses: int = 2) -> None:
-    """Start automatic capture and wait for this many poses."""
     walk_to_capture(t)
     t.keys("Enter")
     t.until(lambda screen: re.search(rf"Poses +[{poses}-9]/10", screen) is not None)
 
 
 def walk_to_capture(t: Terminal) -> None:
-    """Follow the footer from Connect to Capture."""
     follow(t, "Enter Connect", "Enter Fixture", "Enter Tick", "Enter Modes")
     apply_modes(t)
 
 
 def apply_modes(t: Terminal) -> None:
-    """Follow the footer from Modes to Capture."""
     follow(t, "Enter Apply modes")
     answer(t, "Apply the modes?", "y")
     follow(t, "Enter Capture")

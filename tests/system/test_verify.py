@@ -22,7 +22,6 @@ def sessions(tmp_path_factory):
 
 
 def hinge_session(folder: Path) -> None:
-    """Run one session of the hinge."""
     assert main(["run", "hinge", "--poses", "15", "--sessions", str(folder)]) == 0
 
 

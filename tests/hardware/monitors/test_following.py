@@ -28,7 +28,6 @@ def first(divergences: tuple[Divergence, ...]) -> Divergence | None:
 def results_of(
     monitor: FollowingMonitor | StandstillMonitor, samples: Iterable[Sample], *targets: Setpoint
 ) -> list[Divergence | None]:
-    """Results of the samples, SYNC by SYNC."""
     return [first(monitor.update(each, targets)) for each in samples]
 
 

@@ -48,7 +48,6 @@ def test_slow_heartbeat_is_sent_once_per_period():
 
 
 def tpdo_counts(arm: Rig) -> list[int]:
-    """Number of TPDO1 in the log, joint by joint."""
     return [len(arm.peer.seen(0x180 + joint)) for joint in range(1, 8)]
 
 

@@ -51,7 +51,6 @@ def bench():
 
 @pytest.fixture
 def enabled(bench):
-    """The bench's drive, enabled in position mode."""
     return bench.enable()
 
 

@@ -44,8 +44,7 @@ def test_frame_refused_by_a_full_queue_is_sent_again_and_counted(error):
     shared = SharedBus(bus, send_timeout_s=5.0)
     shared.send(0x201, b"1")
     shared.send(0x080, b"")
-    assert bus.sent == [0x201, 0x080]
-    assert shared.queue_full == 3
+    assert (bus.sent, shared.queue_full) == ([0x201, 0x080], 3)
 
 
 def test_queue_full_until_the_timeout_raises_bus_error():
@@ -63,8 +62,7 @@ def test_other_send_error_raises_bus_error_at_once():
     shared = SharedBus(bus, send_timeout_s=5.0)
     with pytest.raises(BusError, match="Check adapter"):
         shared.send(0x080, b"")
-    assert bus.refusals == 0
-    assert shared.queue_full == 0
+    assert (bus.refusals, shared.queue_full) == (0, 0)
 
 
 def frame(number: int, stamp: float) -> can.Message:

@@ -117,8 +117,7 @@ def test_sound_arm_passes_every_stage_with_consent_per_motion(bench):
 def test_look_stage_needs_no_consent_and_enables_nothing(bench):
     user = User()
     findings = findings_of(arm_of(bench), user, Stage.LOOK)
-    assert failed(findings) == []
-    assert user.questions == []
+    assert (failed(findings), user.questions) == ([], [])
     assert all(command.mode is None for command in bench.plant.commands)
 
 

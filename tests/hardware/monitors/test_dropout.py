@@ -61,8 +61,7 @@ def test_dropout_stays_the_only_one_until_reset(monitor, later):
     assert update(monitor, *later, times=100) == [2]
     assert monitor.command(2, TARGET) == Setpoint(DISABLE, 5, CSP)
     monitor.reset()
-    assert monitor.dropouts == ()
-    assert monitor.command(2, TARGET) == TARGET
+    assert (monitor.dropouts, monitor.command(2, TARGET)) == ((), TARGET)
 
 
 def test_dropouts_are_sorted_by_likely_cause(monitor):

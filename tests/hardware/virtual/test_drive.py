@@ -107,8 +107,7 @@ def test_target_step_is_limited(bench, enabled):
     assert enabled.target_counts == 100 + STEP
     assert enabled.command().target_rad == pytest.approx((100 + STEP) / 36000 * math.tau)
     enabled.obey(ENABLE, 100 + 2 * STEP + 1, CSP)
-    assert enabled.target_counts == 100 + STEP
-    assert bench.error_log == [E.REFERENCE_LIMIT]
+    assert (enabled.target_counts, bench.error_log) == (100 + STEP, [E.REFERENCE_LIMIT])
     assert enabled.flags & StatusBit.INTERNAL_LIMIT
     assert enabled.state is S.OPERATION_ENABLED
     enabled.obey(ENABLE, 100 + 2 * STEP, CSP)
@@ -122,8 +121,7 @@ def test_reference_limit_error_ends_when_target_is_withdrawn(bench, enabled, wor
     enabled.obey(ENABLE, 9000, CSP)
     assert bench.error_log == [E.REFERENCE_LIMIT]
     enabled.obey(word, target, CSP)
-    assert bench.error_log == [E.REFERENCE_LIMIT, E.NONE]
-    assert enabled.errors == []
+    assert (bench.error_log, enabled.errors) == ([E.REFERENCE_LIMIT, E.NONE], [])
 
 
 def test_target_range_ends_at_607dh():

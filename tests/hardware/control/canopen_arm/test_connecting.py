@@ -90,8 +90,7 @@ def test_node_that_does_not_start_is_not_called_missing(bus, defect, approve):
     setattr(bus, defect, {2})
     with pytest.raises(errors.NodeNotStarted) as refused:
         make(bus).connect()
-    assert list(refused.value.nodes) == [2]
-    assert bus.commands == []
+    assert (list(refused.value.nodes), bus.commands) == ([2], [])
     approve(str(refused.value))
 
 

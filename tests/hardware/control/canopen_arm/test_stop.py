@@ -111,8 +111,7 @@ def test_emergency_received_during_reset_is_cleared(driven, bus):
     driven.stop()
     bus.at(1, lambda: bus.trip(3, 0x7305))
     driven.reset_stop()
-    assert bus.statuses == {0x40}
-    assert driven.snapshot().faults == ()
+    assert (bus.statuses, driven.snapshot().faults) == ({0x40}, ())
     driven.take_control()
 
 
@@ -144,8 +143,7 @@ def test_stop_pressed_after_reset_request_stays_latched():
     with pytest.raises(Stopped, match="again"):
         next(steps)
     assert latch.latched
-    assert cleared == []
-    assert loop.commands == ()
+    assert (cleared, loop.commands) == ([], ())
 
 
 def test_stop_reaches_all_drives_and_survives_reconnection(driven, bus):

@@ -1,6 +1,7 @@
 """One virtual drive: states, modes, limits and trips; by example, then under random frames and events."""
 
 import math
+from collections.abc import Callable
 
 import pytest
 from hypothesis import settings
@@ -250,13 +251,9 @@ class RandomInputs(RuleBasedStateMachine):
         if not token:
             self.drive.quick_stop()
 
-    @rule()
-    def lose_heartbeat(self) -> None:
-        self.drive.lose_heartbeat()
-
-    @rule()
-    def quick_stop(self) -> None:
-        self.drive.quick_stop()
+    @rule(event=st.sampled_from([Drive.lose_heartbeat, Drive.quick_stop]))
+    def lose_heartbeat_or_stop(self, event: Callable[[Drive], None]) -> None:
+        event(self.drive)
 
     @invariant()
     def joint_is_driven_only_if_enabled_or_holding(self) -> None:

@@ -1,6 +1,5 @@
 """An arm with drives of another set-up, on a channel of its own, and an operator that connects to it."""
 
-import itertools
 import math
 from collections.abc import Iterator
 from contextlib import ExitStack, closing
@@ -26,7 +25,6 @@ PER_RAD = COUNTS_PER_REV / math.tau
 DESCRIPTION = described(
     "acme", *[(EncoderDescription(counts_per_rev=COUNTS_PER_REV), 1.5)] * JOINTS
 )
-_channels = itertools.count()
 
 
 def running_foreign_arm(settings: BusSettings, *nodes: int) -> Iterator[ForeignArm]:
@@ -58,8 +56,8 @@ def drafted(settings: BusSettings, *, configure: bool = False) -> BusProfile:
 
 
 @pytest.fixture
-def settings():
-    return BusSettings(channel=f"foreign-{next(_channels)}")
+def settings(request):
+    return BusSettings(channel=request.node.name)
 
 
 @pytest.fixture

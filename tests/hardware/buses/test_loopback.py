@@ -1,11 +1,10 @@
 """The loopback bus beyond the transport contract: datagram format, invalid datagrams, kernel filters."""
 
 import importlib.metadata
-import itertools
+import os
 import random
 import select
 import socket
-import time
 
 import can
 import pytest
@@ -16,12 +15,11 @@ from hypothesis import strategies as st
 from hardware.buses import loopback
 
 TAG = loopback.channel_tag("somewhere")
-_numbers = itertools.count()
 
 
 @pytest.fixture
-def channel():
-    return f"loopback-test-{time.monotonic_ns()}-{next(_numbers)}"
+def channel(request):
+    return f"{request.node.name}-{os.getpid()}"
 
 
 @pytest.fixture

@@ -4,8 +4,9 @@ import math
 import os
 import signal
 import time
-from contextlib import AbstractContextManager, closing, nullcontext
+from contextlib import closing, nullcontext
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import can
@@ -42,9 +43,8 @@ class User:
         return not any(phrase in question for phrase in self.refused)
 
 
-def running_bench(heartbeat_timeout_s: float = HEARTBEAT_TIMEOUT_S) -> AbstractContextManager[Rig]:
-    """Our own drives, each joint of which moves by itself."""
-    return rig(clock=time.monotonic, heartbeat_timeout_s=heartbeat_timeout_s)
+running_bench = partial(rig, clock=time.monotonic, heartbeat_timeout_s=HEARTBEAT_TIMEOUT_S)
+"""Our own drives, each joint of which moves by itself."""
 
 
 @pytest.fixture

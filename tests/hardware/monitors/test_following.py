@@ -2,7 +2,7 @@ from collections.abc import Iterable
 
 import pytest
 
-from hardware.canopen.cyclic import MAX_LATE_SYNCS, Sample, Setpoint
+from hardware.canopen.cyclic import MAX_LATE_SYNCS, Setpoint
 from hardware.monitors.following import (
     DIVERGED_SYNCS,
     LAG_SYNCS,
@@ -25,12 +25,6 @@ def first(divergences: tuple[Divergence, ...]) -> Divergence | None:
     return next(iter(divergences), None)
 
 
-def results_of(
-    monitor: FollowingMonitor | StandstillMonitor, samples: Iterable[Sample], *targets: Setpoint
-) -> list[Divergence | None]:
-    return [first(monitor.update(each, targets)) for each in samples]
-
-
 def follow(
     *errors: int, status: int = FOLLOWS, mode: int = CSP, missing: tuple[int, ...] = ()
 ) -> list[Divergence | None]:
@@ -40,7 +34,8 @@ def follow(
         for sync, error in enumerate(errors, FIRST_SYNC)
     )
     monitor = FollowingMonitor([WINDOW, WINDOW])
-    return results_of(monitor, samples, Setpoint(0x0F, 7, CSP), Setpoint(0x0F, 1000, mode))
+    targets = Setpoint(0x0F, 7, CSP), Setpoint(0x0F, 1000, mode)
+    return [first(monitor.update(each, targets)) for each in samples]
 
 
 def brake(
@@ -52,7 +47,8 @@ def brake(
         for sync, position in enumerate(counts, FIRST_SYNC - MIN_BRAKING_SYNCS)
     )
     monitor = StandstillMonitor([WINDOW, WINDOW])
-    return results_of(monitor, samples, Setpoint(0x0F, 7, CSP), Setpoint(0x0F, 9000, mode))
+    targets = Setpoint(0x0F, 7, CSP), Setpoint(0x0F, 9000, mode)
+    return [first(monitor.update(each, targets)) for each in samples]
 
 
 def stand(

@@ -50,6 +50,7 @@ def buses(request):
 def test_frame_behind_foreign_frames_is_received_without_waiting(buses):
     receiver, sender = buses
     set_hardware_filters(receiver, controller_filters(7))
+    sender.send(can.Message(arbitration_id=SYNC + 1, is_extended_id=True))
     for identifier in (SYNC, FOREIGN, FOREIGN + 1, NMT):
         sender.send(can.Message(arbitration_id=identifier, is_extended_id=False))
     shared = SharedBus(receiver)
@@ -57,5 +58,6 @@ def test_frame_behind_foreign_frames_is_received_without_waiting(buses):
     while (message := shared.receive(0.0)) is not None:
         identifiers.add(message.arbitration_id)
     assert {SYNC, NMT} <= identifiers
+    assert SYNC + 1 not in identifiers
     if isinstance(receiver, LoopbackBus):
         assert FOREIGN not in identifiers, "the kernel filters them"

@@ -135,8 +135,6 @@ DATA = st.binary(max_size=8) | st.builds(
     st.sampled_from([b"\x00\x20\x00", b"\x02\x20\x00", b"\x10\x20\x00", b"\x03\x10\x01"]),
     st.binary(min_size=4, max_size=4),
 )
-
-
 FRAMES = st.lists(
     st.tuples(IDENTIFIERS, DATA, st.sampled_from([False, False, False, True])), max_size=30
 )

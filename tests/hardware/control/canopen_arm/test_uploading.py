@@ -20,8 +20,6 @@ STAGE = b"\x2f\x02\x20\x00\x01"
 COMMIT = b"\x2f\x02\x20\x00\x02"
 COMMITTED = b"\x60\x02\x20\x00"
 MANY = 100
-
-
 TIMING = short_timing(speed=10.0, heartbeat_timeout_s=0.35, sdo_timeout_s=0.1)
 
 

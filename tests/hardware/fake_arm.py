@@ -12,6 +12,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -163,8 +164,10 @@ class FakeArmBus(can.BusABC):
         message.timestamp = time.time()
         return message, False
 
-    def stop_handle(self) -> can.BusABC:
-        return _StopHandle(self)
+    def stop_handle(self) -> Any:
+        send = partial(FakeArmBus.send, self)
+        shutdown = lambda: self.on_closing()  # noqa: E731, PLW0108 - tests set it later
+        return SimpleNamespace(send=send, shutdown=shutdown, channel_info="fake")
 
     @property
     def statuses(self) -> set[int]:
@@ -354,16 +357,3 @@ class FakeArmBus(can.BusABC):
 def capture_for_ever(arm: Any) -> None:
     while True:
         arm.capture(5)
-
-
-class _StopHandle(can.BusABC):
-    def __init__(self, bus: FakeArmBus) -> None:
-        self._bus = bus
-        super().__init__(channel="fake")
-
-    def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        FakeArmBus.send(self._bus, msg, timeout)
-
-    def shutdown(self) -> None:
-        self._bus.on_closing()
-        super().shutdown()

@@ -55,7 +55,7 @@ class EndlessAnswer(BusError):
     def __init__(
         self, node: int, index: int, subindex: int, received: int, max_bytes: int, max_s: float
     ) -> None:
-        self.node, self.index, self.subindex, self.received = node, index, subindex, received
+        self.received = received
         super().__init__(
             f"Node {node} does not end its answer when asked for {index:04X}h sub {subindex}: it has sent {received} "
             f"bytes (limits: {max_bytes} bytes, {max_s:.1f} s). Its SDO server has failed: switch the node off and on"
@@ -63,14 +63,14 @@ class EndlessAnswer(BusError):
 
 
 class HostLatencyExceeded(BusError):
-    """The operator's computer was late since control was taken: `times` times, by at most `longest_s`."""
+    """The operator's computer was late since control was taken: `times` times, the last time by `last_s`."""
 
-    def __init__(self, times: int, longest_s: float) -> None:
-        self.times, self.longest_s = times, longest_s
+    def __init__(self, times: int, last_s: float) -> None:
+        self.last_s = last_s
         often = "once" if times == 1 else f"{times} times"
         super().__init__(
-            f"this computer was too busy for the arm: it was late {often} since it took control, by at most "
-            f"{longest_s:.1f} s. In every attempt to connect it missed answers or lost control of the arm"
+            f"this computer was too busy for the arm: it was late {often} since it took control, the last time by "
+            f"{last_s:.1f} s. In every attempt to upload it missed answers or lost control of the arm"
         )
 
 
@@ -147,10 +147,9 @@ class MappingMismatch(HardwareError):
 
 
 class MappingChanged(HardwareError):
-    """The set-up of nodes was changed during the connection; `differs` states the differences that were found."""
+    """The set-up of nodes was changed during the connection."""
 
     def __init__(self, differs: MappingMismatch) -> None:
-        self.differs = differs
         super().__init__(
             "While connected, the set-up of these nodes was changed, and their answers to SYNC no longer carry the "
             f"joint's position: {'; '.join(differs.differences)}. Find the program or maker's tool that did it, "
@@ -232,8 +231,8 @@ class ModeNotReached(HardwareError):
     ) -> None:
         self.joint, self.wanted, self.actual = joint, wanted, actual
         remedy = (
-            "have the drive set that bit, with its maker's tool: without it a joint that does not follow its target "
-            "is not detected"
+            "have the drive set that bit, with the tool of its maker: without this bit a joint that does not follow "
+            "its target is not detected"
             if not_following
             else "`sarcal arm-check --through look` lists the drive's modes"
         )
@@ -345,7 +344,7 @@ class ArmInUse(OtherMaster):
     """Another program has enabled the arm's drives, but no operator's heartbeat was heard during `listened_s`."""
 
     def __init__(self, enabled: Sequence[str], listened_s: float) -> None:
-        self.enabled, self.listened_s = tuple(enabled), listened_s
+        self.listened_s = listened_s
         super().__init__(
             f"This arm is enabled, and not by this program: {', '.join(enabled)}. No operator was heard for "
             f"{listened_s:.1f} s, but the drives stay enabled. Nothing was reset. End the program that enabled "

@@ -87,14 +87,10 @@ class JournalExistsError(JournalError):
 
 
 class JournalDamagedError(JournalError):
-    """A complete line of a journal was changed, or its data are not valid.
+    """A complete line of a journal was changed, or its data are not valid."""
 
-    `key` is empty if the problem concerns the whole line. `events`: number of valid lines before it.
-    """
-
-    def __init__(self, *, path: Path, line: int, problem: str, events: int, key: str = "") -> None:
-        self.path, self.line, self.key = path, line, key
-        self.problem, self.events = problem, events
+    def __init__(self, *, path: Path, line: int, problem: str) -> None:
+        self.path, self.line, self.problem = path, line, problem
         super().__init__(
             f"{path} is damaged at line {line}: {problem}",
             f"restore the file from a copy, or keep the valid lines with: sarcal session repair "

@@ -21,10 +21,9 @@ REPAIR = "pip install --force-reinstall --no-deps FOLDER, the folder or wheel th
 
 
 class ForeignPackageError(ImportError):
-    """Python finds another package, at `found`, under the name of one of this program's packages."""
+    """Python finds another package under the name of one of this program's packages."""
 
     def __init__(self, name: str, location: str, owners: Sequence[str], *, ours: bool) -> None:
-        self.found = location
         if owners:
             text = (
                 f"belongs to another package here: Python finds {location}, which is not part of sarcal "

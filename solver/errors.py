@@ -75,7 +75,6 @@ class PosesDoNotFitError(SolverError):
     """
 
     def __init__(self, reasons: tuple[str, ...] = (), *, codes: tuple[str, ...] = ()) -> None:
-        self.codes = codes
         self.code = codes[0] if codes else "POSES_DO_NOT_FIT"
         super().__init__(
             "these poses do not fit this arm in this fixture at all: "

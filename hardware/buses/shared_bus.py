@@ -165,7 +165,7 @@ class SharedBus:
             self._recording.record(message)
 
     def _send_with_retries(self, message: can.Message) -> None:
-        deadline_s = time.monotonic() + self._send_timeout_s
+        deadline_s, self._full_before = time.monotonic() + self._send_timeout_s, self.queue_full
         while True:
             try:
                 self._bus.send(message)
@@ -181,9 +181,9 @@ class SharedBus:
         if not queue_is_full(error):
             return "Check adapter, cable and power."
         return (
-            f"Its transmit queue was full for {1e3 * self._send_timeout_s:.0f} ms, and {self.queue_full} times "
-            f"before. Lengthen it: sudo ip link set {self._channel} txqueuelen 1000; and check that another node "
-            "acknowledges the frames (cable, bitrate, terminators)."
+            f"Its transmit queue was full for {1e3 * self._send_timeout_s:.0f} ms, after {self._full_before} "
+            f"retries of earlier frames. Lengthen it: sudo ip link set {self._channel} txqueuelen 1000; and check that "
+            "another node acknowledges the frames (cable, bitrate, terminators)."
         )
 
     def send_at_once(self, message: can.Message) -> None:

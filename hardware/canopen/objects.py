@@ -71,7 +71,7 @@ class NmtCommand(IntEnum):
 HEARTBEAT_PERIOD_S: Final = 0.1
 HEARTBEAT_TIMEOUT_S: Final = 0.5
 MAX_OPERATOR_TIMEOUT_S: Final = 10.0
-"""Limit of a drive's time-out for the operator's heartbeat (1016h); a longer one is refused."""
+"""Longest time-out for the operator's heartbeat (1016h) with which this program enables a drive."""
 ADVISED_OPERATOR_TIMEOUT_S: Final = 2.0
 """Advised limit of a drive's time-out for the operator's heartbeat; `sarcal arm-check` reports longer time-outs."""
 CONTROL_PERIOD_S: Final = 0.01
@@ -90,8 +90,6 @@ ERROR_HISTORY: Final = 8
 """Number of errors that 1003h can hold."""
 SYNC_COB_ID: Final = 0x1005
 DEVICE_NAME: Final = 0x1008
-HARDWARE_VERSION: Final = 0x1009
-SOFTWARE_VERSION: Final = 0x100A
 EMCY_COB_ID: Final = 0x1014
 HEARTBEAT_CONSUMER: Final = 0x1016
 HEARTBEAT_PRODUCER: Final = 0x1017

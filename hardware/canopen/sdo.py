@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
+import io
 import struct
-import sys
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from queue import SimpleQueue
 from typing import Any
 
 import canopen
-from canopen.sdo.client import SdoClient
+from canopen.sdo.client import SdoClient, WritableStream
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
 from hardware.canopen.objects import COB_SDO_FROM_SERVER, COB_SDO_TO_SERVER, DEVICE_TYPE
@@ -42,7 +42,7 @@ MIN_READ_BYTES_PER_S = 1000.0
 UNIQUENESS_REQUESTS, DUPLICATE_FRACTION = 20, 0.75
 """Number of test requests to a node. If at least the fraction DUPLICATE_FRACTION is answered twice, two devices have
 the node's number. If every tenth frame is doubled in each direction, a single device reaches this fraction with a
-probability of 10^-8."""
+probability of 3 in 100,000."""
 _IN_TRANSIT_S = 0.02
 _ABORT, _GENERAL_ERROR = 0x80, 0x08000000
 
@@ -74,6 +74,26 @@ class _Client(SdoClient):
     @responses.setter
     def responses(self, _empty: object) -> None:
         self._responses: SimpleQueue[bytes] = SimpleQueue()
+
+    def download(self, index: int, subindex: int, data: bytes, force_segment: bool = False) -> None:  # noqa: FBT001, FBT002
+        """Write an object's bytes, in segments if there are more than four."""
+        stream: Any = _WriteStream(self, index, subindex, len(data), force_segment)  # type: ignore[no-untyped-call]
+        rest = memoryview(data)
+        while True:  # no bytes are one segment
+            rest = rest[stream.write(rest) :]
+            if not rest:
+                break
+
+
+class _WriteStream(WritableStream):
+    """A write that sends nothing when it is closed.
+
+    The garbage collector closes the stream of a failed write, in any thread: the last segment that canopen sends then
+    would wait for an answer in the control loop's thread, or for the lock of the bus that this thread holds.
+    """
+
+    def close(self) -> None:
+        io.RawIOBase.close(self)
 
 
 class ObjectAccess:
@@ -241,34 +261,26 @@ class ObjectAccess:
         self._exclusive(node, index, subindex, download)
 
     def _exclusive(self, node: int, index: int, subindex: int, access: Callable[[Any], Any]) -> Any:
-        """Run an access, only one at a time per node, and translate its errors."""
-        outer = sys.exception()  # handled by the caller, not part of this access
+        """Run an access, only one at a time per node, and translate its errors; Ctrl-C aborts the transfer."""
         with self._locks[node]:
             self.raise_if_cancelled()
             try:
                 return access(self._clients[node])
             except (SdoAbortedError, SdoCommunicationError) as error:
-                chain = tuple(_context_chain(error, outer))
-                raise self._translated(node, index, subindex, chain) from error
+                raise self._translated(node, index, subindex, error) from error
+            except KeyboardInterrupt:
+                abort = struct.pack("<BHBL", _ABORT, index, subindex, _GENERAL_ERROR)
+                self._network.send_message(COB_SDO_TO_SERVER + node, abort)
+                raise
 
     def _translated(
-        self, node: int, index: int, subindex: int, chain: tuple[BaseException, ...]
-    ) -> HardwareError | KeyboardInterrupt:
-        """Return the error to raise for a failed access; `chain` holds the exceptions it raised, the latest first."""
-        if any(isinstance(error, KeyboardInterrupt) for error in chain):
-            # The client failed to abort the transfer after the interrupt.
-            self._network.send_message(
-                COB_SDO_TO_SERVER + node,
-                struct.pack("<BHBL", _ABORT, index, subindex, _GENERAL_ERROR),
-            )
-            return KeyboardInterrupt()
+        self, node: int, index: int, subindex: int, error: SdoAbortedError | SdoCommunicationError
+    ) -> HardwareError:
         if self._answered[node] > self._network.asked[node]:
             return self.duplicate_error((node,))
-        silence = next((error for error in chain if isinstance(error, SdoCommunicationError)), None)
-        if silence is None and isinstance(chain[0], SdoAbortedError):
-            text = str(chain[0]).partition(",")[2].strip() or "refused"
-            return SdoRefused(node, index, subindex, chain[0].code, text)
-        # After a time-out the client aborts its transfer; if the node refuses the abort, that is not the cause.
+        if isinstance(error, SdoAbortedError):
+            text = str(error).partition(",")[2].strip() or "refused"
+            return SdoRefused(node, index, subindex, error.code, text)
         remedy = "Check its power and the bus."
         if self._answered[node]:
             remedy = (
@@ -276,14 +288,5 @@ class ObjectAccess:
                 "frames, or the node has failed. Check cable, connectors, terminators and the node's power."
             )
         return BusError(
-            f"Node {node} does not answer when asked for {index:04X}h sub {subindex} ({silence}). {remedy}"
+            f"Node {node} does not answer when asked for {index:04X}h sub {subindex} ({error}). {remedy}"
         )
-
-
-def _context_chain(
-    error: BaseException | None, outer: BaseException | None
-) -> Iterator[BaseException]:
-    """Yield an exception, then the one during whose handling it was raised, and so on; end before `outer`."""
-    while error is not None and error is not outer:
-        yield error
-        error = error.__context__

@@ -46,7 +46,8 @@ class ConnectableArm:
         record_to: Path | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self.on_bus, self.record_to, self._clock = on_bus, record_to, clock
+        self.on_bus, self._clock = on_bus, clock
+        self.record_to = record_to
         """File to record the bus to (``.blf`` or another format of python-can) from the next connection on; None: no
         recording."""
         self.joints = len(on_bus.description.joints)

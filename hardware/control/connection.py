@@ -11,7 +11,7 @@ from typing import Final
 import can
 
 from hardware import errors
-from hardware.arm import ArmSnapshot, DriveState, Fault, HostLatency, JointMode, JointState
+from hardware.arm import ArmSnapshot, DriveState, Fault, JointMode, JointState
 from hardware.arm_description import EncoderDescription
 from hardware.buses.acceptance_filters import operator_filters, set_hardware_filters
 from hardware.buses.python_can import ArmOnBus, stamping_clock
@@ -184,7 +184,7 @@ class Connection:
         lapsed = isinstance(error, errors.SdoRefused) and error.code == Abort.LOCAL_CONTROL
         if not lapsed or not supervisor:
             return True
-        if not self.in_control or self._late_since_control() is None:
+        if not self.in_control or not self._late_since_control():
             return False
         with suppress(errors.SdoRefused, errors.BusError):  # the next attempt requests it again
             self.access.write_unsigned(supervisor, TOKEN, 0, OPERATOR_NODE, 4)
@@ -194,14 +194,13 @@ class Connection:
         """Return `HostLatencyExceeded` if host latency since control was taken explains `error`; otherwise `error`."""
         late = self._late_since_control()
         refused = isinstance(error, errors.SdoRefused) and error.code != Abort.LOCAL_CONTROL
-        if late is None or refused or isinstance(error, errors.DuplicateNodeId | errors.FramesLost):
+        if not late or refused or isinstance(error, errors.DuplicateNodeId | errors.FramesLost):
             return error
-        return errors.HostLatencyExceeded(late.times, late.longest_s)
+        return errors.HostLatencyExceeded(late, self.loop.latency.lateness.last_s)
 
-    def _late_since_control(self) -> HostLatency | None:
-        """Host latency since control was taken; None if there was none."""
-        late = self.loop.latency.lateness
-        return late if late.times > self._late_before_control else None
+    def _late_since_control(self) -> int:
+        """Number of host latencies since control was taken."""
+        return self.loop.latency.lateness.times - self._late_before_control
 
     def release_token(self) -> None:
         """Release the control token."""

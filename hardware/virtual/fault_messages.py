@@ -393,7 +393,7 @@ OPERATOR_SIDE: Mapping[str, FaultDescription] = {
         arm=ArmReaction.HOLDS,
         always_reported=True,
     ),
-    # tests/operator_app/session/test_journal.py
+    # tests/operator_app/session/store/test_journal.py
     "disk full": FaultDescription(
         "the journal cannot be written",
         "Free disk space, then go on: a pose that was not written was not accepted.",

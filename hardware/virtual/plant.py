@@ -43,8 +43,6 @@ DAMPING_NM_S_PER_RAD, HINGE_DAMPING_NM_S_PER_RAD = 5.0, 0.5
 GRAVITY_M_PER_S2 = 9.81
 PAPER_DOWN = frozen([-1.0, 0.0, 0.0])
 """Direction of gravity in frame 0, the arm's base: z_0, the first shoulder axis, is horizontal."""
-UPRIGHT_DOWN = frozen([0.0, 0.0, -1.0])
-"""Direction of gravity if the arm file states none: the first axis is vertical."""
 PAPER_TORQUE_NM = 100.0
 """Torque limit of the paper's arm in its file."""
 
@@ -83,8 +81,7 @@ class Loads:
         if np.any(self.friction_nm > 0.0):
             share = self.friction_nm.max() / PAPER_TORQUE_NM
             friction = share * np.array([joint.max_torque_nm for joint in arm.joints])
-        down = UPRIGHT_DOWN if arm.masses is None else arm.masses.down
-        return replace(self, payload_kg=placed, friction_nm=friction, down=down)
+        return replace(self, payload_kg=placed, friction_nm=friction, down=np.array(arm.down))
 
 
 class Plant:

@@ -13,6 +13,7 @@ from time import thread_time
 import numpy as np
 
 from fixtures.ball import Ball
+from fixtures.measured import Measured
 from operator_app.calibration.alternative_model import (
     Alternative,
     closes,
@@ -28,6 +29,7 @@ from operator_app.calibration.alternative_model import (
 )
 from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.findings import reading_step, sensor_name
+from operator_app.calibration.instrument_registration import with_registered_instrument
 from operator_app.calibration.placements import compared, contradiction
 from operator_app.messages.finding import Finding, FindingKind
 from solver.arrays import FloatArray
@@ -223,6 +225,8 @@ def _same_loop(stated: Experiment) -> Iterator[Alternative]:
         yield Finding(FindingKind.OFFSETS_IN_RADIANS), replace(stated, arm=meant)
     for joint, turn in product(range(1, arm.joint_count + 1), (0.5 * np.pi, -0.5 * np.pi, np.pi)):
         yield _turned(stated, joint, turn)
+    if poses.endpoint is not None and isinstance(stated.fixture, Measured):
+        yield from (_other_rows(stated, poses.endpoint, rows) for rows in (1, -1))
     for kind in ("s", "a"):
         lengths = getattr(arm.table, f"{kind}_m")
         for i, j in combinations(np.flatnonzero(np.abs(lengths) > LEAST_M), 2):
@@ -233,6 +237,17 @@ def _same_loop(stated: Experiment) -> Iterator[Alternative]:
                 finding = Finding(FindingKind.ENTRIES_EXCHANGED, names=entries)
                 exchanged = _with_table(arm, **{f"{kind}_m": lengths[order]})
                 yield finding, replace(stated, arm=exchanged)
+
+
+def _other_rows(stated: Experiment, endpoint: FloatArray, rows: int) -> Alternative:
+    """Return the alternative in which each pose's endpoint stands `rows` rows further down."""
+    kept = np.arange(max(-rows, 0), len(endpoint) - max(rows, 0))
+    poses = replace(stated.poses.at_poses(kept), endpoint=endpoint[kept + rows])
+    fixture = with_registered_instrument(stated.arm, stated.fixture, poses)
+    names = ("further down" if rows > 0 else "further up",)
+    return Finding(FindingKind.ENDPOINTS_SHIFTED, names=names), replace(
+        stated, poses=poses, fixture=fixture
+    )
 
 
 def _with_table(arm: ArmModel, **columns: FloatArray) -> ArmModel:

@@ -18,6 +18,7 @@ from operator_app.calibration.adjudication import PriorInformation, adjudicate
 from operator_app.calibration.alternatives import find_alternatives
 from operator_app.calibration.calibrated_arm import with_best_table
 from operator_app.calibration.error_model import (
+    averaged_at_rest,
     distinct_poses,
     error_model,
     free_within_tolerance,
@@ -105,6 +106,7 @@ def calibrate(
     unsensed = tuple(sorted({*unsensed_joints, *arm.unsensed_joints}))
     if estimator == "paper" and unsensed:
         raise ValueError("the paper's estimator needs every joint sensed (eqs. 10-13)")
+    poses = averaged_at_rest(arm, poses)
     experiment = Experiment(
         arm=arm.with_length_tolerance(length_tolerance_m),
         # The instrument's placements that no file states are estimated from the poses.
@@ -123,6 +125,7 @@ def calibrate(
         experiment,
         whole=fitted.whole,
         tested=fitted.part,
+        repeats=len(prepared.which) - len(prepared.distinct),
         known=known,
         same=indistinguishable_placements(prepared.model, fitted.whole.estimate)
         if fitted.closes

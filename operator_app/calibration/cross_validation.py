@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fixtures.base import EndpointConstraint
+from operator_app.calibration.error_model import averaged_at_rest, distinct_poses
 from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.instrument_registration import with_calibrated_places
 from operator_app.calibration.prediction import errors_as_calibrated
@@ -41,11 +42,13 @@ class Checks:
 
 def check(solution: Solution, arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet) -> Checks:
     """Check a solution with its own poses; the result is empty for the paper's estimator or too few poses."""
-    few = len(poses) - len(solution.dropped_flipped) < 2 * FOLDS
-    if few or solution.estimate.corrections is None:
+    poses = averaged_at_rest(arm, poses)
+    kept = ~np.isin(np.arange(len(poses)), solution.dropped_flipped)
+    used, _ = distinct_poses(poses, kept)
+    if len(used) < 2 * FOLDS or solution.estimate.corrections is None:
         return Checks()
-    fixture, model = with_calibrated_places(fixture, solution.model), solution.model
-    used = np.setdiff1d(np.arange(len(poses)), solution.dropped_flipped)
+    fixture = with_calibrated_places(fixture, solution.model)
+    model = solution.model.at_poses(np.searchsorted(np.flatnonzero(kept), used))
     experiment = Experiment(arm=arm, fixture=fixture, poses=poses, unsensed=model.unsensed_joints)
     stated = experiment.at_poses(used)
     q, components = stated.poses.q_rad, solution.components

@@ -33,6 +33,8 @@ from solver.loops.point import GROUND
 MOVED_RAD, MOVED_SIGMAS = np.deg2rad(0.05), 4.0
 """A joint has moved between two poses if its readings differ by more than MOVED_RAD and by more than MOVED_SIGMAS of a
 reading's standard deviations."""
+MOVED_M = 1e-3
+"""Larger differences of an instrument's positions are motion, whatever the joints read."""
 
 NOTHING: Mapping[str, float] = {}
 
@@ -100,7 +102,7 @@ def _loads(experiment: Experiment, kept: IntArray) -> LoadBasis | None:
     if not len(kept):
         return None
     order = canonical_order(experiment.poses.q_rad[kept])
-    masses = arm.masses or unstated_masses(arm.joint_count)
+    masses = arm.masses or unstated_masses(arm.joint_count, arm.down)
     pulled = arm.masses is not None and fixture.kind != "measured"
     used = experiment.at_poses(kept[order])
     model, q = used.loop(), used.poses.q_rad
@@ -136,7 +138,7 @@ def approach_of(arm: ArmModel, poses: PoseSet, kept: IntArray) -> FloatArray | N
     ):
         # The clock is too coarse to tell which of two poses came first.
         return None
-    moves = np.maximum(MOVED_RAD, MOVED_SIGMAS * arm.sigma_rad())
+    moves = _moves_rad(arm)
     directions = np.zeros(poses.q_rad.shape)
     side, last, placement = np.zeros(poses.joint_count), poses.q_rad[order[0]].copy(), None
     for k in order:
@@ -161,6 +163,57 @@ def noise_model(experiment: Experiment) -> NoiseModel:
 def _instrument_variance(fixture: EndpointConstraint) -> FloatArray | None:
     """Variance (6,) of the endpoint measurement along the closure components; None without an instrument."""
     return fixture.endpoint_variance() if isinstance(fixture, Measured) else None
+
+
+def averaged_at_rest(arm: ArmModel, poses: PoseSet) -> PoseSet:
+    """Return the poses, in which successive rows of one placement between which no joint has moved have their mean.
+
+    Such rows, as in a log at a fixed rate, repeat one pose with its deflection and play: only the noise of their
+    readings is independent. Each gets the means of readings and endpoints and the sum of samples, so that
+    `distinct_poses` counts them once. Rows that are equal already are one pose written several times.
+    """
+    q, rows = poses.q_rad, [poses.q_rad, poses.placement[:, None]]
+    limits = [_moves_rad(arm), np.zeros(1)]
+    if poses.endpoint is not None:
+        rows.append(poses.endpoint[:, :3])
+        limits.append(np.full(3, MOVED_M))
+    table, limit = np.column_stack(rows), np.concatenate(limits)
+    steps = np.abs(np.diff(table, axis=0))
+    near = np.all(steps <= limit, axis=1)
+    if not np.any(near & np.any(steps, axis=1)):
+        return poses
+    first = np.zeros(len(q), dtype=np.int64)
+    for k in range(1, len(q)):
+        f = first[k - 1]
+        # Compared with the first row too: a slow motion is no rest.
+        first[k] = f if near[k - 1] and np.all(np.abs(table[k] - table[f]) <= limit) else k
+    starts, which = np.unique(first, return_inverse=True)
+    count = np.bincount(which)
+
+    def mean(values: FloatArray) -> FloatArray:
+        return np.asarray(np.add.reduceat(values, starts) / count[:, None])
+
+    endpoint = None
+    if poses.endpoint is not None:
+        endpoint = mean(poses.endpoint)
+        if endpoint.shape[1] > 3:
+            from scipy.spatial.transform import Rotation
+
+            # Rotation vectors near half a turn may have opposite signs.
+            groups = np.split(poses.endpoint[:, 3:].copy(), starts[1:])
+            endpoint[:, 3:] = [Rotation.from_rotvec(r).mean().as_rotvec() for r in groups]
+    return replace(
+        poses,
+        q_rad=mean(q)[which],
+        sd_rad=None if poses.sd_rad is None else np.sqrt(mean(poses.sd_rad**2))[which],
+        samples=np.add.reduceat(poses.sample_counts, starts)[which],
+        endpoint=None if endpoint is None else endpoint[which],
+    )
+
+
+def _moves_rad(arm: ArmModel) -> FloatArray:
+    """Difference (n,) of two readings, rad, that shows that a joint has moved."""
+    return np.maximum(MOVED_RAD, MOVED_SIGMAS * arm.sigma_rad())
 
 
 def distinct_poses(poses: PoseSet, kept: BoolArray) -> tuple[IntArray, IntArray]:

@@ -172,16 +172,15 @@ def pick_placements(poses: PoseSet, placements: tuple[int, ...]) -> PoseSet:
 def in_order(model: ClosureModel, other: ClosureModel, x: FloatArray) -> FloatArray:
     """Return values (P,) of the parameters of `model`: from `x` if `other` has the parameter too, otherwise nominal."""
     known = {p.name: float(v) for p, v in zip(other.parameters, x, strict=True)}
-    return np.array([known.get(p.name, p.nominal) for p in model.parameters])
+    return nominal_vector(model.parameters, known)
 
 
 class FixtureRefusedError(FixtureError):
-    """A set-up check refuses this placement; `checks` say why and what to remount."""
+    """A set-up check refuses this placement; the text says why and what to remount."""
 
     code = "PARALLEL_AXES"
 
     def __init__(self, checks: tuple[SetupCheck, ...]) -> None:
-        self.checks = checks
         super().__init__("; ".join(f"{c.text}: {c.remedy}" for c in checks))
 
 

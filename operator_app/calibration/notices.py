@@ -48,6 +48,7 @@ def with_notices(
     *,
     whole: Calibrated,
     tested: Calibrated,
+    repeats: int,
     known: PriorInformation,
     same: tuple[Finding, ...],
     as_stated: tuple[str, ...],
@@ -55,7 +56,8 @@ def with_notices(
 ) -> Solution:
     """Add the accuracy of the tool, all notices in order, and the reasons for the verdict.
 
-    `whole`: fit of all poses. `tested`: fit of the tested poses. `same`: findings of indistinguishable placements.
+    `whole`: fit of all poses. `tested`: fit of the tested poses. `repeats`: number of rows that repeat a pose. `same`:
+    findings of indistinguishable placements.
     `as_stated`: parameters known from the files rather than from the poses.
     """
     arm, adjudication = experiment.arm, solution.adjudication
@@ -63,6 +65,7 @@ def with_notices(
     sound = not adjudication.diverged
     findings = (
         *(_ill_conditioned(solution.identifiability, limits) if sound else (Finding(K.DIVERGED),)),
+        *(_repeated_rows(solution.poses, repeats) if repeats else ()),
         *_of_readings(experiment, known, whole.linear.stated, sound=sound),
         *_of_parameters(solution, accuracy, arm, as_stated),
         *_of_the_fit(solution, same, sound=sound),
@@ -89,6 +92,11 @@ def with_notices(
         warnings=findings,
         reasons=(*adjudication.reasons, *(f.sentence for f in exceeded)),
     )
+
+
+def _repeated_rows(rows: int, repeats: int) -> tuple[Finding, ...]:
+    figures = {"count": repeats, "of": rows, "distinct": rows - repeats}
+    return (Finding(K.REPEATED_ROWS, figures=figures),)
 
 
 def _of_readings(

@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 
 from operator_app.calibration.error_model import (
+    averaged_at_rest,
     distinct_poses,
     error_model,
     free_within_tolerance,
@@ -75,7 +76,7 @@ def predict_new_poses(
     with the variances estimated in the calibration; and the derivatives (m, E, k) of the E closure equations of each
     pose with respect to each possible shift, by joint number or `FIXTURE`. None if no model fits both sets of poses.
     """
-    old = _used(solution, made_from)
+    old = _used(solution, averaged_at_rest(new.arm, made_from))
     if len(new.poses.placements) == 1:
         # A parameter that only the new poses have belongs to one placement of several.
         (number,) = new.poses.placements

@@ -66,7 +66,8 @@ class VerificationResult:
     `odd_poses`: indices of outliers, the worst first: poses that deviate more than can be due to chance. In 1 of 1000
     pose sets without a fault there is such a pose.
     `shift`: common shift of one joint or the fixture in all new poses; None if there is none.
-    `stated`: the test with at least the stated errors.
+    `stated`: the test with at least the stated errors, in which the variance may be larger by
+    `STATED_VARIANCE_FACTOR` or as much as an accepted calibration's own poses scatter.
     `others_fit`: whether the poses outside `odd_poses` pass the test `stated`, and there is no common shift.
     """
 
@@ -188,7 +189,11 @@ def verify_poses(
         new = replace(new, poses=replace(poses, placement=only))
     start = {p.name: float(x[k]) for k, p in enumerate(model.parameters) if p.name in unknown}
     predicted = predict_new_poses(new, solution, made_from, start)
-    return result if predicted is None else _with_prediction(result, *predicted)
+    if predicted is None:
+        return result
+    own = solution.adjudication.stated_chi2_per_dof if solution.accepted else None
+    factor = max(limits.STATED_VARIANCE_FACTOR, own or 0.0)
+    return _with_prediction(result, *predicted, variance_factor=factor)
 
 
 def _with_prediction(
@@ -196,13 +201,19 @@ def _with_prediction(
     residuals: WhitenedResiduals,
     sharp: Chi2Test,
     subjects: Mapping[str, FloatArray],
+    *,
+    variance_factor: float,
 ) -> VerificationResult:
-    """Return the test that also uses the calibration's poses; for the arguments, see `predict_new_poses`."""
+    """Return the test that also uses the calibration's poses; for the arguments, see `predict_new_poses`.
+
+    `variance_factor`: factor by which the variances may be larger than stated.
+    """
     from scipy.special import chdtrc
 
     stated, outliers = chi2_test(residuals.chi2, residuals.dof), find_outliers(residuals)
+    stated = replace(stated, high=variance_factor * stated.high)
     # A shift counts only if it remains without the outliers.
-    shift = shifted(outliers.rest, subjects)
+    shift = shifted(outliers.rest, subjects, variance_factor=variance_factor)
     if shift is not None:
         residuals = residuals.with_columns(subjects[shift.subject])
         outliers = find_outliers(residuals)
@@ -224,7 +235,9 @@ def _with_prediction(
         odd_poses=outliers.poses,
         shift=shift,
         stated=stated,
-        others_fit=shift is None and others is not None and others.per_dof <= others.high,
+        others_fit=shift is None
+        and others is not None
+        and others.per_dof <= variance_factor * others.high,
     )
 
 
@@ -299,7 +312,7 @@ def _in_order(model: ClosureModel, fixed: Fixed) -> tuple[FloatArray, FloatArray
     strange = sorted(set(known) - set(names))
     if strange:
         raise ValueError(f"{strange[0]} is not a parameter of this arm in this fixture")
-    x = np.array([fixed.values.get(p.name, p.nominal) for p in model.parameters])
+    x = nominal_vector(model.parameters, fixed.values)
     covariance = np.zeros((len(names), len(names)))
     columns = [names.index(name) for name in known]
     covariance[np.ix_(columns, columns)] = fixed.covariance

@@ -181,8 +181,8 @@ new = declaration(
                 option(f"--{side}-direction X,Y,Z", f"along the hinge axis, {where}"),
             )
         ),
-        option("--tolerance-mm MM", "standard deviation of positions", type=float),
-        option("--tolerance-deg DEG", "standard deviation of directions", type=float),
+        option("--tolerance-mm MM", "tolerance of the positions", type=float),
+        option("--tolerance-deg DEG", "tolerance of the directions", type=float),
     ),
     group("procedure", option("--fixture FIXTURE", "fixture file or built-in name")),
 )

@@ -36,7 +36,7 @@ from solver.errors import UnidentifiableError
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Create the session, calibrate, report on stdout."""
+    """Calibrate, write the session, and report on stdout."""
     arm = resolve("arm", args.arm)
     model = parse_arm(arm.data, arm.file)
     unsensed = unsensed_joints(args, model.joint_count) or ()

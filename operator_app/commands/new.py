@@ -58,7 +58,7 @@ def execute(args: argparse.Namespace) -> int:
     """Create the file; print what to check."""
     of_others = {o for options in OF_WHAT.values() for o in options} - set(OF_WHAT[args.what])
     for name in sorted(of_others):
-        if getattr(args, name):
+        if getattr(args, name) is not None:
             raise UsageError(f"{_typed(name)} is not an option of sarcal new {args.what}")
     for name in ("tolerance_mm", "tolerance_deg"):
         stated = getattr(args, name)
@@ -118,7 +118,7 @@ def _arm(args: argparse.Namespace) -> int:
 def _fixture(args: argparse.Namespace) -> int:
     if args.packaged:
         for option in OF_WHAT["fixture"]:
-            if getattr(args, option):
+            if getattr(args, option) is not None:
                 raise UsageError(f"--from copies a file: leave {_typed(option)} out")
         return _copy(args, parse_fixture)
     if not (args.kind and args.arm and args.hand_point):

@@ -17,8 +17,8 @@ from operator_app.config.parameters_file import load_parameters
 from operator_app.config.poses_file import load_poses
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.messages.finding import Finding, FindingKind
+from operator_app.report.calibration_json import unidentifiable_data
 from operator_app.report.facts import facts_of
-from operator_app.report.json_schema import unidentifiable_data
 from operator_app.report.results.verification import verification_json, verification_text
 from operator_app.report.text import facts_text, unidentifiable_text
 from operator_app.safe_output import as_json, say

@@ -47,6 +47,7 @@ from solver.chain.arm_model import ArmModel, Joint
 from solver.chain.kinematics import DhTable
 from solver.chain.parameters import DhEntry, DhKind
 from solver.chain.sensors import Encoder, NoSensor, Rvdt, Sensor
+from solver.chain.statics import UPRIGHT_DOWN
 
 
 class RowModel(StrictModel):
@@ -283,6 +284,7 @@ class ArmFile(StrictModel):
             home_rad=frozen(np.deg2rad(self.home_deg)),
             tolerances=tuple(row.tolerance.over(self.tolerance) for row in self.dh),
             offset_tolerance_rad=None if isinstance(offset, str) else math.radians(offset),
+            down=gravity.direction if gravity else UPRIGHT_DOWN,
             masses=link_masses(links, gravity) if links and gravity else None,
             hayati_rows=hayati,
             assumed=tuple(self._assumed()),

@@ -150,17 +150,23 @@ class GravityModel(StrictModel):
             raise refuse("down points nowhere", "write for example [0, 0, -1]")
         return value
 
+    @property
+    def direction(self) -> tuple[float, float, float]:
+        """Unit vector along gravity."""
+        largest = max(map(abs, self.down))  # so that `hypot` neither overflows nor underflows
+        x, y, z = (component / largest for component in self.down)
+        length = math.hypot(x, y, z)
+        return x / length, y / length, z / length
+
 
 def link_masses(links: Sequence[LinkModel], gravity: GravityModel) -> LinkMasses:
     """Return the masses as a domain object."""
     mass = np.array([link.mass_kg for link in links])
-    down = np.array(gravity.down, dtype=np.float64)
-    down /= np.abs(down).max()  # so that `norm` neither overflows nor underflows
     return LinkMasses(
         mass_kg=mass,
         centre_m=np.array([link.centre_m for link in links], dtype=np.float64),
         mass_sd_kg=mass * np.array([link.mass_tolerance_percent for link in links]) / 100.0,
         centre_sd_m=np.array([link.centre_tolerance_mm for link in links]) / 1e3,
-        down=down / np.linalg.norm(down),
+        down=np.array(gravity.direction),
         down_sd_rad=math.radians(gravity.tolerance_deg),
     )

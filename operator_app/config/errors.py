@@ -130,7 +130,8 @@ def words_for(error: ErrorDetails) -> tuple[str, str]:
         text = f"{value_in_words(value)} does not have the required form"
         return text, f"pattern: {context['pattern']}"
     if kind in ("string_too_short", "string_too_long"):
-        return "is empty" if kind == "string_too_short" else "is too long", "correct the text"
+        empty = kind == "string_too_short"
+        return ("is empty", "state it") if empty else ("is too long", "shorten it")
     return str(error["msg"]), "correct the value"
 
 

@@ -49,6 +49,7 @@ from solver.chain.poses import PoseSet
 LIMIT_BYTES = 32 * 1024 * 1024
 """Limit of a file; 100,000 poses of seven joints with standard deviations need some 20 MB."""
 
+BAG_SUFFIXES = (".mcap", ".db3")
 FEWEST_POSES_FOR_UNIT = 5
 """The unit of the angles is checked only if a file has at least this many poses."""
 
@@ -82,7 +83,7 @@ class LoadedPoses:
 
 def load_poses(path: str | Path, *, joint_count: int | None = None) -> LoadedPoses:
     """Read a poses file; raises the same errors as `parse_poses`."""
-    if str(path).endswith((".mcap", ".db3")):
+    if str(path).endswith(BAG_SUFFIXES):
         raise only(str(path), "is a ROS 2 bag", "sarcal import makes poses of it")
     data = read_limited(expanded(path), str(path), limit=LIMIT_BYTES)
     return parse_poses(data, str(path), joint_count=joint_count)

@@ -21,6 +21,7 @@ from operator_app.config.joint_log import (
     joint_order,
     read_rows,
 )
+from operator_app.config.poses_file import BAG_SUFFIXES
 from operator_app.config.resources import expanded, read_limited
 from solver.arrays import FloatArray
 
@@ -186,7 +187,6 @@ def find_joints(
     return tuple(names[k] for k in order)
 
 
-BAG_SUFFIXES = (".mcap", ".db3")
 TOPIC = "/joint_states"
 JOINT_STATE = "sensor_msgs/msg/JointState"
 

@@ -127,7 +127,7 @@ def changed(texts: Mapping[str, str]) -> UserSettings:
         before = document.data
     for key, text in texts.items():
         if key not in KEYS and (text or key not in before):
-            raise only("settings", f"{key!r} is none", f"one of {', '.join(KEYS)}")
+            raise only("settings", f"there is no setting {key!r}", f"one of {', '.join(KEYS)}")
     interface = texts.get("interface")
     if interface and interface not in known_interfaces():
         remedy = f"one of {', '.join(known_interfaces())}"

@@ -33,6 +33,7 @@ SECTIONS: Mapping[str, Mapping[str, str]] = MappingProxyType(
             "wrist-repair": "see which offsets moved in a repair",
             "over-the-years": "follow an arm over the years: what shifted, when the next is due",
             "exporting": "put a calibration into your own URDF, xacro or UR file",
+            "corrections": "apply the corrections of readings in your own controller",
             "notebooks": "two notebooks, for readings of your own",
             "scripting": "use it from a shell script or from Python",
             "recording": "keep the frames of a bus",
@@ -88,14 +89,13 @@ class NoSuchTopicError(Exception):
         near = near[:1] or difflib.get_close_matches(topic, topics, n=1)
         hint = f"did you mean {near[0]}? " if near else ""
         super().__init__(f"the manual has no topic {topic!r}; {hint}all: {', '.join(topics)}")
-        self.topic, self.topics = topic, topics
+        self.topics = topics
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Page:
     """A page as Markdown; `title` is its first line."""
 
-    topic: str
     title: str
     markdown: str
 
@@ -144,7 +144,7 @@ class Manual:
             text = PAGES[name]()
         else:
             text = _written(name)
-        return Page(topic=name, title=text.partition("\n")[0].removeprefix("# "), markdown=text)
+        return Page(title=text.partition("\n")[0].removeprefix("# "), markdown=text)
 
 
 def _written(topic: str) -> str:

@@ -39,7 +39,7 @@ def source_remedy(source: str) -> str:
 SOURCE_REMEDIES = {
     "": "take more poses that differ more from each other",
     "rvdt_curve": "replace the RVDT of joint {joint} or measure its linearity on a bench",
-    "rvdt_gain": "set the scale factor of joint {joint}'s RVDT twice as accurately and state the tolerance of its gain",
+    "rvdt_gain": "halve the gain error of joint {joint}'s RVDT and state its gain",
     "rvdt_noise": "take four times as many samples of joint {joint} in every pose",
     "lengths": "measure the arm's lengths twice as accurately and state their tolerance",
     "twists": "measure the arm's twists twice as accurately and state their tolerance",
@@ -51,7 +51,7 @@ SOURCE_REMEDIES = {
     "joint_play": "halve the joints' play and state the new value",
     "sag": "state the links' masses, or a smaller sag_deg if the joints really sag less than the arm file states",
     "distances": "measure the distances between the sockets twice as accurately and state their sigma_mm",
-    "discrepancy": "find the deflection that depends on the pose and that no file states",
+    "discrepancy": "measure how the fixture and the arm deflect over the poses, and state that (keys give, sag_deg)",
     "counts": "fit encoders with more counts: averaging at rest does not reduce the error of one count",
 }
 """Remedies by source of error without the joint's number; the remedy of "" is for all other sources."""
@@ -193,7 +193,6 @@ def _narrowing(f: Finding) -> str:
 FIELDS: Mapping[str, Callable[[Finding], object]] = {
     "certain": lambda f: _Choice(f.certain),
     "several": lambda f: _Choice(len(f.poses) > 1),
-    "one": lambda f: _Choice(f.size == 1),
     "one_name": lambda f: _Choice(len(f.names) == 1),
     "joint": lambda f: f.joint,
     "joints": lambda f: joints_named(f.joints),
@@ -204,7 +203,7 @@ FIELDS: Mapping[str, Callable[[Finding], object]] = {
     "between": lambda f: f"between pose {f.poses[0]} and pose {f.poses[1]}",
     "since": lambda f: f.poses[1],
     "placement": lambda f: f" of placement {f.joints[0]}" if f.joints else "",
-    "outlying": lambda f: "may" if not f.certain else "do" if len(f.poses) > 1 else "does",
+    "outlying": lambda f: "possibly do" if not f.certain else "do" if len(f.poses) > 1 else "does",
     "name": lambda f: f.names[0],
     "last_name": lambda f: f.names[-1],
     "listed": lambda f: ", ".join(f.names[:LISTED]),

@@ -87,7 +87,7 @@ def _remedy(error: BaseException) -> str:
 REMEDIES: Mapping[type, str] = {
     BusError: "Without a heartbeat the drives hold by themselves. Check cable and interface, "
     "then connect again",
-    EndlessAnswer: "Then connect again; if it happens again, the node needs its maker's service",
+    EndlessAnswer: "Then connect again; if it happens again, have the node repaired by its maker",
     HostLatencyExceeded: "Without a heartbeat the drives hold by themselves. Close other programs on this "
     "computer, then connect again",
     NodeMissing: "Check that these nodes are powered and on the bus, then connect again",

@@ -13,7 +13,7 @@ from enum import Enum
 from typing import NamedTuple, Self
 
 _FIX_BOLTS = (
-    "tighten its bolts and check for play; otherwise state its compliance (key give) or, of an instrument, a larger "
+    "tighten its bolts and check for play; otherwise state its compliance (key give) or, for an instrument, a larger "
     "instrument_sigma_mm in the fixture file"
 )
 _UNSENSED = "calibrate with --unsensed {joint}"
@@ -246,7 +246,7 @@ class FindingKind(Enum):
     JOINT_SAG = _Message(
         "SAG_JOINT_{joint}",
         text="joint {joint} {certain:sags|may sag} by {size:SCATTER} rms, depending on the pose, more than its "
-        "sag_deg allows",
+        "sag_deg in the arm file allows for",
         remedy="check joint {joint} for play or a compliant link, or state a larger sag_deg",
     )
     PLAY_EXCEEDS = _Message(
@@ -362,6 +362,11 @@ class FindingKind(Enum):
         "hinge and {several:were|was} left out",
         remedy="take {several:them|it} again with the tool the right way up, or remove {several:them|it}",
     )
+    REPEATED_ROWS = _Message(
+        "REPEATED_ROWS",
+        text="{count:d} of {of:d} rows repeat another, because no joint had moved in between: they count as "
+        "{distinct:d} poses",
+    )
     OUTLIERS = _Message(
         "OUTLIERS",
         text="{poses} {outlying} not fit the others",
@@ -413,6 +418,12 @@ class FindingKind(Enum):
         text="the fixture file's distance between sockets {numbers} is {sigmas:TIMES} sigma below the poses' "
         "estimate",
         remedy=_DISTANCE,
+    )
+    ENDPOINTS_SHIFTED = _Message(
+        "ENDPOINTS_SHIFTED",
+        text="the measured endpoint of each pose stands one row {name}: a row of the instrument's data is missing "
+        "or extra",
+        remedy="assign the endpoints to the poses by their times",
     )
     ENDPOINTS_UNUSED = _Message(
         "ENDPOINTS_UNUSED",

@@ -18,7 +18,7 @@ from operator_app.calibration.result import Solution
 from operator_app.calibration.rvdt import reading_tables
 from operator_app.config.procedure import AcceptanceLimits
 from operator_app.messages.finding import Finding, FindingKind
-from operator_app.report.json_schema import calibration_data, checks_data, estimate_data
+from operator_app.report.calibration_json import calibration_data, checks_data, estimate_data
 from operator_app.report.parameter_tables import (
     correlation_table,
     dh_table,

@@ -26,7 +26,7 @@ from solver.diagnostics.statistics import correlations, intervals
 from solver.estimators.estimate import Estimate
 
 MOST_PLACES = 6
-"""Maximum number of decimal places: 1 nm and 0.001 mdeg."""
+"""Maximum number of decimal places: 1 nm and 1 udeg."""
 
 HEAT_STEPS = 5
 

@@ -81,9 +81,3 @@ def window(rows: Sequence[Line], first: int, height: int) -> tuple[list[Line], i
     below = len(rows) - first - room
     more = f" {below} more below (Down)" if below else f" {first} more above (Up)"
     return [*rows[first : first + room], ((more, "dim"),)], room, first
-
-
-def beside(left: Line, right: Line, width: int) -> Line:
-    """Return one line with `left` at its left end and `right` at its right end."""
-    gap = max(1, width - length(left) - length(right))
-    return (*left, (" " * gap, "text"), *right)

@@ -55,9 +55,8 @@ PLUS_MINUS = "±", "+-"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Look:
-    """Appearance of text: name of the theme, whether only ASCII is used, styles by role."""
+    """Appearance of text: whether only ASCII is used, styles by role."""
 
-    theme: str
     ascii_only: bool
     styles: Mapping[str, Style]
 
@@ -116,7 +115,7 @@ def look(theme: str, *, ascii_only: bool) -> Look:
             "header": Style(color=c["dim"], bold=True),
             "badge": Style(color=c["background"], bgcolor=c["text"], bold=True),
         }
-    return Look(theme=theme, ascii_only=ascii_only, styles=styles)
+    return Look(ascii_only=ascii_only, styles=styles)
 
 
 def themes() -> tuple[Theme, ...]:

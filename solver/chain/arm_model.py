@@ -10,7 +10,7 @@ from solver.arrays import FloatArray
 from solver.chain.kinematics import DhTable
 from solver.chain.parameters import DhEntry, DhKind
 from solver.chain.sensors import NoSensor, Sensor
-from solver.chain.statics import LinkMasses
+from solver.chain.statics import UPRIGHT_DOWN, LinkMasses
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,6 +69,8 @@ class ArmModel:
         Tolerances of rows 1..n; empty if the whole table is exact.
     offset_tolerance_rad
         Standard uncertainty of the nominal offsets; None if it is not known.
+    down
+        Unit vector along gravity in frame 0, the arm's base.
     masses
         Masses of the links; None if they are not stated.
     hayati_rows
@@ -84,6 +86,7 @@ class ArmModel:
     home_rad: FloatArray
     tolerances: tuple[RowTolerance, ...] = ()
     offset_tolerance_rad: float | None = None
+    down: tuple[float, float, float] = UPRIGHT_DOWN
     masses: LinkMasses | None = None
     hayati_rows: tuple[int, ...] = ()
     assumed: tuple[str, ...] = ()

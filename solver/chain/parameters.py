@@ -7,10 +7,11 @@ Hayati's [9], in place of ``s_2`` if row 2 joins parallel axes.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import lru_cache
+from types import MappingProxyType
 
 import numpy as np
 
@@ -86,9 +87,11 @@ def is_entry(name: str) -> bool:
     return _NAME.fullmatch(name) is not None
 
 
-def nominal_vector(parameters: Iterable[Parameter]) -> FloatArray:
-    """Nominal values as a vector, shape (P,), rad and m."""
-    return np.array([p.nominal for p in parameters])
+def nominal_vector(
+    parameters: Iterable[Parameter], known: Mapping[str, float] = MappingProxyType({})
+) -> FloatArray:
+    """Values (P,), rad and m: those `known` by name, nominal otherwise."""
+    return np.array([known.get(p.name, p.nominal) for p in parameters])
 
 
 def wrap_angle(angle_rad: FloatArray | float) -> FloatArray:

@@ -112,6 +112,13 @@ class NoSensor:
 Sensor = Encoder | Rvdt | NoSensor
 
 
+WAVES = 4
+"""Number of shapes of an encoder's error, `encoder_waves`."""
+
+SATURATION = 1.2
+"""Largest angle from mid-scale at which a curve is evaluated, in units of half the full scale: beyond full scale a
+sensor saturates, and polynomials would diverge."""
+
 SHAPE_WEIGHTS = (1.0, 1.0, 0.5, 0.35, 0.25, 0.18, 0.14, 0.11, 0.09)
 """Relative prior standard deviations of the coefficients of P2..P10 (Legendre): an RVDT's linearity deviation is mostly
 a bow (P2) and an S (P3), and higher terms fall with the square of the degree."""
@@ -166,10 +173,9 @@ class SensorCurve:
         return self.lines + self.bends
 
     def place(self, theta_rad: FloatArray) -> FloatArray:
-        """Sensor angles (m,) from mid-scale in units of half the full scale, limited to +-1.2."""
+        """Sensor angles (m,) from mid-scale in units of half the full scale, limited to `SATURATION`."""
         x = (theta_rad - self.middle_rad) / self.half_scale_rad
-        # Beyond full scale a sensor saturates; polynomials would diverge there.
-        return np.asarray(np.clip(x, -1.2, 1.2))
+        return np.asarray(np.clip(x, -SATURATION, SATURATION))
 
     def basis(self, theta_rad: FloatArray) -> FloatArray:
         """Shapes (m, width) at sensor angles (m,): a line of slope `gain`, then the weighted polynomials."""
@@ -178,6 +184,13 @@ class SensorCurve:
         if self.bent:
             shapes.append(np.vander(x, len(_POWERS), increasing=True) @ _POWERS)
         return np.concatenate(shapes, axis=-1)
+
+
+def encoder_waves(theta_rad: FloatArray) -> FloatArray:
+    """Shapes (..., `WAVES`) of an encoder's error at its angles (...): sine and cosine, once and twice a turn."""
+    double = 2.0 * theta_rad
+    waves = np.sin(theta_rad), np.cos(theta_rad), np.sin(double), np.cos(double)
+    return np.stack(waves, axis=-1)
 
 
 def powers_of(curve: SensorCurve, coefficients: FloatArray) -> FloatArray:

@@ -83,15 +83,19 @@ UNSTATED_KG, UNSTATED_CENTRE_M = 1.0, 0.1
 shapes of sag; the magnitude of sag is stated separately."""
 
 
-def unstated_masses(links: int) -> LinkMasses:
-    """Default masses for an upright arm: equal, with 100 % uncertainty, centred at the joints."""
+UPRIGHT_DOWN = 0.0, 0.0, -1.0
+"""Direction of gravity in frame 0 of an arm that stands upright, if no file states another."""
+
+
+def unstated_masses(links: int, down: tuple[float, float, float]) -> LinkMasses:
+    """Default masses: equal, with 100 % uncertainty, centred at the joints; `down`: along gravity, in frame 0."""
     each = np.full(links, UNSTATED_KG)
     return LinkMasses(
         mass_kg=each,
         centre_m=np.zeros((links, 3)),
         mass_sd_kg=each,
         centre_sd_m=np.full(links, UNSTATED_CENTRE_M),
-        down=np.array([0.0, 0.0, -1.0]),
+        down=np.array(down),
     )
 
 

@@ -11,8 +11,6 @@ from solver.arrays import BoolArray, FloatArray
 from solver.closing import close_loops, left_null_space, measure_with_fixed
 from solver.loops.closure import ClosureModel
 
-RANK_TOLERANCE = 1e-6
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ranges:
@@ -53,7 +51,7 @@ class MotionLimits:
 
 
 LIMITS = MotionLimits(least_leverage=0.2, most_rate=5.0)
-"""Default limits of a path; a campaign eases them if no path keeps them."""
+"""Default limits of a path; a campaign relaxes them if no path keeps them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -15,7 +15,7 @@ from itertools import combinations
 import numpy as np
 
 from solver.arrays import BoolArray, FloatArray
-from solver.chain.parameters import DhEntry
+from solver.chain.parameters import DhEntry, nominal_vector
 from solver.closing import close_loops, reduced_equations
 from solver.design.d_optimal import TooFewCandidatesError, choose_poses
 from solver.design.drive_joints import RankedDrives, rank_over_region
@@ -221,8 +221,8 @@ def information_of(
         for parts in ((readings, closed_q), (closed.q, closed_q), (closed.u, closed_u))
     )
     model = task.model.freed(task.toleranced)
-    values = {p.name: v for p, v in zip(task.model.parameters, x, strict=True)}
-    every = np.array([values.get(p.name, p.nominal) for p in model.parameters])
+    values = {p.name: float(v) for p, v in zip(task.model.parameters, x, strict=True)}
+    every = nominal_vector(model.parameters, values)
     variances = _estimated_variances(task, model, every, readings)
     information = pose_information(model, every, every_q, q, u, task.errors_at(every_q), variances)
     information = information if task.parameters is None else information.about(task.parameters)

@@ -237,8 +237,16 @@ def predicted_residuals(
     )
 
 
-def shifted(residuals: WhitenedResiduals, subjects: Mapping[str, FloatArray]) -> CommonShift | None:
-    """Return the most significant shift common to all poses, if any; `subjects`: columns (m, r, c) by name."""
+def shifted(
+    residuals: WhitenedResiduals,
+    subjects: Mapping[str, FloatArray],
+    *,
+    variance_factor: float = 1.0,
+) -> CommonShift | None:
+    """Return the most significant shift common to all poses, if any; `subjects`: columns (m, r, c) by name.
+
+    `variance_factor`: factor by which the variances may be larger than those of the residuals.
+    """
     from scipy.special import chdtri
 
     shifts = []
@@ -254,7 +262,8 @@ def shifted(residuals: WhitenedResiduals, subjects: Mapping[str, FloatArray]) ->
                 size=float(s[0] / values[0]) if single else None,
                 sigma=float(values[0] ** -0.5) if single else None,
                 chi2=float(((vectors.T @ s)[determined] ** 2 / values[determined]).sum()),
-                threshold=float(chdtri(dof, FALSE_ALARM_PROBABILITY / len(subjects))),
+                threshold=variance_factor
+                * float(chdtri(dof, FALSE_ALARM_PROBABILITY / len(subjects))),
             )
         )
     best = max(shifts, key=lambda shift: shift.chi2 - shift.threshold, default=None)

@@ -13,7 +13,7 @@ import numpy as np
 
 from solver.arrays import FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
-from solver.chain.sensors import Encoder, Rvdt, SensorCurve
+from solver.chain.sensors import Encoder, Rvdt, SensorCurve, encoder_waves
 from solver.diagnostics.fault_candidate import Candidate, Cause, PeakDeviation
 from solver.diagnostics.limits import FROZEN_POSES, OTHERS_MOVED_RAD
 from solver.estimators.linear_fit import LinearFit
@@ -186,7 +186,7 @@ class FaultModels:
             if (curve := self.linearity_curve(j)) is not None:
                 yield curve
             elif isinstance(joint.sensor, Encoder):
-                waves = np.stack([f(k * turn) for k in (1, 2) for f in (np.sin, np.cos)], axis=-1)
+                waves = encoder_waves(turn)
                 least = 2.0 * joint.sensor.accuracy_rad
                 yield self._along(Cause.TURN_ERROR, j, waves, most=30.0, least=least)
             if (phi := self._in_time(self.design.sag_basis.phi)).size:

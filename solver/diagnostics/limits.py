@@ -127,6 +127,10 @@ STATED_VARIANCE_SHARE = 0.1
 """Share of a stated variance that is kept if the poses show a smaller variance: elsewhere in the workspace, the
 variance may be larger than at these poses."""
 
+STATED_VARIANCE_FACTOR = 1.5
+"""The variance of new poses may be larger than stated by this factor: stated sizes of errors are known to a fifth at
+best, and with hundreds of poses a test finds any difference significant."""
+
 LEARNED_VARIANCE_FACTOR = 2.0
 """Variances estimated from other poses are known to within this factor."""
 

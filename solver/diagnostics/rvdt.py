@@ -10,7 +10,7 @@ import numpy as np
 
 from solver.arrays import FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
-from solver.chain.parameters import wrap_angle
+from solver.chain.parameters import nominal_vector, wrap_angle
 from solver.chain.poses import back_to_caller
 from solver.chain.sensors import Rvdt
 from solver.diagnostics import limits
@@ -248,7 +248,7 @@ def _share(
 ) -> float:
     """Share of the squared closure error at the readings that is removed by correcting those of one joint."""
     known = known | {f"theta_off_{joint}": float(wrap_angle(figures.theta_off_rad))}
-    x = np.array([known.get(p.name, p.nominal) for p in sensed.parameters])
+    x = nominal_vector(sensed.parameters, known)
     better = q.copy()
     better[:, joint - 1] = figures.corrected(q[:, joint - 1])
     residual = sensed.reduced(x, np.stack((q, better)), rates=False).residual

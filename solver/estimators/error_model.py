@@ -90,7 +90,7 @@ class ErrorModel:
 
     @property
     def curves(self) -> tuple[SensorCurve, ...]:
-        """Curves of the analogue sensors that have one."""
+        """Linearity and gain errors of the analogue sensors whose file states one."""
         return tuple(a.curve for a in self.analogue if a.curve is not None)
 
     def at_poses(self, poses: IntArray) -> ErrorModel:

@@ -2,8 +2,8 @@
 
 Minimises ``|r(x)|^2`` (paper, eqs. 5 and 6, iterated). Columns are scaled to unit norm [13], which makes the damping
 independent of units and gives the scaled condition number. The undamped step is tried first and taken whenever it
-descends; damping (Levenberg-Marquardt) is used only when it does not, so the iteration never diverges. Only the
-triangular QR factor is kept (`triangle_of`), whose size does not grow with the number of poses.
+descends; damping (Levenberg-Marquardt) is used only when it does not, so no step that was tried raises the cost. Only
+the triangular QR factor is kept (`triangle_of`), whose size does not grow with the number of poses.
 """
 
 from __future__ import annotations

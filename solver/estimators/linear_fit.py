@@ -71,7 +71,6 @@ class LinearFit:
         # One refinement: the squares of M cost half the digits, its product with them does not.
         residual = right + self.H @ self.coefficients
         self.coefficients -= self.half @ (self.half.T @ residual)
-        self.right = right
         # NaN stays NaN; `max` would return 0, the best of all fits.
         self.chi2 = float(np.maximum(0.0, square + right @ self.coefficients))
         self.change = self.coefficients[design.column] * self.unit

@@ -299,7 +299,7 @@ def _load_deflection(
 
 
 def _pulled(part: ArmPoses, poses: IntArray | slice, W: FloatArray) -> FixtureLoads:
-    """Combine wrenches (m, k, 4 n, sets) with the share and the axes of each half of the fixture."""
+    """Return the loads on both halves of the fixture from the wrenches `W` (m, k, 4 n, sets)."""
     axes = part.model.fixture_axes(part.x, part.q[poses], part.u[poses])
     share = np.array([1.0, TOOL_SIDE_COMPLIANCE]) / np.hypot(1.0, TOOL_SIDE_COMPLIANCE)
     halves = []

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver.arrays import FloatArray, IntArray, pose_slices
-from solver.chain.sensors import SensorCurve
+from solver.chain.sensors import WAVES, SensorCurve, encoder_waves
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.load_effects import LoadBasis, farthest
 
@@ -192,7 +192,7 @@ class JointShapes:
         turning = np.flatnonzero(accuracy_rad)
         self._q, self._turning, self._accuracy_rad = q, turning, accuracy_rad[turning, None]
         self._effects = effects
-        joints = np.repeat(turning, 4).tolist()
+        joints = np.repeat(turning, WAVES).tolist()
         self._curves = []
         for curve in curves:
             self._curves.append((curve, slice(len(joints), len(joints) + curve.width)))
@@ -224,9 +224,8 @@ class JointShapes:
     def _constant_shapes(self, poses: slice) -> FloatArray:
         """Shapes (m, c); those that depend on the corrected angles (linearity deviations) are zero."""
         turn = self._q[poses, self._turning]
-        waves = np.stack((np.sin(turn), np.cos(turn), np.sin(2 * turn), np.cos(2 * turn)), axis=-1)
         m = len(turn)
-        shapes = [(self._accuracy_rad * waves).reshape(m, -1)]
+        shapes = [(self._accuracy_rad * encoder_waves(turn)).reshape(m, -1)]
         shapes += [np.zeros((m, curve.width)) for curve, _ in self._curves]
         shapes += [effect.columns[poses].reshape(m, -1) for effect in self._effects]
         return np.concatenate(shapes, axis=-1)

@@ -55,8 +55,6 @@ class VarianceComponents:
         Covariance (P, P) of the parameters from noise alone: the scatter if the same poses were taken again.
     budget
         By source, contribution to the variance of every parameter (P,); the sum of all is the variance of the estimate.
-    stated_chi2, stated_dof
-        Misfit at the stated variances instead of fitted ones, and its expectation.
     signed
         Whether joints are taken to sag in the direction of gravity; False if the readings contradict this.
     """
@@ -67,10 +65,6 @@ class VarianceComponents:
     curves_rad: dict[int, FloatArray]
     repeatability: FloatArray
     budget: dict[str, FloatArray]
-    stated_chi2: float
-    stated_dof: int
-    iterations: int
-    converged: bool
     variances: Mapping[str, float] = field(default_factory=dict)
     signed: bool = True
 
@@ -81,10 +75,6 @@ class VarianceComponents:
             noise=select_poses(self.noise, poses, "joint_variance"),
             curves_rad={j: curve[poses] for j, curve in self.curves_rad.items()},
         )
-
-    def sd(self, name: str) -> float:
-        """Standard deviation of a component (rad or m), 0 if there is no such component."""
-        return next((c.sd for c in self.components if c.name == name), 0.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -249,19 +239,15 @@ def noise_left(fitted: MixedFit, back: IntArray) -> NoiseModel:
 
 def _report(fitted: MixedFit, back: IntArray) -> VarianceComponents:
     fit = fitted.fit
-    design, stated = fit.design, fit.stated
+    design = fit.design
     error = standard_errors(fitted.derivatives().information, fit.v, design.floors)
     return VarianceComponents(
         components=components(design, fit.v, error),
-        compliance=compliance_test(stated, design),
+        compliance=compliance_test(fit.stated, design),
         noise=noise_left(fitted, back),
         curves_rad={c.joint: -fitted.shift[back, c.joint - 1] for c in design.errors.curves},
         repeatability=fit.repeatability,
         budget=fit.budget(),
-        stated_chi2=stated.chi2,
-        stated_dof=stated.dof,
-        iterations=fitted.iterations,
-        converged=fitted.converged,
         variances={c.name: float(v) for c, v in zip(design.components, fit.v, strict=True)},
         signed=design.errors.signed,
     )

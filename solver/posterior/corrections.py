@@ -7,8 +7,8 @@ True angle = reading + theta_off + the sum of a joint's corrections, each a func
     gravity    sum_k z_j . ((p_k - p_j) m_k + R_k h_k) x g,  k >= j         twist under load; m_k, h_k per joint
     offset     c1                                                           play that lies to one side
 
-`tests/solver/posterior/reference_corrections.py` computes the corrections in plain Python. `JointCorrections` gives
-their coefficients and covariance. A fixture's deflection belongs to the mounting; it is no correction of the arm.
+`sarcal help corrections` shows a function in plain Python that applies them. `JointCorrections` gives their
+coefficients and covariance. A fixture's deflection belongs to the mounting; it is no correction of the arm.
 """
 
 from __future__ import annotations
@@ -21,16 +21,13 @@ import numpy as np
 from solver.arrays import FloatArray, IntArray, select_poses
 from solver.chain.kinematics import forward
 from solver.chain.parameters import DhKind
-from solver.chain.sensors import powers_of
+from solver.chain.sensors import SATURATION, WAVES, encoder_waves, powers_of
 from solver.chain.statics import LinkMasses, torque_rates
 from solver.estimators.linear_fit import LinearFit
 from solver.estimators.shapes import UNMODELLED_SHARE, JointShapes
 
 LEAST_RAD = 1e-9
 """Smaller corrections are left out."""
-
-TURN_LIMIT = 1.2
-"""Angle from the middle at which an RVDT saturates, in units of half its full scale."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -77,10 +74,9 @@ class Corrections:
                 moments = c.coefficients.reshape(-1, 4)
                 shift = (rates[c.down][..., c.joint - 1, :, :] * moments).sum((-1, -2))
             elif c.kind == "harmonic":
-                waves = (np.sin(own), np.cos(own), np.sin(2.0 * own), np.cos(2.0 * own))
-                shift = np.stack(waves, axis=-1) @ c.coefficients
+                shift = encoder_waves(own) @ c.coefficients
             elif c.kind == "linearity":
-                x = np.clip((own - c.middle_rad) / c.half_scale_rad, -TURN_LIMIT, TURN_LIMIT)
+                x = np.clip((own - c.middle_rad) / c.half_scale_rad, -SATURATION, SATURATION)
                 shift = np.polynomial.polynomial.polyval(x, c.coefficients)
             else:
                 shift = np.full(own.shape, c.coefficients[0])
@@ -104,7 +100,7 @@ def corrections_of(joints: JointCorrections, readings: CorrectionShapes) -> Corr
         each.append(
             ReadingCorrection(
                 source="encoder_accuracy", joint=int(j) + 1, kind="harmonic",
-                coefficients=design.accuracy[j] * some(4),
+                coefficients=design.accuracy[j] * some(WAVES),
             )
         )  # fmt: skip
     for curve in errors.curves:

@@ -224,7 +224,7 @@ class InnerProblem:
             for j, v in zip(self.searched, offsets, strict=True)
         }
         values |= self.model.constraint_entries(*self._constraint(offsets))
-        return np.array([values.get(p.name, p.nominal) for p in self.model.parameters])
+        return nominal_vector(self.model.parameters, values)
 
     def _constraint(self, offsets: FloatArray) -> tuple[Line, Line, FloatArray]:
         """Lines of table and tool, and the tool's mean rotation, for given offsets (K,)."""

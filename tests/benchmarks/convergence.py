@@ -53,13 +53,11 @@ def settlings(seed: int, *, kind: str, counts: Sequence[int]) -> list[Settling]:
     found = []
     for poses in prefixes(kind, seed, counts):
         try:
-            components = calibrate(ARM, HINGE, poses).components
+            estimate = calibrate(ARM, HINGE, poses).estimate
         except EXPECTED_ERRORS as error:
             found.append(Settling(refused=type(error).__name__))
             continue
-        if components is None:
-            raise RuntimeError("no error model was fitted")
-        found.append(Settling(rounds=components.iterations, settled=components.converged))
+        found.append(Settling(rounds=estimate.iterations, settled=estimate.converged))
     return found
 
 

@@ -25,7 +25,7 @@ PACKAGES = ("calibration", "tui", "headless", "commands", "report", "session")
 ROOT = Path(operator_app.__file__).parent
 FILES_WITH_UNITS_IN_KEYS = {
     ROOT / "session" / "store" / "parameters_document.py",
-    ROOT / "report" / "json_schema.py",
+    ROOT / "report" / "calibration_json.py",
     ROOT / "report" / "uncertainty_tables.py",
     ROOT / "report" / "results" / "history.py",
     ROOT / "report" / "results" / "recording.py",

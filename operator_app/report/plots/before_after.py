@@ -111,8 +111,7 @@ def arm_pair(subject: Subject) -> Pair | None:
     after = _seen(at_worst, solution.estimate.x[columns], q[worst])
     if before is None or after is None:
         return None
-    masses = subject.procedure.arm.masses
-    view = _view(before.chain, np.array([0.0, 0.0, 1.0]) if masses is None else -masses.down)
+    view = _view(before.chain, -np.array(subject.procedure.arm.down))
     sizes = [float(np.linalg.norm(s.gap)) for s in (before, after)]
     reach = float(np.ptp(before.chain @ view.T, axis=0).max())
     times = max((k for k in ENLARGED if k * max(sizes) <= PANEL_GAP_SHARE * reach), default=1)

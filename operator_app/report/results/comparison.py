@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 from operator_app.calibration.comparison import CalibrationComparison, ParameterChange, Side
-from operator_app.report.json_schema import notices_data
+from operator_app.report.calibration_json import notices_data
 from operator_app.report.parameter_tables import formats_of
 from operator_app.report.table import Cell, FactTable, figures, shown, words
 from operator_app.report.text import paragraph, table_lines, warnings_text

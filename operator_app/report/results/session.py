@@ -65,7 +65,7 @@ def unidentifiable_json(
     `estimator` and `unsensed_joints` are used instead of those in the procedure.
     """
     from operator_app.calibration.experiment import Experiment
-    from operator_app.report.json_schema import unidentifiable_data
+    from operator_app.report.calibration_json import unidentifiable_data
 
     experiment = Experiment(
         arm=procedure.arm,

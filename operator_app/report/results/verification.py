@@ -64,7 +64,9 @@ def _shift_json(shift: CommonShift) -> dict[str, Any]:
 def verification_text(verdict: VerificationResult, poses: PoseSet, folder: str) -> str:
     """Return the result for a terminal of 80 columns, the verdict first."""
     tested = verdict.verification
-    per_dof, most = (CHI2(v).shown for v in (tested.chi2.per_dof, tested.chi2.high))
+    # The test that decided.
+    chi2 = verdict.stated if verdict.stated.per_dof > verdict.stated.high else tested.chi2
+    per_dof, most = (CHI2(v).shown for v in (chi2.per_dof, chi2.high))
     odd = len(verdict.odd_poses)
     if verdict.holds:
         head = (

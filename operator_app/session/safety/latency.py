@@ -15,7 +15,7 @@ def lateness_text(late: HostLatency, times: int) -> str:
     """Return the message about the last `times` delays."""
     how = f"by {late.last_s:.1f} s"
     if times > 1:
-        how = f"{times} times, by {late.longest_s:.1f} s at most"
+        how = f"{times} times, the last time {how}"
     return (
         f"this computer was late {how}: it was too busy, or sarcal was suspended (Ctrl+Z), and no new targets were "
         "sent. The session goes on, unless drives missed the heartbeat (8130h). End other programs on this computer, "

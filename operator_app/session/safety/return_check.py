@@ -13,6 +13,7 @@ from operator_app.session.store.state import SessionState
 from operator_app.units import CHI2, POSITION, SHIFTED, SLIP_SIGMA, TURNED
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
+from solver.chain.parameters import nominal_vector
 from solver.chain.rotations import rotation_matrix
 from solver.chain.sensors import NoSensor
 
@@ -98,7 +99,7 @@ def _repeat(state: SessionState, procedure: Procedure) -> Repeat | None:
     model = fixture.model(arm, unsensed_joints=procedure.unsensed_joints)
     fixed = resume_checks.parameters_from_poses(state, procedure)
     values = {} if fixed is None else fixed.values
-    x: FloatArray = np.array([values.get(p.name, p.nominal) for p in model.parameters])
+    x = nominal_vector(model.parameters, values)
     return compare_readings(arm, model, x, state.rereads[-1], fixture.compliance)
 
 

@@ -17,8 +17,8 @@ from operator_app.session.store.journal_format import JOURNAL_NAME, first_event,
 from operator_app.session.store.replay import order_of, session_state
 from operator_app.session.store.state import SessionState
 
-STAMP, STAMPED = "%Y%m%d-%H%M%S", re.compile(r"\d{8}-\d{6}-")
-"""`strftime` format and regular expression of the time of opening, with which a folder's name begins."""
+STAMP = "%Y%m%d-%H%M%S"
+"""`strftime` format of the time of opening, with which a folder's name begins."""
 
 PARAMETERS_NAME = "parameters.yaml"
 POSES_NAME = "poses.csv"

@@ -176,9 +176,7 @@ def parse_journal(raw: bytes, path: Path) -> JournalContents:
         except JournalForeignError as error:
             raise JournalForeignError(f"{path} {error.happened}", error.remedy) from error
         except BadLineError as error:
-            raise JournalDamagedError(
-                path=path, line=number, problem=str(error), events=len(events)
-            ) from error
+            raise JournalDamagedError(path=path, line=number, problem=str(error)) from error
         events.append(event)
         position += len(line) + 1
     torn = ""

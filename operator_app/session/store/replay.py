@@ -239,11 +239,7 @@ def session_state(contents: JournalContents, *, joint_count: int | None = None) 
         if problem:
             where = f"{event.name}.{key}" if key != "utc" else key
             raise JournalDamagedError(
-                path=Path(contents.file),
-                line=event.seq,
-                problem=f"{where}: {problem}",
-                events=event.seq - 1,
-                key=key,
+                path=Path(contents.file), line=event.seq, problem=f"{where}: {problem}"
             )
         joints = joints or joint_count_in(event)
         state = apply(state, event)

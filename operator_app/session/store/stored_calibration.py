@@ -21,6 +21,7 @@ from operator_app.errors import SessionError
 from operator_app.messages.finding import Finding, FindingKind
 from operator_app.session.store.solver_process import Solver, solve_here
 from operator_app.session.store.state import SessionState
+from operator_app.units import joints_named
 from solver.estimators.estimate import Estimate
 from solver.estimators.least_squares import Progress
 
@@ -59,7 +60,10 @@ def session_calibration(
         unsensed = {*(unsensed_joints or ()), *procedure.arm.unsensed_joints}
         if (estimator or by) == by and (unsensed_joints is None or unsensed == {*without}):
             return read
-        reason = f"the session was solved by {by} with joints {list(without)} unsensed"
+        joints = (
+            f"without the readings of {joints_named(without)}" if without else "with all readings"
+        )
+        reason = f"the session was solved by {by} {joints}"
     else:
         reason = read
     then = state.solved
@@ -88,7 +92,7 @@ def solve(
     solver: Solver = solve_here,
     progress: Progress | None = None,
 ) -> Solution:
-    """Calibrate from the used poses with the procedure's limits, tolerances and, where None, its options."""
+    """Calibrate from the used poses with the procedure's limits and tolerances; options that are None are its own."""
     estimator = procedure.estimator if estimator is None else estimator
     unsensed_joints = procedure.unsensed_joints if unsensed_joints is None else unsensed_joints
     require_estimator_for(unsensed_joints, estimator)

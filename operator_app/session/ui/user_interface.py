@@ -95,7 +95,10 @@ class UserInterface(Protocol):
         """Return the number of the selected pose; None if no pose is selected."""
 
     def item(self, s: SessionSnapshot) -> int | None:
-        """Return the index (from 0) of the selected item of the check list; None if no unticked item is selected."""
+        """Return the index (from 0) of the selected item of the check list or, if it is ticked, the first unticked one.
+
+        None if all are ticked.
+        """
 
     def alarm(self, s: SessionSnapshot) -> ShownAlarm | None:
         """Return the alarm that is shown; None if no alarm is shown."""
@@ -107,7 +110,7 @@ class UserInterface(Protocol):
         """Write the report page and return its path; called in the worker thread."""
 
     def topics(self) -> Mapping[str, str]:
-        """Return the topics of the manual, with their titles."""
+        """Return the topics of the manual, with their summaries."""
 
     def show_page(self, topic: str) -> None:
         """Show a page of the manual."""

@@ -230,16 +230,14 @@ class Session(Logbook):
         self.raise_if_cancelled()
         return outcome
 
-    def capture(
-        self, waypoint: int = -1, note: str = "", *, planned: bool | None = None
-    ) -> CapturedPose:
+    def capture(self, waypoint: int = -1, *, planned: bool | None = None) -> CapturedPose:
         """Wait for standstill, measure a pose and record it.
 
         `planned`: whether a plan chose the pose; None outside a planned capture.
         """
         campaign = {} if planned is None else {"planned": planned}
         number = self.state.captured + 1
-        self._keep("pose", {"number": number, "waypoint": waypoint, "note": note, **campaign})
+        self._keep("pose", {"number": number, "waypoint": waypoint, **campaign})
         return self.state.poses[-1]
 
     def take_check_reading(self, kind: str, *, of: int = 0) -> CheckReading:

@@ -1,9 +1,11 @@
 """A node that does not end its answer to a read ends neither the program nor STOP."""
 
+import gc
+
 import pytest
 
 from hardware.canopen.sdo import MAX_OBJECT_BYTES, ObjectAccess
-from hardware.errors import EndlessAnswer, Stopped
+from hardware.errors import BusError, EndlessAnswer, Stopped
 from tests.hardware.control.canopen_arm.conftest import make
 from tests.hardware.fake_arm import FakeArmBus
 
@@ -33,6 +35,24 @@ def test_endless_answer_is_aborted_after_its_limit(answer_s, received):
     assert endless.value.received == pytest.approx(received, abs=7)
     assert node.requests[-1][0] == 0x80
     assert sum(request[0] == 0x40 for request in node.requests) == 1, "no second attempt"
+
+
+@pytest.mark.parametrize("answered", [0, 1, 2])
+def test_failed_write_sends_nothing_after_its_abort(answered):
+    requests: list[bytes] = []
+
+    def take(identifier: int, data: bytes) -> None:
+        requests.append(data)
+        if len(requests) <= answered:
+            answer = 0x60 if data[0] & 0xE0 == 0x20 else 0x20
+            access.deliver(identifier - 0x80, bytes([answer]) + data[1:4] + bytes(4))
+
+    access = ObjectAccess(take, [2], timeout_s=0.01)
+    with pytest.raises(BusError, match="Node 2 "):
+        access.write(2, 0x2000, 0, b"a document of several segments")
+    gc.collect()  # closes the stream
+    kinds = [request[0] & 0xE0 for request in requests]
+    assert kinds == [0x20, *[0] * answered, 0x80]
 
 
 def test_stop_ends_a_read_while_connecting():

@@ -1,4 +1,4 @@
-"""Mistakes in an arm file are named; poses of another arm are refused."""
+"""Mistakes in an arm file or among the rows of a poses file are named; poses of another arm are refused."""
 
 from dataclasses import replace
 
@@ -8,9 +8,12 @@ import pytest
 from operator_app.calibration.acceptance import Verdict
 from operator_app.calibration.calibrate import calibrate
 from operator_app.config.arm_file import load_arm
+from operator_app.config.fixture_file import load_fixture
+from operator_app.config.poses_file import load_poses
 from operator_app.messages.finding import FindingKind
 from tests.benchmarks.shop_floor_outcome import outcome
 from tests.oracles.as_shipped import ARM, BALL, panda_poses
+from tests.oracles.open_arm import write_measured_poses
 from tests.oracles.shop_floor import session
 
 EXCHANGED = ARM.table.s_m[[0, 1, 4, 3, 2, 5, 6]]
@@ -48,3 +51,14 @@ def test_constant_reading_is_named_as_frozen_joint():
     solution = calibrate(load_arm("franka_panda"), BALL, replace(poses, q_rad=q_rad), drop=True)
     assert solution.verdict is Verdict.NOT_ACCEPTED
     assert solution.causes[0].code == "FROZEN_JOINT_4"
+
+
+@pytest.mark.parametrize(("rows", "where"), [(1, "further up"), (-1, "further down")])
+def test_endpoints_in_other_rows_are_named(tmp_path, rows, where):
+    poses = load_poses(write_measured_poses(tmp_path / "open.csv")).poses
+    shifted = replace(poses, endpoint=np.roll(poses.endpoint, -rows, axis=0))
+    kept = np.arange(len(poses))[:-1] if rows > 0 else np.arange(len(poses))[1:]
+    tracker = load_fixture("tracker").fixture
+    solution = calibrate(ARM, tracker, shifted.at_poses(kept), drop=True)
+    assert solution.causes[0].kind is FindingKind.ENDPOINTS_SHIFTED
+    assert where in solution.causes[0].text

@@ -7,6 +7,7 @@ import pytest
 
 from fixtures.base import Compliance
 from operator_app.calibration.calibrate import calibrate
+from operator_app.calibration.cross_validation import check
 from operator_app.calibration.experiment import FixtureRefusedError
 from operator_app.calibration.notices import outliers_still_used
 from operator_app.config.poses_file import load_poses
@@ -108,17 +109,29 @@ def test_length_tolerance_option_replaces_that_of_the_arm_file(poses):
         assert error < 4.0 * tolerant.estimate.sd_by_name[name] < 8e-3
 
 
-def test_duplicated_poses_do_not_narrow_sigmas(poses):
-    pasted = PoseSet(
-        placement=np.tile(poses.placement, 4),
-        label=tuple(f"{label}_{copy}" for copy in range(4) for label in poses.label),
-        q_rad=np.tile(poses.q_rad, (4, 1)),
+@pytest.mark.parametrize("noise_deg", [0.0, 5e-4], ids=["pasted", "logged at rest"])
+def test_repeated_rows_do_not_narrow_sigmas(poses, noise_deg):
+    # Pasted behind one another; or four rows of each pose, of which each has noise of its own.
+    tiled = np.arange(4 * len(poses)) % len(poses)
+    order = np.sort(tiled) if noise_deg else tiled
+    noise = np.deg2rad(noise_deg) * np.random.default_rng(3).normal(size=(len(order), 7))
+    repeated = PoseSet(
+        placement=poses.placement[order],
+        label=tuple(str(k) for k in range(len(order))),
+        q_rad=poses.q_rad[order] + noise,
     )
-    once, four_times = calibrate(ARM, HINGE, poses), calibrate(ARM, HINGE, pasted)
+    once, four_times = calibrate(ARM, HINGE, poses), calibrate(ARM, HINGE, repeated)
     assert four_times.poses == len(four_times.estimate.residual) == 4 * len(poses)
     np.testing.assert_allclose(
         four_times.estimate.standard_deviation, once.estimate.standard_deviation, rtol=0.1
     )
+    (notice,) = (w for w in four_times.warnings if w.code == "REPEATED_ROWS")
+    assert f"count as {len(poses)} poses" in notice.text
+    dof = [
+        sum(part.dof for part in check(solution, ARM, HINGE, rows).held_out.parts)
+        for solution, rows in ((once, poses), (four_times, repeated))
+    ]
+    assert dof[0] == dof[1]
 
 
 def test_out_of_range_readings_name_joint_pose_and_unit(poses):

@@ -7,7 +7,7 @@ import pytest
 
 from fixtures.base import RIGID
 from operator_app.calibration.calibrate import calibrate
-from operator_app.calibration.error_model import approach_of, error_model
+from operator_app.calibration.error_model import approach_of, averaged_at_rest, error_model
 from operator_app.calibration.experiment import Experiment
 from solver.chain.poses import PoseSet
 from tests.oracles.as_shipped import ARM, HINGE, poses_of
@@ -58,6 +58,46 @@ def test_approach_side_is_unknown_without_all_times_in_order(poses, first):
         assert side_of(replace(poses, utc=utc)) is None
 
 
+def rows_of(q_deg, placement, **columns):
+    return PoseSet(
+        placement=np.array(placement),
+        label=tuple(map(str, range(len(placement)))),
+        q_rad=np.deg2rad(np.array(q_deg)[:, None] * np.ones(7)),
+        **columns,
+    )
+
+
+def test_rows_of_an_arm_at_rest_get_their_mean():
+    half_turn = np.pi - 1e-4
+    endpoint = np.zeros((6, 6))
+    endpoint[:3, 3] = half_turn, -half_turn, half_turn + 3e-4
+    endpoint[:3, 0] = 0.0, 3e-4, 6e-4
+    # At rest, in another placement, after a motion, and twice the same row.
+    rows = rows_of(
+        [10.0, 10.02, 10.04, 10.04, 20.0, 20.0],
+        [1, 1, 1, 2, 2, 2],
+        samples=np.array([1, 2, 3, 4, 5, 5]),
+        endpoint=endpoint,
+    )
+    averaged = averaged_at_rest(ARM, rows)
+    np.testing.assert_allclose(
+        np.rad2deg(averaged.q_rad[:, 0]), [10.02, 10.02, 10.02, 10.04, 20.0, 20.0], atol=1e-9
+    )
+    assert averaged.samples.tolist()[:4] == [6, 6, 6, 4]
+    np.testing.assert_allclose(averaged.endpoint[:3, 0], 3e-4)
+    np.testing.assert_allclose(np.abs(averaged.endpoint[:3, 3]), np.pi, atol=2e-4)
+    assert averaged_at_rest(ARM, averaged) is averaged
+    still = replace(rows, q_rad=np.ones_like(rows.q_rad))
+    assert len(np.unique(averaged_at_rest(ARM, still).endpoint[:3, 0])) == 1
+    far = replace(rows, endpoint=endpoint * [10.0, 1, 1, 1, 1, 1])
+    assert averaged_at_rest(ARM, far) is far, "the tool moved, whatever the joints read"
+
+
+def test_slow_motion_is_no_rest():
+    slow = rows_of(np.arange(0.0, 2.0, 0.03), [1] * 67)
+    assert len(np.unique(averaged_at_rest(ARM, slow).q_rad[:, 0])) > 20
+
+
 def test_loads_need_masses_and_compliance(poses):
     experiment = Experiment(arm=ARM, fixture=HINGE, poses=poses)
     loaded = error_model(experiment)
@@ -65,6 +105,9 @@ def test_loads_need_masses_and_compliance(poses):
     # Sag follows gravity; the load of the fixture is unknown.
     unstated = error_model(replace(experiment, arm=replace(ARM, masses=None))).loads
     assert unstated.joints.columns.any()
+    turned = replace(ARM, masses=None, down=(0.0, 1.0, 0.0))
+    columns = error_model(replace(experiment, arm=turned)).loads.joints.columns
+    assert not np.allclose(columns, unstated.joints.columns), "sag follows the stated gravity"
     assert not unstated.all_deflections.any()
     rigid = replace(HINGE, compliance=RIGID)
     assert not error_model(replace(experiment, fixture=rigid)).loads.all_deflections.any()

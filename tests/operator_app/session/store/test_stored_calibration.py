@@ -75,7 +75,7 @@ def test_other_options_and_old_journals_are_solved_again(session, procedure):
     assert session_calibration(state, procedure).solution.model.unsensed_joints == (7,)
     other = session_calibration(state, procedure, unsensed_joints=())
     assert other.solution.model.unsensed_joints == ()
-    assert "by implicit with joints [7] unsensed" in other.recalculated_because
+    assert "by implicit without the readings of joint 7" in other.recalculated_because
     old = replace(state, solution={})
     again = session_calibration(old, procedure)
     assert "no calibration" in again.recalculated_because

@@ -34,7 +34,7 @@ MINUS_50 = struct.pack("<h", -50)
 
 def maps_are_restored(foreign: ForeignArm) -> bool:
     """Whether all drives have their original PDOs."""
-    cob_ids = [(node.held(0x1401, 1), node.held(0x1803, 1)) for node in foreign.nodes]
+    cob_ids = [(node.value_of(0x1401, 1), node.value_of(0x1803, 1)) for node in foreign.nodes]
     return cob_ids == [(0x300 + node, 0x480 + node) for node in (1, 2, 3, 4)]
 
 
@@ -105,8 +105,8 @@ def test_equal_map_is_not_written(foreign, connect):
 def test_conflicting_pdo_is_disabled_first(foreign, connect):
     connect(profile(PROFILE.replace("200h + node", "400h + node")))
     node = foreign.nodes[1]
-    assert node.held(0x1402, 1) == NOT_VALID | 0x402
-    assert node.held(0x1401, 1) == 0x402
+    assert node.value_of(0x1402, 1) == NOT_VALID | 0x402
+    assert node.value_of(0x1401, 1) == 0x402
     assert node.written[0] == (0x1402, 1, NOT_VALID | 0x402)
 
 
@@ -173,7 +173,7 @@ def test_read_only_drive_connects_with_equal_maps_only():
 def test_nonzero_target_torque_is_set_to_zero(foreign, connect):
     foreign.nodes[1].set_data(0x6071, 0, MINUS_50)
     arm = connect(profile())
-    assert foreign.nodes[1].held(0x6071, 0) == 0
+    assert foreign.nodes[1].value_of(0x6071, 0) == 0
     arm.close()
     foreign.nodes[1].set_data(0x6071, 0, MINUS_50)
     assert "joint 2 (node 2): 6071h is 0; it was -50" in arm.connect().configured

@@ -3,7 +3,6 @@
 ``socketcan`` needs a vcan0, which `test_socketcan_uml` provides.
 """
 
-import itertools
 import os
 from pathlib import Path
 
@@ -14,11 +13,9 @@ from hardware.buses.python_can import BusSettings
 INTERFACES = ["virtual", "loopback"]
 if Path("/sys/class/net/vcan0").exists():
     INTERFACES.append("socketcan")
-_numbers = itertools.count()
 
 
 @pytest.fixture(params=INTERFACES)
 def settings(request):
-    own_channel = f"contract-{os.getpid()}-{next(_numbers)}"
-    channel = "vcan0" if request.param == "socketcan" else own_channel
+    channel = "vcan0" if request.param == "socketcan" else f"{request.node.name}-{os.getpid()}"
     return BusSettings(interface=request.param, channel=channel)

@@ -25,7 +25,6 @@ def planted(request):
 
 
 def freedoms(model: ClosureModel) -> int:
-    """Return the mobility of the arm in its fixture."""
     if isinstance(model, MeasuredClosure):
         return model.joint_count
     return model.joint_count - model.equations_per_pose

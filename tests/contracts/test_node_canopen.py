@@ -31,10 +31,7 @@ def library():
 def test_node_canopen_master_reads_moves_and_stops_arm():
     settings = axes()
     plant = TrivialPlant([axis.scale.counts_per_rad for axis in settings])
-    initial_counts = [
-        round(angle * axis.scale.counts_per_rad)
-        for angle, axis in zip(plant.angles_rad, settings, strict=True)
-    ]
+    initial_counts = [round(a * s) for a, s in zip(plant.angles_rad, plant.scales, strict=True)]
     channel = f"node-canopen-{os.getpid()}"
     bus = open_bus(BusSettings(interface="loopback", channel=channel))
     with VirtualController(

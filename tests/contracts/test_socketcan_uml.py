@@ -9,14 +9,13 @@ import pytest
 
 from tests.oracles.guest_linux import in_emulated_linux, in_user_mode_linux
 
-pytestmark = pytest.mark.needs("candump", "ip")
+pytestmark = [pytest.mark.needs("candump", "ip"), pytest.mark.campaign]
 UML = pytest.param(in_user_mode_linux, marks=pytest.mark.needs("linux.uml"), id="uml")
 PC = pytest.param(
     in_emulated_linux, marks=pytest.mark.needs("qemu-system-x86_64", "busybox"), id="pc"
 )
 
 
-@pytest.mark.campaign
 @pytest.mark.needs("linux.uml")
 def test_socketcan_meets_arm_contract():
     # Timing under a user-mode kernel on one processor is not representative; two sessions are enough.
@@ -29,7 +28,6 @@ def test_socketcan_meets_arm_contract():
     assert " passed" in output
 
 
-@pytest.mark.campaign
 @pytest.mark.parametrize("run", [UML, PC])
 def test_frame_refused_by_full_queue_is_sent_again_once(run):
     kernel = f"QEMU_KERNEL_ROOT={os.environ.get('QEMU_KERNEL_ROOT', '')}"
@@ -45,7 +43,6 @@ def test_frame_refused_by_full_queue_is_sent_again_once(run):
     assert int(retries) > 0
 
 
-@pytest.mark.campaign
 @pytest.mark.parametrize("run", [UML, PC])
 def test_socketcan_agrees_with_can_utils_and_meets_transport_contract(run):
     # One boot for both, with only the plugins that the project's settings name: an import takes a second.

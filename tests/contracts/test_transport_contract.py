@@ -1,10 +1,12 @@
 import time
+from contextlib import ExitStack
+from dataclasses import replace
 from typing import Any
 
 import can
 import pytest
 
-from hardware.buses.python_can import BusSettings, open_bus, open_sender
+from hardware.buses.python_can import open_bus, open_sender
 
 PATIENCE_S = 60.0
 """Longest delay of a frame on a busy machine."""
@@ -12,18 +14,8 @@ PATIENCE_S = 60.0
 
 @pytest.fixture
 def opener(settings):
-    opened: list[can.BusABC] = []
-
-    def open_one(**options: Any) -> can.BusABC:
-        bus = open_bus(
-            BusSettings(interface=settings.interface, channel=settings.channel, options=options)
-        )
-        opened.append(bus)
-        return bus
-
-    yield open_one
-    for bus in opened:
-        bus.shutdown()
+    with ExitStack() as stack:
+        yield lambda **options: stack.enter_context(open_bus(replace(settings, options=options)))
 
 
 def frame(identifier: int, data: bytes = b"", **options: Any) -> can.Message:

@@ -1,22 +1,22 @@
 """An arm with drives of another set-up, on a channel of its own, and an operator that connects to it."""
 
-import itertools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, closing
+from typing import Any
 
 import can
 import pytest
 
 from hardware.arm_description import ArmDescription, EncoderDescription
-from hardware.buses.python_can import ArmOnBus, BusOpeners, BusSettings, open_bus
+from hardware.buses.python_can import BusSettings
 from hardware.canopen.bus_profile import BusProfile
 from hardware.commissioning.probe import probe
 from hardware.commissioning.profile_draft import draft
 from hardware.control.canopen_arm import CanopenArm
-from hardware.timing import Pace, Timing
 from operator_app.config.profile_file import format_profile, parse_profile
 from tests.oracles.descriptions import described
+from tests.oracles.fast_arm import fast_arm
 from tests.oracles.foreign_arm import Axis, ForeignArm
 from tests.oracles.profiles import sarcos
 
@@ -25,7 +25,6 @@ PER_RAD = COUNTS_PER_REV / math.tau
 DESCRIPTION = described(
     "acme", *[(EncoderDescription(counts_per_rev=COUNTS_PER_REV), 1.5)] * JOINTS
 )
-_channels = itertools.count()
 
 
 def running_foreign_arm(settings: BusSettings, *nodes: int) -> Iterator[ForeignArm]:
@@ -41,21 +40,10 @@ def unconnected(
     settings: BusSettings,
     profile: BusProfile,
     description: ArmDescription = DESCRIPTION,
-    *,
-    pace: Pace = Pace.FAST_FORWARD,
-    opener: Callable[[BusSettings], can.BusABC] = open_bus,
+    **options: Any,
 ) -> CanopenArm:
-    timing = Timing(
-        listen_s=0.15,
-        boot_timeout_s=1.0,
-        answer_timeouts_s=dict.fromkeys(Pace, 2.0),
-        heartbeat_timeout_s=5.0,
-        lost_after_s=5.0,
-    )
-    openers = BusOpeners(main=opener)
-    return CanopenArm(
-        ArmOnBus(description, settings, profile, pace=pace, timing=timing, openers=openers)
-    )
+    waits = {"listen_s": 0.15, "boot_timeout_s": 1.0, "answers_s": 2.0, "patience_s": 5.0}
+    return fast_arm(description, settings, profile, **waits, **options)
 
 
 def drafted(settings: BusSettings, *, configure: bool = False) -> BusProfile:
@@ -68,8 +56,8 @@ def drafted(settings: BusSettings, *, configure: bool = False) -> BusProfile:
 
 
 @pytest.fixture
-def settings():
-    return BusSettings(channel=f"foreign-{next(_channels)}")
+def settings(request):
+    return BusSettings(channel=request.node.name)
 
 
 @pytest.fixture

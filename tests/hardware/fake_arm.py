@@ -12,6 +12,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -32,8 +33,6 @@ MAPS = {
 
 @dataclass
 class FakeDrive(Axis):
-    """An ideal CiA 402 axis."""
-
     counts: int = 1000
     torque: int = 0
     follows_mode: bool = True
@@ -50,6 +49,29 @@ class FakeDrive(Axis):
         self.obey(word, target)
         if self.follows_mode and mode in (8, 10):
             self.mode = mode
+
+
+@dataclass
+class FrameLoss:
+    """Loses the first `times` frames with this beginning, after `skip` that arrive, and acts at each."""
+
+    identifier: int
+    begin: bytes
+    times: int = 1
+    skip: int = 0
+    act: Callable[[int], None] = lambda _lost: None
+    lost: int = 0
+
+    def __call__(self, identifier: int, data: bytes) -> bool:
+        matches = identifier == self.identifier and data.startswith(self.begin)
+        if not matches or self.lost == self.times:
+            return False
+        if self.skip:
+            self.skip -= 1
+            return False
+        self.lost += 1
+        self.act(self.lost)
+        return True
 
 
 class FakeServer(SdoServer):
@@ -142,8 +164,10 @@ class FakeArmBus(can.BusABC):
         message.timestamp = time.time()
         return message, False
 
-    def stop_handle(self) -> can.BusABC:
-        return _StopHandle(self)
+    def stop_handle(self) -> Any:
+        send = partial(FakeArmBus.send, self)
+        shutdown = lambda: self.on_closing()  # noqa: E731, PLW0108 - tests set it later
+        return SimpleNamespace(send=send, shutdown=shutdown, channel_info="fake")
 
     @property
     def statuses(self) -> set[int]:
@@ -241,33 +265,35 @@ class FakeArmBus(can.BusABC):
         for _ in range(2 if self.duplicates_response(node) else 1):
             self._queue.append((0x580 + node, data))
 
+    def set_heartbeat_consumers(self, node: int, *entries: tuple[int, int]) -> None:
+        """Set 1016h of a node: producer nodes and time-outs, ms."""
+        self.objects[node, 0x1016, 0] = bytes([len(entries)])
+        for sub, (producer, time_ms) in enumerate(entries, 1):
+            self.objects[node, 0x1016, sub] = struct.pack("<L", producer << 16 | time_ms)
+
     def object_of(self, node: int, index: int, sub: int) -> bytes | int:
         """Return the bytes of an object, or the abort code."""
-        name = b"fake supervisor" if node == SUPERVISOR else b"fake drive"
+        if (node, index, sub) in self.objects:
+            return self.objects[node, index, sub]
+        if node != SUPERVISOR and index in MAPS:
+            return struct.pack("<L", MAPS[index][sub]) if sub < len(MAPS[index]) else 0x06090011
+        own = self._of_supervisor() if node == SUPERVISOR else self._of_drive(node)
         common = {
-            (0x1008, 0): name,
             (0x1017, 0): struct.pack("<H", 100),
             (0x1018, 1): bytes(4),
             (0x1018, 2): b"\x01\0\0\0",
             (0x1018, 3): b"\0\0\x01\0",
             (0x1018, 4): struct.pack("<L", 7000 + node),
         }
-        if (node, index, sub) in self.objects:
-            return self.objects[node, index, sub]
-        if (index, sub) in common:
-            return common[index, sub]
-        if node == SUPERVISOR:
-            return self._of_supervisor(index, sub)
-        return self._of_drive(node, index, sub)
+        return (common | own).get((index, sub), 0x06020000)
 
-    def _of_drive(self, node: int, index: int, sub: int) -> bytes | int:
+    def _of_drive(self, node: int) -> dict[tuple[int, int], bytes | int]:
         limit = round(COUNTS_PER_REV / 4)
         rvdt = node == JOINTS
-        if index in (0x1600, 0x1A00):
-            return struct.pack("<L", MAPS[index][sub]) if sub < len(MAPS[index]) else 0x06090011
         return {
             (0x1000, 0): struct.pack("<L", 0x00020192),
             (0x1005, 0): struct.pack("<L", 0x80),
+            (0x1008, 0): b"fake drive",
             (0x1014, 0): struct.pack("<L", 0x80 + node),
             (0x1400, 1): struct.pack("<L", 0x200 + node),
             (0x1400, 2): b"\xfe",
@@ -288,12 +314,13 @@ class FakeArmBus(can.BusABC):
             (0x2100, 1): b"\x02" if rvdt else b"\x01",
             (0x2100, 2): struct.pack("<L", 120_000_000),
             (0x2100, 3): b"\x0c",
-        }.get((index, sub), 0x06020000)
+        }
 
-    def _of_supervisor(self, index: int, sub: int) -> bytes | int:
+    def _of_supervisor(self) -> dict[tuple[int, int], bytes | int]:
         document = self.document if self.written is None else self.written
         return {
             (0x1000, 0): bytes(4),
+            (0x1008, 0): b"fake supervisor",
             (0x2000, 0): document or 0x08000024,
             (0x2001, 1): hashlib.sha256(document).digest(),
             (0x2001, 2): struct.pack("<L", len(document)),
@@ -304,7 +331,7 @@ class FakeArmBus(can.BusABC):
             (0x2020, 1): b"fake",
             (0x2020, 2): b"FAKE-1",
             (0x2020, 3): bytes([JOINTS]),
-        }.get((index, sub), 0x06020000)
+        }
 
     def store(self, index: int, value: bytes) -> None:
         if index == 0x2010:
@@ -327,14 +354,6 @@ class FakeArmBus(can.BusABC):
             raise SdoAbortedError(0x06020000)
 
 
-class _StopHandle(can.BusABC):
-    def __init__(self, bus: FakeArmBus) -> None:
-        self._bus = bus
-        super().__init__(channel="fake")
-
-    def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        FakeArmBus.send(self._bus, msg, timeout)
-
-    def shutdown(self) -> None:
-        self._bus.on_closing()
-        super().shutdown()
+def capture_for_ever(arm: Any) -> None:
+    while True:
+        arm.capture(5)

@@ -30,60 +30,35 @@ def is_refused(refusal: str, words: str) -> bool:
 
 
 @pytest.mark.parametrize(
-    ("previous", "target", "words"),
+    ("words", "steps"),
     [
-        (-1000, -1000, ""),
-        (-999, -1000, ""),
-        (-999, -1001, OUTSIDE),
-        (-1000, -1001, OUTSIDE),
-        (500, 500, ""),
-        (499, 500, ""),
-        (500, 501, OUTSIDE),
-        (480, 500, ""),
-        (0, 20, ""),
-        (0, 21, STEP),
-        (0, -20, ""),
-        (0, -21, STEP),
-        (20, 0, ""),
+        ("", [(-1000, -1000), (-999, -1000), (500, 500), (499, 500), (480, 500)]),
+        ("", [(0, 20), (0, -20), (20, 0)]),
+        (OUTSIDE, [(-999, -1001), (-1000, -1001), (500, 501), (500, 500.001)]),
         # A joint outside its range may move towards it; no command may keep it there or move it away.
-        (520, 519, ""),
-        (520, 520, OUTSIDE),
-        (520, 521, OUTSIDE),
-        (520, 500, ""),
-        (521, 500, STEP),
-        (-1010, -1009, ""),
-        (-1010, -1011, OUTSIDE),
-        (0, 20.5, STEP),
-        (500, 500.001, OUTSIDE),
-        (0, NAN, NOT_FINITE),
-        (0, INF, NOT_FINITE),
-        (0, -INF, NOT_FINITE),
-        (NAN, 0, NOT_FINITE),
+        ("", [(520, 519), (520, 500), (-1010, -1009)]),
+        (OUTSIDE, [(520, 520), (520, 521), (-1010, -1011)]),
+        (STEP, [(0, 21), (0, -21), (521, 500), (0, 20.5)]),
+        (NOT_FINITE, [(0, NAN), (0, INF), (0, -INF), (NAN, 0)]),
     ],
 )
-def test_target_boundaries(previous, target, words):
-    assert is_refused(refuse_target(LIMITS, target, previous), words)
+def test_target_boundaries(words, steps):
+    for previous, target in steps:
+        assert is_refused(refuse_target(LIMITS, target, previous), words), (previous, target)
 
 
 @pytest.mark.parametrize(
-    ("target", "speed", "words"),
+    ("words", "moves"),
     [
-        (0, 2.0, ""),
-        (0, math.nextafter(2.0, INF), SPEED),
-        (0, math.ulp(0.0), ""),
-        (0, 0.0, SPEED),
-        (0, -1.0, SPEED),
-        (0, NAN, NOT_FINITE),
-        (0, INF, NOT_FINITE),
-        (NAN, 1.0, NOT_FINITE),
-        (500, 1.0, ""),
-        (501, 1.0, OUTSIDE),
-        (-1000, 1.0, ""),
-        (-1001, 1.0, OUTSIDE),
+        ("", [(0, 2.0), (0, math.ulp(0.0)), (500, 1.0), (-1000, 1.0)]),
+        (SPEED, [(0, math.nextafter(2.0, INF)), (0, 0.0), (0, -1.0)]),
+        (NOT_FINITE, [(0, NAN), (0, INF), (NAN, 1.0)]),
+        (OUTSIDE, [(501, 1.0), (-1001, 1.0)]),
     ],
 )
-def test_move_boundaries(target, speed, words):
-    assert is_refused(refuse_move(LIMITS, target, speed), words)
+def test_move_boundaries(words, moves):
+    for target, speed in moves:
+        assert is_refused(refuse_move(LIMITS, target, speed), words), (target, speed)
 
 
 @pytest.mark.parametrize("drive", DriveState)

@@ -10,34 +10,24 @@ import can
 import numpy as np
 import pytest
 
+from hardware import timing
 from hardware.arm import HostLatency
 from hardware.buses.python_can import BusSettings, stamping_clock
 from hardware.canopen.cyclic import Sample
 from hardware.canopen.objects import COB_HEARTBEAT, COB_SYNC, COB_TPDO1, NmtState
 from hardware.control.control_loop import ControlLoop
 from hardware.errors import BusError
-from hardware.timing import (
-    LOOP_PRIORITY,
-    MAX_POLL_GAP_S,
-    PRIORITY,
-    REPORTED_S,
-    LatencyMonitor,
-    Pace,
-    Timing,
-    raise_loop_priority,
-    real_time_priority,
-)
 from tests.oracles.profiles import sarcos
 
 
-def policy_of_a_thread() -> int:
-    with ThreadPoolExecutor(1) as pool:
-        return pool.submit(os.sched_getscheduler, 0).result()
+def priority_of_a_thread(**options: Callable[[], None]) -> tuple[int, int]:
+    with ThreadPoolExecutor(1, **options) as pool:
+        policy, parameter = pool.submit(os.sched_getscheduler, 0), pool.submit(os.sched_getparam, 0)
+        return policy.result(), parameter.result().sched_priority
 
 
 def priority_of_a_loop() -> int:
-    with ThreadPoolExecutor(1, initializer=raise_loop_priority) as pool:
-        return pool.submit(os.sched_getparam, 0).result().sched_priority
+    return priority_of_a_thread(initializer=timing.raise_loop_priority)[1]
 
 
 def real_time_is_allowed() -> bool:
@@ -54,11 +44,10 @@ def real_time_is_allowed() -> bool:
     not real_time_is_allowed(), reason="this user may not ask for real-time priority"
 )
 def test_real_time_priority_applies_inside_context_only():
-    with real_time_priority():
-        assert policy_of_a_thread() == os.SCHED_RR
-        assert priority_of_a_loop() == LOOP_PRIORITY > PRIORITY
-        assert os.sched_getparam(0).sched_priority == PRIORITY
-    assert policy_of_a_thread() == os.sched_getscheduler(0) == os.SCHED_OTHER
+    with timing.real_time_priority():
+        assert priority_of_a_thread() == (os.SCHED_RR, timing.PRIORITY)
+        assert priority_of_a_loop() == timing.LOOP_PRIORITY > timing.PRIORITY
+    assert priority_of_a_thread() == (os.sched_getscheduler(0), 0) == (os.SCHED_OTHER, 0)
     assert priority_of_a_loop() == 0
 
 
@@ -67,8 +56,8 @@ def test_denied_real_time_priority_is_ignored(monkeypatch):
         raise PermissionError
 
     monkeypatch.setattr(os, "sched_setscheduler", refuse)
-    with real_time_priority():
-        assert policy_of_a_thread() == os.SCHED_OTHER
+    with timing.real_time_priority():
+        assert priority_of_a_thread() == (os.SCHED_OTHER, 0)
 
 
 JOINTS = 2
@@ -133,11 +122,13 @@ class Bus:
         self.clock.now_s += timeout_s
         return None
 
-    def queue_heartbeats(self) -> None:
+    def beat(self) -> Iterator[None]:
+        """Queue a heartbeat of each node, and let the loop receive them."""
         self.queue.extend(
             can.Message(arbitration_id=COB_HEARTBEAT + node, data=[NmtState.OPERATIONAL])
             for node in NODES
         )
+        yield from itertools.repeat(None, len(NODES) + 1)
 
 
 @pytest.fixture
@@ -155,18 +146,14 @@ def loop(bus):
     return ControlLoop(
         bus,
         profile=sarcos(JOINTS),
-        pace=Pace.REAL_TIME,
+        pace=timing.Pace.REAL_TIME,
         on_sdo=lambda *_: None,
         allow=lambda *_: None,
         quick_stop=lambda: None,
-        timing=Timing(heartbeat_timeout_s=1.0),
+        timing=timing.Timing(heartbeat_timeout_s=1.0),
         clock=bus.clock,
         stamps=bus.clock.stamps,
     )
-
-
-def polls(count: int) -> Iterator[None]:
-    yield from itertools.repeat(None, count)
 
 
 def play(loop: ControlLoop, bus: Bus, scenario: Iterator[None]) -> None:
@@ -181,64 +168,51 @@ def play(loop: ControlLoop, bus: Bus, scenario: Iterator[None]) -> None:
     loop._run()
 
 
-def sending_times_s(loop: ControlLoop, bus: Bus, identifier: int) -> list[float]:
-    """Run the loop with SYNC and heartbeat for two seconds; return when it sent a frame."""
-
-    def scenario() -> Iterator[None]:
+@pytest.mark.parametrize(
+    ("flooded", "identifier", "shortest_s", "longest_s"),
+    [
+        (False, COB_SYNC, 0.01 - 1e-6, 0.01 + 1e-6),
+        (False, 0x77F, 0.1 - 1e-6, 0.1 + 1e-6),
+        (True, COB_SYNC, 0.0, 0.1),
+        (True, 0x77F, 0.0, 0.101),
+    ],
+)
+def test_sync_and_heartbeat_keep_their_periods(
+    bus, loop, flooded, identifier, shortest_s, longest_s
+):
+    def two_seconds() -> Iterator[None]:
         until_s = bus.clock.now_s + 2.0
         while bus.clock.now_s < until_s:
             yield
 
+    bus.flooded = flooded
     loop.begin_sync()
     loop.begin_heartbeat()
-    play(loop, bus, scenario())
-    times_s = [time_s for sent, time_s in bus.sent if sent == identifier]
-    assert len(times_s) >= 19
-    return times_s
+    play(loop, bus, two_seconds())
+    gaps_s = np.diff([time_s for sent, time_s in bus.sent if sent == identifier])
+    assert len(gaps_s) >= 18
+    assert shortest_s < gaps_s.min() <= gaps_s.max() < longest_s
 
 
-@pytest.mark.parametrize(("identifier", "period_s"), [(COB_SYNC, 0.01), (0x77F, 0.1)])
-def test_sync_and_heartbeat_are_sent_once_per_period(bus, loop, identifier, period_s):
-    gaps_s = np.diff(sending_times_s(loop, bus, identifier))
-    assert gaps_s == pytest.approx(period_s, abs=1e-6)
-
-
-@pytest.mark.parametrize(("identifier", "longest_s"), [(COB_SYNC, 0.1), (0x77F, 0.101)])
-def test_flooded_bus_delays_no_heartbeat_and_sync_little(bus, loop, identifier, longest_s):
-    bus.flooded = True
-    assert np.diff(sending_times_s(loop, bus, identifier)).max() < longest_s
-
-
-def test_suspended_loop_reports_no_silence(bus, loop):
+@pytest.mark.parametrize(("times", "suspended_s"), [(1, 5.0), (50, 0.7)])
+def test_suspended_loop_reports_no_silence(bus, loop, times, suspended_s):
     def scenario() -> Iterator[None]:
-        bus.queue_heartbeats()
-        yield from polls(4)
-        bus.suspended_for_s = 5.0
-        yield
-        assert loop.alarm() is None
-        bus.queue_heartbeats()
-        yield from polls(4)
-        assert loop.alarm() is None
-        assert loop.latency.late_s == pytest.approx(5.0 - MAX_POLL_GAP_S, abs=0.03)
-
-    play(loop, bus, scenario())
-
-
-def test_repeatedly_suspended_loop_reports_no_silence(bus, loop):
-    def scenario() -> Iterator[None]:
-        for _ in range(50):
-            bus.suspended_for_s = 0.7
-            bus.queue_heartbeats()
-            yield from polls(4)
+        for _ in range(times):
+            yield from bus.beat()
+            bus.suspended_for_s = suspended_s
+            yield
             assert loop.alarm() is None
+        yield from bus.beat()
+        assert loop.alarm() is None
+        late_s = suspended_s - timing.MAX_POLL_GAP_S
+        assert loop.latency.late_s == pytest.approx(times * late_s, abs=times * 0.03)
 
     play(loop, bus, scenario())
 
 
 def test_silence_is_reported_despite_host_latency(bus, loop):
     def scenario() -> Iterator[None]:
-        bus.queue_heartbeats()
-        yield from polls(4)
+        yield from bus.beat()
         bus.suspended_for_s = 5.0
         until_s = bus.clock.now_s + 6.25
         while bus.clock.now_s < until_s:
@@ -269,7 +243,7 @@ def test_queued_answer_has_age_of_its_stamp(bus, loop):
     loop.begin_sync()
     play(loop, bus, itertools.repeat(None))
     assert ages[1:6] == pytest.approx([0.01, 0.01, 0.01, 0.7, 0.01], abs=0.001)
-    assert host_shares[4] == pytest.approx(0.7, abs=MAX_POLL_GAP_S + 1e-6)
+    assert host_shares[4] == pytest.approx(0.7, abs=timing.MAX_POLL_GAP_S + 1e-6)
     late_s = pytest.approx(0.7, abs=1e-6)
     assert latencies[4] == latencies[5] == HostLatency(times=1, last_s=late_s, longest_s=late_s)
 
@@ -309,8 +283,8 @@ def test_steps_proceed_under_permanent_latency(bus, loop):
 
 
 def test_listened_time_never_exceeds_elapsed_time(clock):
-    latency = LatencyMonitor(clock)
-    for gap_s in (0.01, MAX_POLL_GAP_S, 0.3, 2.0, 0.0):
+    latency = timing.LatencyMonitor(clock)
+    for gap_s in (0.01, timing.MAX_POLL_GAP_S, 0.3, 2.0, 0.0):
         clock.now_s += gap_s
         latency.frame_read()
     assert latency.late_s == pytest.approx(0.2 + 1.9)
@@ -322,7 +296,7 @@ def test_listened_time_never_exceeds_elapsed_time(clock):
 @pytest.mark.parametrize("step_s", [-3600.0, -0.5, -0.02, 0.02, 0.5, 3600.0])
 def test_clock_step_does_not_exceed_possible_frame_age(clock, step_s):
     offset_s = 0.0
-    latency = LatencyMonitor(clock, lambda: clock.stamps() + offset_s)
+    latency = timing.LatencyMonitor(clock, lambda: clock.stamps() + offset_s)
     for cycle in range(30):
         latency.queue_empty(clock.now_s)
         stamp_s = clock.stamps() + offset_s
@@ -338,7 +312,7 @@ def test_clock_step_does_not_exceed_possible_frame_age(clock, step_s):
 
 def test_backlog_is_measured_by_stamps(clock):
     """A frame every millisecond, and 1.2 ms to process each: the queue is never empty, and polls never pause."""
-    latency = LatencyMonitor(clock, clock.stamps)
+    latency = timing.LatencyMonitor(clock, clock.stamps)
     latency.queue_empty(clock.now_s)
     arrived_s = clock.now_s
     for _ in range(3000):
@@ -355,36 +329,37 @@ def test_backlog_is_measured_by_stamps(clock):
     ("own_stamps", "stamp_s"), [(False, 0.0), (False, 12.5), (False, TIME_OF_DAY_S), (True, 0.0)]
 )
 def test_frame_without_own_stamp_has_no_latency(clock, own_stamps, stamp_s):
-    latency = LatencyMonitor(clock, clock if own_stamps else None)
+    latency = timing.LatencyMonitor(clock, clock if own_stamps else None)
     latency.queue_empty(clock.now_s)
     clock.now_s += 5.0
     assert latency.frame_read(stamp_s) == 0.0
 
 
-@pytest.mark.parametrize("interface", ["socketcan", "loopback", "udp_multicast", "virtual"])
-def test_local_interfaces_stamp_by_time_of_day(interface):
-    stamps = stamping_clock(BusSettings(interface=interface))
-    assert stamps() == pytest.approx(time.time(), abs=1.0)
-
-
-@pytest.mark.parametrize("interface", ["slcan", "kvaser", "pcan", "gs_usb", "socketcand", "vector"])
-def test_adapters_have_no_stamping_clock(interface):
-    assert stamping_clock(BusSettings(interface=interface)) is None
+@pytest.mark.parametrize(
+    ("clock", "interfaces"),
+    [
+        (time.time, "socketcan loopback udp_multicast virtual"),
+        (None, "slcan kvaser pcan gs_usb socketcand vector"),
+    ],
+)
+def test_only_local_interfaces_have_a_stamping_clock(clock, interfaces):
+    for interface in interfaces.split():
+        assert stamping_clock(BusSettings(interface=interface)) is clock
 
 
 @pytest.mark.parametrize(("arm_waits", "times"), [(False, 1), (True, 0)])
 def test_waiting_arm_has_no_latency(clock, arm_waits, times):
-    latency = LatencyMonitor(clock, arm_waits=arm_waits)
+    latency = timing.LatencyMonitor(clock, arm_waits=arm_waits)
     clock.now_s += 2.0
     latency.frame_read()
     assert latency.lateness.times == times
 
 
 def test_each_latency_is_counted_once(clock):
-    latency = LatencyMonitor(clock)
+    latency = timing.LatencyMonitor(clock)
     clock.now_s += 5.0  # before monitoring begins
     latency.begin()
-    for gap_s in (0.1, REPORTED_S - 0.01, 0.8, 0.05, 0.4, *[0.05] * 50, 0.5):
+    for gap_s in (0.1, timing.REPORTED_S - 0.01, 0.8, 0.05, 0.4, *[0.05] * 50, 0.5):
         clock.now_s += gap_s
         latency.frame_read()
         latency.queue_empty(clock.now_s)

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from hardware.arm_description import ArmDescription
 from hardware.buses.python_can import ArmOnBus, BusOpeners, BusSettings
 from hardware.canopen.bus_profile import BusProfile
 from hardware.control.canopen_arm import CanopenArm
@@ -12,12 +13,13 @@ from tests.oracles.profiles import sarcos
 
 
 def fast_arm(
-    arm: ArmModel,
+    arm: ArmModel | ArmDescription,
     settings: BusSettings,
     profile: BusProfile | None = None,
     *,
     patience_s: float,
     answers_s: float | None = None,
+    pace: Pace = Pace.FAST_FORWARD,
     openers: BusOpeners | None = None,
     **waits: Any,
 ) -> CanopenArm:
@@ -26,10 +28,10 @@ def fast_arm(
     if answers_s is not None:
         waits["answer_timeouts_s"] = dict.fromkeys(Pace, answers_s)
     on_bus = ArmOnBus(
-        describe(arm),
+        describe(arm) if isinstance(arm, ArmModel) else arm,
         settings,
         profile or sarcos(),
-        pace=Pace.FAST_FORWARD,
+        pace=pace,
         timing=Timing(**waits),
         openers=openers or BusOpeners(),
     )

@@ -131,7 +131,7 @@ class Drive(canopen.LocalNode):
             super().set_data(index, subindex, data)
         self._before.clear()
 
-    def held(self, index: int, subindex: int) -> int:
+    def value_of(self, index: int, subindex: int) -> int:
         return int.from_bytes(self.get_data(index, subindex), "little")
 
     def _allow(self, index: int, subindex: int, value: int) -> None:
@@ -140,18 +140,18 @@ class Drive(canopen.LocalNode):
         if self.nmt.state not in ("PRE-OPERATIONAL", "INITIALISING"):
             raise SdoAbortedError(NOT_NOW)
         if index & 0xFE00 in (0x1400, 0x1800) and subindex == 1:
-            current = self.held(index, 1)
+            current = self.value_of(index, 1)
             changed = (current ^ value) & ~NOT_VALID
             if not current & NOT_VALID and not value & NOT_VALID and changed:
                 raise SdoAbortedError(NOT_NOW)
         if index & 0xFE00 in (0x1600, 0x1A00):
-            if not self.held(index - 0x200, 1) & NOT_VALID:
+            if not self.value_of(index - 0x200, 1) & NOT_VALID:
                 raise SdoAbortedError(NOT_NOW)
-            if subindex and self.held(index, 0):
+            if subindex and self.value_of(index, 0):
                 raise SdoAbortedError(NOT_NOW)
             if subindex and value >> 16 not in self.object_dictionary:
                 raise SdoAbortedError(CANNOT_BE_MAPPED)
-            if not subindex and sum(self.held(index, k + 1) & 0xFF for k in range(value)) > 64:
+            if not subindex and sum(self.value_of(index, k + 1) & 0xFF for k in range(value)) > 64:
                 raise SdoAbortedError(TOO_LONG)
 
 

@@ -29,7 +29,6 @@ def accepted(run_command, tmp_path, monkeypatch):
 
 @pytest.fixture
 def arm_file(accepted, arm):
-    """Write `arm.yaml` of this arm."""
     if arm == "panda":
         accepted("new arm --from franka_panda -o arm.yaml")
     else:

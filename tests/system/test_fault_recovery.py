@@ -4,7 +4,6 @@ import os
 import signal
 import subprocess
 from collections import Counter
-from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 
@@ -15,7 +14,7 @@ from hardware.buses.python_can import BusSettings, open_bus
 from tests.oracles.journal_events import event_data
 from tests.oracles.own_process import controller, finished, start, wait_for_poses
 
-pytestmark = pytest.mark.real_time
+pytestmark = [pytest.mark.real_time, pytest.mark.campaign]
 
 PATIENCE_S = 240
 PATIENT = ("--heartbeat-timeout", "5")
@@ -24,7 +23,6 @@ PATIENT = ("--heartbeat-timeout", "5")
 
 @pytest.fixture
 def bus(request):
-    """Options that name a bus of the test's own."""
     return ("-i", "loopback", "-c", f"fault-{os.getpid()}-{request.node.name[:24]}")
 
 
@@ -48,32 +46,30 @@ def run_until_fault(root: Path, bus: tuple[str, ...], *, poses: int = 40) -> tup
 
 
 def freeze(
-    run: subprocess.Popen[str], bus: BusSettings, ends: Callable[[can.Message], bool]
+    run: subprocess.Popen[str],
+    bus: tuple[str, ...],
+    identifier: int,
+    data: bytes = b"",
+    times: int = 1,
 ) -> None:
-    """Stop the process until a frame on the bus ends its freeze."""
-    listener = open_bus(bus)
+    """Stop the process until so many frames with this identifier and beginning came."""
+    listener = open_bus(BusSettings(interface="loopback", channel=bus[-1]))
     run.send_signal(signal.SIGSTOP)
     while listener.recv(0.0) is not None:
         pass  # frames from before the freeze
-    while True:
+    while times > 0:
         frame = listener.recv(PATIENCE_S)
         assert frame is not None
-        if ends(frame):
-            break
+        times -= frame.arbitration_id == identifier and frame.data.startswith(data)
     run.send_signal(signal.SIGCONT)
     listener.shutdown()
 
 
-@pytest.mark.campaign
 def test_resume_succeeds_after_frozen_operator_trips_drives(tmp_path, bus):
     with controller(tmp_path, *bus):
         run = start(tmp_path, "run", "hinge", *bus, "--poses", "5")
         folder = wait_for_poses(tmp_path / "sessions", 1, run)
-        freeze(
-            run,
-            BusSettings(interface="loopback", channel=bus[-1]),
-            lambda frame: frame.arbitration_id == 0x081 and frame.data[:2] == b"\x30\x81",
-        )
+        freeze(run, bus, 0x081, b"\x30\x81")
         errors = finished(run, 3).err
         assert "heartbeat lost (8130h)" in errors
         assert resume_command(folder) in errors
@@ -84,24 +80,16 @@ def test_resume_succeeds_after_frozen_operator_trips_drives(tmp_path, bus):
     assert pose_numbers(folder)[: len(poses)] == poses
 
 
-@pytest.mark.campaign
 def test_freeze_of_0_3_s_trips_no_drive_and_loses_no_pose(tmp_path, bus):
     with controller(tmp_path, *bus):
         run = start(tmp_path, "run", "hinge", *bus, "--poses", "5", "--json")
         folder = wait_for_poses(tmp_path / "sessions", 1, run)
-        heartbeats = iter((False, False, True))  # of joint 1, one every 0.1 s
-        freeze(
-            run,
-            BusSettings(interface="loopback", channel=bus[-1]),
-            lambda frame: frame.arbitration_id == 0x701 and next(heartbeats),
-        )
+        freeze(run, bus, 0x701, times=3)  # heartbeats of joint 1, one every 0.1 s
         completed = finished(run, 0, 4)
     assert "heartbeat lost" not in completed.err
-    assert completed.json["poses"] == 5
-    assert pose_numbers(folder) == [1, 2, 3, 4, 5]
+    assert (completed.json["poses"], pose_numbers(folder)) == (5, [1, 2, 3, 4, 5])
 
 
-@pytest.mark.campaign
 def test_reset_and_resume_succeed_after_torque_trip(tmp_path, bus):
     fault = ("--fault", "collision", "--fault-joint", "4", "--fault-sync", "1500")
     with controller(tmp_path, *bus, *PATIENT, *fault):
@@ -125,7 +113,6 @@ def test_reset_and_resume_succeed_after_torque_trip(tmp_path, bus):
         assert second_reset.json == {"cleared": [], "left": []}
 
 
-@pytest.mark.campaign
 def test_reset_reports_external_stop_that_is_still_pressed(tmp_path, bus):
     fault = ("--fault", "external-stop", "--fault-sync", "300")
     with controller(tmp_path, *bus, *PATIENT, *fault):
@@ -138,7 +125,6 @@ def test_reset_reports_external_stop_that_is_still_pressed(tmp_path, bus):
         assert "release the external stop" in errors
 
 
-@pytest.mark.campaign
 def test_arm_is_not_reported_as_held_after_controller_dies(tmp_path, bus):
     with controller(tmp_path, *bus) as (process, _):
         run = start(tmp_path, "run", "hinge", *bus, "--poses", "40")
@@ -152,7 +138,6 @@ def test_arm_is_not_reported_as_held_after_controller_dies(tmp_path, bus):
     assert "held" not in errors
 
 
-@pytest.mark.campaign
 @pytest.mark.parametrize("existing", [False, True])
 def test_failed_connection_removes_only_new_folders(tmp_path, run_command, bus, existing):
     sessions = tmp_path / "new" / "s"
@@ -164,7 +149,6 @@ def test_failed_connection_removes_only_new_folders(tmp_path, run_command, bus, 
     assert sorted(tmp_path.rglob("*")) == ([sessions.parent, sessions] if existing else [])
 
 
-@pytest.mark.campaign
 def test_arm_check_without_answer_reports_that_nothing_was_enabled(run_command, bus):
     report = run_command(3, "arm-check", *bus).out
     assert "no answer from nodes" in report
@@ -172,7 +156,6 @@ def test_arm_check_without_answer_reports_that_nothing_was_enabled(run_command, 
     assert "Nothing was enabled: there is no connection to the arm." in report
 
 
-@pytest.mark.campaign
 def test_automatic_stop_is_reported_after_its_cause(tmp_path, bus):
     fault = ("--fault", "stray", "--fault-joint", "5", "--fault-sync", "500")
     with controller(tmp_path, *bus, *fault):
@@ -184,7 +167,6 @@ def test_automatic_stop_is_reported_after_its_cause(tmp_path, bus):
     assert fault["joint"] == 5
 
 
-@pytest.mark.campaign
 def test_drive_disabled_at_the_drive_is_enabled_only_on_resuming(tmp_path, bus):
     fault = ("--fault", "lost-enable", "--fault-joint", "3", "--fault-sync", "700")
     with controller(tmp_path, *bus, *fault):
@@ -196,7 +178,6 @@ def test_drive_disabled_at_the_drive_is_enabled_only_on_resuming(tmp_path, bus):
     assert resumed.json["poses"] == 6
 
 
-@pytest.mark.campaign
 def test_probe_and_monitor_report_bus_traffic(tmp_path, bus):
     assert "no node answers" in finished(start(tmp_path, "probe", *bus), 3).err
     with controller(tmp_path, *bus, *PATIENT):
@@ -242,7 +223,6 @@ def count_frames(frames: list[can.Message]) -> Counter[tuple[int, bytes]]:
     return Counter((frame.arbitration_id, bytes(frame.data)) for frame in frames)
 
 
-@pytest.mark.campaign
 def test_arm_check_enables_nothing_without_consent(tmp_path, bus):
     with controller(tmp_path, *bus, "--record", "all.log") as (process, _):
         look = ("arm-check", *bus, "--through", "look", "--json", "--record", "look.log")

@@ -8,13 +8,8 @@ import pytest
 from hardware.virtual.faults import lose_counts
 from operator_app.errors import GuardError
 from operator_app.headless.procedure_run import run
+from operator_app.session.workflow import drive_selection
 from operator_app.session.workflow.capture import take_poses
-from operator_app.session.workflow.drive_selection import (
-    BOX_MARGIN_RAD,
-    drive_box,
-    go_home,
-    waypoints_of,
-)
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
 from tests.oracles.bench import Bench
@@ -34,7 +29,6 @@ def bench(tmp_path):
 
 
 def accepted_folder(bench: Bench) -> Path:
-    """Run an accepted calibration and return its session folder."""
     result = bench.calibrated()
     assert result.solution.accepted, result.solution.reasons
     return result.exported.parameters.parent
@@ -82,7 +76,7 @@ def test_arm_outside_box_moves_only_after_consent(bench):
 def test_go_home_reaches_home_and_is_journalled(bench):
     with bench.session() as session:
         move_joint(session, 1, 60.0)
-        go_home(session)
+        drive_selection.go_home(session)
         distance_rad = np.abs(session.arm.snapshot().positions_rad - session.model.home_rad)
         # The free joints follow; the true loop closes within a degree of the nominal home.
         assert distance_rad.max() < np.deg2rad(1.0)
@@ -93,17 +87,19 @@ def test_go_home_reaches_home_and_is_journalled(bench):
 def test_box_and_waypoints_are_relative_to_home(bench):
     with bench.session() as session:
         move_joint(session, 1, 20.0)
-        waypoints_away = waypoints_of(session)
-        box = drive_box(session)
+        waypoints_away = drive_selection.waypoints_of(session)
+        box = drive_selection.drive_box(session)
     with bench.session() as session:
         session.connect()
         session.set_modes((1, 5))
-        assert waypoints_of(session) == waypoints_away
+        assert drive_selection.waypoints_of(session) == waypoints_away
         assert session.state.start_rad is not None
         home = session.model.home_rad
         assert np.allclose(box.centre_rad, home[[0, 4]])
         for target in waypoints_away:
             for joint, low, high in ((1, -30.0, 48.0), (5, -70.0, 0.0)):
                 assert np.deg2rad(low) <= target[joint] - home[joint - 1] <= np.deg2rad(high)
-        beyond = drive_box(session).beyond_rad(home + np.deg2rad(50.0))
-        assert beyond.min() > BOX_MARGIN_RAD or beyond[0] == pytest.approx(np.deg2rad(2.0))
+        beyond = drive_selection.drive_box(session).beyond_rad(home + np.deg2rad(50.0))
+        assert beyond.min() > drive_selection.BOX_MARGIN_RAD or beyond[0] == pytest.approx(
+            np.deg2rad(2.0)
+        )

@@ -3,7 +3,6 @@
 import os
 import re
 import signal
-import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -18,7 +17,7 @@ from tests.oracles.own_process import controller, wait_for_poses
 from tests.oracles.pty_program import WALK, PtyProgram
 from tests.oracles.terminal import PATIENCE_S, POLL_S, Terminal, select
 
-pytestmark = [pytest.mark.needs("tmux"), pytest.mark.real_time]
+pytestmark = [pytest.mark.needs("tmux"), pytest.mark.real_time, pytest.mark.campaign]
 
 SARCAL = (str(Path(sys.executable).with_name("sarcal")), "--seed", "1", "--speed", "8")
 POSES = 10
@@ -57,27 +56,23 @@ def answer(t: Terminal, question: str, *keys: str) -> None:
 
 
 def start_capture(t: Terminal, *, poses: int = 2) -> None:
-    """Start automatic capture and wait for this many poses."""
     walk_to_capture(t)
     t.keys("Enter")
     t.until(lambda screen: re.search(rf"Poses +[{poses}-9]/10", screen) is not None)
 
 
 def walk_to_capture(t: Terminal) -> None:
-    """Follow the footer from Connect to Capture."""
     follow(t, "Enter Connect", "Enter Fixture", "Enter Tick", "Enter Modes")
     apply_modes(t)
 
 
 def apply_modes(t: Terminal) -> None:
-    """Follow the footer from Modes to Capture."""
     follow(t, "Enter Apply modes")
     answer(t, "Apply the modes?", "y")
     follow(t, "Enter Capture")
     t.until("Enter Automatic")
 
 
-@pytest.mark.campaign
 @pytest.mark.parametrize("size", [SIZE, (80, 24)])
 def test_session_killed_during_capture_is_resumed_and_exported(terminal, tmp_path, size):
     t = terminal(size=size)
@@ -109,14 +104,12 @@ def test_session_killed_during_capture_is_resumed_and_exported(terminal, tmp_pat
     assert state.exported["uploaded"]["slot"]
 
 
-@pytest.mark.campaign
 def test_enter_before_the_first_screen_connects(terminal):
     t = terminal()
     t.keys("Enter")
     t.until("Enter Fixture")
 
 
-@pytest.mark.campaign
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_signal_during_capture_closes_the_journal(terminal, tmp_path, number):
     t = terminal()
@@ -152,7 +145,6 @@ def capturing(folder: Path) -> Iterator[PtyProgram]:
     assert_journal_closed(folder)
 
 
-@pytest.mark.campaign
 def test_sigcont_after_terminal_loss_ends_the_program(tmp_path):
     """SIGCONT makes Textual restart on a terminal that no longer exists."""
     with capturing(tmp_path) as program:
@@ -160,7 +152,6 @@ def test_sigcont_after_terminal_loss_ends_the_program(tmp_path):
         program.process.send_signal(signal.SIGCONT)
 
 
-@pytest.mark.campaign
 @pytest.mark.parametrize("after_s", [0.2, 1.0, 4.0])
 def test_terminal_loss_without_a_signal_ends_the_program(tmp_path, after_s):
     program = PtyProgram([*SARCAL, "--poses", "40"], size=SIZE, folder=tmp_path)
@@ -174,7 +165,6 @@ def test_terminal_loss_without_a_signal_ends_the_program(tmp_path, after_s):
         program.close()
 
 
-@pytest.mark.campaign
 def test_unread_terminal_ends_motion_and_signals_end_the_program(tmp_path):
     with capturing(tmp_path) as program:
         program.stop_reading()
@@ -192,14 +182,6 @@ def test_unread_terminal_ends_motion_and_signals_end_the_program(tmp_path):
             select(POLL_S)
 
 
-def test_unknown_procedure_is_reported_without_a_screen(tmp_path):
-    program = PtyProgram([SARCAL[0], "--procedure", "nope"], size=SIZE, folder=tmp_path)
-    program.seen("neither a built-in procedure nor a file", 0)
-    assert program.process.wait(PATIENCE_S) == 2
-    program.close()
-
-
-@pytest.mark.campaign
 def test_silent_bus_and_restarted_controller_lose_no_pose(terminal, tmp_path):
     bus = ("-i", "loopback", "-c", f"app-{os.getpid()}")
     with controller(tmp_path, *bus, "--seed", "1") as (node, _):
@@ -241,7 +223,6 @@ def apply_modes_again(t: Terminal) -> None:
     apply_modes(t)
 
 
-@pytest.mark.campaign
 def test_no_color_and_ascii_are_respected(terminal):
     t = terminal("--ascii", environment={"NO_COLOR": "1"})
     walk_to_capture(t)
@@ -251,11 +232,3 @@ def test_no_color_and_ascii_are_respected(terminal):
     # Bold, underline, reverse and their ends, and the default colours.
     assert codes <= {"", "0", "1", "4", "7", "22", "24", "27", "39", "49"}, codes
     assert screen.isascii()
-
-
-def test_app_without_a_terminal_suggests_plain_mode():
-    result = subprocess.run(
-        SARCAL, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False
-    )
-    assert result.returncode == 2
-    assert "--plain" in result.stderr

@@ -1,4 +1,4 @@
-"""Signals, pipes and threads at the end of the program: it ends, and its exit code gives the reason."""
+"""Signals, pipes, terminals and threads at the end of the program: it ends, and its exit code gives the reason."""
 
 import itertools
 import signal
@@ -10,6 +10,7 @@ from contextlib import suppress
 import pytest
 
 from tests.oracles.own_process import SARCAL, finished, start
+from tests.oracles.pty_program import PtyProgram
 
 
 def test_tracker_still_writing_does_not_change_exit_code(tmp_path):
@@ -85,3 +86,18 @@ def test_run_under_nohup_ignores_a_hang_up(tmp_path):
         process.send_signal(signal.SIGHUP)
         errors = process.stderr.read()
     assert process.returncode in (0, 4), errors
+
+
+def test_unknown_procedure_is_reported_without_a_screen(tmp_path):
+    program = PtyProgram([*SARCAL, "--procedure", "nope"], size=(120, 36), folder=tmp_path)
+    program.seen("neither a built-in procedure nor a file", 0)
+    assert program.process.wait(240) == 2
+    program.close()
+
+
+def test_app_without_a_terminal_suggests_plain_mode():
+    result = subprocess.run(
+        SARCAL, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False
+    )
+    assert result.returncode == 2
+    assert "--plain" in result.stderr

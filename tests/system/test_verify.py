@@ -22,7 +22,6 @@ def sessions(tmp_path_factory):
 
 
 def hinge_session(folder: Path) -> None:
-    """Run one session of the hinge."""
     assert main(["run", "hinge", "--poses", "15", "--sessions", str(folder)]) == 0
 
 
@@ -30,9 +29,7 @@ def test_calibration_holds_on_new_poses_of_the_arm(sessions, run_command):
     options = ["--sessions", str(sessions), "--poses", "6", "--json"]
     (session,) = sessions.iterdir()
     result = run_command(0, "verify", session.name, *options).json
-    assert result["verdict"] == "holds"
-    assert result["poses"] == 6
-    assert result["odd_poses"] == []
+    assert (result["verdict"], result["poses"], result["odd_poses"]) == ("holds", 6, [])
     assert result["sigma_pos_mm"]["rms"] < 0.2 * result["nominal"]["sigma_pos_mm"]["rms"]
 
     # The journal of the session has them; its calibration does not use them.

@@ -6,17 +6,15 @@ from functools import partial
 
 import pytest
 
-from hardware.buses.python_can import ArmOnBus, BusSettings, open_bus
+from hardware.buses.python_can import BusSettings, open_bus
 from hardware.control.canopen_arm import CanopenArm
-from hardware.timing import Pace, Timing
 from hardware.virtual.axis import arm_axes
 from hardware.virtual.controller import VirtualController
 from hardware.virtual.scenarios import scenario
 from hardware.virtual.supervisor_node import ArmLabel
-from operator_app.composition import describe
 from operator_app.config.arm_file import load_arm
 from tests.hardware.control.canopen_arm.conftest import drive
-from tests.oracles.profiles import sarcos
+from tests.oracles.fast_arm import fast_arm
 from tests.oracles.virtual_rig import parse
 
 SERIAL = "SDA-0007"
@@ -26,28 +24,24 @@ MODEL = SCENARIO.arm(load_arm("sarcos_dextrous"))
 
 @contextmanager
 def controller_on(settings: BusSettings) -> Iterator[VirtualController]:
-    bus = open_bus(settings)
-    try:
-        with VirtualController(
+    with (
+        open_bus(settings) as bus,
+        VirtualController(
             bus,
             SCENARIO.build(MODEL),
             axes=arm_axes(MODEL),
             arm=ArmLabel(model=MODEL.name, serial_number=SERIAL),
             validate=partial(parse, of=arm_axes(MODEL)),
             heartbeat_timeout_s=10.0,  # both ends share a processor, without real-time priority
-        ) as controller:
-            yield controller
-        assert controller.failure is None
-    finally:
-        bus.shutdown()
+        ) as controller,
+    ):
+        yield controller
+    assert controller.failure is None
 
 
-def operator_on(settings: BusSettings, timing: Timing | None = None) -> CanopenArm:
+def operator_on(settings: BusSettings, **waits: float) -> CanopenArm:
     """Return the operator's side of the arm, not connected."""
-    timing = timing or Timing(listen_s=0.15)
-    return CanopenArm(
-        ArmOnBus(describe(MODEL), settings, sarcos(), pace=Pace.FAST_FORWARD, timing=timing)
-    )
+    return fast_arm(MODEL, settings, patience_s=10.0, listen_s=0.15, **waits)
 
 
 @pytest.fixture

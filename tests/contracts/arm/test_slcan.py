@@ -5,7 +5,6 @@ import pytest
 
 from hardware.arm import DriveState
 from hardware.buses.python_can import BusSettings, open_bus
-from hardware.timing import Pace, Timing
 from tests.contracts.arm.conftest import controller_on, operator_on
 from tests.hardware.control.canopen_arm.conftest import drive, wait_for
 from tests.oracles.slcan_adapter import slcan_adapter
@@ -13,15 +12,11 @@ from tests.oracles.slcan_adapter import slcan_adapter
 
 def test_arm_moves_and_stops_over_slcan():
     inside = BusSettings(interface="loopback", channel=f"slcan-{os.getpid()}")
-    bus = open_bus(inside)
-    with controller_on(inside), slcan_adapter(bus) as (port, commands):
+    with open_bus(inside) as bus, controller_on(inside), slcan_adapter(bus) as (port, commands):
         line = BusSettings(
             interface="slcan", channel=port, bitrate=1_000_000, options={"sleep_after_open": 0.0}
         )
-        patient = Timing(
-            answer_timeouts_s=dict.fromkeys(Pace, 2.0), heartbeat_timeout_s=10.0, lost_after_s=10.0
-        )
-        with closing(operator_on(line, patient)) as arm:
+        with closing(operator_on(line, answers_s=2.0)) as arm:
             arm.connect()
             drive(arm)
             start = arm.snapshot().positions_rad
@@ -35,4 +30,3 @@ def test_arm_moves_and_stops_over_slcan():
             assert commands.count("O") <= 2
             assert commands[-1] == "O"
         assert "S8" in commands
-    bus.shutdown()

@@ -59,8 +59,7 @@ def test_invalid_environment_variable_is_a_bus_error(monkeypatch, variable, valu
 
 
 @pytest.mark.parametrize(
-    ("code", "channel"),
-    [(19, "can0"), *((code, "vcan0") for code in (1, 5, 13, 19, 93, 97, 100))],
+    ("code", "channel"), [(19, "can0"), *((code, "vcan0") for code in (1, 5, 13, 19, 93, 97, 100))]
 )
 def test_kernel_error_message_names_remedy(code, channel, approve):
     settings = BusSettings(interface="socketcan", channel=channel, bitrate=500_000)

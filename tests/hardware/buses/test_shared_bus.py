@@ -44,8 +44,7 @@ def test_frame_refused_by_a_full_queue_is_sent_again_and_counted(error):
     shared = SharedBus(bus, send_timeout_s=5.0)
     shared.send(0x201, b"1")
     shared.send(0x080, b"")
-    assert bus.sent == [0x201, 0x080]
-    assert shared.queue_full == 3
+    assert (bus.sent, shared.queue_full) == ([0x201, 0x080], 3)
 
 
 def test_queue_full_until_the_timeout_raises_bus_error():
@@ -63,8 +62,7 @@ def test_other_send_error_raises_bus_error_at_once():
     shared = SharedBus(bus, send_timeout_s=5.0)
     with pytest.raises(BusError, match="Check adapter"):
         shared.send(0x080, b"")
-    assert bus.refusals == 0
-    assert shared.queue_full == 0
+    assert (bus.refusals, shared.queue_full) == (0, 0)
 
 
 def frame(number: int, stamp: float) -> can.Message:
@@ -105,6 +103,17 @@ def test_frames_received_late_are_recorded_in_order(tmp_path, suffix):
     frames = read_recording(tmp_path / f"bus{suffix}")
     assert [number for number, _ in frames] == list(range(3000))
     assert [stamp for _, stamp in frames] == pytest.approx(stamps, abs=1e-5)
+
+
+@pytest.mark.parametrize("suffix", [".blf", ".asc", ".log"])
+def test_channel_name_ending_in_digits_is_recorded(tmp_path, suffix):
+    """python-can packs the number at the end of a channel's name into two bytes."""
+    recording, message = Recording(tmp_path / f"bus{suffix}"), frame(0x701, 1.7e9)
+    message.channel = "bench-4294967296"
+    recording.record(message)
+    recording.close()
+    assert recording.failure is None
+    assert [number for number, _ in read_recording(tmp_path / f"bus{suffix}")] == [0x701]
 
 
 def test_frames_with_equal_timestamps_keep_their_order(tmp_path):

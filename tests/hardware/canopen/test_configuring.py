@@ -5,16 +5,9 @@ from dataclasses import replace
 
 import pytest
 
+from hardware import errors
 from hardware.arm import DriveState, JointMode
 from hardware.canopen.bus_profile import BusProfile
-from hardware.errors import (
-    MappingMismatch,
-    NodeMissing,
-    PdoSetupFailed,
-    Stopped,
-    WrongArm,
-    ZeroingFailed,
-)
 from operator_app.config.profile_file import parse_profile
 from tests.hardware.conftest import JOINTS, PER_RAD, unconnected
 from tests.hardware.control.canopen_arm.conftest import make, wait_for
@@ -41,7 +34,7 @@ MINUS_50 = struct.pack("<h", -50)
 
 def maps_are_restored(foreign: ForeignArm) -> bool:
     """Whether all drives have their original PDOs."""
-    cob_ids = [(node.held(0x1401, 1), node.held(0x1803, 1)) for node in foreign.nodes]
+    cob_ids = [(node.value_of(0x1401, 1), node.value_of(0x1803, 1)) for node in foreign.nodes]
     return cob_ids == [(0x300 + node, 0x480 + node) for node in (1, 2, 3, 4)]
 
 
@@ -50,7 +43,7 @@ def profile(text: str = PROFILE) -> BusProfile:
 
 
 def test_other_map_is_refused_or_written_as_the_profile_states(foreign, connect):
-    with pytest.raises(MappingMismatch, match="node 1, 1601h") as refused:
+    with pytest.raises(errors.MappingMismatch, match="node 1, 1601h") as refused:
         connect(profile(PROFILE.replace("configured", "compared")))
     assert len(refused.value.differences) == JOINTS * 6
     assert not any(node.written for node in foreign.nodes)
@@ -112,14 +105,14 @@ def test_equal_map_is_not_written(foreign, connect):
 def test_conflicting_pdo_is_disabled_first(foreign, connect):
     connect(profile(PROFILE.replace("200h + node", "400h + node")))
     node = foreign.nodes[1]
-    assert node.held(0x1402, 1) == NOT_VALID | 0x402
-    assert node.held(0x1401, 1) == 0x402
+    assert node.value_of(0x1402, 1) == NOT_VALID | 0x402
+    assert node.value_of(0x1401, 1) == 0x402
     assert node.written[0] == (0x1402, 1, NOT_VALID | 0x402)
 
 
 def test_fixed_map_is_reported_and_other_maps_are_restored(foreign, connect):
     foreign.nodes[2].fixed.add(0x1A02)
-    with pytest.raises(PdoSetupFailed) as refused:
+    with pytest.raises(errors.PdoSetupFailed) as refused:
         connect(profile())
     (refusal,) = refused.value.refusals
     assert refusal.startswith("joint 3 (node 3): node 3 refused 1A02h sub 0: ")
@@ -139,7 +132,7 @@ def test_drive_that_confirms_a_map_and_ignores_it_is_reported(foreign, connect):
             write(index, subindex, data, check_writable)
 
     drive.set_data = confirm
-    with pytest.raises(PdoSetupFailed) as refused:
+    with pytest.raises(errors.PdoSetupFailed) as refused:
         connect(profile())
     (refusal,) = refused.value.refusals
     assert refusal.startswith("node 3, 1A02h: expected TPDO3 = ")
@@ -148,7 +141,7 @@ def test_drive_that_confirms_a_map_and_ignores_it_is_reported(foreign, connect):
 
 
 def test_missing_pdo_is_reported_before_anything_is_written(foreign, connect):
-    with pytest.raises(PdoSetupFailed) as refused:
+    with pytest.raises(errors.PdoSetupFailed) as refused:
         connect(profile(PROFILE.replace("pdo: 4", "pdo: 1")))
     assert refused.value.refusals[0] == (
         "node 1, 1800h: expected a PDO to set up, found no such object"
@@ -159,9 +152,9 @@ def test_missing_pdo_is_reported_before_anything_is_written(foreign, connect):
 
 def test_nothing_is_written_to_another_arm(foreign, connect):
     foreign.nodes[3].set_data(0x60C2, 1, b"\x04")
-    with pytest.raises(WrongArm, match="joint 4 has a control period"):
+    with pytest.raises(errors.WrongArm, match="joint 4 has a control period"):
         connect(profile())
-    with pytest.raises(NodeMissing, match="node 9"):
+    with pytest.raises(errors.NodeMissing, match="node 9"):
         connect(profile(PROFILE + "joints: [{joint: 2, node: 9}]\n"))
     assert not any(node.written for node in foreign.nodes)
 
@@ -173,14 +166,14 @@ def test_read_only_drive_connects_with_equal_maps_only():
     assert arm.connect().configured == ()
     arm.close()
     bus.objects[5, 0x1800, 2] = b"\xff"
-    with pytest.raises(PdoSetupFailed, match="node 5 refused 1800h sub 1"):
+    with pytest.raises(errors.PdoSetupFailed, match="node 5 refused 1800h sub 1"):
         arm.connect()
 
 
 def test_nonzero_target_torque_is_set_to_zero(foreign, connect):
     foreign.nodes[1].set_data(0x6071, 0, MINUS_50)
     arm = connect(profile())
-    assert foreign.nodes[1].held(0x6071, 0) == 0
+    assert foreign.nodes[1].value_of(0x6071, 0) == 0
     arm.close()
     foreign.nodes[1].set_data(0x6071, 0, MINUS_50)
     assert "joint 2 (node 2): 6071h is 0; it was -50" in arm.connect().configured
@@ -190,7 +183,7 @@ def test_target_torque_that_cannot_be_zeroed_is_an_error():
     """The fake drives refuse every write; their maps are equal."""
     bus = FakeArmBus()
     bus.objects[3, 0x6071, 0] = MINUS_50
-    with pytest.raises(ZeroingFailed) as refused:
+    with pytest.raises(errors.ZeroingFailed) as refused:
         make(bus, profile=replace(sarcos(), configures_pdos=True)).connect()
     (refusal,) = refused.value.refusals
     assert refusal.startswith("joint 3 (node 3): node 3 refused 6071h sub 0: ")
@@ -215,7 +208,7 @@ def test_stop_while_connecting_restores_maps_and_reports_zeroed_torque(settings,
             arm.stop()
 
     drive.set_data = write_and_stop
-    with pytest.raises(Stopped) as stopped:
+    with pytest.raises(errors.Stopped) as stopped:
         arm.connect()
     assert drive.written
     wait_for(lambda: maps_are_restored(foreign))
@@ -226,11 +219,11 @@ def test_stop_while_connecting_restores_maps_and_reports_zeroed_torque(settings,
 @pytest.mark.parametrize(
     ("index", "value", "error", "message"),
     [
-        (0x1005, b"\x81\0\0\0", MappingMismatch, "node 6, 1005h"),
-        (0x1014, b"\x99\0\0\0", MappingMismatch, "node 6, 1014h"),
-        (0x1016, b"\0", MappingMismatch, "node 6, 1016h"),
-        (0x1017, b"\x88\x13", MappingMismatch, "node 6, 1017h"),
-        (0x6076, ABSENT, WrongArm, "6076h"),
+        (0x1005, b"\x81\0\0\0", errors.MappingMismatch, "node 6, 1005h"),
+        (0x1014, b"\x99\0\0\0", errors.MappingMismatch, "node 6, 1014h"),
+        (0x1016, b"\0", errors.MappingMismatch, "node 6, 1016h"),
+        (0x1017, b"\x88\x13", errors.MappingMismatch, "node 6, 1017h"),
+        (0x6076, ABSENT, errors.WrongArm, "6076h"),
     ],
 )
 def test_nothing_is_written_to_drives_with_invalid_objects(index, value, error, message):

@@ -4,8 +4,9 @@ import math
 import os
 import signal
 import time
-from contextlib import AbstractContextManager, closing, nullcontext
+from contextlib import closing, nullcontext
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import can
@@ -14,7 +15,7 @@ from can.interfaces.virtual import VirtualBus
 
 from hardware.arm import ArmSnapshot, DriveState, MoveResult
 from hardware.arm_description import EncoderDescription, RvdtDescription
-from hardware.buses.python_can import BusSettings
+from hardware.buses.python_can import BusOpeners, BusSettings
 from hardware.canopen.objects import COB_HEARTBEAT, HEARTBEAT_CONSUMER, OPERATOR_NODE
 from hardware.commissioning.bench_check import NOT_TESTED, Bench, CheckFinding, Stage, check
 from hardware.commissioning.checks import Turn, is_interrupted
@@ -42,9 +43,8 @@ class User:
         return not any(phrase in question for phrase in self.refused)
 
 
-def running_bench(heartbeat_timeout_s: float = HEARTBEAT_TIMEOUT_S) -> AbstractContextManager[Rig]:
-    """Our own drives, each joint of which moves by itself."""
-    return rig(clock=time.monotonic, heartbeat_timeout_s=heartbeat_timeout_s)
+running_bench = partial(rig, clock=time.monotonic, heartbeat_timeout_s=HEARTBEAT_TIMEOUT_S)
+"""Our own drives, each joint of which moves by itself."""
 
 
 @pytest.fixture
@@ -117,8 +117,7 @@ def test_sound_arm_passes_every_stage_with_consent_per_motion(bench):
 def test_look_stage_needs_no_consent_and_enables_nothing(bench):
     user = User()
     findings = findings_of(arm_of(bench), user, Stage.LOOK)
-    assert failed(findings) == []
-    assert user.questions == []
+    assert (failed(findings), user.questions) == ([], [])
     assert all(command.mode is None for command in bench.plant.commands)
 
 
@@ -237,8 +236,9 @@ class WithoutOperators(VirtualBus):
 def test_second_operator_that_connects_is_reported(bench, same_bus):
     """On the same bus it has reset the nodes before it is refused by their holder: a finding as well."""
     arm = arm_of(bench)
+    without_operators = BusOpeners(main=lambda s: WithoutOperators(s.channel))
     with nullcontext(bench) if same_bus else running_bench() as other_bench:
-        other = arm_of(other_bench, opener=lambda s: WithoutOperators(s.channel))
+        other = arm_of(other_bench, openers=without_operators)
         arm.another = lambda: other
         findings = findings_of(arm, User(), Stage.LOOK)
     assert failed(findings) == [("one operator", None)]

@@ -33,9 +33,9 @@ def test_drive_without_reaction_to_the_timeout_fails_guard_clause(approve):
 @pytest.mark.parametrize(("window", "reported"), [(None, 0), (5000, 0), (0xFFFFFFFF, 1)])
 def test_following_error_check_that_is_off_is_reported(window, reported, approve):
     clauses = drive_settings([replace(DRIVE, following_window_counts=window)])
-    found = [clause for clause in clauses if clause.name == "following error"]
-    assert [clause.passed for clause in found] == [None] * reported
-    for clause in found:
+    clauses = [clause for clause in clauses if clause.name == "following error"]
+    assert [clause.passed for clause in clauses] == [None] * reported
+    for clause in clauses:
         approve(clause.text)
 
 

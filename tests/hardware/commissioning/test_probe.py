@@ -53,10 +53,8 @@ def test_probe_reports_problem_of_one_node(bus, attribute, value, words):
 
 def test_probe_checks_heartbeat_consumers(bus):
     """A wrong entry, which connecting refuses, is a problem; a missing one, or no reaction, is a note."""
-    for node in (1, 2):
-        bus.objects[node, 0x1016, 0] = b"\x01"
-        bus.objects[node, 0x1016, 1] = struct.pack("<L", 127 << 16 | 500 * (2 - node))
-    bus.objects |= {(4, *place): bus.objects[1, *place] for place in ((0x1016, 0), (0x1016, 1))}
+    for node, time_ms in ((1, 500), (2, 0), (4, 500)):
+        bus.set_heartbeat_consumers(node, (127, time_ms))
     bus.objects[4, 0x6007, 0] = bytes(2)
     nodes = {node.node: node for node in probe_of(bus).nodes}
     assert (nodes[1].problems, nodes[1].notes) == ((), ())

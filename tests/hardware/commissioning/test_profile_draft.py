@@ -34,7 +34,7 @@ def test_foreign_arm_with_wrong_profile_is_refused(foreign, connect):
     assert all(axis.word == 0 for axis in foreign.axes)
 
 
-def test_draft_describes_pdos_of_foreign_arm(settings, elsewhere):
+def test_foreign_arm_is_described_by_a_draft_and_moves_with_it(settings, elsewhere, connect):
     profile = drafted(settings)
     assert profile.drives == (11, 12, 23, 34)
     assert profile.supervisor is None
@@ -45,10 +45,7 @@ def test_draft_describes_pdos_of_foreign_arm(settings, elsewhere):
     assert third.answers[0].entries == ((0x6077, 0, 32), (0x6064, 0, 32))
     assert profile.compared == {0x60C2}
     assert all(axis.word == 0 for axis in elsewhere.axes), "a probe commands nothing"
-
-
-def test_foreign_arm_moves_with_drafted_profile(settings, elsewhere, connect):
-    arm = connect(drafted(settings))
+    arm = connect(profile)
     assert arm.snapshot().positions_rad == pytest.approx(
         [1000 * (k + 1) / PER_RAD for k in range(JOINTS)]
     )

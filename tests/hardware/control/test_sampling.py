@@ -38,7 +38,7 @@ def test_late_answer_restores_lost_joint():
     assert sampler.view.sample.missing == (2,)
 
 
-def duplicates(*answers: int, joints: int = 2) -> list[tuple[int, ...]]:
+def duplicates(*answers: int, joints: int) -> list[tuple[int, ...]]:
     """Return the reported duplicates at each SYNC if joint 1 answers so many times per SYNC, the others once."""
     sampler, reported = Sampler(frames_of(sarcos(joints)), max_misses=100, now_s=0.0), []
     for count in answers:
@@ -54,38 +54,23 @@ def duplicates(*answers: int, joints: int = 2) -> list[tuple[int, ...]]:
 
 
 @pytest.mark.parametrize(
-    ("answers", "reported"),
+    ("answers", "joints", "last_reports"),
     [
         # Two answers per SYNC on average, but never in ten samples in a row: the second answer of a joint
         # that answers last may come before or after the next SYNC.
-        pytest.param([2] * 12, (1,), id="twice"),
-        pytest.param([1, 3] * 30, (1,), id="once and three times"),
-        pytest.param([1, 2, 3, 2] * 15, (1,), id="two on average"),
-        pytest.param([1, 2, 1] * 200, (), id="twice in three"),
-        pytest.param([2, 2, 2, 1, 1, 1] * 200, (), id="twice half of the time"),
+        pytest.param([2] * 12, 2, [(1,)], id="twice"),
+        pytest.param([1, 3] * 30, 2, [(1,)], id="once and three times"),
+        pytest.param([1, 2, 3, 2] * 15, 2, [(1,)], id="two on average"),
+        pytest.param([1, 2, 1] * 200, 2, [()], id="twice in three"),
+        pytest.param([2, 2, 2, 1, 1, 1] * 200, 2, [()], id="twice half of the time"),
+        pytest.param([*[2] * 100, 1], 1, [(1,), ()], id="then once"),
+        pytest.param([*[0] * 30, 62], 1, [(1,)], id="those of two devices after a lag"),
+        pytest.param([*[0] * 30, 31, *[1] * 5] * 20, 1, [()] * 721, id="all at once"),
+        pytest.param([*[0] * 12, *[1] * 40, 13, *[1] * 5], 1, [()] * 59, id="after a lag"),
     ],
 )
-def test_persistent_second_answers_report_duplicate_node(answers, reported):
-    assert duplicates(*answers)[-1] == reported
-
-
-def test_single_answer_clears_duplicate_node():
-    assert duplicates(*[2] * 100, 1, joints=1)[-2:] == [(1,), ()]
-
-
-@pytest.mark.parametrize(
-    "answers",
-    [
-        pytest.param([*[0] * 30, 31, *[1] * 5] * 20, id="all at once"),
-        pytest.param([*[0] * 12, *[1] * 40, 13, *[1] * 5], id="after a lag"),
-    ],
-)
-def test_delayed_answers_of_one_device_are_no_duplicate(answers):
-    assert set(duplicates(*answers, joints=1)) == {()}
-
-
-def test_delayed_answers_of_two_devices_are_a_duplicate():
-    assert duplicates(*[0] * 30, 62, joints=1)[-1] == (1,)
+def test_persistent_second_answers_report_duplicate_node(answers, joints, last_reports):
+    assert duplicates(*answers, joints=joints)[-len(last_reports) :] == last_reports
 
 
 def test_sample_states_the_answers_that_joints_still_owe():

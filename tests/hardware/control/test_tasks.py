@@ -1,6 +1,7 @@
 """Ctrl-C at any point of a wait in the caller's thread never blocks the thread that receives and controls."""
 
 import gc
+import itertools
 import sys
 import threading
 from collections.abc import Callable
@@ -63,14 +64,12 @@ def ended() -> bool:
 
 def test_interrupted_wait_for_a_task_does_not_block_its_end(monkeypatch):
     monkeypatch.setattr(tasks, "_ALIVE_POLL_S", 1e-3)
-    opcode = 1
-    while True:
+    for opcode in itertools.count(1):
         task = LoopTask(_ for _ in ())
         if not interrupted_at(opcode, lambda task=task: task.wait(ended)):  # after one poll
             break
         assert ends(lambda task=task: task.finish(result=1)), opcode
         assert task.wait(ended)
-        opcode += 1
     assert opcode > 20
 
 
@@ -95,12 +94,10 @@ def test_interrupted_command_ends_at_rest_and_the_connection_stays(monkeypatch):
 
 
 def test_interrupted_sdo_access_does_not_block_the_next_answer():
-    opcode, step = 1, 3
-    while True:
+    for opcode in itertools.count(1, 3):
         access = ObjectAccess(lambda *_: None, [1], timeout_s=1e-3)
         access.deliver(0x581, bytes(8))  # the client discards an old answer first
         if not interrupted_at(opcode, lambda access=access: access.read_once(1, 0x1000)):
             break
         assert ends(lambda access=access: access.deliver(0x581, bytes(8))), opcode
-        opcode += step
     assert opcode > 100

@@ -1,4 +1,3 @@
-from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -12,18 +11,17 @@ from hardware.errors import CommandRefused, StopLatched
 from hardware.monitors.admission import admit, admit_move, not_enabled
 from tests.oracles.samples import sample
 
-ONE = (
-    JointLimits(
-        joint=1, lower_counts=-500, upper_counts=500, max_speed_rad_per_s=1.0, max_step_counts=10
-    ),
-)
-TWO = (
-    *ONE,
-    JointLimits(
-        joint=2, lower_counts=-50, upper_counts=50, max_speed_rad_per_s=2.0, max_step_counts=10
-    ),
-)
-THREE = (*TWO, replace(TWO[1], joint=3, lower_counts=-5000, upper_counts=5000))
+
+def limits(joint: int, counts: int, speed_rad_per_s: float) -> JointLimits:
+    return JointLimits(
+        joint=joint, lower_counts=-counts, upper_counts=counts, max_speed_rad_per_s=speed_rad_per_s,
+        max_step_counts=10,
+    )  # fmt: skip
+
+
+ONE = (limits(1, 500, 1.0),)
+TWO = (*ONE, limits(2, 50, 2.0))
+THREE = (*TWO, limits(3, 5000, 2.0))
 SCALES = tuple(JointScale(counts_per_rad=scale) for scale in (100.0, 1000.0, 500.0))
 ENABLED, QUICK_STOPPED, SWITCHED_ON, FAULTY = 0x0627, 0x0607, 0x0623, 0x0218
 ENABLE, SWITCH_ON, DISABLE, QUICK_STOP = 0x000F, 0x0007, 0x0000, 0x0002

@@ -2,7 +2,7 @@ from collections.abc import Iterable
 
 import pytest
 
-from hardware.canopen.cyclic import MAX_LATE_SYNCS, Sample, Setpoint
+from hardware.canopen.cyclic import MAX_LATE_SYNCS, Setpoint
 from hardware.monitors.following import (
     DIVERGED_SYNCS,
     LAG_SYNCS,
@@ -25,13 +25,6 @@ def first(divergences: tuple[Divergence, ...]) -> Divergence | None:
     return next(iter(divergences), None)
 
 
-def results_of(
-    monitor: FollowingMonitor | StandstillMonitor, samples: Iterable[Sample], *targets: Setpoint
-) -> list[Divergence | None]:
-    """Results of the samples, SYNC by SYNC."""
-    return [first(monitor.update(each, targets)) for each in samples]
-
-
 def follow(
     *errors: int, status: int = FOLLOWS, mode: int = CSP, missing: tuple[int, ...] = ()
 ) -> list[Divergence | None]:
@@ -41,7 +34,8 @@ def follow(
         for sync, error in enumerate(errors, FIRST_SYNC)
     )
     monitor = FollowingMonitor([WINDOW, WINDOW])
-    return results_of(monitor, samples, Setpoint(0x0F, 7, CSP), Setpoint(0x0F, 1000, mode))
+    targets = Setpoint(0x0F, 7, CSP), Setpoint(0x0F, 1000, mode)
+    return [first(monitor.update(each, targets)) for each in samples]
 
 
 def brake(
@@ -53,7 +47,8 @@ def brake(
         for sync, position in enumerate(counts, FIRST_SYNC - MIN_BRAKING_SYNCS)
     )
     monitor = StandstillMonitor([WINDOW, WINDOW])
-    return results_of(monitor, samples, Setpoint(0x0F, 7, CSP), Setpoint(0x0F, 9000, mode))
+    targets = Setpoint(0x0F, 7, CSP), Setpoint(0x0F, 9000, mode)
+    return [first(monitor.update(each, targets)) for each in samples]
 
 
 def stand(
@@ -148,19 +143,28 @@ def test_joint_stays_checked_when_bit_12_drops(following_syncs):
     assert later == {None}
 
 
-def move(lag: int, *, offset: int = 0) -> list[Divergence | None]:
-    """Results of a joint that moves 30 counts per SYNC forth and back, received `lag` SYNCs late."""
+def follow_path(
+    path: Iterable[tuple[int, ...]], *, overdue: tuple[int, ...] = ()
+) -> list[Divergence | None]:
+    """Results of one joint at these counts with these targets; a third number: whether its drive refuses them."""
     monitor = FollowingMonitor([WINDOW])
-    path = [*range(0, 6000, 30), *range(6000, 0, -30), *[0] * 200]
     return [
         first(
             monitor.update(
-                sample((FOLLOWS,), (path[max(sync - lag, 0)] + offset,), sync=sync, overdue=(lag,)),
+                sample((FOLLOWS,), (counts,), sync=sync, overdue=overdue),
                 (Setpoint(0x0F, target, CSP),),
+                (1,) if any(refuses) else (),
             )
         )
-        for sync, target in enumerate(path)
+        for sync, (counts, target, *refuses) in enumerate(path)
     ]
+
+
+def move(lag: int, *, offset: int = 0) -> list[Divergence | None]:
+    """Results of a joint that moves 30 counts per SYNC forth and back, received `lag` SYNCs late."""
+    targets = [*range(0, 6000, 30), *range(6000, 0, -30), *[0] * 200]
+    path = ((targets[max(k - lag, 0)] + offset, target) for k, target in enumerate(targets))
+    return follow_path(path, overdue=(lag,))
 
 
 @pytest.mark.parametrize("lag", [0, 1, 23, MAX_LATE_SYNCS])
@@ -176,35 +180,23 @@ def test_divergence_during_motion_is_reported_at_rest_at_the_latest(lag):
 
 def stall(speed_counts: int, **answers: tuple[int, ...]) -> tuple[int, Divergence]:
     """Return how many SYNCs after its stall a joint is reported, whose targets move on."""
-    monitor = FollowingMonitor([WINDOW])
-    for sync in range(1, 1000):
-        answer = sample((FOLLOWS,), (min(sync, 300) * speed_counts,), sync=sync, **answers)
-        found = first(monitor.update(answer, (Setpoint(0x0F, sync * speed_counts, CSP),)))
-        if found is not None:
-            return sync - 300, found
-    raise AssertionError("the stall is not detected")
+    path = ((min(sync, 300) * speed_counts, sync * speed_counts) for sync in range(1000))
+    results = enumerate(follow_path(path, **answers))
+    return next((sync - 300, result) for sync, result in results if result is not None)
 
 
 @pytest.mark.parametrize("speed_counts", [-200, 30])
 def test_stalled_joint_is_reported_early_with_its_distance_from_the_target(speed_counts):
-    syncs, found = stall(speed_counts)
+    syncs, divergence = stall(speed_counts)
     assert syncs <= LAG_SYNCS + WINDOW / abs(speed_counts) + DIVERGED_SYNCS + 1
-    assert found.counts == -syncs * speed_counts
+    assert divergence.counts == -syncs * speed_counts
 
 
 def refusal(counts: int) -> list[Divergence | None]:
     """Results of a joint that goes to `counts` after its drive has reported a refused target at 6000 counts."""
-    monitor = FollowingMonitor([WINDOW])
-    return [
-        first(
-            monitor.update(
-                sample((FOLLOWS,), (sync * 200 if sync <= 30 else counts,), sync=sync),
-                (Setpoint(0x0F, sync * 200, CSP),),
-                (1,) if sync > 32 else (),
-            )
-        )
-        for sync in range(1, 200)
-    ]
+    return follow_path(
+        (sync * 200 if sync <= 30 else counts, sync * 200, sync > 32) for sync in range(200)
+    )
 
 
 def test_refused_targets_are_no_divergence_as_long_as_the_joint_keeps_an_earlier_one():
@@ -219,13 +211,8 @@ def test_owed_answers_delay_the_report_of_a_stall():
 
 @pytest.mark.parametrize("lag", [1, 5, LAG_SYNCS])
 def test_servo_may_lag_in_motion(lag):
-    monitor = FollowingMonitor([WINDOW])
     path = [*[0] * lag, *range(0, 60_000, 200), *[60_000] * 100]
-    results = [
-        first(monitor.update(sample((FOLLOWS,), (counts,), sync=k), (Setpoint(0x0F, target, CSP),)))
-        for k, (counts, target) in enumerate(zip(path, path[lag:], strict=False))
-    ]
-    assert set(results) == {None}
+    assert set(follow_path(zip(path, path[lag:], strict=False))) == {None}
 
 
 def test_joints_away_from_their_targets_or_silent_are_named():

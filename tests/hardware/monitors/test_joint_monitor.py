@@ -8,16 +8,8 @@ import pytest
 from hardware.arm_description import JointScale
 from hardware.canopen.cyclic import Setpoint, frames_of
 from hardware.control.sampling import Sampler
+from hardware.monitors import joint_monitor
 from hardware.monitors.following import DIVERGED_SYNCS
-from hardware.monitors.joint_monitor import (
-    JERK_SYNCS,
-    QUIET_SYNCS,
-    WINDOW_SAMPLES,
-    ContinuityMonitor,
-    CountJump,
-    JointMonitor,
-    stop_error,
-)
 from tests.oracles.profiles import sarcos
 from tests.oracles.samples import sample
 
@@ -27,22 +19,22 @@ AT = 100
 
 
 def watch(
-    positions: list[tuple[float, ...]],
-    missing: frozenset[int] = frozenset(),
+    positions: Callable[[int], tuple[float, ...]],
+    *,
+    syncs: int = SYNCS,
+    missing: int | None = None,
     jerk_expected: int | None = None,
-) -> list[CountJump]:
-    """Return the jumps detected; joint 1 misses some SYNCs, and a jerk may be expected from one SYNC on."""
-    monitor = ContinuityMonitor([4.0] * len(positions[0]))
+) -> list[joint_monitor.CountJump]:
+    """Return the jumps detected; joint 1 misses one SYNC, and a jerk may be expected from one SYNC on."""
+    monitor = joint_monitor.ContinuityMonitor([4.0] * len(positions(0)))
     jumps = []
-    for sync, angles in enumerate(positions, 1):
+    for sync in range(1, syncs + 1):
         if sync == jerk_expected:
             monitor.expect_jerk()
-        counts = [round(a) for a in angles]
-        lost = (1,) if sync in missing else ()
-        jump = monitor.update(sample((0,) * len(angles), counts, sync=sync, missing=lost))
-        if jump is not None:
-            jumps.append(jump)
-    return jumps
+        counts = [round(angle) for angle in positions(sync)]
+        lost = (1,) if sync == missing else ()
+        jumps.append(monitor.update(sample((0,) * len(counts), counts, sync=sync, missing=lost)))
+    return [jump for jump in jumps if jump is not None]
 
 
 @pytest.mark.parametrize(
@@ -50,13 +42,13 @@ def watch(
 )
 def test_divergence_is_stated_in_degrees_of_the_joint(counts_per_rad, words):
     """A drive may count backwards, and a joint's scale may be unknown."""
-    monitor = JointMonitor()
+    monitor = joint_monitor.JointMonitor()
     scales = [] if counts_per_rad is None else [JointScale(counts_per_rad=counts_per_rad)]
     monitor.set_following_windows([10.0], scales)
     for sync in range(DIVERGED_SYNCS):
         answer = sample((0x1627,), (-50,), sync=sync)
         monitor.update(answer, (Setpoint(0x0F, 0, 8),), answered_late=False)
-    text = str(stop_error(monitor.divergence))
+    text = str(joint_monitor.stop_error(monitor.divergence))
     assert words in text
     assert bool(words) == (" deg)" in text)
 
@@ -72,18 +64,15 @@ MOTIONS: dict[str, Callable[[int], float]] = {
 @pytest.mark.parametrize("motion", MOTIONS.values(), ids=MOTIONS)
 @pytest.mark.parametrize("counts", [40, -50, 500, -1111])
 def test_jump_is_reported_with_joint_size_and_sync(motion, counts):
-    positions = [
-        (motion(k), 0.7 * motion(k), motion(k) + counts * (k >= AT)) for k in range(1, SYNCS + 1)
-    ]
-    (jump,) = watch(positions)
+    (jump,) = watch(lambda k: (motion(k), 0.7 * motion(k), motion(k) + counts * (k >= AT)))
     assert (jump.joint, jump.sync_count) == (3, AT)
     assert jump.counts == pytest.approx(counts, abs=2)
 
 
 @pytest.mark.parametrize("counts", [5, -5])
 def test_jump_of_five_counts_at_rest_is_reported(counts):
-    positions = [(7.0, 9.0 + counts * (k >= AT)) for k in range(1, SYNCS + 1)]
-    assert watch(positions) == [CountJump(joint=2, counts=counts, sync_count=AT)]
+    (jump,) = watch(lambda k: (7.0, 9.0 + counts * (k >= AT)))
+    assert jump == joint_monitor.CountJump(joint=2, counts=counts, sync_count=AT)
 
 
 def trapezoid(k: int) -> float:
@@ -106,24 +95,22 @@ NOISE = np.random.default_rng(3).normal(0.0, 40.0, SYNCS + 1) * (np.arange(SYNCS
     ids=[*MOTIONS, "trapezoid", "jerk of two joints", "noise", "stop from full speed"],
 )
 def test_motion_noise_and_jerks_of_several_joints_are_no_jump(positions):
-    assert watch([positions(k) for k in range(1, SYNCS + 1)]) == []
+    assert watch(positions) == []
 
 
 def test_jump_during_a_missing_answer_is_not_reported():
-    positions = [(10.0 * k + 500 * (k >= AT), 0.0) for k in range(1, SYNCS + 1)]
-    assert watch(positions, frozenset({AT})) == []
+    assert watch(lambda k: (10.0 * k + 500 * (k >= AT), 0.0), missing=AT) == []
 
 
 def test_expected_jerk_is_not_reported_and_a_later_jump_is():
-    later = AT + JERK_SYNCS + WINDOW_SAMPLES
-    positions = [(8.0 * (k >= AT) + 40.0 * (k >= later), 0.0) for k in range(1, SYNCS + 1)]
-    jumps = watch(positions, jerk_expected=AT - 3)
-    assert [(jump.joint, jump.counts) for jump in jumps] == [(1, 40)]
+    later = AT + joint_monitor.JERK_SYNCS + joint_monitor.WINDOW_SAMPLES
+    (jump,) = watch(lambda k: (8.0 * (k >= AT) + 40.0 * (k >= later), 0.0), jerk_expected=AT - 3)
+    assert (jump.joint, jump.counts) == (1, 40)
 
 
 def test_jump_is_reported_within_quiet_syncs():
-    positions = [(0.0, 500.0 * (k >= AT)) for k in range(1, AT + QUIET_SYNCS + 1)]
-    assert len(watch(positions)) == 1
+    syncs = AT + joint_monitor.QUIET_SYNCS
+    assert len(watch(lambda k: (0.0, 500.0 * (k >= AT)), syncs=syncs)) == 1
 
 
 def jump_is_detected_in_answers(
@@ -131,7 +118,7 @@ def jump_is_detected_in_answers(
 ) -> bool:
     """Sample joint 1 of two; `answers`: its counts received before and after the sample of a SYNC closes."""
     sampler = Sampler(frames_of(sarcos(2)), max_misses=9, now_s=0.0)
-    monitor = ContinuityMonitor([4.0, 4.0])
+    monitor = joint_monitor.ContinuityMonitor([4.0, 4.0])
     detected = False
     for sync in range(1, SYNCS + 1):
         sampler.open()

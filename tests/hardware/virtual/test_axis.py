@@ -36,11 +36,6 @@ def test_gear_ratio_of_a_full_scale_that_does_not_divide_a_turn():
     assert per_rad == pytest.approx(axis.scale.counts_per_rad, rel=1e-12)
 
 
-def test_joint_without_sensor_is_refused():
-    with pytest.raises(ValueError, match="no sensor"):
-        AxisSettings(1, replace(joint(), sensor=NoSensor()))
-
-
 def draw_curve(seed: int, peak: float = 0.02) -> LinearityDeviation:
     return LinearityDeviation.drawn(
         np.random.default_rng(seed), full_scale_rad=FULL_SCALE_RAD, peak=peak
@@ -131,6 +126,8 @@ def test_noise_has_its_stated_sigma_and_is_reproducible():
 def test_curve_of_an_encoder_and_missing_sensor_are_refused():
     with pytest.raises(ValueError, match="encoder"):
         joint_sensor(SARCOS.joints[0], with_noise=False, curve=draw_curve(0))
+    with pytest.raises(ValueError, match="no sensor"):
+        AxisSettings(1, replace(joint(), sensor=NoSensor()))
     with pytest.raises(ValueError, match="no sensor"):
         joint_sensor(replace(SARCOS.joints[0], sensor=NoSensor()), with_noise=False, curve=None)
     with pytest.raises(ValueError, match="coefficients"):

@@ -21,23 +21,16 @@ def statuswords(arm: Rig) -> list[int]:
     return [word for word, _, _ in arm.peer.sync()]
 
 
-def test_token_is_taken_held_and_returned(arm):
+def test_token_is_taken_refused_to_another_node_and_returned(arm):
     assert arm.peer.read(16, 0x2010) == FREE
-    arm.peer.beat()
-    assert request_token(arm, 127) is None
-    assert request_token(arm, 127) is None
-    assert arm.peer.unsigned(16, 0x2010) == 127
+    for node in (126, 127):
+        arm.peer.beat(node)
+    for node, code in ((127, None), (127, None), (126, 0x08000022)):
+        assert request_token(arm, node) == code
+        assert arm.peer.unsigned(16, 0x2010) == 127
+    assert b"node 127" in arm.peer.read(16, 0x2004)
     assert request_token(arm, 0) is None
     assert arm.peer.read(16, 0x2010) == FREE
-
-
-def test_token_of_another_node_is_refused(arm):
-    arm.peer.beat()
-    arm.peer.beat(126)
-    assert request_token(arm, 127) is None
-    assert request_token(arm, 126) == 0x08000022
-    assert arm.peer.unsigned(16, 0x2010) == 127
-    assert b"node 127" in arm.peer.read(16, 0x2004)
 
 
 @pytest.mark.parametrize("node", [127, 126, 1, 16])

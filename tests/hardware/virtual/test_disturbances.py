@@ -5,7 +5,7 @@ import threading
 import can
 import pytest
 
-from hardware.arm import DriveState, JointMode
+from hardware.arm import JointMode
 from hardware.virtual.disturbances import Disturbances, FaultyWire, FrameFaults
 from hardware.virtual.faults import SLOW_HEARTBEAT_S, disturb_frames
 from tests.oracles.virtual_rig import FakeClock, Rig
@@ -48,7 +48,6 @@ def test_slow_heartbeat_is_sent_once_per_period():
 
 
 def tpdo_counts(arm: Rig) -> list[int]:
-    """Number of TPDO1 in the log, joint by joint."""
     return [len(arm.peer.seen(0x180 + joint)) for joint in range(1, 8)]
 
 
@@ -132,31 +131,13 @@ def wait_for_loop(arm: Rig) -> None:
         assert done.wait(60.0)
 
 
-def test_lost_nmt_stop_is_not_obeyed_and_late_one_is_when_it_arrives(arm):
-    def drive_states() -> set[DriveState]:
-        wait_for_loop(arm)
-        return {node.drive.state for node in arm.controller.drives}
-
-    arm.operational()
-    for fault in ("lost", "late"):
-        disturb(arm, intact="wire_out", **{fault: 1.0})
-        arm.peer.send(0x000, b"\x02\x00")
-        assert drive_states() == {DriveState.OPERATION_ENABLED}
-    arm.clock.time_s += 0.06
-    assert drive_states() == {DriveState.QUICK_STOP_ACTIVE}
-
-
-def test_doubled_sync_steps_the_plant_twice(arm):
-    disturb(arm, intact="wire_out", doubled=1.0)
-    arm.peer.send(0x080)
-    wait_for_loop(arm)
-    assert arm.controller.sync_count == 2
-
-
-@pytest.mark.parametrize(("fault", "at_once", "later"), [("doubled", 2, 2), ("late", 0, 1)])
-def test_frames_of_the_arm_are_doubled_or_late(arm, fault, at_once, later):
+@pytest.mark.parametrize("intact", ["wire_in", "wire_out"])
+@pytest.mark.parametrize(
+    ("fault", "at_once", "later"), [("lost", 0, 0), ("doubled", 2, 2), ("late", 0, 1)]
+)
+def test_syncs_or_their_answers_are_lost_doubled_or_late(arm, intact, fault, at_once, later):
     arm.peer.start()
-    disturb(arm, intact="wire_in", **{fault: 1.0})
+    disturb(arm, intact=intact, **{fault: 1.0})
     arm.peer.send(0x080)
     for wait_s, expected in ((0.0, at_once), (0.06, later)):
         arm.clock.time_s += wait_s

@@ -17,6 +17,7 @@ from tests.hardware.control.canopen_arm.conftest import wait_for
 from tests.oracles.virtual_rig import ARM, TrivialPlant, axes
 
 JOINTS = 7
+SETTINGS = BusSettings(channel="attended-openers")
 
 
 class ThreadLoggingPlant(TrivialPlant):
@@ -40,32 +41,25 @@ def plant():
 
 
 @pytest.fixture
-def settings(request):
-    return BusSettings(channel=f"attended_openers-{request.node.name}")
-
-
-@pytest.fixture
 def idle_thread(monkeypatch):
-    """The arm's own thread receives twice a second only, however busy the machine."""
-    monkeypatch.setattr(controller_module, "_POLL_S", 0.5)
+    """The arm's own thread receives every two seconds only, however busy the machine."""
+    monkeypatch.setattr(controller_module, "_POLL_S", 2.0)
 
 
 @pytest.fixture
-def controller(plant, settings):
-    bus = open_bus(settings)
-    controller = VirtualController(bus, plant, axes=axes(), arm=ARM, attended=True)
-    controller.start()
-    yield controller
-    controller.close()
-    bus.shutdown()
+def controller(plant):
+    with open_bus(SETTINGS) as bus:
+        controller = VirtualController(bus, plant, axes=axes(), arm=ARM, attended=True)
+        controller.start()
+        yield controller
+        controller.close()
 
 
 @pytest.fixture
-def bus(controller, settings):
-    bus = attended_openers(controller).main(settings)
-    bus.send(can.Message(arbitration_id=0, data=[1, 0], is_extended_id=False))
-    yield bus
-    bus.shutdown()
+def bus(controller):
+    with attended_openers(controller).main(SETTINGS) as bus:
+        bus.send(can.Message(arbitration_id=0, data=[1, 0], is_extended_id=False))
+        yield bus
 
 
 def send_sync(bus: can.BusABC) -> None:

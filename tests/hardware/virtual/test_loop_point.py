@@ -12,15 +12,10 @@ from solver.loops.point import PointClosure
 
 def general_loop(kind: str = "hinge") -> Truth:
     """A loop with no entry at zero, so that every term has an effect."""
-    paper = paper_loop().table
     rng = np.random.default_rng(3)
-    table = DhTable(
-        theta_off_rad=paper.theta_off_rad,
-        s_m=paper.s_m + 0.01 * rng.standard_normal(8),
-        a_m=paper.a_m + 0.01 * rng.standard_normal(8),
-        alpha_rad=paper.alpha_rad + 0.01 * rng.standard_normal(8),
-        beta_rad=0.01 * rng.standard_normal(8),
-    )
+    deviations = 0.01 * rng.standard_normal((5, 8))
+    deviations[0] = 0.0  # of the offsets
+    table = DhTable.from_stacked(paper_loop().table.stacked() + deviations)
     if kind == "rigid":
         return Truth(DhLoop(table=table, entries=(), hinge=False))
     if kind == "ball":

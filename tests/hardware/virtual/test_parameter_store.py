@@ -106,7 +106,7 @@ def test_any_document_is_read_back_from_a_folder(tmp_path, document):
     assert sorted(file.name for file in folder.iterdir()) == ["active", "slot_a"]
 
 
-def test_flipped_bit_marks_the_slot_as_damaged(tmp_path):
+def test_flipped_bit_or_invalid_active_file_means_no_slot(tmp_path):
     store = ParameterStore(FolderDisk(tmp_path))
     store.commit(FIRST)
     store.commit(SECOND[:20])
@@ -116,6 +116,10 @@ def test_flipped_bit_marks_the_slot_as_damaged(tmp_path):
         assert store.state(Slot.B) is SlotState.DAMAGED
         assert store.active is Slot.NONE
         assert store.document(Slot.A) == FIRST
+    (tmp_path / "slot_b").write_bytes(stored)
+    assert store.active is Slot.B
+    (tmp_path / "active").write_bytes(b"C")
+    assert store.active is Slot.NONE
 
 
 def test_pipe_in_place_of_a_slot_is_an_error_at_once(tmp_path):
@@ -129,10 +133,3 @@ def test_pipe_in_place_of_a_slot_is_an_error_at_once(tmp_path):
     with pytest.raises(OSError, match="slot_b"):
         store.commit(b"second")
     assert store.document(store.active) == b"first"
-
-
-def test_invalid_active_file_means_no_slot(tmp_path):
-    store = ParameterStore(FolderDisk(tmp_path))
-    store.commit(FIRST)
-    (tmp_path / "active").write_bytes(b"C")
-    assert store.active is Slot.NONE

@@ -1,43 +1,28 @@
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from hardware.virtual.axis import JointCommand, JointSensor, PlantReading, SensorBank
 from hardware.virtual.plant import Loads, Plant
+from hardware.virtual.scenarios import STIFF
 from hardware.virtual.true_loop import PAPER_HOME_RAD, Truth, paper_loop
 from solver.arrays import FloatArray
 from tests.hardware.virtual.conftest import BLOCKED, commands, sensed_rad
 from tests.oracles.loop_oracle import product
 
-ELBOW_AND_WRIST_KG = np.array([0.0, 0.0, 1.0, 0.0, 1.0, 0.0, 0.0])
 FINE_RAD = 1e-9
+RIGID = replace(STIFF, payload_kg=np.zeros(7))
+SOFT = replace(RIGID, fixture_n_per_m=2e6, fixture_nm_per_rad=3e4)
+LOADED = replace(SOFT, payload_kg=STIFF.payload_kg)
 
 
-def make_plant(
-    *,
-    n_per_m: float = 2e6,
-    nm_per_rad: float = 3e4,
-    payload_kg: FloatArray | None = None,
-    friction_nm: float = 0.0,
-) -> Plant:
-    truth = paper_loop()
+def make_plant(loads: Loads = SOFT) -> Plant:
+    truth, sensor = paper_loop(), JointSensor(resolution_rad=FINE_RAD, noise_counts=0.0)
     start, hinge = truth.closed_near(PAPER_HOME_RAD)
-    return Plant(
-        truth=truth,
-        loads=Loads(
-            fixture_n_per_m=n_per_m,
-            fixture_nm_per_rad=nm_per_rad,
-            payload_kg=np.zeros(7) if payload_kg is None else payload_kg,
-            friction_nm=np.full(7, friction_nm),
-        ),
-        sensors=SensorBank(
-            [JointSensor(resolution_rad=FINE_RAD, noise_counts=0.0)] * 7,
-            rng=np.random.default_rng(0),
-        ),
-        start_rad=start,
-        start_hinge_rad=hinge,
-    )
+    sensors = SensorBank([sensor] * 7, rng=np.random.default_rng(0))
+    return Plant(truth=truth, loads=loads, sensors=sensors, start_rad=start, start_hinge_rad=hinge)
 
 
 def joint_angle(plant: Plant, joint: int) -> float:
@@ -73,7 +58,7 @@ def test_two_driven_joints_move_the_loop_and_return_it():
 
 
 def test_stiff_fixture_keeps_the_moving_loop_closed():
-    plant = make_plant(n_per_m=2e9, nm_per_rad=1e8, payload_kg=ELBOW_AND_WRIST_KG)
+    plant = make_plant(STIFF)
     path = np.minimum(np.arange(200) * 20.0 / 99.0, 20.0)
     assert all(np.abs(plant.closure_error).max() < 2e-6 for _ in move(plant, path))
     assert np.abs(plant.closure_error).max() < 2e-7
@@ -81,7 +66,7 @@ def test_stiff_fixture_keeps_the_moving_loop_closed():
 
 def test_loop_sags_with_one_driven_joint_and_not_with_two():
     def sag_deg(joints: tuple[int, ...]) -> float:
-        plant = make_plant(payload_kg=ELBOW_AND_WRIST_KG)
+        plant = make_plant(LOADED)
         start = plant.true_angles_rad
         targets = {j: joint_angle(plant, j) for j in joints}
         hold(plant, targets, 100)
@@ -93,7 +78,7 @@ def test_loop_sags_with_one_driven_joint_and_not_with_two():
 
 
 def test_friction_above_the_load_prevents_creep():
-    plant = make_plant(payload_kg=ELBOW_AND_WRIST_KG, friction_nm=30.0)
+    plant = make_plant(replace(LOADED, friction_nm=np.full(7, 30.0)))
     start = plant.true_angles_rad
     targets = {1: joint_angle(plant, 1)}
     hold(plant, targets, 200)
@@ -105,7 +90,8 @@ def test_friction_above_the_load_prevents_creep():
 
 def test_friction_keeps_the_fixture_deflected_at_rest():
     def deflection_m(friction_nm: float) -> float:
-        plant = make_plant(n_per_m=1e5, nm_per_rad=3e3, friction_nm=friction_nm)
+        slender = replace(RIGID, fixture_n_per_m=1e5, fixture_nm_per_rad=3e3)
+        plant = make_plant(replace(slender, friction_nm=np.full(7, friction_nm)))
         list(move(plant, np.minimum(np.arange(250) * 15.0 / 99.0, 15.0)))
         return float(np.linalg.norm(plant.closure_error[3:]))
 
@@ -116,7 +102,8 @@ def test_friction_keeps_the_fixture_deflected_at_rest():
 def test_gravity_torque_is_the_gradient_of_the_potential():
     """With a negligible fixture stiffness, holding joints carry the weight alone: torque = dV/dtheta."""
     payload = np.array([0.3, 0.0, 1.0, 0.2, 1.5, 0.0, 0.7])
-    plant = make_plant(n_per_m=1e-9, nm_per_rad=1e-9, payload_kg=payload)
+    loose = replace(STIFF, fixture_n_per_m=1e-9, fixture_nm_per_rad=1e-9)
+    plant = make_plant(replace(loose, payload_kg=payload))
     for _ in range(60):
         reading = plant.step(BLOCKED)
     angles, h = plant.true_angles_rad[1:], 1e-6
@@ -142,7 +129,7 @@ def potential(truth: Truth, joints: FloatArray, payload_kg: FloatArray) -> float
 
 
 def test_blocked_valve_holds_the_joint():
-    plant = make_plant(payload_kg=ELBOW_AND_WRIST_KG)
+    plant = make_plant(LOADED)
     list(move(plant, np.rad2deg(0.002) * np.arange(100), ratio=0.0))
     stopped = plant.true_angles_rad
     off = [JointCommand(mode=None, target_rad=99.0)] * 7
@@ -189,7 +176,7 @@ def test_missing_command_or_target_not_finite_is_refused():
 
 
 def test_slip_of_the_fixture_moves_the_tool_by_as_much():
-    plant = make_plant(n_per_m=2e9, nm_per_rad=1e8)
+    plant = make_plant(RIGID)
     targets = {1: joint_angle(plant, 1), 5: joint_angle(plant, 5)}
     plant.slip(1e-3)
     hold(plant, targets, 100)
@@ -203,7 +190,7 @@ def test_slip_of_the_fixture_moves_the_tool_by_as_much():
 def test_binding_hinge_blocks_two_driven_joints():
     moved_rad, torque_nm = [], []
     for bound in (False, True):
-        plant = make_plant(n_per_m=2e9, nm_per_rad=1e8)
+        plant = make_plant(RIGID)
         start = plant.true_angles_rad[0]
         if bound:
             plant.bind_hinge()

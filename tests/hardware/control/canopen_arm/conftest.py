@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from hardware.arm import JointMode
-from hardware.arm_description import ArmDescription, EncoderDescription, RvdtDescription
+from hardware.arm_description import EncoderDescription, RvdtDescription
 from hardware.buses.python_can import ArmOnBus, BusOpeners, BusSettings
 from hardware.control.canopen_arm import CanopenArm
 from hardware.timing import Pace, Timing
@@ -19,13 +19,9 @@ from tests.oracles.profiles import sarcos
 PER_RAD = COUNTS_PER_REV / (2 * math.pi)
 POSITION, FREE = JointMode.POSITION, JointMode.FREE
 TWO_DRIVEN = [FREE, POSITION, FREE, FREE, POSITION, FREE, FREE]
-
-
-def describe() -> ArmDescription:
-    encoder = EncoderDescription(counts_per_rev=COUNTS_PER_REV)
-    rvdt = RvdtDescription(bits=12, full_scale_rad=math.radians(120))
-    wrist = rvdt, math.radians(30)
-    return described("fake", *[(encoder, math.pi / 2)] * (JOINTS - 1), wrist)
+ENCODER = EncoderDescription(counts_per_rev=COUNTS_PER_REV), math.pi / 2
+WRIST = RvdtDescription(bits=12, full_scale_rad=math.radians(120)), math.radians(30)
+DESCRIPTION = described("fake", *[ENCODER] * (JOINTS - 1), WRIST)
 
 
 def short_timing(**options: Any) -> Timing:
@@ -34,13 +30,11 @@ def short_timing(**options: Any) -> Timing:
     return Timing(answer_timeouts_s=dict.fromkeys(Pace, 0.05), **{**times, **options})
 
 
-def make(
-    bus: FakeArmBus, *, description: ArmDescription | None = None, **options: Any
-) -> CanopenArm:
+def make(bus: FakeArmBus, **options: Any) -> CanopenArm:
     opener = options.pop("opener", lambda _settings: bus)
     stop_opener = options.pop("stop_opener", lambda _settings: bus.stop_handle())
     on_bus = ArmOnBus(
-        description or describe(),
+        DESCRIPTION,
         BusSettings(channel="fake"),
         options.pop("profile", sarcos()),
         pace=options.pop("pace", Pace.FAST_FORWARD),
@@ -61,11 +55,6 @@ def wait_for(condition: Callable[[], bool]) -> None:
     """Spin until a condition holds, or pytest's own timeout ends the test."""
     while not condition():
         pass
-
-
-def capture_for_ever(arm: CanopenArm) -> None:
-    while True:
-        arm.capture(5)
 
 
 @pytest.fixture

@@ -3,8 +3,8 @@ import threading
 import pytest
 
 from hardware.errors import BusError, DriveFault
-from tests.hardware.control.canopen_arm.conftest import capture_for_ever, wait_for
-from tests.hardware.fake_arm import JOINTS
+from tests.hardware.control.canopen_arm.conftest import wait_for
+from tests.hardware.fake_arm import JOINTS, capture_for_ever
 
 
 def test_fast_forward_sends_no_sync_when_idle(driven, bus):
@@ -19,18 +19,9 @@ def test_close_holds_disables_and_releases_token(driven, bus):
     driven.close()
     assert bus.token == 0
     assert {drive.mode for drive in bus.drives.values()} == {8}
-    assert bus.drives[3].target == 3333
-    assert bus.statuses == {0x40}
+    assert (bus.drives[3].target, bus.statuses) == (3333, {0x40})
     driven.close()
     assert not [t for t in threading.enumerate() if t.name == "sarcal-control"]
-
-
-def test_close_after_stop_keeps_quick_stop(driven, bus):
-    driven.stop()
-    assert driven.close()
-    assert driven.left_powered == (1, 2, 3, 4, 5, 6, 7)
-    assert bus.statuses == {0x07}
-    assert bus.token == 0
 
 
 def test_close_reports_drive_that_stays_enabled(driven, bus):
@@ -74,8 +65,7 @@ def test_free_joint_of_unknown_position_is_not_held(driven, bus, emergency):
     with pytest.raises(DriveFault if emergency else BusError):
         driven.move({2: 0.2}, speed_rad_per_s=0.5)
     assert not driven.close()
-    assert axis.counts == 3000 + 19 * 100
-    assert axis.status == 0x40
+    assert (axis.counts, axis.status) == (3000 + 19 * 100, 0x40)
 
 
 def test_close_holds_free_joint_that_misses_one_sync(driven, bus):
@@ -91,24 +81,28 @@ def test_close_holds_free_joint_that_misses_one_sync(driven, bus):
     assert axis.counts == 3333
 
 
-@pytest.mark.parametrize("silent", [set(), {4}])
-def test_close_switches_off_drive_that_ignored_stop(driven, bus, silent):
-    bus.drives[1].ignores = (0x0002,)
+@pytest.mark.parametrize(
+    ("ignored", "silent", "statuses_1_and_4", "left_powered"),
+    [
+        ((), set(), (0x07, 0x07), (1, 2, 3, 4, 5, 6, 7)),
+        ((0x0002,), set(), (0x40, 0x07), (2, 3, 4, 5, 6, 7)),
+        # The state of a silent drive is unknown.
+        ((0x0002,), {4}, (0x40, 0x40), None),
+        ((0x0002, 0x0000), set(), (0x27, 0x07), None),
+    ],
+)
+def test_close_after_stop_switches_off_drives_not_known_to_have_stopped(
+    driven, bus, ignored, silent, statuses_1_and_4, left_powered
+):
+    bus.drives[1].ignores = ignored
     driven.stop()
     bus.without_tpdo = silent
-    assert driven.close() is not bool(silent), "the state of a silent drive is unknown"
-    switched_off = {joint for joint, drive in bus.drives.items() if drive.status == 0x40}
-    assert switched_off == {1} | silent, "none that is not known to have stopped keeps its power"
-    assert bus.statuses == {0x40, 0x07}
+    assert driven.close() is (left_powered is not None)
+    assert (bus.drives[1].status, bus.drives[4].status) == statuses_1_and_4
+    assert {bus.drives[joint].status for joint in (2, 3, 5, 6, 7)} == {0x07}
     if not silent:
-        assert driven.left_powered == (2, 3, 4, 5, 6, 7)
-
-
-def test_close_reports_drive_that_ignored_stop_and_disable_voltage(driven, bus):
-    bus.drives[1].ignores = (0x0002, 0x0000)
-    driven.stop()
-    assert not driven.close()
-    assert 1 in driven.left_powered
+        assert driven.left_powered == (left_powered or (1, 2, 3, 4, 5, 6, 7))
+    assert bus.token == 0
 
 
 @pytest.mark.parametrize(("node", "code"), [(16, 0x5441), (16, 0x1000), (2, 0x8612)])
@@ -117,8 +111,7 @@ def test_close_disables_drives_despite_reported_emergency(driven, bus, node, cod
     bus.emergency(node, code)
     wait_for(lambda: bool(driven.snapshot().faults))
     assert driven.close()
-    assert driven.left_powered == ()
-    assert bus.statuses == {0x40}
+    assert (driven.left_powered, bus.statuses) == ((), {0x40})
 
 
 def test_close_before_first_command_releases_arm(arm, bus):
@@ -128,15 +121,13 @@ def test_close_before_first_command_releases_arm(arm, bus):
     with pytest.raises(DriveFault):
         arm.take_control()
     assert arm.close()
-    assert arm.left_powered == ()
-    assert bus.token == 0
+    assert (arm.left_powered, bus.token) == ((), 0)
 
 
 def test_stop_while_closing_latches(driven, bus):
     bus.at(2, driven.stop)
     driven.close()
-    assert bus.statuses == {0x07}
-    assert bus.token == 0
+    assert (bus.statuses, bus.token) == ({0x07}, 0)
     driven.connect()
     assert driven.snapshot().stopped
 
@@ -177,5 +168,4 @@ def test_close_reports_drive_enabled_by_another_program(arm, bus, status, held):
     bus.drives[3].status = status
     arm.capture(1)
     assert arm.close() is held
-    assert arm.left_powered == (3,)
-    assert bus.drives[3].status == status
+    assert (arm.left_powered, bus.drives[3].status) == ((3,), status)

@@ -4,13 +4,8 @@ import can
 import pytest
 
 from hardware.errors import BusError, DriveDiverged
-from tests.hardware.control.canopen_arm.conftest import (
-    TWO_DRIVEN,
-    capture_for_ever,
-    drive,
-    wait_for,
-)
-from tests.hardware.fake_arm import COUNTS_PER_REV, JOINTS, FakeArmBus, FakeDrive
+from tests.hardware.control.canopen_arm.conftest import TWO_DRIVEN, drive, wait_for
+from tests.hardware.fake_arm import COUNTS_PER_REV, JOINTS, FakeArmBus, FakeDrive, capture_for_ever
 
 FAR, WINDOW = 1600, 1111
 """Counts: final deviation of a diverging joint; one degree, the limit for a drive without 6065h."""
@@ -89,26 +84,21 @@ def test_lost_disable_command_is_repeated(driven, bus):
     wait_for(lambda: len(lost) == 2 and bus.drives[5].status == 0x40)
 
 
-def test_full_main_handle_does_not_block_stop(connected):
+def test_full_main_handle_does_not_block_stop(driven, bus):
     """STOP has a handle of its own, which the frame that disables one drive must not delay."""
+    send, refused = bus.send, list[can.Message]()
 
-    class Full(FakeArmBus):
-        """Refuses every frame from the command that disables joint 5 on."""
+    def refuse_from_disabling_on(msg: can.Message, timeout: float | None = None) -> None:
+        if refused or (msg.arbitration_id == 0x205 and msg.data[:2] == b"\0\0"):
+            refused.append(msg)
+            raise can.CanOperationError("no buffer space")
+        send(msg, timeout)
 
-        full = False
-
-        def send(self, msg: can.Message, timeout: float | None = None) -> None:
-            self.full = self.full or (msg.arbitration_id == 0x205 and msg.data[:2] == b"\0\0")
-            if self.full:
-                raise can.CanOperationError("no buffer space")
-            super().send(msg, timeout)
-
-    bus = Full()
-    arm = drive(connected(bus))
+    bus.send = refuse_from_disabling_on
     diverge(bus, 5)
     with pytest.raises(BusError, match="no longer takes frames: no buffer space"):
-        capture_for_ever(arm)
-    assert bus.full
+        capture_for_ever(driven)
+    assert refused
     assert bus.statuses == {0x07}
 
 
@@ -151,9 +141,13 @@ def test_stop_reason_survives_reconnection_until_reset(driven, bus):
     assert driven.snapshot().stopped_for == ""
 
 
-@pytest.mark.parametrize("joints", [(5,), (2, 5)])
-def test_drives_moving_after_stop_are_disabled(live, bus, joints):
-    live.stop()
+@pytest.mark.parametrize(("joints", "own_stop"), [((5,), False), ((2, 5), False), ((5,), True)])
+def test_drives_moving_after_stop_are_disabled(live, bus, joints, own_stop):
+    if own_stop:
+        for axis in bus.drives.values():
+            axis.status = 0x07
+    else:
+        live.stop()
     drift_in_quick_stop(bus, *joints)
     wait_for(lambda: {bus.drives[j].status for j in joints} == {0x40})
     wait_for(lambda: live.snapshot().stopped_for != "")
@@ -165,14 +159,6 @@ def test_drives_moving_after_stop_are_disabled(live, bus, joints):
     assert {d.status for j, d in bus.drives.items() if j not in joints} == {0x07}
     live.reset_stop()
     assert (live.snapshot().stopped, live.snapshot().stopped_for) == (False, "")
-
-
-def test_drive_moving_after_its_own_quick_stop_is_disabled(live, bus):
-    for axis in bus.drives.values():
-        axis.status = 0x07
-    drift_in_quick_stop(bus, 5)
-    wait_for(lambda: bus.drives[5].status == 0x40)
-    assert live.snapshot().stopped
 
 
 def test_free_joint_may_move_after_stop(live, bus):

@@ -4,13 +4,8 @@ import pytest
 
 from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import BusError, CommandRefused, DriveDiverged, DriveDropout, DriveFault
-from tests.hardware.control.canopen_arm.conftest import (
-    TWO_DRIVEN,
-    capture_for_ever,
-    drive,
-    wait_for,
-)
-from tests.hardware.fake_arm import JOINTS, FakeArmBus
+from tests.hardware.control.canopen_arm.conftest import TWO_DRIVEN, drive, wait_for
+from tests.hardware.fake_arm import JOINTS, FakeArmBus, capture_for_ever
 
 SWITCHED_ON, READY, ENABLED, OFF, STOPPED = 0x23, 0x21, 0x27, 0x40, 0x07
 

@@ -2,12 +2,14 @@
 
 import math
 import struct
+from contextlib import closing
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 from hardware.arm_description import JointScale
 from hardware.canopen.drive_settings import following_windows_counts
-from hardware.canopen.sdo import ObjectAccess
 from hardware.errors import MappingMismatch, SdoRefused
 from tests.hardware.control.canopen_arm.conftest import make
 from tests.hardware.fake_arm import FakeArmBus
@@ -21,8 +23,7 @@ ABSENT = 0x06020000
 @pytest.fixture
 def bus(bus):
     yield bus
-    assert bus.commands == []
-    assert bus.token == 0
+    assert (bus.commands, bus.token) == ([], 0)
 
 
 def connection_refusal(bus: FakeArmBus) -> MappingMismatch:
@@ -54,6 +55,7 @@ def u32(value: int) -> bytes:
         ((2, 0x1019, 0), b"\xf0"),
         ((2, 0x1800, 3), b"\xe8\x03"),
         ((2, 0x1800, 6), b"\x01"),
+        ((2, 0x6064, 0), u32(150_000)),  # not the position in the TPDO
     ],
 )
 def test_mapping_difference_names_node_object_expected_and_actual(bus, place, value, approve):
@@ -109,20 +111,6 @@ def test_unrelated_settings_are_accepted(connected, bus):
     connected()
 
 
-def test_tpdo_contradicting_its_mapping_is_refused(bus):
-    bus.objects[2, 0x6064, 0] = struct.pack("<l", 150_000)
-    assert connection_refusal(bus).differences == (
-        "node 2, 6064h: expected the 150000 counts that it holds, found 2000 in TPDO1",
-    )
-
-
-def set_heartbeat_consumers(bus: FakeArmBus, node: int, *entries: tuple[int, int]) -> None:
-    """Set 1016h of a drive: producer nodes and time-outs, ms."""
-    bus.objects[node, 0x1016, 0] = bytes([len(entries)])
-    for sub, (producer, time_ms) in enumerate(entries, 1):
-        bus.objects[node, 0x1016, sub] = struct.pack("<L", producer << 16 | time_ms)
-
-
 @pytest.mark.parametrize(
     "entries",
     [
@@ -135,7 +123,7 @@ def set_heartbeat_consumers(bus: FakeArmBus, node: int, *entries: tuple[int, int
     ],
 )
 def test_drive_without_operator_heartbeat_timeout_is_refused(bus, entries):
-    set_heartbeat_consumers(bus, 6, *entries)
+    bus.set_heartbeat_consumers(6, *entries)
     expected = "node 6, 1016h: expected a time-out of at most 10000 ms"
     assert expected in str(connection_refusal(bus))
 
@@ -144,70 +132,64 @@ def test_drive_without_operator_heartbeat_timeout_is_refused(bus, entries):
     "entries", [[(OPERATOR, 1)], [(OPERATOR, 10_000)], [(5, 0), (OPERATOR, 500)]]
 )
 def test_one_valid_heartbeat_consumer_entry_is_accepted(connected, bus, entries):
-    set_heartbeat_consumers(bus, 6, *entries)
+    bus.set_heartbeat_consumers(6, *entries)
     connected()
 
 
-def test_drives_without_heartbeat_consumer_are_listed(bus):
-    for node in (1, 2, 4, 6, 7):
-        set_heartbeat_consumers(bus, node, (OPERATOR, 500))
-    arm = make(bus)
-    assert arm.connect().unwatching == (3, 5)
-    arm.close()
-
-
-@pytest.mark.parametrize(("option", "listed"), [(0, True), (1, False), (3, False), (-1, False)])
-def test_drive_without_reaction_to_the_timeout_is_listed(bus, option, listed):
-    for node in range(1, 8):
-        set_heartbeat_consumers(bus, node, (OPERATOR, 500))
+@pytest.mark.parametrize(
+    ("nodes", "option", "unwatching"),
+    [
+        ((1, 2, 4, 6, 7), 1, (3, 5)),
+        (range(1, 8), 0, (4,)),
+        *((range(1, 8), option, ()) for option in (1, 3, -1)),
+    ],
+)
+def test_drives_that_take_no_action_after_the_timeout_are_listed(bus, nodes, option, unwatching):
+    for node in nodes:
+        bus.set_heartbeat_consumers(node, (OPERATOR, 500))
     bus.objects[4, 0x6007, 0] = struct.pack("<h", option)
-    arm = make(bus)
-    assert arm.connect().unwatching == ((4,) if listed else ())
-    assert [drive.ignores_timeout for drive in arm.drive_facts()] == [
-        listed and joint == 4 for joint in range(1, 8)
-    ]
-    arm.close()
-
-
-class Windows(ObjectAccess):
-    """Nodes with these values of 6065h."""
-
-    def __init__(self, *counts: int) -> None:
-        self._counts = counts
-
-    def read(self, node: int, index: int, subindex: int = 0) -> bytes:
-        assert (index, subindex) == (0x6065, 0)
-        return struct.pack("<L", self._counts[node - 1])
+    with closing(make(bus)) as arm:
+        assert arm.connect().unwatching == unwatching
+        ignoring = [drive.joint for drive in arm.drive_facts() if drive.ignores_timeout]
+        assert ignoring == [4] * (option == 0)
 
 
 def test_following_window_is_a_third_of_6065h_or_one_degree():
-    limits = {
-        3000: 1000.0,
-        0: COUNTS_PER_DEGREE,
-        0xFFFFFFFF: COUNTS_PER_DEGREE,
-        1: 10.0,
-        29: 10.0,
-        400_000: COUNTS_PER_DEGREE,
-        0x7FFFFFFF: COUNTS_PER_DEGREE,
-        0xFFFFFFFE: COUNTS_PER_DEGREE,
-    }
+    unlimited = (0, 0xFFFFFFFF, 400_000, 0x7FFFFFFF, 0xFFFFFFFE)
+    limits = {3000: 1000.0, 1: 10.0, 29: 10.0} | dict.fromkeys(unlimited, COUNTS_PER_DEGREE)
     counts_per_rad = 360 * COUNTS_PER_DEGREE / math.tau
     scales = [JointScale(counts_per_rad=(-1) ** k * counts_per_rad) for k in range(len(limits))]
-    windows = following_windows_counts(Windows(*limits), sarcos(len(limits)), scales)
+    counts = {(node, 0x6065, 0): value for node, value in enumerate(limits, 1)}
+    sdo: Any = SimpleNamespace(read_unsigned=lambda *place: counts[place])
+    windows = following_windows_counts(sdo, sarcos(len(limits)), scales)
     assert windows == pytest.approx([*limits.values()])
 
 
+ACCEPT, ACCEPT_NONE = "heartbeat: slowest_ms", "no bus profile can accept another value"
+ZERO = "send it as 0 with the commands, or write 0 (pdo_maps: configured), then connect"
+
+
 @pytest.mark.parametrize(
-    ("period_ms", "profile_may_accept"), [(5000, True), (10_001, False), (0, False)]
+    ("index", "form", "value", "difference", "remedy", "wrong_remedy"),
+    [
+        (0x1017, "<H", 5000, " sub 0:", ACCEPT, ACCEPT_NONE),
+        (0x1017, "<H", 10_001, " sub 0:", ACCEPT_NONE, ACCEPT),
+        (0x1017, "<H", 0, " sub 0:", ACCEPT_NONE, ACCEPT),
+        (0x6071, "<h", -50, ": expected 0, found -50", ZERO, ACCEPT_NONE),
+        (0x60B2, "<h", 200, ": expected 0, found 200", ZERO, ACCEPT_NONE),
+        (0x60B0, "<l", 4000, ": expected 0, found 4000", ZERO, ACCEPT_NONE),
+    ],
 )
-def test_slow_heartbeat_names_its_remedies(bus, period_ms, profile_may_accept):
-    bus.objects[3, 0x1017, 0] = struct.pack("<H", period_ms)
-    message = str(connection_refusal(bus))
-    assert "node 3, 1017h sub 0" in message
-    assert "Set 1017h in these drives as expected, with their maker's tool" in message
-    assert ("heartbeat: slowest_ms" in message) is profile_may_accept
-    assert ("no bus profile can accept another value" in message) is not profile_may_accept
-    assert "probe --draft" not in message
+def test_heartbeat_torque_or_offset_is_refused_with_its_remedies(
+    bus, index, form, value, difference, remedy, wrong_remedy
+):
+    bus.objects[3, index, 0] = struct.pack(form, value)
+    refusal = connection_refusal(bus)
+    (text,) = refusal.differences
+    assert f"{text} ".startswith(f"node 3, {index:04X}h{difference} ")
+    by_tool = f"Set {index:04X}h in these drives as expected, with their maker's tool"
+    for part in (by_tool, remedy, wrong_remedy, "probe --draft"):
+        assert (part in str(refusal)) is (part in (by_tool, remedy))
 
 
 def test_each_difference_has_its_own_remedy(bus):
@@ -216,23 +198,6 @@ def test_each_difference_has_its_own_remedy(bus):
     message = str(connection_refusal(bus))
     assert "Set 1005h in these drives as expected, with their maker's tool" in message
     assert "commission them as expected, or describe them in a bus profile" in message
-
-
-@pytest.mark.parametrize(
-    ("index", "form", "value"), [(0x6071, "<h", -50), (0x60B2, "<h", 200), (0x60B0, "<l", 4000)]
-)
-def test_nonzero_torque_or_offset_is_refused(bus, index, form, value):
-    bus.objects[3, index, 0] = struct.pack(form, value)
-    refusal = connection_refusal(bus)
-    assert refusal.differences == (f"node 3, {index:04X}h: expected 0, found {value}",)
-    message = str(refusal)
-    for remedy in (
-        f"Set {index:04X}h in these drives as expected, with their maker's tool",
-        "send it as 0 with the commands, or write 0 (pdo_maps: configured), then connect",
-    ):
-        assert remedy in message
-    for wrong in ("probe --draft", "no bus profile can accept another value"):
-        assert wrong not in message
 
 
 @pytest.mark.sample(1)
@@ -246,9 +211,8 @@ def test_objects_refused_like_index_0000h_are_absent(bus, code):
         return code if node == 2 and value in (0x06020000, 0x06090011) else value
 
     bus.object_of = answer
-    arm = make(bus)
-    assert 2 in arm.connect().unwatching
-    arm.close()
+    with closing(make(bus)) as arm:
+        assert 2 in arm.connect().unwatching
 
 
 @pytest.mark.parametrize("index", [0x1019, 0x6071])
@@ -258,9 +222,7 @@ def test_object_that_exists_but_cannot_be_read_is_refused(bus, index):
         make(bus).connect()
 
 
-def test_count_of_map_entries_is_one_byte(bus):
+def test_count_of_map_entries_is_one_byte(connected, bus):
     """An answer that states no size has garbage beyond it."""
     bus.objects[3, 0x1A00, 0] = u32(0x5A5A5A03)
-    arm = make(bus)
-    arm.connect()
-    arm.close()
+    connected()

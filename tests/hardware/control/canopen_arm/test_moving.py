@@ -28,15 +28,10 @@ def test_move_reaches_targets_in_small_steps(driven, bus):
     assert not driven.snapshot().moving
 
 
-def freeze(bus: FakeArmBus, joint: int, at_counts: int) -> None:
-    """Have a joint stop at a position, while its drive reports that it follows."""
-    axis = bus.drives[joint]
-    axis.noise = lambda _sync: min(at_counts - axis.counts, 0)
-
-
 def test_joint_that_stalls_at_the_end_of_a_move_has_not_reached_its_target(driven, bus):
     """It stands 2 deg before the end, which the targets reach within the time that a servo may lag."""
-    freeze(bus, 2, round((0.2 - math.radians(2)) * PER_RAD))
+    axis, end_counts = bus.drives[2], round((0.2 - math.radians(2)) * PER_RAD)
+    axis.noise = lambda _sync: min(end_counts - axis.counts, 0)
     with pytest.raises(DriveDiverged) as diverged:
         driven.move({2: 0.2}, speed_rad_per_s=0.5)
     assert (diverged.value.joint, diverged.value.counts) == (2, round(-math.radians(2) * PER_RAD))

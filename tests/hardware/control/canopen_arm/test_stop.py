@@ -11,28 +11,8 @@ from hardware.buses.python_can import BusSettings
 from hardware.control import motion_steps
 from hardware.control.stop_line import StopLatch
 from hardware.errors import BusError, CommandRefused, Stopped
-from tests.hardware.control.canopen_arm.conftest import (
-    PER_RAD,
-    capture_for_ever,
-    drive,
-    make,
-    short_timing,
-)
-from tests.hardware.fake_arm import JOINTS, FakeArmBus
-
-
-def test_stop_reaches_all_drives_and_latches(driven, bus):
-    driven.stop()
-    assert bus.statuses == {0x07}
-    assert driven.snapshot().stopped
-    for command in (
-        lambda: driven.move({2: 0.1}, speed_rad_per_s=0.1),
-        driven.take_control,
-        driven.hold,
-    ):
-        with pytest.raises(Stopped):
-            command()
-    assert bus.statuses == {0x07}
+from tests.hardware.control.canopen_arm.conftest import PER_RAD, drive, make, short_timing
+from tests.hardware.fake_arm import JOINTS, capture_for_ever
 
 
 def test_stop_during_transmission_overrides_late_setpoint(driven, bus):
@@ -67,26 +47,21 @@ STAGES = {
 
 
 @pytest.mark.parametrize("stage", STAGES)
-def test_stop_while_connecting_is_sent_and_latched(stage):
+def test_stop_while_connecting_is_sent_and_latched(bus, stage):
     """The bus may be open already, and a drive may be moving for the program before."""
 
-    class PressingBus(FakeArmBus):
-        pressed = False
+    pressed = []
 
-        def press_if(self, due: bool) -> None:
-            if due and not self.pressed:
-                self.pressed = True
-                arm.stop()
+    def press_if_due(identifier: int, data: bytes = b"") -> None:
+        if STAGES[stage](identifier, data) and not pressed:
+            pressed.append(identifier)
+            arm.stop()
 
-        def _handle(self, identifier: int, data: bytes) -> None:
-            super()._handle(identifier, data)
-            self.press_if(STAGES[stage](identifier, data))
+    def press_and_receive(timeout: float | None) -> tuple[can.Message | None, bool]:
+        press_if_due(-1)
+        return receive(timeout)
 
-        def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
-            self.press_if(stage == "listening")
-            return super()._recv_internal(timeout)
-
-    bus = PressingBus()
+    bus.on_send, receive, bus._recv_internal = press_if_due, bus._recv_internal, press_and_receive
     # Listening would not end by itself.
     arm = make(bus, timing=short_timing(listen_s=1e4 if stage == "listening" else 0.02))
     with pytest.raises(Stopped, match="STOP was pressed while connecting"):
@@ -136,8 +111,7 @@ def test_emergency_received_during_reset_is_cleared(driven, bus):
     driven.stop()
     bus.at(1, lambda: bus.trip(3, 0x7305))
     driven.reset_stop()
-    assert bus.statuses == {0x40}
-    assert driven.snapshot().faults == ()
+    assert (bus.statuses, driven.snapshot().faults) == ({0x40}, ())
     driven.take_control()
 
 
@@ -169,18 +143,25 @@ def test_stop_pressed_after_reset_request_stays_latched():
     with pytest.raises(Stopped, match="again"):
         next(steps)
     assert latch.latched
-    assert cleared == []
-    assert loop.commands == ()
+    assert (cleared, loop.commands) == ([], ())
 
 
-def test_stop_survives_reconnection(driven, bus):
+def test_stop_reaches_all_drives_and_survives_reconnection(driven, bus):
     driven.stop()
-    driven.close()
-    driven.connect()
-    assert driven.snapshot().stopped
-    for command in (driven.take_control, lambda: driven.move({2: 0.1}, speed_rad_per_s=0.1)):
-        with pytest.raises(Stopped):
-            command()
+    assert bus.statuses == {0x07}
+    for reconnects in (False, True):
+        if reconnects:
+            driven.close()
+            driven.connect()
+        assert driven.snapshot().stopped
+        for command in (
+            lambda: driven.move({2: 0.1}, speed_rad_per_s=0.1),
+            driven.take_control,
+            driven.hold,
+        ):
+            with pytest.raises(Stopped):
+                command()
+        assert bus.statuses == {0x07}
     driven.reset_stop()
     assert not driven.snapshot().stopped
     drive(driven)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -11,9 +11,11 @@ from fixtures.base import EndpointConstraint
 from fixtures.measured import Measured
 from operator_app.calibration.calibrated_arm import with_entries
 from operator_app.calibration.experiment import EndpointMissingError, Experiment
+from operator_app.calibration.result import Solution
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.kinematics import forward
+from solver.chain.parameters import is_entry
 from solver.chain.poses import PoseSet
 from solver.chain.rotations import nearest_rotation, rotation_matrix, rotation_vector, skew
 from solver.diagnostics.limits import FAR_FROM_NOMINAL_M, FAR_FROM_NOMINAL_RAD
@@ -83,6 +85,44 @@ def with_calibrated_places(fixture: EndpointConstraint, model: ClosureModel) -> 
         tip_m=_triple(part.tip_m),
         tip_turn_rad=_triple(rotation_vector(part.tip_rotation)),
     )
+
+
+def endpoints_at_nominal_base(
+    arm: ArmModel,
+    fixture: Measured,
+    poses: PoseSet,
+    solution: Solution,
+    placements: Collection[int],
+) -> PoseSet:
+    """Return the poses with the endpoints of `placements` moved rigidly, as if measured from the nominal station.
+
+    The base's place of each of these placements is fitted with the calibrated arm and target. A place estimated from
+    the returned endpoints is therefore near the nominal one, however far the instrument was moved.
+    """
+    part, columns, _ = solution.model.parts()[0]
+    if poses.endpoint is None or not isinstance(part, MeasuredClosure):
+        return poses
+    x = solution.estimate.x[columns]
+    values = {p.name: float(v) for p, v in zip(part.parameters, x, strict=True) if is_entry(p.name)}
+    own = part.own_values(x)[0]
+    tip_rotation = rotation_matrix(own[9:]) @ part.tip_rotation
+    calibrated = replace(
+        fixture,
+        tip_m=_triple(own[6:9]),
+        tip_turn_rad=_triple(rotation_vector(tip_rotation)),
+        tip_known=True,
+    )
+    nominal = rotation_matrix(np.array(fixture.base_turn_rad))
+    endpoint = poses.endpoint.copy()
+    for number in placements:
+        rows = poses.placement == number
+        placed = placed_by_poses(arm, calibrated, poses.at_poses(rows), values)
+        moved = nominal @ rotation_matrix(np.array(placed.base_turn_rad)).T
+        endpoint[rows, :3] = (endpoint[rows, :3] - placed.base_m) @ moved.T + fixture.base_m
+        if endpoint.shape[1] == 6:
+            turned = moved @ rotation_matrix(endpoint[rows, 3:])
+            endpoint[rows, 3:] = rotation_vector(turned)
+    return replace(poses, endpoint=endpoint)
 
 
 def placed_by_poses(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from solver.diagnostics.limits import FAR_FROM_NOMINAL_M, FAR_FROM_NOMINAL_RAD
 from solver.estimators.paper import estimate_paper
 from solver.loops.closure import ClosureModel, poses_needed
 from solver.loops.open_arm import MeasuredClosure
+from solver.loops.placements import Placements
 
 REGISTRATION_STEPS, LARGEST_STEP_RAD, NO_STEP = 25, 0.5, 1e-6
 """Limits of the Gauss-Newton iteration for the placements of base and target: largest number of steps, largest rotation
@@ -87,6 +88,37 @@ def with_calibrated_places(fixture: EndpointConstraint, model: ClosureModel) -> 
     )
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InstrumentStation:
+    """Calibrated T_instrument_base and T_flange_target, (4, 4), m, of a placement; None if it is the only one.
+
+    `full_pose`: whether orientations were measured; otherwise the rotation of the target is only nominal.
+    """
+
+    placement: int | None
+    T_instrument_base: FloatArray
+    T_flange_target: FloatArray
+    full_pose: bool
+
+
+def instrument_stations(solution: Solution) -> tuple[InstrumentStation, ...]:
+    """Return the calibrated stations of an instrument; empty with other fixtures."""
+    model, x, stations = solution.model, solution.estimate.x, list[InstrumentStation]()
+    numbers = model.numbers if isinstance(model, Placements) else (None,)
+    for number, (part, columns, _) in zip(numbers, model.parts(), strict=True):
+        if isinstance(part, MeasuredClosure):
+            T_instrument_base, T_flange_target = part.placements(x[columns])
+            stations.append(
+                InstrumentStation(
+                    placement=number,
+                    T_instrument_base=T_instrument_base,
+                    T_flange_target=T_flange_target,
+                    full_pose=part.full_pose,
+                )
+            )
+    return tuple(stations)
+
+
 def endpoints_at_nominal_base(
     arm: ArmModel,
     fixture: Measured,
@@ -104,12 +136,11 @@ def endpoints_at_nominal_base(
         return poses
     x = solution.estimate.x[columns]
     values = {p.name: float(v) for p, v in zip(part.parameters, x, strict=True) if is_entry(p.name)}
-    own = part.own_values(x)[0]
-    tip_rotation = rotation_matrix(own[9:]) @ part.tip_rotation
+    _, T_flange_target = part.placements(x)
     calibrated = replace(
         fixture,
-        tip_m=_triple(own[6:9]),
-        tip_turn_rad=_triple(rotation_vector(tip_rotation)),
+        tip_m=_triple(T_flange_target[:3, 3]),
+        tip_turn_rad=_triple(rotation_vector(T_flange_target[:3, :3])),
         tip_known=True,
     )
     nominal = rotation_matrix(np.array(fixture.base_turn_rad))

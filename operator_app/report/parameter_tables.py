@@ -223,11 +223,10 @@ def instrument_table(solution: Solution) -> FactTable | None:
     rows: list[tuple[Cell, ...]] = []
     stations = instrument_stations(solution)
     for s in stations:
-        name = "base in the instrument's frame"
-        name += f", placement {s.placement}" if s.placement is not None else ""
+        name = "base" if s.placement is None else f"base, placement {s.placement}"
         places = [(name, s.T_instrument_base, True)]
         if s is stations[-1]:
-            places.append(("target in the flange frame", s.T_flange_target, s.full_pose))
+            places.append(("target", s.T_flange_target, s.full_pose))
         for frame, T, turns in places:
             turn = rotation_vector(T[:3, :3]).tolist() if turns else (None,) * 3
             rows.append((frame, *map(length, T[:3, 3].tolist()), *map(angle, turn)))
@@ -236,9 +235,9 @@ def instrument_table(solution: Solution) -> FactTable | None:
         title="Calibrated places of base and target [mm, deg]",
         columns=(*words("of"), *figures("x", "y", "z"), *figures("rx", "ry", "rz")),
         rows=tuple(rows),
-        note="Position and rotation vector (axis times angle), as base_mm, base_turn_deg, tip_mm and tip_turn_deg of a "
-        "fixture file. The parameters base_r* and tip_r* are small turns on a nominal orientation that was itself "
-        "found from the poses: R = exp(r) R_nominal.",
+        note="Base in the instrument's frame, target in the flange frame: position and rotation vector (axis times "
+        "angle), as base_mm, base_turn_deg, tip_mm and tip_turn_deg of a fixture file. The parameters base_r* and "
+        "tip_r* are small turns on a nominal orientation that was itself found from the poses: R = exp(r) R_nominal.",
     )  # fmt: skip
 
 

@@ -73,6 +73,7 @@ def test_base_is_reported_where_kabsch_finds_it(tmp_path):
     assert far > 1.0
     assert np.linalg.norm(np.deg2rad(small)) < 0.02
     assert result.table("instrument").rows[0][1:4] == tuple(f"{1e3 * v:.3f}" for v in T[:3, 3])
+    assert max(map(len, str(result.table("instrument")).splitlines())) <= 80
 
 
 def test_planted_places_of_base_and_target_are_reported():

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,15 +11,18 @@ from fixtures.base import EndpointConstraint
 from fixtures.measured import Measured
 from operator_app.calibration.calibrated_arm import with_entries
 from operator_app.calibration.experiment import EndpointMissingError, Experiment
+from operator_app.calibration.result import Solution
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.kinematics import forward
+from solver.chain.parameters import is_entry
 from solver.chain.poses import PoseSet
 from solver.chain.rotations import nearest_rotation, rotation_matrix, rotation_vector, skew
 from solver.diagnostics.limits import FAR_FROM_NOMINAL_M, FAR_FROM_NOMINAL_RAD
 from solver.estimators.paper import estimate_paper
 from solver.loops.closure import ClosureModel, poses_needed
 from solver.loops.open_arm import MeasuredClosure
+from solver.loops.placements import Placements
 
 REGISTRATION_STEPS, LARGEST_STEP_RAD, NO_STEP = 25, 0.5, 1e-6
 """Limits of the Gauss-Newton iteration for the placements of base and target: largest number of steps, largest rotation
@@ -83,6 +86,74 @@ def with_calibrated_places(fixture: EndpointConstraint, model: ClosureModel) -> 
         tip_m=_triple(part.tip_m),
         tip_turn_rad=_triple(rotation_vector(part.tip_rotation)),
     )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InstrumentStation:
+    """Calibrated T_instrument_base and T_flange_target, (4, 4), m, of a placement; None if it is the only one.
+
+    `full_pose`: whether orientations were measured; otherwise the rotation of the target is only nominal.
+    """
+
+    placement: int | None
+    T_instrument_base: FloatArray
+    T_flange_target: FloatArray
+    full_pose: bool
+
+
+def instrument_stations(solution: Solution) -> tuple[InstrumentStation, ...]:
+    """Return the calibrated stations of an instrument; empty with other fixtures."""
+    model, x, stations = solution.model, solution.estimate.x, list[InstrumentStation]()
+    numbers = model.numbers if isinstance(model, Placements) else (None,)
+    for number, (part, columns, _) in zip(numbers, model.parts(), strict=True):
+        if isinstance(part, MeasuredClosure):
+            T_instrument_base, T_flange_target = part.placements(x[columns])
+            stations.append(
+                InstrumentStation(
+                    placement=number,
+                    T_instrument_base=T_instrument_base,
+                    T_flange_target=T_flange_target,
+                    full_pose=part.full_pose,
+                )
+            )
+    return tuple(stations)
+
+
+def endpoints_at_nominal_base(
+    arm: ArmModel,
+    fixture: Measured,
+    poses: PoseSet,
+    solution: Solution,
+    placements: Collection[int],
+) -> PoseSet:
+    """Return the poses with the endpoints of `placements` moved rigidly, as if measured from the nominal station.
+
+    The base's place of each of these placements is fitted with the calibrated arm and target. A place estimated from
+    the returned endpoints is therefore near the nominal one, however far the instrument was moved.
+    """
+    part, columns, _ = solution.model.parts()[0]
+    if poses.endpoint is None or not isinstance(part, MeasuredClosure):
+        return poses
+    x = solution.estimate.x[columns]
+    values = {p.name: float(v) for p, v in zip(part.parameters, x, strict=True) if is_entry(p.name)}
+    _, T_flange_target = part.placements(x)
+    calibrated = replace(
+        fixture,
+        tip_m=_triple(T_flange_target[:3, 3]),
+        tip_turn_rad=_triple(rotation_vector(T_flange_target[:3, :3])),
+        tip_known=True,
+    )
+    nominal = rotation_matrix(np.array(fixture.base_turn_rad))
+    endpoint = poses.endpoint.copy()
+    for number in placements:
+        rows = poses.placement == number
+        placed = placed_by_poses(arm, calibrated, poses.at_poses(rows), values)
+        moved = nominal @ rotation_matrix(np.array(placed.base_turn_rad)).T
+        endpoint[rows, :3] = (endpoint[rows, :3] - placed.base_m) @ moved.T + fixture.base_m
+        if endpoint.shape[1] == 6:
+            turned = moved @ rotation_matrix(endpoint[rows, 3:])
+            endpoint[rows, 3:] = rotation_vector(turned)
+    return replace(poses, endpoint=endpoint)
 
 
 def placed_by_poses(

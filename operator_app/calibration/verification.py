@@ -8,9 +8,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from fixtures.base import EndpointConstraint
+from fixtures.measured import Measured
 from operator_app.calibration.error_model import freed, noise_model
 from operator_app.calibration.experiment import Experiment
-from operator_app.calibration.instrument_registration import with_calibrated_places
+from operator_app.calibration.instrument_registration import (
+    endpoints_at_nominal_base,
+    with_calibrated_places,
+)
 from operator_app.calibration.prediction import predict_new_poses, shift_in_words
 from operator_app.calibration.result import Solution
 from solver.arrays import BoolArray, FloatArray
@@ -146,13 +150,16 @@ def verify_poses(
 
     Linearity deviation, sag and compliance are known from the calibration's own poses, `made_from` (with those on the
     flipped branch), and the test searches for one common shift. `elsewhere`: the new poses may be of other placements;
-    the fixture's place is then estimated from them, with all other parameters fixed. Raises `ValueError` if the
-    parameters are not those of this loop (another fixture, or another number of placements).
+    the place of the fixture or of the instrument is then estimated from them, with all other parameters fixed. Raises
+    `ValueError` if the parameters are not those of this loop (another fixture, or another number of placements).
     """
     fixture = with_calibrated_places(fixture, solution.model)
     calibrated = made_from.placements
     same = len(poses.placements) == 1 and not elsewhere
     fixed = fixed_calibration(solution, poses.placements[0] if same else None)
+    if elsewhere and isinstance(fixture, Measured):
+        others = tuple(k for k in poses.placements if k not in calibrated)
+        poses = endpoints_at_nominal_base(arm, fixture, poses, solution, others)
     new = Experiment(arm=arm, fixture=fixture, poses=poses, unsensed=fixed.unsensed_joints)
     # Lengths and twists that the calibration corrected within tolerances are parameters too.
     model = freed(new.loop(), fixed.values)
@@ -326,6 +333,13 @@ HUNDREDTH_RAD = np.deg2rad(0.01)
 NAMED = 5
 """Largest number of poses that a message names."""
 
+DEFAULT_PLACEMENT = 1
+"""Placement of poses whose file was written without regard to placements."""
+
+LEAST_POINTS, LEAST_FULL_POSES = 4, 2
+"""Smallest number of poses at another station that test more than its place: measured points, or points with
+orientations. Three points determine all but three of their nine equations."""
+
 
 class NoTestError(ValueError):
     """These poses cannot test the calibration; the text says why."""
@@ -350,37 +364,70 @@ def verify_new_poses(
             f"the new poses have measured endpoints, which a {fixture.kind} fixture does not use: "
             "use them with sarcal verify --open-loop, or leave them out"
         )
-    known, new_placements = made_from.placements, new.placements
-    elsewhere = may_be_elsewhere(fixture)
-    if len(new_placements) > 1 and new_placements != known and not elsewhere:
-        raise NoTestError(
-            "new poses must be of one placement that was calibrated, or of all of them"
-        )
-    if len(known) > 1 and not set(new_placements) <= set(known) and not elsewhere:
-        raise NoTestError(
-            f"the new poses are of placement {new_placements[0]}, which was not calibrated"
-        )
+    require_calibrated_placement(new, made_from, fixture)
+    elsewhere = is_elsewhere(new, made_from, fixture)
     return verify_poses(arm, fixture, new, solution, made_from, elsewhere=elsewhere)
 
 
 def may_be_elsewhere(fixture: EndpointConstraint) -> bool:
-    """Whether the fixture is a ball that stays on the tool, so that poses in another socket can be a test."""
-    return fixture.kind == "ball" and fixture.stays_on_hand
+    """Whether poses of another placement can be a test: with a ball that stays on the tool, or another station.
+
+    A station is a place of an instrument; its target must stay on the tool, too.
+    """
+    moves = fixture.kind == "ball" or (isinstance(fixture, Measured) and not fixture.base_known)
+    return moves and fixture.stays_on_hand
+
+
+def is_elsewhere(new: PoseSet, made_from: PoseSet, fixture: EndpointConstraint) -> bool:
+    """Whether the new poses may be of placements that were not calibrated, so that their place is estimated."""
+    if not may_be_elsewhere(fixture):
+        return False
+    return fixture.kind == "ball" or not _are_calibrated(new, made_from)
+
+
+def _are_calibrated(new: PoseSet, made_from: PoseSet) -> bool:
+    """Whether the new poses are of one calibrated placement or of all; placement 1 may be a file's default."""
+    known, states = made_from.placements, new.placements
+    if len(known) == 1 and states == (DEFAULT_PLACEMENT,):
+        return True
+    return states == known or (len(states) == 1 and states[0] in known)
+
+
+def require_calibrated_placement(
+    new: PoseSet, made_from: PoseSet, fixture: EndpointConstraint
+) -> None:
+    """Raise `NoTestError` if the new poses are of another placement, and the fixture does not allow this."""
+    if may_be_elsewhere(fixture) or _are_calibrated(new, made_from):
+        return
+    known, states = made_from.placements, new.placements
+    missing = [k for k in states if k not in known]
+    if not missing:
+        raise NoTestError(
+            "new poses must be of one placement that was calibrated, or of all of them"
+        )
+    raise NoTestError(
+        f"the new poses are of placement {missing[0]}, which was not calibrated (calibrated: "
+        f"{', '.join(map(str, known))}): {_remedy(fixture, known)}"
+    )
+
+
+def _remedy(fixture: EndpointConstraint, known: tuple[int, ...]) -> str:
+    if isinstance(fixture, Measured):
+        return "the fixture file's base_known fixes the instrument's station; calibrate without it to test with another"
+    return (
+        f"take new poses in placement {known[0]}, or correct the column placement if they are of it"
+    )
 
 
 def require_new(new: PoseSet, made_from: PoseSet, fixture: EndpointConstraint) -> None:
     """Raise `NoTestError` if the new set contains poses of the calibration, which fit the calibration in any case.
 
     With an instrument, a pose measured again at the same joint readings counts as new. Also raises `NoTestError` if
-    every new pose is alone in a new socket: each pose then only determines where its socket is.
+    the new poses only determine where their own socket or station is.
     """
     if new.joint_count != made_from.joint_count:
         return
-    if may_be_elsewhere(fixture) and len(new) <= len({*new.placements} - {*made_from.placements}):
-        raise NoTestError(
-            "a single pose in another socket only determines where that socket is: use at least two poses in one of "
-            "the sockets"
-        )
+    _require_poses_at_a_place(new, made_from, fixture)
     own = np.flatnonzero(_are_among(new, made_from, measured=fixture.kind == "measured"))
     if len(own) == 0:
         return
@@ -393,6 +440,31 @@ def require_new(new: PoseSet, made_from: PoseSet, fixture: EndpointConstraint) -
             "made from"
         )
     raise NoTestError(f"{who}: they verify nothing; use other poses")
+
+
+def _require_poses_at_a_place(
+    new: PoseSet, made_from: PoseSet, fixture: EndpointConstraint
+) -> None:
+    """Raise `NoTestError` if every new pose is alone in a new socket, or if a new station has too few poses."""
+    if not is_elsewhere(new, made_from, fixture):
+        return
+    others = [k for k in new.placements if k not in made_from.placements]
+    if fixture.kind == "ball" and len(new) <= len(others):
+        raise NoTestError(
+            "a single pose in another socket only determines where that socket is: use at least two poses in one of "
+            "the sockets"
+        )
+    if isinstance(fixture, Measured):
+        full = fixture.full_pose and all(
+            p.endpoint is not None and p.endpoint.shape[1] == 6 for p in (new, made_from)
+        )
+        least = LEAST_FULL_POSES if full else LEAST_POINTS
+        few = [k for k in others if int((new.placement == k).sum()) < least]
+        if few:
+            raise NoTestError(
+                f"placement {few[0]} was not calibrated, and fewer than {least} poses only determine where the "
+                f"instrument stands: measure at least {least} poses from there"
+            )
 
 
 def _are_among(new: PoseSet, made_from: PoseSet, *, measured: bool) -> BoolArray:

@@ -20,7 +20,13 @@ from operator_app.config.dwells import (
 )
 from operator_app.config.joint_log import Unit, load_joint_log
 from operator_app.config.poses_file import save_poses
-from operator_app.config.recording import is_bag, load_bag, load_timed_log, utc_text
+from operator_app.config.recording import (
+    endpoints_at_rest,
+    is_bag,
+    load_bag,
+    load_timed_log,
+    utc_text,
+)
 from operator_app.config.resources import resolve
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.report.facts import facts_of
@@ -120,9 +126,11 @@ def _poses(
             raise UsageError(
                 f"{file}: holds the same readings as {same[0]}; give each placement's file once"
             )
-        if len(poses.placements) > 1 or poses.endpoint is not None:
+        if len(poses.placements) > 1:
+            raise UsageError(f"{file}: with several files each is one placement; import it alone")
+        if _endpoint_columns(poses) != _endpoint_columns(pose_sets[0]):
             raise UsageError(
-                f"{file}: with several files each is one placement without endpoints; import it alone"
+                f"{file}: its measured endpoints have other columns than those of {args.poses[0]}; import it alone"
             )
     together = PoseSet(
         placement=np.repeat(np.arange(1, len(pose_sets) + 1), [len(p) for p in pose_sets]),
@@ -130,12 +138,17 @@ def _poses(
         q_rad=np.concatenate([p.q_rad for p in pose_sets]),
         samples=_joined([p.samples for p in pose_sets]),
         sd_rad=_joined([p.sd_rad for p in pose_sets]),
+        endpoint=_joined([p.endpoint for p in pose_sets]),
         utc=None
         if any(p.utc is None for p in pose_sets)
         else tuple(utc for p in pose_sets for utc in p.utc or ()),
         notes=tuple(note for p in pose_sets for note in p.notes or ("",) * len(p)),
     )
     return together, recording_data
+
+
+def _endpoint_columns(poses: PoseSet) -> int:
+    return 0 if poses.endpoint is None else poses.endpoint.shape[1]
 
 
 def _joined(parts: list[Any]) -> Any:
@@ -193,4 +206,5 @@ def _recorded(
             f"{smallest if np.isfinite(smallest_spread_deg) else ''}; give another --dwell-s or --spread-deg, or "
             "record an arm that stops at its poses"
         )
-    return poses_of(dwells, utc_text), recording_json(recording, dwells, refused)
+    poses = poses_of(dwells, utc_text, endpoints_at_rest(recording, dwells))
+    return poses, recording_json(recording, dwells, refused)

@@ -78,7 +78,7 @@ def execute(args: argparse.Namespace) -> int:
     tested = None
     if args.test:
         new = corrected_poses(_test_poses(args, fixture, as_read), tables)
-        elsewhere = verification.may_be_elsewhere(fixture)
+        elsewhere = verification.is_elsewhere(new, poses, fixture)
         tested = verification.verify_poses(arm, fixture, new, solution, poses, elsewhere=elsewhere)
     if args.json:
         document = facts.json
@@ -105,6 +105,7 @@ def _test_poses(args: argparse.Namespace, fixture: EndpointConstraint, poses: Po
         others = tuple(k for k in new.placements if k not in poses.placements)
         new = pick_placements(new, others) if others else new
     try:
+        verification.require_calibrated_placement(new, poses, fixture)
         verification.require_new(new, poses, fixture)
     except verification.NoTestError as error:
         raise UsageError(f"--test {args.test}: {error}") from error

@@ -33,10 +33,14 @@ more than this many standard deviations."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Dwell:
-    """The arm at rest: start (s), duration (s), number of samples, mean and standard deviation (n,), rad."""
+    """The arm at rest: start (s), duration (s), number of samples, mean and standard deviation (n,), rad.
+
+    `first`: index of its first sample in the recording.
+    """
 
     start_s: float
     seconds: float
+    first: int
     samples: int
     mean_rad: FloatArray
     sd_rad: FloatArray
@@ -52,10 +56,13 @@ class RefusedDwell:
     moved_rad: float = 0.0
 
 
-def poses_of(dwells: Sequence[Dwell], utc_of: Callable[[float], str]) -> PoseSet:
+def poses_of(
+    dwells: Sequence[Dwell], utc_of: Callable[[float], str], endpoint: FloatArray | None = None
+) -> PoseSet:
     """Return one pose per dwell, in order.
 
-    `utc_of` formats a start time (s) as UTC; it returns "" if the log's times are not calendar times.
+    `endpoint`: measured endpoints (m, 3) or (m, 6), m and rad; None without an instrument. `utc_of` formats a start
+    time (s) as UTC; it returns "" if the log's times are not calendar times.
     """
     utc = tuple(utc_of(d.start_s) for d in dwells)
     return PoseSet(
@@ -64,6 +71,7 @@ def poses_of(dwells: Sequence[Dwell], utc_of: Callable[[float], str]) -> PoseSet
         q_rad=np.array([d.mean_rad for d in dwells]),
         sd_rad=np.array([d.sd_rad for d in dwells]),
         samples=np.array([d.samples for d in dwells], dtype=np.int64),
+        endpoint=endpoint,
         utc=utc if all(utc) else None,
         notes=tuple(f"at rest for {d.seconds:.2f} s from {d.start_s:.2f} s" for d in dwells),
     )
@@ -145,7 +153,7 @@ def _dwell(
     if drift.max() > 0.5 * spread_rad:
         return _moving(start, seconds, drift)
     mean, sd = q.mean(axis=0), q.std(axis=0, ddof=1)
-    return Dwell(start_s=start, seconds=seconds, samples=len(q), mean_rad=mean, sd_rad=sd)
+    return Dwell(start_s=start, seconds=seconds, first=a, samples=len(q), mean_rad=mean, sd_rad=sd)
 
 
 def _at_rest(

@@ -17,6 +17,7 @@ import numpy as np
 
 from operator_app.config.csv_table import MOST_PROBLEMS, BadCell, Record, number
 from operator_app.config.errors import ConfigError, Problem, decode_text, only
+from operator_app.config.measured_endpoints import endpoint_columns, endpoints_of
 from operator_app.config.poses_file import (
     FEWEST_POSES_FOR_UNIT,
     HEADER_COLUMNS,
@@ -28,12 +29,16 @@ from operator_app.config.poses_file import (
 from operator_app.config.quantities import angle_doubt
 from operator_app.config.resources import expanded, read_limited
 from operator_app.units import plural
+from solver.arrays import FloatArray
 from solver.chain.poses import PoseSet
 
 Unit = Literal["rad", "deg"]
 WHOLE = re.compile(r"[1-9]\d{0,3}")
 MOST_LOGGED_PLACEMENTS = 100
 NUMBERED_JOINT = re.compile(r"(.*\D|)(\d+)(\D*)")
+WITHOUT_ENDPOINTS = (
+    "write lengths in metres and angles in degrees, or rename the column to leave it out"
+)
 OTHER_COLUMNS = re.compile(r"t|time.*|.*stamp.*|n?secs?|index|row|pose|label", re.IGNORECASE)
 """Names of columns in a log that are not joints."""
 
@@ -91,20 +96,54 @@ def load_joint_log(
         text = f"the header has {len(header)} cells, but the first row of angles has {width}"
         raise only(file, text, "name each column, or remove the header", line=line)
     by = find_column("--placement", placement, header, width, file) if placement else None
-    remaining = [k for k in range(width) if k != by]
+    measured = endpoints_in(header, file, line)
+    remaining = [k for k in range(width) if k != by and not (header and header[k] in measured)]
     where = find_columns(columns, header, remaining, joint_count, file, joints)
     q = _angles(body, where, file, radians=unit == "rad")
-    if unit is None and len(q) >= FEWEST_POSES_FOR_UNIT and np.abs(q).max() < 2.0 * np.pi:
-        text = f"does not state the unit of its angles, and none in {len(q)} poses exceeds {np.abs(q).max():.3g}"
-        raise only(file, text, "use --rad, or --deg if these are degrees")
+    if unit is None:
+        _require_degrees(q, file)
     numbers, notes = ([1] * len(q), None) if by is None else _placements(body, by, file)
     poses = PoseSet(
         placement=np.array(numbers, dtype=np.int64),
         label=tuple(str(k) for k in range(1, len(q) + 1)),
         q_rad=q if unit == "rad" else np.deg2rad(q),
         notes=notes,
+        endpoint=_endpoints(body, header, measured, file) if measured else None,
     )
     return LoadedPoses(poses=poses, warnings=())
+
+
+def _require_degrees(q: FloatArray, file: str) -> None:
+    if len(q) >= FEWEST_POSES_FOR_UNIT and np.abs(q).max() < 2.0 * np.pi:
+        text = f"does not state the unit of its angles, and none in {len(q)} poses exceeds {np.abs(q).max():.3g}"
+        raise only(file, text, "use --rad, or --deg if these are degrees")
+
+
+def endpoints_in(header: list[str], file: str, line: int | None = None) -> tuple[str, ...]:
+    """Return the columns of measured endpoints in a header, empty if there are none; raises ConfigError."""
+    try:
+        return endpoint_columns(header)
+    except ValueError as error:
+        raise only(file, str(error), "complete or remove its columns", line=line) from error
+
+
+def _endpoints(
+    body: list[Record], header: list[str], measured: tuple[str, ...], file: str
+) -> FloatArray:
+    """Read the measured endpoint of every row, (m, 3) or (m, 6), m and rad; raises ConfigError."""
+    where = [header.index(name) for name in measured]
+    values = np.zeros((len(body), len(where)))
+    for k, (line, cells) in enumerate(body):
+        for j, column in enumerate(where):
+            try:
+                values[k, j] = number(cells[column])
+            except BadCell as error:
+                text = f"{measured[j]}: {error.text}"
+                raise only(file, text, error.remedy, line=line, column=column + 1) from error
+    try:
+        return endpoints_of(measured, values)
+    except ValueError as error:
+        raise only(file, str(error), WITHOUT_ENDPOINTS) from error
 
 
 def _placements(body: list[Record], by: int, file: str) -> tuple[list[int], tuple[str, ...] | None]:

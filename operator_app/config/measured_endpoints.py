@@ -32,7 +32,7 @@ from operator_app.config.csv_table import BadCell, number
 from operator_app.config.quantities import UNIT, angle_doubt, length_doubt
 from operator_app.units import LENGTH, Figure
 from solver.arrays import FloatArray, frozen
-from solver.chain.rotations import nearest_rotation, rotation_vector
+from solver.chain.rotations import nearest_rotation, rotation_matrix, rotation_vector
 
 ROTATION = ("rx_deg", "ry_deg", "rz_deg")
 ROLL_PITCH_YAW = ("roll_deg", "pitch_deg", "yaw_deg")
@@ -85,6 +85,54 @@ def rotation_vectors(group: tuple[str, ...], values: FloatArray) -> FloatArray:
 
 
 POSITION_COLUMNS = ("x_m", "y_m", "z_m")
+
+
+def endpoint_columns(header: Collection[str]) -> tuple[str, ...]:
+    """Return the columns of a log that hold measured endpoints: x_m, y_m, z_m and those of one orientation.
+
+    Empty if the positions are missing. `ValueError` if two orientations are stated, or one incompletely.
+    """
+    if not set(POSITION_COLUMNS) <= set(header):
+        return ()
+    groups = groups_in(header)
+    if len(groups) > 1:
+        raise ValueError(f"states the orientation twice: choose one of {ROTATION_EXAMPLE}")
+    turn = groups[0] if groups else ()
+    if absent := [name for name in turn if name not in header]:
+        raise ValueError(f"states the orientation without {', '.join(absent)}")
+    return (*POSITION_COLUMNS, *turn)
+
+
+def endpoints_of(columns: tuple[str, ...], values: FloatArray) -> FloatArray:
+    """Return positions (m) and rotation vectors (rad), (m, 3) or (m, 6), from values (m, k) of `endpoint_columns`.
+
+    A row with a value that is not finite has no measurement, and is nan. `ValueError` for implausible values.
+    """
+    turn, seen = columns[3:], np.all(np.isfinite(values), axis=1)
+    out = np.full((len(values), 6 if turn else 3), np.nan)
+    if not seen.any():
+        return out
+    checked = range(3 if turn == QUATERNION else len(columns))
+    for k in checked:
+        largest = float(np.abs(values[seen, k]).max())
+        doubt = length_doubt(largest) if k < len(POSITION_COLUMNS) else angle_doubt(largest)
+        if doubt:
+            raise ValueError(f"has {columns[k]} of {largest:g}: {doubt}")
+    out[seen, :3] = values[seen, :3]
+    if turn:
+        out[seen, 3:] = rotation_vectors(turn, values[seen, 3:])
+    return out
+
+
+def mean_endpoint(endpoints: FloatArray) -> FloatArray:
+    """Return the mean (3,) or (6,) of endpoints (m, 3) or (m, 6); rotations are averaged as rotations."""
+    position = endpoints[:, :3].mean(axis=0)
+    if endpoints.shape[1] == len(POSITION_COLUMNS):
+        return np.asarray(position)
+    mean = nearest_rotation(rotation_matrix(endpoints[:, 3:]).mean(axis=0))
+    return np.concatenate((position, rotation_vector(mean)))
+
+
 OTHER_KEYS = ("pose", "lost", "utc", "error")
 
 

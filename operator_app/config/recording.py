@@ -11,16 +11,20 @@ from typing import Any
 
 import numpy as np
 
-from operator_app.config.csv_table import BadCell
+from operator_app.config.csv_table import BadCell, Record
+from operator_app.config.dwells import Dwell
 from operator_app.config.errors import ConfigError, decode_text, only
 from operator_app.config.joint_log import (
+    WITHOUT_ENDPOINTS,
     Unit,
+    endpoints_in,
     find_column,
     find_columns,
     is_number,
     joint_order,
     read_rows,
 )
+from operator_app.config.measured_endpoints import endpoints_of, mean_endpoint
 from operator_app.config.poses_file import BAG_SUFFIXES
 from operator_app.config.resources import expanded, read_limited
 from solver.arrays import FloatArray
@@ -41,7 +45,8 @@ class JointRecording:
     """Angles (m, n), rad, at rising times (m,), s, of joints 1 to n with their names in the recording.
 
     `source`: topic or column of times. `left_out`: number of messages or lines that lack a joint's angle or have the
-    same time as another message or line.
+    same time as another message or line. `endpoint`: measured endpoints (m, 3) or (m, 6), m and rad, nan where the
+    instrument did not see its target; None if there are none.
     """
 
     file: str
@@ -50,6 +55,7 @@ class JointRecording:
     joints: tuple[str, ...]
     source: str
     left_out: int
+    endpoint: FloatArray | None = None
 
 
 def utc_text(time_s: float) -> str:
@@ -81,15 +87,39 @@ def load_timed_log(
     header = [] if any(map(is_number, lines[0][1])) else lines[0][1]
     lines, width = lines[1:] if header else lines, len(lines[1][1])
     by = find_column("--time", time, header, width, file)
-    remaining = [k for k in range(width) if k != by]
+    measured = endpoints_in(header, file)
+    remaining = [
+        k for k in range(width) if k != by and not (k < len(header) and header[k] in measured)
+    ]
     if header and not columns:
         order = find_joints([header[k] for k in remaining if k < len(header)], joints, file=file)
         where: tuple[int, ...] = tuple(map(header.index, order))
     else:
         where = find_columns(columns, header, remaining, len(joints), file)
         order = tuple(header[k] if header else f"column {k + 1}" for k in where)
-    values = array("d")
-    readers = [(by, _time_s), *((k, _angle) for k in where)]
+    table = _samples(lines, by, (*where, *map(header.index, measured)), file)
+    time_s, q = table[:, 0], table[:, 1 : 1 + len(where)]
+    largest = float(np.max(np.abs(q), initial=0.0, where=np.isfinite(q)))
+    if unit is None and largest < 2.0 * np.pi:
+        text = f"does not state the unit of its angles, and none in {len(q)} lines exceeds {largest:.3g}"
+        raise only(file, text, "use --rad, or --deg if these are degrees")
+    latest = float(np.max(np.abs(time_s), initial=0.0, where=np.isfinite(time_s)))
+    per_s = next(per for least, per in PER_SECOND if latest >= least)
+    source = f"lines (times: {header[by] if header else f'column {by + 1}'})"
+    q_rad = q if unit == "rad" else np.deg2rad(q)
+    try:
+        endpoint = endpoints_of(measured, table[:, 1 + len(where) :]) if measured else None
+    except ValueError as error:
+        raise only(file, str(error), WITHOUT_ENDPOINTS) from error
+    return recording_of(
+        time_s / per_s, q_rad, joints=order, file=file, source=source, endpoint=endpoint
+    )
+
+
+def _samples(lines: list[Record], by: int, where: Sequence[int], file: str) -> FloatArray:
+    """Read the times in column `by` and the numbers in the columns `where`, (m, 1 + k); raises ConfigError."""
+    values, width = array("d"), len(lines[0][1])
+    readers = [(by, _time_s), *((k, _number) for k in where)]
     for line, cells in lines:
         if len(cells) == width:
             for column, read in readers:
@@ -102,17 +132,25 @@ def load_timed_log(
             # A killed recorder leaves its last line incomplete.
             text = f"has {len(cells)} cells; the lines before it have {width}"
             raise only(file, text, "correct this line", line=line)
-    table = np.array(values).reshape(-1, 1 + len(where))
-    time_s, q = table[:, 0], table[:, 1:]
-    largest = float(np.max(np.abs(q), initial=0.0, where=np.isfinite(q)))
-    if unit is None and largest < 2.0 * np.pi:
-        text = f"does not state the unit of its angles, and none in {len(q)} lines exceeds {largest:.3g}"
-        raise only(file, text, "use --rad, or --deg if these are degrees")
-    latest = float(np.max(np.abs(time_s), initial=0.0, where=np.isfinite(time_s)))
-    per_s = next(per for least, per in PER_SECOND if latest >= least)
-    source = f"lines (times: {header[by] if header else f'column {by + 1}'})"
-    q_rad = q if unit == "rad" else np.deg2rad(q)
-    return recording_of(time_s / per_s, q_rad, joints=order, file=file, source=source)
+    return np.array(values).reshape(-1, len(readers))
+
+
+def endpoints_at_rest(recording: JointRecording, dwells: Sequence[Dwell]) -> FloatArray | None:
+    """Return the mean of the endpoints measured in each dwell; None without an instrument.
+
+    Raises ConfigError if the instrument measured nothing in one of the dwells.
+    """
+    if recording.endpoint is None or not np.isfinite(recording.endpoint).any():
+        return None
+    means = []
+    for k, dwell in enumerate(dwells, 1):
+        samples = recording.endpoint[dwell.first : dwell.first + dwell.samples]
+        seen = samples[np.all(np.isfinite(samples), axis=1)]
+        if not len(seen):
+            text = f"has no measured endpoint at rest {k}, {dwell.start_s - recording.time_s[0]:.2f} s after the start"
+            raise only(recording.file, text, "measure it there, or remove the lines of that rest")
+        means.append(mean_endpoint(seen))
+    return np.array(means)
 
 
 def _time_s(cell: str) -> float:
@@ -129,8 +167,8 @@ def _time_s(cell: str) -> float:
     return (time if time.tzinfo else time.replace(tzinfo=UTC)).timestamp()
 
 
-def _angle(cell: str) -> float:
-    """Return the angle in a cell, in the unit of the file; nan if the cell is empty. Raises BadCell if not a number."""
+def _number(cell: str) -> float:
+    """Return the number in a cell, in the unit of the file; nan if the cell is empty. Raises BadCell otherwise."""
     try:
         return float(cell or "nan")
     except ValueError as error:
@@ -138,7 +176,13 @@ def _angle(cell: str) -> float:
 
 
 def recording_of(
-    time_s: FloatArray, q_rad: FloatArray, *, joints: tuple[str, ...], file: str, source: str
+    time_s: FloatArray,
+    q_rad: FloatArray,
+    *,
+    joints: tuple[str, ...],
+    file: str,
+    source: str,
+    endpoint: FloatArray | None = None,
 ) -> JointRecording:
     """Return the samples in order of time, without incomplete samples and repeated times.
 
@@ -161,6 +205,7 @@ def recording_of(
         joints=joints,
         source=source,
         left_out=len(time_s) - len(rising),
+        endpoint=None if endpoint is None else endpoint[complete][first],
     )
 
 

@@ -14,9 +14,14 @@ import numpy as np
 
 from operator_app.calibration.acceptance import Verdict
 from operator_app.calibration.calibrated_arm import side_of
-from operator_app.calibration.instrument_registration import with_registered_instrument
+from operator_app.calibration.instrument_registration import (
+    InstrumentStation,
+    instrument_stations,
+    with_registered_instrument,
+)
 from operator_app.calibration.sensitivity import source_sensitivities
 from operator_app.units import ANGLE
+from solver.chain.rotations import rotation_vector
 from solver.diagnostics.statistics import chi2_test, correlations
 
 if TYPE_CHECKING:
@@ -24,6 +29,7 @@ if TYPE_CHECKING:
     from operator_app.calibration.experiment import Experiment
     from operator_app.calibration.result import Solution
     from operator_app.messages.finding import Finding
+    from solver.arrays import FloatArray
     from solver.diagnostics.rvdt import RvdtVerdict
     from solver.errors import UnidentifiableError
     from solver.estimators.estimate import Estimate
@@ -37,6 +43,7 @@ def calibration_data(solution: Solution) -> dict[str, Any]:
     return {
         **estimate_data(solution.identified),
         **_components_data(solution.components),
+        "instrument_placements": [_station_data(s) for s in instrument_stations(solution)],
         "side": {p.name: side_of(solution.model, p.name) for p in solution.identified.parameters},
         "rvdt": [_rvdt_data(verdict) for verdict in solution.rvdt],
         "outlier_poses": list(solution.outliers),
@@ -79,6 +86,24 @@ def calibration_data(solution: Solution) -> dict[str, Any]:
         ],
         "verdict_reasons": list(solution.reasons),
         "warnings": notices_data(solution.warnings),
+    }
+
+
+def _station_data(station: InstrumentStation) -> dict[str, Any]:
+    """Return the calibrated places of base and target; the target's rotation is null if only points were measured."""
+
+    def place(T: FloatArray, *, turns: bool) -> dict[str, Any]:
+        turn_deg = np.rad2deg(rotation_vector(T[:3, :3])).tolist()
+        return {
+            "position_m": T[:3, 3].tolist(),
+            "rotation_vector_deg": turn_deg if turns else None,
+            "matrix": T.tolist() if turns else None,
+        }
+
+    return {
+        "placement": station.placement,
+        "T_instrument_base": place(station.T_instrument_base, turns=True),
+        "T_flange_target": place(station.T_flange_target, turns=station.full_pose),
     }
 
 
@@ -156,6 +181,7 @@ RESULTS_AS_OBJECTS = (
 RESULTS_AS_LISTS = (
     "correlations", "corrections", "corrections_dh", "condition_trend", "held", "outlier_poses", "rvdt",
     "tolerated", "weakest_direction", "assumed", "distances", "tests", "warnings",
+    "instrument_placements",
 )  # fmt: skip
 RESULTS_AS_FIGURES = (
     "before", "chi2_band_99", "condition_number", "flexure_p_value", "global_start", "hand_accuracy_mm",

@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 
+from operator_app.calibration.instrument_registration import instrument_stations
 from operator_app.calibration.result import Solution
 from operator_app.report.table import Cell, Column, FactTable, figures, words
 from operator_app.units import (
@@ -15,6 +16,7 @@ from operator_app.units import (
     LENGTH,
     NOT_AVAILABLE,
     Figure,
+    Kind,
     Valued,
     places_needed,
     places_to_show,
@@ -22,6 +24,7 @@ from operator_app.units import (
 )
 from solver.arrays import FloatArray
 from solver.chain.parameters import DhEntry, DhKind, Parameter, nominal_vector
+from solver.chain.rotations import rotation_vector
 from solver.diagnostics.statistics import correlations, intervals
 from solver.estimators.estimate import Estimate
 
@@ -212,6 +215,30 @@ def dh_table(solution: Solution) -> FactTable | None:
         rows=tuple(rows),
         note="Link 0 is the fixture; found is empty where an entry was not calibrated.",
     )
+
+
+def instrument_table(solution: Solution) -> FactTable | None:
+    """Return the table of the calibrated places of arm and target with an instrument; None with other fixtures."""
+    length, angle = Kind(LENGTH, places=3), Kind(ANGLE, places=4)
+    rows: list[tuple[Cell, ...]] = []
+    stations = instrument_stations(solution)
+    for s in stations:
+        name = "base" if s.placement is None else f"base, placement {s.placement}"
+        places = [(name, s.T_instrument_base, True)]
+        if s is stations[-1]:
+            places.append(("target", s.T_flange_target, s.full_pose))
+        for frame, T, turns in places:
+            turn = rotation_vector(T[:3, :3]).tolist() if turns else (None,) * 3
+            rows.append((frame, *map(length, T[:3, 3].tolist()), *map(angle, turn)))
+    return None if not rows else FactTable(
+        ident="instrument",
+        title="Calibrated places of base and target [mm, deg]",
+        columns=(*words("of"), *figures("x", "y", "z"), *figures("rx", "ry", "rz")),
+        rows=tuple(rows),
+        note="Base in the instrument's frame, target in the flange frame: position and rotation vector (axis times "
+        "angle), as base_mm, base_turn_deg, tip_mm and tip_turn_deg of a fixture file. The parameters base_r* and "
+        "tip_r* are small turns on a nominal orientation that was itself found from the poses: R = exp(r) R_nominal.",
+    )  # fmt: skip
 
 
 def shown_kinds(*, with_beta: bool) -> tuple[DhKind, ...]:

@@ -39,6 +39,15 @@ OBSERVABILITY = (
 )
 
 
+SMALL_STATED_CHI2 = 0.1
+"""chi2/dof at stated noise below which errors are on average a third of what the files state, or less."""
+
+SMALLER_THAN_STATED = (
+    f"chi2/dof at stated noise is below {SMALL_STATED_CHI2:g}: the files state errors that are on average more "
+    "than three times as large as these poses show. Sigmas may be larger than necessary."
+)
+
+
 def determined_table(solution: Solution, headlines: Iterable[Headline]) -> FactTable:
     """Return the table of condition number, rank, chi2 and degrees of freedom, with the weakest direction as a note."""
     estimate, identifiability = solution.identified, solution.identifiability
@@ -59,6 +68,7 @@ def determined_table(solution: Solution, headlines: Iterable[Headline]) -> FactT
     if (stated := solution.adjudication.stated_chi2_per_dof) is not None:
         ratio = CHI2(stated, key=("stated_chi2_per_dof",))
         rows.append(("chi2/dof at stated noise", ratio, "1 or less if errors are as stated"))
+    small = stated is not None and stated < SMALL_STATED_CHI2 and not solution.adjudication.diverged
     rows += [
         ("degrees of freedom", Figure(estimate.dof, places=0, key=("dof",)), freedom),
         ("iterations", Figure(estimate.iterations, places=0, key=("iterations",)), convergence),
@@ -68,7 +78,7 @@ def determined_table(solution: Solution, headlines: Iterable[Headline]) -> FactT
         title="How well the poses determine them (no unit)",
         columns=(*words("figure"), *figures("value"), *words("")),
         rows=tuple(rows),
-        note=f"Weakest direction: {weights}.",
+        note=f"Weakest direction: {weights}." + (f" {SMALLER_THAN_STATED}" if small else ""),
     )
 
 

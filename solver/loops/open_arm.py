@@ -76,6 +76,13 @@ class MeasuredClosure(ArmLoop):
         R_tip = R_base @ frames.R_end @ rotation_matrix(own[..., 9:12]) @ self.tip_rotation
         return own[..., :3] + (R_base @ tip[..., None])[..., 0], R_tip
 
+    def placements(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """T_instrument_base and T_flange_target, (4, 4) each, m; points alone leave the target's rotation nominal."""
+        own = self.own_values(x)[0]
+        R_base = rotation_matrix(own[3:6]) @ self.base_rotation
+        R_tip = rotation_matrix(own[9:]) @ self.tip_rotation
+        return _transform(R_base, own[:3]), _transform(R_tip, own[6:9])
+
     def loop(self, x: FloatArray, q: FloatArray, u: FloatArray) -> LoopError:
         """Predicted minus measured: rotation vector (rad; full pose only), then position (m)."""
         if self.endpoint_m is None:
@@ -146,3 +153,9 @@ class MeasuredClosure(ArmLoop):
         out[..., 3:, 6:9] = R_hand
         out[..., :3, 9:12] = R_hand @ right
         return out
+
+
+def _transform(R: FloatArray, position_m: FloatArray) -> FloatArray:
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = R, position_m
+    return T

@@ -1,6 +1,8 @@
 """Registration of a tracker by poses that leave the place of its target uncertain."""
 
 import numpy as np
+import sarcal
+from scipy.spatial.transform import Rotation
 
 from operator_app.calibration.instrument_registration import (
     placed_by_poses,
@@ -11,6 +13,7 @@ from operator_app.config.fixture_file import load_fixture
 from solver.chain.kinematics import forward
 from solver.chain.poses import PoseSet
 from solver.chain.rotations import rotation_matrix, rotation_vector
+from tests.oracles.open_arm import write_measured_poses
 
 BASE_M, TURN_RAD, TIP_M = np.array([0.8, -4.0, -0.3]), np.array([0.0, 0.0, 1.8]), [0.05, 0.02, 0.2]
 
@@ -55,3 +58,61 @@ def test_base_stays_near_where_all_points_are_nearly_on_a_line():
     )  # fmt: skip
     placed = placed_by_poses(arm, tracker, poses, {})
     assert np.linalg.norm(np.subtract(placed.base_m, BASE_M)) < 2.0 * frames.p_end[0].max()
+
+
+def matrix(document, name):
+    """T_instrument_base or T_flange_target from its position and rotation vector."""
+    place = document["instrument_placements"][0][name]
+    T = np.eye(4)
+    T[:3, 3] = place["position_m"]
+    T[:3, :3] = Rotation.from_rotvec(place["rotation_vector_deg"], degrees=True).as_matrix()
+    np.testing.assert_allclose(place["matrix"], T, rtol=0, atol=1e-12)
+    return T
+
+
+def test_base_is_reported_where_kabsch_finds_it(tmp_path):
+    poses = sarcal.load_poses(write_measured_poses(tmp_path / "points.csv"))
+    result = sarcal.calibrate(
+        arm="sarcos_dextrous", fixture="tracker", poses=poses, drop_unidentifiable=True
+    )
+    document, measured = result.to_json(), poses._set.endpoint
+    tip = document["instrument_placements"][0]["T_flange_target"]
+    assert (tip["rotation_vector_deg"], tip["matrix"]) == (None, None)
+    flange = result.fk(poses.q_rad, frame="flange", corrections=True)
+    points = (flange @ np.append(tip["position_m"], 1.0))[:, :3]
+    turn, _ = Rotation.align_vectors(measured - measured.mean(0), points - points.mean(0))
+    T = matrix(document, "T_instrument_base")
+    assert (Rotation.from_matrix(T[:3, :3]) * turn.inv()).magnitude() < 2e-4
+    place = measured.mean(0) - turn.apply(points.mean(0))
+    np.testing.assert_allclose(T[:3, 3], place, atol=2e-4)
+    # base_r* are small turns from a registered orientation that is far from the file's.
+    far = Rotation.from_matrix(T[:3, :3]).magnitude()
+    small = [document["parameters"].get(f"base_r{axis}", 0.0) for axis in "xyz"]
+    assert far > 1.0
+    assert np.linalg.norm(np.deg2rad(small)) < 0.02
+    assert result.table("instrument").rows[0][1:4] == tuple(f"{1e3 * v:.3f}" for v in T[:3, 3])
+    assert max(map(len, str(result.table("instrument")).splitlines())) <= 80
+
+
+def test_planted_places_of_base_and_target_are_reported():
+    arm, rng = load_arm("ur5e"), np.random.default_rng(2)
+    q = arm.home_rad + rng.uniform(-1.0, 1.0, (40, 6))
+    frames = forward(q + arm.table.theta_off_rad, *arm.table.stacked()[1:])
+    base, target = Rotation.from_rotvec([0.3, -0.2, 1.8]), Rotation.from_rotvec([1.2, 0.5, -0.7])
+    points = BASE_M + base.apply(frames.p_end + frames.R_end @ TIP_M)
+    points += rng.normal(0.0, 2e-5, points.shape)
+    turns = (base * Rotation.from_matrix(frames.R_end) * target).as_rotvec()
+    poses = sarcal.poses_of(q_rad=q, endpoint_m=np.hstack((points, turns)))
+    result = sarcal.calibrate(arm="ur5e", fixture="tracker", poses=poses, drop_unidentifiable=True)
+    places = (("T_instrument_base", BASE_M, base), ("T_flange_target", TIP_M, target))
+    for name, position, turn in places:
+        T = matrix(result.to_json(), name)
+        np.testing.assert_allclose(T[:3, 3], position, atol=1e-3)
+        assert (Rotation.from_matrix(T[:3, :3]) * turn.inv()).magnitude() < 1e-3
+
+
+def test_other_fixtures_have_no_instrument_placements(reference_data):
+    poses = reference_data / "hinge/hinge_quantised.csv"
+    hinge = sarcal.calibrate(arm="sarcos_dextrous", fixture="hinge", poses=poses)
+    assert hinge.to_json()["instrument_placements"] == []
+    assert "instrument" not in hinge.tables

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.experiment import Experiment
@@ -52,6 +53,38 @@ def test_remeasured_pose_is_new_and_verifies(measured):
     again = remeasured(measured)
     assert (verified(again).holds, verified(again).poses) == (True, len(measured))
     assert not verified(replace(again, endpoint=np.add(again.endpoint, [0, 0, 3e-3]))).holds
+
+
+def seen_from_another_station(poses, number=2):
+    """The same poses as placement `number`, measured by an instrument turned by 170 deg and moved by 4 m."""
+    turned = Rotation.from_rotvec(np.deg2rad(170.0) * np.array([0.48, 0.6, 0.64]))
+    endpoint = poses.endpoint @ turned.as_matrix().T + (1.0, -4.0, 0.5)
+    return replace(poses, endpoint=endpoint, placement=np.full(len(poses), number))
+
+
+def test_poses_measured_from_another_station_are_verified(measured):
+    made_from, later = measured.at_poses(np.arange(25)), measured.at_poses(np.arange(25, 40))
+    solution = calibrate(ARM, TRACKER, made_from, drop=True)
+
+    def verified(new):
+        return verify_new_poses(ARM, TRACKER, solution, made_from=made_from, new=new)
+
+    here, moved = verified(later), verified(seen_from_another_station(later))
+    assert (here.holds, moved.holds) == (True, True)
+    assert moved.stated.dof == here.stated.dof - 6
+    assert moved.verification.sigmas.position_m.rms < 5.0 * SIGMA_M
+    # Placement 1 may be the default of a file that states no placement: the instrument counts as unmoved.
+    assert not verified(seen_from_another_station(later, 1)).holds
+    wrong = replace(later, q_rad=later.q_rad + np.deg2rad([0, 0, 0, 0.3, 0, 0, 0]))
+    slipped = verified(seen_from_another_station(wrong))
+    assert (slipped.holds, slipped.shift.subject) == (False, "4")
+    with pytest.raises(NoTestError, match="at least 4 poses"):
+        verified(seen_from_another_station(later.at_poses(np.arange(3))))
+    known = replace(TRACKER, base_known=True)
+    with pytest.raises(NoTestError, match="placement 2, which was not calibrated"):
+        verify_new_poses(
+            ARM, known, solution, made_from=made_from, new=seen_from_another_station(later)
+        )
 
 
 def test_rounded_endpoints_are_not_new_poses(measured):
@@ -142,6 +175,15 @@ def test_common_joint_shift_is_named_with_its_size(retaken, joint, deg):
     assert shift.subject == str(joint)
     assert abs(shift.size - np.deg2rad(deg)) < 4.0 * shift.sigma
     assert result.odd_poses == ()
+
+
+def test_other_placement_of_a_hinge_is_refused(retaken):
+    (solution, made_from), later = retaken
+    new = poses_of(later)
+    assert verify_new_poses(ARM, HINGE, solution, made_from=made_from, new=new).holds
+    other = replace(new, placement=np.full(len(new), 2))
+    with pytest.raises(NoTestError, match="placement 2, which was not calibrated"):
+        verify_new_poses(ARM, HINGE, solution, made_from=made_from, new=other)
 
 
 def test_single_deviating_pose_has_no_others_that_fit(retaken):

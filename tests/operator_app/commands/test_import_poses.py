@@ -12,6 +12,7 @@ from operator_app.config.joint_log import load_joint_log
 from operator_app.config.parameters_file import load_parameters
 from operator_app.config.poses_file import load_poses
 from operator_app.config.resources import resolve
+from tests.oracles.open_arm import write_measured_poses
 from tests.oracles.panda import panda_readings
 from tests.oracles.recordings import recorded_arm, write_bag, write_log
 
@@ -50,6 +51,24 @@ def test_raw_logs_are_imported_like_a_converted_poses_file(tmp_path, run_command
     placement, q_rad = panda_readings()
     np.testing.assert_allclose(stored.q_rad, q_rad[placement <= 2], rtol=0, atol=1e-15)
     assert stored.placements == (1, 2)
+
+
+def test_log_of_an_instrument_is_imported_with_its_endpoints(tmp_path, run_command):
+    poses = load_poses(write_measured_poses(tmp_path / "poses.csv")).poses
+    rows = np.hstack((np.rad2deg(poses.q_rad), poses.endpoint))
+    rows_log, time_log = tmp_path / "rows.csv", tmp_path / "time.csv"
+    header = ",".join([*(f"q{j}" for j in range(1, 8)), "x_m", "y_m", "z_m"])
+    np.savetxt(rows_log, rows, delimiter=",", header=header, comments="", fmt="%.9f")
+    times = [10.0 * k + 0.1 * i for k in range(len(rows)) for i in range(20)]
+    over_time = np.column_stack((times, np.repeat(rows, 20, axis=0)))
+    np.savetxt(time_log, over_time, delimiter=",", header=f"time,{header}", comments="", fmt="%.9f")
+    options = ["--fixture", "tracker", "--drop-unidentifiable", "--sessions", tmp_path / "s"]
+    expected = run_command(0, "solve", tmp_path / "poses.csv", *options[:3], "--json").json
+    for log, timed in ((rows_log, []), (time_log, ["--time", "time"])):
+        found = run_command(0, "import", log, *timed, "--deg", *options, "--json").json
+        assert found["poses"] == 40
+        for name, value in expected["parameters"].items():
+            assert abs(found["parameters"][name] - value) < 0.1 * expected["sigma"][name], name
 
 
 @pytest.mark.campaign

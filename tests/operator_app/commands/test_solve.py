@@ -120,6 +120,15 @@ def test_invalid_poses_are_one_error(tmp_path, run_command, name, approve):
     assert list(tmp_path.iterdir()) == [path]
 
 
+def test_test_file_of_another_placement_is_refused(tmp_path, run_command):
+    made, new = tmp_path / "made.csv", tmp_path / "new.csv"
+    made.write_text(session(5).csv())
+    heading, *lines = session(5, walk=1, poses=12).csv().splitlines()
+    new.write_text("\n".join([heading, *(f"2{line[1:]}" for line in lines)]) + "\n")
+    error = run_command(2, "solve", made, "--test", new).err
+    assert f"--test {new}: the new poses are of placement 2, which was not calibrated" in error
+
+
 @pytest.mark.campaign
 def test_result_is_tested_on_a_second_file(tmp_path, run_command):
     names = {"made": session(5), "new": session(5, walk=1, poses=12), "other": session(6, poses=12)}

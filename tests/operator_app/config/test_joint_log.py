@@ -35,6 +35,40 @@ def test_joint_columns_are_recognised_or_selected(tmp_path, header, selected, co
     np.testing.assert_allclose(np.rad2deg(poses.q_rad), expected)
 
 
+def test_measured_endpoints_of_rows_are_kept(tmp_path):
+    log = tmp_path / "log.csv"
+    log.write_text(
+        "t,q1,q2,q3,x_m,y_m,z_m,qw,qx,qy,qz\n"
+        "0,10,20,30,1.5,-0.5,0.25,0.5,0.5,0.5,0.5\n"
+        "1,11,21,31,1.6,-0.6,0.35,1,0,0,0\n"
+    )
+    for columns in ("", "2-4"):
+        poses = load_joint_log(log, joint_count=3, unit="deg", columns=columns).poses
+        np.testing.assert_allclose(np.rad2deg(poses.q_rad[1]), [11, 21, 31])
+        np.testing.assert_array_equal(poses.endpoint[:, :3], [[1.5, -0.5, 0.25], [1.6, -0.6, 0.35]])
+        turns = np.array([[1.0, 1.0, 1.0], [0.0, 0.0, 0.0]]) * 2.0 * np.pi / 3.0 / np.sqrt(3.0)
+        np.testing.assert_allclose(poses.endpoint[:, 3:], turns, atol=1e-12)
+    log.write_text("a,b,c,x_m,y_m,z_m\n10,20,30,1,2,3\n")
+    poses = load_joint_log(log, joint_count=3, unit="deg").poses
+    np.testing.assert_array_equal(poses.endpoint, [[1.0, 2.0, 3.0]])
+
+
+@pytest.mark.parametrize(
+    ("header", "cells", "message"),
+    [
+        ("x_m,y_m,z_m,qw,qx,qy", "1,2,3,1,0,0", "without qz"),
+        ("x_m,y_m,z_m,qw,qx,qy,qz", "1,2,3,1,1,1,1", "quaternion of length 2"),
+        ("x_m,y_m,z_m", "1,2000,3", "has y_m of 2000"),
+        ("x_m,y_m,z_m", "1,,3", "y_m"),
+    ],
+)
+def test_invalid_endpoints_of_rows_are_refused(tmp_path, header, cells, message):
+    log = tmp_path / "log.csv"
+    log.write_text(f"q1,q2,q3,{header}\n10,20,30,{cells}\n")
+    with pytest.raises(ConfigError, match=message):
+        load_joint_log(log, joint_count=3, unit="deg")
+
+
 @pytest.mark.parametrize(
     ("text", "options"),
     [

@@ -137,7 +137,7 @@ def number(cell: str) -> float:
         raise BadCell(f"{shown} is not a finite number", "measure the pose again or remove the row")
     if re.fullmatch(r"[-+]?\d+,\d+", cell):
         raise BadCell(f"{shown!r} has a decimal comma", "write a decimal point")
-    raise BadCell(f"{shown!r} is not a number", "write it with the digits 0 to 9")
+    raise BadCell(f"{shown!r} is not a number", "correct the cell")
 
 
 def whole_number(cell: str) -> int:

@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.benchmarks.convergence import COUNTS, KINDS, components_of
+from tests.benchmarks.convergence import COUNTS, KINDS, estimates_of
 
 OSCILLATING = {
     ("every error", 5107): (7,),
@@ -17,15 +17,15 @@ OSCILLATING = {
 @pytest.mark.sample(2)
 @pytest.mark.parametrize(("kind", "seed"), OSCILLATING)
 def test_oscillating_variances_settle(kind, seed):
-    for components in components_of(seed, kind=kind, counts=(*OSCILLATING[kind, seed], 30)):
-        assert components is not None
-        assert components.converged
+    for estimate in estimates_of(seed, kind=kind, counts=(*OSCILLATING[kind, seed], 30)):
+        assert estimate is not None
+        assert estimate.converged
 
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_sound_session_converges(kind):
     seeds = range(6000, 6015)
-    results = [c for seed in seeds for c in components_of(seed, kind=kind, counts=COUNTS)]
+    results = [c for seed in seeds for c in estimates_of(seed, kind=kind, counts=COUNTS)]
     assert all(c.converged for c in results if c is not None)
     assert results.count(None) <= 0.1 * len(results)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from fixtures.base import EndpointConstraint
+from operator_app.calibration.calibrated_arm import ClosureInUse, closure_in_use
 from operator_app.calibration.error_model import freed, noise_model
 from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.instrument_registration import with_calibrated_places
@@ -67,6 +68,7 @@ class VerificationResult:
     pose sets without a fault there is such a pose.
     `shift`: common shift of one joint or the fixture in all new poses; None if there is none.
     `stated`: the test with at least the stated errors.
+    `in_use`: closure sigmas of the same poses with the best table and with the corrections.
     `others_fit`: whether the poses outside `odd_poses` pass the test `stated`, and there is no common shift.
     """
 
@@ -77,6 +79,7 @@ class VerificationResult:
     stated: Chi2Test
     shift: CommonShift | None = None
     others_fit: bool = False
+    in_use: ClosureInUse = field(default_factory=ClosureInUse)
 
     @property
     def why(self) -> str:
@@ -179,6 +182,7 @@ def verify_poses(
         odd_poses=tuple(int(k) for k in np.argsort(tested.pose_probability) if improbable[k]),
         poses=len(poses),
         stated=tested.chi2,
+        in_use=closure_in_use(solution, arm, model, x, poses.q_rad),
     )
     if not tested.closed.all():
         return result

@@ -351,25 +351,28 @@ def tool_accuracy(
         np.maximum(errors.after_m**2 - calibrated.stated_part_m(q, as_stated) ** 2, 0.0)
     )
     by_poses = spread_of(by_poses_m)
-    noteworthy = not by_poses.rms > NOTEWORTHY_SHARE * spread_of(errors.after_m).rms
     square, held, known = errors.after_m**2, list[HeldOffset](), arm.offset_tolerance_rad
+    stated = [name for name in calibrated.free if name in as_stated]
     model, B = fit.design.model, fit.whole.B
     for j in offsets_not_sought(model, arm):
         # An error of the offset shifts the other parameters.
         rates = fit.moved_by(B[..., [j - 1]])[:, 0].tolist()
         along = dict(zip([p.name for p in model.parameters], rates, strict=True))
         rate = calibrated.rate_m_per_rad(j, along, q)
+        rms, name = spread_of(rate).rms, DhEntry(DhKind.THETA_OFF, j).name
         if known is not None:
             square = square + (known * rate) ** 2
-        elif (rms := spread_of(rate).rms) > NEGLIGIBLE:
-            name = DhEntry(DhKind.THETA_OFF, j).name
+            stated += [name] if rms > NEGLIGIBLE else []
+        elif rms > NEGLIGIBLE:
             value = float(arm.table.theta_off_rad[j - 1])
             held.append(HeldOffset(name=name, value_rad=value, rate_m_per_rad=rms))
+    after = spread_of(np.sqrt(square))
+    noteworthy = not by_poses.rms > NOTEWORTHY_SHARE * after.rms
     return HandAccuracy(
         before=spread_of(errors.before_m),
-        after=spread_of(np.sqrt(square)),
+        after=after,
         poses=RANGE_SAMPLES,
         holds_for=tuple(held),
-        stated=tuple(name for name in calibrated.free if name in as_stated) if noteworthy else (),
+        stated=tuple(stated) if noteworthy else (),
         after_by_poses=by_poses if noteworthy else None,
     )

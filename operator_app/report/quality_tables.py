@@ -122,7 +122,8 @@ def accuracy_table(solution: Solution) -> FactTable | None:
         "without entries of the mounting. After: by the best D-H table, corrections not applied"
         f"{fixed_briefly(tuple(h.name for h in accuracy.holds_for))}."
     )
-    if accuracy.after.rms > accuracy.before.rms:
+    by_poses = accuracy.after_by_poses or accuracy.after
+    if by_poses.rms > accuracy.before.rms:
         note += (
             " Before is a distance, after an uncertainty. After is larger: these poses do not show that the arm "
             "file's entries are wrong."

@@ -66,6 +66,20 @@ def test_uncertainty_of_unseen_offsets_is_reported_apart():
     assert "without the uncertainty of theta_off_1 and theta_off_7" in text
 
 
+def test_uncertainty_of_a_fixed_offset_does_not_hide_an_improvement(tmp_path):
+    """An instrument fixes theta_off_1: a tolerance of 10 deg moves the tool by more than the arm file's errors."""
+    path = write_measured_poses(tmp_path / "open.csv")
+    poses, tracker = load_poses(str(path), joint_count=7).poses, load_fixture("tracker").fixture
+    vague = replace(ARM, offset_tolerance_rad=np.deg2rad(10.0))
+    solution = calibrate(vague, tracker, poses, drop=True)
+    accuracy, table = solution.accuracy, facts_of(solution).table("accuracy")
+    assert accuracy.stated == ("theta_off_1",)
+    assert 0.1 * accuracy.before.rms > accuracy.after_by_poses.rms
+    assert accuracy.after.rms > accuracy.before.rms
+    assert len(table.rows[0]) == 4
+    assert "do not show" not in table.note
+
+
 @pytest.mark.parametrize("corrected", [False, True])
 def test_closure_in_use_is_that_of_the_tool_against_the_instrument(tmp_path, corrected):
     """By a rigid fit of tool positions to measured points: encoder waves make the bare entries close worse."""

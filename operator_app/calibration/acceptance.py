@@ -255,6 +255,7 @@ def paper_test(
 READING_KINDS = {
     FindingKind.READING_STEP,
     FindingKind.READING_JUMP,
+    FindingKind.READING_OR_TARGET_STEP,
     FindingKind.READING_DRIFT,
     FindingKind.READING_FROZEN,
 }
@@ -295,12 +296,17 @@ def proven_by_return(
     return tuple(proven), tuple(c for c in by_tests if c.code not in codes)
 
 
+SLIP_KINDS = frozenset(
+    {FindingKind.FIXTURE_SLIPPED, FindingKind.INSTRUMENT_MOVED, FindingKind.TARGET_MOVED}
+)
+
+
 def not_yet_named(since: tuple[Finding, ...], by_tests: tuple[Finding, ...]) -> tuple[Finding, ...]:
     """Return the causes that only a repeated pose shows, leaving out slips that the tests have already found.
 
     A compliant fixture or a wrong length that the tests have found does not count as a slip.
     """
-    slipped = any(cause.kind is FindingKind.FIXTURE_SLIPPED for cause in by_tests)
+    slipped = any(cause.kind in SLIP_KINDS for cause in by_tests)
     joints = {c.joint for c in by_tests if c.sensor or c.kind in READING_KINDS}
     return tuple(
         cause

@@ -11,6 +11,8 @@ from typing import Literal
 
 import numpy as np
 
+from operator_app.calibration.error_model import freed
+from operator_app.calibration.experiment import in_order
 from operator_app.calibration.multistart import evenly
 from operator_app.calibration.result import Solution
 from operator_app.calibration.tool_accuracy import HandAccuracy, HeldOffset, spread_along, spread_of
@@ -19,9 +21,10 @@ from solver.chain.arm_model import ArmModel
 from solver.chain.kinematics import DhTable, forward
 from solver.chain.parameters import DhEntry, DhKind, is_entry
 from solver.chain.sensors import NoSensor
+from solver.estimators.estimate import closure_at_readings
 from solver.estimators.linear_fit import LinearFit
 from solver.estimators.variance_components import Calibrated
-from solver.loops.closure import ClosureModel
+from solver.loops.closure import ClosureModel, ClosureSigmas
 from solver.loops.open_arm import MeasuredClosure
 from solver.loops.point import TIP, PointClosure
 from solver.posterior.best_table import (
@@ -253,8 +256,53 @@ def with_best_table(
         fixed=part.ground_side,
         tip=bool(TIP_NAMES & set(column)),
     )
-    return replace(
+    solution = replace(
         solution, best=best, corrections=corrections_of(joints, parts.first(len(sampled)))
+    )
+    used_closure = closure_in_use(solution, arm, solution.model, solution.estimate.x, q)
+    return replace(
+        solution,
+        with_best_table=used_closure.best_table,
+        with_corrections=used_closure.corrected,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ClosureInUse:
+    """Closure sigmas with what a controller uses; None if there is none.
+
+    `best_table`: the best D-H table at uncorrected readings. `corrected`: the identified entries at readings to which
+    the corrections are added.
+    """
+
+    best_table: ClosureSigmas | None = None
+    corrected: ClosureSigmas | None = None
+
+
+def closure_in_use(
+    solution: Solution, arm: ArmModel, model: ClosureModel, x: FloatArray, q: FloatArray
+) -> ClosureInUse:
+    """Return the closure sigmas with the best table and with the corrections.
+
+    `model`, `x`: a loop of the calibrated arm and the values of its parameters (P,), rad and m. `q`: readings (m, n).
+    """
+    best, corrections = solution.best, solution.corrections
+    if best is None or corrections is None:
+        return ClosureInUse()
+    own = calibrated_arm(solution, arm)
+    change, tip = best.rows - own.hand.stacked(), best.tip_m - own.tip_m
+    changes = dict(zip(TIP, tip.tolist(), strict=True))
+    for name in best.entries:
+        if is_entry(name):
+            entry = DhEntry.parse(name)
+            changes[name] = float(change[entry.kind, entry.row - 1])
+    # The best table also changes entries that were not calibrated; the mounting is the same for both.
+    whole = freed(model, best.entries)
+    at_best = in_order(whole, model, x)
+    at_best += [changes.get(p.name.partition("[")[0], 0.0) for p in whole.parameters]
+    return ClosureInUse(
+        best_table=closure_at_readings(whole, at_best, q).sigmas,
+        corrected=closure_at_readings(model, x, q + corrections.at(q)).sigmas,
     )
 
 
@@ -303,25 +351,28 @@ def tool_accuracy(
         np.maximum(errors.after_m**2 - calibrated.stated_part_m(q, as_stated) ** 2, 0.0)
     )
     by_poses = spread_of(by_poses_m)
-    noteworthy = not by_poses.rms > NOTEWORTHY_SHARE * spread_of(errors.after_m).rms
     square, held, known = errors.after_m**2, list[HeldOffset](), arm.offset_tolerance_rad
+    stated = [name for name in calibrated.free if name in as_stated]
     model, B = fit.design.model, fit.whole.B
     for j in offsets_not_sought(model, arm):
         # An error of the offset shifts the other parameters.
         rates = fit.moved_by(B[..., [j - 1]])[:, 0].tolist()
         along = dict(zip([p.name for p in model.parameters], rates, strict=True))
         rate = calibrated.rate_m_per_rad(j, along, q)
+        rms, name = spread_of(rate).rms, DhEntry(DhKind.THETA_OFF, j).name
         if known is not None:
             square = square + (known * rate) ** 2
-        elif (rms := spread_of(rate).rms) > NEGLIGIBLE:
-            name = DhEntry(DhKind.THETA_OFF, j).name
+            stated += [name] if rms > NEGLIGIBLE else []
+        elif rms > NEGLIGIBLE:
             value = float(arm.table.theta_off_rad[j - 1])
             held.append(HeldOffset(name=name, value_rad=value, rate_m_per_rad=rms))
+    after = spread_of(np.sqrt(square))
+    noteworthy = not by_poses.rms > NOTEWORTHY_SHARE * after.rms
     return HandAccuracy(
         before=spread_of(errors.before_m),
-        after=spread_of(np.sqrt(square)),
+        after=after,
         poses=RANGE_SAMPLES,
         holds_for=tuple(held),
-        stated=tuple(name for name in calibrated.free if name in as_stated) if noteworthy else (),
+        stated=tuple(stated) if noteworthy else (),
         after_by_poses=by_poses if noteworthy else None,
     )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from operator_app.calibration.experiment import Experiment
@@ -17,6 +19,7 @@ from solver.diagnostics.model_selection import Evidence
 from solver.diagnostics.range_checks import RangeFinding, ReadingFault, rows_in_radians
 from solver.diagnostics.stated_sizes import ExceededSpecification
 from solver.estimators.effects import LinearModel
+from solver.loops.open_arm import MeasuredClosure
 
 RESTARTED_RAD = np.deg2rad(5.0)
 """A larger step is not a count loss but a restarted node, which counts from another zero."""
@@ -50,21 +53,41 @@ def pose_labels(poses: PoseSet) -> tuple[str, ...]:
     )
 
 
+INSTRUMENT_KINDS = {
+    FindingKind.FIXTURE_DEFLECTS_MORE: FindingKind.INSTRUMENT_DEFLECTS_MORE,
+    FindingKind.FIXTURE_DEFLECTS_OTHERWISE: FindingKind.INSTRUMENT_DEFLECTS_OTHERWISE,
+    FindingKind.FIXTURE_TURNS_RANDOMLY: FindingKind.INSTRUMENT_TURNS_RANDOMLY,
+    FindingKind.FIXTURE_SHIFTS_RANDOMLY: FindingKind.INSTRUMENT_SHIFTS_RANDOMLY,
+}
+"""Kinds of finding for an instrument instead of a fixture that holds the tool."""
+
+
+def _measured(design: LinearModel) -> bool:
+    """Return whether an instrument measures the tool, which no fixture holds."""
+    return isinstance(design.model.parts()[0][0], MeasuredClosure)
+
+
 def finding_of(
     candidate: Candidate, evidence: Evidence, faults: FaultModels, labels: tuple[str, ...]
 ) -> Finding:
     """Return the finding of a fitted explanation; `labels` name the poses in the order in which they were taken."""
     K, subject = FindingKind, candidate.subject
     poses = tuple(labels[k] for k in candidate.poses)
-    first = float(evidence.b[0])
+    first, measured = float(evidence.b[0]), _measured(faults.design)
     match candidate.cause:
         case Cause.SLIPPED:
             side = "table" if subject == "table" else "tool"
+            kind = K.FIXTURE_SLIPPED
+            if measured:
+                kind = K.INSTRUMENT_MOVED if side == "table" else K.TARGET_MOVED
             size = rms_displacement(candidate, evidence, faults)
             between = _between(candidate.poses[0], labels)
-            return Finding(K.FIXTURE_SLIPPED, names=(side,), poses=between, figures=size)
+            return Finding(kind, names=(side,), poses=between, figures=size)
         case Cause.LOST_COUNTS:
-            return reading_step(int(subject), first, candidate.poses[0], faults.arm, labels)
+            step = reading_step(int(subject), first, candidate.poses[0], faults.arm, labels)
+            # A target that turns on the flange about the last joint's axis looks like a step of its reading.
+            ambiguous = measured and step.joint == faults.design.model.joint_count
+            return replace(step, kind=K.READING_OR_TARGET_STEP) if ambiguous else step
         case Cause.LENGTH_CHANGED:
             between = _between(candidate.poses[0], labels)
             return Finding(K.LENGTH_STEP, names=(subject,), poses=between, size=first, unit="m")
@@ -92,7 +115,7 @@ def finding_of(
             stated = {"turn_rad": errors.give_rad or 0.0, "shift_m": errors.give_m or 0.0}
             more = any(size[k] > np.sqrt(3.0) * stated[k] for k in size)
             kind = K.FIXTURE_DEFLECTS_MORE if more else K.FIXTURE_DEFLECTS_OTHERWISE
-            return Finding(kind, figures=size)
+            return Finding(INSTRUMENT_KINDS[kind] if measured else kind, figures=size)
         case _:
             return _smooth(int(subject), candidate, evidence, faults)
 
@@ -104,8 +127,9 @@ def exceeded(larger: ExceededSpecification, design: LinearModel) -> Finding:
     if name == "fixture":
         turns = which == "rad"
         stated = design.errors.give_rad if turns else design.errors.give_m
+        kind = FindingKind.FIXTURE_TURNS_RANDOMLY if turns else FindingKind.FIXTURE_SHIFTS_RANDOMLY
         return Finding(
-            FindingKind.FIXTURE_TURNS_RANDOMLY if turns else FindingKind.FIXTURE_SHIFTS_RANDOMLY,
+            INSTRUMENT_KINDS[kind] if _measured(design) else kind,
             size=larger.times * (stated or 0.0),
             unit="rad" if turns else "m",
             figures=figures,

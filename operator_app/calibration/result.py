@@ -51,6 +51,8 @@ class Solution:
     `best`: the best D-H table for use without corrections, and its uncertainty; None with the paper's estimator, and in
     records of earlier versions.
     `corrections`: corrections that a controller may add to the readings; None in the same cases as `best`.
+    `with_best_table`, `with_corrections`: closure sigmas with `best`, and with the identified entries at readings plus
+    `corrections`; None in the same cases as `best`.
     `shares`: share of each parameter's information that comes from the poses, by name.
     `length_tolerance_m`: requested standard deviation of the link lengths, used instead of the arm file's; None if not
     requested.
@@ -82,6 +84,8 @@ class Solution:
     condition_at_readings: float | None = None
     best: BestTable | None = None
     corrections: Corrections | None = None
+    with_best_table: ClosureSigmas | None = None
+    with_corrections: ClosureSigmas | None = None
     scales: tuple[Scale, ...] = ()
     shares: Mapping[str, float] = field(default_factory=dict)
     distances: tuple[Distance, ...] = ()

@@ -54,7 +54,7 @@ class HandAccuracy:
     `poses`: number of poses, evenly spread over all joints' ranges.
     `holds_for`: fixed offsets whose uncertainty no file states: `after` is valid only if their fixed values are right.
     `stated`, `after_by_poses`: parameters known from the files rather than from the poses, and `after` without their
-    uncertainty; () and None if they contribute little.
+    uncertainty and that of fixed offsets; () and None if they contribute little.
     """
 
     before: Spread

@@ -9,6 +9,7 @@ import numpy as np
 
 from fixtures.base import EndpointConstraint
 from fixtures.measured import Measured
+from operator_app.calibration.calibrated_arm import ClosureInUse, closure_in_use
 from operator_app.calibration.error_model import freed, noise_model
 from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.instrument_registration import (
@@ -72,6 +73,7 @@ class VerificationResult:
     `shift`: common shift of one joint or the fixture in all new poses; None if there is none.
     `stated`: the test with at least the stated errors, in which the variance may be larger by
     `STATED_VARIANCE_FACTOR` or as much as an accepted calibration's own poses scatter.
+    `in_use`: closure sigmas of the same poses with the best table and with the corrections.
     `others_fit`: whether the poses outside `odd_poses` pass the test `stated`, and there is no common shift.
     """
 
@@ -82,6 +84,7 @@ class VerificationResult:
     stated: Chi2Test
     shift: CommonShift | None = None
     others_fit: bool = False
+    in_use: ClosureInUse = field(default_factory=ClosureInUse)
 
     @property
     def why(self) -> str:
@@ -187,6 +190,7 @@ def verify_poses(
         odd_poses=tuple(int(k) for k in np.argsort(tested.pose_probability) if improbable[k]),
         poses=len(poses),
         stated=tested.chi2,
+        in_use=closure_in_use(solution, arm, model, x, poses.q_rad),
     )
     if not tested.closed.all():
         return result

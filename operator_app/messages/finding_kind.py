@@ -12,9 +12,10 @@ from __future__ import annotations
 from enum import Enum
 from typing import NamedTuple, Self
 
-_FIX_BOLTS = (
-    "tighten its bolts and check for play; otherwise state its compliance (key give) or, for an instrument, a larger "
-    "instrument_sigma_mm in the fixture file"
+_FIX_BOLTS = "tighten its bolts and check for play; otherwise state its compliance (key give) in the fixture file"
+_FIX_INSTRUMENT = (
+    "fasten instrument, arm and target and check them for play; otherwise state a larger instrument_sigma_mm (or "
+    "instrument_sigma_deg) in the fixture file"
 )
 _UNSENSED = "calibrate with --unsensed {joint}"
 _REPEAT_JOINT = (
@@ -121,6 +122,42 @@ class FindingKind(Enum):
         "times what its file states",
         remedy=_FIX_BOLTS,
     )
+    INSTRUMENT_MOVED = _Message(
+        "SLIP_FIXTURE",
+        text="the instrument or the arm's base {certain:moved|may have moved} by about {displacement} {between}",
+        remedy="check that instrument and arm stand firmly and take all poses again; or use either the poses up to "
+        "pose {first} or those from pose {last} on",
+    )
+    TARGET_MOVED = _Message(
+        "SLIP_FIXTURE",
+        text="the target {certain:moved|may have moved} on the tool by about {displacement} {between}",
+        remedy="fasten the target and take all poses again; or use either the poses up to pose {first} or those from "
+        "pose {last} on",
+    )
+    INSTRUMENT_DEFLECTS_MORE = _Message(
+        "FIXTURE_GIVES",
+        text="the instrument, the arm's base or the target {certain:moves|may move} by about {displacement} from "
+        "pose to pose, more than the fixture file states",
+        remedy=_FIX_INSTRUMENT,
+    )
+    INSTRUMENT_DEFLECTS_OTHERWISE = _Message(
+        "FIXTURE_GIVES",
+        text="the instrument, the arm's base or the target {certain:moves|may move} by about {displacement}, without "
+        "a consistent relation to load or pose",
+        remedy=_FIX_INSTRUMENT,
+    )
+    INSTRUMENT_TURNS_RANDOMLY = _Message(
+        "FIXTURE_GIVES",
+        text="the measured orientations scatter by about {size:DEFLECTION_ANGLE} at random from pose to pose, "
+        "{times:TIMES} times what the fixture file states",
+        remedy=_FIX_INSTRUMENT,
+    )
+    INSTRUMENT_SHIFTS_RANDOMLY = _Message(
+        "FIXTURE_GIVES",
+        text="the measured points scatter by about {size:DEFLECTION_LENGTH} at random from pose to pose, "
+        "{times:TIMES} times what the fixture file states",
+        remedy=_FIX_INSTRUMENT,
+    )
     WRONG_FIXTURE_HINGE = _Message(
         "WRONG_FIXTURE",
         text="the loops close like those of a hinge, not of a {name} fixture",
@@ -144,6 +181,12 @@ class FindingKind(Enum):
         text="the reading of joint {joint} {certain:jumped|may have jumped} by {size:TARGET}{in_counts} {between}: "
         "its node restarted or its sensor came off",
         remedy="home joint {joint} and take all poses again",
+    )
+    READING_OR_TARGET_STEP = _Message(
+        "STEP_JOINT_{joint}",
+        text="the reading of joint {joint} {certain:shifted|may have shifted} by {size:STEP}{in_counts}, or the "
+        "target turned on the flange by as much, {between}",
+        remedy="check whether the target is fastened and fasten it; otherwise " + _REPEAT_JOINT,
     )
     READING_DRIFT = _Message(
         "DRIFT_JOINT_{joint}",

@@ -186,7 +186,8 @@ RESULTS_AS_LISTS = (
 RESULTS_AS_FIGURES = (
     "before", "chi2_band_99", "condition_number", "flexure_p_value", "global_start", "hand_accuracy_mm",
     "scaled_condition_number", "scaled_condition_number_at_readings", "sigma_pos_mm", "sigma_ori_mrad",
-    "chi2_per_dof", "stated_chi2_per_dof", "tip_sigma_mm", "best_table_tool_sigma_mm",
+    "chi2_per_dof", "stated_chi2_per_dof", "tip_sigma_mm", "best_table_tool_sigma_mm", "with_best_table",
+    "with_corrections",
 )  # fmt: skip
 """Keys whose value is null if the poses leave parameters undetermined."""
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 
 from operator_app.calibration.cross_validation import Checks
 from operator_app.calibration.result import Solution
@@ -132,7 +132,8 @@ def accuracy_table(solution: Solution) -> FactTable | None:
         "without entries of the mounting. After: by the best D-H table, corrections not applied"
         f"{fixed_briefly(tuple(h.name for h in accuracy.holds_for))}."
     )
-    if accuracy.after.rms > accuracy.before.rms:
+    by_poses = accuracy.after_by_poses or accuracy.after
+    if by_poses.rms > accuracy.before.rms:
         note += (
             " Before is a distance, after an uncertainty. After is larger: these poses do not show that the arm "
             "file's entries are wrong."
@@ -228,6 +229,7 @@ def closure_table(solution: Solution, beside: Estimate | None, checks: Checks | 
     estimate = solution.identified
     rows = [
         closure_row("nominal, before", solution.before, key=("before",)),
+        *rows_in_use(solution.with_best_table, solution.with_corrections),
         closure_row(f"{estimate.estimator} (chosen), after", estimate.sigmas, key=()),
     ]
     if beside is not None:
@@ -246,7 +248,23 @@ def closure_table(solution: Solution, beside: Estimate | None, checks: Checks | 
         title="Closure at the measured joints (eqs. 14 and 15)",
         columns=CLOSURE_COLUMNS,
         rows=tuple(rows),
+        note=(
+            ""
+            if solution.with_best_table is None
+            else "Best table and corrected readings are what a controller uses. The rows below them are of the "
+            "identified entries without the corrections that belong to them."
+        ),
     )
+
+
+def rows_in_use(
+    best_table: ClosureSigmas | None, corrected: ClosureSigmas | None, *, name: str = "{}, after"
+) -> Iterator[tuple[Cell, ...]]:
+    """Return the rows of what a controller uses: the best table, and identified entries at corrected readings."""
+    if best_table is not None:
+        yield closure_row(name.format("best table"), best_table, key=("with_best_table",))
+    if corrected is not None:
+        yield closure_row(name.format("corrected readings"), corrected, key=("with_corrections",))
 
 
 def closure_row(

@@ -44,7 +44,7 @@ from operator_app.report.uncertainty_tables import source_words
 from operator_app.session.store.journal import read_journal
 from operator_app.session.store.stored_calibration import StoredCalibration, journal_calibration
 from operator_app.session.workflow.importing import UNKNOWN_SERIAL_NUMBER
-from operator_app.units import CLOSURE_LENGTH, PERCENT, Figure, Kind, quantity_of
+from operator_app.units import CLOSURE_LENGTH, PERCENT, Figure, Kind, names, quantity_of
 
 if TYPE_CHECKING:
     from operator_app.report.facts import Facts
@@ -152,7 +152,11 @@ def _tool(subject: Subject) -> list[Html]:
         return []
     both = (accuracy.before, accuracy.after)
     before, after = (Figure(spread.rms, CLOSURE_LENGTH).with_unit for spread in both)
-    parts = [element("h2", f"Tool off by {before} rms before, {after} after (one sigma)")]
+    head = f"Tool off by {before} rms before, {after} after (one sigma)"
+    if (by_poses := accuracy.after_by_poses) is not None:
+        without = Figure(by_poses.rms, CLOSURE_LENGTH).with_unit
+        head += f", {without} without the uncertainty of {names(accuracy.stated)}"
+    parts = [element("h2", head)]
     if pair := hand_pair(solution, subject.procedure.arm):
         parts += [plots([drawn(pair.before), drawn(pair.after)]), remark(pair.note)]
     if truth := truth_in_words(solution):

@@ -8,7 +8,7 @@ import numpy as np
 
 from operator_app.calibration.open_loop import OpenLoopCheck
 from operator_app.calibration.prediction import FIXTURE, shift_in_words
-from operator_app.report.quality_tables import CLOSURE_COLUMNS, closure_row
+from operator_app.report.quality_tables import CLOSURE_COLUMNS, closure_row, rows_in_use
 from operator_app.report.results.comparison import change_cells, change_data
 from operator_app.report.table import FactTable, figures, keyed, words
 from operator_app.report.text import paragraph, table_lines, table_text, warning
@@ -27,10 +27,17 @@ OUTLIERS_LISTED = 5
 
 def closure(verdict: VerificationResult) -> FactTable:
     """Return the table of closure sigmas of the new poses, with nominal and with calibrated parameters."""
-    before = closure_row("nominal", verdict.nominal, key=("nominal",))
-    after = closure_row("calibrated", verdict.verification.sigmas, key=())
-    title = "Closure at the measured joints"
-    return FactTable(ident="closure", title=title, columns=CLOSURE_COLUMNS, rows=(before, after))
+    used = verdict.in_use
+    return FactTable(
+        ident="closure",
+        title="Closure at the measured joints",
+        columns=CLOSURE_COLUMNS,
+        rows=(
+            closure_row("nominal", verdict.nominal, key=("nominal",)),
+            *rows_in_use(used.best_table, used.corrected, name="calibrated, {}"),
+            closure_row("calibrated, entries alone", verdict.verification.sigmas, key=()),
+        ),
+    )
 
 
 def verification_json(verdict: VerificationResult, poses: PoseSet) -> dict[str, Any]:
@@ -102,8 +109,9 @@ def verification_text(verdict: VerificationResult, poses: PoseSet, folder: str) 
 
 
 def verified_words(result: VerificationResult) -> str:
-    """Return the result of a verification in one line: verdict, closure sigmas and chi2/dof."""
-    sigmas, ratio = result.verification.sigmas, CHI2(result.verification.chi2.per_dof).shown
+    """Return the result of a verification in one line: verdict, closure sigmas (with the best table) and chi2/dof."""
+    sigmas = result.in_use.best_table or result.verification.sigmas
+    ratio = CHI2(result.verification.chi2.per_dof).shown
     turned = sigmas.orientation_rad
     return (
         f"{result.poses} new poses, {result.verdict}: {SIGMA_POS(sigmas.position_m.rms).with_unit}"

@@ -7,11 +7,41 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.findings import left_out_poses, rms_displacement
+from operator_app.config.fixture_file import load_fixture
+from operator_app.config.poses_file import load_poses
+from operator_app.messages.finding import FindingKind
 from solver.diagnostics.range_checks import range_findings
 from tests.benchmarks.shop_floor_outcome import ACCEPTED, WARNED, outcome
 from tests.oracles.as_shipped import ARM, displaced, poses_of, spread_out
+from tests.oracles.open_arm import write_measured_poses
 from tests.oracles.shop_floor import session
+
+
+@pytest.mark.parametrize(
+    ("change", "kind"),
+    [
+        ("instrument", FindingKind.INSTRUMENT_MOVED),
+        ("scatter", FindingKind.INSTRUMENT_DEFLECTS_MORE),
+        ("joint 7", FindingKind.READING_OR_TARGET_STEP),
+        ("joint 4", FindingKind.READING_STEP),
+    ],
+)
+def test_finding_about_an_instrument_names_no_fixture(tmp_path, change, kind):
+    path = write_measured_poses(tmp_path / "open.csv")
+    poses, tracker = load_poses(str(path), joint_count=7).poses, load_fixture("tracker").fixture
+    late, endpoint = np.arange(len(poses)) >= 20, np.array(poses.endpoint)
+    if change == "instrument":
+        poses = replace(poses, endpoint=endpoint + np.outer(late, [0.0, 0.003, 0.001]))
+    elif change == "scatter":
+        noise = np.random.default_rng(4).normal(size=endpoint.shape)
+        poses = replace(poses, endpoint=endpoint + 2e-3 * noise)
+    else:
+        poses = displaced(poses, (late, int(change[-1]) - 1), 1.5)
+    first = calibrate(ARM, tracker, poses, drop=True).causes[0]
+    assert first.kind is kind
+    assert first.code == kind.code.format(joint=first.joint)
 
 
 def test_slip_is_as_large_as_in_the_placement_in_which_it_happened():

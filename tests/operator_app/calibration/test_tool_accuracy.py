@@ -8,12 +8,14 @@ import pytest
 from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.calibrated_arm import calibrated_arm
 from operator_app.config.fixture_file import load_fixture
+from operator_app.config.poses_file import load_poses
 from operator_app.planning.simulated import simulated_poses
 from operator_app.report.facts import facts_of
 from operator_app.report.text import facts_text
 from solver.chain.kinematics import DhTable
 from solver.chain.parameters import DhEntry
 from tests.oracles.as_shipped import ARM, BALL, HINGE, PANDA, panda_poses
+from tests.oracles.open_arm import write_measured_poses
 from tests.oracles.pinocchio_chain import PinocchioChain
 from tests.solver.conftest import tip_position
 
@@ -62,6 +64,42 @@ def test_uncertainty_of_unseen_offsets_is_reported_apart():
     assert document["after_by_poses"]["rms"] == pytest.approx(1e3 * accuracy.after_by_poses.rms)
     text = " ".join(facts_text(facts_of(solution)).split())
     assert "without the uncertainty of theta_off_1 and theta_off_7" in text
+
+
+def test_uncertainty_of_a_fixed_offset_does_not_hide_an_improvement(tmp_path):
+    """An instrument fixes theta_off_1: a tolerance of 10 deg moves the tool by more than the arm file's errors."""
+    path = write_measured_poses(tmp_path / "open.csv")
+    poses, tracker = load_poses(str(path), joint_count=7).poses, load_fixture("tracker").fixture
+    vague = replace(ARM, offset_tolerance_rad=np.deg2rad(10.0))
+    solution = calibrate(vague, tracker, poses, drop=True)
+    accuracy, table = solution.accuracy, facts_of(solution).table("accuracy")
+    assert accuracy.stated == ("theta_off_1",)
+    assert 0.1 * accuracy.before.rms > accuracy.after_by_poses.rms
+    assert accuracy.after.rms > accuracy.before.rms
+    assert len(table.rows[0]) == 4
+    assert "do not show" not in table.note
+
+
+@pytest.mark.parametrize("corrected", [False, True])
+def test_closure_in_use_is_that_of_the_tool_against_the_instrument(tmp_path, corrected):
+    """By a rigid fit of tool positions to measured points: encoder waves make the bare entries close worse."""
+    path = write_measured_poses(tmp_path / "open.csv", sigma_m=2e-5)
+    poses, tracker = load_poses(str(path), joint_count=7).poses, load_fixture("tracker").fixture
+    waves = np.deg2rad(0.08) * np.cos(poses.q_rad[:, 1] + 0.4)
+    poses = replace(poses, q_rad=poses.q_rad - waves[:, None] * (np.arange(7) == 1))
+    solution = calibrate(ARM, tracker, poses, drop=True)
+    tool = calibrated_arm(solution, ARM).T_base(poses.q_rad, corrected=corrected)[:, :3, 3]
+    measured = np.asarray(poses.endpoint)
+    a, b = tool - tool.mean(0), measured - measured.mean(0)
+    U, _, Vt = np.linalg.svd(a.T @ b)
+    R = U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt
+    expected = float(np.sqrt(np.mean((a @ R - b) ** 2)))
+    found = solution.with_corrections if corrected else solution.with_best_table
+    assert found.position_m.rms == pytest.approx(expected, rel=0.1)
+    assert found.position_m.rms < 0.8 * solution.estimate.sigmas.position_m.rms
+    name = "with_corrections" if corrected else "with_best_table"
+    document = facts_of(solution).json[name]["sigma_pos_mm"]
+    assert document["rms"] == pytest.approx(1e3 * found.position_m.rms)
 
 
 def simulated(*, poses, seed):

@@ -272,12 +272,14 @@ def test_text_and_screen_show_no_orientation(calibrated):
 
 def test_verification_uses_positions_only(calibrated):
     verification = sarcal.verify(*calibrated)
-    (row,) = [
+    rows = [
         line for line in str(verification).splitlines() if line.lstrip().startswith("calibrated")
     ]
-    assert row.split()[-2:] == ["n/a", "n/a"]
+    assert [row.split()[-2:] for row in rows] == 3 * [["n/a", "n/a"]]
+    data = verification.to_json()
+    assert data["with_best_table"]["sigma_pos_mm"]["rms"] > 0.0
+    assert data["with_corrections"]["sigma_ori_mrad"] == UNKNOWN
     assert re.search(r": [\d.]+ mm rms, chi2", verified_words(verification._result))
     hinge = story()["verified"].verification
     assert re.search(r": [\d.]+ mm, [\d.]+ mrad rms, chi2", verified_words(hinge))
-    data = verification.to_json()
     assert data["sigma_ori_mrad"] == data["nominal"]["sigma_ori_mrad"] == UNKNOWN

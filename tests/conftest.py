@@ -20,14 +20,12 @@ DATA = REPOSITORY / "tests" / "data"
 APPROVED = DATA.with_name("approved_words.json")
 
 PROGRAMS = {
-    "busybox": "Debian package busybox-static",
     "candump": "Debian package can-utils",
     "cansend": "Debian package can-utils",
     "dcfchk": "extra 'test'",
     "ip": "Debian package iproute2",
     "linux.uml": "Debian package user-mode-linux",
     "node": "Debian package nodejs",
-    "qemu-system-x86_64": "Debian package qemu-system-x86",
     "tmux": "Debian package tmux",
     "tshark": "Debian package tshark",
 }

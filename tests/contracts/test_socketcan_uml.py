@@ -1,22 +1,16 @@
-"""Kernel CAN under User-Mode Linux or in an emulated PC: the transport contract, and can-utils as peers."""
+"""Kernel CAN under User-Mode Linux: the contracts of transport and arm, and can-utils as peers."""
 
-import os
 import re
 import shlex
 import sys
 
 import pytest
 
-from tests.oracles.guest_linux import in_emulated_linux, in_user_mode_linux
+from tests.oracles.guest_linux import in_user_mode_linux
 
-pytestmark = [pytest.mark.needs("candump", "ip"), pytest.mark.campaign]
-UML = pytest.param(in_user_mode_linux, marks=pytest.mark.needs("linux.uml"), id="uml")
-PC = pytest.param(
-    in_emulated_linux, marks=pytest.mark.needs("qemu-system-x86_64", "busybox"), id="pc"
-)
+pytestmark = [pytest.mark.needs("linux.uml", "candump", "ip"), pytest.mark.campaign]
 
 
-@pytest.mark.needs("linux.uml")
 def test_socketcan_meets_arm_contract():
     # Timing under a user-mode kernel on one processor is not representative; two sessions are enough.
     chosen = "socketcan and (two_driven or stop_in_a_move)"
@@ -28,10 +22,8 @@ def test_socketcan_meets_arm_contract():
     assert " passed" in output
 
 
-@pytest.mark.parametrize("run", [UML, PC])
-def test_frame_refused_by_full_queue_is_sent_again_once(run):
-    kernel = f"QEMU_KERNEL_ROOT={os.environ.get('QEMU_KERNEL_ROOT', '')}"
-    output = run("env", kernel, sys.executable, "-m", "tests.oracles.full_transmit_queue")
+def test_frame_refused_by_full_queue_is_sent_again_once():
+    output = in_user_mode_linux(sys.executable, "-m", "tests.oracles.full_transmit_queue")
     results = {
         line.split()[0]: line.partition(" ")[2] for line in output.splitlines() if line.strip()
     }
@@ -43,8 +35,7 @@ def test_frame_refused_by_full_queue_is_sent_again_once(run):
     assert int(retries) > 0
 
 
-@pytest.mark.parametrize("run", [UML, PC])
-def test_socketcan_agrees_with_can_utils_and_meets_transport_contract(run):
+def test_socketcan_agrees_with_can_utils_and_meets_transport_contract():
     # One boot for both, with only the plugins that the project's settings name: an import takes a second.
     peers = f"{shlex.quote(sys.executable)} -m tests.oracles.can_utils_peers"
     contract = shlex.join([
@@ -53,7 +44,7 @@ def test_socketcan_agrees_with_can_utils_and_meets_transport_contract(run):
         "-o", "addopts=--import-mode=importlib --strict-markers", "-k", "socketcan",
         "tests/contracts/test_transport_contract.py",
     ])  # fmt: skip
-    output = run("/bin/sh", "-c", f"{peers} && ip link set vcan0 up && {contract}")
+    output = in_user_mode_linux("/bin/sh", "-c", f"{peers} && ip link set vcan0 up && {contract}")
     lines = output.splitlines()
     assert "DUMP ['181#112233', '181#FF']" in lines
     assert "RECEIVED 0x581 4b41600027020000" in lines

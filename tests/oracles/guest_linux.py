@@ -1,4 +1,4 @@
-"""Commands in a guest Linux with a vcan0: User-Mode Linux, or an emulated PC. Skips if there is none."""
+"""Commands in a guest Linux with a vcan0: User-Mode Linux. Skips on a processor on which that does not run."""
 
 import contextlib
 import os
@@ -12,16 +12,14 @@ import pytest
 REPOSITORY = Path(__file__).resolve().parents[2]
 UNFIT = "ptrace set fp regs failed"
 """Error of User-Mode Linux at its start on a processor with registers that it does not support."""
-LACKS = "install Debian package"
-"""Error of the emulated PC without a kernel or a static busybox."""
 
 
-def _inside(runner: str, command: tuple[str, ...], patience_s: float) -> str:
+def in_user_mode_linux(*command: str, patience_s: float = 550.0) -> str:
     """Run a command as root in the repository, with a vcan0 that is up and a writable /run; return its output."""
     process = subprocess.Popen(
         [
-            sys.executable, str(REPOSITORY / "tests" / "tools" / runner), "/usr/bin/env", "-C", str(REPOSITORY),
-            "TMPDIR=/run", "HOME=/run", f"PYTHONPATH={REPOSITORY}", *command,
+            sys.executable, str(REPOSITORY / "tests/tools/in_user_mode_linux.py"), "/usr/bin/env",
+            "-C", str(REPOSITORY), "TMPDIR=/run", "HOME=/run", f"PYTHONPATH={REPOSITORY}", *command,
         ],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -36,17 +34,5 @@ def _inside(runner: str, command: tuple[str, ...], patience_s: float) -> str:
             os.killpg(process.pid, signal.SIGKILL)
     if process.returncode and UNFIT in output:
         pytest.skip(f"User-Mode Linux does not run on this processor: {UNFIT}")
-    if LACKS in errors:
-        pytest.skip(errors.strip().splitlines()[-1])
     assert process.returncode == 0, output[-4000:] + errors[-1000:]
     return output
-
-
-def in_user_mode_linux(*command: str, patience_s: float = 550.0) -> str:
-    """Run a command without privileges on the host; skips on an unsupported processor."""
-    return _inside("in_user_mode_linux.py", command, patience_s)
-
-
-def in_emulated_linux(*command: str) -> str:
-    """Run a command on any processor."""
-    return _inside("in_qemu.py", command, 900.0)

@@ -299,6 +299,7 @@ def proven_by_return(
 SLIP_KINDS = frozenset(
     {FindingKind.FIXTURE_SLIPPED, FindingKind.INSTRUMENT_MOVED, FindingKind.TARGET_MOVED}
 )
+"""Steps of a fixture, an instrument or a target from one pose to the next."""
 
 
 def not_yet_named(since: tuple[Finding, ...], by_tests: tuple[Finding, ...]) -> tuple[Finding, ...]:

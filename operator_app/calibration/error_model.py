@@ -13,6 +13,7 @@ from fixtures.ball import Ball, KnownDistance
 from fixtures.base import EndpointConstraint
 from fixtures.measured import Measured
 from operator_app.calibration.experiment import Experiment
+from operator_app.config.measured_endpoints import mean_endpoint
 from solver.arrays import BoolArray, FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import DhEntry, DhKind, is_entry, nominal_vector
@@ -195,13 +196,7 @@ def averaged_at_rest(arm: ArmModel, poses: PoseSet) -> PoseSet:
 
     endpoint = None
     if poses.endpoint is not None:
-        endpoint = mean(poses.endpoint)
-        if endpoint.shape[1] > 3:
-            from scipy.spatial.transform import Rotation
-
-            # Rotation vectors near half a turn may have opposite signs.
-            groups = np.split(poses.endpoint[:, 3:].copy(), starts[1:])
-            endpoint[:, 3:] = [Rotation.from_rotvec(r).mean().as_rotvec() for r in groups]
+        endpoint = np.array([mean_endpoint(e) for e in np.split(poses.endpoint, starts[1:])])
     return replace(
         poses,
         q_rad=mean(q)[which],

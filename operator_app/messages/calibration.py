@@ -203,7 +203,9 @@ FIELDS: Mapping[str, Callable[[Finding], object]] = {
     "between": lambda f: f"between pose {f.poses[0]} and pose {f.poses[1]}",
     "since": lambda f: f.poses[1],
     "placement": lambda f: f" of placement {f.joints[0]}" if f.joints else "",
-    "outlying": lambda f: "possibly do" if not f.certain else "do" if len(f.poses) > 1 else "does",
+    "outlying": lambda f: (
+        ("" if f.certain else "possibly ") + ("do" if len(f.poses) > 1 else "does")
+    ),
     "name": lambda f: f.names[0],
     "last_name": lambda f: f.names[-1],
     "listed": lambda f: ", ".join(f.names[:LISTED]),

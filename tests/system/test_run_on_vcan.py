@@ -36,6 +36,6 @@ def test_run_on_vcan0_has_the_frames_that_candump_recorded():
     assert (result["poses"], result["rank"]) == (3, 14)
     _, syncs, _, answers, _, uploads = lines["SYNC"].split()
     assert int(syncs) > 300
-    # From joint 7's first answer to its last, it answers every SYNC that reaches it: 96 % where the host is busy.
-    assert 0.9 * int(syncs) <= int(answers) <= int(syncs)
+    # From joint 7's first answer to its last, it answers every SYNC.
+    assert 0.99 * int(syncs) <= int(answers) <= int(syncs)
     assert int(uploads) > 0

@@ -4,7 +4,9 @@ An input is accepted, or refused with an expected error; any other exception is 
 """
 
 import contextlib
+import functools
 import io
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from random import Random
@@ -21,34 +23,38 @@ ODD_WORDS = (
     "~nosuchuser/x", "/dev/null", "/dev/full", "/proc/self/mem", ".", "..", "/", "\udcff", "x\x00y", "6,7",
     "1,,2", "latest", "hinge", "sarcos_dextrous", "no.csv", "--json", "-c", "{}", "%s", "virtual", "vcan0",
 )  # fmt: skip
-ENDLESS = ("run", "plan", "controller", "monitor", "probe")
+ENDLESS = ("run", "plan", "controller", "monitor", "probe", "reproduce", "eds")
 """Commands that might not end by themselves: they are given an unknown option in addition."""
 TAKES_SESSIONS = ("export", "report", "compare", "run", "session", "import")
-ARGUMENTS: Mapping[str, tuple[str, ...]] = {
-    "solve": (str(DATA), "--arm", "--fixture", "--estimator", "paper", "--unsensed", "--global-start",
-              "--length-tolerance", "--rvdt-table", "--json"),
-    "verify": (str(DATA), "--poses", "--arm", "--fixture", "--session", "--open-loop", "--json"),
-    "export": ("--upload", "--force", "--show", "--output", "--json"),
-    "report": ("--output", "--json", "-o"),
-    "compare": ("--json", "--remounted"),
-    "session": ("list", "show", "repair", "--json"),
-    "reset": ("--json", "-i", "-b", "--scenario"),
-    "import": (str(DATA), "--rad", "--deg", "--columns", "1-7", "--arm", "--fixture", "--serial", "--json"),
-    "new": ("arm", "fixture", "procedure", "--urdf", "--tip", "--name", "--from", "--kind", "--arm", "--fixture",
-            "--hand-point", "--base-point", "--hand-direction", "--tolerance-mm", "ball", "1,2,3", str(DATA)),
-    "check": (str(DATA), "--arm", "--fixture", "--procedure", "--json", "README.md"),
-    "run": ("--poses", "--tracker", "--resume", "--force", "--plan", "--estimator", "--unsensed", "-i", "-b", "--seed"),
-    "plan": ("--poses", "--fixture", "--arm", "--seed", "--joints", "--json"),
-    "controller": ("--arm", "--state", "--fault", "--fault-joint", "--fault-sync", "-i", "-c", "--seed"),
-    "monitor": ("-i", "-c", "-b"),
-    "probe": ("-i", "-c", "-b", "--json", "--profile", "--draft"),
-}  # fmt: skip
+POSITIONAL = (
+    str(DATA),
+    "list",
+    "show",
+    "repair",
+    "arm",
+    "fixture",
+    "procedure",
+    "ball",
+    "1,2,3",
+    "1-7",
+    "paper",
+    "README.md",
+)
+
+
+@functools.cache
+def options(command: str) -> tuple[str, ...]:
+    """Every option that the help of a command names."""
+    output = io.StringIO()
+    with contextlib.redirect_stdout(output), contextlib.suppress(SystemExit):
+        main([command, "--help"])
+    return tuple(sorted({*re.findall(r"(?<![\w-])--?[a-z][a-z-]*", output.getvalue())}))
 
 
 def fuzz_command(rng: Random, folder: Path) -> None:
     """Run a random command line: it ends with a documented exit code and prints no escape sequence."""
-    command = rng.choice(tuple(ARGUMENTS))
-    arguments = ARGUMENTS[command]
+    command = rng.choice(tuple(COMMANDS))
+    arguments = options(command) + POSITIONAL
     words = [command, *(rng.choice(arguments + ODD_WORDS) for _ in range(rng.randrange(6)))]
     if rng.random() < 0.5:
         words += [rng.choice(arguments), rng.choice(ODD_WORDS)]

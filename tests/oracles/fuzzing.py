@@ -23,32 +23,21 @@ ODD_WORDS = (
     "~nosuchuser/x", "/dev/null", "/dev/full", "/proc/self/mem", ".", "..", "/", "\udcff", "x\x00y", "6,7",
     "1,,2", "latest", "hinge", "sarcos_dextrous", "no.csv", "--json", "-c", "{}", "%s", "virtual", "vcan0",
 )  # fmt: skip
-ENDLESS = ("run", "plan", "controller", "monitor", "probe", "reproduce", "eds")
-"""Commands that might not end by themselves: they are given an unknown option in addition."""
-TAKES_SESSIONS = ("export", "report", "compare", "run", "session", "import")
+NOT_RUN = ("run", "plan", "controller", "monitor", "probe", "reproduce", "eds")
+"""Commands that might not end by themselves, or write where they are told: they get an unknown option in addition."""
 POSITIONAL = (
-    str(DATA),
-    "list",
-    "show",
-    "repair",
-    "arm",
-    "fixture",
-    "procedure",
-    "ball",
-    "1,2,3",
-    "1-7",
-    "paper",
-    "README.md",
-)
+    str(DATA), "list", "show", "repair", "arm", "fixture", "procedure", "ball", "1,2,3", "1-7", "paper", "README.md",
+)  # fmt: skip
 
 
 @functools.cache
 def options(command: str) -> tuple[str, ...]:
-    """Every option that the help of a command names."""
+    """Every option that a command's help names, except the help itself."""
     output = io.StringIO()
     with contextlib.redirect_stdout(output), contextlib.suppress(SystemExit):
         main([command, "--help"])
-    return tuple(sorted({*re.findall(r"(?<![\w-])--?[a-z][a-z-]*", output.getvalue())}))
+    named = {*re.findall(r"(?<![\w-])--?[a-z][a-z-]*", output.getvalue())}
+    return tuple(sorted(named - {"-h", "--help"}))
 
 
 def fuzz_command(rng: Random, folder: Path) -> None:
@@ -58,12 +47,12 @@ def fuzz_command(rng: Random, folder: Path) -> None:
     words = [command, *(rng.choice(arguments + ODD_WORDS) for _ in range(rng.randrange(6)))]
     if rng.random() < 0.5:
         words += [rng.choice(arguments), rng.choice(ODD_WORDS)]
-    if command in ENDLESS:
+    if command in NOT_RUN:
         words.append("--no-such-option")
     if rng.random() < 0.2:
         rng.shuffle(words)
         words = words if {*words} & {*COMMANDS} else [command, *words]
-    elif command in TAKES_SESSIONS:
+    elif "--sessions" in options(command):
         words += ["--sessions", str(folder)]
     output = io.StringIO()
     with contextlib.redirect_stdout(output), contextlib.redirect_stderr(output):

@@ -21,6 +21,7 @@ from solver.chain.arm_model import ArmModel
 from solver.chain.kinematics import DhTable, forward
 from solver.chain.parameters import DhEntry, DhKind, is_entry
 from solver.chain.sensors import NoSensor
+from solver.closing import reduced_equations
 from solver.estimators.estimate import closure_at_readings
 from solver.estimators.linear_fit import LinearFit
 from solver.estimators.variance_components import Calibrated
@@ -38,6 +39,9 @@ from solver.posterior.corrections import Corrections, JointCorrections, correcti
 Frame = Literal["tip", "flange"]
 
 TIP_NAMES = frozenset(TIP)
+
+NEWTON_STEPS = 3
+"""Number of Newton steps to the place of a ball's socket; the closure is linear in its coordinates."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -279,12 +283,34 @@ class ClosureInUse:
     corrected: ClosureSigmas | None = None
 
 
+def with_estimated_place(
+    model: ClosureModel, x: FloatArray, q: FloatArray, unknown: Collection[str]
+) -> FloatArray:
+    """Return parameters x (P,), rad and m, with those of `unknown` estimated from readings q (m, n) without a prior.
+
+    `unknown`: names of the parameters of a fixture's or an instrument's place.
+    """
+    columns = [k for k, p in enumerate(model.parameters) if p.name in unknown]
+    x = x.copy()
+    for _ in range(NEWTON_STEPS if columns else 0):
+        reduced = reduced_equations(model.loop(x, q, model.initial_unsensed(x, q)))
+        A = reduced.A[..., columns].reshape(-1, len(columns))
+        x[columns] -= np.linalg.lstsq(A, reduced.w.reshape(-1), rcond=None)[0]
+    return x
+
+
 def closure_in_use(
-    solution: Solution, arm: ArmModel, model: ClosureModel, x: FloatArray, q: FloatArray
+    solution: Solution,
+    arm: ArmModel,
+    model: ClosureModel,
+    x: FloatArray,
+    q: FloatArray,
+    unknown: Collection[str] = (),
 ) -> ClosureInUse:
     """Return the closure sigmas with the best table and with the corrections.
 
     `model`, `x`: a loop of the calibrated arm and the values of its parameters (P,), rad and m. `q`: readings (m, n).
+    `unknown`: parameters of a place that was not calibrated, estimated for the table and for the corrections apart.
     """
     best, corrections = solution.best, solution.corrections
     if best is None or corrections is None:
@@ -300,9 +326,12 @@ def closure_in_use(
     whole = freed(model, best.entries)
     at_best = in_order(whole, model, x)
     at_best += [changes.get(p.name.partition("[")[0], 0.0) for p in whole.parameters]
+    at_best = with_estimated_place(whole, at_best, q, unknown)
+    corrected_q = q + corrections.at(q)
+    x = with_estimated_place(model, x, corrected_q, unknown)
     return ClosureInUse(
         best_table=closure_at_readings(whole, at_best, q).sigmas,
-        corrected=closure_at_readings(model, x, q + corrections.at(q)).sigmas,
+        corrected=closure_at_readings(model, x, corrected_q).sigmas,
     )
 
 

@@ -9,7 +9,11 @@ import numpy as np
 
 from fixtures.base import EndpointConstraint
 from fixtures.measured import Measured
-from operator_app.calibration.calibrated_arm import ClosureInUse, closure_in_use
+from operator_app.calibration.calibrated_arm import (
+    ClosureInUse,
+    closure_in_use,
+    with_estimated_place,
+)
 from operator_app.calibration.error_model import freed, noise_model
 from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.instrument_registration import (
@@ -22,7 +26,6 @@ from solver.arrays import BoolArray, FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector
 from solver.chain.poses import PoseSet
-from solver.closing import reduced_equations
 from solver.diagnostics import limits
 from solver.diagnostics.cross_validation import (
     NOT_KNOWN,
@@ -39,9 +42,6 @@ from solver.estimators.estimate import closure_at_readings
 from solver.estimators.implicit import NoiseModel
 from solver.loops.closure import ClosureModel, ClosureSigmas
 from solver.loops.placements import Placements
-
-NEWTON_STEPS = 3
-"""Number of Newton steps to the place of a ball's socket; the closure is linear in its coordinates."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -172,15 +172,16 @@ def verify_poses(
             model, fixture.model(arm).ground_side, fixed, poses, calibrated
         )
     x, covariance = _in_order(model, fixed)
-    if unknown:
-        x, covariance = _with_estimated_placement(model, x, covariance, poses.q_rad, unknown)
+    x = with_estimated_place(model, x, poses.q_rad, unknown)
+    columns = [k for k, p in enumerate(model.parameters) if p.name in unknown]
+    covariance[columns, columns] = NOT_KNOWN**2
     tested = verify(model, x, covariance, poses.q_rad, stated_noise(new, fixed))
     if unknown:
         # Estimating the fixture's place uses as many equations as it has unknowns.
         chi2 = tested.chi2
         dof = chi2.dof - len(unknown)
         tested = replace(tested, chi2=chi2_test(chi2.per_dof * chi2.dof, dof))
-    nominal = nominal_vector(model.parameters)
+    nominal = with_estimated_place(model, nominal_vector(model.parameters), poses.q_rad, unknown)
     improbable = (
         tested.pose_probability < limits.FALSE_ALARM_PROBABILITY / len(poses)
     ) | ~tested.closed
@@ -190,7 +191,7 @@ def verify_poses(
         odd_poses=tuple(int(k) for k in np.argsort(tested.pose_probability) if improbable[k]),
         poses=len(poses),
         stated=tested.chi2,
-        in_use=closure_in_use(solution, arm, model, x, poses.q_rad),
+        in_use=closure_in_use(solution, arm, model, x, poses.q_rad, unknown),
     )
     if not tested.closed.all():
         return result
@@ -296,24 +297,6 @@ def _fixed_and_unknown(
     values = {name: fixed.values[source] for name, source in sources.items()}
     covariance = fixed.covariance[np.ix_(rows, rows)]
     return replace(fixed, values=values, covariance=covariance), tuple(unknown)
-
-
-def _with_estimated_placement(
-    model: ClosureModel,
-    x: FloatArray,
-    covariance: FloatArray,
-    q: FloatArray,
-    unknown: tuple[str, ...],
-) -> tuple[FloatArray, FloatArray]:
-    """Return values and covariance with the fixture's placement estimated from the poses, without a prior."""
-    columns = [k for k, p in enumerate(model.parameters) if p.name in unknown]
-    x, covariance = x.copy(), covariance.copy()
-    for _ in range(NEWTON_STEPS):
-        reduced = reduced_equations(model.loop(x, q, model.initial_unsensed(x, q)))
-        A = reduced.A[..., columns].reshape(-1, len(columns))
-        x[columns] -= np.linalg.lstsq(A, reduced.w.reshape(-1), rcond=None)[0]
-    covariance[columns, columns] = NOT_KNOWN**2
-    return x, covariance
 
 
 def _in_order(model: ClosureModel, fixed: Fixed) -> tuple[FloatArray, FloatArray]:

@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from operator_app.calibration.calibrate import calibrate
+from operator_app.calibration.calibrated_arm import calibrated_arm
 from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.prediction import (
     FIXTURE,
@@ -220,6 +221,22 @@ def test_new_socket_is_verified_at_any_place(two_sockets, count):
         assert result.stated.dof == 3 * count - 3
         assert result.stated.per_dof < 1.0
     assert results[0].stated.per_dof == pytest.approx(results[1].stated.per_dof, rel=1e-3)
+
+
+@pytest.mark.parametrize("numbers", [(3,), (3, 4, 5)])
+@pytest.mark.parametrize("corrected", [False, True])
+def test_closure_in_a_new_socket_is_the_scatter_about_the_socket(two_sockets, corrected, numbers):
+    """The calibrated entries, the best table and the corrected readings each place the ball differently."""
+    solution, made_from = two_sockets
+    new = panda_poses(*numbers)
+    result = verify_new_poses(PANDA, BALL, solution, made_from=made_from, new=new)
+    tool = calibrated_arm(solution, PANDA).T_base(new.q_rad, corrected=corrected)[:, :3, 3]
+    means = {k: tool[new.placement == k].mean(0) for k in numbers}
+    scatter = tool - [means[k] for k in new.placement]
+    found = result.in_use.corrected if corrected else result.in_use.best_table
+    assert found.position_m.rms == pytest.approx(np.sqrt(np.mean(scatter**2)), rel=0.02)
+    # The arm file's entries are compared in a socket of their own place too.
+    assert found.position_m.rms < result.nominal.position_m.rms < 10e-3
 
 
 @pytest.mark.parametrize("numbers", [(3,), (3, 4)])

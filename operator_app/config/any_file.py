@@ -23,8 +23,7 @@ from operator_app.config.parameters_file import ParametersDocument, parse_parame
 from operator_app.config.poses_file import LIMIT_BYTES, LoadedPoses, parse_poses
 from operator_app.config.procedure import Procedure, ProcedureFile
 from operator_app.config.procedure_file import parse_procedure
-from operator_app.config.profile import ProfileFile
-from operator_app.config.profile_file import parse_profile
+from operator_app.config.profile_file import ProfileFile, parse_profile
 from operator_app.config.resources import Resource, expanded, read_limited
 from operator_app.config.schema import VERSIONS, StrictModel, StrictRecord, adapter
 from operator_app.config.strict_yaml import load_strict

@@ -74,11 +74,8 @@ def resolve(kind: Kind, reference: str | Path, *, folder: Path | None = None) ->
 
 def expanded(reference: str | Path) -> Path:
     """Return a path with ``~`` replaced by the home folder; unchanged for an unknown user."""
-    path = Path(reference)
-    try:
-        return path.expanduser()
-    except RuntimeError:
-        return path
+    # That of pathlib raises for an unknown user, and also expands ./~name.
+    return Path(os.path.expanduser(reference))  # noqa: PTH111
 
 
 def read_limited(path: Path, shown: str, *, limit: int) -> bytes:

@@ -100,7 +100,7 @@ def _arm(args: argparse.Namespace) -> int:
     if bent is not None:
         say("Home        bent: the middle of the ranges does not identify all parameters")
     for T, where in (
-        (chain.T_link_base, "the file's base link to frame 0"),
+        (chain.frames[0], "the file's base link to frame 0"),
         (chain.T_flange_tip, f"frame {len(chain.joints)} to the link at the end"),
     ):
         if not np.allclose(T, np.eye(4), atol=1e-9):

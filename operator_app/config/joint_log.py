@@ -36,9 +36,6 @@ Unit = Literal["rad", "deg"]
 WHOLE = re.compile(r"[1-9]\d{0,3}")
 MOST_LOGGED_PLACEMENTS = 100
 NUMBERED_JOINT = re.compile(r"(.*\D|)(\d+)(\D*)")
-WITHOUT_ENDPOINTS = (
-    "write lengths in metres and angles in degrees, or rename the column to leave it out"
-)
 OTHER_COLUMNS = re.compile(r"t|time.*|.*stamp.*|n?secs?|index|row|pose|label", re.IGNORECASE)
 """Names of columns in a log that are not joints."""
 
@@ -96,7 +93,7 @@ def load_joint_log(
         text = f"the header has {len(header)} cells, but the first row of angles has {width}"
         raise only(file, text, "name each column, or remove the header", line=line)
     by = find_column("--placement", placement, header, width, file) if placement else None
-    measured = endpoints_in(header, file, line)
+    measured = endpoint_columns(header, file, line)
     remaining = [k for k in range(width) if k != by and not (header and header[k] in measured)]
     where = find_columns(columns, header, remaining, joint_count, file, joints)
     q = _angles(body, where, file, radians=unit == "rad")
@@ -119,14 +116,6 @@ def _require_degrees(q: FloatArray, file: str) -> None:
         raise only(file, text, "use --rad, or --deg if these are degrees")
 
 
-def endpoints_in(header: list[str], file: str, line: int | None = None) -> tuple[str, ...]:
-    """Return the columns of measured endpoints in a header, empty if there are none; raises ConfigError."""
-    try:
-        return endpoint_columns(header)
-    except ValueError as error:
-        raise only(file, str(error), "complete or remove its columns", line=line) from error
-
-
 def _endpoints(
     body: list[Record], header: list[str], measured: tuple[str, ...], file: str
 ) -> FloatArray:
@@ -140,10 +129,7 @@ def _endpoints(
             except BadCell as error:
                 text = f"{measured[j]}: {error.text}"
                 raise only(file, text, error.remedy, line=line, column=column + 1) from error
-    try:
-        return endpoints_of(measured, values)
-    except ValueError as error:
-        raise only(file, str(error), WITHOUT_ENDPOINTS) from error
+    return endpoints_of(measured, values, file)
 
 
 def _placements(body: list[Record], by: int, file: str) -> tuple[list[int], tuple[str, ...] | None]:

@@ -15,16 +15,14 @@ from operator_app.config.csv_table import BadCell, Record
 from operator_app.config.dwells import Dwell
 from operator_app.config.errors import ConfigError, decode_text, only
 from operator_app.config.joint_log import (
-    WITHOUT_ENDPOINTS,
     Unit,
-    endpoints_in,
     find_column,
     find_columns,
     is_number,
     joint_order,
     read_rows,
 )
-from operator_app.config.measured_endpoints import endpoints_of, mean_endpoint
+from operator_app.config.measured_endpoints import endpoint_columns, endpoints_of, mean_endpoint
 from operator_app.config.poses_file import BAG_SUFFIXES
 from operator_app.config.resources import expanded, read_limited
 from solver.arrays import FloatArray
@@ -87,7 +85,7 @@ def load_timed_log(
     header = [] if any(map(is_number, lines[0][1])) else lines[0][1]
     lines, width = lines[1:] if header else lines, len(lines[1][1])
     by = find_column("--time", time, header, width, file)
-    measured = endpoints_in(header, file)
+    measured = endpoint_columns(header, file)
     remaining = [
         k for k in range(width) if k != by and not (k < len(header) and header[k] in measured)
     ]
@@ -107,10 +105,7 @@ def load_timed_log(
     per_s = next(per for least, per in PER_SECOND if latest >= least)
     source = f"lines (times: {header[by] if header else f'column {by + 1}'})"
     q_rad = q if unit == "rad" else np.deg2rad(q)
-    try:
-        endpoint = endpoints_of(measured, table[:, 1 + len(where) :]) if measured else None
-    except ValueError as error:
-        raise only(file, str(error), WITHOUT_ENDPOINTS) from error
+    endpoint = endpoints_of(measured, table[:, 1 + len(where) :], file) if measured else None
     return recording_of(
         time_s / per_s, q_rad, joints=order, file=file, source=source, endpoint=endpoint
     )

@@ -11,7 +11,7 @@ import numpy as np
 
 from operator_app.config.arm_file import PARALLEL_RAD
 from solver.arrays import FloatArray
-from solver.chain.kinematics import DhTable
+from solver.chain.kinematics import DhTable, forward
 
 MEET_M = 1e-9
 """Distance below which axes count as intersecting."""
@@ -63,12 +63,8 @@ def rows_of(
 
 def link_transform(row: Sequence[float]) -> FloatArray:
     """Return ``Rz(theta_off) Tz(s) Tx(a) Rx(alpha) Ry(beta)``, (4, 4); `row`: these entries in order, rad, m."""
-    theta_off, s, a, alpha, beta = row
-    c, n, ca, sa, cb, sb = (f(v) for v in (theta_off, alpha, beta) for f in (math.cos, math.sin))
-    turn = np.array([[c, -n * ca, n * sa], [n, c * ca, -c * sa], [0.0, sa, ca]])
-    T = np.eye(4)
-    T[:3, :3] = turn @ np.array([[cb, 0.0, sb], [0.0, 1.0, 0.0], [-sb, 0.0, cb]])
-    T[:3, 3] = (a * c, a * n, s)
+    link, T = forward(*np.reshape(row, (5, 1))), np.eye(4)
+    T[:3, :3], T[:3, 3] = link.R_end, link.p_end
     return T
 
 
@@ -143,15 +139,12 @@ EXACT_PLACES = 13
 
 
 def rotation_of_rpy(rpy: FloatArray) -> FloatArray:
-    """Return the rotation matrix (3, 3) of roll, pitch, yaw (3,), rad."""
-    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
-    return np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-    )
+    """Return the rotation matrix (3, 3) of roll, pitch, yaw (3,), rad: ``Rz(yaw) Ry(pitch) Rx(roll)``."""
+    roll, pitch, yaw = rpy
+    # One link turns about z and y, another about x.
+    zero = np.zeros(2)
+    theta, alpha, beta = np.array([[yaw, 0.0], [0.0, roll], [pitch, 0.0]])
+    return forward(theta, zero, zero, alpha, beta).R_end
 
 
 def rpy_of(R: FloatArray) -> FloatArray:

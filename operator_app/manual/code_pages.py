@@ -100,7 +100,6 @@ def _docstring(text: str) -> tuple[str, dict[str, str]]:
 
 
 def _type(spec: Mapping[str, Any], models: Mapping[str, Any]) -> str:
-    """Return the type of a value, as text."""
     if "$ref" in spec:
         name = spec["$ref"].rpartition("/")[2]
         return f"see [{heading(name)}](#{heading(name).lower().replace(' ', '-')})"

@@ -90,8 +90,7 @@ def load_joint_log(
         raise only(file, "has a header but no poses", "capture poses first")
     width = len(body[0][1])
     if header and len(header) != width:
-        text = f"the header has {len(header)} cells, but the first row of angles has {width}"
-        raise only(file, text, "name each column, or remove the header", line=line)
+        raise wrong_header(header, width, file, line)
     by = find_column("--placement", placement, header, width, file) if placement else None
     measured = endpoint_columns(header, file, line)
     remaining = [k for k in range(width) if k != by and not (header and header[k] in measured)]
@@ -108,6 +107,12 @@ def load_joint_log(
         endpoint=_endpoints(body, header, measured, file) if measured else None,
     )
     return LoadedPoses(poses=poses, warnings=())
+
+
+def wrong_header(header: list[str], width: int, file: str, line: int) -> ConfigError:
+    """Return the error of a log whose rows have `width` cells, and the header another number."""
+    text = f"the header has {len(header)} cells, but the first row of angles has {width}"
+    return only(file, text, "name each column, or remove the header", line=line)
 
 
 def _require_degrees(q: FloatArray, file: str) -> None:

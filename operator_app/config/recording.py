@@ -21,6 +21,7 @@ from operator_app.config.joint_log import (
     is_number,
     joint_order,
     read_rows,
+    wrong_header,
 )
 from operator_app.config.measured_endpoints import endpoint_columns, endpoints_of, mean_endpoint
 from operator_app.config.poses_file import BAG_SUFFIXES
@@ -83,7 +84,8 @@ def load_timed_log(
     if len(lines) < 2:
         raise only(file, "has no samples", "it must have a line of time and angles for each sample")
     header = [] if any(map(is_number, lines[0][1])) else lines[0][1]
-    lines, width = lines[1:] if header else lines, len(lines[1][1])
+    first, lines = lines[0][0], lines[1:] if header else lines
+    width = len(lines[0][1])
     by = find_column("--time", time, header, width, file)
     measured = endpoint_columns(header, file)
     remaining = [
@@ -95,7 +97,10 @@ def load_timed_log(
     else:
         where = find_columns(columns, header, remaining, len(joints), file)
         order = tuple(header[k] if header else f"column {k + 1}" for k in where)
-    table = _samples(lines, by, (*where, *map(header.index, measured)), file)
+    values = (*where, *map(header.index, measured))
+    if max(by, *values) >= width:
+        raise wrong_header(header, width, file, first)
+    table = _samples(lines, by, values, file)
     time_s, q = table[:, 0], table[:, 1 : 1 + len(where)]
     largest = float(np.max(np.abs(q), initial=0.0, where=np.isfinite(q)))
     if unit is None and largest < 2.0 * np.pi:

@@ -44,8 +44,6 @@ class ConfigError(Exception):
 
     def __init__(self, problems: Iterable[Problem]) -> None:
         in_order = sorted(problems, key=lambda p: (p.line or 0, p.column or 0))
-        if not in_order:
-            raise ValueError("a ConfigError needs at least one problem")
         self.problems: tuple[Problem, ...] = tuple(in_order)
         super().__init__("\n".join(str(problem) for problem in self.problems))
 

@@ -40,7 +40,7 @@ def rows_of(
     z = axes[0].z
     # Frame 0 equals the base link's frame if axis 1 is its z axis.
     origin = axes[0].point_m - float(axes[0].point_m @ z) * z
-    x = _across(z, np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]))
+    x = _across(z)
     frame_0 = np.eye(4)
     frame_0[:3, :3], frame_0[:3, 3] = np.column_stack((x, np.cross(z, x), z)), origin
     frames, rows = [frame_0], list[tuple[float, ...]]()
@@ -116,18 +116,15 @@ def _normal_to(line: AxisLine, apart: FloatArray, z: FloatArray) -> tuple[FloatA
     """
     a = float(np.linalg.norm(apart))
     if a <= MEET_M:
-        return _across(z, line.x, np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])), 0.0
+        return _across(z, line.x), 0.0
     normal = apart / a
     return (-normal, -a) if normal @ line.x < 0.0 else (normal, a)
 
 
-def _across(z: FloatArray, *directions: FloatArray) -> FloatArray:
-    """Return the first of `directions` that is not parallel to z, made orthogonal to z."""
-    for direction in directions:
-        x = direction - (direction @ z) * z
-        if np.linalg.norm(x) > 0.1:
-            return np.asarray(x / np.linalg.norm(x))
-    return np.asarray(np.cross(z, directions[-1]))
+def _across(z: FloatArray, *preferred: FloatArray) -> FloatArray:
+    """Return the first of `preferred`, x and y that is not parallel to z, made orthogonal to z."""
+    across = (d - (d @ z) * z for d in (*preferred, *np.eye(3)[:2]))
+    return next(x / np.linalg.norm(x) for x in across if np.linalg.norm(x) > 0.1)
 
 
 def _angle(a: FloatArray, b: FloatArray, about: FloatArray) -> float:

@@ -96,8 +96,8 @@ def load_joint_log(
     remaining = [k for k in range(width) if k != by and not (header and header[k] in measured)]
     where = find_columns(columns, header, remaining, joint_count, file, joints)
     q = _angles(body, where, file, radians=unit == "rad")
-    if unit is None:
-        _require_degrees(q, file)
+    if unit is None and len(q) >= FEWEST_POSES_FOR_UNIT:
+        require_degrees(np.abs(q).max(), f"{len(q)} poses", file)
     numbers, notes = ([1] * len(q), None) if by is None else _placements(body, by, file)
     poses = PoseSet(
         placement=np.array(numbers, dtype=np.int64),
@@ -115,9 +115,10 @@ def wrong_header(header: list[str], width: int, file: str, line: int) -> ConfigE
     return only(file, text, "name each column, or remove the header", line=line)
 
 
-def _require_degrees(q: FloatArray, file: str) -> None:
-    if len(q) >= FEWEST_POSES_FOR_UNIT and np.abs(q).max() < 2.0 * np.pi:
-        text = f"does not state the unit of its angles, and none in {len(q)} poses exceeds {np.abs(q).max():.3g}"
+def require_degrees(largest: float, count: str, file: str) -> None:
+    """Refuse a log whose largest angle may be in radians; `count` of its rows for the message. Raises ConfigError."""
+    if largest < 2.0 * np.pi:
+        text = f"does not state the unit of its angles, and none in {count} exceeds {largest:.3g}"
         raise only(file, text, "use --rad, or --deg if these are degrees")
 
 

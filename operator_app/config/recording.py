@@ -21,6 +21,7 @@ from operator_app.config.joint_log import (
     is_number,
     joint_order,
     read_rows,
+    require_degrees,
     wrong_header,
 )
 from operator_app.config.measured_endpoints import endpoint_columns, endpoints_of, mean_endpoint
@@ -102,10 +103,9 @@ def load_timed_log(
         raise wrong_header(header, width, file, first)
     table = _samples(lines, by, values, file)
     time_s, q = table[:, 0], table[:, 1 : 1 + len(where)]
-    largest = float(np.max(np.abs(q), initial=0.0, where=np.isfinite(q)))
-    if unit is None and largest < 2.0 * np.pi:
-        text = f"does not state the unit of its angles, and none in {len(q)} lines exceeds {largest:.3g}"
-        raise only(file, text, "use --rad, or --deg if these are degrees")
+    if unit is None:
+        largest = float(np.max(np.abs(q), initial=0.0, where=np.isfinite(q)))
+        require_degrees(largest, f"{len(q)} lines", file)
     latest = float(np.max(np.abs(time_s), initial=0.0, where=np.isfinite(time_s)))
     per_s = next(per for least, per in PER_SECOND if latest >= least)
     source = f"lines (times: {header[by] if header else f'column {by + 1}'})"

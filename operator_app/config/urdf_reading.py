@@ -209,7 +209,6 @@ def _links(element: ET.Element) -> tuple[str, str]:
 
 
 def _joints_to(link: str, elements: Mapping[str, ET.Element], file: str) -> list[ET.Element]:
-    """Return the joints from the root to a link."""
     path: list[ET.Element] = []
     while link in elements:
         if len(path) > len(elements):

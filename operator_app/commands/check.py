@@ -6,12 +6,12 @@ import argparse
 
 from operator_app.calibration.experiment import Experiment
 from operator_app.commands.table import FILE_ARGUMENTS
-from operator_app.config.any_file import AnyKind, FilesRead, read_any, read_files
+from operator_app.config.any_file import AnyKind, FilesRead, read_files
 from operator_app.config.errors import ConfigError, Problem
 from operator_app.config.fixture_file import FixtureSpec
-from operator_app.config.poses_file import LoadedPoses
+from operator_app.config.poses_file import LIMIT_BYTES, LoadedPoses
 from operator_app.config.procedure import Procedure
-from operator_app.config.resources import Resource, builtin_names, expanded, resolve
+from operator_app.config.resources import Resource, builtin_names, expanded, read_limited, resolve
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.planning import feasibility
 from operator_app.planning.proposals import closing_home
@@ -56,13 +56,14 @@ def _read(kind: AnyKind | None, name: str) -> Resource:
     """Read a file; a built-in name is refused unless an option states its kind."""
     if kind in FILE_ARGUMENTS:
         return resolve(kind, name)
-    builtin = [k for k in FILE_ARGUMENTS if name in builtin_names(k)]
-    if builtin and not expanded(name).exists():
+    builtin, path = [k for k in FILE_ARGUMENTS if name in builtin_names(k)], expanded(name)
+    if builtin and not path.exists():
         options = " or ".join(f"--{k} {name}" for k in builtin)
         raise UsageError(
             f"{name} is not a file but a built-in {' and '.join(builtin)}: use {options}"
         )
-    return read_any(name)
+    data = read_limited(path, name, limit=LIMIT_BYTES)
+    return Resource(file=name, folder=path.parent, data=data)
 
 
 def _chains(files: FilesRead) -> tuple[feasibility.Chain, ...]:

@@ -241,12 +241,15 @@ def _save(
 
 def _reference(args: argparse.Namespace, name: str, file: str) -> str:
     """Return how a procedure file refers to another file: by name if built-in, else by absolute or relative path."""
-    if file in (*resources.builtin_names("arm"), *resources.builtin_names("fixture")):
+    builtin = (*resources.builtin_names("arm"), *resources.builtin_names("fixture"))
+    if file in builtin:
         return file
     path = resources.expanded(file)
     if path.is_absolute():
         return str(path)
-    return os.path.relpath(path, _target(args, name).parent)
+    relative = os.path.relpath(path, _target(args, name).parent)
+    # Without ./ it would be the built-in file, or in a home folder.
+    return f"./{relative}" if relative in builtin or relative.startswith("~") else relative
 
 
 def _millimetres(args: argparse.Namespace, option: str) -> FloatArray:

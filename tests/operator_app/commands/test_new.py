@@ -161,3 +161,12 @@ def test_copied_procedure_refers_to_the_given_arm_file(file):
     assert yaml.safe_load(Path("go.yaml").read_text())["arm"] == file
     if file == "arm.yaml":
         assert "\narm: arm.yaml\n" in Path("go.yaml").read_text()
+
+
+@pytest.mark.parametrize("file", ["ur5e", "~root"])
+def test_copied_procedure_refers_to_a_file_named_like_another_one_as_a_path(file):
+    assert main(["new", "arm", "--from", "franka_panda", "--name", "mine", "-o", f"./{file}"]) == 0
+    options = ["--arm", f"./{file}", "-o", "go.yaml"]
+    assert main(["new", "procedure", "--from", "hinge", *options]) == 0
+    assert load_procedure("go.yaml").arm.name == "mine"
+    assert yaml.safe_load(Path("go.yaml").read_text())["arm"] == f"./{file}"

@@ -154,7 +154,7 @@ def _fixture(args: argparse.Namespace) -> int:
     if distance is None:
         say(
             "! No pose near the arm's home_deg closes. Check the measured values; then find a home that closes: "
-            f"sarcal check {args.arm} {target}"
+            f"sarcal check --arm {args.arm} {target}"
         )
     else:
         joint = int(np.argmax(np.abs(distance)))

@@ -11,7 +11,14 @@ from operator_app.config.errors import ConfigError, Problem
 from operator_app.config.fixture_file import FixtureSpec
 from operator_app.config.poses_file import LIMIT_BYTES, LoadedPoses
 from operator_app.config.procedure import Procedure
-from operator_app.config.resources import Resource, builtin_names, expanded, read_limited, resolve
+from operator_app.config.resources import (
+    Resource,
+    builtin_names,
+    exists,
+    expanded,
+    read_limited,
+    resolve,
+)
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.planning import feasibility
 from operator_app.planning.proposals import closing_home
@@ -57,7 +64,7 @@ def _read(kind: AnyKind | None, name: str) -> Resource:
     if kind in FILE_ARGUMENTS:
         return resolve(kind, name)
     builtin, path = [k for k in FILE_ARGUMENTS if name in builtin_names(k)], expanded(name)
-    if builtin and not path.exists():
+    if builtin and not exists(path):
         options = " or ".join(f"--{k} {name}" for k in builtin)
         raise UsageError(
             f"{name} is not a file but a built-in {' and '.join(builtin)}: use {options}"

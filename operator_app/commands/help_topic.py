@@ -51,6 +51,7 @@ def execute(args: argparse.Namespace) -> int:
 
 def _write_files(pages: Manual, topic: str | None, folder: Path) -> int:
     from operator_app.config.atomic import write_atomically
+    from operator_app.config.resources import exists
 
     with_files = [t for t in pages.topics if not made_by_code(t) and files_on(pages.page(t))]
     if topic is None:
@@ -63,7 +64,7 @@ def _write_files(pages: Manual, topic: str | None, folder: Path) -> int:
         raise UsageError(
             f"--files: the page {topic} shows no files; these do: {', '.join(with_files)}"
         )
-    existing = [name for name in shown if (folder / name).exists()]
+    existing = [name for name in shown if exists(folder / name)]
     if existing:
         raise UsageError(f"--files: {folder / existing[0]} exists already; name another folder")
     try:

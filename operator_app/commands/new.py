@@ -232,7 +232,7 @@ def _save(
 ) -> Path:
     """Check a file by parsing it, then write it and its JSON Schema; an existing file is never overwritten."""
     target = _target(args, name)
-    if target.exists():
+    if resources.exists(target):
         raise UsageError(f"{target} exists already; name another file with -o")
     parse(content, str(target))
     save_with_schema(target, content, kind)

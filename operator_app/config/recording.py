@@ -26,7 +26,7 @@ from operator_app.config.joint_log import (
 )
 from operator_app.config.measured_endpoints import endpoint_columns, endpoints_of, mean_endpoint
 from operator_app.config.poses_file import BAG_SUFFIXES
-from operator_app.config.resources import expanded, read_limited
+from operator_app.config.resources import exists, expanded, read_limited
 from solver.arrays import FloatArray
 
 RECORDING_LIMIT_BYTES = 1024 * 1024 * 1024
@@ -264,7 +264,7 @@ def load_bag(
     messages = get_typestore(Stores.ROS2_HUMBLE)
     states: list[tuple[int, int, dict[str, float]]] = []
     where = expanded(path)
-    if not where.exists():
+    if not exists(where):
         raise only(file, "there is no such file", "give the path of a bag")
     try:
         with Reader(where) as bag:

@@ -32,22 +32,17 @@ from solver.errors import SolverError
 def execute(args: argparse.Namespace) -> int:
     """Check the files and report on stdout."""
     missing: list[Problem] = []
-    sources: list[Resource] = []
-    known: dict[str, AnyKind] = {}
+    sources: list[tuple[Resource, AnyKind | None]] = []
     named: list[tuple[AnyKind | None, str]] = [(None, file) for file in args.files]
     named += [(kind, name) for kind in FILE_ARGUMENTS if (name := getattr(args, kind))]
     for kind, name in named:
         try:
-            source = _read(kind, name)
+            sources.append((_read(kind, name), kind))
         except ConfigError as error:
             missing += error.problems
-            continue
-        sources.append(source)
-        if kind is not None:
-            known[source.file] = kind
     if not sources and not missing:
         raise UsageError("name a file, e.g. sarcal check my_arm.yaml my_hinge.yaml")
-    files = read_files(sources, known, missing)
+    files = read_files(sources, missing)
     chains = () if files.problems else _chains(files)
     if args.json:
         say(as_json(check_json(files, chains)))

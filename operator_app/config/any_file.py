@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -175,14 +175,13 @@ ORDER: tuple[AnyKind | None, ...] = (*FILES, "poses", None)
 
 
 def read_files(
-    sources: Iterable[Resource], known: Mapping[str, AnyKind], missing: Iterable[Problem] = ()
+    sources: Iterable[tuple[Resource, AnyKind | None]], missing: Iterable[Problem]
 ) -> FilesRead:
-    """Read files of any kind.
+    """Read files, each with its expected kind, or None if the kind is to be determined from the content.
 
-    `known`: expected kind by file name; that of any other file is determined from its content. `missing`: problems of
-    further files that cannot be read at all.
+    `missing`: problems of further files that cannot be read at all.
     """
-    kinds = [(source, known.get(source.file) or kind_of(source)) for source in sources]
+    kinds = [(source, kind or kind_of(source)) for source, kind in sources]
     # A file named by a procedure may also be an argument: its problems are reported once.
     problems, joints, read = dict.fromkeys(missing), set[int](), dict[int, FileRead]()
     for k, (source, kind) in sorted(enumerate(kinds), key=lambda item: ORDER.index(item[1][1])):

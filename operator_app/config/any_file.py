@@ -82,10 +82,10 @@ def schema_line(kind: FileKind) -> str:
 
 
 def save_with_schema(target: Path, data: bytes, kind: FileKind) -> None:
-    """Write `data` to `target`, then the JSON Schema of this kind into the target's folder; raises WriteError."""
-    write_atomically(target, data)
+    """Write the JSON Schema of this kind into the target's folder, then `data` to `target`; raises WriteError."""
     schema = json.dumps(json_schema(kind), indent=1) + "\n"
     write_atomically(target.parent / schema_file_name(kind), schema.encode())
+    write_atomically(target, data)
 
 
 AnyKind = FileKind | Literal["poses"]

@@ -157,7 +157,6 @@ CASES = [
             ("compare LONG LONG", "is not a session"),
             ("eds -o LONG", "cannot be created: File name too long"),
             ("help own-arm --files LONG", "cannot be made: File name too long"),
-            ("new arm --from ur5e -o LONG", "cannot be written: File name too long"),
             (f"import LONG.mcap {SARCOS_HINGE}", "there is no such file"),
         )
     ),

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 import queue
+import struct
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -21,7 +22,7 @@ import can
 
 from hardware.buses.acceptance_filters import controller_filters, set_hardware_filters
 from hardware.canopen import objects
-from hardware.canopen.objects import HEARTBEAT_PERIOD_S, HEARTBEAT_TIMEOUT_S
+from hardware.canopen.objects import HEARTBEAT_PERIOD_S, HEARTBEAT_TIMEOUT_S, Abort
 from hardware.timing import LatencyMonitor, raise_loop_priority
 from hardware.virtual.axis import AxisSettings
 from hardware.virtual.disturbances import Disturbances
@@ -42,6 +43,7 @@ _CATCH_UP_FRAMES = 1000
 _NODE_BITS = 0x7F
 STORM = 50
 """Number of emergencies sent on every SYNC in an emergency storm."""
+_SDO_ABORT, _SDO_REFUSAL = 0x80, struct.Struct("<B3sI")
 _STORM_EMERGENCY = objects.EMCY.pack(0x1000, objects.ErrorBit.GENERIC, bytes(5))
 
 
@@ -99,10 +101,14 @@ class VirtualController:
         self.running.set()
         self._next_beat_s = 0.0
         serial = arm.number % 1_000_000 * 100
-        self.drives = tuple(DriveNode(axis, serial_number=serial + axis.joint) for axis in axes)
+        self._network = network = ControllerNetwork(bus, self.disturbances)
+        self.drives = tuple(
+            DriveNode(axis, network, serial_number=serial + axis.joint) for axis in axes
+        )
         self.group = DriveGroup(self.drives, plant, self.disturbances)
         self.plant: Plant = plant
         self.supervisor = SupervisorNode(
+            network,
             arm=arm,
             group=self.group,
             store=ParameterStore() if store is None else store,
@@ -111,14 +117,12 @@ class VirtualController:
             later=self._work.put,
         )
         self._nodes: tuple[VirtualNode, ...] = (*self.drives, self.supervisor)
-        self._numbers = {node.number for node in self._nodes}
+        self._by_number = {node.number: node for node in self._nodes}
         self._by_rpdo1 = {objects.COB_RPDO1 + node.number: node for node in self.drives}
         set_hardware_filters(bus, controller_filters(len(self.drives)))
-        self._network = ControllerNetwork(bus, self.disturbances)
         watched = objects.OPERATOR_NODE << 16 | round(heartbeat_timeout_s * 1e3)
         for node in self._nodes:
             node.answers[objects.HEARTBEAT_CONSUMER, 1] = watched
-            self._network.add_node(node)
         self._loop = threading.Thread(target=self._run, name="sarcal-virtual-arm", daemon=True)
         self._worker = threading.Thread(
             target=self._run_work, name="sarcal-virtual-store", daemon=True
@@ -235,10 +239,10 @@ class VirtualController:
         if drive is not None:
             drive.on_rpdo1(data)
         elif identifier - number == objects.COB_HEARTBEAT:
-            if number not in self._numbers and len(data) == 1:
+            if number not in self._by_number and len(data) == 1:
                 self._heard_s[number] = self._latency.listened_s
-        else:
-            self._network.notify(identifier, data, message.timestamp)
+        elif identifier - number == objects.COB_SDO_TO_SERVER:
+            self._on_sdo(number, data)
 
     def _on_nmt(self, data: bytes | bytearray) -> None:
         if len(data) != 2:
@@ -247,6 +251,17 @@ class VirtualController:
         for node in self._nodes:
             if number in (0, node.number) and node.number not in self.disturbances.cut_since_s:
                 node.on_nmt(command)
+
+    def _on_sdo(self, number: int, data: bytes | bytearray) -> None:
+        node, faults = self._by_number.get(number), self.disturbances
+        if node is None or number in faults.stalled_sdo:
+            return
+        if number in faults.refused_sdo and data[0] != _SDO_ABORT:
+            node.send(
+                objects.COB_SDO_FROM_SERVER, _SDO_REFUSAL.pack(_SDO_ABORT, data[1:4], Abort.GENERAL)
+            )
+        else:
+            node.server.on_request(data)
 
     def _on_sync(self) -> None:
         self.sync_count += 1

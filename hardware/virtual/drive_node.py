@@ -16,7 +16,7 @@ from hardware.eds import pdo_struct
 from hardware.virtual.axis import AxisSettings, JointCommand
 from hardware.virtual.disturbances import Disturbances
 from hardware.virtual.drive import Drive
-from hardware.virtual.node import Value, VirtualNode
+from hardware.virtual.node import ControllerNetwork, Value, VirtualNode
 from hardware.virtual.plant import Plant
 
 _REGISTER: Final = {
@@ -35,13 +35,13 @@ _HIGHEST_I32: Final = 2**31 - 1
 class DriveNode(VirtualNode):
     """Node of one joint; its number is the joint's. `reports_speed`: TPDO1 carries 606Ch in place of 6064h."""
 
-    def __init__(self, axis: AxisSettings, *, serial_number: int) -> None:
-        super().__init__(objects.joint_node(axis.joint), serial_number=serial_number)
+    def __init__(
+        self, axis: AxisSettings, network: ControllerNetwork, *, serial_number: int
+    ) -> None:
+        super().__init__(objects.joint_node(axis.joint), network, serial_number=serial_number)
         self.axis = axis
         self.drive = Drive(
-            axis,
-            on_error=lambda code: self.send_emergency(code, self._register()),
-            on_all_clear=lambda: self.send_emergency(EmergencyCode.NONE, ErrorBit(0)),
+            axis, on_emergency=lambda code: self.send_emergency(code, self._register())
         )
         self.tpdo1_id = objects.COB_TPDO1 + self.number
         self.home_offset_counts = 0

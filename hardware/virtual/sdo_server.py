@@ -8,15 +8,17 @@ from __future__ import annotations
 
 import binascii
 import struct
-from collections.abc import Callable, Generator
+from collections.abc import Generator
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any, Final
+from typing import TYPE_CHECKING, Final
 
 from canopen.sdo.exceptions import SdoAbortedError
-from canopen.sdo.server import SdoServer
 
-from hardware.canopen.objects import Abort
+from hardware.canopen.objects import COB_SDO_FROM_SERVER, Abort
+
+if TYPE_CHECKING:
+    from hardware.virtual.node import VirtualNode
 
 _HEAD: Final = struct.Struct("<BHB")
 _FRAME: Final = struct.Struct("<BHBI")
@@ -84,27 +86,19 @@ class _Transfer:
     heads: frozenset[int]
 
 
-class NodeSdoServer(SdoServer):
-    """Server of one node, whose `get_data` and `set_data` it calls.
+class NodeSdoServer:
+    """Server of one node; requests are ignored while the node's NMT state allows no object access."""
 
-    Requests have the identifier `rx_cobid`, answers `tx_cobid`. While `may_answer` returns false (because of the node's
-    NMT state), requests are ignored.
-    """
-
-    def __init__(
-        self, rx_cobid: int, tx_cobid: int, node: Any, may_answer: Callable[[], bool]
-    ) -> None:
-        super().__init__(rx_cobid, tx_cobid, node)  # type: ignore[no-untyped-call]
-        self._owner = node
-        self._may_answer = may_answer
+    def __init__(self, node: VirtualNode) -> None:
+        self._node = node
         self._transfer: _Transfer | None = None
         self._waiting: tuple[int, int, list[bytes]] | None = None
 
-    def on_request(self, can_id: int, data: bytes | bytearray, timestamp: float) -> None:
+    def on_request(self, data: bytes | bytearray) -> None:
         """Answer a request frame."""
-        if len(data) != 8 or not self._may_answer():
+        if len(data) != 8 or not self._node.has_sdo_and_emcy:
             return
-        with self._owner.lock:
+        with self._node.lock:
             request, transfer = bytes(data), self._transfer
             self.reset()
             _, index, subindex = _HEAD.unpack_from(request)
@@ -128,13 +122,13 @@ class NodeSdoServer(SdoServer):
 
     def answer_later(self, abort: Abort | None) -> None:
         """Answer the deferred request (with `abort` if given), unless the client has abandoned the request."""
-        with self._owner.lock:
+        with self._node.lock:
             if self._waiting is None:
                 return
             (index, subindex, answers), self._waiting = self._waiting, None
             if abort is not None:
                 answers = [_FRAME.pack(_ABORTED, index, subindex, abort)]
-            if self._may_answer():
+            if self._node.has_sdo_and_emcy:
                 self._send(answers)
 
     def reset(self) -> None:
@@ -145,14 +139,14 @@ class NodeSdoServer(SdoServer):
         """Return the transfer that a request initiates, and the first bytes of the frames that continue it."""
         ask, step = request[0] >> 5, request[0] & 3
         if ask == _Ask.DOWNLOAD:
-            self._owner.check_writable(index, subindex)
+            self._node.check_writable(index, subindex)
             return _download(request), _SEGMENT_HEADS
         if ask == _Ask.BLOCK_DOWNLOAD and not step & _LAST:
-            self._owner.check_writable(index, subindex)
+            self._node.check_writable(index, subindex)
             return _block_download(request), _BLOCK_DOWNLOAD_HEADS
         if ask != _Ask.UPLOAD and not (ask == _Ask.BLOCK_UPLOAD and step == _BlockStep.INITIATE):
             raise SdoAbortedError(Abort.UNKNOWN_COMMAND)
-        document: bytes = self._owner.get_data(index, subindex, check_readable=True)
+        document = self._node.read_object(index, subindex)
         if not document:
             raise SdoAbortedError(Abort.NO_DATA)
         # Up to the protocol switch threshold, a block upload is answered as a normal upload.
@@ -163,7 +157,7 @@ class NodeSdoServer(SdoServer):
     def _write(self, index: int, subindex: int, data: bytes, answers: list[bytes]) -> list[bytes]:
         """Write data received to the node; return the answers, none yet if the node defers them."""
         try:
-            self._owner.set_data(index, subindex, data, check_writable=True)
+            self._node.write_object(index, subindex, data)
         except Deferred:
             self._waiting = index, subindex, answers
             return []
@@ -173,7 +167,7 @@ class NodeSdoServer(SdoServer):
 
     def _send(self, frames: list[bytes]) -> None:
         for frame in frames:
-            self.network.send_message(self.tx_cobid, frame)
+            self._node.send(COB_SDO_FROM_SERVER, frame)
 
 
 def _download(request: bytes) -> Steps:

@@ -15,7 +15,7 @@ from canopen.sdo.exceptions import SdoAbortedError
 from hardware.canopen import objects
 from hardware.canopen.objects import Abort, EmergencyCode, ErrorBit, ParameterCommand, Slot
 from hardware.virtual.drive_node import DriveGroup
-from hardware.virtual.node import Value, VirtualNode
+from hardware.virtual.node import ControllerNetwork, Value, VirtualNode
 from hardware.virtual.parameter_store import (
     ParameterStore,
     Validate,
@@ -54,6 +54,7 @@ class SupervisorNode(VirtualNode):
 
     def __init__(
         self,
+        network: ControllerNetwork,
         *,
         arm: ArmLabel,
         group: DriveGroup,
@@ -62,7 +63,7 @@ class SupervisorNode(VirtualNode):
         is_heard: Callable[[int], bool],
         later: Callable[[Callable[[], None]], None],
     ) -> None:
-        super().__init__(objects.SUPERVISOR_NODE, serial_number=arm.number)
+        super().__init__(objects.SUPERVISOR_NODE, network, serial_number=arm.number)
         self.arm = arm
         self.holder = 0
         self._group, self._axes = group, tuple(node.axis for node in group.drives)

@@ -254,7 +254,7 @@ class VirtualController:
 
     def _on_sdo(self, number: int, data: bytes | bytearray) -> None:
         node, faults = self._by_number.get(number), self.disturbances
-        if node is None or number in faults.stalled_sdo:
+        if node is None or len(data) != 8 or number in faults.stalled_sdo:
             return
         if number in faults.refused_sdo and data[0] != _SDO_ABORT:
             node.send(

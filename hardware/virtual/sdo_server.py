@@ -95,8 +95,8 @@ class NodeSdoServer:
         self._waiting: tuple[int, int, list[bytes]] | None = None
 
     def on_request(self, data: bytes | bytearray) -> None:
-        """Answer a request frame."""
-        if len(data) != 8 or not self._node.has_sdo_and_emcy:
+        """Answer a request frame of 8 bytes."""
+        if not self._node.has_sdo_and_emcy:
             return
         with self._node.lock:
             request, transfer = bytes(data), self._transfer

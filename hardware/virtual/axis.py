@@ -201,38 +201,30 @@ class AxisSettings:
     mode_switch_cycles = trip_cycles = 3
 
     def __init__(self, number: int, joint: Joint) -> None:
-        scale = self.scale = joint_scale(joint)
+        match joint.sensor:
+            case Encoder(counts_per_rev=counts_per_rev):
+                per_rad, per_turn = counts_per_rev / math.tau, Fraction(counts_per_rev)
+                self.sensor_kind, self.converter_bits = SensorKind.ENCODER, 0
+                self.full_scale_microdeg = 360 * _MILLIONTHS
+                self.lowest_counts, self.highest_counts = -math.inf, math.inf
+            case Rvdt() as rvdt:
+                per_rad = 1.0 / rvdt.resolution_rad
+                self.sensor_kind, self.converter_bits = SensorKind.RVDT, rvdt.bits
+                self.full_scale_microdeg = round(math.degrees(rvdt.full_scale_rad) * _MILLIONTHS)
+                self.lowest_counts, self.highest_counts = converter_ends(joint, rvdt)
+                per_turn = Fraction(360 * _MILLIONTHS * 2**rvdt.bits, self.full_scale_microdeg)
+            case NoSensor():
+                raise ValueError(f"joint {joint.name!r} has no sensor for a drive to report")
+        self.scale = scale = JointScale(counts_per_rad=per_rad)
         self.joint, self.max_torque_nm = number, joint.max_torque_nm
         ends_rad = joint.lower_rad, joint.upper_rad
         self.limits = joint_limits(number, scale, ends_rad, joint.max_speed_rad_per_s)
         self.following_window_counts = max(1, scale.to_counts(FOLLOWING_WINDOW_RAD))
         self.max_speed_counts_per_s = round(joint.max_speed_rad_per_s * scale.counts_per_rad)
         self.home_offset_limit_counts = round(HOME_OFFSET_LIMIT_RAD * scale.counts_per_rad)
-        self.sensor_kind, self.converter_bits = SensorKind.ENCODER, 0
-        self.full_scale_microdeg = 360 * _MILLIONTHS
-        self.lowest_counts, self.highest_counts = -math.inf, math.inf
-        per_turn = Fraction(scale.to_counts(2.0 * math.pi))
-        if isinstance(sensor := joint.sensor, Rvdt):
-            self.sensor_kind, self.converter_bits = SensorKind.RVDT, sensor.bits
-            full_scale_deg = math.degrees(sensor.full_scale_rad)
-            self.full_scale_microdeg = round(full_scale_deg * _MILLIONTHS)
-            self.lowest_counts, self.highest_counts = converter_ends(joint, sensor)
-            codes = 360 * _MILLIONTHS * 2**sensor.bits
-            per_turn = Fraction(codes, self.full_scale_microdeg)
         if per_turn.numerator > _LARGEST_U32:
             per_turn = per_turn.limit_denominator(10_000)
         self.increments, self.revolutions = per_turn.numerator, per_turn.denominator
-
-
-def joint_scale(joint: Joint) -> JointScale:
-    """Return the scale of a joint's sensor; `ValueError` if the joint has none."""
-    match joint.sensor:
-        case Encoder() as encoder:
-            return JointScale(counts_per_rad=encoder.counts_per_rev / (2.0 * math.pi))
-        case Rvdt() as rvdt:
-            return JointScale(counts_per_rad=1.0 / rvdt.resolution_rad)
-        case NoSensor():
-            raise ValueError(f"joint {joint.name!r} has no sensor for a drive to report")
 
 
 def arm_axes(arm: ArmModel) -> tuple[AxisSettings, ...]:

@@ -27,7 +27,7 @@ from hardware.timing import LatencyMonitor, raise_loop_priority
 from hardware.virtual.axis import AxisSettings
 from hardware.virtual.disturbances import Disturbances
 from hardware.virtual.drive_node import DriveGroup, DriveNode
-from hardware.virtual.faults import ScriptedFault
+from hardware.virtual.faults import ScriptedFault, inject
 from hardware.virtual.node import ControllerNetwork, VirtualNode
 from hardware.virtual.parameter_store import ParameterStore, Validate, refuse_documents
 from hardware.virtual.plant import Plant
@@ -282,9 +282,9 @@ class VirtualController:
                 send(objects.COB_EMCY + number, _STORM_EMERGENCY)
 
     def _inject_due_faults(self, sync_count: int) -> None:
-        """Inject the scripted faults that are due."""
         while self._script and self._script[-1].at_sync <= sync_count:
-            self._script.pop().happen(self)
+            fault = self._script.pop()
+            inject(self, fault.kind, fault.joint)
 
     def _handle_deadlines(self) -> None:
         now = self.now_s()

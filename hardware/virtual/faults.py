@@ -207,7 +207,3 @@ class ScriptedFault:
     kind: str
     joint: int
     at_sync: int
-
-    def happen(self, arm: VirtualController) -> None:
-        """Inject the fault."""
-        inject(arm, self.kind, self.joint)

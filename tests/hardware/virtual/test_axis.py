@@ -9,7 +9,6 @@ from hardware.virtual.axis import (
     AxisSettings,
     LinearityDeviation,
     SensorBank,
-    joint_scale,
     joint_sensor,
 )
 from solver.chain.sensors import NoSensor, Rvdt
@@ -26,7 +25,7 @@ def test_limits_and_windows_are_in_counts():
     assert (encoder.lowest_counts, encoder.highest_counts) == (-math.inf, math.inf)
     assert (rvdt.lowest_counts, rvdt.highest_counts) == (-2048, 2047)
     assert (rvdt.increments, rvdt.revolutions) == (10_240, 1)
-    assert joint_scale(joint(rvdt=True)).to_counts(math.radians(144.0)) == 4096
+    assert rvdt.scale.to_counts(math.radians(144.0)) == 4096
 
 
 def test_gear_ratio_of_a_full_scale_that_does_not_divide_a_turn():

@@ -61,8 +61,6 @@ class LinearityDeviation:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "coefficients_rad", frozen(self.coefficients_rad))
-        if self.coefficients_rad.shape != (len(LEGENDRE_DEGREES),):
-            raise ValueError(f"a linearity deviation needs {len(LEGENDRE_DEGREES)} coefficients")
 
     @classmethod
     def drawn(
@@ -130,11 +128,9 @@ def converter_ends(joint: Joint, rvdt: Rvdt) -> tuple[int, int]:
 def joint_sensor(
     joint: Joint, *, with_noise: bool, curve: LinearityDeviation | None
 ) -> JointSensor:
-    """Return the sensor of a joint of an arm file; `ValueError` if the joint has none, or an encoder has a `curve`."""
+    """Return the sensor of a joint of an arm file; `curve` is for an RVDT only; `ValueError` if the joint has none."""
     match joint.sensor:
         case Encoder() as encoder:
-            if curve is not None:
-                raise ValueError(f"joint {joint.name!r} has an encoder, not an RVDT")
             return JointSensor(
                 resolution_rad=encoder.resolution_rad,
                 noise_counts=encoder.noise_counts if with_noise else 0.0,

@@ -122,12 +122,8 @@ def test_noise_has_its_stated_sigma_and_is_reproducible():
     assert not np.array_equal(first, readings(8))
 
 
-def test_curve_of_an_encoder_and_missing_sensor_are_refused():
-    with pytest.raises(ValueError, match="encoder"):
-        joint_sensor(SARCOS.joints[0], with_noise=False, curve=draw_curve(0))
+def test_missing_sensor_is_refused():
     with pytest.raises(ValueError, match="no sensor"):
         AxisSettings(1, replace(joint(), sensor=NoSensor()))
     with pytest.raises(ValueError, match="no sensor"):
         joint_sensor(replace(SARCOS.joints[0], sensor=NoSensor()), with_noise=False, curve=None)
-    with pytest.raises(ValueError, match="coefficients"):
-        LinearityDeviation(coefficients_rad=np.zeros(3), half_scale_rad=1.0)

@@ -69,14 +69,13 @@ class ContinuityMonitor:
         self._jerk_syncs_left = JERK_SYNCS
         self._candidate = None
 
-    def restart_history(self) -> None:
-        """Discard the samples so far: the last of them may hold answers to an earlier SYNC."""
-        self._recent.clear()
+    def update(self, sample: Sample, *, answered_late: bool = False) -> CountJump | None:
+        """Take in a sample; return a jump once it is confirmed, `QUIET_SYNCS` SYNCs after the jump.
 
-    def update(self, sample: Sample) -> CountJump | None:
-        """Take in a sample; return a jump once it is confirmed, `QUIET_SYNCS` SYNCs after the jump."""
+        `answered_late`: the previous sample may hold answers to an earlier SYNC.
+        """
         recent = self._recent
-        follows_last = sample.sync_count == self._last_sync + 1
+        follows_last = sample.sync_count == self._last_sync + 1 and not answered_late
         if not (sample.complete and follows_last and sample.statuswords == self._states):
             recent.clear()
         self._last_sync, self._states = sample.sync_count, sample.statuswords
@@ -168,9 +167,7 @@ class JointMonitor:
         `refusing_joints`: joints whose drives have reported a refused target.
         """
         if self.jump is None:
-            if answered_late:
-                self.continuity.restart_history()
-            self.jump = self.continuity.update(sample)
+            self.jump = self.continuity.update(sample, answered_late=answered_late)
         self.dropout.update(sample, commands, stopped=stopped)
         before = self.switched_off
         found = self.following.update(sample, commands, refusing_joints)

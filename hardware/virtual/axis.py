@@ -18,7 +18,6 @@ from hardware.arm import JointMode
 from hardware.arm_description import JointScale
 from hardware.canopen.objects import SensorKind
 from hardware.command_limits import joint_limits
-from solver.arrays import FloatArray, frozen
 from solver.chain.arm_model import ArmModel, Joint
 from solver.chain.sensors import Encoder, NoSensor, Rvdt
 
@@ -56,11 +55,8 @@ class LinearityDeviation:
     `coefficients_rad` (4,) are c_k for `LEGENDRE_DEGREES`.
     """
 
-    coefficients_rad: FloatArray
+    coefficients_rad: tuple[float, ...]
     half_scale_rad: float
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "coefficients_rad", frozen(self.coefficients_rad))
 
     @classmethod
     def drawn(
@@ -68,16 +64,16 @@ class LinearityDeviation:
     ) -> LinearityDeviation:
         """Draw a random shape with peak deviation `peak` (fraction of full scale), with weaker high degrees."""
         shape = rng.choice((-1.0, 1.0), 4) * rng.uniform(0.4, 1.0, 4) * (1.0, 1.0, 0.4, 0.2)
-        unit = cls(coefficients_rad=shape, half_scale_rad=0.5 * full_scale_rad)
+        unit = cls(coefficients_rad=tuple(shape.tolist()), half_scale_rad=0.5 * full_scale_rad)
         scale = peak * full_scale_rad / unit.peak_rad()
-        return replace(unit, coefficients_rad=shape * scale)
+        return replace(unit, coefficients_rad=tuple((shape * scale).tolist()))
 
     def deviation_rad(self, from_zero_rad: float) -> float:
         """Return reading minus true angle, rad, at an angle from electrical zero (clipped to full scale)."""
         x = min(1.0, max(-1.0, from_zero_rad / self.half_scale_rad))
         square = x * x
-        c2, c3, c4, c5 = self.coefficients_rad.tolist()
-        return float(
+        c2, c3, c4, c5 = self.coefficients_rad
+        return (
             c2 * (1.5 * square - 0.5)
             + c3 * x * (2.5 * square - 1.5)
             + c4 * ((4.375 * square - 3.75) * square + 0.375)

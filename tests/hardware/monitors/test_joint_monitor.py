@@ -124,9 +124,8 @@ def jump_is_detected_in_answers(
         sampler.close()
         for counts in late:
             sampler.note(0x181, struct.pack("<Hih", 0x1237, counts, 0), 0.0)
-        if sampler.answered_late:
-            monitor.restart_history()
-        detected |= monitor.update(sampler.view.sample) is not None
+        behind = sampler.answered_late
+        detected |= monitor.update(sampler.view.sample, answered_late=behind) is not None
     return detected
 
 

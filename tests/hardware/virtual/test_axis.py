@@ -85,9 +85,7 @@ def test_linearity_deviation_reaches_its_peak_and_has_no_line(seed):
 
 
 def test_linearity_deviation_is_its_legendre_series():
-    curve = LinearityDeviation(
-        coefficients_rad=np.array([0.3, -0.2, 0.1, 0.05]), half_scale_rad=2.0
-    )
+    curve = LinearityDeviation(coefficients_rad=(0.3, -0.2, 0.1, 0.05), half_scale_rad=2.0)
     for angle in (-2.0, -1.1, 0.0, 0.3, 2.0):
         series = np.array([0.0, 0.0, 0.3, -0.2, 0.1, 0.05])
         assert curve.deviation_rad(angle) == pytest.approx(

@@ -19,10 +19,11 @@ from collections.abc import Callable, Sequence
 from typing import Self
 
 import can
+from canopen.sdo import constants as sdo
 
 from hardware.buses.acceptance_filters import controller_filters, set_hardware_filters
 from hardware.canopen import objects
-from hardware.canopen.objects import HEARTBEAT_PERIOD_S, HEARTBEAT_TIMEOUT_S, Abort
+from hardware.canopen.objects import HEARTBEAT_PERIOD_S, HEARTBEAT_TIMEOUT_S
 from hardware.timing import LatencyMonitor, raise_loop_priority
 from hardware.virtual.axis import AxisSettings
 from hardware.virtual.disturbances import Disturbances
@@ -43,7 +44,7 @@ _CATCH_UP_FRAMES = 1000
 _NODE_BITS = 0x7F
 STORM = 50
 """Number of emergencies sent on every SYNC in an emergency storm."""
-_SDO_ABORT, _SDO_REFUSAL = 0x80, struct.Struct("<B3sI")
+_SDO_REFUSAL = struct.Struct("<B3sI")
 _STORM_EMERGENCY = objects.EMCY.pack(0x1000, objects.ErrorBit.GENERIC, bytes(5))
 
 
@@ -256,9 +257,10 @@ class VirtualController:
         node, faults = self._by_number.get(number), self.disturbances
         if node is None or len(data) != 8 or number in faults.stalled_sdo:
             return
-        if number in faults.refused_sdo and data[0] != _SDO_ABORT:
+        if number in faults.refused_sdo and data[0] != sdo.RESPONSE_ABORTED:
             node.send(
-                objects.COB_SDO_FROM_SERVER, _SDO_REFUSAL.pack(_SDO_ABORT, data[1:4], Abort.GENERAL)
+                objects.COB_SDO_FROM_SERVER,
+                _SDO_REFUSAL.pack(sdo.RESPONSE_ABORTED, data[1:4], sdo.ABORT_GENERAL_ERROR),
             )
         else:
             node.server.on_request(data)

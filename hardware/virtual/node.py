@@ -12,10 +12,11 @@ from functools import partial
 
 import can
 from canopen.objectdictionary import ODVariable
+from canopen.sdo import constants as sdo
 from canopen.sdo.exceptions import SdoAbortedError
 
 from hardware.canopen import objects
-from hardware.canopen.objects import Abort, EmergencyCode, ErrorBit, NmtCommand, NmtState
+from hardware.canopen.objects import EmergencyCode, ErrorBit, NmtCommand, NmtState
 from hardware.eds import node_dictionary, variables
 from hardware.virtual.disturbances import Disturbances
 from hardware.virtual.sdo_server import NodeSdoServer
@@ -138,7 +139,7 @@ class VirtualNode:
         """Return the bytes of an object; raises `SdoAbortedError` if it is absent or write-only."""
         variable = self._variable(index, subindex)
         if not variable.readable:
-            raise SdoAbortedError(Abort.WRITE_ONLY)
+            raise SdoAbortedError(sdo.ABORT_READ_WRITEONLY)
         answer = self.answers.get((index, subindex), variable.default)
         value = answer() if callable(answer) else answer
         return b"" if value is None else bytes(variable.encode_raw(value))
@@ -149,27 +150,27 @@ class VirtualNode:
         value: Value = data
         if variable.data_type in _NUMBERS:
             if 8 * len(data) != len(variable):
-                raise SdoAbortedError(Abort.LENGTH)
+                raise SdoAbortedError(sdo.ABORT_LENGTH_NOT_MATCHED)
             value = int(variable.decode_raw(data))
             if variable.min is not None and value < variable.min:
-                raise SdoAbortedError(Abort.VALUE_TOO_LOW)
+                raise SdoAbortedError(sdo.ABORT_VALUE_TOO_LOW)
             if variable.max is not None and value > variable.max:
-                raise SdoAbortedError(Abort.VALUE_TOO_HIGH)
+                raise SdoAbortedError(sdo.ABORT_VALUE_TOO_HIGH)
         writer = self.writers.get(index) if subindex == 0 else None
         if writer is None:
-            raise SdoAbortedError(Abort.READ_ONLY)
+            raise SdoAbortedError(sdo.ABORT_WRITE_READONLY)
         writer(value)
 
     def check_writable(self, index: int, subindex: int) -> None:
         """Raise `SdoAbortedError` for an object that cannot be written."""
         if not self._variable(index, subindex).writable:
-            raise SdoAbortedError(Abort.READ_ONLY)
+            raise SdoAbortedError(sdo.ABORT_WRITE_READONLY)
 
     def _variable(self, index: int, subindex: int) -> ODVariable:
         variable = self._variables.get((index, subindex))
         if variable is None:
             known = any(index == other for other, _ in self._variables)
-            raise SdoAbortedError(Abort.NO_SUBINDEX if known else Abort.NO_OBJECT)
+            raise SdoAbortedError(sdo.ABORT_NO_SUBINDEX if known else sdo.ABORT_NOT_IN_OD)
         return variable
 
     def _heartbeat(self) -> None:
@@ -177,10 +178,10 @@ class VirtualNode:
 
     def _history_entry(self, place: int) -> int:
         if place >= len(self._history):
-            raise SdoAbortedError(Abort.NO_DATA)
+            raise SdoAbortedError(sdo.ABORT_NO_DATA_AVAILABLE)
         return self._history[place]
 
     def _clear_history(self, value: Value) -> None:
         if value != 0:
-            raise SdoAbortedError(Abort.VALUE)
+            raise SdoAbortedError(sdo.ABORT_INVALID_VALUE)
         self._history.clear()

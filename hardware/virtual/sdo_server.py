@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Final
 from canopen.sdo import constants as sdo
 from canopen.sdo.exceptions import SdoAbortedError
 
-from hardware.canopen.objects import COB_SDO_FROM_SERVER, Abort
+from hardware.canopen.objects import COB_SDO_FROM_SERVER
 
 if TYPE_CHECKING:
     from hardware.virtual.node import VirtualNode
@@ -89,7 +89,7 @@ class NodeSdoServer:
                 answers = [_FRAME.pack(sdo.RESPONSE_ABORTED, index, subindex, error.code)]
             self._send(answers)
 
-    def answer_later(self, abort: Abort | None) -> None:
+    def answer_later(self, abort: int | None) -> None:
         """Answer the deferred request (with `abort` if given), unless the client has abandoned the request."""
         with self._node.lock:
             if self._waiting is None:
@@ -116,10 +116,10 @@ class NodeSdoServer:
         if ask != sdo.REQUEST_UPLOAD and not (
             ask == sdo.REQUEST_BLOCK_UPLOAD and step == sdo.INITIATE_BLOCK_TRANSFER
         ):
-            raise SdoAbortedError(Abort.UNKNOWN_COMMAND)
+            raise SdoAbortedError(sdo.ABORT_INVALID_COMMAND_SPECIFIER)
         document = self._node.read_object(index, subindex)
         if not document:
-            raise SdoAbortedError(Abort.NO_DATA)
+            raise SdoAbortedError(sdo.ABORT_NO_DATA_AVAILABLE)
         # Up to the protocol switch threshold, a block upload is answered as a normal upload.
         if ask == sdo.REQUEST_UPLOAD or len(document) <= request[5]:
             return _upload(request, document), _SEGMENT_HEADS
@@ -159,7 +159,7 @@ def _download(request: bytes) -> Steps:
         answer = bytes([sdo.RESPONSE_SEGMENT_DOWNLOAD | toggle, *bytes(7)])
         toggle ^= sdo.TOGGLE_BIT
     if announced not in (None, len(data)):
-        raise SdoAbortedError(Abort.LENGTH)
+        raise SdoAbortedError(sdo.ABORT_LENGTH_NOT_MATCHED)
     return [answer], bytes(data)
 
 
@@ -204,12 +204,12 @@ def _block_download(request: bytes) -> Steps:
             taken = 0
     end, crc = _BLOCK_END.unpack((yield answers))
     if end & (_SPECIFIER | _SUBCOMMAND) != _END_OF_BLOCKS:
-        raise SdoAbortedError(Abort.UNKNOWN_COMMAND)
+        raise SdoAbortedError(sdo.ABORT_INVALID_COMMAND_SPECIFIER)
     document = bytes(data[: len(data) - (end >> 2 & 7)])
     if announced not in (None, len(document)):
-        raise SdoAbortedError(Abort.LENGTH)
+        raise SdoAbortedError(sdo.ABORT_LENGTH_NOT_MATCHED)
     if head & sdo.CRC_SUPPORTED and crc != binascii.crc_hqx(document, 0):
-        raise SdoAbortedError(Abort.BLOCK_CRC)
+        raise SdoAbortedError(sdo.ABORT_CRC_ERROR)
     return [bytes([sdo.RESPONSE_BLOCK_DOWNLOAD | sdo.END_BLOCK_TRANSFER, *bytes(7)])], document
 
 
@@ -229,7 +229,7 @@ def _block_upload(request: bytes, document: bytes) -> Steps:
         ]
         _require_step(frame, sdo.BLOCK_TRANSFER_RESPONSE)
         if frame[1] > len(starts):
-            raise SdoAbortedError(Abort.BLOCK_SEQUENCE)
+            raise SdoAbortedError(sdo.ABORT_INVALID_SEQUENCE_NUMBER)
         acknowledged += 7 * frame[1]
         if acknowledged < size:
             segments = _checked(frame[2])
@@ -250,22 +250,22 @@ def _announced(request: bytes, *, is_stated: int) -> int | None:
 
 def _require_segment(segment: bytes, ask: int, toggle: int) -> None:
     if segment[0] & _SPECIFIER != ask:
-        raise SdoAbortedError(Abort.UNKNOWN_COMMAND)
+        raise SdoAbortedError(sdo.ABORT_INVALID_COMMAND_SPECIFIER)
     if segment[0] & sdo.TOGGLE_BIT != toggle:
-        raise SdoAbortedError(Abort.TOGGLE)
+        raise SdoAbortedError(sdo.ABORT_TOGGLE_NOT_ALTERNATED)
 
 
 def _require_step(frame: bytes, step: int) -> None:
     if frame[0] & _SUBCOMMAND != step:
-        raise SdoAbortedError(Abort.UNKNOWN_COMMAND)
+        raise SdoAbortedError(sdo.ABORT_INVALID_COMMAND_SPECIFIER)
 
 
 def _require_length(size: int) -> None:
     if size > LONGEST_DOCUMENT:
-        raise SdoAbortedError(Abort.TOO_LONG)
+        raise SdoAbortedError(sdo.ABORT_LENGTH_TOO_HIGH)
 
 
 def _checked(segments: int) -> int:
     if not 1 <= segments <= _BLOCK_SEGMENTS:
-        raise SdoAbortedError(Abort.BLOCK_SIZE)
+        raise SdoAbortedError(sdo.ABORT_INVALID_BLOCK_SIZE)
     return segments

@@ -16,7 +16,7 @@ from numpy.polynomial import legendre
 
 from hardware.arm import JointMode
 from hardware.arm_description import JointScale
-from hardware.canopen.objects import SensorKind
+from hardware.canopen.objects import SensorKind, joint_node
 from hardware.command_limits import joint_limits
 from solver.chain.arm_model import ArmModel, Joint
 from solver.chain.sensors import Encoder, NoSensor, Rvdt
@@ -170,7 +170,7 @@ _MILLIONTHS = 1_000_000
 
 
 class AxisSettings:
-    """Settings of the drive of joint `number`; `ValueError` for a joint without a sensor.
+    """Settings of the drive of joint `number`; `ValueError` for a joint without a sensor or without a node.
 
     Attributes
     ----------
@@ -208,7 +208,7 @@ class AxisSettings:
             case NoSensor():
                 raise ValueError(f"joint {joint.name!r} has no sensor for a drive to report")
         self.scale = scale = JointScale(counts_per_rad=per_rad)
-        self.joint, self.max_torque_nm = number, joint.max_torque_nm
+        self.joint, self.max_torque_nm = joint_node(number), joint.max_torque_nm
         ends_rad = joint.lower_rad, joint.upper_rad
         self.limits = joint_limits(number, scale, ends_rad, joint.max_speed_rad_per_s)
         self.following_window_counts = max(1, scale.to_counts(FOLLOWING_WINDOW_RAD))
@@ -220,5 +220,5 @@ class AxisSettings:
 
 
 def arm_axes(arm: ArmModel) -> tuple[AxisSettings, ...]:
-    """Return the settings of all drives of an arm, joint 1 first; `ValueError` for a joint without a sensor."""
+    """Return the settings of all drives of an arm, joint 1 first; `ValueError` as `AxisSettings`."""
     return tuple(AxisSettings(number, joint) for number, joint in enumerate(arm.joints, start=1))

@@ -38,7 +38,7 @@ class DriveNode(VirtualNode):
     def __init__(
         self, axis: AxisSettings, network: ControllerNetwork, *, serial_number: int
     ) -> None:
-        super().__init__(objects.joint_node(axis.joint), network, serial_number=serial_number)
+        super().__init__(axis.joint, network, serial_number=serial_number)
         self.axis = axis
         self.drive = Drive(
             axis, on_emergency=lambda code: self.send_emergency(code, self._register())

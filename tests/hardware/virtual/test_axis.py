@@ -35,6 +35,13 @@ def test_gear_ratio_of_a_full_scale_that_does_not_divide_a_turn():
     assert per_rad == pytest.approx(axis.scale.counts_per_rad, rel=1e-12)
 
 
+def test_joint_without_a_node_number_is_refused():
+    """Node 16 is the supervisor."""
+    assert AxisSettings(15, joint()).joint == 15
+    with pytest.raises(ValueError, match=r"joint 16 is not one of 1\.\.15"):
+        AxisSettings(16, joint())
+
+
 def draw_curve(seed: int, peak: float = 0.02) -> LinearityDeviation:
     return LinearityDeviation.drawn(
         np.random.default_rng(seed), full_scale_rad=FULL_SCALE_RAD, peak=peak

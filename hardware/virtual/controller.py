@@ -119,7 +119,6 @@ class VirtualController:
         )
         self._nodes: tuple[VirtualNode, ...] = (*self.drives, self.supervisor)
         self._by_number = {node.number: node for node in self._nodes}
-        self._by_rpdo1 = {objects.COB_RPDO1 + node.number: node for node in self.drives}
         set_hardware_filters(bus, controller_filters(len(self.drives)))
         watched = objects.OPERATOR_NODE << 16 | round(heartbeat_timeout_s * 1e3)
         for node in self._nodes:
@@ -236,14 +235,14 @@ class VirtualController:
         number = identifier & _NODE_BITS
         if number in self.disturbances.cut_since_s:
             return
-        drive = self._by_rpdo1.get(identifier)
-        if drive is not None:
-            drive.on_rpdo1(data)
-        elif identifier - number == objects.COB_HEARTBEAT:
-            if number not in self._by_number and len(data) == 1:
+        node = self._by_number.get(number)
+        match identifier - number:
+            case objects.COB_RPDO1 if isinstance(node, DriveNode):
+                node.on_rpdo1(data)
+            case objects.COB_HEARTBEAT if node is None and len(data) == 1:
                 self._heard_s[number] = self._latency.listened_s
-        elif identifier - number == objects.COB_SDO_TO_SERVER:
-            self._on_sdo(number, data)
+            case objects.COB_SDO_TO_SERVER if node is not None and len(data) == 8:
+                self._on_sdo(node, data)
 
     def _on_nmt(self, data: bytes | bytearray) -> None:
         if len(data) != 2:
@@ -253,11 +252,11 @@ class VirtualController:
             if number in (0, node.number) and node.number not in self.disturbances.cut_since_s:
                 node.on_nmt(command)
 
-    def _on_sdo(self, number: int, data: bytes | bytearray) -> None:
-        node, faults = self._by_number.get(number), self.disturbances
-        if node is None or len(data) != 8 or number in faults.stalled_sdo:
+    def _on_sdo(self, node: VirtualNode, data: bytes | bytearray) -> None:
+        faults = self.disturbances
+        if node.number in faults.stalled_sdo:
             return
-        if number in faults.refused_sdo and data[0] != sdo.RESPONSE_ABORTED:
+        if node.number in faults.refused_sdo and data[0] != sdo.RESPONSE_ABORTED:
             node.send(
                 objects.COB_SDO_FROM_SERVER,
                 _SDO_REFUSAL.pack(sdo.RESPONSE_ABORTED, data[1:4], sdo.ABORT_GENERAL_ERROR),

@@ -7,7 +7,6 @@ of its joint's range; its converter saturates at the ends of full scale.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
@@ -143,22 +142,6 @@ def joint_sensor(
             )
         case NoSensor():
             raise ValueError(f"joint {joint.name!r} has no sensor for a drive to report")
-
-
-class SensorBank:
-    """All sensors of an arm, read once per control period; reproducible for a seed."""
-
-    def __init__(self, sensors: Sequence[JointSensor], *, rng: np.random.Generator) -> None:
-        self.sensors = tuple(sensors)
-        self._rng = rng
-
-    def read(self, angles_rad: Sequence[float]) -> tuple[int, ...]:
-        """Return the counts for true angles (n,), rad, in sensor coordinates."""
-        noise = self._rng.standard_normal(len(self.sensors)).tolist()
-        return tuple(
-            sensor.counts(angle, draw)
-            for sensor, angle, draw in zip(self.sensors, angles_rad, noise, strict=True)
-        )
 
 
 FOLLOWING_WINDOW_RAD = math.radians(3.0)

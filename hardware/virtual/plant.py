@@ -20,7 +20,7 @@ from scipy.linalg.lapack import dposv
 
 from hardware.arm import JointMode
 from hardware.canopen.objects import CONTROL_PERIOD_S
-from hardware.virtual.axis import JointCommand, PlantReading, SensorBank
+from hardware.virtual.axis import JointCommand, JointSensor, PlantReading
 from hardware.virtual.true_loop import Truth
 from solver.arrays import FloatArray, frozen
 from solver.chain.arm_model import ArmModel
@@ -85,7 +85,7 @@ class Loads:
 
 
 class Plant:
-    """True geometry, forces and the sensors of joints 1..n.
+    """True geometry, forces and the sensors of joints 1..n; `rng` draws the sensors' noise.
 
     `start_rad` (n,) and `start_hinge_rad` are true joint angles theta' and hinge angle of a closed pose, rad.
     """
@@ -95,14 +95,15 @@ class Plant:
         *,
         truth: Truth,
         loads: Loads,
-        sensors: SensorBank,
+        sensors: Sequence[JointSensor],
+        rng: np.random.Generator,
         start_rad: FloatArray,
         start_hinge_rad: float,
     ) -> None:
         n = truth.joint_count
         self.joint_count = n
         self.truth = truth
-        self.sensors = sensors
+        self.sensors, self._rng = tuple(sensors), rng
         self._angles = np.concatenate(([start_hinge_rad], start_rad))
         self._offsets = np.concatenate(([0.0], truth.offsets_rad))
         self._last = self._last_but_one = np.zeros(n + 1)
@@ -153,8 +154,10 @@ class Plant:
         angles = self._angles
         torque = stiffness * (target - angles)
         speed = self._last / CONTROL_PERIOD_S
+        noise = self._rng.standard_normal(len(self.sensors)).tolist()
+        sensed = zip(self.sensors, (angles - self._offsets)[1:].tolist(), noise, strict=True)
         return PlantReading(
-            position_counts=self.sensors.read((angles - self._offsets)[1:].tolist()),
+            position_counts=tuple(sensor.counts(angle, draw) for sensor, angle, draw in sensed),
             torque_nm=tuple(torque[1:].tolist()),
             speed_rad_per_s=tuple(speed[1:].tolist()),
         )
@@ -178,7 +181,7 @@ class Plant:
                 if command.mode is JointMode.FREE:
                     continue
                 # The drive controls its sensor's reading, deviation included.
-                deviation = self.sensors.sensors[j - 1].deviation_rad(now[j] - offsets[j])
+                deviation = self.sensors[j - 1].deviation_rad(now[j] - offsets[j])
                 target[j] = command.target_rad - deviation + offsets[j]
             stiffness[j] = SERVO_NM_PER_RAD
         return stiffness, target

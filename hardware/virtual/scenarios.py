@@ -16,7 +16,7 @@ import numpy as np
 
 from fixtures.measured import Measured
 from hardware.virtual import SCENARIOS
-from hardware.virtual.axis import LinearityDeviation, SensorBank, joint_sensor
+from hardware.virtual.axis import LinearityDeviation, joint_sensor
 from hardware.virtual.plant import Loads, Plant
 from hardware.virtual.specimens import (
     SpecimenFiles,
@@ -130,7 +130,8 @@ class Scenario:
         return Plant(
             truth=truth,
             loads=self.loads,
-            sensors=SensorBank(sensors, rng=self._rng(_Stream.NOISE)),
+            sensors=sensors,
+            rng=self._rng(_Stream.NOISE),
             start_rad=start,
             start_hinge_rad=hinge,
         )

@@ -147,12 +147,14 @@ class LoopbackBus(can.BusABC):
         self._tag = channel_tag(name)
         self._group = (channel_group(name), MULTICAST_PORT)
         try:
-            self._sender = _sending_socket()
-            try:
-                self._receiver = _receiving_socket(None if send_only else self._group[0])
-            except OSError:
-                self._sender.close()
-                raise
+            with contextlib.ExitStack() as closing:
+                self._sender, self._receiver = (
+                    closing.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+                    for _ in range(2)
+                )
+                _set_up_sender(self._sender)
+                _set_up_receiver(self._receiver, None if send_only else self._group[0])
+                closing.pop_all()  # keep them open
         except OSError as error:
             raise can.CanInitializationError(
                 f"cannot open loopback channel {name}: {error.strerror}", error.errno
@@ -254,17 +256,13 @@ def _arrival_s(ancillary: list[tuple[int, int, bytes]]) -> float:
     return time.time()
 
 
-def _sending_socket() -> socket.socket:
-    """Open a socket to send from; its port tells which bus object sent a frame."""
-    with contextlib.ExitStack() as closing:
-        made = closing.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
-        made.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(HOST))
-        made.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)
-        made.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_LOOP, 1)
-        made.bind((HOST, 0))
-        made.setblocking(False)
-        closing.pop_all()  # keep it open
-    return made
+def _set_up_sender(sender: socket.socket) -> None:
+    """Have a socket send to the loopback interface; its port tells which bus object sent a frame."""
+    sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(HOST))
+    sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)
+    sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_LOOP, 1)
+    sender.bind((HOST, 0))
+    sender.setblocking(False)
 
 
 def enlarge_receive_buffer(receiver: socket.socket) -> None:
@@ -275,24 +273,20 @@ def enlarge_receive_buffer(receiver: socket.socket) -> None:
             receiver.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, RECEIVE_BUFFER_BYTES)
 
 
-def _receiving_socket(group: str | None) -> socket.socket:
-    """Open a socket that receives `group` on the loopback interface only, or nothing if `group` is None."""
-    with contextlib.ExitStack() as closing:
-        made = closing.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
-        made.setblocking(False)
-        if group is None:
-            made.bind((HOST, 0))
-        else:
-            made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            if not _IS_LINUX:
-                made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
-            enlarge_receive_buffer(made)
-            if _IS_LINUX:
-                made.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
-                # Otherwise the socket would also receive groups that other programs joined on other interfaces.
-                made.setsockopt(socket.IPPROTO_IP, _IP_MULTICAST_ALL, 0)
-            made.bind((group, MULTICAST_PORT))
-            membership = socket.inet_aton(group) + socket.inet_aton(HOST)
-            made.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, membership)
-        closing.pop_all()  # keep it open
-    return made
+def _set_up_receiver(receiver: socket.socket, group: str | None) -> None:
+    """Have a socket receive `group` on the loopback interface only, or nothing if `group` is None."""
+    receiver.setblocking(False)
+    if group is None:
+        receiver.bind((HOST, 0))
+        return
+    receiver.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    enlarge_receive_buffer(receiver)
+    if _IS_LINUX:
+        receiver.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
+        # Otherwise the socket would also receive groups that other programs joined on other interfaces.
+        receiver.setsockopt(socket.IPPROTO_IP, _IP_MULTICAST_ALL, 0)
+    else:
+        receiver.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
+    receiver.bind((group, MULTICAST_PORT))
+    membership = socket.inet_aton(group) + socket.inet_aton(HOST)
+    receiver.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, membership)

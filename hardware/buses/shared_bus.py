@@ -76,14 +76,11 @@ class Recording:
                     self._writer.stop()
                     self._writer = None
             except _WRITE_ERRORS as error:
-                self._end_early(error)
-
-    def _end_early(self, error: Exception) -> None:
-        self.failure = str(error)
-        self._waiting.clear()
-        writer, self._writer = self._writer, None
-        with suppress(*_WRITE_ERRORS):  # reported already
-            writer.stop()
+                self.failure = str(error)
+                self._waiting.clear()
+                writer, self._writer = self._writer, None
+                with suppress(*_WRITE_ERRORS):  # reported already
+                    writer.stop()
 
     def _keep(self, message: can.Message) -> None:
         if self._numbers_channels:

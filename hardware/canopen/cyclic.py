@@ -69,7 +69,6 @@ class PdoFields:
     """Encodes and decodes the objects `indices` in a PDO of a joint; all other objects are sent as 0."""
 
     def __init__(self, pdo: Pdo, indices: tuple[int, ...]) -> None:
-        self.cob_id = pdo.cob_id
         form, known = "<", list[int]()
         for index, _, bits in pdo.entries:
             if index in indices:
@@ -97,7 +96,7 @@ class PdoFields:
 
 
 class JointFrames:
-    """The frames of one joint: its TPDOs by identifier, and the identifiers of its RPDOs."""
+    """The frames of one joint: its TPDOs (`answers`) and RPDOs (`commands`) by identifier."""
 
     def __init__(self, profile: BusProfile, joint: JointProfile) -> None:
         self.answers = {pdo.cob_id: PdoFields(pdo, FEEDBACK_OBJECTS) for pdo in joint.answers}
@@ -106,8 +105,7 @@ class JointFrames:
             joint.commands,
             key=lambda pdo: (TARGET_POSITION not in pdo.carried, MODE not in pdo.carried),
         )
-        self._commands = tuple(PdoFields(pdo, COMMAND_OBJECTS) for pdo in order)
-        self.command_ids = frozenset(command.cob_id for command in self._commands)
+        self.commands = {pdo.cob_id: PdoFields(pdo, COMMAND_OBJECTS) for pdo in order}
         self._controlling = {p.cob_id for p in joint.commands if CONTROLWORD in p.carried}
         self._codes = {code: profile.mode_codes[mode] for code, mode in JOINT_MODE.items()}
         self._modes = {theirs: ours for ours, theirs in self._codes.items()}
@@ -119,18 +117,15 @@ class JointFrames:
             TARGET_POSITION: setpoint.target_counts,
             MODE: self._codes[setpoint.mode],
         }
-        return tuple((command.cob_id, command.pack(values)) for command in self._commands)
+        return tuple((cob_id, command.pack(values)) for cob_id, command in self.commands.items())
 
     def pack_controlword(self, setpoint: Setpoint) -> tuple[tuple[int, bytes], ...]:
         """Return the frames of `pack` that carry the controlword; STOP needs no others."""
         return tuple(frame for frame in self.pack(setpoint) if frame[0] in self._controlling)
 
     def decode_command(self, identifier: int, data: bytes) -> dict[int, int]:
-        """Return the value of each object index in a received RPDO, with the mode as a code of CiA 402."""
-        values: dict[int, int] = {}
-        for command in self._commands:
-            if command.cob_id == identifier:
-                values = command.unpack(data) or {}
+        """Return the value of each object index in a received RPDO of the joint, with the mode as a code of CiA 402."""
+        values = self.commands[identifier].unpack(data) or {}
         if MODE in values:
             values[MODE] = self._modes.get(values[MODE], values[MODE])
         return values

@@ -286,29 +286,12 @@ def emergency_text(code: int) -> str:
 
 
 class Abort(IntEnum):
-    """SDO abort codes in use (CiA 301)."""
+    """SDO abort codes (CiA 301) that this program acts on."""
 
-    TOGGLE = 0x05030000
-    UNKNOWN_COMMAND = 0x05040001
-    BLOCK_SIZE = 0x05040002
-    BLOCK_SEQUENCE = 0x05040003
-    BLOCK_CRC = 0x05040004
-    WRITE_ONLY = 0x06010001
-    READ_ONLY = 0x06010002
     NO_OBJECT = 0x06020000
-    LENGTH = 0x06070010
-    TOO_LONG = 0x06070012
     NO_SUBINDEX = 0x06090011
-    VALUE = 0x06090030
-    VALUE_TOO_HIGH = 0x06090031
-    VALUE_TOO_LOW = 0x06090032
-    GENERAL = 0x08000000
-    NOT_STORED = 0x08000020
-    """A parameter document was refused; the reason is in 2004h."""
     LOCAL_CONTROL = 0x08000021
     """The control token is not held."""
-    DEVICE_STATE = 0x08000022
-    """The command is not possible now, e.g. another node holds the token, or there is nothing to commit."""
     NO_DATA = 0x08000024
 
 

@@ -47,15 +47,14 @@ _IN_TRANSIT_S = 0.02
 _ABORT, _GENERAL_ERROR = 0x80, 0x08000000
 
 
-class _Sender(canopen.Network):
+class _Sender:
     """The part of a canopen network that an SDO client uses; counts requests by node."""
 
     def __init__(self, send: Callable[[int, bytes], None]) -> None:
-        super().__init__()
         self._send = send
         self.asked: Counter[int] = Counter()
 
-    def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:  # noqa: FBT001, FBT002
+    def send_message(self, can_id: int, data: bytes) -> None:
         if data[0] != _ABORT:  # an abort is not answered
             self.asked[can_id - COB_SDO_TO_SERVER] += 1
         self._send(can_id, bytes(data))
@@ -142,12 +141,13 @@ class ObjectAccess:
             self._answered[identifier - COB_SDO_FROM_SERVER] += 1
             client.on_response(identifier, data, 0.0)
 
-    def duplicate_nodes(self) -> tuple[int, ...]:
-        """Return the nodes with more than 1.5 answers per request."""
-        requests = self._network.asked
-        return tuple(node for node, n in sorted(self._answered.items()) if n > 1.5 * requests[node])
+    def require_single_answers(self) -> None:
+        """Raise `DuplicateNodeId` for the nodes that have sent more than 1.5 answers per request."""
+        requests, answers = self._network.asked, sorted(self._answered.items())
+        if duplicates := tuple(node for node, n in answers if n > 1.5 * requests[node]):
+            raise self._duplicate_error(duplicates)
 
-    def duplicate_error(self, nodes: tuple[int, ...]) -> DuplicateNodeId:
+    def _duplicate_error(self, nodes: tuple[int, ...]) -> DuplicateNodeId:
         """Return the error for nodes with surplus answers; it says whether another program sent requests to each."""
         return DuplicateNodeId(nodes, asked_by_others=self._asked_by_others.issuperset(nodes))
 
@@ -168,7 +168,7 @@ class ObjectAccess:
         self._known_surplus = self._surplus()
         more, doubled = self._known_surplus - before, DUPLICATE_FRACTION * UNIQUENESS_REQUESTS
         if twice := tuple(node for node in suspects if more[node] >= doubled):
-            raise self.duplicate_error(twice)
+            raise self._duplicate_error(twice)
 
     def _surplus(self) -> Counter[int]:
         """Answers in excess of requests, by node."""
@@ -277,7 +277,7 @@ class ObjectAccess:
         self, node: int, index: int, subindex: int, error: SdoAbortedError | SdoCommunicationError
     ) -> HardwareError:
         if self._answered[node] > self._network.asked[node]:
-            return self.duplicate_error((node,))
+            return self._duplicate_error((node,))
         if isinstance(error, SdoAbortedError):
             text = str(error).partition(",")[2].strip() or "refused"
             return SdoRefused(node, index, subindex, error.code, text)

@@ -90,12 +90,6 @@ class Bench:
         """Limits for test motions: a joint may end at most half of `step_rad` from its target."""
         return replace(self.bounds, near_rad=0.5 * self.step_rad)
 
-    def step_target(self, joint: int) -> float:
-        """Return a joint's target (rad) one step away, in the direction in which more of its range is left."""
-        now, ends = position_rad(self.arm, joint), self.description.joints[joint - 1]
-        up = ends.upper_rad - now >= now - ends.lower_rad
-        return now + (self.step_rad if up else -self.step_rad)
-
 
 def check(bench: Bench, *, last: Stage) -> Iterator[CheckFinding]:
     """Check an arm up to and including stage `last`, and yield the findings; the caller must always close the arm."""
@@ -196,8 +190,9 @@ def _turn(bench: Bench, joint: int) -> Iterator[Clause]:
     """Move a joint to its test target and back, twice; halt, interrupt and stop it on the way."""
     arm, speed, bounds = bench.arm, bench.speed_rad_per_s, bench.moving
     start = arm.capture(bench.bounds.samples).mean_rad
-    home = float(start[joint - 1])
-    way = bench.step_target(joint) - position_rad(arm, joint)
+    home, ends = float(start[joint - 1]), bench.description.joints[joint - 1]
+    up = ends.upper_rad - home >= home - ends.lower_rad  # where more of the range is left
+    way = bench.step_rad if up else -bench.step_rad
     if not bench.ask(
         f"Joint {joint} will turn by {deg(way, sign=True)} and back, twice, at {deg(speed)}/s, and be halted, "
         "interrupted and stopped on the way. Turn it?"

@@ -32,7 +32,7 @@ class BusMonitor:
             for joint, each in frames
             for identifier, answer in each.answers.items()
         }
-        self._commands = {i: (joint, each) for joint, each in frames for i in each.command_ids}
+        self._commands = {i: (joint, each) for joint, each in frames for i in each.commands}
         self.frames: Counter[int] = Counter()
         self.positions: dict[int, int] = {}
         self.drives: dict[int, DriveState] = {}

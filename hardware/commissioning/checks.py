@@ -250,7 +250,7 @@ def keeps_time(arm: CanopenArm, bounds: Bounds) -> Iterator[Clause]:
 
 def excludes_others(arm: CanopenArm) -> Clause:
     """Check that a second program is refused before it sends anything, and that this program can go on."""
-    other = arm.another()
+    other = CanopenArm(arm.on_bus)
     try:
         other.connect()
     except (ControlDenied, OtherMaster) as refused:

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Final
 
 import can
+from canopen.sdo import constants as sdo
 
 from hardware.buses.python_can import BusSettings, open_bus
 from hardware.buses.shared_bus import SharedBus
@@ -44,10 +45,9 @@ NO_OPERATOR_MONITORING: Final = (
 _POLL_S: Final = 0.02
 _MAX_ANSWER_PERIODS: Final = 10
 """Longest wait for answers, as a multiple of the silence that ends a wait."""
-_READ_DEVICE_TYPE: Final = bytes(
-    [0x40, objects.DEVICE_TYPE & 0xFF, objects.DEVICE_TYPE >> 8, 0, 0, 0, 0, 0]
+_READ_DEVICE_TYPE: Final = sdo.SDO_STRUCT.pack(sdo.REQUEST_UPLOAD, objects.DEVICE_TYPE, 0) + bytes(
+    4
 )
-_UPLOAD_ANSWER: Final = 2
 _SUPERVISES: Final = ((objects.ARM, objects.ARM_JOINTS), (objects.TOKEN, 0))
 
 
@@ -150,7 +150,7 @@ class _Listener:
         elif node := objects.node_of(identifier, objects.COB_SDO_FROM_SERVER):
             if len(data) == 8 and data[1:4] == _READ_DEVICE_TYPE[1:4]:
                 self.answers[node] += 1
-                if data[0] >> 5 == _UPLOAD_ANSWER:
+                if data[0] & 0xE0 == sdo.RESPONSE_UPLOAD:
                     self.device_types[node] = int.from_bytes(data[4:8], "little")
             self.deliver(identifier, data)
 

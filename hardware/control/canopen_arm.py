@@ -161,10 +161,6 @@ class CanopenArm(ConnectableArm):
         """Read the drives' modes, quick stop option and operator time-out."""
         return read_drive_facts(self._link.access, self._link.profile)
 
-    def another(self) -> CanopenArm:
-        """Return a second, unconnected arm object for the same arm and bus, like that of another program."""
-        return CanopenArm(self.on_bus)
-
     def upload_parameters(self, document: bytes) -> UploadReceipt:
         """Stage, read back and commit a document, and read the home offsets back.
 

@@ -61,8 +61,8 @@ class ControlLoop:
         allow: Callable[[Sample, Setpoints | None, Setpoints], None],
         quick_stop: Callable[[], None],
         timing: Timing,
-        watch: JointMonitor | None = None,
-        latch: StopLatch | None = None,
+        watch: JointMonitor,
+        latch: StopLatch,
         clock: Callable[[], float] = time.monotonic,
         stamps: Callable[[], float] | None = None,
     ) -> None:
@@ -73,8 +73,7 @@ class ControlLoop:
         )
         self.commands: Setpoints | None = None
         """Commands sent last; None before control was taken."""
-        self.latch = latch or StopLatch()
-        self.watch = watch or JointMonitor()
+        self.latch, self.watch = latch, watch
         self.moving = False
         """Whether steps are moving the arm."""
         self.failure: HardwareError | None = None
@@ -113,11 +112,6 @@ class ControlLoop:
     def begin_sync(self) -> None:
         """Start SYNC."""
         self._syncing = True
-
-    def forget_faults(self) -> None:
-        """Clear emergencies, foreign commands and the monitors' findings."""
-        self.nodes.forget_faults()
-        self.watch.reset()
 
     def close(self) -> None:
         """Stop sending and end the thread. May be called twice."""

@@ -119,7 +119,8 @@ def reset(loop: ControlLoop, *, press: object | None) -> Steps[tuple[int, ...]]:
     if not loop.latch.release(press):
         raise errors.Stopped("STOP was pressed again before it was reset: reset it once more")
     loop.commands = None  # old commands must not be sent again
-    loop.forget_faults()
+    loop.nodes.forget_faults()
+    loop.watch.reset()
     return (yield from drive_to(loop, TargetState.FAULT_CLEARED))
 
 
@@ -225,13 +226,13 @@ def move(
 def _arrive(link: Connection) -> Steps[str]:
     """Wait until all joints in position mode are at their targets; return why a joint is not, empty if all are."""
     loop, commands = link.loop, _last_commands(link.loop)
-    away = loop.watch.away(loop.sample, commands)
+    away = loop.watch.following.away(loop.sample, commands)
     for _ in range(ARRIVAL_SYNCS):
         if not away:
             return ""
         sample = yield None
         raise_alarm(loop)
-        away = loop.watch.away(sample, commands)
+        away = loop.watch.following.away(sample, commands)
     at = away[0] - 1
     error_counts = loop.sample.counts[at] - commands[at].target_counts
     error_deg = math.degrees(error_counts / link.scales[at].counts_per_rad)

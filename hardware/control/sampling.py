@@ -46,7 +46,7 @@ class CommandSender:
             if self._latch.latched:
                 break
             if before != command and not (moving and _only_target_changed(before, command)):
-                self._watch.expect_jerk()
+                self._watch.continuity.expect_jerk()
             for identifier, data in self._frames[joint].pack(command):
                 self._send(identifier, data)
             self._sent[joint] = command

@@ -120,10 +120,10 @@ class StartUp:
             check_mapping(access, profile, missing)
         self._require(missing, NmtCommand.RESET_COMMUNICATION)
         identity = identifying.read_identity(access, profile, self._link.on_bus.description)
-        self._require_unique_nodes()
+        access.require_single_answers()
         self._raise_if_cancelled()
         unwatching = self._check_drives(identity)
-        self._require_unique_nodes()
+        access.require_single_answers()
         self._zeroed += zero_residual_torques(access, profile)
         zeroed = tuple(self._zeroed)
         self._raise_if_cancelled()
@@ -287,10 +287,6 @@ class StartUp:
         """Send an NMT command to each of `nodes`, by default to all nodes of the arm; never to other devices."""
         for node in nodes or self._profile.nodes:
             self._link.wire.send(objects.COB_NMT, bytes([command, node]))
-
-    def _require_unique_nodes(self) -> None:
-        if duplicates := self._access.duplicate_nodes():
-            raise self._access.duplicate_error(duplicates)
 
     def _read_fault_codes(self, first: Sample) -> None:
         """Record the error code (603Fh) of each drive in fault: its emergency was sent before this program listened."""

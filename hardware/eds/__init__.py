@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import copy
 import struct
 from collections.abc import Mapping
 from functools import cache
@@ -31,14 +30,10 @@ def node_dictionary(node: int) -> ObjectDictionary:
     return product_dictionary(product, node)
 
 
+@cache  # parsing takes about 10 ms
 def product_dictionary(product: int, node: int) -> ObjectDictionary:
-    """Return a device type's object dictionary for a node number, as a copy that the caller may change."""
-    dictionary = copy.deepcopy(_parsed(product))
-    dictionary.node_id = node
-    for variable in variables(dictionary).values():
-        if variable.relative and variable.default is not None:  # $NODEID+
-            variable.default += node
-    return dictionary
+    """Return a device type's object dictionary for a node number; callers share it and must not change it."""
+    return canopen.import_od(str(EDS_FILES[product]), node_id=node)
 
 
 def variables(dictionary: ObjectDictionary) -> dict[tuple[int, int], ODVariable]:
@@ -52,16 +47,10 @@ def variables(dictionary: ObjectDictionary) -> dict[tuple[int, int], ODVariable]
 
 def pdo_struct(product: int, index: int) -> struct.Struct:
     """Return the layout of a device type's PDO, as defined by the mapping record at `index`."""
-    entries = variables(_parsed(product))
+    entries = variables(product_dictionary(product, 0))
     form = "<"
     for sub in range(1, int(entries[index, 0].default or 0) + 1):
         mapped = int(entries[index, sub].default or 0)
         kind = entries[mapped >> 16, mapped >> 8 & 0xFF].data_type
         form += ODVariable.STRUCT_TYPES[int(kind or 0)].format.lstrip("<")
     return struct.Struct(form)
-
-
-@cache
-def _parsed(product: int) -> ObjectDictionary:
-    # Parsing takes about 10 ms, so each of the two device types is parsed once, at node 0.
-    return canopen.import_od(str(EDS_FILES[product]), node_id=0)

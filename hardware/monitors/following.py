@@ -33,7 +33,7 @@ LAG_SYNCS: Final = 20
 class Divergence:
     """A joint that is `counts` away from its target (if `stopped`: from its rest position), since SYNC `sync_count`.
 
-    `angle_rad` is the same distance as an angle; None if the joint's scale is not known.
+    `angle_rad` is the same distance as an angle; None if it is not computed yet.
     """
 
     joint: int

@@ -69,14 +69,13 @@ class ContinuityMonitor:
         self._jerk_syncs_left = JERK_SYNCS
         self._candidate = None
 
-    def restart_history(self) -> None:
-        """Discard the samples so far: the last of them may hold answers to an earlier SYNC."""
-        self._recent.clear()
+    def update(self, sample: Sample, *, answered_late: bool = False) -> CountJump | None:
+        """Take in a sample; return a jump once it is confirmed, `QUIET_SYNCS` SYNCs after the jump.
 
-    def update(self, sample: Sample) -> CountJump | None:
-        """Take in a sample; return a jump once it is confirmed, `QUIET_SYNCS` SYNCs after the jump."""
+        `answered_late`: the previous sample may hold answers to an earlier SYNC.
+        """
         recent = self._recent
-        follows_last = sample.sync_count == self._last_sync + 1
+        follows_last = sample.sync_count == self._last_sync + 1 and not answered_late
         if not (sample.complete and follows_last and sample.statuswords == self._states):
             recent.clear()
         self._last_sync, self._states = sample.sync_count, sample.statuswords
@@ -125,12 +124,12 @@ class ContinuityMonitor:
 class JointMonitor:
     """Checks every sample in the control loop's thread; its attributes may be read from any thread.
 
-    `allowed_counts`: each joint's threshold for count jumps at rest; if empty, jumps are not checked. `divergence`: the
-    uncommanded motion for which STOP was latched in an earlier connection, if it is still latched.
+    `allowed_counts`: each joint's threshold for count jumps at rest. `divergence`: the uncommanded motion for which
+    STOP was latched in an earlier connection, if it is still latched.
     """
 
     def __init__(
-        self, allowed_counts: Sequence[float] = (), *, divergence: Divergence | None = None
+        self, allowed_counts: Sequence[float], *, divergence: Divergence | None = None
     ) -> None:
         self.jump: CountJump | None = None
         self.divergence = divergence
@@ -139,19 +138,19 @@ class JointMonitor:
         """Joints whose drives are switched off after STOP: because of uncommanded motion, or, when the arm is released,
         because they have not obeyed quick stop."""
         self.dropout = DropoutMonitor()
-        self.set_following_windows(())
-        self._detects_jumps = bool(allowed_counts)
-        self._continuity = ContinuityMonitor(allowed_counts)
+        self.set_following_windows((), ())
+        self.continuity = ContinuityMonitor(allowed_counts)
 
     def set_following_windows(
-        self, windows_counts: Sequence[float], scales: Sequence[JointScale] = ()
+        self, windows_counts: Sequence[float], scales: Sequence[JointScale]
     ) -> None:
         """Set the limit of each joint's distance from its target or, once it is stopped, from its rest position.
 
-        With `scales`, a divergence is stated in radians too. To be called before SYNC starts.
+        To be called before SYNC starts.
         """
         self._counts_per_rad = tuple(scale.counts_per_rad for scale in scales)
-        self._motion = FollowingMonitor(windows_counts), StandstillMonitor(windows_counts)
+        self.following = FollowingMonitor(windows_counts)
+        self._standstill = StandstillMonitor(windows_counts)
 
     def update(
         self,
@@ -167,34 +166,18 @@ class JointMonitor:
         `answered_late`: the previous sample may hold answers to earlier SYNCs; `stopped`: STOP is latched;
         `refusing_joints`: joints whose drives have reported a refused target.
         """
-        if self.jump is None and self._detects_jumps:
-            if answered_late:
-                self._continuity.restart_history()
-            self.jump = self._continuity.update(sample)
+        if self.jump is None:
+            self.jump = self.continuity.update(sample, answered_late=answered_late)
         self.dropout.update(sample, commands, stopped=stopped)
         before = self.switched_off
-        following, standstill = self._motion
-        found = following.update(sample, commands, refusing_joints)
-        for divergence in (*found, *standstill.update(sample, commands)):
+        found = self.following.update(sample, commands, refusing_joints)
+        for divergence in (*found, *self._standstill.update(sample, commands)):
             if self.divergence is None:
-                self.divergence = self._with_angle(divergence)
+                angle_rad = divergence.counts / self._counts_per_rad[divergence.joint - 1]
+                self.divergence = replace(divergence, angle_rad=angle_rad)
             # All of them: the drive of the first may not obey.
             self.switched_off |= {divergence.joint}
         return self.switched_off != before
-
-    def _with_angle(self, divergence: Divergence) -> Divergence:
-        if not self._counts_per_rad:
-            return divergence
-        angle_rad = divergence.counts / self._counts_per_rad[divergence.joint - 1]
-        return replace(divergence, angle_rad=angle_rad)
-
-    def away(self, sample: Sample, commands: Setpoints) -> tuple[int, ...]:
-        """Return the joints in position mode farther from their targets than their windows, or without an answer."""
-        return self._motion[0].away(sample, commands)
-
-    def expect_jerk(self) -> None:
-        """Suspend jump detection, since a drive gets a command other than its move's next target."""
-        self._continuity.expect_jerk()
 
     def reset(self) -> None:
         """Clear all findings."""
@@ -217,7 +200,6 @@ def stop_error(cause: Divergence | None) -> errors.HardwareError:
 
 
 def _nodes(numbers: Sequence[int]) -> str:
-    """Return nodes as text."""
     return f"node{'s' if len(numbers) > 1 else ''} {', '.join(map(str, numbers))}"
 
 

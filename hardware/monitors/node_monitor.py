@@ -114,7 +114,7 @@ class NodeMonitor:
         self.heartbeat_timeout_s = heartbeat_timeout_s
         """Silence after which a node is lost; set before SYNC starts."""
         self.profile, self.nodes = profile, profile.nodes
-        self._commanded = {i: frames for frames in frames_of(profile) for i in frames.command_ids}
+        self._commanded = {i: frames for frames in frames_of(profile) for i in frames.commands}
         self.heard_at_s: dict[int, float] = {}
         """Time of each node's last heartbeat or boot-up."""
         self.nmt_state: dict[int, int] = {}

@@ -7,7 +7,6 @@ of its joint's range; its converter saturates at the ends of full scale.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
@@ -16,9 +15,8 @@ from numpy.polynomial import legendre
 
 from hardware.arm import JointMode
 from hardware.arm_description import JointScale
-from hardware.canopen.objects import SensorKind
+from hardware.canopen.objects import SensorKind, joint_node
 from hardware.command_limits import joint_limits
-from solver.arrays import FloatArray, frozen
 from solver.chain.arm_model import ArmModel, Joint
 from solver.chain.sensors import Encoder, NoSensor, Rvdt
 
@@ -56,13 +54,8 @@ class LinearityDeviation:
     `coefficients_rad` (4,) are c_k for `LEGENDRE_DEGREES`.
     """
 
-    coefficients_rad: FloatArray
+    coefficients_rad: tuple[float, ...]
     half_scale_rad: float
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "coefficients_rad", frozen(self.coefficients_rad))
-        if self.coefficients_rad.shape != (len(LEGENDRE_DEGREES),):
-            raise ValueError(f"a linearity deviation needs {len(LEGENDRE_DEGREES)} coefficients")
 
     @classmethod
     def drawn(
@@ -70,16 +63,16 @@ class LinearityDeviation:
     ) -> LinearityDeviation:
         """Draw a random shape with peak deviation `peak` (fraction of full scale), with weaker high degrees."""
         shape = rng.choice((-1.0, 1.0), 4) * rng.uniform(0.4, 1.0, 4) * (1.0, 1.0, 0.4, 0.2)
-        unit = cls(coefficients_rad=shape, half_scale_rad=0.5 * full_scale_rad)
+        unit = cls(coefficients_rad=tuple(shape.tolist()), half_scale_rad=0.5 * full_scale_rad)
         scale = peak * full_scale_rad / unit.peak_rad()
-        return replace(unit, coefficients_rad=shape * scale)
+        return replace(unit, coefficients_rad=tuple((shape * scale).tolist()))
 
     def deviation_rad(self, from_zero_rad: float) -> float:
         """Return reading minus true angle, rad, at an angle from electrical zero (clipped to full scale)."""
         x = min(1.0, max(-1.0, from_zero_rad / self.half_scale_rad))
         square = x * x
-        c2, c3, c4, c5 = self.coefficients_rad.tolist()
-        return float(
+        c2, c3, c4, c5 = self.coefficients_rad
+        return (
             c2 * (1.5 * square - 0.5)
             + c3 * x * (2.5 * square - 1.5)
             + c4 * ((4.375 * square - 3.75) * square + 0.375)
@@ -130,11 +123,9 @@ def converter_ends(joint: Joint, rvdt: Rvdt) -> tuple[int, int]:
 def joint_sensor(
     joint: Joint, *, with_noise: bool, curve: LinearityDeviation | None
 ) -> JointSensor:
-    """Return the sensor of a joint of an arm file; `ValueError` if the joint has none, or an encoder has a `curve`."""
+    """Return the sensor of a joint of an arm file; `curve` is for an RVDT only; `ValueError` if the joint has none."""
     match joint.sensor:
         case Encoder() as encoder:
-            if curve is not None:
-                raise ValueError(f"joint {joint.name!r} has an encoder, not an RVDT")
             return JointSensor(
                 resolution_rad=encoder.resolution_rad,
                 noise_counts=encoder.noise_counts if with_noise else 0.0,
@@ -153,22 +144,6 @@ def joint_sensor(
             raise ValueError(f"joint {joint.name!r} has no sensor for a drive to report")
 
 
-class SensorBank:
-    """All sensors of an arm, read once per control period; reproducible for a seed."""
-
-    def __init__(self, sensors: Sequence[JointSensor], *, rng: np.random.Generator) -> None:
-        self.sensors = tuple(sensors)
-        self._rng = rng
-
-    def read(self, angles_rad: Sequence[float]) -> tuple[int, ...]:
-        """Return the counts for true angles (n,), rad, in sensor coordinates."""
-        noise = self._rng.standard_normal(len(self.sensors)).tolist()
-        return tuple(
-            sensor.counts(angle, draw)
-            for sensor, angle, draw in zip(self.sensors, angles_rad, noise, strict=True)
-        )
-
-
 FOLLOWING_WINDOW_RAD = math.radians(3.0)
 """Following error window. It is wider than any servo deflection at torques below the trip level, so that only a failed
 sensor exceeds it."""
@@ -178,7 +153,7 @@ _MILLIONTHS = 1_000_000
 
 
 class AxisSettings:
-    """Settings of the drive of joint `number`; `ValueError` for a joint without a sensor.
+    """Settings of the drive of joint `number`; `ValueError` for a joint without a sensor or without a node.
 
     Attributes
     ----------
@@ -201,40 +176,32 @@ class AxisSettings:
     mode_switch_cycles = trip_cycles = 3
 
     def __init__(self, number: int, joint: Joint) -> None:
-        scale = self.scale = joint_scale(joint)
-        self.joint, self.max_torque_nm = number, joint.max_torque_nm
+        match joint.sensor:
+            case Encoder(counts_per_rev=counts_per_rev):
+                per_rad, per_turn = counts_per_rev / math.tau, Fraction(counts_per_rev)
+                self.sensor_kind, self.converter_bits = SensorKind.ENCODER, 0
+                self.full_scale_microdeg = 360 * _MILLIONTHS
+                self.lowest_counts, self.highest_counts = -math.inf, math.inf
+            case Rvdt() as rvdt:
+                per_rad = 1.0 / rvdt.resolution_rad
+                self.sensor_kind, self.converter_bits = SensorKind.RVDT, rvdt.bits
+                self.full_scale_microdeg = round(math.degrees(rvdt.full_scale_rad) * _MILLIONTHS)
+                self.lowest_counts, self.highest_counts = converter_ends(joint, rvdt)
+                per_turn = Fraction(360 * _MILLIONTHS * 2**rvdt.bits, self.full_scale_microdeg)
+            case NoSensor():
+                raise ValueError(f"joint {joint.name!r} has no sensor for a drive to report")
+        self.scale = scale = JointScale(counts_per_rad=per_rad)
+        self.joint, self.max_torque_nm = joint_node(number), joint.max_torque_nm
         ends_rad = joint.lower_rad, joint.upper_rad
         self.limits = joint_limits(number, scale, ends_rad, joint.max_speed_rad_per_s)
         self.following_window_counts = max(1, scale.to_counts(FOLLOWING_WINDOW_RAD))
         self.max_speed_counts_per_s = round(joint.max_speed_rad_per_s * scale.counts_per_rad)
         self.home_offset_limit_counts = round(HOME_OFFSET_LIMIT_RAD * scale.counts_per_rad)
-        self.sensor_kind, self.converter_bits = SensorKind.ENCODER, 0
-        self.full_scale_microdeg = 360 * _MILLIONTHS
-        self.lowest_counts, self.highest_counts = -math.inf, math.inf
-        per_turn = Fraction(scale.to_counts(2.0 * math.pi))
-        if isinstance(sensor := joint.sensor, Rvdt):
-            self.sensor_kind, self.converter_bits = SensorKind.RVDT, sensor.bits
-            full_scale_deg = math.degrees(sensor.full_scale_rad)
-            self.full_scale_microdeg = round(full_scale_deg * _MILLIONTHS)
-            self.lowest_counts, self.highest_counts = converter_ends(joint, sensor)
-            codes = 360 * _MILLIONTHS * 2**sensor.bits
-            per_turn = Fraction(codes, self.full_scale_microdeg)
         if per_turn.numerator > _LARGEST_U32:
             per_turn = per_turn.limit_denominator(10_000)
         self.increments, self.revolutions = per_turn.numerator, per_turn.denominator
 
 
-def joint_scale(joint: Joint) -> JointScale:
-    """Return the scale of a joint's sensor; `ValueError` if the joint has none."""
-    match joint.sensor:
-        case Encoder() as encoder:
-            return JointScale(counts_per_rad=encoder.counts_per_rev / (2.0 * math.pi))
-        case Rvdt() as rvdt:
-            return JointScale(counts_per_rad=1.0 / rvdt.resolution_rad)
-        case NoSensor():
-            raise ValueError(f"joint {joint.name!r} has no sensor for a drive to report")
-
-
 def arm_axes(arm: ArmModel) -> tuple[AxisSettings, ...]:
-    """Return the settings of all drives of an arm, joint 1 first; `ValueError` for a joint without a sensor."""
+    """Return the settings of all drives of an arm, joint 1 first; `ValueError` as `AxisSettings`."""
     return tuple(AxisSettings(number, joint) for number, joint in enumerate(arm.joints, start=1))

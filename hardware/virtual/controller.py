@@ -12,12 +12,14 @@ from __future__ import annotations
 
 import math
 import queue
+import struct
 import threading
 import time
 from collections.abc import Callable, Sequence
 from typing import Self
 
 import can
+from canopen.sdo import constants as sdo
 
 from hardware.buses.acceptance_filters import controller_filters, set_hardware_filters
 from hardware.canopen import objects
@@ -26,7 +28,7 @@ from hardware.timing import LatencyMonitor, raise_loop_priority
 from hardware.virtual.axis import AxisSettings
 from hardware.virtual.disturbances import Disturbances
 from hardware.virtual.drive_node import DriveGroup, DriveNode
-from hardware.virtual.faults import ScriptedFault
+from hardware.virtual.faults import ScriptedFault, inject
 from hardware.virtual.node import ControllerNetwork, VirtualNode
 from hardware.virtual.parameter_store import ParameterStore, Validate, refuse_documents
 from hardware.virtual.plant import Plant
@@ -42,6 +44,7 @@ _CATCH_UP_FRAMES = 1000
 _NODE_BITS = 0x7F
 STORM = 50
 """Number of emergencies sent on every SYNC in an emergency storm."""
+_SDO_REFUSAL = struct.Struct("<B3sI")
 _STORM_EMERGENCY = objects.EMCY.pack(0x1000, objects.ErrorBit.GENERIC, bytes(5))
 
 
@@ -99,10 +102,14 @@ class VirtualController:
         self.running.set()
         self._next_beat_s = 0.0
         serial = arm.number % 1_000_000 * 100
-        self.drives = tuple(DriveNode(axis, serial_number=serial + axis.joint) for axis in axes)
+        self._network = network = ControllerNetwork(bus, self.disturbances)
+        self.drives = tuple(
+            DriveNode(axis, network, serial_number=serial + axis.joint) for axis in axes
+        )
         self.group = DriveGroup(self.drives, plant, self.disturbances)
         self.plant: Plant = plant
         self.supervisor = SupervisorNode(
+            network,
             arm=arm,
             group=self.group,
             store=ParameterStore() if store is None else store,
@@ -111,14 +118,11 @@ class VirtualController:
             later=self._work.put,
         )
         self._nodes: tuple[VirtualNode, ...] = (*self.drives, self.supervisor)
-        self._numbers = {node.number for node in self._nodes}
-        self._by_rpdo1 = {objects.COB_RPDO1 + node.number: node for node in self.drives}
+        self._by_number = {node.number: node for node in self._nodes}
         set_hardware_filters(bus, controller_filters(len(self.drives)))
-        self._network = ControllerNetwork(bus, self.disturbances)
         watched = objects.OPERATOR_NODE << 16 | round(heartbeat_timeout_s * 1e3)
         for node in self._nodes:
             node.answers[objects.HEARTBEAT_CONSUMER, 1] = watched
-            self._network.add_node(node)
         self._loop = threading.Thread(target=self._run, name="sarcal-virtual-arm", daemon=True)
         self._worker = threading.Thread(
             target=self._run_work, name="sarcal-virtual-store", daemon=True
@@ -231,14 +235,14 @@ class VirtualController:
         number = identifier & _NODE_BITS
         if number in self.disturbances.cut_since_s:
             return
-        drive = self._by_rpdo1.get(identifier)
-        if drive is not None:
-            drive.on_rpdo1(data)
-        elif identifier - number == objects.COB_HEARTBEAT:
-            if number not in self._numbers and len(data) == 1:
+        node = self._by_number.get(number)
+        match identifier - number:
+            case objects.COB_RPDO1 if isinstance(node, DriveNode):
+                node.on_rpdo1(data)
+            case objects.COB_HEARTBEAT if node is None and len(data) == 1:
                 self._heard_s[number] = self._latency.listened_s
-        else:
-            self._network.notify(identifier, data, message.timestamp)
+            case objects.COB_SDO_TO_SERVER if node is not None and len(data) == 8:
+                self._on_sdo(node, data)
 
     def _on_nmt(self, data: bytes | bytearray) -> None:
         if len(data) != 2:
@@ -247,6 +251,18 @@ class VirtualController:
         for node in self._nodes:
             if number in (0, node.number) and node.number not in self.disturbances.cut_since_s:
                 node.on_nmt(command)
+
+    def _on_sdo(self, node: VirtualNode, data: bytes | bytearray) -> None:
+        faults = self.disturbances
+        if node.number in faults.stalled_sdo:
+            return
+        if node.number in faults.refused_sdo and data[0] != sdo.RESPONSE_ABORTED:
+            node.send(
+                objects.COB_SDO_FROM_SERVER,
+                _SDO_REFUSAL.pack(sdo.RESPONSE_ABORTED, data[1:4], sdo.ABORT_GENERAL_ERROR),
+            )
+        else:
+            node.server.on_request(data)
 
     def _on_sync(self) -> None:
         self.sync_count += 1
@@ -267,9 +283,9 @@ class VirtualController:
                 send(objects.COB_EMCY + number, _STORM_EMERGENCY)
 
     def _inject_due_faults(self, sync_count: int) -> None:
-        """Inject the scripted faults that are due."""
         while self._script and self._script[-1].at_sync <= sync_count:
-            self._script.pop().happen(self)
+            fault = self._script.pop()
+            inject(self, fault.kind, fault.joint)
 
     def _handle_deadlines(self) -> None:
         now = self.now_s()

@@ -22,18 +22,13 @@ class Drive:
     After a quick stop or the loss of the operator's heartbeat the drive holds the measured position in position mode.
     After any other trip the joint's valve is blocked.
 
-    `on_error` is called with the code of every new error, `on_all_clear` when the last error has ended.
+    `on_emergency` is called with the code of every new error, and with `NONE` when the last error has ended.
     """
 
     def __init__(
-        self,
-        axis: AxisSettings,
-        *,
-        on_error: Callable[[EmergencyCode], None],
-        on_all_clear: Callable[[], None],
+        self, axis: AxisSettings, *, on_emergency: Callable[[EmergencyCode], None]
     ) -> None:
-        self.axis = axis
-        self._on_error, self._on_all_clear = on_error, on_all_clear
+        self.axis, self._on_emergency = axis, on_emergency
         self.counts = 0
         self.torque_nm = 0.0
         self.speed_rad_per_s = 0.0
@@ -227,16 +222,16 @@ class Drive:
             return False
         cleared, self.errors = self.errors, []
         if cleared:
-            self._on_all_clear()
+            self._on_emergency(EmergencyCode.NONE)
         return True
 
     def _begin(self, code: EmergencyCode) -> None:
         if code not in self.errors:
             self.errors.append(code)
-            self._on_error(code)
+            self._on_emergency(code)
 
     def _end(self, code: EmergencyCode) -> None:
         if code in self.errors:
             self.errors.remove(code)
             if not self.errors:
-                self._on_all_clear()
+                self._on_emergency(EmergencyCode.NONE)

@@ -16,7 +16,7 @@ from hardware.eds import pdo_struct
 from hardware.virtual.axis import AxisSettings, JointCommand
 from hardware.virtual.disturbances import Disturbances
 from hardware.virtual.drive import Drive
-from hardware.virtual.node import Value, VirtualNode
+from hardware.virtual.node import ControllerNetwork, VirtualNode
 from hardware.virtual.plant import Plant
 
 _REGISTER: Final = {
@@ -35,13 +35,13 @@ _HIGHEST_I32: Final = 2**31 - 1
 class DriveNode(VirtualNode):
     """Node of one joint; its number is the joint's. `reports_speed`: TPDO1 carries 606Ch in place of 6064h."""
 
-    def __init__(self, axis: AxisSettings, *, serial_number: int) -> None:
-        super().__init__(objects.joint_node(axis.joint), serial_number=serial_number)
+    def __init__(
+        self, axis: AxisSettings, network: ControllerNetwork, *, serial_number: int
+    ) -> None:
+        super().__init__(axis.joint, network, serial_number=serial_number)
         self.axis = axis
         self.drive = Drive(
-            axis,
-            on_error=lambda code: self.send_emergency(code, self._register()),
-            on_all_clear=lambda: self.send_emergency(EmergencyCode.NONE, ErrorBit(0)),
+            axis, on_emergency=lambda code: self.send_emergency(code, self._register())
         )
         self.tpdo1_id = objects.COB_TPDO1 + self.number
         self.home_offset_counts = 0
@@ -116,17 +116,11 @@ class DriveNode(VirtualNode):
             (objects.TARGET_POSITION, 0): lambda: drive.target_counts,
         }
         self.writers |= {
-            objects.CONTROLWORD: lambda value: drive.obey_controlword(_whole(value)),
-            objects.MODE: lambda value: drive.ask_for_mode(_whole(value)),
+            objects.CONTROLWORD: lambda value: drive.obey_controlword(int(value)),
+            objects.MODE: lambda value: drive.ask_for_mode(int(value)),
             objects.TARGET_TORQUE: lambda _: None,  # only 0 is in the range of 6071h
-            objects.TARGET_POSITION: lambda value: drive.obey_target(_whole(value)),
+            objects.TARGET_POSITION: lambda value: drive.obey_target(int(value)),
         }
-
-
-def _whole(value: Value) -> int:
-    if not isinstance(value, int):
-        raise TypeError(f"{value!r} is not an integer")
-    return value
 
 
 _FAULTED = (DriveState.FAULT_REACTION_ACTIVE, DriveState.FAULT)
@@ -143,8 +137,6 @@ class DriveGroup:
     def __init__(
         self, drives: Sequence[DriveNode], plant: Plant, disturbances: Disturbances
     ) -> None:
-        if len(drives) != plant.joint_count:
-            raise ValueError(f"{len(drives)} axes for a plant of {plant.joint_count} joints")
         self.drives, self._plant, self._disturbances = tuple(drives), plant, disturbances
 
     def step(self) -> None:

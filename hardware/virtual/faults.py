@@ -14,7 +14,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from hardware.canopen import objects
-from hardware.canopen.objects import EmergencyCode, NmtCommand, joint_node
+from hardware.canopen.objects import EmergencyCode, NmtCommand
 from hardware.virtual.disturbances import FaultyWire, FrameFaults
 
 if TYPE_CHECKING:
@@ -105,8 +105,7 @@ def _slow_heartbeat(arm: VirtualController, joint: int) -> None:
 
 def _swap_tpdo_id(arm: VirtualController, joint: int) -> None:
     """Make a joint send its TPDO1 with the identifier of the next joint (the last joint: of the first joint)."""
-    other = joint_node(joint % len(arm.drives) + 1)
-    arm.drives[joint - 1].tpdo1_id = objects.COB_TPDO1 + other
+    arm.drives[joint - 1].tpdo1_id = objects.COB_TPDO1 + joint % len(arm.drives) + 1
 
 
 def _report_speed(arm: VirtualController, joint: int) -> None:
@@ -207,7 +206,3 @@ class ScriptedFault:
     kind: str
     joint: int
     at_sync: int
-
-    def happen(self, arm: VirtualController) -> None:
-        """Inject the fault."""
-        inject(arm, self.kind, self.joint)

@@ -1,4 +1,4 @@
-"""A virtual CANopen node (boot, NMT, heartbeat, EMCY, object access), and the controller's network.
+"""A virtual CANopen node (boot, NMT, heartbeat, EMCY, object access), and the way of its frames to the bus.
 
 `canopen.LocalNode` lacks much of this and sends heartbeats from a separate timer; here the controller's loop sends the
 heartbeats, so that they stop when the loop hangs.
@@ -6,18 +6,17 @@ heartbeats, so that they stop when the loop hangs.
 
 from __future__ import annotations
 
-import struct
 import threading
 from collections.abc import Callable
 from functools import partial
 
 import can
-import canopen
 from canopen.objectdictionary import ODVariable
+from canopen.sdo import constants as sdo
 from canopen.sdo.exceptions import SdoAbortedError
 
 from hardware.canopen import objects
-from hardware.canopen.objects import Abort, EmergencyCode, ErrorBit, NmtCommand, NmtState
+from hardware.canopen.objects import EmergencyCode, ErrorBit, NmtCommand, NmtState
 from hardware.eds import node_dictionary, variables
 from hardware.virtual.disturbances import Disturbances
 from hardware.virtual.sdo_server import NodeSdoServer
@@ -25,9 +24,34 @@ from hardware.virtual.sdo_server import NodeSdoServer
 Value = int | bytes | str
 
 _NUMBERS = frozenset(ODVariable.STRUCT_TYPES)
+_NODE_BITS = 0x7F
 
 
-class VirtualNode(canopen.LocalNode):
+class ControllerNetwork:
+    """Sends the frames of a controller's nodes on an open bus, with the active faults."""
+
+    def __init__(self, bus: can.BusABC, disturbances: Disturbances) -> None:
+        self._bus, self._disturbances = bus, disturbances
+        self._send_lock = threading.Lock()
+
+    def send_message(self, can_id: int, data: bytes) -> None:
+        """Send a frame; safe from any thread."""
+        faults = self._disturbances
+        if faults.off_until_s is not None or can_id & _NODE_BITS in faults.cut_since_s:
+            return
+        message = can.Message(arbitration_id=can_id, data=data, is_extended_id=False)
+        with self._send_lock:
+            for passed in faults.wire_out.passed(message):
+                self._bus.send(passed)
+
+    def send_overdue(self) -> None:
+        """Send delayed frames that are due."""
+        with self._send_lock:
+            for message in self._disturbances.wire_out.overdue():
+                self._bus.send(message)
+
+
+class VirtualNode:
     """A node on the bus; `serial_number` is 1018h sub 4.
 
     A read of an object returns its entry in `answers`, a value or a function, or else its default. A write (sub-index
@@ -35,20 +59,14 @@ class VirtualNode(canopen.LocalNode):
     take `lock`.
     """
 
-    def __init__(self, node: int, *, serial_number: int) -> None:
-        super().__init__(node, node_dictionary(node))
+    def __init__(self, node: int, network: ControllerNetwork, *, serial_number: int) -> None:
+        self.number, self._network = node, network
         self.lock = threading.RLock()
         self.state = NmtState.BOOT_UP
         self.error_register = ErrorBit(0)
         self._history: list[int] = []
-        self._variables = variables(self.object_dictionary)
-        self.number = node
-        self.server = self.sdo = NodeSdoServer(
-            objects.COB_SDO_TO_SERVER + node,
-            objects.COB_SDO_FROM_SERVER + node,
-            self,
-            self._may_answer_sdo,
-        )
+        self._variables = variables(node_dictionary(node))
+        self.server = NodeSdoServer(self)
         self.answers: dict[tuple[int, int], Value | Callable[[], Value]] = {
             (objects.IDENTITY, objects.IDENTITY_SERIAL): serial_number,
             (objects.ERROR_REGISTER, 0): lambda: int(self.error_register),
@@ -59,10 +77,14 @@ class VirtualNode(canopen.LocalNode):
         self.writers: dict[int, Callable[[Value], None]] = {}
         self.writers[objects.ERROR_FIELD] = self._clear_history
 
-    def associate_network(self, network: canopen.Network) -> None:
-        """Subscribe to SDO requests only: the controller passes NMT commands to `on_nmt`."""
-        super().associate_network(network)
-        network.unsubscribe(objects.COB_NMT, self.nmt.on_command)
+    @property
+    def has_sdo_and_emcy(self) -> bool:
+        """Whether the node's NMT state allows object access and emergencies."""
+        return self.state in (NmtState.OPERATIONAL, NmtState.PRE_OPERATIONAL)
+
+    def send(self, base: int, data: bytes) -> None:
+        """Send a frame whose identifier is `base` plus the node's number."""
+        self._network.send_message(base + self.number, data)
 
     def boot(self) -> None:
         """Send the boot-up message and enter pre-operational."""
@@ -110,111 +132,56 @@ class VirtualNode(canopen.LocalNode):
         self.error_register = register
         if code is not EmergencyCode.NONE:
             self._history = [int(code), *self._history][: objects.ERROR_HISTORY]
-        if self.state in (NmtState.OPERATIONAL, NmtState.PRE_OPERATIONAL):
-            data = objects.EMCY.pack(code, register, bytes(5))
-            self.network.send_message(objects.COB_EMCY + self.number, data)
+        if self.has_sdo_and_emcy:
+            self.send(objects.COB_EMCY, objects.EMCY.pack(code, register, bytes(5)))
 
-    def get_data(self, index: int, subindex: int, check_readable: bool = False) -> bytes:  # noqa: FBT001, FBT002
+    def read_object(self, index: int, subindex: int) -> bytes:
         """Return the bytes of an object; raises `SdoAbortedError` if it is absent or write-only."""
         variable = self._variable(index, subindex)
-        if check_readable and not variable.readable:
-            raise SdoAbortedError(Abort.WRITE_ONLY)
+        if not variable.readable:
+            raise SdoAbortedError(sdo.ABORT_READ_WRITEONLY)
         answer = self.answers.get((index, subindex), variable.default)
         value = answer() if callable(answer) else answer
         return b"" if value is None else bytes(variable.encode_raw(value))
 
-    def set_data(
-        self,
-        index: int,
-        subindex: int,
-        data: bytes,
-        check_writable: bool = False,  # noqa: FBT001, FBT002
-    ) -> None:
-        """Write bytes to an object; raises `SdoAbortedError` if it is absent or read-only, or the value is refused."""
+    def write_object(self, index: int, subindex: int, data: bytes) -> None:
+        """Write bytes to an object that `check_writable` has accepted; `SdoAbortedError` if the value is refused."""
         variable = self._variable(index, subindex)
-        if check_writable:
-            self.check_writable(index, subindex)
         value: Value = data
         if variable.data_type in _NUMBERS:
             if 8 * len(data) != len(variable):
-                raise SdoAbortedError(Abort.LENGTH)
+                raise SdoAbortedError(sdo.ABORT_LENGTH_NOT_MATCHED)
             value = int(variable.decode_raw(data))
             if variable.min is not None and value < variable.min:
-                raise SdoAbortedError(Abort.VALUE_TOO_LOW)
+                raise SdoAbortedError(sdo.ABORT_VALUE_TOO_LOW)
             if variable.max is not None and value > variable.max:
-                raise SdoAbortedError(Abort.VALUE_TOO_HIGH)
+                raise SdoAbortedError(sdo.ABORT_VALUE_TOO_HIGH)
         writer = self.writers.get(index) if subindex == 0 else None
         if writer is None:
-            raise SdoAbortedError(Abort.READ_ONLY)
+            raise SdoAbortedError(sdo.ABORT_WRITE_READONLY)
         writer(value)
 
     def check_writable(self, index: int, subindex: int) -> None:
         """Raise `SdoAbortedError` for an object that cannot be written."""
         if not self._variable(index, subindex).writable:
-            raise SdoAbortedError(Abort.READ_ONLY)
+            raise SdoAbortedError(sdo.ABORT_WRITE_READONLY)
 
     def _variable(self, index: int, subindex: int) -> ODVariable:
         variable = self._variables.get((index, subindex))
         if variable is None:
-            known = index in self.object_dictionary.indices
-            raise SdoAbortedError(Abort.NO_SUBINDEX if known else Abort.NO_OBJECT)
+            known = any(index == other for other, _ in self._variables)
+            raise SdoAbortedError(sdo.ABORT_NO_SUBINDEX if known else sdo.ABORT_NOT_IN_OD)
         return variable
 
     def _heartbeat(self) -> None:
-        self.network.send_message(objects.COB_HEARTBEAT + self.number, bytes([self.state]))
-
-    def _may_answer_sdo(self) -> bool:
-        return self.state in (NmtState.OPERATIONAL, NmtState.PRE_OPERATIONAL)
+        self.send(objects.COB_HEARTBEAT, bytes([self.state]))
 
     def _history_entry(self, place: int) -> int:
         if place >= len(self._history):
-            raise SdoAbortedError(Abort.NO_DATA)
+            raise SdoAbortedError(sdo.ABORT_NO_DATA_AVAILABLE)
         return self._history[place]
 
     def _clear_history(self, value: Value) -> None:
         if value != 0:
-            raise SdoAbortedError(Abort.VALUE)
+            raise SdoAbortedError(sdo.ABORT_INVALID_VALUE)
         self._history.clear()
-
-
-_NODE_BITS = 0x7F
-_ABORT, _ABORTED = 0x80, struct.Struct("<B3sI")
-
-
-class ControllerNetwork(canopen.Network):
-    """A `canopen.Network` on an open bus, without a receiving thread; applies the active faults to frames."""
-
-    def __init__(self, bus: can.BusABC, disturbances: Disturbances) -> None:
-        super().__init__(bus)
-        self._out = bus
-        self._cut, self._disturbances = disturbances.cut_since_s, disturbances
-
-    def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:  # noqa: FBT001, FBT002
-        """Send a frame; safe from any thread."""
-        if self._disturbances.off_until_s is not None:
-            return
-        if self._cut and can_id & _NODE_BITS in self._cut:
-            return
-        message = can.Message(
-            arbitration_id=can_id, data=data, is_extended_id=False, is_remote_frame=remote
-        )
-        with self.send_lock:
-            for passed in self._disturbances.wire_out.passed(message):
-                self._out.send(passed)
-
-    def send_overdue(self) -> None:
-        """Send delayed frames that are due."""
-        with self.send_lock:
-            for message in self._disturbances.wire_out.overdue():
-                self._out.send(message)
-
-    def notify(self, can_id: int, data: bytearray, timestamp: float) -> None:
-        """Pass a frame to its node, unless an SDO fault stops it."""
-        node = can_id - objects.COB_SDO_TO_SERVER
-        if node in self._disturbances.stalled_sdo:
-            return
-        if node in self._disturbances.refused_sdo and data[0] != _ABORT:
-            answer = _ABORTED.pack(_ABORT, bytes(data[1:4]), Abort.GENERAL)
-            self.send_message(objects.COB_SDO_FROM_SERVER + node, answer)
-            return
-        super().notify(can_id, data, timestamp)

@@ -149,8 +149,8 @@ def _wrap(document: bytes) -> bytes:
 
 def _unwrap(stored: bytes) -> bytes | None:
     """Return the document in a slot's file; None if the file is damaged."""
-    head, _, document = stored.partition(b"\n")
-    return document if stored == _wrap(document) and head.startswith(_MAGIC) else None
+    _, _, document = stored.partition(b"\n")
+    return document if stored == _wrap(document) else None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -20,7 +20,7 @@ from scipy.linalg.lapack import dposv
 
 from hardware.arm import JointMode
 from hardware.canopen.objects import CONTROL_PERIOD_S
-from hardware.virtual.axis import JointCommand, PlantReading, SensorBank
+from hardware.virtual.axis import JointCommand, JointSensor, PlantReading
 from hardware.virtual.true_loop import Truth
 from solver.arrays import FloatArray, frozen
 from solver.chain.arm_model import ArmModel
@@ -85,7 +85,7 @@ class Loads:
 
 
 class Plant:
-    """True geometry, forces and the sensors of joints 1..n.
+    """True geometry, forces and the sensors of joints 1..n; `rng` draws the sensors' noise.
 
     `start_rad` (n,) and `start_hinge_rad` are true joint angles theta' and hinge angle of a closed pose, rad.
     """
@@ -95,16 +95,15 @@ class Plant:
         *,
         truth: Truth,
         loads: Loads,
-        sensors: SensorBank,
+        sensors: Sequence[JointSensor],
+        rng: np.random.Generator,
         start_rad: FloatArray,
         start_hinge_rad: float,
     ) -> None:
         n = truth.joint_count
-        if not len(sensors.sensors) == len(loads.payload_kg) == len(loads.friction_nm) == n:
-            raise ValueError(f"truth, sensors and loads must all have {n} joints")
         self.joint_count = n
         self.truth = truth
-        self.sensors = sensors
+        self.sensors, self._rng = tuple(sensors), rng
         self._angles = np.concatenate(([start_hinge_rad], start_rad))
         self._offsets = np.concatenate(([0.0], truth.offsets_rad))
         self._last = self._last_but_one = np.zeros(n + 1)
@@ -146,10 +145,7 @@ class Plant:
         self._bound_at = float(self._angles[0])
 
     def step(self, commands: Sequence[JointCommand]) -> PlantReading:
-        """Advance one control period; `ValueError` for a wrong number of commands or a non-finite target."""
-        n = self.joint_count
-        if len(commands) != n:
-            raise ValueError(f"{len(commands)} commands for {n} joints")
+        """Advance one control period with the commands of joints 1..n."""
         stiffness, target = self._servos(commands)
         drive = stiffness.tobytes() + np.where(stiffness > 0.0, target, 0.0).tobytes()
         if drive != self._drive or float(np.abs(self._last).max()) > RESTING_RAD:
@@ -158,8 +154,10 @@ class Plant:
         angles = self._angles
         torque = stiffness * (target - angles)
         speed = self._last / CONTROL_PERIOD_S
+        noise = self._rng.standard_normal(len(self.sensors)).tolist()
+        sensed = zip(self.sensors, (angles - self._offsets)[1:].tolist(), noise, strict=True)
         return PlantReading(
-            position_counts=self.sensors.read((angles - self._offsets)[1:].tolist()),
+            position_counts=tuple(sensor.counts(angle, draw) for sensor, angle, draw in sensed),
             torque_nm=tuple(torque[1:].tolist()),
             speed_rad_per_s=tuple(speed[1:].tolist()),
         )
@@ -183,11 +181,9 @@ class Plant:
                 if command.mode is JointMode.FREE:
                     continue
                 # The drive controls its sensor's reading, deviation included.
-                deviation = self.sensors.sensors[j - 1].deviation_rad(now[j] - offsets[j])
+                deviation = self.sensors[j - 1].deviation_rad(now[j] - offsets[j])
                 target[j] = command.target_rad - deviation + offsets[j]
             stiffness[j] = SERVO_NM_PER_RAD
-        if not np.all(np.isfinite(target)):
-            raise ValueError("position targets must be finite")
         return stiffness, target
 
     def _advance(self, stiffness: FloatArray, target: FloatArray) -> None:

@@ -16,7 +16,7 @@ import numpy as np
 
 from fixtures.measured import Measured
 from hardware.virtual import SCENARIOS
-from hardware.virtual.axis import LinearityDeviation, SensorBank, joint_sensor
+from hardware.virtual.axis import LinearityDeviation, joint_sensor
 from hardware.virtual.plant import Loads, Plant
 from hardware.virtual.specimens import (
     SpecimenFiles,
@@ -130,7 +130,8 @@ class Scenario:
         return Plant(
             truth=truth,
             loads=self.loads,
-            sensors=SensorBank(sensors, rng=self._rng(_Stream.NOISE)),
+            sensors=sensors,
+            rng=self._rng(_Stream.NOISE),
             start_rad=start,
             start_hinge_rad=hinge,
         )
@@ -178,21 +179,17 @@ def scenario_of(name: str, seed: int, stated: SpecimenFiles, placement: int = 1)
 
     Raises `ValueError` if there is no such scenario, or if no plant can be built from these files.
     """
-    mounted = _first_mounted(name, seed, stated)
+    mounted = scenario(name, seed)
+    rng = np.random.default_rng([seed, int(_Stream.SPECIMEN)])
+    if not files_allow(stated, paper_loop(), PAPER_HOME_RAD):
+        truth = draw_truth(stated, rng, maker_errors=name != "exact" and mounted.lengths is None)
+        loads = mounted.loads.of(stated.arm)
+        mounted = replace(mounted, truth=truth, specimen=None, loads=loads)
+    elif not stated.fixture.holds_hand:
+        # The same arm as in the hinge, taken out of it.
+        mounted = replace(mounted, truth=open_truth(stated, mounted.truth, rng))
     if placement == 1:
         return mounted
     rng = np.random.default_rng([seed, int(_Stream.MOUNTING), placement])
     truth = remount_truth(stated, mounted.truth, rng)
     return replace(mounted, truth=truth, placement=placement)
-
-
-def _first_mounted(name: str, seed: int, stated: SpecimenFiles) -> Scenario:
-    of_paper = scenario(name, seed)
-    rng = np.random.default_rng([seed, int(_Stream.SPECIMEN)])
-    if files_allow(stated, paper_loop(), PAPER_HOME_RAD):
-        if stated.fixture.holds_hand:
-            return of_paper
-        # The same arm as in the hinge, taken out of it.
-        return replace(of_paper, truth=open_truth(stated, of_paper.truth, rng))
-    truth = draw_truth(stated, rng, maker_errors=name != "exact" and of_paper.lengths is None)
-    return replace(of_paper, truth=truth, specimen=None, loads=of_paper.loads.of(stated.arm))

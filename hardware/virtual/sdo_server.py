@@ -8,62 +8,33 @@ from __future__ import annotations
 
 import binascii
 import struct
-from collections.abc import Callable, Generator
+from collections.abc import Generator
 from dataclasses import dataclass
-from enum import IntEnum
-from typing import Any, Final
+from typing import TYPE_CHECKING, Final
 
+from canopen.sdo import constants as sdo
 from canopen.sdo.exceptions import SdoAbortedError
-from canopen.sdo.server import SdoServer
 
-from hardware.canopen.objects import Abort
+from hardware.canopen.objects import COB_SDO_FROM_SERVER
 
-_HEAD: Final = struct.Struct("<BHB")
+if TYPE_CHECKING:
+    from hardware.virtual.node import VirtualNode
+
 _FRAME: Final = struct.Struct("<BHBI")
 """First byte, index, sub-index, and a size or an abort code."""
+_BLOCK_END: Final = struct.Struct("<BH5x")
+_BLOCK_TAKEN: Final = sdo.RESPONSE_BLOCK_DOWNLOAD | sdo.BLOCK_TRANSFER_RESPONSE
+_END_OF_BLOCKS: Final = sdo.REQUEST_BLOCK_DOWNLOAD | sdo.END_BLOCK_TRANSFER
+_SPECIFIER, _SUBCOMMAND = 0xE0, 0x03
+"""Bits of a first byte: its command specifier, and the subcommand of a block transfer."""
 LONGEST_DOCUMENT: Final = 256 * 1024
 """Largest number of bytes that a client may send in one transfer."""
-
-
-class _Ask(IntEnum):
-    """Client command specifiers: the upper three bits of a request's first byte."""
-
-    DOWNLOAD_SEGMENT = 0
-    DOWNLOAD = 1
-    UPLOAD = 2
-    UPLOAD_SEGMENT = 3
-    ABORT = 4
-    BLOCK_UPLOAD = 5
-    BLOCK_DOWNLOAD = 6
-
-
-_DOWNLOADED: Final = 0x60
-_SEGMENT_TAKEN: Final = 0x20
-_UPLOADING: Final = 0x41
-_UPLOADED: Final = 0x43
-_ABORTED: Final = 0x80
-_EXPEDITED, _SIZED, _LAST, _TOGGLE = 0x02, 0x01, 0x01, 0x10
-
 _BLOCK_SEGMENTS: Final = 127
 """Largest number of segments in a block, and the number that this server uses."""
-_BLOCK_UPLOAD, _BLOCK_DOWNLOAD, _BLOCK_TAKEN = 0xC0, 0xA0, 0xA2
-_BLOCK_CRC, _BLOCK_SIZED = 0x04, 0x02
-_LAST_IN_BLOCKS: Final = 0x80
-_BLOCK_END: Final = struct.Struct("<BH5x")
-
-
-class _BlockStep(IntEnum):
-    """Client subcommands of a block transfer: the lower two bits of a frame's first byte."""
-
-    INITIATE = 0
-    END = 1
-    ACKNOWLEDGE = 2
-    START = 3
-
 
 _SEGMENT_HEADS: Final = frozenset({*range(0x20), *range(0x60, 0x80)})
 _BLOCK_UPLOAD_HEADS: Final = frozenset(head for head in range(0xA0, 0xC0) if head & 3)
-_BLOCK_DOWNLOAD_HEADS: Final = frozenset(range(0x100)) - {_ABORTED}
+_BLOCK_DOWNLOAD_HEADS: Final = frozenset(range(0x100)) - {sdo.RESPONSE_ABORTED}
 """First bytes of the frames that continue a transfer; others begin a new one."""
 
 Steps = Generator[list[bytes], bytes, tuple[list[bytes], bytes | None]]
@@ -84,35 +55,27 @@ class _Transfer:
     heads: frozenset[int]
 
 
-class NodeSdoServer(SdoServer):
-    """Server of one node, whose `get_data` and `set_data` it calls.
+class NodeSdoServer:
+    """Server of one node; requests are ignored while the node's NMT state allows no object access."""
 
-    Requests have the identifier `rx_cobid`, answers `tx_cobid`. While `may_answer` returns false (because of the node's
-    NMT state), requests are ignored.
-    """
-
-    def __init__(
-        self, rx_cobid: int, tx_cobid: int, node: Any, may_answer: Callable[[], bool]
-    ) -> None:
-        super().__init__(rx_cobid, tx_cobid, node)  # type: ignore[no-untyped-call]
-        self._owner = node
-        self._may_answer = may_answer
+    def __init__(self, node: VirtualNode) -> None:
+        self._node = node
         self._transfer: _Transfer | None = None
         self._waiting: tuple[int, int, list[bytes]] | None = None
 
-    def on_request(self, can_id: int, data: bytes | bytearray, timestamp: float) -> None:
-        """Answer a request frame."""
-        if len(data) != 8 or not self._may_answer():
+    def on_request(self, data: bytes | bytearray) -> None:
+        """Answer a request frame of 8 bytes."""
+        if not self._node.has_sdo_and_emcy:
             return
-        with self._owner.lock:
+        with self._node.lock:
             request, transfer = bytes(data), self._transfer
             self.reset()
-            _, index, subindex = _HEAD.unpack_from(request)
+            _, index, subindex = sdo.SDO_STRUCT.unpack_from(request)
             try:
                 if transfer is not None and request[0] in transfer.heads:
                     index, subindex = transfer.index, transfer.subindex
                     answers = transfer.steps.send(request)
-                elif request[0] >> 5 == _Ask.ABORT:  # has no answer
+                elif request[0] & _SPECIFIER == sdo.REQUEST_ABORTED:  # has no answer
                     return
                 else:
                     transfer = _Transfer(index, subindex, *self._initiate(request, index, subindex))
@@ -123,18 +86,18 @@ class NodeSdoServer(SdoServer):
                 if document is not None:
                     answers = self._write(index, subindex, document, answers)
             except SdoAbortedError as error:
-                answers = [_FRAME.pack(_ABORTED, index, subindex, error.code)]
+                answers = [_FRAME.pack(sdo.RESPONSE_ABORTED, index, subindex, error.code)]
             self._send(answers)
 
-    def answer_later(self, abort: Abort | None) -> None:
+    def answer_later(self, abort: int | None) -> None:
         """Answer the deferred request (with `abort` if given), unless the client has abandoned the request."""
-        with self._owner.lock:
+        with self._node.lock:
             if self._waiting is None:
                 return
             (index, subindex, answers), self._waiting = self._waiting, None
             if abort is not None:
-                answers = [_FRAME.pack(_ABORTED, index, subindex, abort)]
-            if self._may_answer():
+                answers = [_FRAME.pack(sdo.RESPONSE_ABORTED, index, subindex, abort)]
+            if self._node.has_sdo_and_emcy:
                 self._send(answers)
 
     def reset(self) -> None:
@@ -143,89 +106,93 @@ class NodeSdoServer(SdoServer):
 
     def _initiate(self, request: bytes, index: int, subindex: int) -> tuple[Steps, frozenset[int]]:
         """Return the transfer that a request initiates, and the first bytes of the frames that continue it."""
-        ask, step = request[0] >> 5, request[0] & 3
-        if ask == _Ask.DOWNLOAD:
-            self._owner.check_writable(index, subindex)
+        ask, step = request[0] & _SPECIFIER, request[0] & _SUBCOMMAND
+        if ask == sdo.REQUEST_DOWNLOAD:
+            self._node.check_writable(index, subindex)
             return _download(request), _SEGMENT_HEADS
-        if ask == _Ask.BLOCK_DOWNLOAD and not step & _LAST:
-            self._owner.check_writable(index, subindex)
+        if ask == sdo.REQUEST_BLOCK_DOWNLOAD and not step & sdo.END_BLOCK_TRANSFER:
+            self._node.check_writable(index, subindex)
             return _block_download(request), _BLOCK_DOWNLOAD_HEADS
-        if ask != _Ask.UPLOAD and not (ask == _Ask.BLOCK_UPLOAD and step == _BlockStep.INITIATE):
-            raise SdoAbortedError(Abort.UNKNOWN_COMMAND)
-        document: bytes = self._owner.get_data(index, subindex, check_readable=True)
+        if ask != sdo.REQUEST_UPLOAD and not (
+            ask == sdo.REQUEST_BLOCK_UPLOAD and step == sdo.INITIATE_BLOCK_TRANSFER
+        ):
+            raise SdoAbortedError(sdo.ABORT_INVALID_COMMAND_SPECIFIER)
+        document = self._node.read_object(index, subindex)
         if not document:
-            raise SdoAbortedError(Abort.NO_DATA)
+            raise SdoAbortedError(sdo.ABORT_NO_DATA_AVAILABLE)
         # Up to the protocol switch threshold, a block upload is answered as a normal upload.
-        if ask == _Ask.UPLOAD or len(document) <= request[5]:
+        if ask == sdo.REQUEST_UPLOAD or len(document) <= request[5]:
             return _upload(request, document), _SEGMENT_HEADS
         return _block_upload(request, document), _BLOCK_UPLOAD_HEADS
 
     def _write(self, index: int, subindex: int, data: bytes, answers: list[bytes]) -> list[bytes]:
         """Write data received to the node; return the answers, none yet if the node defers them."""
         try:
-            self._owner.set_data(index, subindex, data, check_writable=True)
+            self._node.write_object(index, subindex, data)
         except Deferred:
             self._waiting = index, subindex, answers
             return []
         except SdoAbortedError as error:
-            return [_FRAME.pack(_ABORTED, index, subindex, error.code)]
+            return [_FRAME.pack(sdo.RESPONSE_ABORTED, index, subindex, error.code)]
         return answers
 
     def _send(self, frames: list[bytes]) -> None:
         for frame in frames:
-            self.network.send_message(self.tx_cobid, frame)
+            self._node.send(COB_SDO_FROM_SERVER, frame)
 
 
 def _download(request: bytes) -> Steps:
     """Receive data in the request or in segments."""
-    head, index, subindex = _HEAD.unpack_from(request)
-    answer = _FRAME.pack(_DOWNLOADED, index, subindex, 0)
-    if head & _EXPEDITED:
-        size = 4 - (head >> 2 & 3) if head & _SIZED else 4
+    head, index, subindex = sdo.SDO_STRUCT.unpack_from(request)
+    answer = _FRAME.pack(sdo.RESPONSE_DOWNLOAD, index, subindex, 0)
+    if head & sdo.EXPEDITED:
+        size = 4 - (head >> 2 & 3) if head & sdo.SIZE_SPECIFIED else 4
         return [answer], request[4 : 4 + size]
-    announced = _announced(request, is_stated=head & _SIZED)
+    announced = _announced(request, is_stated=head & sdo.SIZE_SPECIFIED)
     data, toggle, last = bytearray(), 0, 0
     while not last:
         segment = yield [answer]
-        _require_segment(segment, _Ask.DOWNLOAD_SEGMENT, toggle)
+        _require_segment(segment, sdo.REQUEST_SEGMENT_DOWNLOAD, toggle)
         data += segment[1 : 8 - (segment[0] >> 1 & 7)]
         _require_length(len(data))
-        last = segment[0] & _LAST
-        answer = bytes([_SEGMENT_TAKEN | toggle, *bytes(7)])
-        toggle ^= _TOGGLE
+        last = segment[0] & sdo.NO_MORE_DATA
+        answer = bytes([sdo.RESPONSE_SEGMENT_DOWNLOAD | toggle, *bytes(7)])
+        toggle ^= sdo.TOGGLE_BIT
     if announced not in (None, len(data)):
-        raise SdoAbortedError(Abort.LENGTH)
+        raise SdoAbortedError(sdo.ABORT_LENGTH_NOT_MATCHED)
     return [answer], bytes(data)
 
 
 def _upload(request: bytes, document: bytes) -> Steps:
     """Send a document in the answer or in segments."""
-    _, index, subindex = _HEAD.unpack_from(request)
+    _, index, subindex = sdo.SDO_STRUCT.unpack_from(request)
     size = len(document)
     if size <= 4:
-        head = _HEAD.pack(_UPLOADED | (4 - size) << 2, index, subindex)
-        return [head + document.ljust(4, b"\0")], None
-    answer, toggle = _FRAME.pack(_UPLOADING, index, subindex, size), 0
+        head = sdo.RESPONSE_UPLOAD | sdo.EXPEDITED | sdo.SIZE_SPECIFIED | (4 - size) << 2
+        return [sdo.SDO_STRUCT.pack(head, index, subindex) + document.ljust(4, b"\0")], None
+    head, toggle = sdo.RESPONSE_UPLOAD | sdo.SIZE_SPECIFIED, 0
+    answer = _FRAME.pack(head, index, subindex, size)
     for start in range(0, size, 7):
         segment = yield [answer]
-        _require_segment(segment, _Ask.UPLOAD_SEGMENT, toggle)
+        _require_segment(segment, sdo.REQUEST_SEGMENT_UPLOAD, toggle)
         part = document[start : start + 7]
-        last = _LAST if start + 7 >= size else 0
+        last = sdo.NO_MORE_DATA if start + 7 >= size else 0
         answer = bytes([toggle | (7 - len(part)) << 1 | last]) + part.ljust(7, b"\0")
-        toggle ^= _TOGGLE
+        toggle ^= sdo.TOGGLE_BIT
     return [answer], None
 
 
 def _block_download(request: bytes) -> Steps:
     """Receive data in blocks; segments that were lost are requested again."""
-    head, index, subindex = _HEAD.unpack_from(request)
-    announced = _announced(request, is_stated=head & _BLOCK_SIZED)
-    answers = [_FRAME.pack(_BLOCK_DOWNLOAD | _BLOCK_CRC, index, subindex, _BLOCK_SEGMENTS)]
+    head, index, subindex = sdo.SDO_STRUCT.unpack_from(request)
+    announced = _announced(request, is_stated=head & sdo.BLOCK_SIZE_SPECIFIED)
+    first = sdo.RESPONSE_BLOCK_DOWNLOAD | sdo.CRC_SUPPORTED
+    answers = [_FRAME.pack(first, index, subindex, _BLOCK_SEGMENTS)]
     data, taken, complete = bytearray(), 0, False
     while not complete:
         segment = yield answers
         answers = []
-        number, last = segment[0] & ~_LAST_IN_BLOCKS, segment[0] & _LAST_IN_BLOCKS
+        number, last = segment[0] & ~sdo.NO_MORE_BLOCKS, segment[0] & sdo.NO_MORE_BLOCKS
         in_sequence = number == taken + 1
         if in_sequence:
             data += segment[1:]
@@ -236,39 +203,39 @@ def _block_download(request: bytes) -> Steps:
             answers = [bytes([_BLOCK_TAKEN, taken, _BLOCK_SEGMENTS, *bytes(5)])]
             taken = 0
     end, crc = _BLOCK_END.unpack((yield answers))
-    if end & 0xE3 != _BLOCK_UPLOAD | _BlockStep.END:
-        raise SdoAbortedError(Abort.UNKNOWN_COMMAND)
+    if end & (_SPECIFIER | _SUBCOMMAND) != _END_OF_BLOCKS:
+        raise SdoAbortedError(sdo.ABORT_INVALID_COMMAND_SPECIFIER)
     document = bytes(data[: len(data) - (end >> 2 & 7)])
     if announced not in (None, len(document)):
-        raise SdoAbortedError(Abort.LENGTH)
-    if head & _BLOCK_CRC and crc != binascii.crc_hqx(document, 0):
-        raise SdoAbortedError(Abort.BLOCK_CRC)
-    return [bytes([_BLOCK_DOWNLOAD | _BlockStep.END, *bytes(7)])], document
+        raise SdoAbortedError(sdo.ABORT_LENGTH_NOT_MATCHED)
+    if head & sdo.CRC_SUPPORTED and crc != binascii.crc_hqx(document, 0):
+        raise SdoAbortedError(sdo.ABORT_CRC_ERROR)
+    return [bytes([sdo.RESPONSE_BLOCK_DOWNLOAD | sdo.END_BLOCK_TRANSFER, *bytes(7)])], document
 
 
 def _block_upload(request: bytes, document: bytes) -> Steps:
     """Send a document in blocks of as many segments as the client requests."""
-    _, index, subindex = _HEAD.unpack_from(request)
+    _, index, subindex = sdo.SDO_STRUCT.unpack_from(request)
     segments, size, acknowledged = _checked(request[4]), len(document), 0
-    head = _BLOCK_UPLOAD | _BLOCK_CRC | _BLOCK_SIZED
+    head = sdo.RESPONSE_BLOCK_UPLOAD | sdo.CRC_SUPPORTED | sdo.BLOCK_SIZE_SPECIFIED
     frame = yield [_FRAME.pack(head, index, subindex, size)]
-    _require_step(frame, _BlockStep.START)
+    _require_step(frame, sdo.START_BLOCK_UPLOAD)
     while acknowledged < size:
         starts = range(acknowledged, min(acknowledged + 7 * segments, size), 7)
         frame = yield [
-            bytes([number | (_LAST_IN_BLOCKS if start + 7 >= size else 0)])
+            bytes([number | (sdo.NO_MORE_BLOCKS if start + 7 >= size else 0)])
             + document[start : start + 7].ljust(7, b"\0")
             for number, start in enumerate(starts, 1)
         ]
-        _require_step(frame, _BlockStep.ACKNOWLEDGE)
+        _require_step(frame, sdo.BLOCK_TRANSFER_RESPONSE)
         if frame[1] > len(starts):
-            raise SdoAbortedError(Abort.BLOCK_SEQUENCE)
+            raise SdoAbortedError(sdo.ABORT_INVALID_SEQUENCE_NUMBER)
         acknowledged += 7 * frame[1]
         if acknowledged < size:
             segments = _checked(frame[2])
-    head = _BLOCK_UPLOAD | _BlockStep.END | -size % 7 << 2
+    head = sdo.RESPONSE_BLOCK_UPLOAD | sdo.END_BLOCK_TRANSFER | -size % 7 << 2
     frame = yield [_BLOCK_END.pack(head, binascii.crc_hqx(document, 0))]
-    _require_step(frame, _BlockStep.END)
+    _require_step(frame, sdo.END_BLOCK_TRANSFER)
     return [], None
 
 
@@ -281,24 +248,24 @@ def _announced(request: bytes, *, is_stated: int) -> int | None:
     return size
 
 
-def _require_segment(segment: bytes, ask: _Ask, toggle: int) -> None:
-    if segment[0] >> 5 != ask:
-        raise SdoAbortedError(Abort.UNKNOWN_COMMAND)
-    if segment[0] & _TOGGLE != toggle:
-        raise SdoAbortedError(Abort.TOGGLE)
+def _require_segment(segment: bytes, ask: int, toggle: int) -> None:
+    if segment[0] & _SPECIFIER != ask:
+        raise SdoAbortedError(sdo.ABORT_INVALID_COMMAND_SPECIFIER)
+    if segment[0] & sdo.TOGGLE_BIT != toggle:
+        raise SdoAbortedError(sdo.ABORT_TOGGLE_NOT_ALTERNATED)
 
 
-def _require_step(frame: bytes, step: _BlockStep) -> None:
-    if frame[0] & 3 != step:
-        raise SdoAbortedError(Abort.UNKNOWN_COMMAND)
+def _require_step(frame: bytes, step: int) -> None:
+    if frame[0] & _SUBCOMMAND != step:
+        raise SdoAbortedError(sdo.ABORT_INVALID_COMMAND_SPECIFIER)
 
 
 def _require_length(size: int) -> None:
     if size > LONGEST_DOCUMENT:
-        raise SdoAbortedError(Abort.TOO_LONG)
+        raise SdoAbortedError(sdo.ABORT_LENGTH_TOO_HIGH)
 
 
 def _checked(segments: int) -> int:
     if not 1 <= segments <= _BLOCK_SEGMENTS:
-        raise SdoAbortedError(Abort.BLOCK_SIZE)
+        raise SdoAbortedError(sdo.ABORT_INVALID_BLOCK_SIZE)
     return segments

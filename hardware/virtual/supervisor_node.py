@@ -10,12 +10,13 @@ import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from canopen.sdo import constants as sdo
 from canopen.sdo.exceptions import SdoAbortedError
 
 from hardware.canopen import objects
-from hardware.canopen.objects import Abort, EmergencyCode, ErrorBit, ParameterCommand, Slot
+from hardware.canopen.objects import EmergencyCode, ErrorBit, ParameterCommand, Slot
 from hardware.virtual.drive_node import DriveGroup
-from hardware.virtual.node import Value, VirtualNode
+from hardware.virtual.node import ControllerNetwork, Value, VirtualNode
 from hardware.virtual.parameter_store import (
     ParameterStore,
     Validate,
@@ -40,7 +41,7 @@ class ArmLabel:
 
 
 class _Refused(Exception):
-    def __init__(self, text: str, code: Abort = Abort.NOT_STORED) -> None:
+    def __init__(self, text: str, code: int = sdo.ABORT_STORE_APPLICATION) -> None:
         self.text, self.code = text, code
         super().__init__(text)
 
@@ -54,6 +55,7 @@ class SupervisorNode(VirtualNode):
 
     def __init__(
         self,
+        network: ControllerNetwork,
         *,
         arm: ArmLabel,
         group: DriveGroup,
@@ -62,7 +64,7 @@ class SupervisorNode(VirtualNode):
         is_heard: Callable[[int], bool],
         later: Callable[[Callable[[], None]], None],
     ) -> None:
-        super().__init__(objects.SUPERVISOR_NODE, serial_number=arm.number)
+        super().__init__(objects.SUPERVISOR_NODE, network, serial_number=arm.number)
         self.arm = arm
         self.holder = 0
         self._group, self._axes = group, tuple(node.axis for node in group.drives)
@@ -116,10 +118,10 @@ class SupervisorNode(VirtualNode):
             return
         if node != 0 and self.holder != 0:
             self._refusal = f"node {self.holder} is in control"
-            raise SdoAbortedError(Abort.DEVICE_STATE)
+            raise SdoAbortedError(sdo.ABORT_APPLICATION_DEVICE_STATE)
         if node != 0 and not self._is_heard(node):
             self._refusal = f"the heartbeat of node {node} is not heard"
-            raise SdoAbortedError(Abort.DEVICE_STATE)
+            raise SdoAbortedError(sdo.ABORT_APPLICATION_DEVICE_STATE)
         self._take(node)
 
     def _take(self, node: int) -> None:
@@ -133,7 +135,7 @@ class SupervisorNode(VirtualNode):
     def _receive(self, value: Value) -> None:
         self._require_control()
         if not isinstance(value, bytes):
-            raise SdoAbortedError(Abort.GENERAL)
+            raise SdoAbortedError(sdo.ABORT_GENERAL_ERROR)
         self._received, self._staged = value, None
 
     def _order(self, value: Value) -> None:
@@ -150,14 +152,14 @@ class SupervisorNode(VirtualNode):
     def _require_control(self) -> None:
         if self.holder == 0:
             self._refusal = "nobody is in control: take the control token first"
-            raise SdoAbortedError(Abort.LOCAL_CONTROL)
+            raise SdoAbortedError(sdo.ABORT_APPLICATION_LOCAL_CONTROL)
         if self._busy:
             self._refusal = "the previous command is still being carried out"
-            raise SdoAbortedError(Abort.DEVICE_STATE)
+            raise SdoAbortedError(sdo.ABORT_APPLICATION_DEVICE_STATE)
 
     def _carry_out(self, work: Callable[[], None]) -> None:
         """Carry out a command outside the control loop, then answer."""
-        abort: Abort | None = Abort.GENERAL
+        abort: int | None = sdo.ABORT_GENERAL_ERROR
         try:
             work()
             abort = None
@@ -165,7 +167,7 @@ class SupervisorNode(VirtualNode):
             self._refusal, abort = refused.text, refused.code
         except OSError as error:
             self._refusal = f"the document could not be stored: {error.strerror or error}"
-            abort = Abort.NOT_STORED
+            abort = sdo.ABORT_STORE_APPLICATION
         except Exception:
             self._refusal = "the controller failed while it carried out the command"
             raise
@@ -179,7 +181,7 @@ class SupervisorNode(VirtualNode):
     def _stage(self) -> None:
         document = self._received
         if document is None:
-            raise _Refused("nothing was written to stage", Abort.DEVICE_STATE)
+            raise _Refused("nothing was written to stage", sdo.ABORT_APPLICATION_DEVICE_STATE)
         try:
             parameters = self._check(document)
         except _Refused:
@@ -189,7 +191,7 @@ class SupervisorNode(VirtualNode):
 
     def _commit(self) -> None:
         if self._staged is None:
-            raise _Refused("nothing is staged to commit", Abort.DEVICE_STATE)
+            raise _Refused("nothing is staged to commit", sdo.ABORT_APPLICATION_DEVICE_STATE)
         document, parameters = self._staged
         self._activate(self._store.commit(document), document, parameters)
 
@@ -199,7 +201,9 @@ class SupervisorNode(VirtualNode):
             return
         document = self._store.document(self._store.spare)
         if document is None:
-            raise _Refused("there is no other document to roll back to", Abort.DEVICE_STATE)
+            raise _Refused(
+                "there is no other document to roll back to", sdo.ABORT_APPLICATION_DEVICE_STATE
+            )
         parameters = self._check(document)
         self._activate(self._store.roll_back(), document, parameters)
 

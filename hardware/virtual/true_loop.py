@@ -34,11 +34,6 @@ class Truth:
         rows = self.loop.table.stacked()
         return DhTable.from_stacked(np.column_stack((np.zeros(len(rows)), rows)))
 
-    def with_table(self, table: DhTable) -> Truth:
-        """Return the truth with other D-H rows 0..n."""
-        rows = table.stacked()[:, -self.loop.table.links :]
-        return Truth(self.loop.with_table(DhTable.from_stacked(rows)))
-
     @property
     def joint_count(self) -> int:
         """Number n of joints of the arm."""
@@ -127,7 +122,8 @@ def with_length_errors(
         size = rng.uniform(*range_m, column[rows].shape)
         column[rows] += size * rng.choice((-1.0, 1.0), column[rows].shape)
         columns[name] = column
-    return truth.with_table(replace(truth.table, **columns))
+    stacked = replace(truth.table, **columns).stacked()[:, -truth.loop.table.links :]
+    return Truth(truth.loop.with_table(DhTable.from_stacked(stacked)))
 
 
 PLACEMENT_ENTRIES = ("a_0", "s_0", "alpha_0", "s_1", "a_7", "s_7", "alpha_7")

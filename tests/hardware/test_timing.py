@@ -16,7 +16,9 @@ from hardware.buses.python_can import BusSettings, stamping_clock
 from hardware.canopen.cyclic import Sample
 from hardware.canopen.objects import COB_HEARTBEAT, COB_SYNC, COB_TPDO1, NmtState
 from hardware.control.control_loop import ControlLoop
+from hardware.control.stop_line import StopLatch
 from hardware.errors import BusError
+from hardware.monitors.joint_monitor import JointMonitor
 from tests.oracles.profiles import sarcos
 
 
@@ -151,6 +153,8 @@ def loop(bus):
         allow=lambda *_: None,
         quick_stop=lambda: None,
         timing=timing.Timing(heartbeat_timeout_s=1.0),
+        watch=JointMonitor([4.0] * JOINTS),
+        latch=StopLatch(),
         clock=bus.clock,
         stamps=bus.clock.stamps,
     )

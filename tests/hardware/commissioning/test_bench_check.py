@@ -17,6 +17,7 @@ from hardware.arm import ArmSnapshot, DriveState, MoveResult
 from hardware.arm_description import EncoderDescription, RvdtDescription
 from hardware.buses.python_can import BusOpeners, BusSettings
 from hardware.canopen.objects import COB_HEARTBEAT, HEARTBEAT_CONSUMER, OPERATOR_NODE
+from hardware.commissioning import checks
 from hardware.commissioning.bench_check import NOT_TESTED, Bench, CheckFinding, Stage, check
 from hardware.commissioning.checks import Turn, is_interrupted
 from hardware.commissioning.clauses import BENCH
@@ -233,13 +234,13 @@ class WithoutOperators(VirtualBus):
 
 
 @pytest.mark.parametrize("same_bus", [False, True])
-def test_second_operator_that_connects_is_reported(bench, same_bus):
+def test_second_operator_that_connects_is_reported(bench, same_bus, monkeypatch):
     """On the same bus it has reset the nodes before it is refused by their holder: a finding as well."""
     arm = arm_of(bench)
     without_operators = BusOpeners(main=lambda s: WithoutOperators(s.channel))
     with nullcontext(bench) if same_bus else running_bench() as other_bench:
         other = arm_of(other_bench, openers=without_operators)
-        arm.another = lambda: other
+        monkeypatch.setattr(checks, "CanopenArm", lambda _: other)
         findings = findings_of(arm, User(), Stage.LOOK)
     assert failed(findings) == [("one operator", None)]
     assert "was let in" in findings[-1].text

@@ -150,9 +150,3 @@ def test_packaged_profile_has_the_pdos_of_the_virtual_drive(pdo, communication, 
     for number, sub, bits in pdo.entries:
         assert len(entries[number, sub]) == bits
         assert entries[number, sub].pdo_mappable
-
-
-def test_nodes_do_not_share_their_dictionary():
-    first = node_dictionary(NODE)
-    first[objects.MAX_TORQUE].default = 1
-    assert variables(node_dictionary(NODE))[objects.MAX_TORQUE, 0].default == 1000

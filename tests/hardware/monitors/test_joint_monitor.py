@@ -37,20 +37,15 @@ def watch(
     return [jump for jump in jumps if jump is not None]
 
 
-@pytest.mark.parametrize(
-    ("counts_per_rad", "words"), [(-100.0, "is -50 counts from its target (+28.6 deg)"), (None, "")]
-)
-def test_divergence_is_stated_in_degrees_of_the_joint(counts_per_rad, words):
-    """A drive may count backwards, and a joint's scale may be unknown."""
-    monitor = joint_monitor.JointMonitor()
-    scales = [] if counts_per_rad is None else [JointScale(counts_per_rad=counts_per_rad)]
-    monitor.set_following_windows([10.0], scales)
+def test_divergence_is_stated_in_degrees_of_the_joint():
+    """A drive may count backwards."""
+    monitor = joint_monitor.JointMonitor([4.0])
+    monitor.set_following_windows([10.0], [JointScale(counts_per_rad=-100.0)])
     for sync in range(DIVERGED_SYNCS):
         answer = sample((0x1627,), (-50,), sync=sync)
         monitor.update(answer, (Setpoint(0x0F, 0, 8),), answered_late=False)
     text = str(joint_monitor.stop_error(monitor.divergence))
-    assert words in text
-    assert bool(words) == (" deg)" in text)
+    assert "is -50 counts from its target (+28.6 deg)" in text
 
 
 MOTIONS: dict[str, Callable[[int], float]] = {
@@ -129,9 +124,8 @@ def jump_is_detected_in_answers(
         sampler.close()
         for counts in late:
             sampler.note(0x181, struct.pack("<Hih", 0x1237, counts, 0), 0.0)
-        if sampler.answered_late:
-            monitor.restart_history()
-        detected |= monitor.update(sampler.view.sample) is not None
+        behind = sampler.answered_late
+        detected |= monitor.update(sampler.view.sample, answered_late=behind) is not None
     return detected
 
 

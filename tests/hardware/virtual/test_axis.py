@@ -8,8 +8,6 @@ from numpy.polynomial import legendre
 from hardware.virtual.axis import (
     AxisSettings,
     LinearityDeviation,
-    SensorBank,
-    joint_scale,
     joint_sensor,
 )
 from solver.chain.sensors import NoSensor, Rvdt
@@ -26,7 +24,7 @@ def test_limits_and_windows_are_in_counts():
     assert (encoder.lowest_counts, encoder.highest_counts) == (-math.inf, math.inf)
     assert (rvdt.lowest_counts, rvdt.highest_counts) == (-2048, 2047)
     assert (rvdt.increments, rvdt.revolutions) == (10_240, 1)
-    assert joint_scale(joint(rvdt=True)).to_counts(math.radians(144.0)) == 4096
+    assert rvdt.scale.to_counts(math.radians(144.0)) == 4096
 
 
 def test_gear_ratio_of_a_full_scale_that_does_not_divide_a_turn():
@@ -34,6 +32,13 @@ def test_gear_ratio_of_a_full_scale_that_does_not_divide_a_turn():
     axis = AxisSettings(6, replace(joint(), sensor=sensor))
     per_rad = axis.increments / axis.revolutions / math.tau
     assert per_rad == pytest.approx(axis.scale.counts_per_rad, rel=1e-12)
+
+
+def test_joint_without_a_node_number_is_refused():
+    """Node 16 is the supervisor."""
+    assert AxisSettings(15, joint()).joint == 15
+    with pytest.raises(ValueError, match=r"joint 16 is not one of 1\.\.15"):
+        AxisSettings(16, joint())
 
 
 def draw_curve(seed: int, peak: float = 0.02) -> LinearityDeviation:
@@ -86,9 +91,7 @@ def test_linearity_deviation_reaches_its_peak_and_has_no_line(seed):
 
 
 def test_linearity_deviation_is_its_legendre_series():
-    curve = LinearityDeviation(
-        coefficients_rad=np.array([0.3, -0.2, 0.1, 0.05]), half_scale_rad=2.0
-    )
+    curve = LinearityDeviation(coefficients_rad=(0.3, -0.2, 0.1, 0.05), half_scale_rad=2.0)
     for angle in (-2.0, -1.1, 0.0, 0.3, 2.0):
         series = np.array([0.0, 0.0, 0.3, -0.2, 0.1, 0.05])
         assert curve.deviation_rad(angle) == pytest.approx(
@@ -113,8 +116,13 @@ def test_noise_has_its_stated_sigma_and_is_reproducible():
     middle = [j.middle_rad for j in SARCOS.joints[5:]]
 
     def readings(seed: int) -> np.ndarray:
-        bank = SensorBank(wrist, rng=np.random.default_rng(seed))
-        return np.array([bank.read(middle) for _ in range(4000)])
+        draws = np.random.default_rng(seed).standard_normal((4000, len(wrist))).tolist()
+        return np.array(
+            [
+                [s.counts(*read) for s, *read in zip(wrist, middle, row, strict=True)]
+                for row in draws
+            ]
+        )
 
     first = readings(7)
     # 2 LSB and the rounding of the converter; its standard uncertainty from 4,000 draws is 1.2 %.
@@ -123,12 +131,8 @@ def test_noise_has_its_stated_sigma_and_is_reproducible():
     assert not np.array_equal(first, readings(8))
 
 
-def test_curve_of_an_encoder_and_missing_sensor_are_refused():
-    with pytest.raises(ValueError, match="encoder"):
-        joint_sensor(SARCOS.joints[0], with_noise=False, curve=draw_curve(0))
+def test_missing_sensor_is_refused():
     with pytest.raises(ValueError, match="no sensor"):
         AxisSettings(1, replace(joint(), sensor=NoSensor()))
     with pytest.raises(ValueError, match="no sensor"):
         joint_sensor(replace(SARCOS.joints[0], sensor=NoSensor()), with_noise=False, curve=None)
-    with pytest.raises(ValueError, match="coefficients"):
-        LinearityDeviation(coefficients_rad=np.zeros(3), half_scale_rad=1.0)

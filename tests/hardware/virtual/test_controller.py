@@ -147,11 +147,6 @@ def test_second_close_is_safe_and_bus_stays_open(arm):
     assert arm.controller.failure is None
 
 
-def test_axes_must_match_the_plant():
-    with pytest.raises(ValueError, match="6 axes for a plant of 7"):
-        rig(axes=axes()[:6]).__enter__()
-
-
 def test_closed_bus_is_reported_as_the_failure():
     bus = can.Bus("goes-away", interface="virtual")
     plant = TrivialPlant([a.scale.counts_per_rad for a in axes()])

@@ -110,6 +110,17 @@ def test_other_map_changes_frames_and_object(arm):
     assert arm.peer.unsigned(3, 0x1A00, 2) == 0x606C0020
 
 
+@pytest.mark.parametrize("data", [b"", bytes(7)])
+def test_node_that_refuses_object_access_ignores_frames_of_another_length(arm, data):
+    arm.inject_fault("sdo-abort", 1)
+    arm.peer.send(0x601, data)
+    arm.run_in_loop()
+    assert arm.peer.seen(0x581) == []
+    arm.peer.send(0x601, bytes([0x40, 0x00, 0x10, *bytes(5)]))
+    aborted = bytes.fromhex("8000100000000008")
+    assert arm.peer.wait_for(lambda number, _: number == 0x581)[1] == aborted
+
+
 def disturb(arm: Rig, *, intact: str, **fractions: float) -> None:
     """Disturb frames in one direction; `intact` is the other: "wire_in" (to the arm) or "wire_out"."""
 

@@ -26,9 +26,7 @@ class DriveBench:
 
     def __init__(self, axis=ENCODER, *, counts: int = 100) -> None:  # type: ignore[no-untyped-def]
         self.error_log: list[EmergencyCode] = []
-        self.drive = Drive(
-            axis, on_error=self.error_log.append, on_all_clear=lambda: self.error_log.append(E.NONE)
-        )
+        self.drive = Drive(axis, on_emergency=self.error_log.append)
         self.counts, self.torque_nm, self.speed = counts, 0.0, 0.0
         self.drive.in_control = True
         self.run()

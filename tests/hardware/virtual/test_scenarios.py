@@ -34,7 +34,7 @@ def test_exact_scenario_has_fine_encoders_without_noise():
     assert [j.name for j in joints] == [j.name for j in SARCOS.joints]
     assert scenario("datasheet").arm(SARCOS) is SARCOS
     plant = scenario("exact").build(SARCOS)
-    assert {s.noise_counts for s in plant.sensors.sensors} == {0.0}
+    assert {s.noise_counts for s in plant.sensors} == {0.0}
 
 
 def test_as_reported_scenario_has_errors_of_the_stated_size():
@@ -89,7 +89,7 @@ def test_as_reported_scenario_varies_only_its_noise_with_the_seed():
 def test_holding_at_the_measured_position_needs_little_torque():
     """The drive closes its loop on its sensor, so a linearity deviation of 2 deg is no control error."""
     plant = replace(scenario("datasheet", 1), noise=False).build(SARCOS)
-    resolution_rad = [sensor.resolution_rad for sensor in plant.sensors.sensors]
+    resolution_rad = [sensor.resolution_rad for sensor in plant.sensors]
     measured = np.array(plant.step(BLOCKED).position_counts) * resolution_rad
     assert np.rad2deg(np.abs(measured - sensed_rad(plant))[5:].max()) > 0.3
     for _ in range(50):

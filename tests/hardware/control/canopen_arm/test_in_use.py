@@ -222,6 +222,6 @@ def test_other_master_alarm_precedes_stopped_node_alarm():
     nodes.note(0x703, b"\x05", 0)
     nodes.note_command(0x000, b"\x80\x00")
     nodes.note(0x703, b"\x7f", 1)
-    (first, *_) = alarms(nodes, JointMonitor(), stop_latched=False)
+    (first, *_) = alarms(nodes, JointMonitor([4.0] * 7), stop_latched=False)
     assert isinstance(first, OtherMaster)
     assert "the NMT command 'enter pre-operational' to all nodes (COB-ID 000h)" in str(first)

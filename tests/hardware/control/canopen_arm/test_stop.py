@@ -138,7 +138,9 @@ def test_stop_pressed_after_reset_request_stays_latched():
     latch.press()
     press_to_reset = latch.last_press
     latch.press()
-    loop = SimpleNamespace(latch=latch, commands=(), forget_faults=lambda: cleared.append(None))
+    nodes = SimpleNamespace(forget_faults=lambda: cleared.append(None))
+    watch = SimpleNamespace(reset=lambda: cleared.append(None))
+    loop = SimpleNamespace(latch=latch, commands=(), nodes=nodes, watch=watch)
     steps = motion_steps.reset(loop, press=press_to_reset)
     with pytest.raises(Stopped, match="again"):
         next(steps)

@@ -242,13 +242,6 @@ class SarcalApp(App[str]):
             typed = ("enter", "\r") if event.key == "ctrl+j" else (event.key, event.character)
             self.post_message(events.Key(*typed))
 
-    def _was_handled_on_input(self, event: events.Key) -> bool:
-        before = len(self._stops_handled)
-        # The thread that reads keys may append meanwhile: remove this event only.
-        with contextlib.suppress(ValueError):
-            self._stops_handled.remove(event)
-        return len(self._stops_handled) < before
-
     def _is_stop(self, event: events.Key) -> bool:
         """Whether a key means STOP: F8, or space unless text is being entered; modifiers such as Ctrl are ignored."""
         key = event.key.rpartition("+")[2]
@@ -270,7 +263,9 @@ class SarcalApp(App[str]):
                 self.leave("left")
             self._typed_early.append(event)
             return True
-        if self._was_handled_on_input(event):
+        # The thread that reads keys may append meanwhile: look for this event, do not count.
+        if event in self._stops_handled:
+            self._stops_handled.remove(event)
             self.main.refuse("")
             return True
         if self._is_stop(event):

@@ -169,9 +169,11 @@ class Footer(Lines, can_focus=False):
     """The keys of the step, at most six: STOP first, then the next action."""
 
     step = Step.CONNECT
+    _spots: Sequence[tuple[int, int, str]] = ()
+    """First column, end and action of each key."""
 
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        self._spots: list[tuple[int, int, str]] = []
+        self._spots = spots = list[tuple[int, int, str]]()
         row: list[Span] = [(" ", "text")]
         at = 1
         if self.app.screen is not self.screen:
@@ -193,7 +195,7 @@ class Footer(Lines, can_focus=False):
             if at + width_of > width:
                 break
             row += [(shown, "key"), (f" {label}", "text"), ("  ", "text")]
-            self._spots.append((at, at + width_of, action.name))
+            spots.append((at, at + width_of, action.name))
             at += width_of + 2
         return [tuple(row)]
 

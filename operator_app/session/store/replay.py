@@ -8,7 +8,7 @@ from functools import reduce
 from pathlib import Path
 from typing import Any
 
-from hardware.arm import HostLatency
+from hardware.arm import HostLatency, JointMode
 from operator_app.errors import JournalDamagedError
 from operator_app.session.store.events import event_problem, joint_count_in
 from operator_app.session.store.journal_format import JournalContents, JournalEvent
@@ -65,7 +65,7 @@ def apply(state: SessionState, event: JournalEvent) -> SessionState:
             home = frozen(data.get("home_rad", data["start_rad"]))
             return replace(state, start_rad=start, home_rad=home)
         case "modes":
-            return replace(state, modes=tuple(data["modes"]))
+            return replace(state, modes=tuple(map(JointMode, data["modes"])))
         case "waypoint_skipped":
             waypoint = data["waypoint"]
             return replace(

@@ -48,8 +48,6 @@ class Terminal:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Item:
-    """One numbered line of a menu."""
-
     label: str
     do: Callable[[], None]
     missing: str = ""

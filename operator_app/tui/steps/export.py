@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
+from operator_app.calibration.result import Solution
 from operator_app.report.parameter_tables import formats
 from operator_app.report.results.verification import verified_words
 from operator_app.report.spans import Line, clip, entry, line, wrapped
 from operator_app.report.table import Cell, FactTable, figures, shown, words
-from operator_app.session.ui.snapshot import SessionSnapshot
+from operator_app.session.ui.snapshot import DiffRow, SessionSnapshot
 from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
 from operator_app.tui.widgets.list_panel import TablePanel
 from operator_app.units import quantity_of
 from solver.chain.parameters import wrap_angle
-
-if TYPE_CHECKING:
-    from operator_app.calibration.result import Solution
-    from operator_app.session.ui.snapshot import DiffRow
 
 
 class FilePanel(Lines):
@@ -61,8 +57,7 @@ class DiffPanel(TablePanel):
     TITLE = "Difference from the controller's active parameters"
     HELP = "Every calibrated parameter: the controller's present value, the new value, the change."
 
-    def table(self, s: SessionSnapshot) -> FactTable | None:
-        """Return the table of active and new values."""
+    def _table(self, s: SessionSnapshot) -> FactTable | None:
         return _difference(s)
 
 

@@ -52,6 +52,3 @@ class _MayBeGone:
 
     def fileno(self) -> int:
         return self._file.fileno()
-
-    def isatty(self) -> bool:
-        return self._file.isatty()

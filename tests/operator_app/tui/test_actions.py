@@ -16,7 +16,7 @@ from operator_app.session.ui.snapshot import Level, TaskKind
 from operator_app.session.ui.steps import Step
 from operator_app.session.ui.user_interface import Action, OnScreen
 from operator_app.tui.dialogs import Read
-from operator_app.tui.palette import ActionProvider, title
+from operator_app.tui.palette import ActionProvider
 from operator_app.tui.screen_interface import ON_SCREEN
 from tests.oracles.script import Script, pause_briefly
 from tests.oracles.story import busy, real, story
@@ -42,8 +42,9 @@ async def test_new_action_appears_and_works_in_all_interfaces(still, source, mon
         await d.press("W")
         assert [m.text for m in d.s.messages[-1:]] == ["whistled"]
         palette = ActionProvider(d.app.main)
-        assert title(WHISTLE) in [str(hit.text) async for hit in palette.discover()]
-        assert title(WHISTLE) in [str(hit.text) async for hit in palette.search("Whistle")]
+        title = "Whistle (step 1)  [W]"
+        assert title in [str(hit.text) async for hit in palette.discover()]
+        assert title in [str(hit.text) async for hit in palette.search("Whistle")]
         await d.press("question_mark")
         assert "Whistle: Blow the whistle beside the arm." in " ".join(
             (await d.dialog_text()).split()

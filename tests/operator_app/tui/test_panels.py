@@ -227,9 +227,9 @@ def test_step_list_names_drives_that_are_on_and_otherwise_asks_to_apply():
     for other in (stopped(s), tripped(s), replace(s, arm=None)):
         assert detail(Step.MODES, other) == "apply again"
     for joints, words in (((2,), "J2 drives"), ((1, 5, 6, 7), "J1 J5 J6 J7")):
-        modes = tuple("position" if j in joints else "free" for j in range(1, 8))
+        modes = tuple(JointMode.POSITION if j in joints else JointMode.FREE for j in range(1, 8))
         arm_joints = tuple(
-            replace(j, mode=JointMode(mode)) for j, mode in zip(s.arm.joints, modes, strict=True)
+            replace(j, mode=mode) for j, mode in zip(s.arm.joints, modes, strict=True)
         )
         arm, state = replace(s.arm, joints=arm_joints), replace(s.state, modes=modes)
         assert detail(Step.MODES, replace(s, arm=arm, state=state)) == words

@@ -141,7 +141,7 @@ class SarcalApp(App[str]):
         self.call_after_refresh(self.run_worker, self._load())
 
     async def _load(self) -> None:
-        """Run the slow imports in a thread; show the main screen; open a session, then begin to poll it."""
+        """Run the slow imports in a thread; show the main screen; open a session, which the screen polls."""
         for name in ("main_screen", "screen_interface"):
             await asyncio.to_thread(import_module, f"operator_app.tui.{name}")
         from operator_app.tui.main_screen import MainScreen
@@ -153,8 +153,8 @@ class SarcalApp(App[str]):
         await self.push_screen(self.main)
         gc.enable()
         self.main.set_class(self.look.ascii_only, "-ascii")
-        self.interface.begin()
         self.main.set_interval(self.poll_s, self.poll)
+        await self.interface.begin()
 
     def _asked_to_end(self, reason: str, loop: asyncio.AbstractEventLoop) -> None:
         """End the program through the event loop or, if that does not respond, without restoring the terminal."""

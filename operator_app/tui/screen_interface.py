@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import textwrap
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -211,13 +211,15 @@ class ScreenInterface:
 
     # -- sessions ----------------------------------------------------------------------------------
 
-    def begin(self) -> None:
+    async def begin(self) -> None:
         """Resume the session named on the command line, or start a session and offer the newest unfinished one."""
         reference = self.app.resume_first
         if reference is not None:
-            self.open(lambda: self.sessions.resumed(reference))
-        else:
-            self.open(self.sessions.new, self._offer_unfinished)
+            await self._open(lambda: self.sessions.resumed(reference))
+            return
+        await self._open(self.sessions.new)
+        if self.app.problem is None:
+            await self._offer_unfinished()
 
     async def _offer_unfinished(self) -> None:
         """Offer the newest unfinished session; the journals are read in a thread."""
@@ -234,22 +236,17 @@ class ScreenInterface:
         question = YesNo(title="Resume?", text=text, yes="Resume", no="New session")
         self.ask(question, lambda _: self.open(lambda: self.sessions.resumed(name)))
 
-    def open(
-        self, make: Callable[[], Runner], then: Callable[[], Awaitable[None]] | None = None
-    ) -> None:
+    def open(self, make: Callable[[], Runner]) -> None:
         """Switch to another session, in a thread, since ending the present one and holding the arm may take time."""
         if self._opening:
             self.refuse("wait: another session is being opened")
             return
         self._opening = True
-        if self.app.runner is not None:
-            held = " and the arm is held" if self.app.runner.connected else ""
-            self.refuse(f"closing this session: its work ends{held}")
-        self.app.run_worker(self._open(make, then))
+        held = " and the arm is held" if self.runner.connected else ""
+        self.refuse(f"closing this session: its work ends{held}")
+        self.app.run_worker(self._open(make))
 
-    async def _open(
-        self, make: Callable[[], Runner], then: Callable[[], Awaitable[None]] | None
-    ) -> None:
+    async def _open(self, make: Callable[[], Runner]) -> None:
         try:
             self.runner = self.app.runner = await asyncio.to_thread(make)
         except EXPECTED as error:
@@ -265,8 +262,6 @@ class ScreenInterface:
         self.refuse("")
         self._show_step(Step.CONNECT)
         self.app.poll()
-        if then is not None:
-            await then()
 
     def leave(self) -> None:
         """Leave; ask first while an arm is connected."""

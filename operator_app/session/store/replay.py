@@ -116,12 +116,10 @@ def _measured(data: Mapping[str, Any], utc: str) -> dict[str, Any]:
 
 def _undone(state: SessionState, number: int, *, back: bool) -> SessionState:
     """Return the state after a pose was undone or, if `back`, restored."""
-    changed = tuple(p for p in (state.undone if back else state.poses) if p.number == number)
-    undone = tuple(p for p in state.undone if p.number != number)
-    remaining = tuple(p for p in state.poses if p.number != number)
-    if not back:
-        return _with_other_poses(replace(state, undone=(*undone, *changed)), remaining)
-    poses = tuple(sorted((*remaining, *changed), key=lambda p: p.number))
+    numbers = {p.number for p in state.undone} - {number} | (set() if back else {number})
+    every = sorted((*state.poses, *state.undone), key=lambda p: p.number)
+    undone = tuple(p for p in every if p.number in numbers)
+    poses = tuple(p for p in every if p.number not in numbers)
     return _with_other_poses(replace(state, undone=undone), poses)
 
 

@@ -18,10 +18,8 @@ from solver.chain.sensors import Encoder, NoSensor, Rvdt, Sensor
 class ListPanel(Lines):
     """A list with a header; subclasses override `_head`, `_count` and `_row`. `cursor`: marked row, always visible."""
 
-    def __init__(self, *, id: str | None = None) -> None:  # noqa: A002 - Textual's name
-        super().__init__(id=id)
-        self.cursor = 0
-        self._last = 0
+    cursor = 0
+    _last = 0
 
     def _head(self, s: SessionSnapshot, width: int) -> Sequence[Line]:
         """Header lines, always visible."""

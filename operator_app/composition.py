@@ -92,9 +92,9 @@ def open_arm(
     SessionError
         The session was imported and has no arm, or its files or options do not suit the arm.
     """
-    if opening.imported:
+    if opening.state.imported:
         raise SessionError(
-            f"{opening.folder} was imported from {opening.imported}: it cannot be continued with an arm",
+            f"{opening.folder} was imported from {opening.state.imported}: it cannot be continued with an arm",
             "calibrate the arm in a session of its own: sarcal run",
         )
     prepare_real_time()
@@ -126,7 +126,7 @@ def open_arm(
                     opening.choices,
                     settings,
                     fixture=opening.procedure.fixture,
-                    placement=opening.placement,
+                    placement=opening.state.placement,
                     heartbeat_timeout_s=EMBEDDED_TIMEOUT_S,
                     attended=True,
                 )
@@ -198,13 +198,12 @@ def _print_recording_problem(arm: CanopenArm) -> None:
 class CutShort:
     """A session that ended early.
 
-    `connected`: an arm was connected; `held`: the arm confirmed that it holds; `kept`: the session folder exists.
+    `connected`: an arm was connected; `kept`: the session folder exists.
     """
 
     session: Session
     cause: BaseException
     connected: bool
-    held: bool
     kept: bool
 
 
@@ -228,7 +227,7 @@ def unattended(
     """
     with ending_signals_interrupt(), open_arm(opening, record_to=record_to) as rig:
         session = open_session(rig)
-        reason, cause, held = "failed", None, False
+        reason, cause = "failed", None
         try:
             yield session
             reason = "done"
@@ -241,13 +240,11 @@ def unattended(
             with ending_signals_ignored():
                 # `identity` is set by this run only: an earlier run may have had another arm.
                 connected = session.identity is not None
-                held = session.close(reason)
+                session.close(reason)
                 not_empty = not remove_if_empty(session)
             if cause is not None:
                 cut_short(
-                    CutShort(
-                        session=session, cause=cause, connected=connected, held=held, kept=not_empty
-                    )
+                    CutShort(session=session, cause=cause, connected=connected, kept=not_empty)
                 )
             if session.not_held is not None and isinstance(cause, KeyboardInterrupt | None):
                 # An arm that may move is more important than the result.

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 def effective_procedure(opening: Opening) -> Procedure:
     """Return the procedure of a session, with the sensors that a scenario gives to its arm."""
     procedure, choices = opening.procedure, opening.choices
-    if opening.imported:
+    if opening.state.imported:
         return procedure
     # The journal states the bus: a report must not depend on whether that bus is available here.
     interface = choices.interface or session_bus(choices, procedure).interface

@@ -82,10 +82,6 @@ class JournalError(SessionError):
     """A session's journal cannot be read, written or locked."""
 
 
-class JournalExistsError(JournalError):
-    """The journal to be created exists already."""
-
-
 class JournalDamagedError(JournalError):
     """A complete line of a journal was changed, or its data are not valid."""
 

@@ -15,7 +15,7 @@ from operator_app.effective_procedure import effective_procedure
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.report.exports import EXPORT_FILES, Calibration, in_format, into_description
 from operator_app.safe_output import as_json, say
-from operator_app.session.store.folders import PARAMETERS_NAME, read_session
+from operator_app.session.store.folders import PARAMETERS_NAME
 from operator_app.session.store.parameters_document import parameters_document
 from operator_app.session.store.stored_calibration import session_calibration
 from operator_app.session.workflow.opening import resume
@@ -31,8 +31,8 @@ def execute(args: argparse.Namespace) -> int:
         raise UsageError("--json: -o - writes to stdout already; name a file")
     chosen = choices_from(args)
     opening = resume(args.session, chosen, root=args.sessions)
-    state = read_session(opening.folder).state
-    if state is None or not state.used_poses:
+    state = opening.state
+    if not state.used_poses:
         raise UsageError(f"{opening.folder} has no pose yet: nothing to export.")
     procedure = effective_procedure(opening)
     calibration = session_calibration(

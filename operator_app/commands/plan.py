@@ -21,7 +21,6 @@ from operator_app.planning.preview import Preview, preview
 from operator_app.planning.task import fixed_parameter_checks
 from operator_app.report.results.plan import advice_json, advice_text, plan_json, plan_text
 from operator_app.safe_output import as_json, say
-from operator_app.session.store.folders import read_session
 from operator_app.session.workflow.opening import Choices, resume
 from solver.arrays import FloatArray
 
@@ -103,8 +102,8 @@ def _of_session(args: argparse.Namespace) -> tuple[Procedure, FloatArray | None,
         )
     joints = given_joints(args.unsensed)
     opening = resume(args.session, Choices(unsensed_joints=joints), root=args.sessions)
-    state = read_session(opening.folder).state
-    if state is None or not state.used_poses:
+    state = opening.state
+    if not state.used_poses:
         raise UsageError(
             f"{opening.folder} has no pose yet: plan from nominal geometry, without --session"
         )

@@ -24,6 +24,7 @@ from operator_app.report.text import facts_text, unidentifiable_text
 from operator_app.safe_output import as_json, say
 from operator_app.session.store.solver_process import Solver, SolvingProcess, solve_here
 from operator_app.session.workflow.opening import begin, resume
+from operator_app.session.workflow.remounting import next_due
 from operator_app.session.workflow.session import Session
 from solver.errors import UnidentifiableError
 
@@ -41,7 +42,7 @@ def execute(args: argparse.Namespace) -> int:
     try:
         require_mounted(opening, listener)
         while result is None:
-            if opening.next_due:
+            if drives_off or next_due(opening.state, opening.procedure):
                 opening = next_placement(
                     opening, listener, root=args.sessions, drives_off=drives_off
                 )
@@ -64,7 +65,7 @@ def execute(args: argparse.Namespace) -> int:
                 session.require_drives_off()
                 drives_off = True
                 folder = session.journal.path.parent  # another program may have taken the name
-                opening = replace(opening, folder=folder, next_due=True)
+                opening = replace(opening, folder=folder)
     except UnidentifiableError as error:
         if args.json:
             folder, state = session.journal.path.parent, session.state

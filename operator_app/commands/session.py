@@ -61,7 +61,7 @@ def _facts(entry: folders.SessionEntry) -> dict[str, Any]:
         "folder": str(entry.folder),
         "opened_utc": state.opened_utc,
         "serial_number": state.serial_number,
-        "modes": list(state.modes),
+        "modes": [mode.value for mode in state.modes],
         "poses": len(state.used_poses),
         "excluded": [p.number for p in state.poses if p.excluded],
         "solved": solved_json(state),

@@ -27,7 +27,6 @@ from operator_app.report.results.verification import (
     verification_text,
 )
 from operator_app.safe_output import as_json, say
-from operator_app.session.store.folders import read_session
 from operator_app.session.store.stored_calibration import session_calibration
 from operator_app.session.workflow.capture import connect, go_home_if_outside, take_poses, verify
 from operator_app.session.workflow.drive_selection import drives_of
@@ -43,8 +42,8 @@ def execute(args: argparse.Namespace) -> int:
     """Verify and report."""
     requested, args.poses = args.poses, None
     opening = resume(args.session, choices_from(args), root=args.sessions)
-    state = read_session(opening.folder).state
-    if state is None or not state.used_poses:
+    state = opening.state
+    if not state.used_poses:
         raise UsageError(f"{opening.folder} has no pose yet: there is no calibration to verify")
     procedure = effective_procedure(opening)
     arm, fixture = procedure.arm, procedure.fixture.fixture
@@ -60,9 +59,9 @@ def execute(args: argparse.Namespace) -> int:
         except NoTestError as error:
             raise UsageError(f"{args.csv}: {error}") from error
     else:
-        if opening.imported:
+        if opening.state.imported:
             raise UsageError(
-                f"{opening.folder} was imported from {opening.imported} and has no arm; give a file of "
+                f"{opening.folder} was imported from {opening.state.imported} and has no arm; give a file of "
                 f"new poses: sarcal verify {args.session} POSES.csv"
             )
         count = NEW_POSES if requested is None else requested
@@ -137,10 +136,10 @@ def _open_arm(
             f"--procedure: {args.procedure} is for {own_arm.name}, not for the {other_arm.name} of "
             f"{calibrated.folder}; name a procedure with that arm file"
         )
-    state, listener = read_session(calibrated.folder).state, ConsoleListener()
+    state, listener = calibrated.state, ConsoleListener()
     with unattended(opening, record_to=recording(args, opening)) as session:
         identity = connect(session, listener)
-        if state is not None and identity.serial_number != state.serial_number:
+        if identity.serial_number != state.serial_number:
             raise UsageError(
                 f"{calibrated.folder} calibrated arm {state.serial_number}, and the arm on the bus is "
                 f"{identity.serial_number}: connect that one"

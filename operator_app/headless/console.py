@@ -35,30 +35,28 @@ class ConsoleListener(Listener):
         self._joints = 0
         self._late_times = 0
 
-    def say(self, text: str) -> None:
+    def report(self, text: str) -> None:
         """Write one line."""
         self._console.print(sanitized(text), markup=False)
-
-    report = say
 
     def resumed(self, session: Session) -> None:
         """Report the number of poses of a resumed session."""
         if session.journal.contents.torn:
-            self.say(f"{session.journal.contents.torn}.")
+            self.report(f"{session.journal.contents.torn}.")
         self._late_times = session.state.late.times
-        self.say(f"Resuming with {len(session.state.used_poses)} poses.")
+        self.report(f"Resuming with {len(session.state.used_poses)} poses.")
 
     def cut_short(self, cut: CutShort) -> None:
         """Report what has been saved of a run that ended early, and how to continue."""
         self.close()
         for line in cut_short_lines(cut):
-            self.say(line)
+            self.report(line)
 
     def connected(self, identity: ArmIdentity) -> None:
         """Report model, serial number and nodes of the arm."""
         self._joints = sum(node.role.startswith("joint") for node in identity.nodes)
         simulated = "simulated " if identity.simulated else ""
-        self.say(
+        self.report(
             f"Connected to {identity.model}, serial {identity.serial_number}: "
             f"{plural(len(identity.nodes), f'{simulated}{identity.speaks} node')}."
         )
@@ -67,26 +65,26 @@ class ConsoleListener(Listener):
         """Report the set-up checks."""
         for check in checks:
             remedy = f": {check.remedy}" if check.remedy else ""
-            self.say(f"Fixture {check.severity.value}: {check.text}{remedy}")
+            self.report(f"Fixture {check.severity.value}: {check.text}{remedy}")
 
     def drives_chosen(self, choice: DriveChoice) -> None:
         """Report the drive joints and the reasons for the choice."""
-        self.say(f"Drive joints: {names(choice.drives)} ({'; '.join(choice.reasons)}).")
+        self.report(f"Drive joints: {names(choice.drives)} ({'; '.join(choice.reasons)}).")
 
     def modes_set(self, position_joints: tuple[int, ...]) -> None:
         """Report the joints in position mode."""
         driven = joints_named(position_joints).capitalize()
         others = others_free(len(position_joints), self._joints)
-        self.say(f"{driven} in position mode{others}; read back from the drives.")
+        self.report(f"{driven} in position mode{others}; read back from the drives.")
 
     def pose_captured(self, state: SessionState, total: int) -> None:
         """Advance the bar or, without a terminal, report the pose; report new delays of this computer."""
         if new := state.late.times - self._late_times:
             self._late_times = state.late.times
-            self.say(f"Warning: {lateness_text(state.late, new)}.")
+            self.report(f"Warning: {lateness_text(state.late, new)}.")
         if not self._stderr.isatty():
             # Write a line for each pose into a file or pipe.
-            self.say(f"Pose {state.captured} captured ({len(state.used_poses)} of {total}).")
+            self.report(f"Pose {state.captured} captured ({len(state.used_poses)} of {total}).")
             return
         if self._progress is None:
             self._progress = Progress(
@@ -106,7 +104,7 @@ class ConsoleListener(Listener):
     def solved(self, solution: Solution) -> None:
         """Remove the bar and report the calibration."""
         self.close()
-        self.say(
+        self.report(
             f"Solved from {solution.poses} poses in {solution.estimate.iterations} iterations."
         )
 
@@ -122,7 +120,7 @@ def cut_short_lines(cut: CutShort) -> list[str]:
     session, state = cut.session, cut.session.state
     interrupted = isinstance(cut.cause, KeyboardInterrupt)
     what = "The run was interrupted" if interrupted else "The run ended early"
-    if cut.connected and cut.held:
+    if cut.connected and session.held:
         what += "; the arm is held"
     folder = session.journal.kept_folder
     if session.journal.loss is not None:
@@ -149,8 +147,7 @@ def _danger(cut: CutShort) -> list[str]:
     error = cut.session.not_held
     if error is None or not cut.connected or isinstance(cut.cause, KeyboardInterrupt):
         return []
-    message = words(error)
-    return [f"{message.happened}. {message.remedy}."]
+    return [str(words(error))]
 
 
 def _lateness_note(cut: CutShort) -> str:

@@ -48,8 +48,6 @@ class Terminal:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Item:
-    """One numbered line of a menu."""
-
     label: str
     do: Callable[[], None]
     missing: str = ""
@@ -130,7 +128,14 @@ class Plain:
                     missing=guards.results_ready(s),
                 )
             )
-        items += self._ways(s)
+        if self._step is not Step.EXPORT:
+            following = Step(self._step + 1)
+            label = f"Go on to step {int(following)}, {following.title}"
+            missing = guards.missing_for(following, s)
+            items.append(_Item(label=label, do=partial(self._go, following), missing=missing))
+        if self._step is not Step.CONNECT:
+            before = Step(self._step - 1)
+            items.append(_Item(label=f"Back to {before.title}", do=partial(self._go, before)))
         items += [item for action in common for item in self._lines(action, s)]
         held = "the arm is held, " if s.connected else ""
         items.append(_Item(label=f"Quit: {held}the session is kept", do=self._leave))
@@ -149,22 +154,6 @@ class Plain:
     def _do(self, action: user_interface.Action, row: int | None) -> None:
         self._row = row
         user_interface.perform_action(action, self)
-
-    def _ways(self, s: SessionSnapshot) -> list[_Item]:
-        ways = []
-        if self._step is not Step.EXPORT:
-            following = Step(self._step + 1)
-            ways.append(
-                _Item(
-                    label=f"Go on to step {int(following)}, {following.title}",
-                    do=partial(self._go, following),
-                    missing=guards.missing_for(following, s),
-                )
-            )
-        if self._step is not Step.CONNECT:
-            before = Step(self._step - 1)
-            ways.append(_Item(label=f"Back to {before.title}", do=partial(self._go, before)))
-        return ways
 
     def _go(self, step: Step) -> None:
         self._step = step

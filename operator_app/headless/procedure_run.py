@@ -73,7 +73,7 @@ def run(
     checks = None if known is None else known.checks
     if checks is None:
         checks = session.check(solution, solver)
-    session.record_stop_cause()
+    session.reader.sensor_faults.record_stop_cause()
     exported = export(session, solution, forced=forced) if solution.accepted or forced else None
     return RunResult(
         solution=solution,
@@ -119,9 +119,9 @@ def next_placement(
     listener.close()
     # Take the bus from the journal, since the options may leave it to the environment.
     opening = resume(str(opening.folder), opening.choices, root=root)
-    number, placements = opening.placement + 1, opening.procedure.placements
+    number, placements = opening.state.placement + 1, opening.procedure.placements
     if opening.choices.interface == "virtual":
-        listener.say(f"Placement {number} of {placements}: the virtual fixture is remounted.")
+        listener.report(f"Placement {number} of {placements}: the virtual fixture is remounted.")
     else:
         _confirm(opening, listener, number, words(opening, drives_off=drives_off))
     record_in(opening.folder, "remounted", number)
@@ -133,15 +133,15 @@ def require_mounted(opening: Opening, listener: ConsoleListener) -> None:
 
     Raises `SessionError` if the mounting was not confirmed.
     """
-    if not opening.unconfirmed_placement:
+    if not opening.state.unconfirmed_placement:
         return
     if opening.choices.interface != "virtual":
         line = (
-            f"Placement {opening.placement} has no pose yet. Type {_WORD} and Enter when its fixture is "
+            f"Placement {opening.state.placement} has no pose yet. Type {_WORD} and Enter when its fixture is "
             "mounted and nobody is within reach: the arm will move."
         )
-        _confirm(opening, listener, opening.placement, (line,))
-    record_in(opening.folder, "remounted", opening.placement)
+        _confirm(opening, listener, opening.state.placement, (line,))
+    record_in(opening.folder, "remounted", opening.state.placement)
 
 
 def _confirm(
@@ -153,7 +153,7 @@ def _confirm(
     """
     try:
         for line in lines:
-            listener.say(line)
+            listener.report(line)
         if sys.stdin.isatty():
             import termios
 
@@ -162,11 +162,11 @@ def _confirm(
             if line.strip().lower() == _WORD:
                 return
     except KeyboardInterrupt:
-        listener.say(
+        listener.report(
             "The run was interrupted while the fixture was being mounted. Nothing commands the arm; all poses are "
             f"kept in {opening.folder}."
         )
-        listener.say(f"Go on with: sarcal run --resume {opening.folder}")
+        listener.report(f"Go on with: sarcal run --resume {opening.folder}")
         raise
     raise SessionError(
         f"the mounting of the fixture for placement {number} was not confirmed",
@@ -184,9 +184,9 @@ def words(opening: Opening, *, drives_off: bool) -> tuple[str, ...]:
         if drives_off
         else "This program does not command the arm and has not checked its drives: make sure that they are off."
     )
-    number = opening.placement + 1
+    number = opening.state.placement + 1
     lines = [
-        f"All poses of placement {opening.placement} of {opening.procedure.placements} are captured.",
+        f"All poses of placement {opening.state.placement} of {opening.procedure.placements} are captured.",
         f"{off} Leave its controller on, so that no counter is reset.",
         *remounting_steps(opening.procedure),
     ]

@@ -17,11 +17,6 @@ LISTED = 4
 """How many parameters a message lists."""
 
 
-def filled(template: str, finding: Finding) -> str:
-    """Return a template of a finding's kind with the values of the finding."""
-    return template.format_map(_Fields(finding))
-
-
 def poses_named(labels: tuple[str, ...]) -> str:
     """Return ``pose 4`` or ``poses 4, 7 and 3 more``."""
     rest = len(labels) - NAMED
@@ -89,7 +84,7 @@ class _Choice(int):
         return spec.split("|")[not self]
 
 
-class _Fields(dict[str, object]):
+class FindingFields(dict[str, object]):
     """Values by the names that a template may use: the figures of a finding, and the names in FIELDS."""
 
     def __init__(self, finding: Finding) -> None:

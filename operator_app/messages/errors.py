@@ -8,43 +8,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from fixtures.errors import FixtureError
+from hardware import errors
 from hardware.arm import ArmIdentity, DriveState
 from hardware.canopen.objects import STOP_CONTACTS, EmergencyCode
-from hardware.errors import (
-    BusError,
-    CommandRefused,
-    ControlDenied,
-    DriveDiverged,
-    DriveDropout,
-    DriveFault,
-    DriveNotReady,
-    DuplicateNodeId,
-    EndlessAnswer,
-    HardwareError,
-    HostLatencyExceeded,
-    MappingChanged,
-    MappingMismatch,
-    ModeNotReached,
-    NodeMissing,
-    NodeNotStarted,
-    NodeRestarted,
-    OtherMaster,
-    PdoSetupFailed,
-    SdoRefused,
-    SensorFault,
-    Stopped,
-    TargetRefused,
-    UploadRefused,
-    UploadUnknown,
-    WrongArm,
-)
 from operator_app.config.errors import ConfigError, WriteError
 from operator_app.config.procedure import Procedure
 from operator_app.errors import COMMAND_WORDS, SessionError
 from operator_app.units import REACH, joints_named, plural
 from solver.errors import SolverError, TooFewPosesError, UnidentifiableError
 
-EXPECTED = (SessionError, HardwareError, SolverError, FixtureError, ConfigError, WriteError)
+EXPECTED = (SessionError, errors.HardwareError, SolverError, FixtureError, ConfigError, WriteError)
 """Errors that an operator, an arm or a disk can cause. Any other error is a defect of this program."""
 
 
@@ -63,7 +36,7 @@ REACHES_NOTHING = (
 
 def stopped_words(reason: str) -> str:
     """Return why the arm stopped by itself, and the remedy."""
-    return f"{_capital(reason)}. {REMEDIES[DriveDiverged]}"
+    return f"{_capital(reason)}. {REMEDIES[errors.DriveDiverged]}"
 
 
 def unstopped_words(joints: Sequence[int]) -> str:
@@ -76,49 +49,50 @@ def _remedy(error: BaseException) -> str:
         return (
             "Repair that sensor, or calibrate without it (J, or --unsensed); more poses do not help"
         )
-    if isinstance(error, SensorFault) and error.stuck:
+    if isinstance(error, errors.SensorFault) and error.stuck:
         return "The other poses are kept"
-    if isinstance(error, DriveFault) and error.code in _TRIPS:
+    if isinstance(error, errors.DriveFault) and error.code in _TRIPS:
         return _TRIPS[error.code]
     matching = next((kind for kind in type(error).__mro__ if kind in REMEDIES), None)
     return "Nothing was changed" if matching is None else REMEDIES[matching]
 
 
 REMEDIES: Mapping[type, str] = {
-    BusError: "Without a heartbeat the drives hold by themselves. Check cable and interface, "
+    errors.BusError: "Without a heartbeat the drives hold by themselves. Check cable and interface, "
     "then connect again",
-    EndlessAnswer: "Then connect again; if it happens again, have the node repaired by its maker",
-    HostLatencyExceeded: "Without a heartbeat the drives hold by themselves. Close other programs on this "
+    errors.EndlessAnswer: "Then connect again; if it happens again, have the node repaired by its maker",
+    errors.HostLatencyExceeded: "Without a heartbeat the drives hold by themselves. Close other programs on this "
     "computer, then connect again",
-    NodeMissing: "Check that these nodes are powered and on the bus, then connect again",
-    NodeNotStarted: "Then connect again",
-    WrongArm: "Connect the arm that the arm file describes, or use the arm file of the connected arm",
-    MappingMismatch: "Nothing was enabled and nothing moves",
-    MappingChanged: "This pose was not captured; the earlier poses passed this check and are kept",
-    PdoSetupFailed: "Nothing was enabled and nothing moves",
-    SdoRefused: "The manual of that node states what this object is and when it is refused: set it up with its maker's "
-    "tool, then connect again",
-    ControlDenied: "Ask the other operator to give up control, then connect again",
-    DuplicateNodeId: "Until then this program moves nothing and captures nothing",
-    OtherMaster: "Until then this program moves nothing and captures nothing; the other program may still move the "
-    "arm",
-    NodeRestarted: "Until then this program moves nothing and captures nothing",
-    SensorFault: "Check that joint's coupling and cable, then connect again: the first pose is measured again before "
-    "any other is used",
-    ModeNotReached: "Read that drive's fault, reset it (R) and apply the modes again",
-    DriveDiverged: "Keep clear until the cause is known: the drive has failed, or another controller commands it. Then "
-    "reset (R, or `sarcal reset`) and apply the modes again",
-    DriveDropout: "Find out who switched the drive off, and why; when it is safe, reset (R) and apply the modes again",
-    DriveFault: "The arm holds. Find the cause of this fault, then reset (R) and apply the modes again",
-    Stopped: "Reset STOP (R) when it is safe; nothing moves by itself",
-    CommandRefused: "Nothing was sent to the drives",
-    DriveNotReady: "Find out what keeps that drive in this state (its display or its maker's tool), then reset (R) and "
-    "apply the modes again",
-    TargetRefused: "The arm holds; that drive keeps its previous target. Compare its limits (607Dh, 607Fh) with the "
-    "arm file, then reset (R) and apply the modes again",
-    UploadUnknown: "Upload again (step 7, or `sarcal export SESSION --upload`); until then do not rely on what the "
-    "controller has",
-    UploadRefused: "The previously active parameters stay active",
+    errors.NodeMissing: "Check that these nodes are powered and on the bus, then connect again",
+    errors.NodeNotStarted: "Then connect again",
+    errors.WrongArm: "Connect the arm that the arm file describes, or use the arm file of the connected arm",
+    errors.MappingMismatch: "Nothing was enabled and nothing moves",
+    errors.MappingChanged: "This pose was not captured; the earlier poses passed this check and are kept",
+    errors.PdoSetupFailed: "Nothing was enabled and nothing moves",
+    errors.SdoRefused: "The manual of that node states what this object is and when it is refused: set it up with "
+    "its maker's tool, then connect again",
+    errors.ControlDenied: "Ask the other operator to give up control, then connect again",
+    errors.DuplicateNodeId: "Until then this program moves nothing and captures nothing",
+    errors.OtherMaster: "Until then this program moves nothing and captures nothing; the other program may still "
+    "move the arm",
+    errors.NodeRestarted: "Until then this program moves nothing and captures nothing",
+    errors.SensorFault: "Check that joint's coupling and cable, then connect again: the first pose is measured again "
+    "before any other is used",
+    errors.ModeNotReached: "Read that drive's fault, reset it (R) and apply the modes again",
+    errors.DriveDiverged: "Keep clear until the cause is known: the drive has failed, or another controller commands "
+    "it. Then reset (R, or `sarcal reset`) and apply the modes again",
+    errors.DriveDropout: "Find out who switched the drive off, and why; when it is safe, reset (R) and apply the "
+    "modes again",
+    errors.DriveFault: "The arm holds. Find the cause of this fault, then reset (R) and apply the modes again",
+    errors.Stopped: "Reset STOP (R) when it is safe; nothing moves by itself",
+    errors.CommandRefused: "Nothing was sent to the drives",
+    errors.DriveNotReady: "Find out what keeps that drive in this state (its display or its maker's tool), then "
+    "reset (R) and apply the modes again",
+    errors.TargetRefused: "The arm holds; that drive keeps its previous target. Compare its limits (607Dh, 607Fh) "
+    "with the arm file, then reset (R) and apply the modes again",
+    errors.UploadUnknown: "Upload again (step 7, or `sarcal export SESSION --upload`); until then do not rely on "
+    "what the controller has",
+    errors.UploadRefused: "The previously active parameters stay active",
     UnidentifiableError: "Take poses that differ more from each other, or put joints that stayed still in free mode",
     TooFewPosesError: "Capture more poses (step 4)",
     FixtureError: "Remount the fixture as described, then check it again (step 2)",

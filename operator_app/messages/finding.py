@@ -121,6 +121,6 @@ class Finding:
         return ": ".join(part for part in (self.text, self.remedy) if part)
 
     def _filled(self, template: str) -> str:
-        from operator_app.messages.calibration import filled
+        from operator_app.messages.calibration import FindingFields
 
-        return filled(template, self)
+        return template.format_map(FindingFields(self))

@@ -59,8 +59,6 @@ _NOT_REPEATED = (
 
 
 class _Message(NamedTuple):
-    """Code and templates of one kind."""
-
     code: str
     text: str
     remedy: str = ""

@@ -64,7 +64,7 @@ def joint_table(subject: Subject, estimate: Estimate | None) -> FactTable:
             (
                 f"{j} {joint.name}",
                 sensor_words(joint.sensor, used=j in used),
-                subject.state.modes[j - 1] if subject.state.modes else NOT_AVAILABLE,
+                subject.state.modes[j - 1].value if subject.state.modes else NOT_AVAILABLE,
                 *map(CORRECTION, (noise, float(stated[j - 1]) or None, rms)),
                 Figure(ratio, digits=2, role="warn" if highlighted else "text"),
                 *map(READING, (low, high)),

@@ -13,13 +13,12 @@ import select
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from typing import TYPE_CHECKING, ClassVar
 
 from textual import events
-from textual.app import App, ComposeResult, SystemCommand
-from textual.binding import BindingType
+from textual.app import App, ComposeResult
 from textual.driver import Driver
 from textual.screen import Screen
 from textual.scrollbar import ScrollBar, ScrollBarRender
@@ -45,8 +44,6 @@ if TYPE_CHECKING:
 
 class _Fixed(Lines, can_focus=False):
     """A widget whose lines do not change."""
-
-    FIXED = True
 
 
 class StartScreen(Screen[None]):
@@ -85,11 +82,10 @@ class AsciiScrollBar(ScrollBarRender):
 
 
 class SarcalApp(App[str]):
-    """The terminal app with its seven steps; it runs until `leave` and returns the reason for leaving."""
+    """The terminal app with its seven steps; it runs until `exit` and returns the reason for leaving."""
 
     CSS_PATH = "sarcal.tcss"
     TITLE = "sarcal"
-    BINDINGS: ClassVar[list[BindingType]] = []
     COMMANDS: ClassVar = {ActionProvider}
 
     def __init__(
@@ -145,7 +141,7 @@ class SarcalApp(App[str]):
         self.call_after_refresh(self.run_worker, self._load())
 
     async def _load(self) -> None:
-        """Run the slow imports in a thread; then show the main screen."""
+        """Run the slow imports in a thread; show the main screen; open a session, which the screen polls."""
         for name in ("main_screen", "screen_interface"):
             await asyncio.to_thread(import_module, f"operator_app.tui.{name}")
         from operator_app.tui.main_screen import MainScreen
@@ -155,18 +151,15 @@ class SarcalApp(App[str]):
         self.main, self.interface = MainScreen(), ScreenInterface(self)
         self.loaded = True
         await self.push_screen(self.main)
-
-    def on_main_screen_ready(self) -> None:
-        """Open a session, then begin to poll it."""
         gc.enable()
         self.main.set_class(self.look.ascii_only, "-ascii")
-        self.interface.begin()
         self.main.set_interval(self.poll_s, self.poll)
+        await self.interface.begin()
 
     def _asked_to_end(self, reason: str, loop: asyncio.AbstractEventLoop) -> None:
         """End the program through the event loop or, if that does not respond, without restoring the terminal."""
         with contextlib.suppress(RuntimeError):  # the loop is closed: leaving already
-            loop.call_soon_threadsafe(self.leave, reason)
+            loop.call_soon_threadsafe(self.exit, reason)
         if self.owns_process:
             leave = self._leave_without_screen
             threading.Thread(target=leave, args=(reason,), daemon=True).start()
@@ -192,15 +185,6 @@ class SarcalApp(App[str]):
         with self._source_lock:
             if self.loaded:
                 self.source.close(reason)
-
-    def give_up(self, problem: BaseException) -> None:
-        """Leave because no session could be opened; `run` raises the problem."""
-        self.problem = problem
-        self.exit("problem")
-
-    def leave(self, reason: str) -> None:
-        """End the app with this reason; `run` then holds the arm and closes the journal."""
-        self.exit(reason)
 
     def poll(self) -> None:
         """Take one snapshot and show it."""
@@ -235,19 +219,11 @@ class SarcalApp(App[str]):
             runner.stop()
 
     def _replay_early_keys(self, early: list[events.Key]) -> None:
-        """Process the keys that were pressed while the program was loading, in their order."""
         self._typed_early = None
         for event in early:
             # A terminal that is not set up yet sends a line feed for Enter.
             typed = ("enter", "\r") if event.key == "ctrl+j" else (event.key, event.character)
             self.post_message(events.Key(*typed))
-
-    def _was_handled_on_input(self, event: events.Key) -> bool:
-        before = len(self._stops_handled)
-        # The thread that reads keys may append meanwhile: remove this event only.
-        with contextlib.suppress(ValueError):
-            self._stops_handled.remove(event)
-        return len(self._stops_handled) < before
 
     def _is_stop(self, event: events.Key) -> bool:
         """Whether a key means STOP: F8, or space unless text is being entered; modifiers such as Ctrl are ignored."""
@@ -267,10 +243,12 @@ class SarcalApp(App[str]):
         """Handle a key; return whether the app uses it."""
         if self._typed_early is not None:
             if event.key in QUIT_KEYS:
-                self.leave("left")
+                self.exit("left")
             self._typed_early.append(event)
             return True
-        if self._was_handled_on_input(event):
+        # The thread that reads keys may append meanwhile: look for this event, do not count.
+        if event in self._stops_handled:
+            self._stops_handled.remove(event)
             self.main.refuse("")
             return True
         if self._is_stop(event):
@@ -297,9 +275,10 @@ class SarcalApp(App[str]):
         return False
 
     def on_clicked(self, event: Clicked) -> None:
-        """Perform the action of the clicked key or step."""
-        self.main.refuse("")
-        self.interface.do_named(event.action)
+        """Perform the action of the clicked key or step, once a session is open."""
+        if self.picture is not None:
+            self.main.refuse("")
+            self.interface.do_named(event.action)
 
     # -- look --------------------------------------------------------------------------------------
 
@@ -309,10 +288,6 @@ class SarcalApp(App[str]):
         self.theme = order[(order.index(self.theme) + 1) % len(order)]
         self.look = look(self.theme, ascii_only=self.look.ascii_only)
         self.main.forget()
-
-    def get_system_commands(self, screen: Screen[object]) -> Iterator[SystemCommand]:
-        """Return no commands, so that the palette lists none of Textual's own."""
-        return iter(())
 
     def action_help_quit(self) -> None:
         """Leave, as for the key q; called for Ctrl+C."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, ClassVar, Generic, TypeVar
 
 from textual import events
@@ -139,12 +140,5 @@ class Read(Dialog[Titled]):
             yield Static(self._plain(self._question.text), id="text")
 
 
-def dialog(question: Question) -> Dialog[Any]:
-    """Return the dialog for a question."""
-    match question:
-        case YesNo():
-            return Confirm(question)
-        case Typed():
-            return Ask(question)
-        case OneOf():
-            return Choose(question)
+DIALOGS: Mapping[type[Question], type[Dialog[Any]]] = {YesNo: Confirm, Typed: Ask, OneOf: Choose}
+"""The dialog for each kind of question."""

@@ -22,8 +22,6 @@ def watched(driver: type[Driver], stop_on_input: Callable[[Pressed], None]) -> t
     """Return a driver class that first passes key and mouse presses to `stop_on_input`, and ignores write errors."""
 
     class WatchedDriver(driver):  # type: ignore[misc, valid-type]
-        """The class that `watched` returns."""
-
         def __init__(self, *args: Any, **options: Any) -> None:
             super().__init__(*args, **options)
             file: IO[str] | None = getattr(self, "_file", None)
@@ -31,7 +29,6 @@ def watched(driver: type[Driver], stop_on_input: Callable[[Pressed], None]) -> t
                 self._file: Any = _MayBeGone(file)
 
         def process_message(self, message: Message) -> None:
-            """Report a key or mouse press, then pass the message on to the event loop."""
             if isinstance(message, events.Key | events.MouseDown):
                 stop_on_input(message)
             super().process_message(message)
@@ -55,6 +52,3 @@ class _MayBeGone:
 
     def fileno(self) -> int:
         return self._file.fileno()
-
-    def isatty(self) -> bool:
-        return self._file.isatty()

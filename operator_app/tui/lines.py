@@ -43,8 +43,6 @@ class Lines(Widget, can_focus=True):
 
     HELP = ""
     TITLE = ""
-    FIXED = False
-    """Whether the lines are set only once, so that they do not depend on snapshots."""
 
     def __init__(self, *, id: str | None = None) -> None:  # noqa: A002 - Textual's name
         super().__init__(id=id)
@@ -78,8 +76,7 @@ class Lines(Widget, can_focus=True):
             self.border_title = Content(new) if new else ""
 
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Return the lines for a snapshot."""
-        return ()
+        return self.shown  # of lines that do not depend on snapshots
 
     def show(self, s: SessionSnapshot) -> None:
         """Show a snapshot; only rows that have changed are painted."""
@@ -156,7 +153,7 @@ class Lines(Widget, can_focus=True):
         self._base = self._room = None
         self._painted.clear()
         app: Any = self.app
-        if not self.FIXED and app.picture is not None:
+        if app.picture is not None:
             self.show(app.picture)
 
     def on_click(self, event: events.Click) -> None:

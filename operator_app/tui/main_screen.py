@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from textual import events
 from textual.app import ComposeResult
 from textual.containers import Horizontal
-from textual.message import Message
 from textual.screen import Screen
 from textual.widgets import ContentSwitcher
 
@@ -51,10 +50,10 @@ def detail(step: Step, s: SessionSnapshot) -> str:
             unticked = len(s.procedure.fixture.checklist) - len(s.ticked)
             return f"{unticked} to tick" if unticked else s.procedure.fixture.kind
         case Step.MODES:
-            joints = s.position_joints
+            joints = s.state.position_joints
             if not joints:
                 return "not set"
-            if len(joints) == len(s.modes):
+            if len(joints) == len(s.state.modes):
                 return "all held"
             if not s.drives_ready:
                 return "apply again"
@@ -169,9 +168,11 @@ class Footer(Lines, can_focus=False):
     """The keys of the step, at most six: STOP first, then the next action."""
 
     step = Step.CONNECT
+    _spots: Sequence[tuple[int, int, str]] = ()
+    """First column, end and action of each key."""
 
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        self._spots: list[tuple[int, int, str]] = []
+        self._spots = spots = list[tuple[int, int, str]]()
         row: list[Span] = [(" ", "text")]
         at = 1
         if self.app.screen is not self.screen:
@@ -193,7 +194,7 @@ class Footer(Lines, can_focus=False):
             if at + width_of > width:
                 break
             row += [(shown, "key"), (f" {label}", "text"), ("  ", "text")]
-            self._spots.append((at, at + width_of, action.name))
+            spots.append((at, at + width_of, action.name))
             at += width_of + 2
         return [tuple(row)]
 
@@ -203,8 +204,6 @@ class Footer(Lines, can_focus=False):
 
 class TooSmall(Lines, can_focus=False):
     """Message with the required size, shown if the terminal is too small."""
-
-    FIXED = True
 
     def show_size(self, width: int, height: int) -> None:
         """Show the current and the required size."""
@@ -221,9 +220,6 @@ class MainScreen(Screen[None]):
 
     AUTO_FOCUS = ""
 
-    class Ready(Message):
-        """Message that the main screen is mounted."""
-
     def __init__(self) -> None:
         super().__init__()
         self.hint, self.footer = Hint(id="hint"), Footer(id="footer")
@@ -238,10 +234,6 @@ class MainScreen(Screen[None]):
         self._shows = 0
         self._shown_news: object = None
         self._rows = (0, 0)
-
-    def on_mount(self) -> None:
-        """Post that the screen is ready."""
-        self.post_message(self.Ready())
 
     def compose(self) -> ComposeResult:
         """Compose the widgets from top to bottom."""

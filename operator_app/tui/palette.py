@@ -4,33 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from textual.command import DiscoveryHit, Hit, Hits, Provider
 from textual.content import Content
-
-if TYPE_CHECKING:
-    from operator_app.session.ui.user_interface import Entry
-
-
-def title(action: Entry) -> str:
-    """Return the text of an action in the palette: label, step (if only one), key."""
-    where = ""
-    if len(action.steps) == 1:
-        where = f" (step {int(next(iter(action.steps)))})"
-    return f"{action.label}{where}  [{action.shown}]"
 
 
 class ActionProvider(Provider):
     """Provides all actions to the palette, where they are found by their words."""
 
     def _all(self) -> Iterator[tuple[str, dict[str, Any]]]:
-        """Yield title and data of every action: the function that performs it, text, and help."""
+        """Yield text (label, step if only one, key) and data of every action: its function, text, and help."""
         from operator_app.session.ui import action_table
 
         app: Any = self.app
         for action in action_table.ACTIONS:
-            text, command = title(action), partial(app.interface.do_anywhere, action)
+            where = f" (step {int(*action.steps)})" if len(action.steps) == 1 else ""
+            text = f"{action.label}{where}  [{action.shown}]"
+            command = partial(app.interface.do_anywhere, action)
             yield text, {"command": command, "text": text, "help": action.help}
 
     async def discover(self) -> Hits:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import textwrap
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,7 +17,6 @@ from operator_app.session.store.folders import documents_of
 from operator_app.session.ui import action_table, guards
 from operator_app.session.ui.next_action import next_action
 from operator_app.session.ui.runner import Runner
-from operator_app.session.ui.sessions import Sessions
 from operator_app.session.ui.snapshot import SessionSnapshot
 from operator_app.session.ui.steps import Step
 from operator_app.session.ui.user_interface import (
@@ -29,7 +28,7 @@ from operator_app.session.ui.user_interface import (
     YesNo,
     perform_action,
 )
-from operator_app.tui.dialogs import Read, dialog
+from operator_app.tui.dialogs import DIALOGS, Read
 from operator_app.tui.lines import Lines
 from operator_app.tui.steps.capture import CaptureView
 from operator_app.tui.steps.fixture import FixtureView
@@ -77,10 +76,14 @@ SOON_S = 0.1
 
 
 class ScreenInterface:
-    """The `UserInterface` of the terminal app; the marked rows on the screen are the selections."""
+    """The `UserInterface` of the terminal app; the marked rows on the screen are the selections.
+
+    Actions can be chosen only once a session is open; `runner` is not set before.
+    """
 
     def __init__(self, app: SarcalApp) -> None:
-        self.app = app
+        self.app, self.sessions = app, app.source
+        self.runner: Runner
         self._seen_solution: object = None
         self._opening = False
 
@@ -113,28 +116,15 @@ class ScreenInterface:
 
     def do_next_action(self) -> None:
         """Do the next action, shown above the footer."""
-        s = self.snapshot()
-        if s is not None:
-            name = next_action(self.app.step, s).action
-            if name:
-                self.do_named(name)
+        name = next_action(self.app.step, self.snapshot()).action
+        if name:
+            self.do_named(name)
 
     # -- questions and selections of actions --------------------------------------------------------------------
 
-    @property
-    def runner(self) -> Runner | None:
-        """The runner of the open session; None before a session is open."""
-        return self.app.runner
-
-    @property
-    def sessions(self) -> Sessions:
-        """The object that opens and closes sessions."""
-        return self.app.source
-
-    def snapshot(self) -> SessionSnapshot | None:
+    def snapshot(self) -> SessionSnapshot:
         """Take and show a snapshot."""
-        if self.app.runner is not None:
-            self.app.picture = self.app.runner.snapshot()
+        self.app.picture = self.runner.snapshot()
         return self.app.picture
 
     def retry_soon(self, work: Callable[[], None]) -> None:
@@ -152,7 +142,7 @@ class ScreenInterface:
             if answer is not None:
                 then(answer)
 
-        self.app.push_screen(dialog(question), answered)
+        self.app.push_screen(DIALOGS[type(question)](question), answered)
 
     def pose(self, s: SessionSnapshot) -> int | None:
         """Number of the marked pose; None if there is no pose."""
@@ -176,21 +166,15 @@ class ScreenInterface:
 
     def toggle_item(self) -> None:
         """Tick or untick the marked item of the check list."""
-        s, runner = self.snapshot(), self.runner
-        if s is not None and runner is not None and s.procedure.fixture.checklist:
-            action_table.tick(runner, s, s.ticked ^ {self.marked_item()})
+        s = self.snapshot()
+        if s.procedure.fixture.checklist:
+            action_table.tick(self.runner, s, s.ticked ^ {self.marked_item()})
 
     def toggle_joint(self) -> None:
         """Switch the selected mode of the marked joint between position and free."""
-        s, runner = self.snapshot(), self.runner
-        if s is not None and runner is not None:
-            joint = self.app.main.query_one(ModesView).main.cursor + 1
-            action_table.mark(runner, tuple(sorted({*s.selected_joints} ^ {joint})))
-
-    def cancel(self) -> None:
-        """Cancel the running task."""
-        if self.runner is not None:
-            self.runner.cancel()
+        joint = self.app.main.query_one(ModesView).main.cursor + 1
+        joints = {*self.snapshot().selected_joints} ^ {joint}
+        action_table.mark(self.runner, tuple(sorted(joints)))
 
     def write_report(self, runner: Runner) -> Path:
         """Write the report page; return its path."""
@@ -227,13 +211,15 @@ class ScreenInterface:
 
     # -- sessions ----------------------------------------------------------------------------------
 
-    def begin(self) -> None:
+    async def begin(self) -> None:
         """Resume the session named on the command line, or start a session and offer the newest unfinished one."""
         reference = self.app.resume_first
         if reference is not None:
-            self.open(lambda: self.sessions.resumed(reference))
-        else:
-            self.open(self.sessions.new, self._offer_unfinished)
+            await self._open(lambda: self.sessions.resumed(reference))
+            return
+        await self._open(self.sessions.new)
+        if self.app.problem is None:
+            await self._offer_unfinished()
 
     async def _offer_unfinished(self) -> None:
         """Offer the newest unfinished session; the journals are read in a thread."""
@@ -250,27 +236,23 @@ class ScreenInterface:
         question = YesNo(title="Resume?", text=text, yes="Resume", no="New session")
         self.ask(question, lambda _: self.open(lambda: self.sessions.resumed(name)))
 
-    def open(
-        self, make: Callable[[], Runner], then: Callable[[], Awaitable[None]] | None = None
-    ) -> None:
+    def open(self, make: Callable[[], Runner]) -> None:
         """Switch to another session, in a thread, since ending the present one and holding the arm may take time."""
         if self._opening:
             self.refuse("wait: another session is being opened")
             return
         self._opening = True
-        if self.app.runner is not None:
-            held = " and the arm is held" if self.app.runner.connected else ""
-            self.refuse(f"closing this session: its work ends{held}")
-        self.app.run_worker(self._open(make, then))
+        held = " and the arm is held" if self.runner.connected else ""
+        self.refuse(f"closing this session: its work ends{held}")
+        self.app.run_worker(self._open(make))
 
-    async def _open(
-        self, make: Callable[[], Runner], then: Callable[[], Awaitable[None]] | None
-    ) -> None:
+    async def _open(self, make: Callable[[], Runner]) -> None:
         try:
-            self.app.runner = await asyncio.to_thread(make)
+            self.runner = self.app.runner = await asyncio.to_thread(make)
         except EXPECTED as error:
             if self.app.runner is None or not self.sessions.is_open:
-                self.app.give_up(error)
+                self.app.problem = error  # `run` raises it
+                self.app.exit("problem")
                 return
             message = words(error)
             self.refuse(f"{message.happened}. {message.remedy}")
@@ -280,19 +262,17 @@ class ScreenInterface:
         self.refuse("")
         self._show_step(Step.CONNECT)
         self.app.poll()
-        if then is not None:
-            await then()
 
     def leave(self) -> None:
         """Leave; ask first while an arm is connected."""
         s = self.app.picture
         if s is None or not s.connected:
-            self.app.leave("left")
+            self.app.exit("left")
             return
         poses = len(s.state.poses)
         text = f"All joints are held and the session is kept with its {poses} poses; it can be resumed."
         question = YesNo(title="Leave?", text=text, yes="Leave, hold all")
-        self.ask(question, lambda _: self.app.leave("left"))
+        self.ask(question, lambda _: self.app.exit("left"))
 
     # -- moving about ------------------------------------------------------------------------------
 
@@ -306,8 +286,6 @@ class ScreenInterface:
     def go(self, step: Step) -> bool:
         """Show a step if it is open and return true; otherwise show what is missing."""
         s = self.snapshot()
-        if s is None:
-            return False
         missing = guards.missing_for(step, s)
         # Going back is always allowed.
         if missing and step > self.app.step:
@@ -328,18 +306,15 @@ class ScreenInterface:
 
     def move(self, by: int) -> None:
         """Move the mark in the main list of the step by `by` rows, or scroll the list."""
-        s = self.snapshot()
-        if s is not None:
-            self.app.main.view.move(by)
-            self.app.main.view.show(s)
+        self.app.main.view.move(by)
+        self.app.main.view.show(self.snapshot())
 
     # -- everything else ---------------------------------------------------------------------------
 
     def stop(self) -> None:
         """Send the software STOP from this thread, without waiting."""
-        runner = self.app.runner
-        if runner is not None and runner.connected:
-            runner.stop()
+        if self.runner.connected:
+            self.runner.stop()
             self.refuse("")
         else:
             self.refuse("STOP: no arm is connected, nothing was sent")
@@ -352,10 +327,8 @@ class ScreenInterface:
 
     def show_messages(self) -> None:
         """Show all messages in full."""
-        s = self.snapshot()
-        if s is not None:
-            text = messages_text(s, min(86, self.app.size.width - 8))
-            self.app.push_screen(Read("Messages, newest first", text))
+        text = messages_text(self.snapshot(), min(86, self.app.size.width - 8))
+        self.app.push_screen(Read("Messages, newest first", text))
 
 
 ON_SCREEN: Mapping[str, Callable[[ScreenInterface], object]] = {
@@ -363,7 +336,7 @@ ON_SCREEN: Mapping[str, Callable[[ScreenInterface], object]] = {
     "primary": ScreenInterface.do_next_action,
     "tick": ScreenInterface.toggle_item,
     "toggle_mode": ScreenInterface.toggle_joint,
-    "cancel": ScreenInterface.cancel,
+    "cancel": lambda screen: screen.runner.cancel(),
     "view": lambda screen: screen.app.main.view.next_view(),
     "next": lambda screen: screen.go_by(1),
     "back": lambda screen: screen.go_by(-1),

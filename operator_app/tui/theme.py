@@ -62,10 +62,7 @@ class Look:
 
     def style(self, role: str) -> Style:
         """Return the style of a role; a role may combine names, e.g. ``"warn bold"``."""
-        style = self.styles.get(role)
-        if style is None:
-            style = Style.combine([self.styles[name] for name in role.split()])
-        return style
+        return Style.combine(self.styles[name] for name in role.split())
 
     def text(self, text: str) -> str:
         """Return text with the characters that the terminal can show, without control characters except line breaks."""

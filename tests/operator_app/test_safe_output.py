@@ -62,7 +62,7 @@ def test_every_output_replaces_control_characters(text):
 
 
 def test_console_and_plain_mode_replace_control_characters(capsys):
-    ConsoleListener().say(f"one {HOSTILE}")
+    ConsoleListener().report(f"one {HOSTILE}")
     Terminal().say(f"one\ntwo {HOSTILE}")
     captured = capsys.readouterr()
     assert control_characters(captured.out + captured.err) == set()
@@ -153,7 +153,7 @@ def test_unwritable_progress_is_ignored(monkeypatch, stream):
     with stream() as broken:
         monkeypatch.setattr("sys.stderr", broken)
         for _ in range(3):
-            ConsoleListener().say("one line of progress")
+            ConsoleListener().report("one line of progress")
             say("another", err=True)
 
 

@@ -54,9 +54,7 @@ def opened(
     resumed: bool = False,
     clock: Clock = utc_now,
 ) -> Session:
-    opening = Opening(
-        folder=folder, resumed=resumed, procedure=procedure, choices=Choices(), sources={}
-    )
+    opening = Opening(folder=folder, resumed=resumed, procedure=procedure, choices=Choices())
     return open_session(Rig(arm=arm, opening=opening, simulated=True), clock=clock)
 
 

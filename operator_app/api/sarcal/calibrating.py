@@ -9,9 +9,7 @@ from typing import Any, Literal, get_args
 from operator_app.calibration.calibrate import calibrate as solve
 from operator_app.calibration.cross_validation import check
 from operator_app.effective_procedure import effective_procedure
-from operator_app.errors import SessionError
 from operator_app.messages.finding import Finding, FindingKind
-from operator_app.session.store.folders import read_session
 from operator_app.session.store.stored_calibration import session_calibration
 from operator_app.session.workflow.importing import CalibrationOptions
 from operator_app.session.workflow.opening import Choices, resume
@@ -157,9 +155,7 @@ def load_result(session: str | PathLike[str]) -> Result:
     if not isinstance(session, str | PathLike):
         raise TypeError(f"session={shown(session)}: give the folder of a session, or its name")
     opening = resume(fspath(session), Choices(), root=SESSIONS)
-    state, procedure = read_session(opening.folder).state, effective_procedure(opening)
-    if state is None:
-        raise SessionError(f"{opening.folder} contains no session", "name another folder")
+    state, procedure = opening.state, effective_procedure(opening)
     calibration = session_calibration(state, procedure)
     _, arm, fixture, _ = procedure.sources
     return Result(

@@ -204,7 +204,7 @@ def _provenance(subject: Subject) -> Section:
     """Return the section that states arm, fixture, procedure, times, software and pose set."""
     procedure = subject.procedure
     fixture = procedure.fixture
-    position = [j for j, mode in enumerate(subject.state.modes, 1) if mode == "position"]
+    position = subject.state.position_joints
     driven = names(position) + others_free(len(position), procedure.arm.joint_count)
     settings = ((k, v) for k, v in subject.state.settings.items() if v is not None)
     chosen = ", ".join(

@@ -149,7 +149,7 @@ def session_table_text(folder: Path, state: SessionState, *, procedure: str, tor
 
 
 def _about(folder: Path, state: SessionState, procedure: str, torn: str) -> FactTable:
-    position = [j for j, mode in enumerate(state.modes, 1) if mode == "position"]
+    position = state.position_joints
     driven = f"{joints_named(position)}{others_free(len(position), len(state.modes))}"
     poses = f"{plural(len(state.used_poses), 'pose')} that count"
     if excluded := [p.number for p in state.poses if p.excluded]:

@@ -117,23 +117,15 @@ def joint_number(value: Any, joints: int | None) -> str:
 
 def joint_key(value: Any, joints: int | None) -> str:
     """Check the number of a joint in a JSON key, i.e. written as text; return the problem, "" if it is valid."""
-    known = isinstance(value, str) and re.fullmatch(r"[1-9]\d{0,2}", value)
-    return (
-        joint_number(int(value), joints)
-        if known
-        else f"must be the number of a joint, not {_quoted(value)}"
-    )
+    if not re.fullmatch(r"[1-9]\d{0,2}", value):
+        return f"must be the number of a joint, not {_quoted(value)}"
+    return joint_number(int(value), joints)
 
 
 def one_of(*options: str) -> Check:
     """Return a check that accepts only these texts."""
-
-    def check(value: Any, _: int | None) -> str:
-        if isinstance(value, str) and value in options:
-            return ""
-        return f"{_quoted(value)} is not one of {', '.join(options)}"
-
-    return check
+    wrong = f"is not one of {', '.join(options)}"
+    return lambda value, _: "" if value in options else f"{_quoted(value)} {wrong}"
 
 
 def nullable(other: Check) -> Check:
@@ -172,10 +164,8 @@ def mapping_of(key: Check, item: Check) -> Check:
     """Return a check that accepts an object whose keys pass `key` and whose values pass `item`."""
 
     def check(value: Any, joints: int | None) -> str:
-        for name, item_value in value.items():
-            if problem := key(name, joints) or item(item_value, joints):
-                return f"{_quoted(name)}: {problem}"
-        return ""
+        problems = ((k, p) for k, v in value.items() if (p := key(k, joints) or item(v, joints)))
+        return next((f"{_quoted(k)}: {p}" for k, p in problems), "")
 
     return both(an_object, check)
 

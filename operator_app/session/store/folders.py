@@ -43,7 +43,7 @@ class SessionEntry:
 def new_folder(root: Path, name: str, utc: datetime) -> Path:
     """Return the path of a new session folder, e.g. ``20261121-093000-hinge``, without creating it.
 
-    If another program creates it first, `Journal.create_beside` takes the next free name.
+    If another program creates it first, `Journal.create` takes the next free name.
     """
     return free_path(root / f"{utc:{STAMP}}-{re.sub(r'[^A-Za-z0-9_-]+', '-', name)}")
 

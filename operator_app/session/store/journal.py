@@ -19,7 +19,6 @@ from typing import Any
 
 from operator_app.errors import (
     JournalError,
-    JournalExistsError,
     JournalForeignError,
     JournalLostError,
 )
@@ -29,6 +28,7 @@ from operator_app.session.store.journal_format import (
     JournalEvent,
     create_file,
     format_line,
+    free_path,
     fsync_folder,
     numbered_paths,
     os_errors_as_journal_errors,
@@ -38,7 +38,6 @@ from operator_app.session.store.journal_format import (
     timestamped_path,
     utc_in_words,
     write_new_file,
-    write_session_folder,
 )
 
 Clock = Callable[[], datetime]
@@ -67,7 +66,6 @@ class Journal:
         self.path, self.created_folders = path, created_folders
         self.contents = contents
         self._descriptor = descriptor
-        self._seq = len(contents.events)
         self._chain = contents.chain
         # All lines are kept, to write them to another folder if the file is lost.
         self._lines = raw.splitlines(keepends=True)
@@ -77,32 +75,24 @@ class Journal:
         self._writer = ThreadPoolExecutor(max_workers=1, thread_name_prefix="sarcal-journal")
 
     @classmethod
-    def create_beside(cls, folder: Path) -> Journal:
-        """Create a journal in the first of the folders `folder`, `folder`-2, `folder`-3, ... that has no journal."""
-        for candidate in numbered_paths(folder):
-            with suppress(JournalExistsError):
-                return cls.create(candidate)
-        raise AssertionError("there is always a next name")
+    def create(cls, beside: Path) -> Journal:
+        """Create a journal in the first of the folders `beside`, `beside`-2, `beside`-3, ... that has no journal.
 
-    @classmethod
-    def create(cls, folder: Path) -> Journal:
-        """Create a journal; raises `JournalExistsError` if `folder` has a journal, `JournalError` if writing fails."""
-        path = folder / JOURNAL_NAME
-        created_folders = tuple(f for f in (folder, *folder.parents) if not f.exists())
+        Raises `JournalError` if writing fails.
+        """
         remedy = "choose a folder with free space and write permission"
-        with os_errors_as_journal_errors(f"cannot write {path}", remedy):
-            try:
+        for folder in numbered_paths(beside):
+            path = folder / JOURNAL_NAME
+            created_folders = tuple(f for f in (folder, *folder.parents) if not f.exists())
+            problem = os_errors_as_journal_errors(f"cannot write {path}", remedy)
+            with problem, suppress(FileExistsError):
                 folder.mkdir(parents=True, exist_ok=True)
                 descriptor = create_file(path)
-            except FileExistsError as error:
-                raise JournalExistsError(
-                    f"{path} exists already",
-                    f"resume it with --resume {folder}, or name another folder",
-                ) from error
-        lock(descriptor, path)
-        fsync_folder(folder)
-        contents = JournalContents(events=(), file=str(path))
-        return cls(path, descriptor, contents, b"", created_folders)
+                lock(descriptor, path)
+                fsync_folder(folder)
+                contents = JournalContents(events=(), file=str(path))
+                return cls(path, descriptor, contents, b"", created_folders)
+        raise AssertionError("there is always a next name")
 
     @classmethod
     def resume(cls, folder: Path) -> Journal:
@@ -176,7 +166,9 @@ class Journal:
                 f"{self.path} can no longer be written: {self._broken}",
                 "repair the disk, then resume this session and check its last entry",
             )
-        event = JournalEvent(seq=self._seq + 1, utc=utc_in_words(clock()), name=name, data=data)
+        event = JournalEvent(
+            seq=len(self._lines) + 1, utc=utc_in_words(clock()), name=name, data=data
+        )
         line, chain = format_line(event, self._chain)
         problem = self._file_problem()
         if problem:
@@ -186,7 +178,7 @@ class Journal:
             "free space or repair the disk, then resume this session; nothing accepted so far is lost",
         ):
             self._write(line)
-        self._seq, self._chain = event.seq, chain
+        self._chain = chain
         self._lines.append(line)
         self._size += len(line)
         return event
@@ -244,13 +236,15 @@ class Journal:
         own, rescued, remedy = self.path.parent, None, ""
         for root in (own.parent, Path(tempfile.gettempdir())):
             try:
-                lines = [*self._lines, line]
-                rescued = write_session_folder(root, f"{own.name}-rescued", lines)
+                folder = free_path(root / f"{own.name}-rescued")
+                folder.mkdir(parents=True)
+                write_new_file(folder / JOURNAL_NAME, b"".join((*self._lines, line)))
+                fsync_folder(root)
             except OSError as error:
                 reason = f"{root}: {error.strerror}"
                 remedy = f"the rescue copy failed ({reason}): find out what happened to the folder"
             else:
-                with_last = ", with the last entry," if line else ""
+                rescued, with_last = folder, ", with the last entry," if line else ""
                 remedy = (
                     f"all entries{with_last} are in {rescued}: find out what happened to the folder, then go on "
                     f"with --resume {rescued}"

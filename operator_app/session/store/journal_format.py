@@ -309,24 +309,11 @@ def free_path(path: Path) -> Path:
 
 def write_new_file(path: Path, data: bytes) -> None:
     """Write a new file to disk; raises OSError if it exists or cannot be written."""
-    descriptor = create_file(path)
-    try:
-        written = 0
-        while written < len(data):
-            written += os.write(descriptor, data[written:])
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
+    with os.fdopen(create_file(path), "wb") as file:
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
     fsync_folder(path.parent)
-
-
-def write_session_folder(root: Path, stem: str, lines: list[bytes]) -> Path:
-    """Create a session folder below `root`, write a journal with these lines, return the folder; raises OSError."""
-    folder = free_path(root / stem)
-    folder.mkdir(parents=True)
-    write_new_file(folder / JOURNAL_NAME, b"".join(lines))
-    fsync_folder(root)
-    return folder
 
 
 def create_file(path: Path) -> int:

@@ -6,6 +6,7 @@ Every event is in the journal before it changes the state.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from fixtures.base import EndpointConstraint
@@ -71,9 +72,7 @@ class Logbook:
         return last
 
     def restore(self, number: int) -> None:
-        """Restore an undone pose; raises `GuardError` if it was not undone."""
-        if all(pose.number != number for pose in self.state.undone):
-            raise GuardError(f"pose {number} was not undone", "capture a pose")
+        """Restore an undone pose."""
         self.record("pose_restored", {"number": number})
 
     def exclude(self, number: int, reason: str) -> None:
@@ -92,7 +91,7 @@ class Logbook:
         self.record("pose_noted", {"number": number, "text": text})
 
     def _require_pose(self, number: int) -> None:
-        if all(pose.number != number for pose in self.state.poses):
+        if self.state.pose(number) is None:
             known = ", ".join(str(p.number) for p in self.state.poses) or "none"
             raise GuardError(f"there is no pose {number}", f"captured poses: {known}")
 
@@ -117,23 +116,16 @@ class Logbook:
         self,
         progress: Progress | None = None,
         *,
-        estimator: str | None = None,
-        unsensed_joints: tuple[int, ...] | None = None,
         solver: Solver = solve_here,
+        **options: Any,
     ) -> Solution:
-        """Calibrate from the used poses, by default with the procedure's options, and record the solution.
+        """Calibrate from the used poses with the procedure's options, except these, and record the solution.
 
         First writes poses.csv beside the journal, so that it exists even if the calibration fails.
         """
         save_poses(self.journal.path.parent / POSES_NAME, self.state.pose_set())
-        solution = solve(
-            self.state,
-            self.procedure,
-            estimator=estimator,
-            unsensed_joints=unsensed_joints,
-            solver=solver,
-            progress=progress,
-        )
+        procedure = replace(self.procedure, **options)
+        solution = solve(self.state, procedure, solver=solver, progress=progress)
         if self.truths is not None:
             first = min(p.placement for p in self.state.used_poses)
             solution = with_truth(solution, self.model, self.truths, first=first)

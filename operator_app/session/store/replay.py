@@ -8,7 +8,7 @@ from functools import reduce
 from pathlib import Path
 from typing import Any
 
-from hardware.arm import HostLatency
+from hardware.arm import HostLatency, JointMode
 from operator_app.errors import JournalDamagedError
 from operator_app.session.store.events import event_problem, joint_count_in
 from operator_app.session.store.journal_format import JournalContents, JournalEvent
@@ -65,7 +65,7 @@ def apply(state: SessionState, event: JournalEvent) -> SessionState:
             home = frozen(data.get("home_rad", data["start_rad"]))
             return replace(state, start_rad=start, home_rad=home)
         case "modes":
-            return replace(state, modes=tuple(data["modes"]))
+            return replace(state, modes=tuple(map(JointMode, data["modes"])))
         case "waypoint_skipped":
             waypoint = data["waypoint"]
             return replace(
@@ -116,12 +116,10 @@ def _measured(data: Mapping[str, Any], utc: str) -> dict[str, Any]:
 
 def _undone(state: SessionState, number: int, *, back: bool) -> SessionState:
     """Return the state after a pose was undone or, if `back`, restored."""
-    changed = tuple(p for p in (state.undone if back else state.poses) if p.number == number)
-    undone = tuple(p for p in state.undone if p.number != number)
-    remaining = tuple(p for p in state.poses if p.number != number)
-    if not back:
-        return _with_other_poses(replace(state, undone=(*undone, *changed)), remaining)
-    poses = tuple(sorted((*remaining, *changed), key=lambda p: p.number))
+    numbers = {p.number for p in state.undone} - {number} | (set() if back else {number})
+    every = sorted((*state.poses, *state.undone), key=lambda p: p.number)
+    undone = tuple(p for p in every if p.number in numbers)
+    poses = tuple(p for p in every if p.number not in numbers)
     return _with_other_poses(replace(state, undone=undone), poses)
 
 

@@ -117,7 +117,7 @@ class SessionState:
         Joint angles (n,) when the drives were first enabled, and centre of the drive box: the procedure's home or, in
         journals of earlier versions, the start. None before.
     modes
-        ``position`` or ``free`` for each joint as last confirmed; empty until set.
+        Mode of each joint as last confirmed by its drive; empty until set.
     poses, undone
         Captured poses, including excluded ones, and the poses removed by undo.
     visited, skipped_waypoints
@@ -160,7 +160,7 @@ class SessionState:
     node_serials: Mapping[int, int] = field(default_factory=dict)
     start_rad: FloatArray | None = None
     home_rad: FloatArray | None = None
-    modes: tuple[str, ...] = ()
+    modes: tuple[JointMode, ...] = ()
     poses: tuple[CapturedPose, ...] = ()
     undone: tuple[CapturedPose, ...] = ()
     visited: frozenset[int] = frozenset()
@@ -185,7 +185,7 @@ class SessionState:
     @property
     def position_joints(self) -> tuple[int, ...]:
         """Joints in position mode as last confirmed."""
-        return tuple(j for j, m in enumerate(self.modes, 1) if m == JointMode.POSITION.value)
+        return tuple(j for j, m in enumerate(self.modes, 1) if m is JointMode.POSITION)
 
     @property
     def next_waypoint(self) -> int:
@@ -196,6 +196,10 @@ class SessionState:
     def used_poses(self) -> tuple[CapturedPose, ...]:
         """Poses that are neither excluded nor removed by undo."""
         return tuple(p for p in self.poses if not p.excluded)
+
+    def pose(self, number: int) -> CapturedPose | None:
+        """Return the pose with this number, excluded or not; None if there is none."""
+        return next((p for p in self.poses if p.number == number), None)
 
     @property
     def poses_here(self) -> tuple[CapturedPose, ...]:

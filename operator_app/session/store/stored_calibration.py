@@ -10,7 +10,7 @@ import math
 import platform
 from dataclasses import dataclass, replace
 from importlib.metadata import version
-from typing import Any
+from typing import Any, Literal
 
 from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.cross_validation import Checks, check
@@ -43,7 +43,7 @@ def session_calibration(
     state: SessionState,
     procedure: Procedure,
     *,
-    estimator: str | None = None,
+    estimator: Literal["paper", "implicit"] | None = None,
     unsensed_joints: tuple[int, ...] | None = None,
 ) -> StoredCalibration:
     """Return the calibration of the used poses.
@@ -70,7 +70,8 @@ def session_calibration(
     if unsensed_joints is None:
         unsensed_joints = tuple(then.get("unsensed_joints", procedure.unsensed_joints))
     estimator = estimator or then.get("estimator", procedure.estimator)
-    solution = solve(state, procedure, estimator=estimator, unsensed_joints=unsensed_joints)
+    options = replace(procedure, estimator=estimator, unsensed_joints=unsensed_joints)
+    solution = solve(state, options)
     return StoredCalibration(solution=solution, checks=None, recalculated_because=reason)
 
 
@@ -87,22 +88,18 @@ def solve(
     state: SessionState,
     procedure: Procedure,
     *,
-    estimator: str | None = None,
-    unsensed_joints: tuple[int, ...] | None = None,
     solver: Solver = solve_here,
     progress: Progress | None = None,
 ) -> Solution:
-    """Calibrate from the used poses with the procedure's limits and tolerances; options that are None are its own."""
-    estimator = procedure.estimator if estimator is None else estimator
-    unsensed_joints = procedure.unsensed_joints if unsensed_joints is None else unsensed_joints
-    require_estimator_for(unsensed_joints, estimator)
+    """Calibrate from the used poses with the procedure's options, limits and tolerances."""
+    require_estimator_for(procedure.unsensed_joints, procedure.estimator)
     solution = solver(
         calibrate,
         procedure.arm,
         procedure.fixture.fixture,
         state.pose_set(),
-        estimator=estimator,
-        unsensed_joints=unsensed_joints,
+        estimator=procedure.estimator,
+        unsensed_joints=procedure.unsensed_joints,
         drop=bool(state.settings.get("drop_unidentifiable")),
         length_tolerance_m=procedure.length_tolerance_m,
         limits=procedure.acceptance,

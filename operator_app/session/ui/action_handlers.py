@@ -122,7 +122,7 @@ def home(context: ActionContext) -> None:
     s = context.s
     ways = [
         (j, s.procedure.arm.home_rad[j - 1] - s.arm.joints[j - 1].position_rad)
-        for j, mode in enumerate(s.modes, 1)
+        for j, mode in enumerate(s.state.modes, 1)
         if mode is JointMode.POSITION and s.arm is not None
     ]
     text = (
@@ -149,7 +149,7 @@ def exclude(context: ActionContext) -> None:
 def note(context: ActionContext) -> None:
     """Ask for a note and attach it to the selected pose."""
     number = context.interface.pose(context.s)
-    pose = next((p for p in context.s.state.poses if p.number == number), None)
+    pose = None if number is None else context.s.state.pose(number)
     if pose is None:
         return
     context.ask(

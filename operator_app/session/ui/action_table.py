@@ -310,9 +310,9 @@ def for_key(key: str, step: Step) -> Action | OnScreen | None:
     return next((a for a in ACTIONS if key in a.keys and step in a.steps), None)
 
 
-def footer(step: Step, table: tuple[Action | OnScreen, ...] = ()) -> tuple[Action | OnScreen, ...]:
-    """Return the actions in the footer of a step, at most six; `table` may replace `ACTIONS`."""
-    shown = [a for a in table or ACTIONS if step in a.steps & a.footer]
+def footer(step: Step) -> tuple[Action | OnScreen, ...]:
+    """Return the actions in the footer of a step, at most six."""
+    shown = [a for a in ACTIONS if step in a.steps & a.footer]
     for name in LEAST_IMPORTANT:
         if len(shown) > MAX_IN_FOOTER:
             shown = [a for a in shown if a.name != name]

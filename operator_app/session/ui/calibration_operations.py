@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -28,7 +28,7 @@ from operator_app.planning.live import (
 from operator_app.planning.task import planning_task
 from operator_app.session.store.solver_process import SolvingProcess
 from operator_app.session.store.state import SessionState
-from operator_app.session.ui.snapshot import DiffRow, Level, Publisher
+from operator_app.session.ui.snapshot import DiffRow, Level
 from operator_app.session.workflow.capture import verify
 from operator_app.session.workflow.export import export, recorded_export
 from operator_app.session.workflow.listener import Listener
@@ -39,6 +39,9 @@ from solver.chain.parameters import DhEntry, nominal_vector
 from solver.design.plan import PlanningTask
 from solver.loops.closure import ClosureModel, poses_needed
 
+if TYPE_CHECKING:
+    from operator_app.session.ui.runner import Runner
+
 
 class CalibrationOperations(Listener):
     """Operations on the calibration of a session; publishes its state and the quality of its poses.
@@ -46,8 +49,8 @@ class CalibrationOperations(Listener):
     `solution`: the calibration from the current poses; None before there is one.
     """
 
-    def __init__(self, session: Session, publisher: Publisher) -> None:
-        self._session, self._publisher = session, publisher
+    def __init__(self, session: Session, runner: Runner) -> None:
+        self._session, self._runner = session, runner
         self.solution: Solution | None = None
         self._plan: tuple[Mapping[int, float], ...] = ()
         self._forecast: Forecast | None = None
@@ -57,11 +60,10 @@ class CalibrationOperations(Listener):
 
     def report(self, text: str, level: Level = Level.INFO) -> None:
         """Add a message for the operator."""
-        self._publisher.say(level, text)
+        self._runner.say(level, text)
 
     def _publish(self, **values: Any) -> None:
-        """Replace these fields of the snapshot."""
-        self._publisher.publish(lambda s: replace(s, **values))
+        self._runner.publish(lambda s: replace(s, **values))
 
     # -- quality of the poses ------------------------------------------------------------------------
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from fixtures.base import Severity
-from hardware.arm import DriveState, JointMode
+from hardware.arm import DriveState
 from operator_app.config.procedure import MOST_PLACEMENTS
 from operator_app.messages.errors import drive_words
 from operator_app.planning import drives
@@ -71,13 +71,13 @@ def capture_ready(s: SessionSnapshot) -> str:
         return before
     if s.stopped:
         return "STOP is latched: reset it (R), then apply the modes again (step 3)"
-    if not s.modes:
+    if not s.state.modes:
         return "the joint modes are not set: apply them (step 3)"
-    if s.mobility < len(s.position_joints) == len(s.modes):
+    if s.mobility < len(s.state.position_joints) == len(s.state.modes):
         return "all joints are in position mode: apply the modes again (step 3)"
     if not s.drives_ready:
         return f"{_not_ready(s)}: apply the modes again (step 3)"
-    return modes_problem(s, s.position_joints)
+    return modes_problem(s, s.state.position_joints)
 
 
 def calibrate_ready(s: SessionSnapshot) -> str:
@@ -295,7 +295,7 @@ def may_verify(s: SessionSnapshot) -> str:
 
 def in_modes(s: SessionSnapshot) -> bool:
     """Whether the drives are enabled, and as many joints are in position mode as the chain has degrees of freedom."""
-    return s.drives_ready and len(s.position_joints) == s.mobility
+    return s.drives_ready and len(s.state.position_joints) == s.mobility
 
 
 def needs_reset(s: SessionSnapshot) -> bool:
@@ -321,11 +321,10 @@ def _not_ready(s: SessionSnapshot) -> str:
     if len(others) > 1:
         states = set(map(drive_words, others))
         return f"{len(others)} drives are {states.pop() if len(states) == 1 else 'not enabled'}"
-    for joint, mode in zip(s.arm.joints, s.modes, strict=False):
+    for joint, mode in zip(s.arm.joints, s.state.modes, strict=False):
         if joint.drive is not DriveState.OPERATION_ENABLED:
             return f"drive {joint.joint} is {drive_words(joint.drive)}"
         if joint.mode is not mode:
             actual = "no mode" if joint.mode is None else joint.mode.value
-            required = "position" if mode is JointMode.POSITION else "free"
-            return f"joint {joint.joint} reports {actual} instead of {required}"
+            return f"joint {joint.joint} reports {actual} instead of {mode.value}"
     return "the drives are not ready"

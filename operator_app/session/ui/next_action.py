@@ -7,13 +7,7 @@ from dataclasses import dataclass
 
 from fixtures.base import Severity
 from operator_app.messages.errors import unstopped_words
-from operator_app.session.ui.guards import (
-    lacks_drift_check,
-    may_run_automatically,
-    missing_for,
-    modes_problem,
-    moves_real_arm,
-)
+from operator_app.session.ui import guards
 from operator_app.session.ui.snapshot import DataState, SessionSnapshot, TaskKind, needs_reconnect
 from operator_app.session.ui.steps import Step
 from operator_app.units import names, others_free
@@ -58,11 +52,10 @@ def _faults(faults: Mapping[int, str]) -> str:
     """Return which drives are in fault, with the codes if there are any, and how to reset them."""
     what = "; ".join(sorted({text for text in faults.values() if text}))
     known = f" ({what})" if what else ""
+    which, them = f"{len(faults)} drives are", "them"
     if len(faults) == 1:
-        return f"the drive of J{min(faults)} is in fault{known}: find the cause, then Enter (or R) resets it"
-    return (
-        f"{len(faults)} drives are in fault{known}: find the cause, then Enter (or R) resets them"
-    )
+        which, them = f"the drive of J{min(faults)} is", "it"
+    return f"{which} in fault{known}: find the cause, then Enter (or R) resets {them}"
 
 
 def _lost(step: Step) -> NextAction:
@@ -119,8 +112,12 @@ def _fixture(s: SessionSnapshot) -> NextAction:
 
 def _modes(s: SessionSnapshot) -> NextAction:
     marked = s.selected_joints
-    problem = modes_problem(s, marked)
-    if not problem and s.position_joints == marked and not missing_for(Step.CAPTURE, s):
+    problem = guards.modes_problem(s, marked)
+    if (
+        not problem
+        and s.state.position_joints == marked
+        and not guards.missing_for(Step.CAPTURE, s)
+    ):
         return _next(Step.CAPTURE, "the modes are set and read back")
     if problem:
         return NextAction("suggest", "Best set", problem)
@@ -140,7 +137,7 @@ def _modes(s: SessionSnapshot) -> NextAction:
 def _capture(s: SessionSnapshot) -> NextAction:
     if needs_reconnect(s):
         return _CONNECT_AGAIN
-    missing = missing_for(Step.CAPTURE, s)
+    missing = guards.missing_for(Step.CAPTURE, s)
     used = len(s.state.used_poses)
     poses_left = s.required_poses - used
     if poses_left > 0 and missing:
@@ -154,11 +151,11 @@ def _capture(s: SessionSnapshot) -> NextAction:
         if s.state.resumed and s.state.poses_here:
             first = s.state.poses_here[0].number
             hint = f"Enter measures pose {first} again (drift check), then captures {poses}"
-        if moves_real_arm(s):
+        if guards.moves_real_arm(s):
             hint += " (it asks first)"
         return NextAction("automatic", "Automatic", hint)
     captured = f"all {used} poses are captured"
-    if lacks_drift_check(s) and not may_run_automatically(s):
+    if guards.lacks_drift_check(s) and not guards.may_run_automatically(s):
         captured += ", but the drift check is missing (a makes it)"
     return _next(Step.CALIBRATE, captured)
 
@@ -172,7 +169,7 @@ def _calibrate(s: SessionSnapshot) -> NextAction:
 
 
 def _results(s: SessionSnapshot) -> NextAction:
-    if missing_for(Step.EXPORT, s):
+    if guards.missing_for(Step.EXPORT, s):
         hint = "not accepted: follow the warnings, or exclude bad poses, and calibrate again"
         return NextAction("step_4", "Capture more", hint)
     verdict = "" if s.solution is None else s.solution.verdict.words

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from operator_app.errors import GuardError
 from operator_app.messages.errors import configured_words, unwatching_words
 from operator_app.session.store.state import CapturedPose, SessionState
 from operator_app.session.ui.calibration_operations import CalibrationOperations
-from operator_app.session.ui.snapshot import Level, Publisher
+from operator_app.session.ui.snapshot import Level
 from operator_app.session.workflow import drive_selection
 from operator_app.session.workflow.capture import outlier_warning, take_poses
 from operator_app.session.workflow.session import Session
@@ -18,6 +19,9 @@ from operator_app.units import MOVED, READING_SD, names, others_free
 from solver.chain.parameters import nominal_vector
 from solver.design.actions import GoTo
 from solver.design.drive_joints import RankedDrives, rank_at_pose
+
+if TYPE_CHECKING:
+    from operator_app.session.ui.runner import Runner
 
 TEST_WIGGLE_RAD = float(np.deg2rad(2.0))
 
@@ -28,15 +32,14 @@ class _Edit:
 
     before: CapturedPose
     captured: int
-    removed: bool = False
 
 
 class Operations(CalibrationOperations):
     """The operations of the seven steps. Publishes their progress."""
 
-    def __init__(self, session: Session, publisher: Publisher) -> None:
-        super().__init__(session, publisher)
-        session.cancelled = publisher.cancelled
+    def __init__(self, session: Session, runner: Runner) -> None:
+        super().__init__(session, runner)
+        session.cancelled = runner.cancelled
         session.instruct = self.report
         self._edits: list[_Edit] = []
         self._undone: list[_Edit] = []
@@ -90,7 +93,7 @@ class Operations(CalibrationOperations):
             choice = drive_selection.choose(session, may_move=False)
             joints, ranked = choice.drives, choice.ranked
         best = ranked[0].drives if ranked else joints
-        self._publisher.publish(
+        self._runner.publish(
             lambda s: replace(
                 s, checks=checks, ranked=ranked, selected_joints=s.selected_joints or best
             )
@@ -196,7 +199,7 @@ class Operations(CalibrationOperations):
             return
         self._edits.clear()
         pose = self._session.undo()
-        self._undone.append(_Edit(before=pose, captured=self._session.state.captured, removed=True))
+        self._undone.append(_Edit(before=pose, captured=self._session.state.captured))
         self.refresh()
         self.report(f"pose {pose.number} is removed")
 
@@ -204,15 +207,11 @@ class Operations(CalibrationOperations):
         """Redo the last undone change; raises GuardError if there is none, or poses were changed since."""
         if not self._undone or self._undone[-1].captured != self._session.state.captured:
             raise GuardError("There is nothing to redo", "Undo a change first (u)")
-        last = self._undone.pop()
-        number = last.before.number
-        if last.removed:
-            self._session.restore(number)
-        else:
-            self._save_before_edit(self._edits, number)
-            self._restore(last.before)
+        pose = self._undone.pop().before
+        self._save_before_edit(self._edits, pose.number)
+        self._restore(pose)
         self.refresh()
-        self.report(f"the change of pose {number} is redone")
+        self.report(f"the change of pose {pose.number} is redone")
 
     def exclude(self, number: int) -> None:
         """Exclude a pose, or include it again."""
@@ -236,13 +235,16 @@ class Operations(CalibrationOperations):
     def _save_before_edit(self, edits: list[_Edit], number: int) -> CapturedPose | None:
         """Append pose `number`, as it is before the edit, to `edits` and return it; None if there is none."""
         state = self._session.state
-        pose = next((p for p in state.poses if p.number == number), None)
+        pose = state.pose(number)
         if pose is not None:
             edits.append(_Edit(before=pose, captured=state.captured))
         return pose
 
     def _restore(self, pose: CapturedPose) -> None:
-        now = next((p for p in self._session.state.poses if p.number == pose.number), pose)
+        now = self._session.state.pose(pose.number)
+        if now is None:
+            self._session.restore(pose.number)
+            return
         if now.note != pose.note:
             self._session.note(pose.number, pose.note)
         if now.excluded and not pose.excluded:
@@ -284,7 +286,7 @@ class Operations(CalibrationOperations):
 
     def planning(self, *, active: bool) -> None:
         """Publish whether the next poses are being planned."""
-        self._publisher.publish(
+        self._runner.publish(
             lambda s: s if s.task is None else replace(s, task=replace(s.task, planning=active))
         )
 

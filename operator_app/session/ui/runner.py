@@ -79,13 +79,14 @@ class Runner:
         self._monotonic, self._clock = monotonic, clock
         self.operations = Operations(session, self)
         self._jobs: queue.SimpleQueue[_Job | None] = queue.SimpleQueue()
+        # Tasks that have not ended, including the running one.
         self._waiting_jobs: deque[_Job] = deque()
         # Lock for `submit` from several threads; `stop` never acquires it.
         self._submitting = threading.Lock()
         self._current: _Job | None = None
         self._closing = threading.Event()
         self._publishing = threading.Lock()
-        self._supervisor = Supervisor(self, recording_ended, monotonic)
+        self.supervisor = Supervisor(self, recording_ended, monotonic)
         self._data_at_s = self._polled_s = monotonic()
         self.defect: BaseException | None = None
         self._base = SessionSnapshot(
@@ -190,11 +191,6 @@ class Runner:
 
     # -- commands ----------------------------------------------------------------------------------
 
-    @property
-    def pending(self) -> int:
-        """Number of tasks that have not ended, including the running one."""
-        return len(self._waiting_jobs)
-
     def submit(
         self, kind: TaskKind, text: str, work: Callable[[], None], *, uncancellable: bool = False
     ) -> None:
@@ -220,7 +216,7 @@ class Runner:
         pressed_s = self._monotonic()
         problem = ""
         before = self._base.stop
-        again = (before is not None and not before.problem) or bool(self._supervisor.reported_stop)
+        again = (before is not None and not before.problem) or bool(self.supervisor.reported_stop)
         try:
             self.session.arm.stop()
         except Exception as error:  # noqa: BLE001 - STOP may fail, it may not raise
@@ -315,11 +311,7 @@ class Runner:
         with self._supervised():
             while not self._closing.wait(WATCH_PERIOD_S):
                 now = self._current_snapshot()
-                self._supervisor.check(now, unseen_s=now.now_s - self._polled_s)
-
-    def recording_problem(self) -> str:
-        """Return why a recording of the bus ended early; "" if it did not, or if that was already reported."""
-        return self._supervisor.recording_problem()
+                self.supervisor.check(now, unseen_s=now.now_s - self._polled_s)
 
     def send_quick_stop(self) -> bool:
         """Send a quick stop without informing the operator; return whether it was sent.

@@ -128,7 +128,7 @@ class Sessions:
                 self.lost = session.journal.loss
                 self.not_held = session.not_held
                 # Reported in the next session.
-                self._warning = runner.recording_problem()
+                self._warning = runner.supervisor.recording_problem()
 
     def _open(self, opening: Opening, closing_reason: str) -> Runner:
         """Open a session and return its runner; once it is open, close the previous one for `closing_reason`."""

@@ -9,11 +9,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from fixtures.base import SetupCheck
 from hardware import errors
-from hardware.arm import ArmIdentity, ArmSnapshot, DriveState, JointMode, UploadReceipt
+from hardware.arm import ArmIdentity, ArmSnapshot, DriveState, UploadReceipt
 from operator_app.calibration.cross_validation import Checks
 from operator_app.calibration.result import Solution
 from operator_app.calibration.verification import VerificationResult
@@ -245,43 +245,20 @@ class SessionSnapshot:
         return self.procedure.capture.strategy == "planned" and not by_hand
 
     @property
-    def modes(self) -> tuple[JointMode, ...]:
-        """Mode of each joint as last confirmed by its drive; empty until set."""
-        return tuple(JointMode(m) for m in self.state.modes)
-
-    @property
-    def position_joints(self) -> tuple[int, ...]:
-        """Joints in position mode as last confirmed."""
-        return self.state.position_joints
-
-    @property
     def drives_ready(self) -> bool:
         """Whether every drive is enabled and in its confirmed mode."""
         return (
             self.arm is not None
-            and len(self.modes) == len(self.arm.joints)
+            and len(self.state.modes) == len(self.arm.joints)
             and all(
                 joint.drive is DriveState.OPERATION_ENABLED and joint.mode is mode
-                for joint, mode in zip(self.arm.joints, self.modes, strict=True)
+                for joint, mode in zip(self.arm.joints, self.state.modes, strict=True)
             )
         )
 
 
 Change = Callable[[SessionSnapshot], SessionSnapshot]
 """Function that returns a changed snapshot: ``lambda s: replace(s, field=value)``."""
-
-
-class Publisher(Protocol):
-    """Receives the results of operations, and reports whether the operator has cancelled."""
-
-    def publish(self, change: Change) -> None:
-        """Replace the snapshot by the changed one."""
-
-    def say(self, level: Level, text: str) -> None:
-        """Add a message for the operator."""
-
-    def cancelled(self) -> bool:
-        """Whether the operator has cancelled the task."""
 
 
 # -- messages --------------------------------------------------------------------------------------

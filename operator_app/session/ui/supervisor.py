@@ -185,7 +185,7 @@ class Supervisor:
             self._runner.submit(
                 TaskKind.NOTE,
                 "recording why the arm was stopped",
-                self._runner.session.record_stop_cause,
+                self._runner.session.reader.sensor_faults.record_stop_cause,
                 uncancellable=True,
             )
 

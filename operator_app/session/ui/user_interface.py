@@ -72,15 +72,15 @@ class UserInterface(Protocol):
     """A user interface."""
 
     @property
-    def runner(self) -> Runner | None:
-        """The runner of the open session; None before a session is open."""
+    def runner(self) -> Runner:
+        """The runner of the open session."""
 
     @property
     def sessions(self) -> Sessions:
         """The object that opens and closes sessions."""
 
-    def snapshot(self) -> SessionSnapshot | None:
-        """Return a new snapshot; None before a session is open."""
+    def snapshot(self) -> SessionSnapshot:
+        """Return a new snapshot."""
 
     def retry_soon(self, work: Callable[[], None]) -> None:
         """Call `work` a few SYNC periods later."""
@@ -209,8 +209,6 @@ def perform_action(
 ) -> None:
     """Do an action, or show why its guard refuses it; if only stale data prevent it, try up to `tries` snapshots."""
     s, runner = interface.snapshot(), interface.runner
-    if s is None or runner is None:
-        return
     missing = action.guard(s)
     late = s.data is DataState.STALE and not action.guard(replace(s, data=DataState.FRESH))
     if missing and late and tries > 1:

@@ -35,7 +35,7 @@ from operator_app.session.store.journal_format import (
 from operator_app.session.store.replay import apply
 from operator_app.session.store.state import SessionState
 from operator_app.session.store.stored_calibration import solution_data, solve
-from operator_app.session.workflow.opening import SOURCE_KINDS
+from operator_app.session.workflow.opening import texts_of
 from operator_app.units import plural
 from solver.chain.poses import PoseSet
 
@@ -77,7 +77,7 @@ class ImportedSession:
         options = CalibrationOptions() if options is None else options
         poses = _numbered(poses)
         slowest = min(j.max_speed_rad_per_s for j in parse_arm(arm.data, arm.file).joints)
-        data = _procedure(_procedure_name(name), math.degrees(slowest), len(poses), options)
+        data = _procedure(name, math.degrees(slowest), len(poses), options)
         procedure = parse_procedure(
             Resource(file="import", folder=None, data=data),
             snapshot={"arm": arm, "fixture": fixture},
@@ -86,13 +86,12 @@ class ImportedSession:
         self.state = SessionState()
         self._clock = clock
         self._events: list[JournalEvent] = []
-        sources = zip(SOURCE_KINDS, procedure.sources, strict=True)
         settings = {
             "length_tolerance_m": options.length_tolerance_m,
             "drop_unidentifiable": options.drop_unidentifiable or None,
         }
         opened = {
-            "sources": {kind: source.data.decode() for kind, source in sources},
+            "sources": texts_of(procedure),
             "settings": {key: value for key, value in settings.items() if value is not None},
         }
         self._record("opened", opened)
@@ -184,15 +183,13 @@ def _pose(poses: PoseSet, k: int) -> dict[str, Any]:
     return record
 
 
-def _procedure_name(name: str) -> str:
-    cleaned = re.sub(r"[^A-Za-z0-9_-]+", "-", name).strip("-")[:48]
-    return cleaned if re.match(r"[A-Za-z]", cleaned) else f"poses-{cleaned}".rstrip("-")
-
-
 def _procedure(
     name: str, slowest_deg_per_s: float, poses: int, options: CalibrationOptions
 ) -> bytes:
     """Return the contents of a procedure file for these poses."""
+    name = re.sub(r"[^A-Za-z0-9_-]+", "-", name).strip("-")[:48]
+    if not re.match(r"[A-Za-z]", name):
+        name = f"poses-{name}".rstrip("-")
     return dump_strict(
         {
             "schema": "sarcal/procedure/1",

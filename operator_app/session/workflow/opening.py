@@ -6,9 +6,9 @@ and environment.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -23,8 +23,9 @@ from operator_app.session.store.folders import find_session, new_folder, next_or
 from operator_app.session.store.journal import Clock, Journal, read_journal, utc_now
 from operator_app.session.store.journal_format import JOURNAL_NAME
 from operator_app.session.store.replay import session_state
+from operator_app.session.store.state import SessionState
 from operator_app.session.store.stored_calibration import require_estimator_for
-from operator_app.session.workflow.remounting import next_due, require_mountable
+from operator_app.session.workflow.remounting import require_mountable
 from solver.estimators.estimate import require_enough_poses
 
 if TYPE_CHECKING:
@@ -78,20 +79,14 @@ class Choices:
 class Opening:
     """A session to be started or resumed; nothing is written yet.
 
-    `imported`: file from which the poses were read, empty if an arm captured them. `placement`: number of the current
-    placement of the fixture. `next_due`: whether that placement is complete and another placement follows.
-    `unconfirmed_placement`: whether that placement is not the first and has no pose yet.
+    `state`: the state recorded so far; of a new session, it has the sources only.
     """
 
     folder: Path
     resumed: bool
     procedure: Procedure
     choices: Choices
-    sources: Mapping[str, str]
-    imported: str = ""
-    placement: int = 1
-    next_due: bool = False
-    unconfirmed_placement: bool = False
+    state: SessionState = field(default_factory=SessionState)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -126,7 +121,7 @@ def open_session(rig: Rig, *, clock: Clock = utc_now) -> Session:
     from operator_app.session.workflow.session import Session
 
     opening, settings = rig.opening, asdict(rig.opening.choices)
-    journal = (Journal.resume if opening.resumed else Journal.create_beside)(opening.folder)
+    journal = (Journal.resume if opening.resumed else Journal.create)(opening.folder)
     arm, folder = rig.arm, journal.path.parent
     if isinstance(arm, Recordable) and arm.record_to and arm.record_to.parent == opening.folder:
         # The journal may have got another folder than the intended one: the recording stays beside it.
@@ -146,7 +141,7 @@ def open_session(rig: Rig, *, clock: Clock = utc_now) -> Session:
             session.record(
                 "opened",
                 {
-                    "sources": dict(opening.sources),
+                    "sources": dict(opening.state.sources),
                     "settings": settings,
                     "order": next_order(folder.parent, but=folder),
                 },
@@ -176,22 +171,24 @@ def remove_if_empty(session: Session) -> bool:
     return True
 
 
+def texts_of(procedure: Procedure) -> dict[str, str]:
+    """Return the text of each document of a procedure, by kind."""
+    documents = zip(SOURCE_KINDS, procedure.sources, strict=True)
+    return {kind: source.data.decode() for kind, source in documents}
+
+
 def begin(reference: str, choices: Choices, *, root: Path, clock: Clock = utc_now) -> Opening:
     """Return the opening of a new session of a procedure (built-in name or path); raises ConfigError."""
     chosen: dict[Kind, Resource] = {}
     if choices.profile is not None:
         chosen["profile"] = resolve("profile", choices.profile)
     procedure = parse_procedure(resolve("procedure", reference), snapshot=chosen)
-    sources: dict[str, str] = {
-        kind: source.data.decode()
-        for kind, source in zip(SOURCE_KINDS, procedure.sources, strict=True)
-    }
     return Opening(
         folder=new_folder(root, procedure.name, clock()),
         resumed=False,
         procedure=_with_choices(procedure, choices),
         choices=choices,
-        sources=sources,
+        state=SessionState(sources=texts_of(procedure)),
     )
 
 
@@ -250,11 +247,7 @@ def resume(reference: str, choices: Choices, *, root: Path) -> Opening:
         resumed=True,
         procedure=procedure,
         choices=merged,
-        sources=state.sources,
-        imported=state.imported,
-        placement=state.placement,
-        next_due=next_due(state, procedure),
-        unconfirmed_placement=state.unconfirmed_placement,
+        state=state,
     )
 
 
@@ -278,12 +271,7 @@ def _with_choices(procedure: Procedure, choices: Choices) -> Procedure:
     procedure = replace(procedure, capture=capture, **own)
     if choices.placements is not None:
         procedure = replace(procedure, placements=require_mountable(procedure, choices.placements))
-    _require_solvable(procedure)
-    return procedure
-
-
-def _require_solvable(procedure: Procedure) -> None:
-    """Raise an error for a procedure with which no capture can lead to a calibration."""
+    # Otherwise no capture can lead to a calibration.
     n = procedure.arm.joint_count
     wrong = [j for j in procedure.unsensed_joints if j > n]
     if wrong:
@@ -295,5 +283,6 @@ def _require_solvable(procedure: Procedure) -> None:
     if procedure.capture.strategy == "planned":
         # The exploration before a plan captures as many poses as are needed.
         require_closed_chain(procedure.fixture.fixture)
-        return
-    require_enough_poses(model, procedure.capture.poses)
+    else:
+        require_enough_poses(model, procedure.capture.poses)
+    return procedure

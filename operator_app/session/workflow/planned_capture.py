@@ -241,7 +241,6 @@ class PlannedCapture:
         )
 
     def _end(self, action: Finished) -> Finished:
-        """Record the end of the campaign and return it."""
         data = {
             "complete": action.complete,
             "text": action.text,

@@ -62,11 +62,6 @@ class Instrument:
         self._port, self._full, self._patience_s = port, full_pose, patience_s
         self._heading = ""
 
-    @property
-    def name(self) -> str:
-        """Name of the port."""
-        return self._port.name
-
     def open(self) -> None:
         """Open the port; raises InstrumentError."""
         self._heading = self._port.open()
@@ -74,7 +69,7 @@ class Instrument:
             try:
                 require_heading(self._heading)
             except BadLine as error:
-                raise InstrumentError(f"the heading of {self.name} {error}") from error
+                raise InstrumentError(f"the heading of {self._port.name} {error}") from error
 
     def close(self) -> None:
         """Close the port. May be called twice."""
@@ -109,7 +104,7 @@ class Instrument:
                 raise TargetLostError(endpoint.lost)
             if self._full and len(endpoint.endpoint) == 3:
                 raise InstrumentError(
-                    f"{self.name} sent no orientation for pose {pose}, and the fixture file states `measures: "
+                    f"{self._port.name} sent no orientation for pose {pose}, and the fixture file states `measures: "
                     f"pose`. Let it send one of these groups: {ROTATION_EXAMPLE}; or write `measures: position` in "
                     "the fixture file"
                 )
@@ -119,12 +114,14 @@ class Instrument:
         try:
             return read_row(self._heading, text) if self._heading else read_json_line(text)
         except BadLine as error:
-            raise InstrumentError(f"the line from {self.name} for pose {pose} {error}") from error
+            raise InstrumentError(
+                f"the line from {self._port.name} for pose {pose} {error}"
+            ) from error
 
     def _silent(self, pose: str, other: str) -> InstrumentError:
         other_pose = f"; it sent one for pose {other}" if other else ""
         return InstrumentError(
-            f"no measurement of pose {pose} arrived from the tracker at {self.name} within "
+            f"no measurement of pose {pose} arrived from the tracker at {self._port.name} within "
             f"{self._patience_s:.0f} s{other_pose}. No pose is lost. Check that the tracker is on, sees its target and "
             "is sending; then continue this session"
         )

@@ -245,10 +245,6 @@ class Session(Logbook):
         self._keep("reading", {"number": len(self.state.readings) + 1, "kind": kind, "of": of})
         return self.state.readings[-1]
 
-    def record_stop_cause(self) -> None:
-        """Record and raise the fault that made the arm stop by itself while idle, if there was one."""
-        self.reader.sensor_faults.record_stop_cause()
-
     def reset_stop(self) -> None:
         """Clear STOP and drive faults after recording why the arm was stopped; the drives stay disabled.
 
@@ -265,8 +261,8 @@ class Session(Logbook):
 
     # -- end -------------------------------------------------------------------------------------
 
-    def release_holding(self) -> bool:
-        """Release the arm, which holds its position and can be connected again; return whether the arm confirmed this.
+    def release_holding(self) -> None:
+        """Release the arm, which holds its position and can be connected again; `held`: whether the arm confirmed this.
 
         First records data that only the arm object has: why the arm was stopped, and the host latency.
         """
@@ -280,18 +276,13 @@ class Session(Logbook):
             self.held = self.arm.close()
             self._powered = self.arm.left_powered if isinstance(self.arm, PowerReporting) else ()
             self.identity = None
-        return self.held
 
-    def close(self, reason: str) -> bool:
-        """Release the arm like `release_holding` and close the journal; return whether the arm holds.
-
-        May be called twice.
-        """
+    def close(self, reason: str) -> None:
+        """Release the arm like `release_holding` and close the journal. May be called twice."""
         try:
             # If `release_holding` cannot write to the journal, neither can `record` below, which raises the error.
             with suppress(JournalError):
                 self.release_holding()
-            return self.held
         finally:
             self.reader.close_instrument()
             try:

@@ -59,7 +59,6 @@ def _target(s: SessionSnapshot) -> str:
 
 
 def _angles(targets_rad: Mapping[int, float]) -> str:
-    """Return the drive joints and their targets as text."""
     angles = "  ".join(f"J{j}\xa0{TARGET(v).shown}" for j, v in targets_rad.items())
     return f"{angles} {TARGET.quantity.unit}"
 
@@ -91,18 +90,15 @@ class PosesPanel(ListPanel):
         "it. u undoes the last change, x excludes the marked pose, n writes a note."
     )
 
-    def count(self, s: SessionSnapshot) -> int:
-        """Return the number of poses."""
+    def _count(self, s: SessionSnapshot) -> int:
         return len(s.state.poses)
 
-    def head(self, s: SessionSnapshot, width: int) -> Sequence[Line]:
-        """Column titles."""
+    def _head(self, s: SessionSnapshot, width: int) -> Sequence[Line]:
         sd, closure_unit = READING_SD.quantity.unit, PREDICTED.quantity.unit
         titles = line((f"    #  TIME      NOISE [{sd}]  PRED [{closure_unit}]  NOTE", "header"))
         return [titles] if s.state.poses else [titles, line(("    no pose yet", "dim"))]
 
-    def row(self, s: SessionSnapshot, k: int, width: int) -> Sequence[Line]:
-        """Return the line of one pose."""
+    def _row(self, s: SessionSnapshot, k: int, width: int) -> Sequence[Line]:
         pose, is_marked = s.state.poses[-1 - k], k == self.cursor
         before = s.state.poses[-2 - k] if k + 1 < len(s.state.poses) else pose
         first = f"placement {pose.placement} begins " if pose.placement != before.placement else ""
@@ -118,8 +114,6 @@ class PosesPanel(ListPanel):
 
 class ProgressPanel(Lines, can_focus=False):
     """Progress and remaining time."""
-
-    TITLE = ""
 
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         used, total = len(s.state.used_poses), s.required_poses

@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from operator_app.report.parameter_tables import formats
 from operator_app.report.results.verification import verified_words
 from operator_app.report.spans import Line, clip, entry, line, wrapped
 from operator_app.report.table import Cell, FactTable, figures, shown, words
-from operator_app.session.ui.snapshot import SessionSnapshot
+from operator_app.session.ui.snapshot import DiffRow, SessionSnapshot
 from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
 from operator_app.tui.widgets.list_panel import TablePanel
 from operator_app.units import quantity_of
 from solver.chain.parameters import wrap_angle
-
-if TYPE_CHECKING:
-    from operator_app.calibration.result import Solution
-    from operator_app.session.ui.snapshot import DiffRow
 
 
 class FilePanel(Lines):
@@ -45,9 +40,11 @@ class FilePanel(Lines):
             return [clip(row, width) for row in rows]
         rows.append(entry("To", f"controller {serial} over {s.bus}"))
         if s.receipt is None:
-            table = _difference(s)
-            count = 0 if table is None else changed(table)
-            text = f"not uploaded: {count} of {len(s.diff)} parameters would change"
+            table = difference_table(s)
+            rows_of = () if table is None else table.rows
+            # Only differences in the digits shown count.
+            changed = sum(shown(active) != shown(new) for _, _, active, new, _ in rows_of)
+            text = f"not uploaded: {changed} of {len(s.diff)} parameters would change"
             rows.append(entry("Controller", text))
         else:
             text = f"✓ slot {s.receipt.slot} active, {s.receipt.length} bytes read back"
@@ -61,13 +58,8 @@ class DiffPanel(TablePanel):
     TITLE = "Difference from the controller's active parameters"
     HELP = "Every calibrated parameter: the controller's present value, the new value, the change."
 
-    def table(self, s: SessionSnapshot) -> FactTable | None:
-        """Return the table of active and new values."""
-        return _difference(s)
-
-
-def _difference(s: SessionSnapshot) -> FactTable | None:
-    return None if s.solution is None or not s.diff else difference_table(s.solution, s.diff)
+    def _table(self, s: SessionSnapshot) -> FactTable | None:
+        return difference_table(s)
 
 
 class RecordPanel(Lines):
@@ -102,9 +94,11 @@ class ExportView(StepView):
     MAIN = "diff"
 
 
-def difference_table(solution: Solution, rows: tuple[DiffRow, ...]) -> FactTable:
+def difference_table(s: SessionSnapshot) -> FactTable | None:
     """Return the active and the new value of every calibrated entry, with as many digits as in the results."""
-    format_of = formats(solution.identified)
+    if s.solution is None or not s.diff:
+        return None
+    format_of = formats(s.solution.identified)
 
     def cells(row: DiffRow) -> tuple[Cell, ...]:
         figure, unit = format_of(row), quantity_of(row).unit
@@ -119,10 +113,5 @@ def difference_table(solution: Solution, rows: tuple[DiffRow, ...]) -> FactTable
         ident="difference",
         title="Difference from the controller's active parameters",
         columns=(*words("parameter", "unit"), *figures("active", "new", "change")),
-        rows=tuple(map(cells, rows)),
+        rows=tuple(map(cells, s.diff)),
     )
-
-
-def changed(table: FactTable) -> int:
-    """Return the number of entries whose new and active values differ in the digits shown."""
-    return sum(shown(active) != shown(new) for _, _, active, new, _ in table.rows)

@@ -128,25 +128,23 @@ class ChecklistPanel(ListPanel):
 
     _ticked: frozenset[int] = frozenset()
 
-    def count(self, s: SessionSnapshot) -> int:
-        """Number of items."""
+    def _count(self, s: SessionSnapshot) -> int:
         return len(s.procedure.fixture.checklist)
 
-    def row(self, s: SessionSnapshot, k: int, width: int) -> Sequence[Line]:
-        """Return the lines of one item."""
+    def _row(self, s: SessionSnapshot, k: int, width: int) -> Sequence[Line]:
         is_marked, mark = k == self.cursor, "x" if k in s.ticked else " "
         text = f"{'▌' if is_marked else ' '}[{mark}] {s.procedure.fixture.checklist[k]}"
         return wrapped(text, width, "cursor text" if is_marked else "text", "     ")
 
     def all_rows(self, s: SessionSnapshot, width: int) -> Sequence[Line]:
         """Return the lines of all items."""
-        return [row for k in range(self.count(s)) for row in self.row(s, k, width)]
+        return [row for k in range(self._count(s)) for row in self._row(s, k, width)]
 
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         """Return the lines of the list; after an item was ticked, the next unticked item is marked."""
         if s.ticked != self._ticked:
             self._ticked = s.ticked
-            self.cursor = min(set(range(self.count(s))) - s.ticked, default=self.cursor)
+            self.cursor = min(set(range(self._count(s))) - s.ticked, default=self.cursor)
         return super()._build(s, width, height)
 
 

@@ -35,7 +35,7 @@ class PlanPanel(Lines):
         problem = modes_problem(s, marked)
         if problem:
             rows += wrapped(" ▲ " + problem, width, "warn", "   ")
-        elif s.drives_ready and s.position_joints == marked:
+        elif s.drives_ready and s.state.position_joints == marked:
             rows.append(line(" ✓ applied, and read back from every drive"))
         else:
             text = " ○ not applied: the drives will be enabled; keep clear of the arm"

@@ -107,8 +107,7 @@ class ParametersPanel(TablePanel):
         "the paper's estimator from the same poses. Angles in deg, lengths in mm."
     )
 
-    def table(self, s: SessionSnapshot) -> FactTable | None:
-        """Return the table of parameters."""
+    def _table(self, s: SessionSnapshot) -> FactTable | None:
         facts = facts_on(s)
         return None if facts is None else facts.tables[0]
 
@@ -150,7 +149,6 @@ class ResultsPlot(Lines):
     def _page(
         self, solution: Solution, subject: Subject, facts: Facts, width: int, height: int
     ) -> tuple[str, Sequence[Line]]:
-        """Return title and lines of the current page."""
         ascii_only, page = self.look.ascii_only, self.page % self.count
         if page == 0:
             picture = misses(subject, solution.identified)

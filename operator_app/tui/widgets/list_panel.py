@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from hardware.arm import DriveState, JointMode, JointState
 from operator_app.report.spans import Line, Span, length, line, window
@@ -16,22 +16,19 @@ from solver.chain.sensors import Encoder, NoSensor, Rvdt, Sensor
 
 
 class ListPanel(Lines):
-    """A list with a header; subclasses override `head`, `count` and `row`. `cursor`: marked row, always visible."""
+    """A list with a header; subclasses override `_head`, `_count` and `_row`. `cursor`: marked row, always visible."""
 
-    def __init__(self, *, id: str | None = None) -> None:  # noqa: A002 - Textual's name
-        super().__init__(id=id)
-        self.cursor = 0
-        self._last = 0
+    cursor = 0
+    _last = 0
 
-    def head(self, s: SessionSnapshot, width: int) -> Sequence[Line]:
+    def _head(self, s: SessionSnapshot, width: int) -> Sequence[Line]:
         """Header lines, always visible."""
         return ()
 
-    def count(self, s: SessionSnapshot) -> int:
-        """Number of rows."""
+    def _count(self, s: SessionSnapshot) -> int:
         return 0
 
-    def row(self, s: SessionSnapshot, k: int, width: int) -> Sequence[Line]:
+    def _row(self, s: SessionSnapshot, k: int, width: int) -> Sequence[Line]:
         """Lines of row `k`, from 0."""
         return ()
 
@@ -40,24 +37,24 @@ class ListPanel(Lines):
         self.cursor = max(0, min(self._last, self.cursor + by))
 
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        head, count = self.head(s, width), self.count(s)
+        head, count = self._head(s, width), self._count(s)
         room = max(1, height - len(head))
         self._last = max(0, count - 1)
         self.cursor = min(self.cursor, self._last)
         first = max(0, min(self.cursor - room // 2, count - room))
         visible = range(first, min(count, first + room))
-        return [*head, *(line for k in visible for line in self.row(s, k, width))]
+        return [*head, *(line for k in visible for line in self._row(s, k, width))]
 
 
 class TablePanel(ListPanel):
-    """A table, which subclasses choose by overriding `table`; no row is marked, `cursor` is the first visible row."""
+    """A table, which subclasses choose by overriding `_table`; no row is marked, `cursor` is the first visible row."""
 
-    def table(self, s: SessionSnapshot) -> FactTable | None:
+    def _table(self, s: SessionSnapshot) -> FactTable | None:
         """Return the table to show; None if there is no table."""
         return None
 
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        table = self.table(s)
+        table = self._table(s)
         head, body = ([], []) if table is None else table_spans(table)
         rows, shown, self.cursor = window(body, self.cursor, max(1, height - len(head)))
         self._last = len(body) - shown
@@ -73,6 +70,7 @@ _DRIVES = {
     DriveState.FAULT: "FAULT",
     DriveState.FAULT_REACTION_ACTIVE: "FAULT",
 }
+_SENSORS: Mapping[type[Sensor], str] = {Encoder: "enc", Rvdt: "RVDT", NoSensor: "none"}
 
 
 class JointTable(ListPanel):
@@ -89,24 +87,20 @@ class JointTable(ListPanel):
         super().__init__(id=id)
         self.show_selected = show_selected
 
-    def count(self, s: SessionSnapshot) -> int:
-        """Number of joints."""
+    def _count(self, s: SessionSnapshot) -> int:
         return s.procedure.arm.joint_count
 
     def _cells(self, width: int) -> int:
-        """Number of cells of the range bar."""
         return max(7, min(13, width - (58 if self.show_selected else 68)))
 
-    def head(self, s: SessionSnapshot, width: int) -> Sequence[Line]:
-        """Column titles."""
+    def _head(self, s: SessionSnapshot, width: int) -> Sequence[Line]:
         bar = "-range+".center(self._cells(width))
         titles = f"  JOINT         MODE     POS[deg] V[deg/s] T[N m] {bar} STATE"
         if self.show_selected:
             titles = f"  JOINT         SENS WANTED   ACTUAL    POS[deg] T[N m] {bar}"
         return [line((titles, "header"))]
 
-    def row(self, s: SessionSnapshot, k: int, width: int) -> Sequence[Line]:
-        """Return the row of one joint."""
+    def _row(self, s: SessionSnapshot, k: int, width: int) -> Sequence[Line]:
         joint, state = s.procedure.arm.joints[k], s.arm.joints[k] if s.arm is not None else None
         marked = self.show_selected and k == self.cursor
         spans: list[Span] = []
@@ -120,7 +114,7 @@ class JointTable(ListPanel):
         if self.show_selected:
             drives = k + 1 in s.selected_joints
             requested = JointMode.POSITION if drives else JointMode.FREE
-            add(_sensor(joint.sensor).ljust(5), "dim")
+            add(_SENSORS[type(joint.sensor)].ljust(5), "dim")
             add(_mode(requested).ljust(9), "accent" if drives else "text")
         if state is None:
             add("no data".ljust(9), "dim")
@@ -177,13 +171,3 @@ def _state(
 
 def _mode(mode: JointMode | None) -> str:
     return "—" if mode is None else mode.value.upper()
-
-
-def _sensor(sensor: Sensor) -> str:
-    match sensor:
-        case Encoder():
-            return "enc"
-        case Rvdt():
-            return "RVDT"
-        case NoSensor():
-            return "none"

@@ -135,16 +135,14 @@ class ArmView(Lines):
         "is the path of the tool."
     )
 
-    def __init__(self, *, id: str | None = None) -> None:  # noqa: A002 - Textual's name
-        super().__init__(id=id)
-        self._box: FloatArray | None = None
-        self._box_of: object = None
-        self._figures: tuple[object, ...] = ()
-        self._things: tuple[object, ...] = ()
-        self._at = np.zeros(0)
-        self._next: tuple[FloatArray, ...] = ()
-        self._drawn: Sequence[Line] = ()
-        self._turn = False
+    _box: FloatArray | None = None
+    _box_of: object = None
+    _figures: tuple[object, ...] = ()
+    _things: tuple[object, ...] = ()
+    _at: FloatArray = np.zeros(0)
+    _next: tuple[FloatArray, ...] = ()
+    _drawn: Sequence[Line] = ()
+    _turn = False
 
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         """Return the drawing; it is made again only if a joint moved visibly or other contents changed."""

@@ -35,7 +35,7 @@ def write_calibration(root: Path, when: datetime, poses: PoseSet, *, serial: str
         serial_number=serial,
         clock=lambda: when,
     )
-    solution = solve(session.state, session.procedure, estimator="implicit", unsensed_joints=())
+    solution = solve(session.state, session.procedure)
     session.add(solution, None)
     return session.write(root=root)
 

@@ -163,9 +163,10 @@ def stop_after_pose(session: Session) -> DriveDiverged:
 
 
 def test_stop_cause_is_journalled_once_and_its_pose_excluded(session):
-    session.record_stop_cause()
+    record_stop_cause = session.reader.sensor_faults.record_stop_cause
+    record_stop_cause()
     cause = stop_after_pose(session)
-    for request in (session.record_stop_cause, session.record_stop_cause, session.reader.read):
+    for request in (record_stop_cause, record_stop_cause, session.reader.read):
         with pytest.raises(DriveDiverged):
             request()
     assert event_data(session, "sensor_fault") == [{"joint": 5, "text": str(cause)}]

@@ -133,7 +133,8 @@ def test_loss_is_detected_when_the_session_is_closed(make_session, lose, late_ti
     session = make_session(short_procedure(8), connect=True)
     session.arm.lateness = HostLatency(times=late_times, last_s=0.4, longest_s=0.4)
     lose(session.journal.path)
-    assert session.close("done"), "the arm is held"
+    session.close("done")
+    assert session.held
     assert session.journal.loss is not None
     assert read_journal(session.journal.kept_folder).events[-1].name == last
 

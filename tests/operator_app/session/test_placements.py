@@ -17,6 +17,7 @@ from operator_app.session.store.journal import JOURNAL_NAME, read_journal
 from operator_app.session.store.replay import replay, session_state
 from operator_app.session.store.state import SessionState
 from operator_app.session.workflow.opening import Choices, Opening, begin, resume
+from operator_app.session.workflow.remounting import next_due
 from operator_app.session.workflow.session import Session
 from tests.oracles.journals import POSE, Named, journal_event, sources, write_journal, written
 
@@ -106,7 +107,8 @@ def test_poses_and_repeats_belong_to_their_placement():
 )
 def test_next_placement_is_due_once_the_first_is_complete(write_session, events, placement, due):
     opening = resume_in(write_session(events))
-    assert (opening.placement, opening.next_due) == (placement, due)
+    now_due = next_due(opening.state, opening.procedure)
+    assert (opening.state.placement, now_due) == (placement, due)
 
 
 def test_operator_must_confirm_the_next_placement(write_session, type_lines, approve):
@@ -123,10 +125,12 @@ def test_operator_must_confirm_the_next_placement(write_session, type_lines, app
         with pytest.raises(SessionError, match="was not confirmed") as error:
             next_placement(asked, ConsoleListener(), root=folder.parent)
         assert f"sarcal run --resume {folder}" in error.value.remedy
-        assert resume_in(folder).next_due
+        again = resume_in(folder)
+        assert next_due(again.state, again.procedure)
     type_lines("\nmounted\n")
     second = next_placement(opening, ConsoleListener(), root=folder.parent)
-    assert (second.placement, second.next_due, second.procedure.placements) == (2, False, 2)
+    assert (second.state.placement, second.procedure.placements) == (2, 2)
+    assert not next_due(second.state, second.procedure)
     assert last_event(folder) == "remounted"
 
 
@@ -187,7 +191,8 @@ def test_signal_during_the_confirmation_changes_nothing(
     assert f"Go on with: sarcal run --resume {folder}" in text
     assert (folder / JOURNAL_NAME).read_bytes() == before
     opening = resume_in(folder)
-    assert (opening.next_due, opening.unconfirmed_placement) == (not more, bool(more))
+    assert next_due(opening.state, opening.procedure) is not bool(more)
+    assert opening.state.unconfirmed_placement is bool(more)
 
 
 @pytest.mark.parametrize(("held", "powered"), [(True, (2, 5)), (False, (2, 5)), (False, ())])
@@ -195,7 +200,8 @@ def test_powered_drives_or_a_silent_arm_prevent_remounting(session, held, powere
     """Also if STOP holds the drives."""
     session.arm.left_powered = powered
     session.arm.close = lambda: held
-    assert session.close("the fixture is remounted") is held
+    session.close("the fixture is remounted")
+    assert session.held is held
     message = "drives of joints 2, 5 are still powered" if powered else "did not answer"
     with pytest.raises(SessionError, match=message) as error:
         session.require_drives_off()

@@ -110,7 +110,9 @@ class Driver:
     async def idle(self) -> None:
         """Wait until the worker is idle and the screen shows it."""
         runner = self.app.runner
-        await self.until(lambda: not runner.pending and runner.snapshot().task is None, "idle")
+        await self.until(
+            lambda: not runner._waiting_jobs and runner.snapshot().task is None, "idle"
+        )
         self.app.poll()
         await self.settle()
 

@@ -16,7 +16,7 @@ from operator_app.session.ui.snapshot import Level, TaskKind
 from operator_app.session.ui.steps import Step
 from operator_app.session.ui.user_interface import Action, OnScreen
 from operator_app.tui.dialogs import Read
-from operator_app.tui.palette import ActionProvider, title
+from operator_app.tui.palette import ActionProvider
 from operator_app.tui.screen_interface import ON_SCREEN
 from tests.oracles.script import Script, pause_briefly
 from tests.oracles.story import busy, real, story
@@ -42,8 +42,9 @@ async def test_new_action_appears_and_works_in_all_interfaces(still, source, mon
         await d.press("W")
         assert [m.text for m in d.s.messages[-1:]] == ["whistled"]
         palette = ActionProvider(d.app.main)
-        assert title(WHISTLE) in [str(hit.text) async for hit in palette.discover()]
-        assert title(WHISTLE) in [str(hit.text) async for hit in palette.search("Whistle")]
+        title = "Whistle (step 1)  [W]"
+        assert title in [str(hit.text) async for hit in palette.discover()]
+        assert title in [str(hit.text) async for hit in palette.search("Whistle")]
         await d.press("question_mark")
         assert "Whistle: Blow the whistle beside the arm." in " ".join(
             (await d.dialog_text()).split()
@@ -89,15 +90,12 @@ def test_next_action_belongs_to_its_step():
 
 
 def test_full_footer_drops_back_and_quit_first():
-    steps = frozenset({Step.FIXTURE})
-    added = tuple(
-        OnScreen(name=f"more {k}", keys=(), shown="", label="", help="", steps=steps, footer=steps)
-        for k in range(2)
-    )
-    before = [a.name for a in footer(Step.FIXTURE)]
-    assert before == ["stop", "primary", "procedure", "back", "help", "quit"]
-    after = [a.name for a in footer(Step.FIXTURE, (*ACTIONS, *added))]
-    assert after == ["stop", "primary", "procedure", "help", "more 0", "more 1"]
+    for step, expected in (
+        (Step.FIXTURE, ["stop", "primary", "procedure", "back", "help", "quit"]),
+        (Step.CALIBRATE, ["stop", "primary", "estimator", "unsensed", "back", "help"]),
+        (Step.MODES, ["stop", "primary", "toggle_mode", "suggest", "wiggle", "help"]),
+    ):
+        assert [a.name for a in footer(step)] == expected
 
 
 def test_guards_block_actions_while_a_task_runs():

@@ -1,5 +1,6 @@
 """Texts of panels and messages: in full where there is room, and only characters that a terminal shows."""
 
+import threading
 import unicodedata
 from dataclasses import replace
 from datetime import datetime, timedelta
@@ -16,9 +17,10 @@ from operator_app.report.text import facts_text
 from operator_app.session.ui.next_action import next_action
 from operator_app.session.ui.snapshot import Level, Message, SessionSnapshot, TaskKind
 from operator_app.session.ui.steps import Step
+from operator_app.tui.app import SarcalApp
 from operator_app.tui.dialogs import Read
 from operator_app.tui.lines import Clicked
-from operator_app.tui.main_screen import detail
+from operator_app.tui.main_screen import Footer, MainScreen, detail
 from operator_app.tui.steps.capture import PosesPanel, ProgressPanel, QualityPanel, StillPanel
 from operator_app.tui.steps.connect import NodesPanel
 from operator_app.tui.steps.export import RecordPanel
@@ -27,6 +29,7 @@ from operator_app.tui.steps.modes import PlanPanel
 from operator_app.tui.steps.results import ResultsPlot, VerdictPanel
 from operator_app.tui.widgets.list_panel import JointTable
 from solver.diagnostics.cross_validation import CommonShift
+from tests.oracles.still_runner import StaticSource
 from tests.oracles.story import busy, lost, stale, stopped, story, tripped, with_condition_above
 
 
@@ -224,9 +227,9 @@ def test_step_list_names_drives_that_are_on_and_otherwise_asks_to_apply():
     for other in (stopped(s), tripped(s), replace(s, arm=None)):
         assert detail(Step.MODES, other) == "apply again"
     for joints, words in (((2,), "J2 drives"), ((1, 5, 6, 7), "J1 J5 J6 J7")):
-        modes = tuple("position" if j in joints else "free" for j in range(1, 8))
+        modes = tuple(JointMode.POSITION if j in joints else JointMode.FREE for j in range(1, 8))
         arm_joints = tuple(
-            replace(j, mode=JointMode(mode)) for j, mode in zip(s.arm.joints, modes, strict=True)
+            replace(j, mode=mode) for j, mode in zip(s.arm.joints, modes, strict=True)
         )
         arm, state = replace(s.arm, joints=arm_joints), replace(s.state, modes=modes)
         assert detail(Step.MODES, replace(s, arm=arm, state=state)) == words
@@ -302,6 +305,26 @@ async def test_focused_panel_is_marked_on_a_small_terminal(still, ascii_only):
         assert d.app.main.focused is joints
         assert joints.styles.outline_right[0] == ("ascii" if ascii_only else "vkey")
         assert joints.content_size.height >= 8
+
+
+async def test_click_on_the_footer_before_a_session_is_open_does_nothing():
+    opened = threading.Event()
+
+    class SlowSource(StaticSource):
+        def new(self, procedure=None):
+            opened.wait(60.0)
+            return super().new(procedure)
+
+    app = SarcalApp(lambda: SlowSource(story()["start"]))
+    async with app.run_test() as pilot:
+        try:
+            while not isinstance(app.screen, MainScreen) or not app.main.footer.size.area:
+                await pilot.pause(0.01)
+            await pilot.click(Footer)
+            await pilot.pause()
+            assert app.picture is None
+        finally:
+            opened.set()
 
 
 async def test_clicks_on_view_and_log_do_not_end_a_motion(still):

@@ -32,6 +32,21 @@ async def test_stop_does_not_wait_for_the_event_loop(still):
         assert d.runner.stops == 2
 
 
+class HandledOnInput(list):
+    """Keys handled on input; the thread that reads keys adds one while another is looked up."""
+
+    def remove(self, event):
+        super().remove(event)
+        self.append(events.Key("f8", None))
+
+
+async def test_a_key_that_is_read_meanwhile_does_not_send_stop_twice(still):
+    async with still(story()["solved"]) as d:
+        d.app._stops_handled = HandledOnInput()
+        await d.press("f8")
+        assert d.runner.stops == 1
+
+
 DIALOGS = [
     (Step.MODES, "ticked", "a", Confirm),
     (Step.CAPTURE, "capturing", "n", Ask),

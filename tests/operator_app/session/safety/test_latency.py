@@ -80,13 +80,9 @@ def test_a_run_ended_by_missed_heartbeats_reports_host_latency(busy, code, times
     busy.capture()
     if times:
         busy.arm.lateness = late(times, 0.83, 0.9 if times > 1 else 0.83)
-    cut_short = CutShort(
-        session=busy,
-        cause=DriveFault(1, code, "heartbeat or not"),
-        connected=True,
-        held=busy.close("failed"),
-        kept=True,
-    )
+    busy.close("failed")
+    fault = DriveFault(1, code, "heartbeat or not")
+    cut_short = CutShort(session=busy, cause=fault, connected=True, kept=True)
     lines = [line for line in cut_short_lines(cut_short) if "This computer was late" in line]
     assert len(lines) == bool(text)
     assert text in "".join(lines)

@@ -105,8 +105,9 @@ def test_a_session_is_opened_by_one_program_at_a_time_and_not_overwritten(tmp_pa
     assert not is_in_use(tmp_path)
     assert not is_in_use(tmp_path / "none")
     Journal.resume(tmp_path).close()
-    with pytest.raises(JournalError, match="exists already"):
-        Journal.create(tmp_path)
+    beside = Journal.create(tmp_path)
+    beside.close()
+    assert beside.path.parent == tmp_path.with_name(f"{tmp_path.name}-2")
 
 
 def test_non_finite_numbers_are_not_written(tmp_path):

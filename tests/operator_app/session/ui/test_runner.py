@@ -68,7 +68,7 @@ def finish(runner: Runner) -> None:
     done = threading.Event()
     runner.submit(TaskKind.NOTE, "the last", done.set)
     assert done.wait(PATIENCE_S)
-    until(lambda: not runner.pending)
+    until(lambda: not runner._waiting_jobs)
 
 
 def test_a_finished_task_is_not_shown_as_running(make_session):
@@ -235,7 +235,7 @@ def stopped_by_itself(source, runner, work):
     runner.submit(TaskKind.CALIBRATE, "calibrating", calibrating)
     assert calibrating.begun.wait(PATIENCE_S)
     source.arm.diverge(5)
-    until(lambda: runner.pending > 1)
+    until(lambda: len(runner._waiting_jobs) > 1)
     until(lambda: any("oint 5" in a.text for a in runner.snapshot().alarms))
     return runner
 
@@ -270,7 +270,7 @@ def test_concurrent_tasks_run_in_order_and_can_be_ended(make_session):
     runner = Runner(make_session(short_procedure(3)), simulated=True, bus="none", monotonic=clock)
     work = Task(runner.cancelled)
     first.start()
-    until(lambda: runner.pending > 0)
+    until(lambda: len(runner._waiting_jobs) > 0)
     runner.submit(TaskKind.NOTE, "the second", second.set)
     first.join()
     assert work.begun.wait(PATIENCE_S)

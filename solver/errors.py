@@ -10,16 +10,7 @@ class SolverError(Exception):
 
     def __reduce__(self) -> tuple[object, ...]:
         """Pickle by attributes instead of constructor arguments: the error may come from another process."""
-        return _rebuilt, (type(self), self.args, dict(self.__dict__))
-
-
-def _rebuilt(
-    kind: type[SolverError], args: tuple[object, ...], attributes: dict[str, object]
-) -> SolverError:
-    error = kind.__new__(kind)
-    error.args = args
-    error.__dict__.update(attributes)
-    return error
+        return Exception.__new__, (type(self), *self.args), self.__dict__
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

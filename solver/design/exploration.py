@@ -74,12 +74,7 @@ class Explorer:
         return self._proposed
 
     def observe(self, q_rad: FloatArray, stopped: str = "") -> None:
-        """Report the readings (n,) at the end of the proposed move; `stopped` says why it ended early.
-
-        Raises `ValueError` if no move was proposed.
-        """
-        if not self._proposed:
-            raise ValueError("nothing was proposed")
+        """Report the readings (n,) at the end of the proposed move; `stopped` says why it ended early."""
         self._proposed = ()
         self._moved, self._q, self._stopped = q_rad - self._q, np.array(q_rad), stopped
 

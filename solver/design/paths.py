@@ -66,10 +66,8 @@ class PathGraph:
         *,
         allowed: BoolArray | None = None,
     ) -> None:
-        if any(len(set(drives)) != manifold.motion.degrees for drives in drive_sets):
-            raise ValueError(f"every drive set needs {manifold.motion.degrees} joints")
         self.manifold = manifold
-        self.drive_sets = tuple(tuple(drives) for drives in drive_sets)
+        self.drive_sets = tuple(drive_sets)
         self.limits = limits
         self._allowed = np.ones(manifold.size, dtype=np.bool_) if allowed is None else allowed
         self._leverage = np.array([manifold.motion.leverage(drives) for drives in self.drive_sets])

@@ -58,7 +58,6 @@ def steps(
     *,
     low_noise: WhitenedResiduals | None = None,
     scale: float = 1.0,
-    false_alarm: float = FALSE_ALARM_PROBABILITY,
 ) -> tuple[ChangePoint, ...]:
     """Return the most significant step of each suspect, in order of significance.
 
@@ -69,7 +68,7 @@ def steps(
     m = len(residuals.white)
     if m < 2 * STEP_EDGE_POSES or not suspects:
         return ()
-    level = false_alarm / sum(s.false_alarm_share for s in suspects)
+    level = FALSE_ALARM_PROBABILITY / sum(s.false_alarm_share for s in suspects)
     change_points: list[ChangePoint] = []
     for of_reading in (False, True):
         tested = low_noise if of_reading and low_noise is not None else residuals

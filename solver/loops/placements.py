@@ -54,19 +54,6 @@ class Placements(ClosureModel):
     _columns: tuple[IntArray, ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        placement = np.array(self.placement, dtype=np.int64)
-        placement.setflags(write=False)
-        object.__setattr__(self, "placement", placement)
-        if len(self.numbers) != len(self.models) or list(self.numbers) != sorted(set(self.numbers)):
-            raise ValueError("placements need one model each and ascending numbers")
-        if not set(np.unique(placement).tolist()) <= set(self.numbers):
-            raise ValueError("a pose belongs to a placement that has no model")
-        facts = {
-            (m.joint_count, m.unsensed_joints, m.equations_per_pose, self._shared_of(m))
-            for m in self.models
-        }
-        if len(facts) != 1:
-            raise ValueError("all placements must have the same arm and the same kind of fixture")
         for name in ("joint_count", "unsensed_joints", "components", "equations_per_pose"):
             object.__setattr__(self, name, getattr(self.models[0], name))
         object.__setattr__(self, "parameters", self._listed())
@@ -268,19 +255,12 @@ class Placements(ClosureModel):
         return tuple(dict.fromkeys(names))
 
 
-def place(
-    models: ClosureModel | Sequence[ClosureModel], placement: IntArray, *, same_hand: bool = False
-) -> Placements:
+def place(model: ClosureModel, placement: IntArray, *, same_hand: bool = False) -> Placements:
     """Bind a fixture's loop to the `placement` number of each pose of a data set, (m,).
 
-    `models`: one loop whose nominal values serve all placements, or one loop for each placement in ascending order. A
-    single `MeasuredClosure` must be bound to the measurements of all poses, in the order of `placement`. `same_hand`:
-    whether the tool kept its half of the fixture in all placements.
+    `model`: its nominal values serve all placements; a `MeasuredClosure` must be bound to the measurements of all
+    poses, in the order of `placement`. `same_hand`: whether the tool kept its half of the fixture in all placements.
     """
-    numbers = tuple(int(k) for k in np.unique(placement))
-    each = (
-        tuple(models)
-        if isinstance(models, Sequence)
-        else tuple(models.at_poses(np.flatnonzero(np.asarray(placement) == k)) for k in numbers)
-    )
-    return Placements(numbers=numbers, models=each, placement=placement, same_hand=same_hand)
+    numbers = tuple(np.unique(placement).tolist())
+    models = tuple(model.at_poses(np.flatnonzero(placement == k)) for k in numbers)
+    return Placements(numbers=numbers, models=models, placement=placement, same_hand=same_hand)

@@ -110,11 +110,8 @@ def global_start(
 
     `starts`: number of starts (default: 500, or 1500 if only positions are constrained). The first starts from the
     nominal values, the others at random; the same `seed` gives the same result. `progress`: called after each iteration
-    of the search; may raise to cancel. Raises `TooFewPosesError` if the poses do not give more equations than unknowns,
-    `ValueError` if `starts` is less than 1.
+    of the search; may raise to cancel. Raises `TooFewPosesError` if the poses do not give more equations than unknowns.
     """
-    if starts is not None and starts < 1:
-        raise ValueError("at least one start is needed")
     sensed = model.with_all_joints_sensed()
     require_enough_poses(sensed, len(q))
     if starts is None:

@@ -77,8 +77,7 @@ def test_the_threshold_has_its_stated_false_alarm_rate(poses, dof):
     alarms, suspects = 0, (suspect("any", G),)
     for _ in range(runs):
         left = fitted(A, rng.normal(size=(poses, ROWS)))
-        step = steps(left, suspects, false_alarm=level)[0]
-        alarms += step.chi2 > step.threshold
+        alarms += steps(left, suspects)[0].chi2 > step_threshold(poses, dof, level)
     # At most the stated rate, within chance, and not much less.
     assert 0.2 * level * runs < alarms < level * runs + 3.0 * np.sqrt(level * runs)
 

@@ -181,9 +181,6 @@ def test_progress_callback_cancels_the_search():
         )
 
 
-def test_too_few_poses_or_no_starts_are_rejected():
-    q = random_hinge_problem(0).q
+def test_too_few_poses_are_rejected():
     with pytest.raises(TooFewPosesError):
-        global_start(model_without_initial_guess(), q[:2])
-    with pytest.raises(ValueError, match="start"):
-        global_start(model_without_initial_guess(), q, starts=0)
+        global_start(model_without_initial_guess(), random_hinge_problem(0).q[:2])

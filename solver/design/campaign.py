@@ -27,10 +27,10 @@ from solver.design.actions import (
     straight_move,
 )
 from solver.design.exploration import Explorer
-from solver.design.interim import Calibrate, InterimEstimate, implicit_interim
+from solver.design.interim import InterimEstimate, implicit_interim
 from solver.design.paths import Leg
 from solver.design.plan import PlanningTask, PosePlan, information_of, make_plan
-from solver.design.stop_rule import PrecisionStatus, StopDecision, stop_decision
+from solver.design.stop_rule import StopDecision, stop_decision
 from solver.errors import SolverError
 from solver.loops.closure import poses_needed
 
@@ -55,10 +55,9 @@ class Campaign:
 
     `task`: the first of its drive sets is in position mode now. `start_rad` (n,): readings at the start. `poses`:
     planned poses, in addition to those of the exploration. `requested`: standard deviations (rad, m) by parameter name
-    (default: none requested). `calibrate`: interim calibration; by default the implicit estimator, started from nominal
-    values. `captured` (m, n), `taken`: readings at still valid poses of an earlier campaign on the same loop,
-    and how many of these poses were planned; if they suffice for a trusted estimate, nothing is explored again.
-    `at_rad` (n,): readings at the arm's present pose; by default `start_rad`.
+    (default: none requested). `captured` (m, n), `taken`: readings at still valid poses of an earlier campaign on the
+    same loop, and how many of these poses were planned; if they suffice for a trusted estimate, nothing is explored
+    again. `at_rad` (n,): readings at the arm's present pose; by default `start_rad`.
     """
 
     def __init__(
@@ -68,7 +67,6 @@ class Campaign:
         start_rad: FloatArray,
         poses: int,
         requested: Mapping[str, float] | None = None,
-        calibrate: Calibrate | None = None,
         captured: FloatArray | None = None,
         taken: int = 0,
         at_rad: FloatArray | None = None,
@@ -81,7 +79,7 @@ class Campaign:
         self.plan: PosePlan | None = None
         self.estimate: InterimEstimate | None = None
         self.drives = task.drive_sets[0]
-        self._calibrate = calibrate or implicit_interim(task.model, task.noise)
+        self._calibrate = implicit_interim(task.model, task.noise)
         self._explorer = Explorer(start_rad=start_rad, drives=self.drives, ranges=task.ranges)
         self._q = np.array(start_rad if at_rad is None else at_rad)
         self._before = self._q
@@ -239,8 +237,7 @@ class Campaign:
             self._finish(text, complete=True, decision=decision)
             return
         if decision is not None and decision.stop:
-            is_reached = decision.status is PrecisionStatus.REACHED
-            self._finish(decision.text, complete=is_reached, decision=decision)
+            self._finish(decision.text, complete=not decision.weak, decision=decision)
             return
         plan = self.plan
         if plan is None or not self._visits:

@@ -45,13 +45,6 @@ class PoseInformation:
         return replace(self, parameters=tuple(parameters), root=self.root[..., columns])
 
 
-def about_parameters(information: FloatArray, parameters: int) -> FloatArray:
-    """Information (P, P) about the first P = `parameters` of P + K unknowns; the others have prior N(0, 1)."""
-    pp, pe = information[:parameters, :parameters], information[:parameters, parameters:]
-    ee = information[parameters:, parameters:] + np.eye(len(information) - parameters)
-    return np.asarray(pp - pe @ np.linalg.solve(ee, pe.T))
-
-
 def pose_information(
     model: ClosureModel,
     x: FloatArray,

@@ -157,10 +157,11 @@ def advice_text(
     ]
     for number, r in enumerate(ranked, 1):
         tilt, shift = WHOLE_DEGREES(r.mounted.tilt_rad), NOMINAL_LENGTH(r.mounted.shift_m)
-        condition = CONDITION(r.scaled_condition_number).shown
-        drives = " ".join(map(str, r.drives[0].drives)) if r.drives else ""
+        condition = CONDITION(r.plan.design.scaled_condition_number).shown
+        drives = " ".join(map(str, r.plan.ranked[0].drives))
         head = [str(number), tilt.shown, shift.shown, f"{r.gain:.0%}", condition]
-        rows.append([*head, str(r.mobility), drives, str(r.poses)])
+        mobility, poses = r.plan.manifold.motion.degrees, len(r.plan.visits)
+        rows.append([*head, str(mobility), drives, str(poses)])
     title = paragraph("Hinge placements, the best first; the present one is tilt 0, shift 0")
     placements = (_placement(k, r, parameters, joints) for k, r in enumerate(ranked, 1))
     return "\n".join([title, aligned(rows), *placements])
@@ -180,7 +181,7 @@ def _placement(
     )
     reached = ", ".join(
         f"J{j} {WHOLE_DEGREES(low).shown} to {WHOLE_DEGREES(high).shown}"
-        for j, (low, high) in enumerate(placement.reach_rad.tolist(), 1)
+        for j, (low, high) in enumerate(placement.plan.reach_rad.tolist(), 1)
     )
     lines = [f"placement: {entries}", f"joint ranges reached: {reached}"]
     for quantity in (ANGLE, LENGTH):
@@ -247,11 +248,13 @@ def advice_json(
                 else (f"{name}_mm", 1e3 * v)
                 for name, v in placement.mounted.hinge.placement.items()
             ),
-            "mobility": placement.mobility,
-            "reach_deg": np.rad2deg(placement.reach_rad).tolist(),
-            "drives": [_ranked_json(r) for r in placement.drives],
-            "poses": placement.poses,
-            "scaled_condition_number": Figure(placement.scaled_condition_number).in_json,
+            "mobility": placement.plan.manifold.motion.degrees,
+            "reach_deg": np.rad2deg(placement.plan.reach_rad).tolist(),
+            "drives": [_ranked_json(r) for r in placement.plan.ranked[:3]],
+            "poses": len(placement.plan.visits),
+            "scaled_condition_number": Figure(
+                placement.plan.design.scaled_condition_number
+            ).in_json,
             "sigma": {
                 name: in_json(parameters[name], sigma) for name, sigma in placement.sigma.items()
             },

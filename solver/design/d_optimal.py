@@ -45,22 +45,20 @@ def log_det(information: FloatArray) -> float:
     return float(value + 2.0 * np.log(d).sum()) if sign > 0 else float("-inf")
 
 
-def gains(root: FloatArray, information: FloatArray, parameters: int | None = None) -> FloatArray:
+def gains(root: FloatArray, information: FloatArray, parameters: int) -> FloatArray:
     """Increase of log det when each candidate (m,) is added to a regular information matrix (N, N).
 
     `root` is (m, r, N): `PoseInformation.root`. Only the first `parameters` of the N unknowns count; the others are
     effects, and `information` must contain their prior.
     """
-    gained = _gains(root, information)
-    if parameters is None or parameters == root.shape[-1]:
-        return gained
-    return gained - _gains(root[..., parameters:], information[parameters:, parameters:])
+    of_effects = _gains(root[..., parameters:], information[parameters:, parameters:])
+    return _gains(root, information) - of_effects
 
 
 def _gains(root: FloatArray, information: FloatArray) -> FloatArray:
     m, r, N = root.shape
     L = np.linalg.cholesky(information)
-    white = (root.reshape(-1, N) @ np.linalg.inv(L).T).reshape(m, r, N)
+    white = (root.reshape(m * r, N) @ np.linalg.inv(L).T).reshape(m, r, N)
     square = white @ np.swapaxes(white, -1, -2)
     diagonal = np.linalg.cholesky(square + np.eye(r))[..., range(r), range(r)]
     return np.asarray(2.0 * np.log(diagonal).sum(-1))
@@ -70,8 +68,8 @@ def choose_poses(
     root: FloatArray,
     count: int,
     *,
-    parameters: int | None = None,
-    fixed: FloatArray | None = None,
+    parameters: int,
+    fixed: FloatArray,
     allowed: BoolArray | None = None,
     q: FloatArray | None = None,
     apart_rad: float = 0.0,
@@ -84,19 +82,23 @@ def choose_poses(
     Raises `TooFewCandidatesError` if fewer than `count` candidates are allowed and far enough apart.
 
     `root` (m, r, N): `PoseInformation.root` of all candidates. `parameters`: the first `parameters` of the N unknowns
-    (default: all) are to be determined; the others are effects (N(0, 1)). `fixed`: information (N, N) of poses captured
-    already. `allowed` (m,): which candidates may be chosen; all by default. `q`, `apart_rad`: joint angles (m, n) of
-    the candidates, and the least distance (Euclidean, rad) between chosen candidates. Without a least distance, the
-    best set repeats nearly the same few poses, which averages sensor noise but not the linearity deviations of sensors.
+    are to be determined; the others are effects (N(0, 1)). `fixed`: information (N, N) of poses captured already.
+    `allowed` (m,): which candidates may be chosen; all by default. `q`, `apart_rad`: joint angles (m, n) of the
+    candidates, and the least distance (Euclidean, rad) between chosen candidates. Without a least distance, the best
+    set repeats nearly the same few poses, which averages sensor noise but not the linearity deviations of sensors.
     """
     m, _, N = root.shape
-    P = N if parameters is None else parameters
+    P = parameters
     usable = np.ones(m, dtype=np.bool_) if allowed is None else allowed.copy()
     if count > int(usable.sum()):
         raise TooFewCandidatesError(
             f"{count} poses requested, but there are only {int(usable.sum())} candidate poses"
         )
-    scale, M = _comparable(root, P, fixed)
+    # With columns of unit length over all candidates, the average candidate has information 1/m on the diagonal.
+    scale, prior = np.ones(N), np.ones(N)
+    scale[:P] = column_scale(root[..., :P].reshape(-1, P))
+    prior[:P] = PRIOR_SHARE / m
+    M = np.diag(prior) + fixed / np.outer(scale, scale)
     search = _Search(root / scale, P, usable, q if apart_rad > 0.0 else None, apart_rad)
     rng = np.random.default_rng(seed)
     best: tuple[float, list[int]] = (-np.inf, [])
@@ -114,21 +116,6 @@ def choose_poses(
         if start == 0 or value > best[0] + WORTHWHILE:
             best = value, chosen
     return tuple(best[1])
-
-
-def _comparable(
-    root: FloatArray, parameters: int, information: FloatArray | None
-) -> tuple[FloatArray, FloatArray]:
-    """Return the scale (N,) of the unknowns, and the scaled `information` with a weak prior and the effects' prior.
-
-    With columns of unit length over all candidates, the average candidate has information 1/m on the diagonal.
-    """
-    m, _, N = root.shape
-    scale, prior = np.ones(N), np.ones(N)
-    scale[:parameters] = column_scale(root[..., :parameters].reshape(-1, parameters))
-    prior[:parameters] = PRIOR_SHARE / m
-    M = np.diag(prior)
-    return scale, M if information is None else M + information / np.outer(scale, scale)
 
 
 @dataclass(frozen=True, slots=True)

@@ -118,7 +118,7 @@ class PathGraph:
         """Whether the drives of a layer can move the chain along each edge (E,)."""
         i, j = self.manifold.neighbours.T
         motion, drives = self.manifold.motion, self.drive_sets[layer]
-        volume = motion.orientation(drives)
+        volume = np.linalg.det(motion.tangent[:, [j - 1 for j in drives]])
         # Without a singularity between, transport of the tangent keeps the sign of the drives' rows.
         carried = np.linalg.det(np.swapaxes(motion.tangent[i], -1, -2) @ motion.tangent[j])
         least, most = self._thresholds()

@@ -102,28 +102,24 @@ def verify(
     )
 
 
-def fold_poses(q: FloatArray, folds: int) -> tuple[IntArray, ...]:
-    """Split poses (m, n) into `folds` similar parts, independent of the order of the poses.
+FOLDS, FAR_SHARE = 5, 0.2
+"""Number of parts of a pose set, each of which is predicted from the others; and share of the poses in the block of
+poses that is far from the rest."""
 
-    Raises `ValueError` if there are fewer than two folds, or fewer poses than folds.
-    """
-    if not 2 <= folds <= len(q):
-        raise ValueError(f"{len(q)} poses cannot be split into {folds} folds")
+
+def fold_poses(q: FloatArray) -> tuple[IntArray, ...]:
+    """Split poses (m, n) into `FOLDS` similar parts, independent of the order of the poses."""
     order = canonical_order(q)
-    return tuple(np.sort(order[k::folds]) for k in range(folds))
+    return tuple(np.sort(order[k::FOLDS]) for k in range(FOLDS))
 
 
-def far_block(q: FloatArray, share: float = 0.2) -> IntArray:
+def far_block(q: FloatArray) -> IntArray:
     """Indices of a block of poses far from the rest, so that predicting it is extrapolation.
 
-    The block consists of the pose farthest from the mean and this pose's nearest neighbours, together `share` of all
-    poses. Distances are calculated with each joint's readings divided by their range.
-
-    Raises `ValueError` if the block would be empty or contain all poses.
+    The block consists of the pose farthest from the mean and this pose's nearest neighbours, together `FAR_SHARE` of
+    all poses. Distances are calculated with each joint's readings divided by their range.
     """
-    count = round(share * len(q))
-    if not 0 < count < len(q):
-        raise ValueError(f"a share of {share:g} of {len(q)} poses leaves one side empty")
+    count = round(FAR_SHARE * len(q))
     order = canonical_order(q)
     spread = np.ptp(q, axis=0)
     scaled = ((q - q.mean(axis=0)) / np.where(spread > 0.0, spread, 1.0))[order]

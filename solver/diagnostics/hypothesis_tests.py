@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver.arrays import BoolArray, FloatArray, IntArray
-from solver.diagnostics.cross_validation import far_block, fold_poses
+from solver.arrays import BoolArray, FloatArray
+from solver.diagnostics.cross_validation import FOLDS, far_block, fold_poses
 from solver.diagnostics.fault_models import FaultModels
 from solver.diagnostics.limits import FALSE_ALARM_PROBABILITY, OUTLIER_LARGEST_SHARE
 from solver.diagnostics.model_selection import evidence
@@ -21,10 +21,6 @@ from solver.estimators.linear_fit import LinearFit
 
 ENTRIES = ("lengths", "twists")
 """Sources that are entries of the maker's table."""
-
-FOLDS, FAR_SHARE = 5, 0.2
-"""Number of parts of a pose set, each of which is predicted from the others; and share of the poses in the block of
-poses that is far from the rest."""
 
 SEEN = 1e-6
 """A column is tested only if the fit leaves at least this share of the column's sum of squares."""
@@ -125,7 +121,7 @@ def scale_tests(faults: FaultModels, residuals: WhitenedResiduals) -> list[Hypot
 def prediction_test(stated: LinearFit) -> HypothesisTest:
     """Test the prediction of each fifth of the poses, and of a block far from the rest; return the worst test."""
     q = stated.design.q
-    parts = (*fold_poses(q, FOLDS), far_block(q, FAR_SHARE)) if len(q) >= 2 * FOLDS else ()
+    parts = (*fold_poses(q), far_block(q)) if len(q) >= 2 * FOLDS else ()
     worst = HypothesisTest(code="PREDICTION", statistic=0.0, threshold=np.inf)
     for chi2, dof in stated.held_out_chi2(*parts):
         if dof:
@@ -240,11 +236,6 @@ def find_outliers(residuals: WhitenedResiduals, *, scale: float = 1.0) -> Outlie
         rest = rest.without(set_aside)
     poses = tuple(sorted(chi2_of, key=lambda pose: -chi2_of[pose]))
     return Outliers(test=first, poses=poses, rest=rest)
-
-
-def pose_columns(residuals: WhitenedResiduals, poses: IntArray) -> FloatArray:
-    """Columns (p, r, r), one for each equation of the poses (p,), in units of noise: fitting them omits the poses."""
-    return np.asarray(np.linalg.inv(residuals.whitener[poses]))
 
 
 def leave_one_out_chi2(

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from solver.design import stop_rule
-from solver.design.d_optimal import choose_poses
 from solver.design.stop_rule import standard_deviations
+from tests.solver.design.conftest import choose_poses
 
 
 @pytest.fixture(scope="module")

@@ -86,8 +86,6 @@ class TooFewPosesError(SolverError):
     ) -> None:
         self.poses = poses
         self.needed = needed
-        self.parameters = parameters
-        self.equations_per_pose = equations_per_pose
         if equations_per_pose <= 0:
             text = "with so many joints unsensed a pose gives no equation: use the readings of more joints"
         else:

@@ -107,7 +107,7 @@ class Explorer:
                 why = f"exploring, ray {number}, step {taken}"
                 if is_trial:
                     why = "small trial motion that shows how the other joints follow"
-                capture = Capture(planned=False, why=why)
+                capture = Capture(planned=False)
                 is_captured = not is_trial and taken % every == 0
                 yield self._move(self._q[self._columns] + move, why), *(capture,) * is_captured
                 moved, by = np.abs(self._moved), self._moved[self._columns]

@@ -24,11 +24,6 @@ class Chi2Test:
     low: float
     high: float
 
-    @property
-    def accepted(self) -> bool:
-        """Whether chi2/dof lies inside the band."""
-        return self.low <= self.per_dof <= self.high
-
 
 def intervals(estimate: Estimate) -> tuple[FloatArray, FloatArray]:
     """Lower and upper ends (P,) of two-sided 95 % intervals of all parameters, rad and m.

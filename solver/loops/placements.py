@@ -23,7 +23,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.arrays import FloatArray, IntArray
-from solver.chain.kinematics import DhTable
 from solver.chain.parameters import DhEntry, Parameter
 from solver.chain.poses import back_to_caller
 from solver.loops.closure import ClosureModel, LoopError, ReducedError
@@ -115,8 +114,7 @@ class Placements(ClosureModel):
 
     def merged(self, errors: Sequence[ReducedError]) -> ReducedError:
         """Combine the reduced errors of all `parts`."""
-        gathered = self._gathered(errors, residual=1, jac_x=2, unsensed=1, flipped=0)
-        return replace(errors[0], **gathered)
+        return replace(errors[0], **self._gathered(errors, residual=1, jac_x=2, flipped=0))
 
     def _each(
         self, x: FloatArray, q: FloatArray
@@ -208,10 +206,6 @@ class Placements(ClosureModel):
     def freed(self, entries: Sequence[DhEntry]) -> Placements:
         """Return the same loops in which these entries of the arm's table are unknown, too."""
         return replace(self, models=tuple(model.freed(entries) for model in self.models))
-
-    def with_table(self, table: DhTable) -> Placements:
-        """Return the same loops with other nominal values of all their links."""
-        return replace(self, models=tuple(model.with_table(table) for model in self.models))
 
     def at_poses(self, poses: IntArray) -> Placements:
         """Return the model of a selection of poses; placements without poses keep their unknowns."""

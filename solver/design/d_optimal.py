@@ -45,6 +45,12 @@ def log_det(information: FloatArray) -> float:
     return float(value + 2.0 * np.log(d).sum()) if sign > 0 else float("-inf")
 
 
+def summed_information(root: FloatArray, poses: Sequence[int]) -> FloatArray:
+    """Information (N, N) of some poses, each listed as often as it counts; `root` (m, r, N): `PoseInformation.root`."""
+    rows = root[list(poses)].reshape(-1, root.shape[-1])
+    return np.asarray(rows.T @ rows)
+
+
 def gains(root: FloatArray, information: FloatArray, parameters: int) -> FloatArray:
     """Increase of log det when each candidate (m,) is added to a regular information matrix (N, N).
 
@@ -109,7 +115,7 @@ def choose_poses(
         if start > 0:
             # Half at random, the rest greedily: another local optimum, and a good one.
             chosen = search.random_start(count // 2, rng)
-            current += search.information(chosen)
+            current += summed_information(search.root, chosen)
         search.fill(current, chosen, count)
         search.exchange(current, chosen)
         value = log_det(current) - log_det(current[P:, P:])
@@ -140,10 +146,6 @@ class _Search:
                 usable &= ((self.q - self.q[pose]) ** 2).sum(-1) >= self.apart_rad**2
         return usable
 
-    def information(self, poses: Sequence[int]) -> FloatArray:
-        rows = self.root[list(poses)].reshape(-1, self.root.shape[-1])
-        return np.asarray(rows.T @ rows)
-
     def gains(self, M: FloatArray, beside: Sequence[int]) -> FloatArray:
         """Gain of each candidate; -inf if it may not be chosen in addition to `beside`."""
         return np.where(self.open(beside), gains(self.root, M, self.parameters), -np.inf)
@@ -164,7 +166,7 @@ class _Search:
                 raise TooFewCandidatesError(
                     f"only {len(chosen)} of {count} poses keep {self.apart_rad:.3f} rad from each other"
                 )
-            M += self.information([best])
+            M += summed_information(self.root, [best])
             chosen.append(best)
 
     def exchange(self, M: FloatArray, chosen: list[int]) -> None:
@@ -172,12 +174,12 @@ class _Search:
         for _ in range(MAX_SWEEPS):
             changed = False
             for k, old in enumerate(chosen):
-                without = M - self.information([old])
+                without = M - summed_information(self.root, [old])
                 gain = self.gains(without, [pose for pose in chosen if pose != old])
                 stay = float(gains(self.root[old : old + 1], without, self.parameters)[0])
                 best = int(np.argmax(gain))
                 if gain[best] > stay + WORTHWHILE:
-                    M[:] = without + self.information([best])
+                    M[:] = without + summed_information(self.root, [best])
                     chosen[k] = best
                     changed = True
             if not changed:

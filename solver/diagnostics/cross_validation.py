@@ -16,7 +16,7 @@ from solver.arrays import BoolArray, FloatArray, IntArray
 from solver.chain.poses import canonical_order
 from solver.diagnostics.limits import FALSE_ALARM_PROBABILITY
 from solver.diagnostics.pose_adjustment import adjust_poses
-from solver.diagnostics.statistics import Chi2Test, chi2_test
+from solver.diagnostics.statistics import Chi2Test, chi2_test, covariance_root
 from solver.diagnostics.whitened_residuals import WhitenedResiduals
 from solver.estimators.estimate import Estimate, closure_at_readings
 from solver.estimators.implicit import NoiseModel
@@ -88,9 +88,7 @@ def verify(
     pose_chi2 = np.einsum("mr,mr->m", system.w, np.linalg.solve(S, system.w[..., None])[..., 0])
     L = np.linalg.cholesky(system.V)
     w = np.linalg.solve(L, system.w[..., None]).reshape(-1)
-    values, vectors = np.linalg.eigh(covariance)
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
-    shared = np.linalg.solve(L, system.A).reshape(m * r, P) @ root
+    shared = np.linalg.solve(L, system.A).reshape(m * r, P) @ covariance_root(covariance)
     inside = np.linalg.solve(np.eye(P) + shared.T @ shared, shared.T @ w)
     together = float(w @ w - (shared.T @ w) @ inside)
     return HeldOutPoses(
@@ -213,9 +211,8 @@ def predicted_residuals(
         half = inverse_root(gram + np.diag(precision))[0]
         coefficients = -(half @ (half.T @ right))
     else:
-        values, vectors = np.linalg.eigh(given.covariance)
         half, coefficients = np.eye(width), np.zeros(width)
-        half[:hard, :hard] = vectors * np.sqrt(np.maximum(values, 0.0))
+        half[:hard, :hard] = covariance_root(given.covariance)
         coefficients[:hard] = given.x
     m, r = w.shape
     columns = M.reshape(m * r, width)

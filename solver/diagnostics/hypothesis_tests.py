@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver.arrays import BoolArray, FloatArray
+from solver.arrays import FloatArray
 from solver.diagnostics.cross_validation import FOLDS, far_block, fold_poses
 from solver.diagnostics.fault_models import FaultModels
 from solver.diagnostics.limits import FALSE_ALARM_PROBABILITY, OUTLIER_LARGEST_SHARE
@@ -219,7 +219,7 @@ def find_outliers(residuals: WhitenedResiduals, *, scale: float = 1.0) -> Outlie
     first: HypothesisTest | None = None
     rest = residuals
     while True:
-        chi2, dof = leave_one_out_chi2(rest, is_kept)
+        chi2, dof = leave_one_out_chi2(rest)
         limit = chdtri(np.maximum(dof, 1), FALSE_ALARM_PROBABILITY / m)
         chi2 = chi2 / scale
         excess = np.where(is_kept & (dof > 0), chi2 - limit, -np.inf)
@@ -238,18 +238,12 @@ def find_outliers(residuals: WhitenedResiduals, *, scale: float = 1.0) -> Outlie
     return Outliers(test=first, poses=poses, rest=rest)
 
 
-def leave_one_out_chi2(
-    residuals: WhitenedResiduals, is_kept: BoolArray | None = None
-) -> tuple[FloatArray, FloatArray]:
-    """Misfit (chi2) of every pose to its prediction from the others, and its degrees of freedom, (m,) each.
-
-    Both are 0 for poses where `is_kept` (m,) is false.
-    """
+def leave_one_out_chi2(residuals: WhitenedResiduals) -> tuple[FloatArray, FloatArray]:
+    """Misfit (chi2) of every pose to its prediction from the others, and its degrees of freedom, (m,) each."""
     r = residuals.U.shape[1]
     H = np.eye(r) - residuals.U @ np.swapaxes(residuals.U, -1, -2)
     values, vectors = np.linalg.eigh(H)
     free = values > FREE
     along = (np.swapaxes(vectors, -1, -2) @ residuals.white[..., None])[..., 0]
-    chi2 = np.where(free, along**2 / np.where(free, values, 1.0), 0.0).sum(-1)
-    is_kept = np.ones(len(H), dtype=np.bool_) if is_kept is None else is_kept
-    return np.where(is_kept, chi2, 0.0), np.where(is_kept, free.sum(-1), 0)
+    chi2 = np.where(free, along**2 / np.where(free, values, 1.0), 0.0)
+    return np.asarray(chi2.sum(-1)), np.asarray(free.sum(-1))

@@ -49,6 +49,12 @@ def correlations(covariance: FloatArray) -> FloatArray:
     return np.asarray(np.clip(out, -1.0, 1.0))
 
 
+def covariance_root(covariance: FloatArray) -> FloatArray:
+    """Matrix R (P, P) with ``R R'`` equal to a covariance, which may be singular; rounding below 0 counts as 0."""
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
+
+
 def sigmas_at(false_alarm: float, count: int = 1) -> float:
     """Magnitude, in sigmas, that the largest of `count` normal deviations exceeds with probability `false_alarm`."""
     from scipy.special import ndtri

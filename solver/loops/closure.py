@@ -228,9 +228,9 @@ class ClosureModel(ABC):
         """Unknown D-H entries; empty if poses have different D-H tables."""
         return ()
 
-    @abstractmethod
     def arm_rows(self) -> FloatArray:
-        """Nominal rows 1..n (5, n): theta_off, s, a, alpha, beta; ValueError if poses have different tables."""
+        """Nominal rows 1..n (5, n): theta_off, s, a, alpha, beta; ValueError if placements have a table each."""
+        raise ValueError("several placements have no one table: ask their `parts`")
 
     @property
     def constrained_part(self) -> ConstrainedPart | None:

@@ -71,10 +71,6 @@ class Placements(ClosureModel):
         """Model of a placement and indices of its parameters in the whole vector; ValueError for an unknown number."""
         return self.models[self.numbers.index(number)], self.columns(number)
 
-    def arm_rows(self) -> FloatArray:
-        """Raise ValueError: each placement has a table of its own, see `parts`."""
-        raise ValueError("several placements have no one table: ask their `parts`")
-
     def poses_of(self, number: int) -> IntArray:
         """Indices of the poses taken in one placement."""
         return np.flatnonzero(self.placement == number)

@@ -147,7 +147,7 @@ class Placements(ClosureModel):
         `MAX_COMBINATIONS`, only combinations that differ from the first one in a single placement are listed.
         """
         x = np.asarray(x, dtype=np.float64)
-        shared = self._shared_of(self.models[0])
+        shared = self._shared
         # Equivalent vectors of each placement, sorted by their values of the shared entries.
         choices: list[dict[tuple[float, ...], list[FloatArray]]] = []
         for number, model in zip(self.numbers, self.models, strict=True):
@@ -216,20 +216,21 @@ class Placements(ClosureModel):
         )
         return replace(self, models=models, placement=self.placement[poses])
 
-    def _shared_of(self, model: ClosureModel) -> tuple[str, ...]:
+    @property
+    def _shared(self) -> tuple[str, ...]:
+        model = self.models[0]
         own = set(model.ground_side) | (set() if self.same_hand else set(model.hand_side))
         return tuple(p.name for p in model.parameters if p.name not in own)
 
     def _name(self, name: str, number: int) -> str:
-        """Name of a placement's parameter in the whole model."""
-        if len(self.numbers) == 1 or name in self._shared_of(self.models[0]):
+        if len(self.numbers) == 1 or name in self._shared:
             return name
         return f"{name}[{number}]"
 
     def _listed(self) -> tuple[Parameter, ...]:
         if len(self.numbers) == 1:
             return self.models[0].parameters
-        shared = self._shared_of(self.models[0])
+        shared = self._shared
         listed = [p for p in self.models[0].parameters if p.name in shared]
         for number, model in zip(self.numbers, self.models, strict=True):
             own = [p for p in model.parameters if p.name not in shared]

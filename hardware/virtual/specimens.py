@@ -8,7 +8,7 @@ observable keep their nominal values.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -232,7 +232,7 @@ def _truth(
     """Return the truth with unknowns `x` (P,); all other entries are taken from the arm's `rows` (5, n)."""
     stacked = model.table.stacked()
     stacked[:, -rows.shape[1] :] = rows
-    with_rows = replace(model, table=DhTable.from_stacked(stacked))
+    with_rows = model.with_table(DhTable.from_stacked(stacked))
     table = DhTable.from_stacked(with_rows.tables(x))
     if isinstance(model, DhLoop):
         return Truth(DhLoop(table=table, entries=(), hinge=model.hinge))

@@ -37,7 +37,7 @@ class Truth:
     def with_table(self, table: DhTable) -> Truth:
         """Return the truth with other D-H rows 0..n."""
         rows = table.stacked()[:, -self.loop.table.links :]
-        return Truth(replace(self.loop, table=DhTable.from_stacked(rows)))
+        return Truth(self.loop.with_table(DhTable.from_stacked(rows)))
 
     @property
     def joint_count(self) -> int:

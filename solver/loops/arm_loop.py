@@ -159,6 +159,10 @@ class ArmLoop(ClosureModel):
         new = tuple(e for e in entries if e not in known)
         return replace(self, entries=self.entries + new)
 
+    def with_table(self, table: DhTable) -> Self:
+        """Return the same loop with other nominal values of its links."""
+        return replace(self, table=table)
+
     def drawn(self, x: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray] | None:
         """Origins of frames 0..n and the fixture's point (n + 2, 3), m, and a zero axis, for joint angles `q` (n,)."""
         frames = self.frames(x, q[None, :], np.zeros((1, len(self.unsensed_joints))))

@@ -285,8 +285,8 @@ def _instrument(
     fixture = procedure.fixture.fixture
     if not isinstance(fixture, Measured):
         return None
-    if choices.tracker is None and controller is not None:
-        return virtual_instrument(controller, fixture)
+    if choices.tracker is None and controller is not None and controller.tracker is not None:
+        return virtual_instrument(controller.tracker, fixture)
     source = choices.tracker or procedure.tracker
     return None if source is None else Instrument(port_of(source), full_pose=fixture.full_pose)
 

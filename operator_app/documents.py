@@ -8,7 +8,7 @@ from pathlib import Path
 
 from operator_app.calibration import history
 from operator_app.config.parameters_file import ParametersDocument, load_parameters
-from operator_app.config.resources import expanded
+from operator_app.config.resources import exists, expanded
 from operator_app.effective_procedure import effective_procedure
 from operator_app.errors import SessionError
 from operator_app.session.store import folders
@@ -26,14 +26,14 @@ def parameters_at(reference: str, root: Path) -> ParametersDocument:
     Raises `ConfigError` or `SessionError` if there is no such file or session, or no calibration in it.
     """
     where = expanded(reference)
-    if where.is_file():
+    if exists(where) and where.is_file():
         return load_parameters(reference)
     try:
         folder = folders.find_session(root, reference)
     except SessionError:
         # The folder may contain only a parameters file, without a journal.
         folder = where
-        if not (where / folders.PARAMETERS_NAME).is_file():
+        if not exists(where / folders.PARAMETERS_NAME):
             raise
     state = folders.read_session(folder).state
     calibration = None if state is None else journal_calibration(state)

@@ -18,8 +18,9 @@ from hardware.virtual.parameter_store import FolderDisk, ParameterStore, Validat
 from hardware.virtual.scenarios import Scenario, scenario_of
 from hardware.virtual.specimens import SpecimenFiles
 from hardware.virtual.supervisor_node import ArmLabel
+from hardware.virtual.tracker import SimulatedTracker
 from operator_app.config.errors import ConfigError
-from operator_app.config.fixture_file import FixtureSpec, load_fixture
+from operator_app.config.fixture_file import FixtureSpec
 from operator_app.config.parameters_file import parse_parameters
 from operator_app.effective_procedure import named_scenario
 from operator_app.errors import SessionError
@@ -41,8 +42,8 @@ def virtual_arm(
     stated = SpecimenFiles(
         arm=arm,
         fixture=fixture.fixture,
-        tolerance_m=fixture.tolerance_m,
-        tolerance_rad=fixture.tolerance_rad,
+        tolerance_m=fixture.fixture.tolerance.position_m,
+        tolerance_rad=fixture.fixture.tolerance.orientation_rad,
     )
     named = named_scenario(choices)
     try:
@@ -67,7 +68,7 @@ def run_controller(
     choices: Choices,
     settings: BusSettings,
     *,
-    fixture: FixtureSpec | None = None,
+    fixture: FixtureSpec,
     placement: int = 1,
     slots: Path | None = None,
     heartbeat_timeout_s: float = HEARTBEAT_TIMEOUT_S,
@@ -76,10 +77,9 @@ def run_controller(
 ) -> Iterator[VirtualController]:
     """Run the virtual controller of an arm on a bus; it stores parameters in the folder `slots` (None: in memory).
 
-    The plant is this arm in `fixture` (default: the built-in hinge) and `placement`; raises SessionError if it cannot
-    be built. `script`: faults at given SYNCs. `attended`: whether this program calls `VirtualController.attend`.
+    The plant is this arm in `fixture` and `placement`; raises SessionError if it cannot be built. `script`: faults
+    at given SYNCs. `attended`: whether this program calls `VirtualController.attend`.
     """
-    fixture = load_fixture("hinge") if fixture is None else fixture
     chosen = virtual_arm(arm, fixture, choices, placement)
     carried = chosen.arm(arm)
     try:
@@ -135,11 +135,9 @@ def slots_in(folder: Path | None) -> ParameterStore:
     return store
 
 
-def virtual_instrument(controller: VirtualController, fixture: Measured) -> Instrument:
-    """Return the tracker of this process's virtual arm as an `Instrument`; SessionError if the arm has no tracker."""
-    if controller.tracker is None:
-        raise SessionError("this virtual arm has no tracker", "use a fixture of kind measured")
-    port = CalledLines(controller.tracker.answer, "the virtual arm's tracker")
+def virtual_instrument(tracker: SimulatedTracker, fixture: Measured) -> Instrument:
+    """Return the tracker of this process's virtual arm as an `Instrument`."""
+    port = CalledLines(tracker.answer, "the virtual arm's tracker")
     return Instrument(port, full_pose=fixture.full_pose)
 
 

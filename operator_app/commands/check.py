@@ -6,12 +6,19 @@ import argparse
 
 from operator_app.calibration.experiment import Experiment
 from operator_app.commands.table import FILE_ARGUMENTS
-from operator_app.config.any_file import AnyKind, FilesRead, read_any, read_files
+from operator_app.config.any_file import AnyKind, FilesRead, read_files
 from operator_app.config.errors import ConfigError, Problem
 from operator_app.config.fixture_file import FixtureSpec
-from operator_app.config.poses_file import LoadedPoses
+from operator_app.config.poses_file import LIMIT_BYTES, LoadedPoses
 from operator_app.config.procedure import Procedure
-from operator_app.config.resources import Resource, builtin_names, expanded, resolve
+from operator_app.config.resources import (
+    Resource,
+    builtin_names,
+    exists,
+    expanded,
+    read_limited,
+    resolve,
+)
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.planning import feasibility
 from operator_app.planning.proposals import closing_home
@@ -25,22 +32,17 @@ from solver.errors import SolverError
 def execute(args: argparse.Namespace) -> int:
     """Check the files and report on stdout."""
     missing: list[Problem] = []
-    sources: list[Resource] = []
-    known: dict[str, AnyKind] = {}
+    sources: list[tuple[Resource, AnyKind | None]] = []
     named: list[tuple[AnyKind | None, str]] = [(None, file) for file in args.files]
     named += [(kind, name) for kind in FILE_ARGUMENTS if (name := getattr(args, kind))]
     for kind, name in named:
         try:
-            source = _read(kind, name)
+            sources.append((_read(kind, name), kind))
         except ConfigError as error:
             missing += error.problems
-            continue
-        sources.append(source)
-        if kind is not None:
-            known[source.file] = kind
     if not sources and not missing:
         raise UsageError("name a file, e.g. sarcal check my_arm.yaml my_hinge.yaml")
-    files = read_files(sources, known, missing)
+    files = read_files(sources, missing)
     chains = () if files.problems else _chains(files)
     if args.json:
         say(as_json(check_json(files, chains)))
@@ -56,13 +58,14 @@ def _read(kind: AnyKind | None, name: str) -> Resource:
     """Read a file; a built-in name is refused unless an option states its kind."""
     if kind in FILE_ARGUMENTS:
         return resolve(kind, name)
-    builtin = [k for k in FILE_ARGUMENTS if name in builtin_names(k)]
-    if builtin and not expanded(name).exists():
+    builtin, path = [k for k in FILE_ARGUMENTS if name in builtin_names(k)], expanded(name)
+    if builtin and not exists(path):
         options = " or ".join(f"--{k} {name}" for k in builtin)
         raise UsageError(
             f"{name} is not a file but a built-in {' and '.join(builtin)}: use {options}"
         )
-    return read_any(name)
+    data = read_limited(path, name, limit=LIMIT_BYTES)
+    return Resource(file=name, folder=path.parent, data=data)
 
 
 def _chains(files: FilesRead) -> tuple[feasibility.Chain, ...]:

@@ -24,9 +24,10 @@ from operator_app.commands.choices import choices_from
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.procedure_file import load_procedure
+from operator_app.effective_procedure import named_scenario
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import say
-from operator_app.virtual_arms import run_controller, virtual_arm
+from operator_app.virtual_arms import run_controller
 
 _AT_SYNC = 1000
 _LOOK_S = 0.2
@@ -69,7 +70,7 @@ def execute(args: argparse.Namespace) -> int:
         ) as controller,
         _tracker(controller.tracker, args.tracker_port) as tracker,
     ):
-        chosen = virtual_arm(arm, fixture, choices, args.placement)
+        chosen = named_scenario(choices)
         again = f", placement {args.placement}" if args.placement > 1 else ""
         say(
             f"Virtual {arm.name} in {fixture.name} (scenario {chosen.name}, seed {chosen.seed}{again}) on "

@@ -10,7 +10,7 @@ from operator_app.commands.bus_arguments import FORMATS
 from operator_app.commands.choices import choices_from, recording
 from operator_app.config.atomic import write_atomically
 from operator_app.config.parameters_file import format_parameters
-from operator_app.config.resources import DESCRIPTION_LIMIT_BYTES, expanded, read_limited
+from operator_app.config.resources import DESCRIPTION_LIMIT_BYTES, read_limited
 from operator_app.effective_procedure import effective_procedure
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.report.exports import EXPORT_FILES, Calibration, in_format, into_description
@@ -104,7 +104,7 @@ def _converted(args: argparse.Namespace, what: Calibration, kind: str) -> tuple[
     """Return the default file name and the contents of an export in a format other than yaml."""
     if args.into is None:
         return EXPORT_FILES[kind], in_format(what, kind)
-    data = read_limited(expanded(args.into), str(args.into), limit=DESCRIPTION_LIMIT_BYTES)
+    data = read_limited(args.into, str(args.into), limit=DESCRIPTION_LIMIT_BYTES)
     name = f"{args.into.stem}_calibrated{args.into.suffix}"
     return name, into_description(what, data, args.into.name)
 

@@ -10,7 +10,14 @@ from typing import Any
 
 from operator_app.commands.table import APP, COMMANDS, parser_of
 from operator_app.exit_codes import ExitCode, UsageError
-from operator_app.manual.pages import SECTIONS, Manual, NoSuchTopicError, made_by_code, table
+from operator_app.manual.pages import (
+    SECTIONS,
+    Manual,
+    NoSuchTopicError,
+    files_on,
+    made_by_code,
+    table,
+)
 from operator_app.safe_output import say
 
 WIDEST = 100
@@ -25,12 +32,12 @@ def execute(args: argparse.Namespace) -> int:
     if args.files is not None:
         return _write_files(pages, args.topic, args.files)
     if args.topic is None:
-        text = _contents(pages)
+        text = _contents()
     elif args.topic in COMMANDS:
         text = command_section(args.topic)
     else:
         try:
-            text = pages.page(args.topic).markdown
+            text = pages.page(args.topic)
         except NoSuchTopicError as error:
             near = NoSuchTopicError(args.topic, (*pages.topics, *COMMANDS))
             raise UsageError(f"{near}.") from error
@@ -43,21 +50,21 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _write_files(pages: Manual, topic: str | None, folder: Path) -> int:
-    """Write the files that a page contains."""
     from operator_app.config.atomic import write_atomically
+    from operator_app.config.resources import exists
 
-    with_files = [t for t in pages.topics if not made_by_code(t) and pages.page(t).files]
+    with_files = [t for t in pages.topics if not made_by_code(t) and files_on(pages.page(t))]
     if topic is None:
         raise UsageError(f"--files: name a page that shows files: {', '.join(with_files)}")
     try:
-        shown = pages.page(topic).files
+        shown = files_on(pages.page(topic))
     except NoSuchTopicError as error:
         raise UsageError(f"--files: {error}.") from error
     if not shown:
         raise UsageError(
             f"--files: the page {topic} shows no files; these do: {', '.join(with_files)}"
         )
-    existing = [name for name in shown if (folder / name).exists()]
+    existing = [name for name in shown if exists(folder / name)]
     if existing:
         raise UsageError(f"--files: {folder / existing[0]} exists already; name another folder")
     try:
@@ -75,12 +82,11 @@ def manual() -> Manual:
     return Manual(commands_page)
 
 
-def _contents(pages: Manual) -> str:
-    """List the topics by section."""
+def _contents() -> str:
     lines = ["# The manual of sarcal", "", "`sarcal help TOPIC` shows a page."]
     for section, topics in SECTIONS.items():
         lines += ["", f"## {section}", "", "| topic | what it is |", "|---|---|"]
-        lines += [f"| `{topic}` | {pages.summary(topic)} |" for topic in topics]
+        lines += [f"| `{topic}` | {summary} |" for topic, summary in topics.items()]
     return "\n".join([*lines, ""])
 
 
@@ -167,6 +173,5 @@ def on_files(files: Any, config: Any) -> Any:
     pages = manual()
     for topic in pages.topics:
         if made_by_code(topic):
-            page = pages.page(topic).markdown
-            files.append(File.generated(config, f"{topic}.md", content=page))
+            files.append(File.generated(config, f"{topic}.md", content=pages.page(topic)))
     return files

@@ -13,7 +13,7 @@ from operator_app.commands.options import tolerance_m, unsensed_joints
 from operator_app.config.arm_file import parse_arm
 from operator_app.config.dwells import (
     DWELL_S,
-    DWELL_SPREAD_RAD,
+    DWELL_SPREAD_DEG,
     find_dwells,
     poses_of,
     smallest_spread_rad,
@@ -119,6 +119,7 @@ def _poses(
     recording_data = {"recordings": recordings} if recordings else {}
     if len(pose_sets) == 1:
         return pose_sets[0], recording_data
+    columns = [0 if p.endpoint is None else p.endpoint.shape[1] for p in pose_sets]
     for k, (file, poses) in enumerate(zip(args.poses, pose_sets, strict=True)):
         if same := [
             args.poses[i] for i in range(k) if np.array_equal(pose_sets[i].q_rad, poses.q_rad)
@@ -128,7 +129,7 @@ def _poses(
             )
         if len(poses.placements) > 1:
             raise UsageError(f"{file}: with several files each is one placement; import it alone")
-        if _endpoint_columns(poses) != _endpoint_columns(pose_sets[0]):
+        if columns[k] != columns[0]:
             raise UsageError(
                 f"{file}: its measured endpoints have other columns than those of {args.poses[0]}; import it alone"
             )
@@ -147,10 +148,6 @@ def _poses(
     return together, recording_data
 
 
-def _endpoint_columns(poses: PoseSet) -> int:
-    return 0 if poses.endpoint is None else poses.endpoint.shape[1]
-
-
 def _joined(parts: list[Any]) -> Any:
     """Return the arrays concatenated; None if any of them is None."""
     return None if any(part is None for part in parts) else np.concatenate(parts)
@@ -161,11 +158,7 @@ def _recorded(
 ) -> tuple[PoseSet, dict[str, Any]]:
     """Return the poses of a recording, one for each dwell, and the JSON data of the recording."""
     dwell_s = DWELL_S if args.dwell_s is None else args.dwell_s
-    spread_deg = (
-        round(float(np.rad2deg(DWELL_SPREAD_RAD)), 9)
-        if args.spread_deg is None
-        else args.spread_deg
-    )
+    spread_deg = DWELL_SPREAD_DEG if args.spread_deg is None else args.spread_deg
     if not 0.01 <= dwell_s <= 3600.0:
         raise UsageError(f"--dwell-s {dwell_s:g}: seconds, 0.01 to 3600")
     if not 1e-4 <= spread_deg <= 5.0:

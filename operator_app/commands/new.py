@@ -100,7 +100,7 @@ def _arm(args: argparse.Namespace) -> int:
     if bent is not None:
         say("Home        bent: the middle of the ranges does not identify all parameters")
     for T, where in (
-        (chain.T_link_base, "the file's base link to frame 0"),
+        (chain.frames[0], "the file's base link to frame 0"),
         (chain.T_flange_tip, f"frame {len(chain.joints)} to the link at the end"),
     ):
         if not np.allclose(T, np.eye(4), atol=1e-9):
@@ -154,7 +154,7 @@ def _fixture(args: argparse.Namespace) -> int:
     if distance is None:
         say(
             "! No pose near the arm's home_deg closes. Check the measured values; then find a home that closes: "
-            f"sarcal check {args.arm} {target}"
+            f"sarcal check --arm {args.arm} {target}"
         )
     else:
         joint = int(np.argmax(np.abs(distance)))
@@ -232,7 +232,7 @@ def _save(
 ) -> Path:
     """Check a file by parsing it, then write it and its JSON Schema; an existing file is never overwritten."""
     target = _target(args, name)
-    if target.exists():
+    if resources.exists(target):
         raise UsageError(f"{target} exists already; name another file with -o")
     parse(content, str(target))
     save_with_schema(target, content, kind)
@@ -241,12 +241,15 @@ def _save(
 
 def _reference(args: argparse.Namespace, name: str, file: str) -> str:
     """Return how a procedure file refers to another file: by name if built-in, else by absolute or relative path."""
-    if file in (*resources.builtin_names("arm"), *resources.builtin_names("fixture")):
+    builtin = (*resources.builtin_names("arm"), *resources.builtin_names("fixture"))
+    if file in builtin:
         return file
     path = resources.expanded(file)
     if path.is_absolute():
         return str(path)
-    return os.path.relpath(path, _target(args, name).parent)
+    relative = os.path.relpath(path, _target(args, name).parent)
+    # Without ./ it would be the built-in file, or in a home folder.
+    return f"./{relative}" if relative in builtin or relative.startswith("~") else relative
 
 
 def _millimetres(args: argparse.Namespace, option: str) -> FloatArray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -34,12 +35,13 @@ def a_name(text: str) -> str:
 
 def a_path(text: str) -> Path:
     """Parse the path of a file or folder to write; expands ``~``."""
-    try:
-        return Path(a_name(text)).expanduser()
-    except RuntimeError as error:
+    # That of pathlib also expands ./~name.
+    path = os.path.expanduser(a_name(text))  # noqa: PTH111
+    if path.startswith("~"):
         raise argparse.ArgumentTypeError(
             f"{text}: there is no such home folder; for a folder of that name write ./{text}"
-        ) from error
+        )
+    return Path(path)
 
 
 def placement_count(text: str) -> int:

@@ -14,6 +14,7 @@ from operator_app.commands.choices import bus_of_others
 from operator_app.config.any_file import save_with_schema, schema_line
 from operator_app.config.procedure import DEFAULT_PROFILE
 from operator_app.config.profile_file import format_profile, load_profile
+from operator_app.config.resources import exists
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.report.text import aligned
 from operator_app.safe_output import as_json, say
@@ -41,7 +42,7 @@ def execute(args: argparse.Namespace) -> int:
     if args.configure and args.draft is None:
         raise UsageError("--configure needs --draft FILE")
     settings = bus_of_others(args)
-    if args.draft is not None and args.draft.exists():
+    if args.draft is not None and exists(args.draft):
         raise UsageError(f"--draft: {args.draft} exists; name another file")
     result = probe(settings, load_profile(args.profile or DEFAULT_PROFILE), record_to=args.record)
     if args.draft is not None:

@@ -45,7 +45,7 @@ def execute(args: argparse.Namespace) -> int:
             try:
                 rig.arm.reset_stop()
             except DriveFault as fault:
-                stays[fault.joint] = str(fault)
+                stays[fault.joint] = faults.get(fault.joint, str(fault))
             after = rig.arm.snapshot()
             stays |= {
                 joint.joint: faults.get(joint.joint, drive_words(joint.drive))
@@ -53,8 +53,7 @@ def execute(args: argparse.Namespace) -> int:
                 if joint.drive in stopped and joint.joint not in stays
             }
     cleared = {joint: text for joint, text in faults.items() if joint not in stays}
-    remaining = {joint: faults.get(joint, text) for joint, text in stays.items()}
-    report(cleared, remaining, switched_off=found, arm_joints=len(before.joints), in_json=args.json)
+    report(cleared, stays, switched_off=found, arm_joints=len(before.joints), in_json=args.json)
     return ExitCode.ARM_FAULT if stays else ExitCode.ACCEPTED
 
 

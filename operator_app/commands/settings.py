@@ -6,6 +6,7 @@ import argparse
 
 from operator_app.commands.file_arguments import SETTINGS_MEANING
 from operator_app.config import user_settings
+from operator_app.config.resources import exists
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import as_json, say
 
@@ -32,7 +33,7 @@ def execute(args: argparse.Namespace) -> int:
     if args.json:
         say(as_json({"file": str(path), "settings": settings.stated}))
         return ExitCode.ACCEPTED
-    say(f"File       {path}{'' if path.exists() else ' (there is none)'}")
+    say(f"File       {path}{'' if exists(path) else ' (there is none)'}")
     for key, meaning in SETTINGS_MEANING.items():
         say(f"{key:<10} {settings.stated.get(key, '-')!s:<20} {meaning}")
     say(

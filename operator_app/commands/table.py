@@ -123,8 +123,10 @@ def _names(
 
 
 def _paths(prefix: str) -> Iterable[str]:
+    from operator_app.config.resources import expanded
+
     if "/" not in prefix and not prefix.startswith("."):
         return []
-    where = Path(prefix).expanduser()
+    where = expanded(prefix)
     folder = where if prefix.endswith("/") else where.parent
     return [f"{p}/" if p.is_dir() else str(p) for p in folder.glob("*")] if folder.is_dir() else []

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, Literal
@@ -20,12 +19,11 @@ from operator_app.config.atomic import write_atomically
 from operator_app.config.errors import ConfigError, Problem, only
 from operator_app.config.fixture_file import MODELS, FixtureSpec, parse_fixture
 from operator_app.config.parameters_file import ParametersDocument, parse_parameters
-from operator_app.config.poses_file import LIMIT_BYTES, LoadedPoses, parse_poses
+from operator_app.config.poses_file import LoadedPoses, parse_poses
 from operator_app.config.procedure import Procedure, ProcedureFile
 from operator_app.config.procedure_file import parse_procedure
-from operator_app.config.profile import ProfileFile
-from operator_app.config.profile_file import parse_profile
-from operator_app.config.resources import Resource, expanded, read_limited
+from operator_app.config.profile_file import ProfileFile, parse_profile
+from operator_app.config.resources import Resource
 from operator_app.config.schema import VERSIONS, StrictModel, StrictRecord, adapter
 from operator_app.config.strict_yaml import load_strict
 from solver.chain.arm_model import ArmModel
@@ -57,7 +55,9 @@ def json_schema(kind: FileKind) -> dict[str, Any]:
         definition["properties"] = {"schema": line, **definition["properties"]}
         definition["required"] = ["schema", *definition["required"]]
         choices.append({"$ref": f"#/$defs/{model.__name__}"})
-    meanings = _meanings()[kind]
+    # Descriptions of the keys that the models do not describe.
+    text = (files("operator_app") / "data" / "key_meanings.yaml").read_text("utf-8")
+    meanings: dict[str, str] = yaml.safe_load(text)[kind]
     for name, model in schema["$defs"].items():
         for key, spec in model.get("properties", {}).items():
             meaning = meanings.get(f"{name}.{key}", meanings.get(key))
@@ -69,14 +69,6 @@ def json_schema(kind: FileKind) -> dict[str, Any]:
         "oneOf": choices,
         "$defs": schema["$defs"],
     }
-
-
-@cache
-def _meanings() -> dict[str, dict[str, str]]:
-    """Return, by kind of file and key, the descriptions of keys that the models do not describe."""
-    text = (files("operator_app") / "data" / "key_meanings.yaml").read_text("utf-8")
-    meanings: dict[str, dict[str, str]] = yaml.safe_load(text)
-    return meanings
 
 
 def schema_file_name(kind: FileKind) -> str:
@@ -121,13 +113,6 @@ class FilesRead:
     def of(self, kind: AnyKind) -> tuple[FileRead, ...]:
         """Return the files of one kind."""
         return tuple(read for read in self.files if read.kind == kind)
-
-
-def read_any(path: str) -> Resource:
-    """Read a file of any kind; raises ConfigError."""
-    where = expanded(path)
-    data = read_limited(where, path, limit=LIMIT_BYTES)
-    return Resource(file=path, folder=where.parent, data=data)
 
 
 def kind_of(source: Resource) -> AnyKind | None:
@@ -190,14 +175,13 @@ ORDER: tuple[AnyKind | None, ...] = (*FILES, "poses", None)
 
 
 def read_files(
-    sources: Iterable[Resource], known: Mapping[str, AnyKind], missing: Iterable[Problem] = ()
+    sources: Iterable[tuple[Resource, AnyKind | None]], missing: Iterable[Problem]
 ) -> FilesRead:
-    """Read files of any kind.
+    """Read files, each with its expected kind, or None if the kind is to be determined from the content.
 
-    `known`: expected kind by file name; that of any other file is determined from its content. `missing`: problems of
-    further files that cannot be read at all.
+    `missing`: problems of further files that cannot be read at all.
     """
-    kinds = [(source, known.get(source.file) or kind_of(source)) for source in sources]
+    kinds = [(source, kind or kind_of(source)) for source, kind in sources]
     # A file named by a procedure may also be an argument: its problems are reported once.
     problems, joints, read = dict.fromkeys(missing), set[int](), dict[int, FileRead]()
     for k, (source, kind) in sorted(enumerate(kinds), key=lambda item: ORDER.index(item[1][1])):

@@ -1,4 +1,7 @@
-"""The arm file (``sarcal/arm/1``): D-H rows, free entries, ranges, sensors."""
+"""The arm file (``sarcal/arm/1``): D-H rows, free entries, ranges, sensors.
+
+Defaults of errors that are not stated are as in `error_model`: one standard deviation in an ordinary workshop.
+"""
 
 from __future__ import annotations
 
@@ -12,10 +15,6 @@ import numpy as np
 from pydantic import Field, field_validator, model_validator
 
 from operator_app.config.error_model import (
-    ACCURACY_DEG,
-    BACKLASH_DEG,
-    GAIN,
-    SAG_DEG,
     GravityModel,
     LinkModel,
     RowToleranceModel,
@@ -89,7 +88,7 @@ class EncoderModel(SensorFields):
     kind: Literal["encoder"]
     counts_per_rev: Annotated[int, Field(strict=True, ge=4, le=2**31 - 1)]
     noise_counts: NonNegativeNumber = 0.0
-    accuracy_deg: StatedDeg = ACCURACY_DEG
+    accuracy_deg: StatedDeg = 0.01
 
 
 class RvdtModel(SensorFields):
@@ -101,7 +100,9 @@ class RvdtModel(SensorFields):
     full_scale_deg: Annotated[PositiveNumber, Field(le=360.0)]
     linearity: Annotated[NonNegativeNumber, Field(le=0.5)]
     noise_lsb: NonNegativeNumber
-    gain: Annotated[NonNegativeNumber, Field(le=0.5)] = GAIN
+    # Gain error as a share of the reading. Data sheets state the scale factor separately from linearity; it is trimmed
+    # to 1 % or better, here taken as two standard deviations.
+    gain: Annotated[NonNegativeNumber, Field(le=0.5)] = 0.005
 
     @field_validator("full_scale_deg")
     @classmethod
@@ -131,8 +132,8 @@ class JointModel(StrictModel):
     sensor: SensorModel
     max_speed_deg_per_s: Annotated[PositiveNumber, Field(le=3600.0)]
     max_torque_nm: Annotated[PositiveNumber, Field(le=100000.0)]
-    backlash_deg: StatedDeg = BACKLASH_DEG
-    sag_deg: StatedDeg = SAG_DEG
+    backlash_deg: StatedDeg = 0.01
+    sag_deg: StatedDeg = 0.01
 
     @field_validator("range_deg")
     @classmethod

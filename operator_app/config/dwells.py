@@ -6,6 +6,7 @@ between samples do not count as time at rest.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
@@ -15,7 +16,7 @@ from solver.arrays import FloatArray, IntArray
 from solver.chain.poses import PoseSet
 
 DWELL_S = 1.0
-DWELL_SPREAD_RAD = float(np.deg2rad(0.05))
+DWELL_SPREAD_DEG = 0.05
 """Defaults: smallest duration of a dwell, and largest spread (largest minus smallest reading of each joint) in it."""
 
 LEAST_SAMPLES = 5
@@ -82,7 +83,7 @@ def find_dwells(
     q_rad: FloatArray,
     *,
     dwell_s: float = DWELL_S,
-    spread_rad: float = DWELL_SPREAD_RAD,
+    spread_rad: float = math.radians(DWELL_SPREAD_DEG),
 ) -> tuple[tuple[Dwell, ...], tuple[RefusedDwell, ...]]:
     """Return the dwells of samples `q_rad` (m, n) at rising times `time_s` (m,), and the rests refused as dwells."""
     if len(time_s) < LEAST_SAMPLES:

@@ -28,13 +28,6 @@ from operator_app.config.schema import StrictModel
 from solver.chain.arm_model import RowTolerance
 from solver.chain.statics import LinkMasses
 
-LENGTH_MM, TWIST_DEG = 0.5, 0.1
-ACCURACY_DEG = BACKLASH_DEG = SAG_DEG = 0.01
-GAIN = 0.005
-"""Gain error of an RVDT, as a share of the reading; one standard deviation. Data sheets state the
-scale factor separately from linearity; it is trimmed to 1 % or better, here taken as two standard deviations."""
-DEFLECTION_MM, DEFLECTION_MRAD = 0.2, 0.2
-
 
 class Uncertain(StrictModel):
     """Base of mappings of uncertainties.
@@ -57,8 +50,8 @@ class Uncertain(StrictModel):
 class ToleranceModel(Uncertain):
     """Uncertainty of lengths and twists in the maker's table."""
 
-    length_mm: StatedMm = LENGTH_MM
-    twist_deg: StatedDeg = TWIST_DEG
+    length_mm: StatedMm = 0.5
+    twist_deg: StatedDeg = 0.1
 
 
 class RowToleranceModel(Uncertain):
@@ -77,8 +70,8 @@ class RowToleranceModel(Uncertain):
 class GiveModel(Uncertain):
     """Compliance of a fixture under load."""
 
-    position_mm: StatedMm = DEFLECTION_MM
-    orientation_mrad: StatedMrad = DEFLECTION_MRAD
+    position_mm: StatedMm = 0.2
+    orientation_mrad: StatedMrad = 0.2
 
     def compliance(self, held: Sequence[str]) -> Compliance:
         """Return the compliance as a domain object.
@@ -108,10 +101,6 @@ def assumed_of_joints(key: str, models: Mapping[int, StrictModel]) -> Iterator[s
         yield f"{key}: {value:g} (joint{'s' * (len(silent) > 1)} {', '.join(map(str, silent))})"
 
 
-MASS_PERCENT, CENTRE_MM, TILT_DEG = 20.0, 15.0, 3.0
-"""Default uncertainties of masses, of centres of mass and of the direction of gravity."""
-
-
 class LinkModel(StrictModel):
     """Mass and centre of mass of the parts that move with one joint.
 
@@ -129,10 +118,10 @@ class LinkModel(StrictModel):
     ]
     mass_tolerance_percent: Annotated[
         NonNegativeNumber, Field(le=100.0, description="One standard deviation.")
-    ] = MASS_PERCENT
+    ] = 20.0
     centre_tolerance_mm: Annotated[
         StatedMm, Field(description="One standard deviation of each component.")
-    ] = CENTRE_MM
+    ] = 15.0
 
 
 class GravityModel(StrictModel):
@@ -141,7 +130,7 @@ class GravityModel(StrictModel):
     down: Annotated[
         tuple[Number, Number, Number], Field(description="Any length: [-1, 0, 0] is along -x.")
     ]
-    tolerance_deg: StatedDeg = TILT_DEG
+    tolerance_deg: StatedDeg = 3.0
 
     @field_validator("down")
     @classmethod

@@ -44,8 +44,6 @@ class ConfigError(Exception):
 
     def __init__(self, problems: Iterable[Problem]) -> None:
         in_order = sorted(problems, key=lambda p: (p.line or 0, p.column or 0))
-        if not in_order:
-            raise ValueError("a ConfigError needs at least one problem")
         self.problems: tuple[Problem, ...] = tuple(in_order)
         super().__init__("\n".join(str(problem) for problem in self.problems))
 
@@ -109,7 +107,7 @@ def words_for(error: ErrorDetails) -> tuple[str, str]:
     if kind == "union_tag_not_found":
         key = str(context.get("discriminator", "")).strip("'")
         return f"has no {key}", f"add the key {key}"
-    if kind in ("union_tag_invalid", "literal_error", "enum"):
+    if kind in ("union_tag_invalid", "literal_error"):
         options = _options(context)
         near = difflib.get_close_matches(str(context.get("tag", value)), options, n=1)
         hint = f"did you mean {near[0]}? " if near else ""
@@ -129,9 +127,8 @@ def words_for(error: ErrorDetails) -> tuple[str, str]:
     if kind == "string_pattern_mismatch":
         text = f"{value_in_words(value)} does not have the required form"
         return text, f"pattern: {context['pattern']}"
-    if kind in ("string_too_short", "string_too_long"):
-        empty = kind == "string_too_short"
-        return ("is empty", "state it") if empty else ("is too long", "shorten it")
+    if kind == "string_too_short":
+        return "is empty", "state it"
     return str(error["msg"]), "correct the value"
 
 

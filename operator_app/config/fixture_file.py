@@ -50,16 +50,6 @@ class FixtureSpec:
         """Kind of the fixture: ``hinge``, ``rigid``, ..."""
         return self.fixture.kind
 
-    @property
-    def tolerance_m(self) -> float:
-        """Tolerance of the placement's lengths, m: largest difference between true and nominal length."""
-        return self.fixture.tolerance.position_m
-
-    @property
-    def tolerance_rad(self) -> float:
-        """Tolerance of the placement's angles, rad."""
-        return self.fixture.tolerance.orientation_rad
-
 
 def parse_fixture(data: bytes, file: str) -> FixtureSpec:
     """Read a fixture from the bytes of its file, `file` in messages; raises ConfigError with all its problems."""

@@ -36,9 +36,6 @@ Unit = Literal["rad", "deg"]
 WHOLE = re.compile(r"[1-9]\d{0,3}")
 MOST_LOGGED_PLACEMENTS = 100
 NUMBERED_JOINT = re.compile(r"(.*\D|)(\d+)(\D*)")
-WITHOUT_ENDPOINTS = (
-    "write lengths in metres and angles in degrees, or rename the column to leave it out"
-)
 OTHER_COLUMNS = re.compile(r"t|time.*|.*stamp.*|n?secs?|index|row|pose|label", re.IGNORECASE)
 """Names of columns in a log that are not joints."""
 
@@ -93,15 +90,14 @@ def load_joint_log(
         raise only(file, "has a header but no poses", "capture poses first")
     width = len(body[0][1])
     if header and len(header) != width:
-        text = f"the header has {len(header)} cells, but the first row of angles has {width}"
-        raise only(file, text, "name each column, or remove the header", line=line)
+        raise wrong_header(header, width, file, line)
     by = find_column("--placement", placement, header, width, file) if placement else None
-    measured = endpoints_in(header, file, line)
+    measured = endpoint_columns(header, file, line)
     remaining = [k for k in range(width) if k != by and not (header and header[k] in measured)]
     where = find_columns(columns, header, remaining, joint_count, file, joints)
     q = _angles(body, where, file, radians=unit == "rad")
-    if unit is None:
-        _require_degrees(q, file)
+    if unit is None and len(q) >= FEWEST_POSES_FOR_UNIT:
+        require_degrees(np.abs(q).max(), f"{len(q)} poses", file)
     numbers, notes = ([1] * len(q), None) if by is None else _placements(body, by, file)
     poses = PoseSet(
         placement=np.array(numbers, dtype=np.int64),
@@ -113,18 +109,17 @@ def load_joint_log(
     return LoadedPoses(poses=poses, warnings=())
 
 
-def _require_degrees(q: FloatArray, file: str) -> None:
-    if len(q) >= FEWEST_POSES_FOR_UNIT and np.abs(q).max() < 2.0 * np.pi:
-        text = f"does not state the unit of its angles, and none in {len(q)} poses exceeds {np.abs(q).max():.3g}"
+def wrong_header(header: list[str], width: int, file: str, line: int) -> ConfigError:
+    """Return the error of a log whose rows have `width` cells, and the header another number."""
+    text = f"the header has {len(header)} cells, but the first row of angles has {width}"
+    return only(file, text, "name each column, or remove the header", line=line)
+
+
+def require_degrees(largest: float, count: str, file: str) -> None:
+    """Refuse a log whose largest angle may be in radians; `count` of its rows for the message. Raises ConfigError."""
+    if largest < 2.0 * np.pi:
+        text = f"does not state the unit of its angles, and none in {count} exceeds {largest:.3g}"
         raise only(file, text, "use --rad, or --deg if these are degrees")
-
-
-def endpoints_in(header: list[str], file: str, line: int | None = None) -> tuple[str, ...]:
-    """Return the columns of measured endpoints in a header, empty if there are none; raises ConfigError."""
-    try:
-        return endpoint_columns(header)
-    except ValueError as error:
-        raise only(file, str(error), "complete or remove its columns", line=line) from error
 
 
 def _endpoints(
@@ -140,10 +135,7 @@ def _endpoints(
             except BadCell as error:
                 text = f"{measured[j]}: {error.text}"
                 raise only(file, text, error.remedy, line=line, column=column + 1) from error
-    try:
-        return endpoints_of(measured, values)
-    except ValueError as error:
-        raise only(file, str(error), WITHOUT_ENDPOINTS) from error
+    return endpoints_of(measured, values, file)
 
 
 def _placements(body: list[Record], by: int, file: str) -> tuple[list[int], tuple[str, ...] | None]:

@@ -29,6 +29,7 @@ from typing import Any
 import numpy as np
 
 from operator_app.config.csv_table import BadCell, number
+from operator_app.config.errors import only
 from operator_app.config.quantities import UNIT, angle_doubt, length_doubt
 from operator_app.units import LENGTH, Figure
 from solver.arrays import FloatArray, frozen
@@ -85,28 +86,35 @@ def rotation_vectors(group: tuple[str, ...], values: FloatArray) -> FloatArray:
 
 
 POSITION_COLUMNS = ("x_m", "y_m", "z_m")
+WITHOUT_ENDPOINTS = (
+    "write lengths in metres and angles in degrees, or rename the column to leave it out"
+)
 
 
-def endpoint_columns(header: Collection[str]) -> tuple[str, ...]:
+def endpoint_columns(
+    header: Collection[str], file: str, line: int | None = None
+) -> tuple[str, ...]:
     """Return the columns of a log that hold measured endpoints: x_m, y_m, z_m and those of one orientation.
 
-    Empty if the positions are missing. `ValueError` if two orientations are stated, or one incompletely.
+    Empty if the positions are missing. Raises ConfigError if two orientations are stated, or one incompletely.
     """
     if not set(POSITION_COLUMNS) <= set(header):
         return ()
     groups = groups_in(header)
+    turn, remedy = groups[0] if groups else (), "complete or remove its columns"
     if len(groups) > 1:
-        raise ValueError(f"states the orientation twice: choose one of {ROTATION_EXAMPLE}")
-    turn = groups[0] if groups else ()
+        text = f"states the orientation twice: choose one of {ROTATION_EXAMPLE}"
+        raise only(file, text, remedy, line=line)
     if absent := [name for name in turn if name not in header]:
-        raise ValueError(f"states the orientation without {', '.join(absent)}")
+        text = f"states the orientation without {', '.join(absent)}"
+        raise only(file, text, remedy, line=line)
     return (*POSITION_COLUMNS, *turn)
 
 
-def endpoints_of(columns: tuple[str, ...], values: FloatArray) -> FloatArray:
+def endpoints_of(columns: tuple[str, ...], values: FloatArray, file: str) -> FloatArray:
     """Return positions (m) and rotation vectors (rad), (m, 3) or (m, 6), from values (m, k) of `endpoint_columns`.
 
-    A row with a value that is not finite has no measurement, and is nan. `ValueError` for implausible values.
+    A row with a value that is not finite has no measurement, and is nan. Raises ConfigError for implausible values.
     """
     turn, seen = columns[3:], np.all(np.isfinite(values), axis=1)
     out = np.full((len(values), 6 if turn else 3), np.nan)
@@ -117,10 +125,13 @@ def endpoints_of(columns: tuple[str, ...], values: FloatArray) -> FloatArray:
         largest = float(np.abs(values[seen, k]).max())
         doubt = length_doubt(largest) if k < len(POSITION_COLUMNS) else angle_doubt(largest)
         if doubt:
-            raise ValueError(f"has {columns[k]} of {largest:g}: {doubt}")
+            raise only(file, f"has {columns[k]} of {largest:g}: {doubt}", WITHOUT_ENDPOINTS)
     out[seen, :3] = values[seen, :3]
     if turn:
-        out[seen, 3:] = rotation_vectors(turn, values[seen, 3:])
+        try:
+            out[seen, 3:] = rotation_vectors(turn, values[seen, 3:])
+        except ValueError as error:
+            raise only(file, str(error), WITHOUT_ENDPOINTS) from error
     return out
 
 

@@ -227,12 +227,6 @@ class ParametersDocument(StrictRecord):
     rvdt: Annotated[tuple[RvdtRemedy, ...], checked(_check_rvdt)] = ()
     forced: ExactText | None = None
 
-    def __post_init__(self) -> None:
-        if len(self.dh) != len(self.joints) + 1:
-            raise ValueError("an arm of n joints has D-H rows 0 to n")
-        if self.utc.utcoffset() != UTC.utcoffset(None):
-            raise ValueError("the time of a document is UTC")
-
     @property
     def table(self) -> DhTable:
         """The whole table, rows 0..n, in SI units."""

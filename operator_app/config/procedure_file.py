@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
@@ -19,7 +19,7 @@ from operator_app.config.procedure import Procedure, ProcedureFile
 from operator_app.config.profile_file import parse_profile
 from operator_app.config.resources import Kind, Resource, resolve
 from operator_app.config.schema import check_model
-from operator_app.config.strict_yaml import Complaint, YamlDocument, load_strict
+from operator_app.config.strict_yaml import Complaint, load_strict
 from operator_app.config.strict_yaml import Path as KeyPath
 from solver.arrays import frozen
 from solver.chain.arm_model import ArmModel
@@ -39,38 +39,57 @@ def parse_procedure(
     Raises ConfigError with all problems of the four files.
     """
     document = load_strict(source.data, source.file)
-    files = _NamedFiles(document=document, folder=source.folder, snapshot=snapshot or {})
+    sources, problems = dict[str, Resource](), list[Problem]()
+
+    def read(
+        kind: Kind, name: str, parse: Callable[[bytes, str], T], *, at: KeyPath = ()
+    ) -> T | None:
+        """Read a file that the procedure names under the key `at` (default: `kind`); None if it has problems."""
+        try:
+            resource = (snapshot or {}).get(kind) or resolve(kind, name, folder=source.folder)
+        except ConfigError as error:
+            # The reference is wrong: report its place.
+            for p in error.problems:
+                text = f"{p.file}: {p.text}"
+                problems.append(document.problem(at or (kind,), text, p.remedy))
+            return None
+        sources[kind] = resource
+        try:
+            return parse(resource.data, resource.file)
+        except ConfigError as error:
+            problems.extend(error.problems)
+            return None
+
     try:
         file_model = check_model(ProcedureFile, document, kind="procedure")
     except ConfigError as error:
         # Read the other files anyway, to report all problems at once.
         if isinstance(name := document.data.get("arm"), str):
-            files.read("arm", name, parse_arm)
+            read("arm", name, parse_arm)
         if isinstance(name := document.data.get("fixture"), str):
-            files.read("fixture", name, parse_fixture)
-        raise ConfigError((*error.problems, *files.problems)) from error
-    arm = files.read("arm", file_model.arm, parse_arm)
-    fixture = files.read("fixture", file_model.fixture, parse_fixture)
+            read("fixture", name, parse_fixture)
+        raise ConfigError((*error.problems, *problems)) from error
+    arm = read("arm", file_model.arm, parse_arm)
+    fixture = read("fixture", file_model.fixture, parse_fixture)
     for_arm = partial(parse_profile, joints=None if arm is None else arm.joint_count)
-    profile = files.read("profile", file_model.bus.profile, for_arm, at=("bus", "profile"))
+    profile = read("profile", file_model.bus.profile, for_arm, at=("bus", "profile"))
     complaints: list[Complaint] = []
     if arm is not None:
         complaints += check_own(file_model, arm)
         arm = _as_here(file_model, arm)
     complaints += check_joints(file_model, arm)
-    if not (files.problems or complaints) and arm is not None and fixture is not None:
+    if not (problems or complaints) and arm is not None and fixture is not None:
         loop = fixture.fixture.model(arm, unsensed_joints=file_model.unsensed_joints)
         complaints += check_requested(file_model, loop.parameters)
-    problems = [*files.problems, *(document.problem(*complaint) for complaint in complaints)]
+    problems += (document.problem(*complaint) for complaint in complaints)
     if problems or arm is None or fixture is None or profile is None:
         raise ConfigError(problems)
-    read = files.sources
     return Procedure(
         name=file_model.name,
         arm=arm,
         fixture=fixture,
         profile=profile,
-        sources=(source, read["arm"], read["fixture"], read["profile"]),
+        sources=(source, sources["arm"], sources["fixture"], sources["profile"]),
         bus=file_model.bus,
         position_joints=file_model.chosen_modes.listed or None,
         trial=file_model.chosen_modes.trial,
@@ -98,36 +117,6 @@ def _as_here(file_model: ProcedureFile, arm: ArmModel) -> ArmModel:
         free=tuple(entry for entry in arm.free if entry.name not in file_model.held),
         home_rad=frozen(np.deg2rad(home)) if home is not None and fits else arm.home_rad,
     )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _NamedFiles:
-    """Reads the files that a procedure names, relative to `folder`, and keeps the files and all their problems."""
-
-    document: YamlDocument
-    folder: Path | None
-    snapshot: Mapping[Kind, Resource]
-    sources: dict[str, Resource] = field(default_factory=dict)
-    problems: list[Problem] = field(default_factory=list)
-
-    def read(
-        self, kind: Kind, name: str, parse: Callable[[bytes, str], T], *, at: KeyPath = ()
-    ) -> T | None:
-        """Read a file that the procedure names under the key `at` (default: `kind`); None if it has problems."""
-        try:
-            resource = self.snapshot.get(kind) or resolve(kind, name, folder=self.folder)
-        except ConfigError as error:
-            # The reference is wrong: report its place.
-            for p in error.problems:
-                text = f"{p.file}: {p.text}"
-                self.problems.append(self.document.problem(at or (kind,), text, p.remedy))
-            return None
-        self.sources[kind] = resource
-        try:
-            return parse(resource.data, resource.file)
-        except ConfigError as error:
-            self.problems.extend(error.problems)
-            return None
 
 
 def check_joints(file_model: ProcedureFile, arm: ArmModel | None) -> Iterator[Complaint]:

@@ -15,18 +15,18 @@ from operator_app.config.csv_table import BadCell, Record
 from operator_app.config.dwells import Dwell
 from operator_app.config.errors import ConfigError, decode_text, only
 from operator_app.config.joint_log import (
-    WITHOUT_ENDPOINTS,
     Unit,
-    endpoints_in,
     find_column,
     find_columns,
     is_number,
     joint_order,
     read_rows,
+    require_degrees,
+    wrong_header,
 )
-from operator_app.config.measured_endpoints import endpoints_of, mean_endpoint
+from operator_app.config.measured_endpoints import endpoint_columns, endpoints_of, mean_endpoint
 from operator_app.config.poses_file import BAG_SUFFIXES
-from operator_app.config.resources import expanded, read_limited
+from operator_app.config.resources import exists, expanded, read_limited
 from solver.arrays import FloatArray
 
 RECORDING_LIMIT_BYTES = 1024 * 1024 * 1024
@@ -85,9 +85,10 @@ def load_timed_log(
     if len(lines) < 2:
         raise only(file, "has no samples", "it must have a line of time and angles for each sample")
     header = [] if any(map(is_number, lines[0][1])) else lines[0][1]
-    lines, width = lines[1:] if header else lines, len(lines[1][1])
+    first, lines = lines[0][0], lines[1:] if header else lines
+    width = len(lines[0][1])
     by = find_column("--time", time, header, width, file)
-    measured = endpoints_in(header, file)
+    measured = endpoint_columns(header, file)
     remaining = [
         k for k in range(width) if k != by and not (k < len(header) and header[k] in measured)
     ]
@@ -97,20 +98,19 @@ def load_timed_log(
     else:
         where = find_columns(columns, header, remaining, len(joints), file)
         order = tuple(header[k] if header else f"column {k + 1}" for k in where)
-    table = _samples(lines, by, (*where, *map(header.index, measured)), file)
+    values = (*where, *map(header.index, measured))
+    if max(by, *values) >= width:
+        raise wrong_header(header, width, file, first)
+    table = _samples(lines, by, values, file)
     time_s, q = table[:, 0], table[:, 1 : 1 + len(where)]
-    largest = float(np.max(np.abs(q), initial=0.0, where=np.isfinite(q)))
-    if unit is None and largest < 2.0 * np.pi:
-        text = f"does not state the unit of its angles, and none in {len(q)} lines exceeds {largest:.3g}"
-        raise only(file, text, "use --rad, or --deg if these are degrees")
+    if unit is None:
+        largest = float(np.max(np.abs(q), initial=0.0, where=np.isfinite(q)))
+        require_degrees(largest, f"{len(q)} lines", file)
     latest = float(np.max(np.abs(time_s), initial=0.0, where=np.isfinite(time_s)))
     per_s = next(per for least, per in PER_SECOND if latest >= least)
     source = f"lines (times: {header[by] if header else f'column {by + 1}'})"
     q_rad = q if unit == "rad" else np.deg2rad(q)
-    try:
-        endpoint = endpoints_of(measured, table[:, 1 + len(where) :]) if measured else None
-    except ValueError as error:
-        raise only(file, str(error), WITHOUT_ENDPOINTS) from error
+    endpoint = endpoints_of(measured, table[:, 1 + len(where) :], file) if measured else None
     return recording_of(
         time_s / per_s, q_rad, joints=order, file=file, source=source, endpoint=endpoint
     )
@@ -264,7 +264,7 @@ def load_bag(
     messages = get_typestore(Stores.ROS2_HUMBLE)
     states: list[tuple[int, int, dict[str, float]]] = []
     where = expanded(path)
-    if not where.exists():
+    if not exists(where):
         raise only(file, "there is no such file", "give the path of a bag")
     try:
         with Reader(where) as bag:

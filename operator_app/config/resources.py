@@ -59,8 +59,7 @@ def resolve(kind: Kind, reference: str | Path, *, folder: Path | None = None) ->
         return Resource(file=f"packaged:{text}.yaml", folder=None, data=packaged.read_bytes())
     path = expanded(text) if folder is None else folder / expanded(text)
     is_path = os.sep in text or "." in text or text.startswith("~")
-    # `exists` of pathlib raises for names that no file can have.
-    if not text or not (is_path or os.path.exists(path)):  # noqa: PTH110
+    if not text or not (is_path or exists(path)):
         near = [name for name in names if text and name.startswith(text.lower())]
         near = near or difflib.get_close_matches(text.lower(), names, n=1)
         hint = f"did you mean {near[0]}? " if near else ""
@@ -74,11 +73,13 @@ def resolve(kind: Kind, reference: str | Path, *, folder: Path | None = None) ->
 
 def expanded(reference: str | Path) -> Path:
     """Return a path with ``~`` replaced by the home folder; unchanged for an unknown user."""
-    path = Path(reference)
-    try:
-        return path.expanduser()
-    except RuntimeError:
-        return path
+    # That of pathlib raises for an unknown user, and also expands ./~name.
+    return Path(os.path.expanduser(reference))  # noqa: PTH111
+
+
+def exists(path: Path) -> bool:
+    """Whether there is a file or folder; False, not an error, where this user may not look and for impossible names."""
+    return os.path.exists(path)  # noqa: PTH110
 
 
 def read_limited(path: Path, shown: str, *, limit: int) -> bytes:

@@ -174,9 +174,6 @@ def _problems(
     notes: Sequence[Complaint],
 ) -> Iterator[Problem]:
     placed = _without_alternatives(document, [(_path(document, error), error) for error in errors])
-    if notes:
-        # A validator has already reported the errors of a whole record, with their places.
-        placed = [(path, error) for path, error in placed if error["type"] != "value_error"]
     missing = {path for path, error in placed if error["type"] == "missing"}
     # A check of a default value also complains of a key that the file lacks.
     missing |= {path for path, _, _ in notes if path not in document.marks}

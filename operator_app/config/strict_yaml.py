@@ -25,9 +25,7 @@ MAX_DEPTH = 20
 
 INTEGER = re.compile(r"[-+]?(?:0|[1-9][0-9]*)")
 YAML_NUMBER = re.compile(r"[-+]?(?:(?:0|[1-9][0-9]*)(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
-YAML_NOT_FINITE = re.compile(
-    r"[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)|[-+]?(?:inf|infinity|nan)", re.IGNORECASE
-)
+YAML_NOT_FINITE = re.compile(r"[-+]?\.inf|\.nan|[-+]?(?:inf|infinity|nan)", re.IGNORECASE)
 NULLS = ("", "~", "null", "Null", "NULL")
 TRUE = ("true", "True", "TRUE")
 FALSE = ("false", "False", "FALSE")
@@ -48,7 +46,7 @@ def load_strict(data: bytes, file: str) -> YamlDocument:
         remedy = "make an arm file from a URDF first: sarcal new arm --urdf FILE"
         raise only(file, "is XML, not YAML", remedy, line=1)
     try:
-        node = _composed(text, file)
+        node = _composed(text)
     except yaml.reader.ReaderError as error:
         line = text.count("\n", 0, error.position) + 1
         what = "contains a character that is not text"
@@ -73,9 +71,9 @@ def load_strict(data: bytes, file: str) -> YamlDocument:
 
 
 @lru_cache(maxsize=16)
-def _composed(text: str, file: str) -> Node | None:
+def _composed(text: str) -> Node | None:
     """Compose the single document; cached, as opening a session reads the same built-in files several times."""
-    node: Node | None = StrictLoader(text, file).get_single_node()
+    node: Node | None = StrictLoader(text).get_single_node()
     return node
 
 
@@ -102,10 +100,7 @@ def resolve_plain(text: str) -> Scalar:
 class StrictLoader(yaml.SafeLoader):
     """SafeLoader that refuses anchors, aliases, tags and deep nesting while composing."""
 
-    def __init__(self, text: str, file: str) -> None:
-        super().__init__(text)
-        self.name = file
-        self.depth = 0
+    depth = 0
 
     def compose_node(self, parent: Node | None, index: Any) -> Node | None:
         """Compose one node; refuse anything but plain data."""

@@ -77,9 +77,9 @@ class UrdfChain:
         Rows 1..n.
     frames
         Frames 0..n with all joints at zero, in the base link's frame, (4, 4), m.
-    T_link_base, T_flange_tip
-        Fixed transforms that D-H rows cannot represent, (4, 4), m: from the base link to frame 0, and from frame n to
-        the tip. Both are the identity for a file written by this program.
+    T_flange_tip
+        Fixed transform from frame n to the tip, (4, 4), m. D-H rows cannot represent it, nor frame 0. Both are the
+        identity for a file written by this program.
     """
 
     name: str
@@ -89,7 +89,6 @@ class UrdfChain:
     joints: tuple[UrdfJoint, ...]
     table: DhTable
     frames: tuple[FloatArray, ...]
-    T_link_base: FloatArray
     T_flange_tip: FloatArray
 
     @property
@@ -170,7 +169,6 @@ class UrdfTree:
             joints=joints,
             table=table,
             frames=frames,
-            T_link_base=frames[0],
             T_flange_tip=np.linalg.inv(frames[-1]) @ T,
         )
 
@@ -211,7 +209,6 @@ def _links(element: ET.Element) -> tuple[str, str]:
 
 
 def _joints_to(link: str, elements: Mapping[str, ET.Element], file: str) -> list[ET.Element]:
-    """Return the joints from the root to a link."""
     path: list[ET.Element] = []
     while link in elements:
         if len(path) > len(elements):

@@ -11,7 +11,7 @@ import numpy as np
 
 from operator_app.config.arm_file import PARALLEL_RAD
 from solver.arrays import FloatArray
-from solver.chain.kinematics import DhTable
+from solver.chain.kinematics import DhTable, forward
 
 MEET_M = 1e-9
 """Distance below which axes count as intersecting."""
@@ -40,7 +40,7 @@ def rows_of(
     z = axes[0].z
     # Frame 0 equals the base link's frame if axis 1 is its z axis.
     origin = axes[0].point_m - float(axes[0].point_m @ z) * z
-    x = _across(z, np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]))
+    x = _across(z)
     frame_0 = np.eye(4)
     frame_0[:3, :3], frame_0[:3, 3] = np.column_stack((x, np.cross(z, x), z)), origin
     frames, rows = [frame_0], list[tuple[float, ...]]()
@@ -63,12 +63,8 @@ def rows_of(
 
 def link_transform(row: Sequence[float]) -> FloatArray:
     """Return ``Rz(theta_off) Tz(s) Tx(a) Rx(alpha) Ry(beta)``, (4, 4); `row`: these entries in order, rad, m."""
-    theta_off, s, a, alpha, beta = row
-    c, n, ca, sa, cb, sb = (f(v) for v in (theta_off, alpha, beta) for f in (math.cos, math.sin))
-    turn = np.array([[c, -n * ca, n * sa], [n, c * ca, -c * sa], [0.0, sa, ca]])
-    T = np.eye(4)
-    T[:3, :3] = turn @ np.array([[cb, 0.0, sb], [0.0, 1.0, 0.0], [-sb, 0.0, cb]])
-    T[:3, 3] = (a * c, a * n, s)
+    link, T = forward(*np.reshape(row, (5, 1))), np.eye(4)
+    T[:3, :3], T[:3, 3] = link.R_end, link.p_end
     return T
 
 
@@ -120,18 +116,15 @@ def _normal_to(line: AxisLine, apart: FloatArray, z: FloatArray) -> tuple[FloatA
     """
     a = float(np.linalg.norm(apart))
     if a <= MEET_M:
-        return _across(z, line.x, np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])), 0.0
+        return _across(z, line.x), 0.0
     normal = apart / a
     return (-normal, -a) if normal @ line.x < 0.0 else (normal, a)
 
 
-def _across(z: FloatArray, *directions: FloatArray) -> FloatArray:
-    """Return the first of `directions` that is not parallel to z, made orthogonal to z."""
-    for direction in directions:
-        x = direction - (direction @ z) * z
-        if np.linalg.norm(x) > 0.1:
-            return np.asarray(x / np.linalg.norm(x))
-    return np.asarray(np.cross(z, directions[-1]))
+def _across(z: FloatArray, *preferred: FloatArray) -> FloatArray:
+    """Return the first of `preferred`, x and y that is not parallel to z, made orthogonal to z."""
+    across = (d - (d @ z) * z for d in (*preferred, *np.eye(3)[:2]))
+    return next(x / np.linalg.norm(x) for x in across if np.linalg.norm(x) > 0.1)
 
 
 def _angle(a: FloatArray, b: FloatArray, about: FloatArray) -> float:
@@ -143,15 +136,12 @@ EXACT_PLACES = 13
 
 
 def rotation_of_rpy(rpy: FloatArray) -> FloatArray:
-    """Return the rotation matrix (3, 3) of roll, pitch, yaw (3,), rad."""
-    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
-    return np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-    )
+    """Return the rotation matrix (3, 3) of roll, pitch, yaw (3,), rad: ``Rz(yaw) Ry(pitch) Rx(roll)``."""
+    roll, pitch, yaw = rpy
+    # One link turns about z and y, another about x.
+    zero = np.zeros(2)
+    theta, alpha, beta = np.array([[yaw, 0.0], [0.0, roll], [pitch, 0.0]])
+    return forward(theta, zero, zero, alpha, beta).R_end
 
 
 def rpy_of(R: FloatArray) -> FloatArray:

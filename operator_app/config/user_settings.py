@@ -18,7 +18,7 @@ from pydantic import Field
 from operator_app.config.atomic import dump_strict, write_atomically
 from operator_app.config.errors import ConfigError, only
 from operator_app.config.quantities import Text
-from operator_app.config.resources import YAML_LIMIT_BYTES, read_limited
+from operator_app.config.resources import YAML_LIMIT_BYTES, exists, read_limited
 from operator_app.config.schema import StrictRecord, read_model
 from operator_app.config.strict_yaml import load_strict
 
@@ -80,8 +80,7 @@ def valid_settings() -> tuple[UserSettings, str]:
 def settings_bytes() -> bytes | None:
     """Return the content of the user's file; None if there is no file."""
     path = settings_path()
-    # Unlike that of pathlib, this `exists` is also false in a folder that this user may not read.
-    if not os.path.exists(path):  # noqa: PTH110
+    if not exists(path):
         return None
     return read_limited(path, str(path), limit=YAML_LIMIT_BYTES)
 

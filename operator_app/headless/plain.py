@@ -261,11 +261,11 @@ class Plain:
 
     def topics(self) -> Mapping[str, str]:
         """Return the summaries of the manual's pages, by topic."""
-        return {topic: self._manual.summary(topic) for topic in self._manual.topics}
+        return self._manual.topics
 
     def show_page(self, topic: str) -> None:
         """Write a page of the manual."""
-        self._terminal.say(as_text(self._manual.page(topic).markdown, PAGE_WIDTH))
+        self._terminal.say(as_text(self._manual.page(topic), PAGE_WIDTH))
 
     def show_history(self, serial: str) -> None:
         """Write the history of the arm with this serial number."""

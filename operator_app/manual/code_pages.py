@@ -58,7 +58,7 @@ def file_page(kind: FileKind) -> str:
     if kind in EXAMPLES:
         blocks += _example(kind)
     for name in dict.fromkeys((*tops, *models)):
-        blocks += _model(name, models[name], models)
+        blocks += _model(name, models[name])
     return "\n\n".join(blocks) + "\n"
 
 
@@ -68,14 +68,14 @@ def _example(kind: Any) -> Iterator[str]:
     yield f"```yaml\n{resolve(kind, EXAMPLES[kind]).data.decode().rstrip()}\n```"
 
 
-def _model(name: str, model: Mapping[str, Any], models: Mapping[str, Any]) -> Iterator[str]:
+def _model(name: str, model: Mapping[str, Any]) -> Iterator[str]:
     about, of_keys = _docstring(model.get("description", ""))
     required = model.get("required", ())
     rows = []
     for key, spec in model.get("properties", {}).items():
         default = "required" if key in required else _key_default(spec)
         meaning = spec.get("description") or of_keys.get(key, "")
-        rows.append((f"`{key}`", _type(spec, models), default, meaning))
+        rows.append((f"`{key}`", _type(spec), default, meaning))
     yield f"## {heading(name)}"
     if about:
         yield about
@@ -99,8 +99,7 @@ def _docstring(text: str) -> tuple[str, dict[str, str]]:
     return " ".join(about.split()), of_keys
 
 
-def _type(spec: Mapping[str, Any], models: Mapping[str, Any]) -> str:
-    """Return the type of a value, as text."""
+def _type(spec: Mapping[str, Any]) -> str:
     if "$ref" in spec:
         name = spec["$ref"].rpartition("/")[2]
         return f"see [{heading(name)}](#{heading(name).lower().replace(' ', '-')})"
@@ -110,15 +109,15 @@ def _type(spec: Mapping[str, Any], models: Mapping[str, Any]) -> str:
         return " or ".join(f"`{value}`" for value in spec["enum"])
     choices = spec.get("anyOf") or spec.get("oneOf")
     if choices:
-        return " or ".join(_type(c, models) for c in choices if c.get("type") != "null")
+        return " or ".join(_type(c) for c in choices if c.get("type") != "null")
     match spec.get("type"):
         case "array" if "prefixItems" in spec:
-            items = [_type(item, models) for item in spec["prefixItems"]]
+            items = [_type(item) for item in spec["prefixItems"]]
             return f"{len(items)} of: {items[0]}"
         case "array":
-            return f"list of: {_type(spec['items'], models)}"
+            return f"list of: {_type(spec['items'])}"
         case "object":
-            return f"mapping to: {_type(spec.get('additionalProperties') or {}, models)}"
+            return f"mapping to: {_type(spec.get('additionalProperties') or {})}"
         case "number" | "integer" as number:
             return _number(spec, "number" if number == "number" else "whole number")
         case "boolean":

@@ -9,7 +9,6 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from importlib.resources import files
 from types import MappingProxyType
 
@@ -89,25 +88,16 @@ class NoSuchTopicError(Exception):
         near = near[:1] or difflib.get_close_matches(topic, topics, n=1)
         hint = f"did you mean {near[0]}? " if near else ""
         super().__init__(f"the manual has no topic {topic!r}; {hint}all: {', '.join(topics)}")
-        self.topics = topics
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Page:
-    """A page as Markdown; `title` is its first line."""
-
-    title: str
-    markdown: str
-
-    @property
-    def files(self) -> Mapping[str, str]:
-        """Contents of the complete files that the page shows or includes, by file name."""
-        shown: dict[str, str] = dict(FILE.findall(self.markdown))
-        for topic in FILES_OF.findall(self.markdown):
-            shown |= FILE.findall(_written(topic))
-        for name in NOTEBOOK.findall(self.markdown):
-            shown[name] = (NOTEBOOKS / name).read_text(encoding="utf-8")
-        return shown
+def files_on(page: str) -> Mapping[str, str]:
+    """Return the contents of the complete files that a page (Markdown) shows or includes, by file name."""
+    shown: dict[str, str] = dict(FILE.findall(page))
+    for topic in FILES_OF.findall(page):
+        shown |= FILE.findall(_written(topic))
+    for name in NOTEBOOK.findall(page):
+        shown[name] = (NOTEBOOKS / name).read_text(encoding="utf-8")
+    return shown
 
 
 def made_by_code(topic: str) -> bool:
@@ -122,29 +112,23 @@ class Manual:
         self._commands = commands
 
     @property
-    def topics(self) -> tuple[str, ...]:
-        """Names of all pages, in the order of reading."""
-        named = (topic for topics in SECTIONS.values() for topic in topics)
-        return tuple(t for t in named if self._commands is not None or t != "commands")
+    def topics(self) -> Mapping[str, str]:
+        """Summaries of all pages in one line, by topic in the order of reading."""
+        every = {topic: text for topics in SECTIONS.values() for topic, text in topics.items()}
+        return {t: text for t, text in every.items() if self._commands or t != "commands"}
 
-    def summary(self, topic: str) -> str:
-        """Return the summary of a page in one line."""
-        return next(section[topic] for section in SECTIONS.values() if topic in section)
-
-    def page(self, topic: str) -> Page:
-        """Return a page; NoSuchTopicError if there is none with this name."""
+    def page(self, topic: str) -> str:
+        """Return a page as Markdown; NoSuchTopicError if there is none with this name."""
         name = topic.strip().lower().removesuffix(".md")
         if name not in self.topics:
-            raise NoSuchTopicError(topic, self.topics)
+            raise NoSuchTopicError(topic, tuple(self.topics))
         if name == "commands" and self._commands is not None:
-            text = self._commands()
-        elif made_by_code(name):
+            return self._commands()
+        if made_by_code(name):
             from operator_app.manual.code_pages import PAGES
 
-            text = PAGES[name]()
-        else:
-            text = _written(name)
-        return Page(title=text.partition("\n")[0].removeprefix("# "), markdown=text)
+            return PAGES[name]()
+        return _written(name)
 
 
 def _written(topic: str) -> str:

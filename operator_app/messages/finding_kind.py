@@ -553,13 +553,13 @@ class FindingKind(Enum):
     FIXED_UNSEEN = _Message(
         "HELD",
         text="{listed_all} cannot be identified from these poses and {one_name:was|were} fixed at nominal "
-        "values{holds}",
+        "values, which the sigmas of the other parameters take as exact{holds}",
         remedy="{releasing}",
     )
     FIXED_BY_CHOICE = _Message(
         "HELD",
-        text="this calibration does not estimate the parameters that the arm's file fixes: "
-        "{fixed_at}{tolerance}{holds}",
+        text="this calibration does not estimate what the arm file or the procedure fixes, and the sigmas of the "
+        "other parameters take these values as exact: {fixed_at}{tolerance}{holds}",
         remedy="{releasing}",
     )
     LENGTHS_EXACT = _Message(

@@ -89,13 +89,13 @@ def _moving(
     """Return the true values (P,) and the poses of the first drawn placement that allows `poses` poses."""
     ranges, nominal = ranges_of(arm).within(margin_rad(arm)), nominal_vector(model.parameters)
     offset_rad = arm.offset_tolerance_rad or PLANTED_OFFSET_RAD
-    mounted = {*model.ground_side, *model.hand_side}
+    mounted, tolerance = {*model.ground_side, *model.hand_side}, fixture.fixture.tolerance
 
     def error(p: Parameter) -> float:
         if p.name in spread:
             return spread[p.name] * rng.standard_normal()
         if p.name in mounted and not p.name.startswith("theta_off"):
-            most = fixture.tolerance_rad if p.is_angle else fixture.tolerance_m
+            most = tolerance.orientation_rad if p.is_angle else tolerance.position_m
             return OF_TOLERANCE * most * rng.uniform(-1.0, 1.0)
         return (offset_rad if p.is_angle else 0.0) * rng.standard_normal()
 

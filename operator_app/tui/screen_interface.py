@@ -202,7 +202,7 @@ class ScreenInterface:
 
     def topics(self) -> Mapping[str, str]:
         """Summaries of the manual's pages, by topic."""
-        return {topic: self.app.manual.summary(topic) for topic in self.app.manual.topics}
+        return self.app.manual.topics
 
     def show_page(self, topic: str) -> None:
         """Show a page of the manual; generated pages are made in a thread."""
@@ -210,7 +210,7 @@ class ScreenInterface:
 
     async def _show_page(self, topic: str) -> None:
         page = await asyncio.to_thread(self.app.manual.page, topic)
-        text = as_text(page.markdown, min(86, self.app.size.width - 8))
+        text = as_text(page, min(86, self.app.size.width - 8))
         self.app.push_screen(Read(f"Manual: {topic}", text))
 
     def show_history(self, serial: str) -> None:

@@ -57,8 +57,9 @@ class Bench:
             procedure.arm, self.settings, procedure.profile, patience_s=PATIENCE_S, openers=openers
         )
         fixture = procedure.fixture.fixture
-        measured = isinstance(fixture, Measured)
-        instrument = virtual_instrument(self.controller, fixture) if measured else None
+        instrument = None
+        if isinstance(fixture, Measured) and self.controller.tracker is not None:
+            instrument = virtual_instrument(self.controller.tracker, fixture)
         rig = Rig(arm=arm, opening=opening, simulated=True, instrument=instrument)
         session = open_session(rig)
         try:

@@ -164,10 +164,17 @@ class FuzzedOperator:
         self._stack.close()
 
     def _open(self, rng: Random, plan: Plan) -> CanopenArm:
-        arm_file = scenario("exact").arm(load_procedure("hinge").arm)
+        procedure = load_procedure("hinge")
+        arm_file = scenario("exact").arm(procedure.arm)
         settings = BusSettings(channel=f"wire-{os.getpid()}-{next(_channels)}")
         self._controller = self._stack.enter_context(
-            run_controller(arm_file, Choices(scenario="exact"), settings, heartbeat_timeout_s=30.0)
+            run_controller(
+                arm_file,
+                Choices(scenario="exact"),
+                settings,
+                fixture=procedure.fixture,
+                heartbeat_timeout_s=30.0,
+            )
         )
         self.mutator = FrameMutator(rng, plan)
 

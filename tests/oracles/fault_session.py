@@ -150,6 +150,7 @@ def run_session_with_fault(
         procedure.arm,
         chosen,
         settings,
+        fixture=procedure.fixture,
         heartbeat_timeout_s=PATIENCE_S,
         script=script,
         attended=True,

@@ -62,7 +62,7 @@ def tip_error(urdf: bytes, chain: UrdfChain, table: DhTable) -> float:
     """Largest difference of T_base_tip between pinocchio and a D-H table at 200 poses (m, or entries of a rotation)."""
     q = np.random.default_rng(1).uniform(-3.0, 3.0, (200, len(chain.joints)))
     tips = places(urdf, q, chain.tip, base=chain.base, joints=[j.name for j in chain.joints])
-    expected = chain.T_link_base @ T_base_flange(table, q) @ chain.T_flange_tip
+    expected = chain.frames[0] @ T_base_flange(table, q) @ chain.T_flange_tip
     return float(np.abs(tips - expected).max())
 
 

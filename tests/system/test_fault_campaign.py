@@ -223,12 +223,17 @@ def paper_document() -> bytes:
     ],
 )
 def test_upload_during_a_fault_is_complete_or_has_no_effect(kind):
-    arm_file = scenario("exact").arm(load_procedure("hinge").arm)
+    procedure = load_procedure("hinge")
+    arm_file = scenario("exact").arm(procedure.arm)
     settings = BusSettings(channel=f"upload-{kind}")
     old = paper_document()
     new = old + b"# another\n"
     with run_controller(
-        arm_file, Choices(scenario="exact"), settings, heartbeat_timeout_s=PATIENCE_S
+        arm_file,
+        Choices(scenario="exact"),
+        settings,
+        fixture=procedure.fixture,
+        heartbeat_timeout_s=PATIENCE_S,
     ) as controller:
         arm = fast_arm(arm_file, settings, patience_s=PATIENCE_S, sdo_timeout_s=5.0)
         arm.connect()

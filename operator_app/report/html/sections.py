@@ -241,10 +241,10 @@ def _method(subject: Subject) -> Section:
         origin = f"The poses were read from {file}; this program did not capture them."
     points = [origin]
     if subject.solution is not None:
-        fixture = subject.procedure.fixture
+        tolerance = subject.procedure.fixture.fixture.tolerance
         equations = plural(subject.solution.model.equations_per_pose, "equation")
-        shift = Figure(fixture.tolerance_m, CLOSURE_LENGTH, digits=2).with_unit
-        turn = Figure(fixture.tolerance_rad, CLOSURE_ANGLE, digits=2).with_unit
+        shift = Figure(tolerance.position_m, CLOSURE_LENGTH, digits=2).with_unit
+        turn = Figure(tolerance.orientation_rad, CLOSURE_ANGLE, digits=2).with_unit
         points.append(
             f"The tool closes a loop through the fixture. Each pose gives {equations} after the angles without "
             "a sensor are eliminated."

@@ -141,7 +141,7 @@ def _sensor(joint: Joint) -> str:
 def _chain(chain: Chain) -> str:
     """Return the calibration forecast of one arm in one fixture, as text."""
     arm, spec, feasibility = chain.arm, chain.fixture, chain.feasibility
-    give = spec.fixture.compliance
+    give, tolerance = spec.fixture.compliance, spec.fixture.tolerance
     yields = [DEFLECTION_LENGTH(give.position_m).with_unit] if give.position_m else []
     if give.orientation_rad and spec.kind != "ball":
         yields.append(DEFLECTION_ANGLE(give.orientation_rad).with_unit)
@@ -155,8 +155,9 @@ def _chain(chain: Chain) -> str:
     lines = [
         f"{arm.name} in {spec.name}",
         paragraph(
-            f"The {spec.kind}'s placement is taken as known to {LENGTH_TOLERANCE(spec.tolerance_m).with_unit} "
-            f"and {ANGLE_TOLERANCE(spec.tolerance_rad).with_unit}{deflection}."
+            f"The {spec.kind}'s placement is taken as known to "
+            f"{LENGTH_TOLERANCE(tolerance.position_m).with_unit} and "
+            f"{ANGLE_TOLERANCE(tolerance.orientation_rad).with_unit}{deflection}."
         ),
         *map(paragraph, _freedom(chain)),
         paragraph(

@@ -91,6 +91,8 @@ def take_poses(
             drift_check.repeat_nearest_pose_if_unresolved()
         if session.state.resumed:  # no pose has been repeated yet
             drift_check.repeat_first_pose_and_come_back()
+    elif missing and drift_check.last_repeat_differs():
+        drift_check.repeat_first_pose_and_come_back(suspect=True)
     if planned is None:
         if not session.state.repeated_since_capture:
             # The last pose may have been captured by hand, without this check.
@@ -173,6 +175,17 @@ class _DriftCheck:
                 f"Pose {state.poses_here[0].number} is unchanged; the calibration decides whether {number} is an "
                 "outlier."
             )
+
+    def last_repeat_differs(self) -> bool:
+        """Whether the last capture ended because a repeated pose showed a shift."""
+        state = self.session.state.here
+        if not state.repeated_since_capture:
+            return False
+        try:
+            check_repeat(state, self.session.procedure, refuse=True)
+        except GuardError:
+            return True
+        return False
 
     def repeat_first_pose_and_come_back(self, *, suspect: bool = False) -> None:
         """Repeat the first pose, then move the arm back to where it was.

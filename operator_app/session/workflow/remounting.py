@@ -60,9 +60,9 @@ def require_mountable(procedure: Procedure, count: int) -> int:
 
 def remounting_steps(procedure: Procedure) -> tuple[str, ...]:
     """Return the operator's steps between two placements."""
-    spec, on_hand = procedure.fixture, procedure.fixture.fixture.stays_on_hand
-    length, angle = LENGTH_TOLERANCE(spec.tolerance_m), ANGLE_TOLERANCE(spec.tolerance_rad)
-    part = "; its part on the tool stays" if on_hand else " and off the tool"
+    fixture, limits = procedure.fixture.fixture, procedure.fixture.fixture.tolerance
+    length, angle = LENGTH_TOLERANCE(limits.position_m), ANGLE_TOLERANCE(limits.orientation_rad)
+    part = "; its part on the tool stays" if fixture.stays_on_hand else " and off the tool"
     return (
         "1. Secure the arm against falling, by hand or by a strap, with a second person at the hardware stop.",
         f"2. Take the fixture off the table{part}.",

@@ -53,13 +53,14 @@ class PlacementPanel(Lines):
     def all_rows(self, s: SessionSnapshot, width: int) -> Sequence[Line]:
         """Return the lines of the panel."""
         spec = s.procedure.fixture
+        limits = spec.fixture.tolerance
         loop = spec.fixture.model(s.procedure.arm)
         rows = [entry("Fixture", (f"{spec.name}", "bold"), f"  kind {spec.kind}")]
         own = set(loop.ground_side) | set(loop.hand_side)
         placed = [p for p in loop.parameters if p.name in own and "theta" not in p.name]
         for name, angles, kind, tolerance in (
-            ("Lengths", False, NOMINAL_LENGTH, LENGTH_TOLERANCE(spec.tolerance_m)),
-            ("Twists", True, NOMINAL_TWIST, ANGLE_TOLERANCE(spec.tolerance_rad)),
+            ("Lengths", False, NOMINAL_LENGTH, LENGTH_TOLERANCE(limits.position_m)),
+            ("Twists", True, NOMINAL_TWIST, ANGLE_TOLERANCE(limits.orientation_rad)),
         ):
             texts = [f"{p.name}\xa0{kind(p.nominal).shown}" for p in placed if p.is_angle is angles]
             if texts:

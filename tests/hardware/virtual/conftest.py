@@ -23,12 +23,10 @@ NODES = (*range(1, 8), 16)
 
 def specimen_files(fixture: str, arm: ArmModel | None = None, **other: float) -> SpecimenFiles:
     """What the files of a fixture and an arm (default: the packaged one) state."""
-    spec = load_fixture(fixture)
-    return SpecimenFiles(
-        arm=arm or SARCOS,
-        fixture=spec.fixture,
-        **{"tolerance_m": spec.tolerance_m, "tolerance_rad": spec.tolerance_rad, **other},
-    )
+    placed = load_fixture(fixture).fixture
+    limits = placed.tolerance
+    stated = {"tolerance_m": limits.position_m, "tolerance_rad": limits.orientation_rad}
+    return SpecimenFiles(arm=arm or SARCOS, fixture=placed, **(stated | other))
 
 
 def commands(targets_rad: Mapping[int, float]) -> list[JointCommand]:

@@ -29,6 +29,12 @@ def changed(text: str, changes: dict[str, str]) -> str:
     return text
 
 
+def test_built_in_files_of_two_kinds_may_have_one_name(run_command):
+    output = run_command(0, "check", "--fixture", "hinge", "--procedure", "hinge").out
+    assert "procedure hinge" in output
+    assert "fixture hinge: hinge" in output
+
+
 def test_all_problems_of_all_files_are_listed(run_command):
     arm = {
         "row: 2, theta_off_deg": "row: 2, theta_of_deg",

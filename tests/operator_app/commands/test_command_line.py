@@ -151,6 +151,15 @@ CASES = [
     ("probe --record ~nosuchuser/x", "no such home folder"),
     ("probe --configure", "--draft FILE"),
     pytest.param(f"import {'a' * 5000} --deg {SARCOS_HINGE}", "name too long", id="long file name"),
+    *(
+        pytest.param(command.replace("LONG", "a" * 5000), message, id=command)
+        for command, message in (
+            ("compare LONG LONG", "is not a session"),
+            ("eds -o LONG", "cannot be created: File name too long"),
+            ("help own-arm --files LONG", "cannot be made: File name too long"),
+            (f"import LONG.mcap {SARCOS_HINGE}", "there is no such file"),
+        )
+    ),
     (f"solve pipe {SARCOS_HINGE}", "it is a pipe, not a file"),
     ("plan --arm ./pipe --fixture hinge", "a pipe"),
     ("run ./pipe", "it is a pipe, not a file"),

@@ -161,3 +161,26 @@ def test_copied_procedure_refers_to_the_given_arm_file(file):
     assert yaml.safe_load(Path("go.yaml").read_text())["arm"] == file
     if file == "arm.yaml":
         assert "\narm: arm.yaml\n" in Path("go.yaml").read_text()
+
+
+@pytest.mark.parametrize("file", ["ur5e", "~root"])
+def test_copied_procedure_refers_to_a_file_named_like_another_one_as_a_path(file):
+    assert main(["new", "arm", "--from", "franka_panda", "--name", "mine", "-o", f"./{file}"]) == 0
+    options = ["--arm", f"./{file}", "-o", "go.yaml"]
+    assert main(["new", "procedure", "--from", "hinge", *options]) == 0
+    assert load_procedure("go.yaml").arm.name == "mine"
+    assert yaml.safe_load(Path("go.yaml").read_text())["arm"] == f"./{file}"
+
+
+def test_command_advised_for_a_fixture_out_of_reach_can_be_run(run_command):
+    options = ["--arm", "franka_panda", "--kind", "ball", "--hand-point", "0,0,100"]
+    output = run_command(0, "new", "fixture", *options, "--base-point", "5000,0,0").out
+    (command,) = (
+        line.rpartition(": sarcal ")[2] for line in output.splitlines() if "closes:" in line
+    )
+    assert "No problems were found" in run_command(5, *command.split()).out
+
+
+def test_name_that_no_file_can_have_is_refused(run_command):
+    message = run_command(2, "new", "arm", "--from", "ur5e", "-o", "a" * 5000).err
+    assert "cannot be written: File name too long" in message

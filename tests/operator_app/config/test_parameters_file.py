@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import replace
-from datetime import UTC, datetime, timedelta, timezone
+from datetime import UTC
 
 import numpy as np
 import pytest
@@ -169,14 +169,6 @@ def test_infinite_number_or_implausible_length_cannot_be_written():
     rows = (replace(document().dh[0], a_m=1e6), *document().dh[1:])
     with pytest.raises(ConfigError, match=r"^the result: dh\[row 0\]\.a_m: .*cannot be exported"):
         format_parameters(replace(document(), dh=rows))
-
-
-@pytest.mark.parametrize("zone", [None, timezone(timedelta(hours=1))])
-def test_document_needs_all_rows_and_utc(zone):
-    with pytest.raises(ValueError, match="rows 0 to n"):
-        replace(document(), dh=document().dh[1:])
-    with pytest.raises(ValueError, match="UTC"):
-        replace(document(), utc=datetime(2026, 1, 1, tzinfo=zone))
 
 
 FLOAT = st.floats(-360.0, 360.0)

@@ -58,6 +58,21 @@ def test_endpoints_over_time_are_averaged_at_each_rest(tmp_path):
     np.testing.assert_array_equal(by_number.endpoint, recording.endpoint)
 
 
+@pytest.mark.parametrize(
+    ("rows", "fault"),
+    [
+        ("t,q1,q2,x_m,y_m,z_m\n0,10,20,1,1\n1,10,20,1,1", "the header has 6 cells"),
+        ("q1,q2,t\n10,20\n100,20", "the header has 3 cells"),
+        ("0,10\n1,10,20\n2,10,20", "1 columns for an arm of 2 joints"),
+    ],
+)
+def test_rows_shorter_than_the_header_or_the_other_rows_are_refused(tmp_path, rows, fault):
+    log = tmp_path / "log.csv"
+    log.write_text(rows)
+    with pytest.raises(ConfigError, match=fault):
+        load_timed_log(log, time="t" if "t" in rows else "1", joints=("a", "b"), unit="deg")
+
+
 def test_rest_without_a_measurement_is_reported(tmp_path):
     log = write_tracker_log(tmp_path / "log.csv", hidden=range(28, 50))
     recording = load_timed_log(log, time="time", joints=("a", "b"), unit="deg")

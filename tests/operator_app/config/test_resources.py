@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from operator_app.commands.options import a_path
 from operator_app.config.errors import ConfigError
 from operator_app.config.resources import YAML_LIMIT_BYTES, resolve
 
@@ -30,6 +31,14 @@ def test_unknown_name_lists_built_in_names():
     )
     assert "hinge, rigid" in message
     assert "did you mean ur5e?" in refusal_of("arm", "UR5e")
+
+
+def test_tilde_after_a_folder_is_part_of_the_name(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("~", "~nosuchuser"):
+        Path(tmp_path / name).write_text("mine")
+        assert resolve("fixture", f"./{name}").data == b"mine"
+        assert a_path(f"./{name}") == Path(name)
 
 
 def test_unusable_files_are_refused(tmp_path):

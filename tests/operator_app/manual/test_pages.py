@@ -36,7 +36,7 @@ def test_every_option_is_in_the_manual(command, capsys):
         cli.main([*command.split(), "--help"])
     help_text = capsys.readouterr().out
     options = set(re.findall(r"(?<=[ \[])--[a-z][a-z-]+", help_text)) - {"--help", "--version"}
-    page = manual().page("commands").markdown
+    page = manual().page("commands")
     missing = {option for option in options if f"`{option}" not in page}
     assert not missing
     assert f"## sarcal {command}".strip() in page
@@ -52,7 +52,7 @@ def test_every_option_is_in_the_manual(command, capsys):
     ],
 )
 def test_every_key_of_packaged_files_is_in_the_manual(topic, folder):
-    page = manual().page(topic).markdown
+    page = manual().page(topic)
     parameters = {"theta_off_1", "theta_off_4", "theta_off_7"}  # keys of `held`
     for file in (ROOT / folder).glob("*.yaml"):
         in_file = keys(yaml.safe_load(file.read_text()))
@@ -61,7 +61,7 @@ def test_every_key_of_packaged_files_is_in_the_manual(topic, folder):
 
 @pytest.mark.parametrize("kind", get_args(FileKind))
 def test_every_key_has_a_meaning(kind):
-    page = manual().page(f"{kind}-file").markdown
+    page = manual().page(f"{kind}-file")
     assert not re.findall(r"^\| `\w+` .*\|\s*\|$", page, re.MULTILINE)
     # No meaning is stated for unknown keys, or for keys that their model describes.
     meanings = yaml.safe_load((ROOT / "operator_app/data/key_meanings.yaml").read_text())[kind]
@@ -77,7 +77,7 @@ def test_every_key_has_a_meaning(kind):
 
 
 def test_every_eds_object_is_in_the_manual():
-    joint, supervisor = manual().page("objects").markdown.split("## Supervisor")
+    joint, supervisor = manual().page("objects").split("## Supervisor")
     for name, text in (("joint", joint), ("supervisor", supervisor)):
         eds = configparser.ConfigParser(strict=False, interpolation=None)
         eds.read(ROOT / f"hardware/eds/{name}.eds")
@@ -92,7 +92,7 @@ def test_every_eds_object_is_in_the_manual():
 def test_every_exit_code_has_a_meaning():
     assert set(MEANING) == set(ExitCode)
     for code in ExitCode:
-        assert f"| `{int(code)}` |" in manual().page("exit-codes").markdown
+        assert f"| `{int(code)}` |" in manual().page("exit-codes")
         assert re.search(rf"\b{int(code)} \w", cli.EPILOG)
 
 
@@ -100,18 +100,18 @@ def test_every_app_key_and_fault_is_in_the_manual():
     from hardware.virtual.faults import FAULT_KINDS
     from operator_app.session.ui.action_table import ACTIONS
 
-    page = manual().page("keys").markdown
+    page = manual().page("keys")
     assert not [a.name for a in ACTIONS if f"| {a.label} |" not in page]
-    page = manual().page("faults").markdown
+    page = manual().page("faults")
     assert not [kind for kind in FAULT_KINDS if f"| `{kind}` |" not in page]
 
 
-TOPICS = manual().topics
+TOPICS = tuple(manual().topics)
 
 
 @cache
 def markdown(topic: str) -> str:
-    return manual().page(topic).markdown
+    return manual().page(topic)
 
 
 def test_help_lists_every_topic_with_its_summary(run_command):
@@ -134,9 +134,10 @@ def test_every_page_is_a_topic():
 def test_page_fits_into_80_columns(topic, run_command):
     output = run_command(0, "help", topic).out
     page = manual().page(topic)
-    assert output.splitlines()[:2] == [page.title, "=" * len(page.title)]
+    title = page.partition("\n")[0].removeprefix("# ")
+    assert output.splitlines()[:2] == [title, "=" * len(title)]
     # Code and tables with long words may be wider.
-    for line in as_text(page.markdown, 80).splitlines():
+    for line in as_text(page, 80).splitlines():
         assert len(line) <= 80 or line.startswith("    ") or "  " in line, line
 
 

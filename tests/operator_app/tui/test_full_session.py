@@ -30,7 +30,7 @@ def next_step(d):
 
 
 async def test_tutorial_keys_upload_parameters_and_quit(drive, source):
-    page = Manual().page("tutorial").markdown
+    page = Manual().page("tutorial")
     sections = re.findall(r"^### (\d)[^\n]*\n\nKeys: ([^\n]+)$", page, flags=re.MULTILINE)
     assert [int(number) for number, _ in sections] == [1, 2, 3, 4, 5, 7]
     async with drive() as d:

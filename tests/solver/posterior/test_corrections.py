@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import sarcal
 
-from operator_app.manual.pages import Manual
+from operator_app.manual.pages import Manual, files_on
 
 
 @pytest.fixture(scope="module")
@@ -19,7 +19,7 @@ def result(poses):
 
 def test_function_of_the_manual_gives_the_same_corrected_readings(poses, result):
     namespace = {}
-    exec(Manual().page("corrections").files["corrections.py"], namespace)  # noqa: S102
+    exec(files_on(Manual().page("corrections"))["corrections.py"], namespace)  # noqa: S102
     corrected = namespace["corrected"]
     data, corrections = result.to_json(), result._subject.solution.corrections
     kinds = {c["kind"] for c in data["corrections"]}

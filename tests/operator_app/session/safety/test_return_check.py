@@ -360,6 +360,10 @@ def test_step_of_a_driven_joint_is_reported_at_the_next_pose(begin, name, after)
     assert session.state.poses[-1].planned is (name == "hinge_planned")
     assert len(session.state.poses) == after + 1
     assert f"Pose {after + 1} does not fit" in " ".join(listener.reports)
+    # A second attempt measures the first pose again, and goes on only if that agrees.
+    with pytest.raises(GuardError, match="joint 1 has shifted by"):
+        take_poses(session, listener, (1, 5))
+    assert len(session.state.poses) == after + 1
 
 
 def test_sound_arm_repeats_no_pose(begin):

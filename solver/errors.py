@@ -10,16 +10,7 @@ class SolverError(Exception):
 
     def __reduce__(self) -> tuple[object, ...]:
         """Pickle by attributes instead of constructor arguments: the error may come from another process."""
-        return _rebuilt, (type(self), self.args, dict(self.__dict__))
-
-
-def _rebuilt(
-    kind: type[SolverError], args: tuple[object, ...], attributes: dict[str, object]
-) -> SolverError:
-    error = kind.__new__(kind)
-    error.args = args
-    error.__dict__.update(attributes)
-    return error
+        return Exception.__new__, (type(self), *self.args), self.__dict__
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,8 +86,6 @@ class TooFewPosesError(SolverError):
     ) -> None:
         self.poses = poses
         self.needed = needed
-        self.parameters = parameters
-        self.equations_per_pose = equations_per_pose
         if equations_per_pose <= 0:
             text = "with so many joints unsensed a pose gives no equation: use the readings of more joints"
         else:

@@ -15,8 +15,7 @@ from operator_app.calibration.result import Solution
 from solver.arrays import FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.poses import PoseSet
-from solver.diagnostics.cross_validation import HoldOut, far_block, fold_poses, hold_out
-from solver.diagnostics.hypothesis_tests import FAR_SHARE, FOLDS
+from solver.diagnostics.cross_validation import FOLDS, HoldOut, far_block, fold_poses, hold_out
 from solver.diagnostics.statistics import jackknife
 from solver.errors import SolverError
 from solver.estimators.estimate import Estimate
@@ -84,8 +83,8 @@ def check(solution: Solution, arm: ArmModel, fixture: EndpointConstraint, poses:
             whole.fit,
             [k for k, p in enumerate(model.parameters) if p.name not in solution.tolerated],
         ),
-        held_out=held_out(fold_poses(q, FOLDS)),
-        far_block=held_out((far_block(q, FAR_SHARE),)),
+        held_out=held_out(fold_poses(q)),
+        far_block=held_out((far_block(q),)),
     )
 
 

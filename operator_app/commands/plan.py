@@ -46,7 +46,7 @@ def execute(args: argparse.Namespace) -> int:
     )
     shown = replace(shown, checks=(*fixed_parameter_checks(procedure), *shown.checks))
     advice = _advice(args, procedure, shown, poses) if args.advise else None
-    parameters = {p.name: p for p in shown.parameters}
+    parameters = shown.parameters
     if args.json:
         data = plan_json(shown, basis=basis)
         if advice is not None:
@@ -120,7 +120,7 @@ def _advice(
     """Return the best hinge placements near the estimated placement or, without an estimate, near the nominal one."""
     values: dict[str, float] = {}
     if shown.estimate is not None:
-        values = {p.name: float(v) for p, v in zip(shown.parameters, shown.estimate.x, strict=True)}
+        values = dict(zip(shown.parameters, shown.estimate.x.tolist(), strict=True))
     return advise(
         procedure.arm,
         procedure.fixture.fixture,

@@ -189,13 +189,12 @@ def _followed(
     # The drive joints are given; the other joints follow.
     weight[columns] = 0.0
     q, u = (np.repeat(angles, len(goal), axis=0) for angles in (start.q, start.u))
-    begin, closed = q[:, columns].copy(), np.ones(len(goal), dtype=np.bool_)
+    begin = q[:, columns].copy()
     for leg in np.linspace(0.0, 1.0, LEGS + 1)[1:]:
         q[:, columns] = begin + leg * (goal - begin)
         step = close_loops(model, x, q, sigma_rad=weight, u=u, max_iterations=8, tolerance=1e-6)
         q, u = step.q, step.u
-        closed = np.abs(model.loop(x, q, u).residual).max(axis=-1) < 1e-4
-    return q, closed
+    return q, np.abs(model.loop(x, q, u).residual).max(axis=-1) < 1e-4
 
 
 def most_informative(

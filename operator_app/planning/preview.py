@@ -44,8 +44,6 @@ class Preview:
     """
 
     arm: ArmModel
-    parameters: tuple[Parameter, ...]
-    mobility: int
     estimate: InterimEstimate | None
     captured: int
     checks: tuple[SetupCheck, ...]
@@ -53,6 +51,18 @@ class Preview:
     choice: DriveChoice
     plan: PosePlan
     poses: tuple[PlannedPose, ...]
+
+    @property
+    def parameters(self) -> dict[str, Parameter]:
+        """Unknowns of the loop by name, also those that the plan counts as known because their joints are unsensed."""
+        return {p.name: p for p in self.plan.manifold.model.parameters}
+
+    @property
+    def predicted_sigma(self) -> tuple[tuple[Parameter, float], ...]:
+        """Parameters to be determined, with their predicted standard deviations, rad or m."""
+        known, sigma = self.parameters, self.plan.predicted_sigma.tolist()
+        names = self.plan.information.parameters
+        return tuple((known[name], s) for name, s in zip(names, sigma, strict=True))
 
 
 def preview(
@@ -104,8 +114,6 @@ def preview(
         ) from error
     return Preview(
         arm=arm,
-        parameters=task.model.parameters,
-        mobility=prediction.manifold.motion.degrees,
         estimate=estimate,
         captured=0 if known_rad is None else len(known_rad),
         checks=setup_checks(

@@ -24,7 +24,7 @@ from operator_app.units import (
     plural,
     significant,
 )
-from solver.diagnostics.hypothesis_tests import FOLDS
+from solver.diagnostics.cross_validation import FOLDS
 from solver.estimators.estimate import Estimate
 from solver.loops.closure import ClosureSigmas
 

@@ -66,7 +66,7 @@ class ArmModel:
     home_rad
         Pose the arm starts from, sensor coordinates, shape (n,).
     tolerances
-        Tolerances of rows 1..n; empty if the whole table is exact.
+        Tolerances of rows 1..n.
     offset_tolerance_rad
         Standard uncertainty of the nominal offsets; None if it is not known.
     down
@@ -84,22 +84,12 @@ class ArmModel:
     joints: tuple[Joint, ...]
     free: tuple[DhEntry, ...]
     home_rad: FloatArray
-    tolerances: tuple[RowTolerance, ...] = ()
+    tolerances: tuple[RowTolerance, ...]
     offset_tolerance_rad: float | None = None
     down: tuple[float, float, float] = UPRIGHT_DOWN
     masses: LinkMasses | None = None
     hayati_rows: tuple[int, ...] = ()
     assumed: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        if self.table.links != len(self.joints):
-            raise ValueError("an arm needs one joint per D-H row")
-        if self.tolerances and len(self.tolerances) != self.table.links:
-            raise ValueError("an arm needs one tolerance per D-H row, or none at all")
-        if self.masses is not None and len(self.masses.mass_kg) != self.table.links:
-            raise ValueError("an arm needs one mass per D-H row, or none at all")
-        if not set(self.hayati_rows) <= set(range(1, self.table.links)):
-            raise ValueError("only rows 1 to n-1 join axes of the arm")
 
     @property
     def joint_count(self) -> int:
@@ -127,8 +117,8 @@ class ArmModel:
         """Return the arm with `length_m` as standard deviation of every s and a; None leaves the arm unchanged."""
         if length_m is None:
             return self
-        rows = self.tolerances or (RowTolerance(),) * self.joint_count
-        return replace(self, tolerances=tuple(replace(row, length_m=length_m) for row in rows))
+        rows = tuple(replace(row, length_m=length_m) for row in self.tolerances)
+        return replace(self, tolerances=rows)
 
     def maker_entries(self, row: int) -> tuple[DhEntry, ...]:
         """Entries for lengths and twists in a row of the maker's table: a, s, alpha; in a Hayati row a, alpha, beta."""
@@ -154,14 +144,12 @@ class ArmModel:
     @property
     def length_tolerance_m(self) -> FloatArray:
         """Standard deviation of the maker's s and a of rows 1..n, shape (n,); 0 means exact."""
-        rows = self.tolerances or (RowTolerance(),) * self.joint_count
-        return np.array([row.length_m for row in rows])
+        return np.array([row.length_m for row in self.tolerances])
 
     @property
     def twist_tolerance_rad(self) -> FloatArray:
         """Standard deviation of the maker's alpha and beta of rows 1..n, shape (n,); 0 means exact."""
-        rows = self.tolerances or (RowTolerance(),) * self.joint_count
-        return np.array([row.twist_rad for row in rows])
+        return np.array([row.twist_rad for row in self.tolerances])
 
     @property
     def accuracy_rad(self) -> FloatArray:

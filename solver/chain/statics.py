@@ -46,13 +46,6 @@ class LinkMasses:
     def __post_init__(self) -> None:
         for name in ("mass_kg", "centre_m", "mass_sd_kg", "centre_sd_m", "down"):
             object.__setattr__(self, name, frozen(getattr(self, name)))
-        n = len(self.mass_kg)
-        if self.centre_m.shape != (n, 3) or self.down.shape != (3,):
-            raise ValueError("masses need one centre (3,) each, and down has three components")
-        if self.mass_sd_kg.shape != (n,) or self.centre_sd_m.shape != (n,):
-            raise ValueError("every mass and every centre needs one standard deviation")
-        if not np.isclose(np.linalg.norm(self.down), 1.0):
-            raise ValueError("down is a unit vector")
 
     @property
     def moments(self) -> FloatArray:

@@ -1,10 +1,9 @@
-"""Settings, phases and proposed actions of a planned calibration, and the check of readings during a move."""
+"""Proposed actions of a planned calibration, and the check of readings during a move."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from enum import Enum
 
 import numpy as np
 
@@ -37,7 +36,6 @@ class Capture:
     """Wait for standstill and measure a pose."""
 
     planned: bool
-    why: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -116,11 +114,3 @@ def moves_along(
 def straight_move(q_rad: FloatArray, drives: tuple[int, ...], why: str) -> GoTo:
     """Return the straight move of the drives to their angles in `q_rad` (n,), without a predicted trace."""
     return GoTo(targets_rad={j: float(q_rad[j - 1]) for j in drives}, why=why)
-
-
-class Phase(Enum):
-    """Phase of the campaign."""
-
-    EXPLORING = "exploring"
-    PLANNED = "visiting planned poses"
-    FINISHED = "finished"

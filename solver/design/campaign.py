@@ -22,15 +22,14 @@ from solver.design.actions import (
     ChangeDrives,
     Finished,
     GoTo,
-    Phase,
     moves_along,
     straight_move,
 )
 from solver.design.exploration import Explorer
-from solver.design.interim import Calibrate, InterimEstimate, implicit_interim
+from solver.design.interim import InterimEstimate, implicit_interim
 from solver.design.paths import Leg
 from solver.design.plan import PlanningTask, PosePlan, information_of, make_plan
-from solver.design.stop_rule import PrecisionStatus, StopDecision, stop_decision
+from solver.design.stop_rule import StopDecision, stop_decision
 from solver.errors import SolverError
 from solver.loops.closure import poses_needed
 
@@ -55,10 +54,10 @@ class Campaign:
 
     `task`: the first of its drive sets is in position mode now. `start_rad` (n,): readings at the start. `poses`:
     planned poses, in addition to those of the exploration. `requested`: standard deviations (rad, m) by parameter name
-    (default: none requested). `calibrate`: interim calibration; by default the implicit estimator, started from nominal
-    values. `captured` (m, n), `taken`: readings at still valid poses of an earlier campaign on the same loop,
-    and how many of these poses were planned; if they suffice for a trusted estimate, nothing is explored again.
-    `at_rad` (n,): readings at the arm's present pose; by default `start_rad`.
+    (default: none requested). `captured` (m, n), `taken`: readings at still valid poses of an earlier campaign on the
+    same loop, and how many of these poses were planned; if they suffice for a trusted estimate, nothing is explored
+    again. `at_rad` (n,): readings at the arm's present pose; by default `start_rad`. Attribute `exploring`: whether the
+    campaign has neither planned a pose nor ended.
     """
 
     def __init__(
@@ -68,7 +67,6 @@ class Campaign:
         start_rad: FloatArray,
         poses: int,
         requested: Mapping[str, float] | None = None,
-        calibrate: Calibrate | None = None,
         captured: FloatArray | None = None,
         taken: int = 0,
         at_rad: FloatArray | None = None,
@@ -77,11 +75,11 @@ class Campaign:
             raise ValueError("a campaign needs to know which joints drive at the start")
         self.task = task
         self.poses, self._requested = poses, requested
-        self.phase = Phase.EXPLORING
+        self.exploring = True
         self.plan: PosePlan | None = None
         self.estimate: InterimEstimate | None = None
         self.drives = task.drive_sets[0]
-        self._calibrate = calibrate or implicit_interim(task.model, task.noise)
+        self._calibrate = implicit_interim(task.model, task.noise)
         self._explorer = Explorer(start_rad=start_rad, drives=self.drives, ranges=task.ranges)
         self._q = np.array(start_rad if at_rad is None else at_rad)
         self._before = self._q
@@ -109,7 +107,7 @@ class Campaign:
     def propose(self) -> Action:
         """Return the next action, always the same until its end is reported; the last one is `Finished`."""
         while not self._queue:
-            if self.phase is Phase.EXPLORING:
+            if self.exploring:
                 self._explore()
             else:
                 self._next_visit()
@@ -125,7 +123,7 @@ class Campaign:
         if isinstance(action, ChangeDrives):
             self.drives = action.drives
             return
-        if self.phase is Phase.EXPLORING:
+        if self.exploring:
             self._explorer.observe(q_rad, stopped)
             if stopped:
                 self._queue.clear()
@@ -176,7 +174,7 @@ class Campaign:
         except SolverError:
             # Too few poses, or too similar ones: keep the previous estimate, and take more.
             return
-        if self.phase is Phase.PLANNED and self._shift() > REPLAN_SHIFT_RAD:
+        if self._shift() > REPLAN_SHIFT_RAD:
             self.plan = None
 
     def _shift(self) -> float:
@@ -195,7 +193,7 @@ class Campaign:
             return False
         remaining = self.poses - self._taken
         if remaining <= 0:
-            self.phase = Phase.PLANNED
+            self.exploring = False
             return True
         others = (d for d in self.task.drive_sets or () if d != self.drives)
         tasks = [replace(self.task, drive_sets=(self.drives, *others))]
@@ -216,7 +214,7 @@ class Campaign:
                     covariance=self.estimate.covariance,
                     avoid_rad=np.array(avoid) if avoid else None,
                 )
-                self.phase = Phase.PLANNED
+                self.exploring = False
                 self._visits = deque(self.plan.visits)
                 self._node = 0
                 return True
@@ -239,8 +237,7 @@ class Campaign:
             self._finish(text, complete=True, decision=decision)
             return
         if decision is not None and decision.stop:
-            is_reached = decision.status is PrecisionStatus.REACHED
-            self._finish(decision.text, complete=is_reached, decision=decision)
+            self._finish(decision.text, complete=not decision.weak, decision=decision)
             return
         plan = self.plan
         if plan is None or not self._visits:
@@ -259,7 +256,7 @@ class Campaign:
             return
         goal = f"planned pose {self._taken + 1}"
         self._queue += moves_along(route, self.drives, goal, of=f" of {self.poses}")
-        self._queue.append(Capture(planned=True, why=goal))
+        self._queue.append(Capture(planned=True))
         self._node = target
 
     def _route(self, plan: PosePlan, target: int) -> tuple[Leg, ...] | None:
@@ -281,7 +278,7 @@ class Campaign:
         These moves are not proposals: do not report their end, and make the same moves in reverse before the campaign
         continues. During exploration the result is one straight move.
         """
-        if self.phase is Phase.EXPLORING:
+        if self.exploring:
             return (straight_move(captured_rad, self.drives, BACK),)
         plan = self.plan
         if plan is None:
@@ -329,6 +326,6 @@ class Campaign:
     def _finish(
         self, text: str, *, complete: bool = False, decision: StopDecision | None = None
     ) -> None:
-        self.phase = Phase.FINISHED
+        self.exploring = False
         weak = () if decision is None else decision.weak
         self._queue.append(Finished(complete=complete, weak=weak, text=text))

@@ -45,22 +45,26 @@ def log_det(information: FloatArray) -> float:
     return float(value + 2.0 * np.log(d).sum()) if sign > 0 else float("-inf")
 
 
-def gains(root: FloatArray, information: FloatArray, parameters: int | None = None) -> FloatArray:
+def summed_information(root: FloatArray, poses: Sequence[int]) -> FloatArray:
+    """Information (N, N) of some poses, each listed as often as it counts; `root` (m, r, N): `PoseInformation.root`."""
+    rows = root[list(poses)].reshape(-1, root.shape[-1])
+    return np.asarray(rows.T @ rows)
+
+
+def gains(root: FloatArray, information: FloatArray, parameters: int) -> FloatArray:
     """Increase of log det when each candidate (m,) is added to a regular information matrix (N, N).
 
     `root` is (m, r, N): `PoseInformation.root`. Only the first `parameters` of the N unknowns count; the others are
     effects, and `information` must contain their prior.
     """
-    gained = _gains(root, information)
-    if parameters is None or parameters == root.shape[-1]:
-        return gained
-    return gained - _gains(root[..., parameters:], information[parameters:, parameters:])
+    of_effects = _gains(root[..., parameters:], information[parameters:, parameters:])
+    return _gains(root, information) - of_effects
 
 
 def _gains(root: FloatArray, information: FloatArray) -> FloatArray:
     m, r, N = root.shape
     L = np.linalg.cholesky(information)
-    white = (root.reshape(-1, N) @ np.linalg.inv(L).T).reshape(m, r, N)
+    white = (root.reshape(m * r, N) @ np.linalg.inv(L).T).reshape(m, r, N)
     square = white @ np.swapaxes(white, -1, -2)
     diagonal = np.linalg.cholesky(square + np.eye(r))[..., range(r), range(r)]
     return np.asarray(2.0 * np.log(diagonal).sum(-1))
@@ -70,8 +74,8 @@ def choose_poses(
     root: FloatArray,
     count: int,
     *,
-    parameters: int | None = None,
-    fixed: FloatArray | None = None,
+    parameters: int,
+    fixed: FloatArray,
     allowed: BoolArray | None = None,
     q: FloatArray | None = None,
     apart_rad: float = 0.0,
@@ -84,19 +88,23 @@ def choose_poses(
     Raises `TooFewCandidatesError` if fewer than `count` candidates are allowed and far enough apart.
 
     `root` (m, r, N): `PoseInformation.root` of all candidates. `parameters`: the first `parameters` of the N unknowns
-    (default: all) are to be determined; the others are effects (N(0, 1)). `fixed`: information (N, N) of poses captured
-    already. `allowed` (m,): which candidates may be chosen; all by default. `q`, `apart_rad`: joint angles (m, n) of
-    the candidates, and the least distance (Euclidean, rad) between chosen candidates. Without a least distance, the
-    best set repeats nearly the same few poses, which averages sensor noise but not the linearity deviations of sensors.
+    are to be determined; the others are effects (N(0, 1)). `fixed`: information (N, N) of poses captured already.
+    `allowed` (m,): which candidates may be chosen; all by default. `q`, `apart_rad`: joint angles (m, n) of the
+    candidates, and the least distance (Euclidean, rad) between chosen candidates. Without a least distance, the best
+    set repeats nearly the same few poses, which averages sensor noise but not the linearity deviations of sensors.
     """
     m, _, N = root.shape
-    P = N if parameters is None else parameters
+    P = parameters
     usable = np.ones(m, dtype=np.bool_) if allowed is None else allowed.copy()
     if count > int(usable.sum()):
         raise TooFewCandidatesError(
             f"{count} poses requested, but there are only {int(usable.sum())} candidate poses"
         )
-    scale, M = _comparable(root, P, fixed)
+    # With columns of unit length over all candidates, the average candidate has information 1/m on the diagonal.
+    scale, prior = np.ones(N), np.ones(N)
+    scale[:P] = column_scale(root[..., :P].reshape(-1, P))
+    prior[:P] = PRIOR_SHARE / m
+    M = np.diag(prior) + fixed / np.outer(scale, scale)
     search = _Search(root / scale, P, usable, q if apart_rad > 0.0 else None, apart_rad)
     rng = np.random.default_rng(seed)
     best: tuple[float, list[int]] = (-np.inf, [])
@@ -107,28 +115,13 @@ def choose_poses(
         if start > 0:
             # Half at random, the rest greedily: another local optimum, and a good one.
             chosen = search.random_start(count // 2, rng)
-            current += search.information(chosen)
+            current += summed_information(search.root, chosen)
         search.fill(current, chosen, count)
         search.exchange(current, chosen)
         value = log_det(current) - log_det(current[P:, P:])
         if start == 0 or value > best[0] + WORTHWHILE:
             best = value, chosen
     return tuple(best[1])
-
-
-def _comparable(
-    root: FloatArray, parameters: int, information: FloatArray | None
-) -> tuple[FloatArray, FloatArray]:
-    """Return the scale (N,) of the unknowns, and the scaled `information` with a weak prior and the effects' prior.
-
-    With columns of unit length over all candidates, the average candidate has information 1/m on the diagonal.
-    """
-    m, _, N = root.shape
-    scale, prior = np.ones(N), np.ones(N)
-    scale[:parameters] = column_scale(root[..., :parameters].reshape(-1, parameters))
-    prior[:parameters] = PRIOR_SHARE / m
-    M = np.diag(prior)
-    return scale, M if information is None else M + information / np.outer(scale, scale)
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,10 +146,6 @@ class _Search:
                 usable &= ((self.q - self.q[pose]) ** 2).sum(-1) >= self.apart_rad**2
         return usable
 
-    def information(self, poses: Sequence[int]) -> FloatArray:
-        rows = self.root[list(poses)].reshape(-1, self.root.shape[-1])
-        return np.asarray(rows.T @ rows)
-
     def gains(self, M: FloatArray, beside: Sequence[int]) -> FloatArray:
         """Gain of each candidate; -inf if it may not be chosen in addition to `beside`."""
         return np.where(self.open(beside), gains(self.root, M, self.parameters), -np.inf)
@@ -177,7 +166,7 @@ class _Search:
                 raise TooFewCandidatesError(
                     f"only {len(chosen)} of {count} poses keep {self.apart_rad:.3f} rad from each other"
                 )
-            M += self.information([best])
+            M += summed_information(self.root, [best])
             chosen.append(best)
 
     def exchange(self, M: FloatArray, chosen: list[int]) -> None:
@@ -185,12 +174,12 @@ class _Search:
         for _ in range(MAX_SWEEPS):
             changed = False
             for k, old in enumerate(chosen):
-                without = M - self.information([old])
+                without = M - summed_information(self.root, [old])
                 gain = self.gains(without, [pose for pose in chosen if pose != old])
                 stay = float(gains(self.root[old : old + 1], without, self.parameters)[0])
                 best = int(np.argmax(gain))
                 if gain[best] > stay + WORTHWHILE:
-                    M[:] = without + self.information([best])
+                    M[:] = without + summed_information(self.root, [best])
                     chosen[k] = best
                     changed = True
             if not changed:

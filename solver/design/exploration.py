@@ -74,12 +74,7 @@ class Explorer:
         return self._proposed
 
     def observe(self, q_rad: FloatArray, stopped: str = "") -> None:
-        """Report the readings (n,) at the end of the proposed move; `stopped` says why it ended early.
-
-        Raises `ValueError` if no move was proposed.
-        """
-        if not self._proposed:
-            raise ValueError("nothing was proposed")
+        """Report the readings (n,) at the end of the proposed move; `stopped` says why it ended early."""
         self._proposed = ()
         self._moved, self._q, self._stopped = q_rad - self._q, np.array(q_rad), stopped
 
@@ -112,7 +107,7 @@ class Explorer:
                 why = f"exploring, ray {number}, step {taken}"
                 if is_trial:
                     why = "small trial motion that shows how the other joints follow"
-                capture = Capture(planned=False, why=why)
+                capture = Capture(planned=False)
                 is_captured = not is_trial and taken % every == 0
                 yield self._move(self._q[self._columns] + move, why), *(capture,) * is_captured
                 moved, by = np.abs(self._moved), self._moved[self._columns]

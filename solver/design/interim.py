@@ -32,15 +32,14 @@ class InterimEstimate:
     text: str
 
 
-Calibrate = Callable[[FloatArray], InterimEstimate]
-"""Estimates from the readings (m, n) of the poses so far; raises SolverError when they do not suffice."""
+def implicit_interim(
+    model: ClosureModel, noise: NoiseModel
+) -> Callable[[FloatArray], InterimEstimate]:
+    """Return a function that estimates from the readings (m, n) of the poses so far; SolverError if these are too few.
 
-
-def implicit_interim(model: ClosureModel, noise: NoiseModel) -> Calibrate:
-    """Return a `Calibrate`: the implicit estimator, started at nominal values, later at the last trusted estimate.
-
-    When the closure errors are far larger than the joint sensors' noise, the excess is attributed to the fixture's
-    compliance and the poses are fitted again: otherwise the covariance would be too small.
+    It is the implicit estimator, started at nominal values, later at the last trusted estimate. When the closure errors
+    are far larger than the joint sensors' noise, the excess is attributed to the fixture's compliance and the poses are
+    fitted again: otherwise the covariance would be too small.
     """
     start: FloatArray | None = None
     explained = noise

@@ -87,10 +87,6 @@ class ChainMotion:
             return np.asarray(np.abs(det) / np.maximum(largest, 1e-300))
         return np.asarray(np.linalg.svd(rows, compute_uv=False)[..., -1])
 
-    def orientation(self, drives: Sequence[int]) -> FloatArray:
-        """Signed volume of the drives' rows of the tangent (m,); its sign depends on the chosen tangent basis."""
-        return np.asarray(np.linalg.det(self.tangent[:, [j - 1 for j in drives], :]))
-
     def rates(self, drives: Sequence[int]) -> FloatArray:
         """Rate of every arm joint per rate of each drive joint, (m, n, d); very large near a singularity."""
         rows = self.tangent[:, [j - 1 for j in drives], :]

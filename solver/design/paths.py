@@ -66,12 +66,15 @@ class PathGraph:
         *,
         allowed: BoolArray | None = None,
     ) -> None:
-        if any(len(set(drives)) != manifold.motion.degrees for drives in drive_sets):
-            raise ValueError(f"every drive set needs {manifold.motion.degrees} joints")
         self.manifold = manifold
-        self.drive_sets = tuple(tuple(drives) for drives in drive_sets)
+        self.drive_sets = tuple(drive_sets)
         self.limits = limits
         self._allowed = np.ones(manifold.size, dtype=np.bool_) if allowed is None else allowed
+        # Least leverage and largest rate for every pose; pose 0 is the arm's present pose.
+        self._least = np.full(manifold.size, limits.least_leverage)
+        self._most = np.full(manifold.size, limits.most_rate)
+        self._least[0] *= AT_START
+        self._most[0] /= AT_START
         self._leverage = np.array([manifold.motion.leverage(drives) for drives in self.drive_sets])
         self._open = [self._passable(layer) for layer in range(len(self.drive_sets))]
         # The cost of an edge is its length, increased where the drives have little leverage.
@@ -120,21 +123,12 @@ class PathGraph:
         """Whether the drives of a layer can move the chain along each edge (E,)."""
         i, j = self.manifold.neighbours.T
         motion, drives = self.manifold.motion, self.drive_sets[layer]
-        volume = motion.orientation(drives)
+        volume = np.linalg.det(motion.tangent[:, [j - 1 for j in drives]])
         # Without a singularity between, transport of the tangent keeps the sign of the drives' rows.
         carried = np.linalg.det(np.swapaxes(motion.tangent[i], -1, -2) @ motion.tangent[j])
-        least, most = self._thresholds()
-        usable = self._allowed & (self._leverage[layer] >= least)
-        usable &= np.linalg.norm(motion.rates(drives), axis=-1).max(-1) <= most
+        usable = self._allowed & (self._leverage[layer] >= self._least)
+        usable &= np.linalg.norm(motion.rates(drives), axis=-1).max(-1) <= self._most
         return np.asarray(usable[i] & usable[j] & (volume[i] * volume[j] * carried > 0.0))
-
-    def _thresholds(self) -> tuple[FloatArray, FloatArray]:
-        """Least leverage and largest rate for every pose (m,); pose 0 is the arm's present pose."""
-        least = np.full(self.manifold.size, self.limits.least_leverage)
-        most = np.full(self.manifold.size, self.limits.most_rate)
-        least[0] *= AT_START
-        most[0] /= AT_START
-        return least, most
 
     def _assemble(self) -> csr_array:
         from scipy.sparse import csr_array
@@ -145,7 +139,7 @@ class PathGraph:
             (i[open_] + k * size, j[open_] + k * size, cost[open_])
             for k, (open_, cost) in enumerate(zip(self._open, self._cost, strict=True))
         ]
-        usable = self._allowed & (self._leverage >= self._thresholds()[0])
+        usable = self._allowed & (self._leverage >= self._least)
         for a, b in combinations(range(layers), 2):
             both = np.flatnonzero(usable[a] & usable[b])
             change = np.full(len(both), CHANGE_COST_RAD)

@@ -141,18 +141,20 @@ def make_plan(
         count=task.candidates,
         seed=task.seed,
     )
-    trusted = _trusted(task, manifold, covariance)
+    ranked: tuple[RankedDrives, ...] = ()
+    sets = task.drive_sets
+    if sets is None:
+        ranked = rank_over_region(manifold)
+        sets = (ranked[0].drives,)
+    trusted = np.ones(manifold.size, dtype=np.bool_)
+    if covariance is not None:
+        trusted = _trusted(task, manifold, sets, covariance)
     for pose in () if avoid_rad is None else avoid_rad:
         # The arm must be able to leave a pose near its present one.
         radius = min(AVOID_RADIUS_RAD, 0.5 * float(np.linalg.norm(q_start - pose)))
         trusted &= ((manifold.q - pose) ** 2).sum(-1) > radius**2
     # Every path starts at the present pose.
     trusted[0] = True
-    ranked: tuple[RankedDrives, ...] = ()
-    sets = task.drive_sets
-    if sets is None:
-        ranked = rank_over_region(manifold)
-        sets = (ranked[0].drives,)
     graph = PathGraph(manifold, sets, task.limits, allowed=trusted)
     allowed = graph.reachable(0)
     before = np.zeros((0, len(q_start))) if captured is None else captured
@@ -261,15 +263,13 @@ def prediction_sigma(
     return np.asarray(np.sqrt(np.maximum(variance, 0.0)).max(-1))
 
 
-def _trusted(task: PlanningTask, manifold: Manifold, covariance: FloatArray | None) -> BoolArray:
-    """Whether the angles of the free joints are predicted reliably (m,)."""
-    if covariance is None:
-        return np.ones(manifold.size, dtype=np.bool_)
-    sets = task.drive_sets
-    if sets is None:
-        motion = manifold.motion
-        every = combinations(range(1, motion.joint_count + 1), motion.degrees)
-        sets = (max(every, key=lambda drives: float(np.median(motion.leverage(drives)))),)
+def _trusted(
+    task: PlanningTask,
+    manifold: Manifold,
+    sets: tuple[tuple[int, ...], ...],
+    covariance: FloatArray,
+) -> BoolArray:
+    """Whether the angles of the free joints are predicted reliably (m,) with the best of the drive `sets`."""
     reduced = reduced_equations(manifold.model.loop(manifold.x, manifold.q, manifold.u))
     sigmas = [prediction_sigma(reduced.A, reduced.B, covariance, drives) for drives in sets]
     sigma = np.min(sigmas, axis=0)

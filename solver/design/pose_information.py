@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from solver.arrays import FloatArray
+from solver.design.d_optimal import summed_information
 from solver.estimators.effects import Linearisation, LinearModel, State
 from solver.estimators.error_model import ErrorModel
 from solver.loops.closure import ClosureModel
@@ -35,21 +36,13 @@ class PoseInformation:
 
     def of(self, poses: Sequence[int]) -> FloatArray:
         """Information of a set of poses (P + K, P + K); a pose listed twice counts twice."""
-        rows = self.root[list(poses)].reshape(-1, self.root.shape[-1])
-        return np.asarray(rows.T @ rows)
+        return summed_information(self.root, poses)
 
     def about(self, parameters: Sequence[str]) -> PoseInformation:
         """Return the information about `parameters` and the effects; the other parameters count as known."""
         columns = [self.parameters.index(name) for name in parameters]
         columns += range(len(self.parameters), self.root.shape[-1])
         return replace(self, parameters=tuple(parameters), root=self.root[..., columns])
-
-
-def about_parameters(information: FloatArray, parameters: int) -> FloatArray:
-    """Information (P, P) about the first P = `parameters` of P + K unknowns; the others have prior N(0, 1)."""
-    pp, pe = information[:parameters, :parameters], information[:parameters, parameters:]
-    ee = information[parameters:, parameters:] + np.eye(len(information) - parameters)
-    return np.asarray(pp - pe @ np.linalg.solve(ee, pe.T))
 
 
 def pose_information(

@@ -8,12 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from enum import Enum
 
 import numpy as np
 
 from solver.arrays import BoolArray, FloatArray
-from solver.design.pose_information import PoseInformation, about_parameters
+from solver.design.pose_information import PoseInformation
 from solver.estimators.least_squares import column_scale
 
 UNDETERMINED_SHARE = 1e-12
@@ -23,14 +22,6 @@ part leaves rounding of about 1e-13."""
 
 WORTHWHILE_SHARE = 0.05
 """More poses are worth taking if together they reduce the largest ratio of sigma to request by at least this share."""
-
-
-class PrecisionStatus(Enum):
-    """Status of a pose set relative to the requested precision."""
-
-    REACHED = "reached"
-    GOING_ON = "going on"
-    UNREACHABLE = "no remaining pose helps"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,27 +42,23 @@ class WeakParameter:
 class StopDecision:
     """Whether to stop, the reason, and the parameters that are not yet precise enough.
 
-    `status`: status relative to the requested precision. `weak`: parameters less precise than requested, the worst
-    (largest ratio of sigma to request) first. `text`: the decision in one sentence.
+    `weak`: parameters less precise than requested, the worst (largest ratio of sigma to request) first; empty if the
+    precision is reached. `text`: the decision in one sentence.
     """
 
-    status: PrecisionStatus
+    stop: bool
     weak: tuple[WeakParameter, ...]
     text: str
 
-    @property
-    def stop(self) -> bool:
-        """Whether there is a reason to stop."""
-        return self.status is not PrecisionStatus.GOING_ON
 
-
-def standard_deviations(information: FloatArray, parameters: int | None = None) -> FloatArray:
+def standard_deviations(information: FloatArray, parameters: int) -> FloatArray:
     """Standard deviations (P,) from an information matrix (N, N); inf where undetermined.
 
-    The first `parameters` of the N unknowns (default: all) are parameters; the others are effects with prior N(0, 1).
+    The first P = `parameters` of the N unknowns are parameters; the others are effects with prior N(0, 1).
     """
-    if parameters is not None:
-        information = about_parameters(information, parameters)
+    pp, pe = information[:parameters, :parameters], information[:parameters, parameters:]
+    ee = information[parameters:, parameters:] + np.eye(len(information) - parameters)
+    information = pp - pe @ np.linalg.solve(ee, pe.T)
     d = np.sqrt(np.diagonal(information))
     d = np.where(d > 0.0, d, 1.0)
     values, vectors = np.linalg.eigh(information / np.outer(d, d))
@@ -87,7 +74,7 @@ def stop_decision(
     requested: Mapping[str, float],
     *,
     poses_left: int,
-    allowed: BoolArray | None = None,
+    allowed: BoolArray,
 ) -> StopDecision:
     """Decide whether to stop, from the information so far (N, N) and the requested standard deviations.
 
@@ -105,11 +92,11 @@ def stop_decision(
     now = standard_deviations(information, P)[columns]
     if np.all(now <= goal):
         return StopDecision(
-            status=PrecisionStatus.REACHED,
+            stop=True,
             weak=(),
             text="every parameter is known as well as requested, for errors of stated size",
         )
-    root = candidates.root if allowed is None else candidates.root[allowed]
+    root = candidates.root[allowed]
     later, needed = _forecast(information, root, P, np.array(columns), goal, poses_left)
     order = np.argsort(-_ratio(now, goal), kind="stable")
     weak = tuple(
@@ -124,7 +111,7 @@ def stop_decision(
     )
     if needed is not None:
         text = f"about {needed} more poses to reach the request; {weak[0].name} is weakest"
-        return StopDecision(status=PrecisionStatus.GOING_ON, weak=weak, text=text)
+        return StopDecision(stop=False, weak=weak, text=text)
     short = [w.name for w in weak if w.forecast > w.requested] or [weak[0].name]
     worst = max(weak, key=lambda w: w.forecast / w.requested)
     named = ", ".join(short[:3]) + (f" and {len(short) - 3} others" if len(short) > 3 else "")
@@ -136,11 +123,7 @@ def stop_decision(
         f"{worst.name} is {worst.sigma / worst.requested:.1f} times too uncertain"
     )
     nearer = _ratio(later, goal).max() < (1.0 - WORTHWHILE_SHARE) * _ratio(now, goal).max()
-    return StopDecision(
-        status=PrecisionStatus.GOING_ON if nearer else PrecisionStatus.UNREACHABLE,
-        weak=weak,
-        text=text,
-    )
+    return StopDecision(stop=not nearer, weak=weak, text=text)
 
 
 def _forecast(

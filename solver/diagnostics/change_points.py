@@ -39,7 +39,6 @@ class ChangePoint:
     `pose`: index in time order of the first pose after the step.
     `size`: size of the step (d,), in the units of the suspect's quantities.
     `chi2`: reduction of chi2 when the step is fitted.
-    `dof`: number of components of the step.
     `threshold`: value that `chi2`, for any pose and suspect, exceeds with probability `FALSE_ALARM_PROBABILITY` if
     there is no step.
     """
@@ -48,7 +47,6 @@ class ChangePoint:
     pose: int
     size: FloatArray
     chi2: float
-    dof: int
     threshold: float
 
 
@@ -58,7 +56,6 @@ def steps(
     *,
     low_noise: WhitenedResiduals | None = None,
     scale: float = 1.0,
-    false_alarm: float = FALSE_ALARM_PROBABILITY,
 ) -> tuple[ChangePoint, ...]:
     """Return the most significant step of each suspect, in order of significance.
 
@@ -69,7 +66,7 @@ def steps(
     m = len(residuals.white)
     if m < 2 * STEP_EDGE_POSES or not suspects:
         return ()
-    level = false_alarm / sum(s.false_alarm_share for s in suspects)
+    level = FALSE_ALARM_PROBABILITY / sum(s.false_alarm_share for s in suspects)
     change_points: list[ChangePoint] = []
     for of_reading in (False, True):
         tested = low_noise if of_reading and low_noise is not None else residuals
@@ -117,7 +114,6 @@ def _largest(
             pose=best + STEP_EDGE_POSES,
             size=(vectors[candidate] @ (inverse[candidate] * along[candidate])) / size[k],
             chi2=float(chi2[candidate]) / scale,
-            dof=dof,
             threshold=step_threshold(m, dof, suspects[k].false_alarm_share * level),
         )
 

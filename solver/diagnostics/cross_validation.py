@@ -16,7 +16,7 @@ from solver.arrays import BoolArray, FloatArray, IntArray
 from solver.chain.poses import canonical_order
 from solver.diagnostics.limits import FALSE_ALARM_PROBABILITY
 from solver.diagnostics.pose_adjustment import adjust_poses
-from solver.diagnostics.statistics import Chi2Test, chi2_test
+from solver.diagnostics.statistics import Chi2Test, chi2_test, covariance_root
 from solver.diagnostics.whitened_residuals import WhitenedResiduals
 from solver.estimators.estimate import Estimate, closure_at_readings
 from solver.estimators.implicit import NoiseModel
@@ -88,9 +88,7 @@ def verify(
     pose_chi2 = np.einsum("mr,mr->m", system.w, np.linalg.solve(S, system.w[..., None])[..., 0])
     L = np.linalg.cholesky(system.V)
     w = np.linalg.solve(L, system.w[..., None]).reshape(-1)
-    values, vectors = np.linalg.eigh(covariance)
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
-    shared = np.linalg.solve(L, system.A).reshape(m * r, P) @ root
+    shared = np.linalg.solve(L, system.A).reshape(m * r, P) @ covariance_root(covariance)
     inside = np.linalg.solve(np.eye(P) + shared.T @ shared, shared.T @ w)
     together = float(w @ w - (shared.T @ w) @ inside)
     return HeldOutPoses(
@@ -102,28 +100,24 @@ def verify(
     )
 
 
-def fold_poses(q: FloatArray, folds: int) -> tuple[IntArray, ...]:
-    """Split poses (m, n) into `folds` similar parts, independent of the order of the poses.
+FOLDS, FAR_SHARE = 5, 0.2
+"""Number of parts of a pose set, each of which is predicted from the others; and share of the poses in the block of
+poses that is far from the rest."""
 
-    Raises `ValueError` if there are fewer than two folds, or fewer poses than folds.
-    """
-    if not 2 <= folds <= len(q):
-        raise ValueError(f"{len(q)} poses cannot be split into {folds} folds")
+
+def fold_poses(q: FloatArray) -> tuple[IntArray, ...]:
+    """Split poses (m, n) into `FOLDS` similar parts, independent of the order of the poses."""
     order = canonical_order(q)
-    return tuple(np.sort(order[k::folds]) for k in range(folds))
+    return tuple(np.sort(order[k::FOLDS]) for k in range(FOLDS))
 
 
-def far_block(q: FloatArray, share: float = 0.2) -> IntArray:
+def far_block(q: FloatArray) -> IntArray:
     """Indices of a block of poses far from the rest, so that predicting it is extrapolation.
 
-    The block consists of the pose farthest from the mean and this pose's nearest neighbours, together `share` of all
-    poses. Distances are calculated with each joint's readings divided by their range.
-
-    Raises `ValueError` if the block would be empty or contain all poses.
+    The block consists of the pose farthest from the mean and this pose's nearest neighbours, together `FAR_SHARE` of
+    all poses. Distances are calculated with each joint's readings divided by their range.
     """
-    count = round(share * len(q))
-    if not 0 < count < len(q):
-        raise ValueError(f"a share of {share:g} of {len(q)} poses leaves one side empty")
+    count = round(FAR_SHARE * len(q))
     order = canonical_order(q)
     spread = np.ptp(q, axis=0)
     scaled = ((q - q.mean(axis=0)) / np.where(spread > 0.0, spread, 1.0))[order]
@@ -217,9 +211,8 @@ def predicted_residuals(
         half = inverse_root(gram + np.diag(precision))[0]
         coefficients = -(half @ (half.T @ right))
     else:
-        values, vectors = np.linalg.eigh(given.covariance)
         half, coefficients = np.eye(width), np.zeros(width)
-        half[:hard, :hard] = vectors * np.sqrt(np.maximum(values, 0.0))
+        half[:hard, :hard] = covariance_root(given.covariance)
         coefficients[:hard] = given.x
     m, r = w.shape
     columns = M.reshape(m * r, width)

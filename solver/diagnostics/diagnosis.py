@@ -23,7 +23,6 @@ from solver.diagnostics.hypothesis_tests import (
     HypothesisTest,
     Outliers,
     find_outliers,
-    pose_columns,
     prediction_test,
     pull_tests,
     scale_tests,
@@ -221,7 +220,8 @@ def _changes(
             yield Candidate(
                 cause=Cause.OUTLIERS,
                 subject="",
-                columns=pose_columns(residuals, own),
+                # One column for each equation, in units of noise: fitting them omits the poses.
+                columns=np.linalg.inv(residuals.whitener[own]),
                 own=own,
                 expected_size=np.full(count * residuals.white.shape[1], 3.0),
                 places=m**count,

@@ -75,7 +75,6 @@ class FaultModels:
         )
 
     def _of_parameters(self, cause: Cause, subject: str, names: Sequence[str]) -> Candidate:
-        """Return the candidate for a change of these parameters."""
         parameters = self.design.model.parameters
         columns = [k for name in names for k, p in enumerate(parameters) if p.name == name]
         return Candidate(

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver.arrays import BoolArray, FloatArray, IntArray
-from solver.diagnostics.cross_validation import far_block, fold_poses
+from solver.arrays import FloatArray
+from solver.diagnostics.cross_validation import FOLDS, far_block, fold_poses
 from solver.diagnostics.fault_models import FaultModels
 from solver.diagnostics.limits import FALSE_ALARM_PROBABILITY, OUTLIER_LARGEST_SHARE
 from solver.diagnostics.model_selection import evidence
@@ -21,10 +21,6 @@ from solver.estimators.linear_fit import LinearFit
 
 ENTRIES = ("lengths", "twists")
 """Sources that are entries of the maker's table."""
-
-FOLDS, FAR_SHARE = 5, 0.2
-"""Number of parts of a pose set, each of which is predicted from the others; and share of the poses in the block of
-poses that is far from the rest."""
 
 SEEN = 1e-6
 """A column is tested only if the fit leaves at least this share of the column's sum of squares."""
@@ -125,7 +121,7 @@ def scale_tests(faults: FaultModels, residuals: WhitenedResiduals) -> list[Hypot
 def prediction_test(stated: LinearFit) -> HypothesisTest:
     """Test the prediction of each fifth of the poses, and of a block far from the rest; return the worst test."""
     q = stated.design.q
-    parts = (*fold_poses(q, FOLDS), far_block(q, FAR_SHARE)) if len(q) >= 2 * FOLDS else ()
+    parts = (*fold_poses(q), far_block(q)) if len(q) >= 2 * FOLDS else ()
     worst = HypothesisTest(code="PREDICTION", statistic=0.0, threshold=np.inf)
     for chi2, dof in stated.held_out_chi2(*parts):
         if dof:
@@ -223,7 +219,7 @@ def find_outliers(residuals: WhitenedResiduals, *, scale: float = 1.0) -> Outlie
     first: HypothesisTest | None = None
     rest = residuals
     while True:
-        chi2, dof = leave_one_out_chi2(rest, is_kept)
+        chi2, dof = leave_one_out_chi2(rest)
         limit = chdtri(np.maximum(dof, 1), FALSE_ALARM_PROBABILITY / m)
         chi2 = chi2 / scale
         excess = np.where(is_kept & (dof > 0), chi2 - limit, -np.inf)
@@ -242,23 +238,12 @@ def find_outliers(residuals: WhitenedResiduals, *, scale: float = 1.0) -> Outlie
     return Outliers(test=first, poses=poses, rest=rest)
 
 
-def pose_columns(residuals: WhitenedResiduals, poses: IntArray) -> FloatArray:
-    """Columns (p, r, r), one for each equation of the poses (p,), in units of noise: fitting them omits the poses."""
-    return np.asarray(np.linalg.inv(residuals.whitener[poses]))
-
-
-def leave_one_out_chi2(
-    residuals: WhitenedResiduals, is_kept: BoolArray | None = None
-) -> tuple[FloatArray, FloatArray]:
-    """Misfit (chi2) of every pose to its prediction from the others, and its degrees of freedom, (m,) each.
-
-    Both are 0 for poses where `is_kept` (m,) is false.
-    """
+def leave_one_out_chi2(residuals: WhitenedResiduals) -> tuple[FloatArray, FloatArray]:
+    """Misfit (chi2) of every pose to its prediction from the others, and its degrees of freedom, (m,) each."""
     r = residuals.U.shape[1]
     H = np.eye(r) - residuals.U @ np.swapaxes(residuals.U, -1, -2)
     values, vectors = np.linalg.eigh(H)
     free = values > FREE
     along = (np.swapaxes(vectors, -1, -2) @ residuals.white[..., None])[..., 0]
-    chi2 = np.where(free, along**2 / np.where(free, values, 1.0), 0.0).sum(-1)
-    is_kept = np.ones(len(H), dtype=np.bool_) if is_kept is None else is_kept
-    return np.where(is_kept, chi2, 0.0), np.where(is_kept, free.sum(-1), 0)
+    chi2 = np.where(free, along**2 / np.where(free, values, 1.0), 0.0)
+    return np.asarray(chi2.sum(-1)), np.asarray(free.sum(-1))

@@ -11,6 +11,7 @@ import numpy as np
 
 from solver.arrays import BoolArray, FloatArray
 from solver.closing import close_loops, left_inverse, unsensed_step
+from solver.diagnostics.statistics import covariance_root
 from solver.estimators.implicit import LinearisedPoses, NoiseModel, linearise
 from solver.loops.closure import ClosureModel, LoopError
 
@@ -132,8 +133,7 @@ def loop_angles(
     S_left = S - gain @ np.swapaxes(SE, -1, -2)
     spread = inverse @ S_left @ np.swapaxes(inverse, -1, -2)
     rates = -inverse @ (error.jac_x - gain @ system.A)
-    values, vectors = np.linalg.eigh(covariance)
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    root = covariance_root(covariance)
     first = adjusted.unsensed.shape[-1] - len(model.unsensed_joints)
     return tuple(
         LoopAngle(

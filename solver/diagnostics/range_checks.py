@@ -44,7 +44,7 @@ class RangeFinding:
 
 
 class ReadingsOutOfRangeError(SolverError):
-    """The readings cannot be from this arm.
+    """The readings cannot be from this arm; `code` is that of the first mistake or, if none explains them, of a joint.
 
     `findings`: joints and poses with readings outside the range. `causes`: simple mistakes that would explain the
     readings; empty if no simple mistake does.
@@ -53,8 +53,6 @@ class ReadingsOutOfRangeError(SolverError):
     def __init__(
         self, findings: tuple[RangeFinding, ...], poses: PoseSet, causes: tuple[Mistake, ...]
     ) -> None:
-        self.findings = findings
-        self.causes = causes
         worst = max(findings, key=lambda f: len(f.poses))
         self.code = causes[0].code if causes else f"RANGE_{worst.joint}"
         lower, upper = np.rad2deg((worst.lower_rad, worst.upper_rad))

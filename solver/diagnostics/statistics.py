@@ -24,11 +24,6 @@ class Chi2Test:
     low: float
     high: float
 
-    @property
-    def accepted(self) -> bool:
-        """Whether chi2/dof lies inside the band."""
-        return self.low <= self.per_dof <= self.high
-
 
 def intervals(estimate: Estimate) -> tuple[FloatArray, FloatArray]:
     """Lower and upper ends (P,) of two-sided 95 % intervals of all parameters, rad and m.
@@ -52,6 +47,12 @@ def correlations(covariance: FloatArray) -> FloatArray:
     out = covariance / np.maximum.outer(safe, safe) / np.minimum.outer(safe, safe)
     np.fill_diagonal(out, 1.0)
     return np.asarray(np.clip(out, -1.0, 1.0))
+
+
+def covariance_root(covariance: FloatArray) -> FloatArray:
+    """Matrix R (P, P) with ``R R'`` equal to a covariance, which may be singular; rounding below 0 counts as 0."""
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
 def sigmas_at(false_alarm: float, count: int = 1) -> float:

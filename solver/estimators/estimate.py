@@ -140,7 +140,7 @@ def closure_at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> Re
     Unsensed joints take the angles that close each loop best; their readings are not used.
     """
     errors = (_at_readings(part, x, part_q) for part, part_q in pose_blocks(model, q))
-    return join_poses(errors, "residual", "jac_x", "unsensed", "flipped")
+    return join_poses(errors, "residual", "jac_x", "flipped")
 
 
 def _at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> ReducedError:

@@ -53,12 +53,6 @@ class ArmLoop(ClosureModel):
                 object.__setattr__(self, name, frozen(value))
         kinds = [int(e.kind) for e in self.entries]
         rows = [e.row - self.FIRST_LINK for e in self.entries]
-        if not set(rows) <= set(range(self.table.links)):
-            raise ValueError("a free entry names a link the table does not have")
-        if len(set(zip(kinds, rows, strict=True))) != len(self.entries):
-            raise ValueError("a free entry is listed twice")
-        if any(e.kind is DhKind.THETA_OFF and e.row in self.unsensed_joints for e in self.entries):
-            raise ValueError(f"joints {self.unsensed_joints} are unsensed: they have no offset")
         stacked = self.table.stacked()
         object.__setattr__(self, "_stacked", stacked)
         object.__setattr__(self, "_indices", (kinds, rows))

@@ -45,14 +45,13 @@ class ReducedError:
 
     `residual`: (..., m, r) in the fixture frame; for a hinge dx, dy (rad), then x, y, z (m) of eq. 13. The first
     `rotation_rows` of the r rows are rotations. `jac_x`: its exact derivative with respect to the parameters (..., m,
-    r, P), the paper's C for these rows. `unsensed`: the eliminated angles (..., m, U), rad. `flipped`: (..., m) bool,
-    poses on the other branch of the elimination (tool upside down on the hinge).
+    r, P), the paper's C for these rows. `flipped`: (..., m) bool, poses on the other branch of the elimination (tool
+    upside down on the hinge).
     """
 
     residual: FloatArray
     jac_x: FloatArray
     rotation_rows: int
-    unsensed: FloatArray
     flipped: BoolArray
 
     @property
@@ -176,10 +175,6 @@ class ClosureModel(ABC):
     def freed(self, entries: Sequence[DhEntry]) -> Self:
         """Return the same loop with these entries of the arm's table unknown as well."""
 
-    @abstractmethod
-    def with_table(self, table: DhTable) -> Self:
-        """Return the same loop with other nominal values of its links."""
-
     def angle_of(self, u: FloatArray, joint: int) -> FloatArray:
         """Angle (..., m) of an unsensed arm joint (1-based): arm joints are last in the unsensed angles (..., m, U)."""
         return u[..., self.unsensed_joints.index(joint) - len(self.unsensed_joints)]
@@ -194,13 +189,11 @@ class ClosureModel(ABC):
             raise ValueError(
                 "eqs. 10-13 eliminate the hinge angle only; unsensed joints need `loop`"
             )
-        u = self.initial_unsensed(x, q)
-        error = self.loop(x, q, u)
+        error = self.loop(x, q, self.initial_unsensed(x, q))
         return ReducedError(
             residual=error.residual,
             jac_x=error.jac_x if rates else error.jac_x[..., :0],
             rotation_rows=self.components - 3,
-            unsensed=u,
             flipped=np.zeros(error.residual.shape[:-1], dtype=np.bool_),
         )
 
@@ -235,9 +228,9 @@ class ClosureModel(ABC):
         """Unknown D-H entries; empty if poses have different D-H tables."""
         return ()
 
-    @abstractmethod
     def arm_rows(self) -> FloatArray:
-        """Nominal rows 1..n (5, n): theta_off, s, a, alpha, beta; ValueError if poses have different tables."""
+        """Nominal rows 1..n (5, n): theta_off, s, a, alpha, beta; ValueError if placements have a table each."""
+        raise ValueError("several placements have no one table: ask their `parts`")
 
     @property
     def constrained_part(self) -> ConstrainedPart | None:

@@ -98,7 +98,6 @@ class DhLoop(ArmLoop):
             residual=poses_first(np.stack((swing.real, swing.imag, p.real, p.imag, pz)), 0),
             jac_x=poses_first(jac, 1, 0),
             rotation_rows=2,
-            unsensed=np.angle(turned)[..., None],
             flipped=R33 < 0.0,
         )
 

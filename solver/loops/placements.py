@@ -23,7 +23,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.arrays import FloatArray, IntArray
-from solver.chain.kinematics import DhTable
 from solver.chain.parameters import DhEntry, Parameter
 from solver.chain.poses import back_to_caller
 from solver.loops.closure import ClosureModel, LoopError, ReducedError
@@ -54,19 +53,6 @@ class Placements(ClosureModel):
     _columns: tuple[IntArray, ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        placement = np.array(self.placement, dtype=np.int64)
-        placement.setflags(write=False)
-        object.__setattr__(self, "placement", placement)
-        if len(self.numbers) != len(self.models) or list(self.numbers) != sorted(set(self.numbers)):
-            raise ValueError("placements need one model each and ascending numbers")
-        if not set(np.unique(placement).tolist()) <= set(self.numbers):
-            raise ValueError("a pose belongs to a placement that has no model")
-        facts = {
-            (m.joint_count, m.unsensed_joints, m.equations_per_pose, self._shared_of(m))
-            for m in self.models
-        }
-        if len(facts) != 1:
-            raise ValueError("all placements must have the same arm and the same kind of fixture")
         for name in ("joint_count", "unsensed_joints", "components", "equations_per_pose"):
             object.__setattr__(self, name, getattr(self.models[0], name))
         object.__setattr__(self, "parameters", self._listed())
@@ -84,10 +70,6 @@ class Placements(ClosureModel):
     def of(self, number: int) -> tuple[ClosureModel, IntArray]:
         """Model of a placement and indices of its parameters in the whole vector; ValueError for an unknown number."""
         return self.models[self.numbers.index(number)], self.columns(number)
-
-    def arm_rows(self) -> FloatArray:
-        """Raise ValueError: each placement has a table of its own, see `parts`."""
-        raise ValueError("several placements have no one table: ask their `parts`")
 
     def poses_of(self, number: int) -> IntArray:
         """Indices of the poses taken in one placement."""
@@ -128,8 +110,7 @@ class Placements(ClosureModel):
 
     def merged(self, errors: Sequence[ReducedError]) -> ReducedError:
         """Combine the reduced errors of all `parts`."""
-        gathered = self._gathered(errors, residual=1, jac_x=2, unsensed=1, flipped=0)
-        return replace(errors[0], **gathered)
+        return replace(errors[0], **self._gathered(errors, residual=1, jac_x=2, flipped=0))
 
     def _each(
         self, x: FloatArray, q: FloatArray
@@ -166,7 +147,7 @@ class Placements(ClosureModel):
         `MAX_COMBINATIONS`, only combinations that differ from the first one in a single placement are listed.
         """
         x = np.asarray(x, dtype=np.float64)
-        shared = self._shared_of(self.models[0])
+        shared = self._shared
         # Equivalent vectors of each placement, sorted by their values of the shared entries.
         choices: list[dict[tuple[float, ...], list[FloatArray]]] = []
         for number, model in zip(self.numbers, self.models, strict=True):
@@ -222,10 +203,6 @@ class Placements(ClosureModel):
         """Return the same loops in which these entries of the arm's table are unknown, too."""
         return replace(self, models=tuple(model.freed(entries) for model in self.models))
 
-    def with_table(self, table: DhTable) -> Placements:
-        """Return the same loops with other nominal values of all their links."""
-        return replace(self, models=tuple(model.with_table(table) for model in self.models))
-
     def at_poses(self, poses: IntArray) -> Placements:
         """Return the model of a selection of poses; placements without poses keep their unknowns."""
         poses = np.asarray(poses)
@@ -239,20 +216,21 @@ class Placements(ClosureModel):
         )
         return replace(self, models=models, placement=self.placement[poses])
 
-    def _shared_of(self, model: ClosureModel) -> tuple[str, ...]:
+    @property
+    def _shared(self) -> tuple[str, ...]:
+        model = self.models[0]
         own = set(model.ground_side) | (set() if self.same_hand else set(model.hand_side))
         return tuple(p.name for p in model.parameters if p.name not in own)
 
     def _name(self, name: str, number: int) -> str:
-        """Name of a placement's parameter in the whole model."""
-        if len(self.numbers) == 1 or name in self._shared_of(self.models[0]):
+        if len(self.numbers) == 1 or name in self._shared:
             return name
         return f"{name}[{number}]"
 
     def _listed(self) -> tuple[Parameter, ...]:
         if len(self.numbers) == 1:
             return self.models[0].parameters
-        shared = self._shared_of(self.models[0])
+        shared = self._shared
         listed = [p for p in self.models[0].parameters if p.name in shared]
         for number, model in zip(self.numbers, self.models, strict=True):
             own = [p for p in model.parameters if p.name not in shared]
@@ -268,19 +246,12 @@ class Placements(ClosureModel):
         return tuple(dict.fromkeys(names))
 
 
-def place(
-    models: ClosureModel | Sequence[ClosureModel], placement: IntArray, *, same_hand: bool = False
-) -> Placements:
+def place(model: ClosureModel, placement: IntArray, *, same_hand: bool = False) -> Placements:
     """Bind a fixture's loop to the `placement` number of each pose of a data set, (m,).
 
-    `models`: one loop whose nominal values serve all placements, or one loop for each placement in ascending order. A
-    single `MeasuredClosure` must be bound to the measurements of all poses, in the order of `placement`. `same_hand`:
-    whether the tool kept its half of the fixture in all placements.
+    `model`: its nominal values serve all placements; a `MeasuredClosure` must be bound to the measurements of all
+    poses, in the order of `placement`. `same_hand`: whether the tool kept its half of the fixture in all placements.
     """
-    numbers = tuple(int(k) for k in np.unique(placement))
-    each = (
-        tuple(models)
-        if isinstance(models, Sequence)
-        else tuple(models.at_poses(np.flatnonzero(np.asarray(placement) == k)) for k in numbers)
-    )
-    return Placements(numbers=numbers, models=each, placement=placement, same_hand=same_hand)
+    numbers = tuple(np.unique(placement).tolist())
+    models = tuple(model.at_poses(np.flatnonzero(placement == k)) for k in numbers)
+    return Placements(numbers=numbers, models=models, placement=placement, same_hand=same_hand)

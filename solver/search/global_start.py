@@ -103,24 +103,20 @@ def global_start(
     q: FloatArray,
     *,
     starts: int | None = None,
-    seed: int = 0,
     progress: Progress | None = None,
 ) -> GlobalStart:
     """Search for parameters of `model` that close the poses `q` (m, n), rad, without a first guess.
 
     `starts`: number of starts (default: 500, or 1500 if only positions are constrained). The first starts from the
-    nominal values, the others at random; the same `seed` gives the same result. `progress`: called after each iteration
-    of the search; may raise to cancel. Raises `TooFewPosesError` if the poses do not give more equations than unknowns,
-    `ValueError` if `starts` is less than 1.
+    nominal values, the others at random, but the same in every search. `progress`: called after each iteration of the
+    search; may raise to cancel. Raises `TooFewPosesError` if the poses do not give more equations than unknowns.
     """
-    if starts is not None and starts < 1:
-        raise ValueError("at least one start is needed")
     sensed = model.with_all_joints_sensed()
     require_enough_poses(sensed, len(q))
     if starts is None:
         directed = sensed.equations_per_pose > 3
         starts = STARTS if directed else STARTS_WITHOUT_DIRECTION
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     search: Search = partial(best_minima, starts=starts, rng=rng, progress=progress)
     start = GlobalStart(minima=_solve(model, sensed, q, search), starts=starts)
     if start.best.rms > BRANCHES_MIXED_RMS and sensed.equations_per_pose == HINGE_EQUATIONS:

@@ -219,15 +219,6 @@ class InnerProblem:
 
     def filled(self, offsets: FloatArray) -> FloatArray:
         """Parameters (P,) of the placement's loop for joint offsets (K,)."""
-        values = {
-            f"theta_off_{j}": float(wrap_angle(v))
-            for j, v in zip(self.searched, offsets, strict=True)
-        }
-        values |= self.model.constraint_entries(*self._constraint(offsets))
-        return nominal_vector(self.model.parameters, values)
-
-    def _constraint(self, offsets: FloatArray) -> tuple[Line, Line, FloatArray]:
-        """Lines of table and tool, and the tool's mean rotation, for given offsets (K,)."""
         frames = self._frames(offsets[None, :])
         M, p = frames.R_end, frames.p_end
         mean = M.mean(-3, keepdims=True)
@@ -235,7 +226,13 @@ class InnerProblem:
         along = mean[0, 0] @ h[0]
         point = (p + (M @ t[:, None, :, None])[..., 0]).mean(-2)[0]
         ground = Line(point_m=point, direction=along / np.linalg.norm(along))
-        return ground, Line(point_m=t[0], direction=h[0]), mean[0, 0]
+        hand = Line(point_m=t[0], direction=h[0])
+        values = {
+            f"theta_off_{j}": float(wrap_angle(v))
+            for j, v in zip(self.searched, offsets, strict=True)
+        }
+        values |= self.model.constraint_entries(ground, hand, mean[0, 0])
+        return nominal_vector(self.model.parameters, values)
 
     def _frames(self, offsets: FloatArray) -> Frames:
         theta = np.broadcast_to(self.q, (len(offsets), *self.q.shape)) + self.table.theta_off_rad

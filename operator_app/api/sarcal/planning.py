@@ -39,7 +39,8 @@ class Plan:
     @property
     def sigmas(self) -> Mapping[str, float]:
         """Predicted standard deviations, with keys as in `Result.sigmas`, if errors are as large as the files state."""
-        return with_units(self._shown.parameters, self._shown.plan.predicted_sigma.tolist())
+        parameters, sigmas = zip(*self._shown.predicted_sigma, strict=True)
+        return with_units(parameters, sigmas)
 
     @property
     def scaled_condition_number(self) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict
 from itertools import zip_longest
 from typing import TYPE_CHECKING, Any
@@ -86,9 +86,9 @@ def _drives(shown: Preview) -> str:
         passive = f"J{r.fastest_joint} x {r.fastest_passive:.1f}"
         rows.append([joints, f"{r.score:.2f}", reach, *leverage, passive, _verdict(r, now)])
     head = (
-        f"Drive joints: exactly {shown.mobility} in position mode, the others free. Reach: share of the "
-        "poses inside the ranges. Leverage: 0 at a singularity; its median over the region, and at the "
-        "start. Passive: the free joint that moves most, by how much more than the drives."
+        f"Drive joints: exactly {shown.plan.manifold.motion.degrees} in position mode, the others free. Reach: "
+        "share of the poses inside the ranges. Leverage: 0 at a singularity; its median over the region, and at "
+        "the start. Passive: the free joint that moves most, by how much more than the drives."
     )
     subject = f"{joints_named(drives)} drive{'s' if len(drives) == 1 else ''}".capitalize()
     chosen = f"{subject} ({'; '.join(shown.choice.reasons)})."
@@ -122,7 +122,7 @@ def _poses(shown: Preview) -> str:
 
 
 def _sigmas(shown: Preview) -> str:
-    cells = [_sigma(parameter, sigma) for parameter, sigma in _predicted(shown)]
+    cells = [_sigma(parameter, sigma) for parameter, sigma in shown.predicted_sigma]
     half, blank = (len(cells) + 1) // 2, list[str]()
     pairs = zip_longest(cells[:half], cells[half:], fillvalue=blank)
     rows = [["parameter", "unit", "sigma"] * 2, *([*left, *right] for left, right in pairs)]
@@ -137,13 +137,6 @@ def _sigmas(shown: Preview) -> str:
     )
     head = "Predicted standard deviations after these poses"
     return f"{head}\n{aligned(rows)}\n{paragraph(tail)}"
-
-
-def _predicted(shown: Preview) -> Iterator[tuple[Parameter, float]]:
-    """Yield each parameter with its predicted standard deviation, rad or m."""
-    known, plan = {p.name: p for p in shown.parameters}, shown.plan
-    for name, sigma in zip(plan.information.parameters, plan.predicted_sigma, strict=True):
-        yield known[name], float(sigma)
 
 
 def _sigma(parameter: Parameter, sigma: float) -> list[str]:
@@ -164,10 +157,11 @@ def advice_text(
     ]
     for number, r in enumerate(ranked, 1):
         tilt, shift = WHOLE_DEGREES(r.mounted.tilt_rad), NOMINAL_LENGTH(r.mounted.shift_m)
-        condition = CONDITION(r.scaled_condition_number).shown
-        drives = " ".join(map(str, r.drives[0].drives)) if r.drives else ""
+        condition = CONDITION(r.plan.design.scaled_condition_number).shown
+        drives = " ".join(map(str, r.plan.ranked[0].drives))
         head = [str(number), tilt.shown, shift.shown, f"{r.gain:.0%}", condition]
-        rows.append([*head, str(r.mobility), drives, str(r.poses)])
+        mobility, poses = r.plan.manifold.motion.degrees, len(r.plan.visits)
+        rows.append([*head, str(mobility), drives, str(poses)])
     title = paragraph("Hinge placements, the best first; the present one is tilt 0, shift 0")
     placements = (_placement(k, r, parameters, joints) for k, r in enumerate(ranked, 1))
     return "\n".join([title, aligned(rows), *placements])
@@ -187,7 +181,7 @@ def _placement(
     )
     reached = ", ".join(
         f"J{j} {WHOLE_DEGREES(low).shown} to {WHOLE_DEGREES(high).shown}"
-        for j, (low, high) in enumerate(placement.reach_rad.tolist(), 1)
+        for j, (low, high) in enumerate(placement.plan.reach_rad.tolist(), 1)
     )
     lines = [f"placement: {entries}", f"joint ranges reached: {reached}"]
     for quantity in (ANGLE, LENGTH):
@@ -212,7 +206,7 @@ def plan_json(shown: Preview, *, basis: str) -> dict[str, Any]:
     return {
         "basis": basis,
         "arm": shown.arm.name,
-        "mobility": shown.mobility,
+        "mobility": shown.plan.manifold.motion.degrees,
         "drives": {
             "joints": list(choice.drives),
             "sets": [list(drives) for drives in choice.sets],
@@ -223,7 +217,7 @@ def plan_json(shown: Preview, *, basis: str) -> dict[str, Any]:
         "checks": [c.data for c in shown.checks],
         "captured": shown.captured,
         "poses": [_pose_json(k, pose) for k, pose in enumerate(shown.poses, 1)],
-        "sigma": {p.name: in_json(p, sigma) for p, sigma in _predicted(shown)},
+        "sigma": {p.name: in_json(p, sigma) for p, sigma in shown.predicted_sigma},
         "scaled_condition_number": Figure(identifiability.scaled_condition_number).in_json,
         "rank": identifiability.rank,
         "weakest_direction": list(identifiability.weakest.parameters),
@@ -254,11 +248,13 @@ def advice_json(
                 else (f"{name}_mm", 1e3 * v)
                 for name, v in placement.mounted.hinge.placement.items()
             ),
-            "mobility": placement.mobility,
-            "reach_deg": np.rad2deg(placement.reach_rad).tolist(),
-            "drives": [_ranked_json(r) for r in placement.drives],
-            "poses": placement.poses,
-            "scaled_condition_number": Figure(placement.scaled_condition_number).in_json,
+            "mobility": placement.plan.manifold.motion.degrees,
+            "reach_deg": np.rad2deg(placement.plan.reach_rad).tolist(),
+            "drives": [_ranked_json(r) for r in placement.plan.ranked[:3]],
+            "poses": len(placement.plan.visits),
+            "scaled_condition_number": Figure(
+                placement.plan.design.scaled_condition_number
+            ).in_json,
             "sigma": {
                 name: in_json(parameters[name], sigma) for name, sigma in placement.sigma.items()
             },

@@ -32,7 +32,7 @@ from operator_app.session.workflow.drive_selection import require_in_box
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
 from operator_app.units import WHOLE_DEGREES, joints_named, plural
-from solver.design.actions import Action, Capture, ChangeDrives, Finished, GoTo, Phase, path_watch
+from solver.design.actions import Action, Capture, ChangeDrives, Finished, GoTo, path_watch
 from solver.design.campaign import Campaign
 from solver.design.stop_rule import WeakParameter
 
@@ -86,7 +86,7 @@ class PlannedCapture:
         if can_continue_from(self._next_action(campaign), campaign.at_rad, q_rad):
             self.campaign = campaign
             return campaign.drives
-        if campaign.phase is Phase.EXPLORING:
+        if campaign.exploring:
             self.campaign, self._moved = campaign, True
             return campaign.drives
         self._say("The arm was moved: making a new plan from its present position.")
@@ -118,10 +118,10 @@ class PlannedCapture:
             self._move_back(self.campaign)
         campaign = self.campaign
         while True:
-            phase, plan = campaign.phase, campaign.plan
+            exploring, plan = campaign.exploring, campaign.plan
             action = self._next_action(campaign)
             if campaign.plan is not plan:
-                self._report_plan(campaign, phase)
+                self._report_plan(campaign, after_exploring=exploring)
             match action:
                 case Finished():
                     return self._end(action)
@@ -226,14 +226,12 @@ class PlannedCapture:
             )
         self._moved = False
 
-    def _report_plan(self, campaign: Campaign, before: Phase) -> None:
-        """Report a new plan to the operator; `before` is the phase before the plan was made."""
+    def _report_plan(self, campaign: Campaign, *, after_exploring: bool) -> None:
+        """Report a new plan to the operator; `after_exploring`: whether the arm explored until then."""
         if campaign.plan is None or campaign.estimate is None:
             return
         count = len(campaign.readings_rad)
-        first = before is Phase.EXPLORING and not any(
-            p.planned for p in self._session.state.used_poses
-        )
+        first = after_exploring and not any(p.planned for p in self._session.state.used_poses)
         head = f"Explored {count} poses" if first else "New plan"
         self._say(
             f"{head} ({campaign.estimate.text}): {plural(len(campaign.plan.visits), 'pose')} to take, "
@@ -289,7 +287,7 @@ class PlannedCapture:
         state = replace(session.state, campaign=CampaignLog(begun=begun))
         campaign = campaign_from_log(session.model, session.fixture, state)
         self._next_action(campaign)
-        if earlier and campaign.phase is Phase.EXPLORING:
+        if earlier and campaign.exploring:
             # The first step of a new exploration leads straight back to the start of the session.
             require_in_box(session)
         session.record("campaign", begun)

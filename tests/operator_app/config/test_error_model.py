@@ -2,7 +2,6 @@
 
 import math
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +11,6 @@ from operator_app.config.any_file import json_schema
 from operator_app.config.arm_file import load_arm, parse_arm
 from operator_app.config.fixture_file import parse_fixture
 from operator_app.config.resources import resolve
-from solver.chain.arm_model import ArmModel
 from solver.chain.kinematics import forward
 from solver.chain.sensors import Encoder
 from solver.chain.statics import torque_rates
@@ -82,18 +80,10 @@ def test_zero_tolerance_is_exact_and_not_assumed(zero):
     assert not [line for line in arm.assumed if line.startswith("tolerance")]
 
 
-def test_arm_built_in_code_is_exact():
-    packaged = load_arm("sarcos_dextrous")
-    table, joints, home_rad = packaged.table, packaged.joints, packaged.home_rad
-    arm = ArmModel(name="a", table=table, joints=joints, free=(), home_rad=home_rad)
-    assert not np.any(arm.length_tolerance_m)
-    assert not np.any(arm.twist_tolerance_rad)
-    assert arm.length_tolerance_m.shape == (7,)
+def test_encoder_and_fixture_built_in_code_are_exact():
     assert Encoder(counts_per_rev=4096).accuracy_rad == 0.0
     for kind in FIXTURES.values():
-        assert kind(packaged).compliance == RIGID
-    with pytest.raises(ValueError, match="one tolerance per D-H row"):
-        replace(arm, tolerances=packaged.tolerances[:3])
+        assert kind(load_arm("sarcos_dextrous")).compliance == RIGID
 
 
 def test_gain_of_an_rvdt_may_be_exact():

@@ -5,6 +5,7 @@ import pytest
 
 from solver.chain.parameters import nominal_vector
 from solver.closing import close_loops
+from solver.design import d_optimal
 from solver.design.manifold import grow_manifold
 from solver.design.motion import Ranges
 from solver.design.plan import PlanningTask, information_of
@@ -52,6 +53,14 @@ def information_of_captured_poses(task: PlanningTask, x: np.ndarray, q: np.ndarr
     """Information of captured poses `q` (c, n) and of what files state."""
     no_candidates = close_loops(task.model, x, q[:0])
     return information_of(task, x, q, no_candidates.q, no_candidates.u)[0]
+
+
+def choose_poses(root: np.ndarray, count: int, **options) -> tuple[int, ...]:
+    """The choice before any pose is captured, and without effects, unless `options` state them."""
+    N = root.shape[-1]
+    return d_optimal.choose_poses(
+        root, count, **({"parameters": N, "fixed": np.zeros((N, N))} | options)
+    )
 
 
 def paper_ranges() -> Ranges:

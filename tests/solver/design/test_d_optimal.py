@@ -3,7 +3,8 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from solver.design.d_optimal import choose_poses, gains, log_det
+from solver.design.d_optimal import gains, log_det
+from tests.solver.design.conftest import choose_poses
 
 
 def exhaustive(root: np.ndarray, count: int, fixed: np.ndarray | None = None) -> float:
@@ -47,7 +48,7 @@ def test_gain_is_the_change_of_the_log_determinant():
     root = rng.normal(size=(40, 3, 5))
     M = np.cov(rng.normal(size=(5, 30)))
     direct = [log_det(M + F.T @ F) - log_det(M) for F in root]
-    assert gains(root, M) == pytest.approx(np.array(direct), abs=1e-11)
+    assert gains(root, M, 5) == pytest.approx(np.array(direct), abs=1e-11)
 
 
 def with_effects(parameters: int, effects: int, seed: int = 0) -> np.ndarray:

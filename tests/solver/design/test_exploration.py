@@ -100,12 +100,6 @@ def test_exploration_fails_when_the_arm_does_not_return():
     assert "does not return to the start" in explorer.failure
 
 
-def test_observation_without_a_proposal_is_rejected():
-    explorer = Explorer(start_rad=HOME, drives=DRIVES, ranges=paper_ranges())
-    with pytest.raises(ValueError, match="nothing was proposed"):
-        explorer.observe(HOME)
-
-
 def test_one_drive_gives_enough_poses_to_calibrate(loop, x):
     """A rigid mount leaves one degree of freedom and two rays."""
     offsets = np.array(loop.table.theta_off_rad)

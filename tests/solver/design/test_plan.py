@@ -56,7 +56,7 @@ def test_plan_includes_captured_poses(task, x, plan):
     more = make_plan(task, x, HOME, 10, captured=first)
     assert more.predicted_sigma == pytest.approx(plan.predicted_sigma, rel=0.15)
     again = information_of_captured_poses(task, x, np.concatenate((first, more.poses_rad)))
-    assert standard_deviations(again) == pytest.approx(more.predicted_sigma, rel=1e-4)
+    assert standard_deviations(again, len(again)) == pytest.approx(more.predicted_sigma, rel=1e-4)
 
 
 def test_poses_with_uncertain_prediction_are_not_planned(loop, x, quick):

@@ -3,8 +3,9 @@ import re
 import numpy as np
 import pytest
 
-from solver.design.d_optimal import choose_poses
-from solver.design.stop_rule import PrecisionStatus, standard_deviations, stop_decision
+from solver.design import stop_rule
+from solver.design.stop_rule import standard_deviations
+from tests.solver.design.conftest import choose_poses
 
 
 @pytest.fixture(scope="module")
@@ -12,17 +13,29 @@ def chosen(pose_data):
     return choose_poses(pose_data.root, 12)
 
 
+def sigmas(information):
+    """Standard deviations of all unknowns, none of which are effects."""
+    return standard_deviations(information, len(information))
+
+
+def stop_decision(information, candidates, requested, *, poses_left):
+    """The decision if every candidate can be reached."""
+    allowed = np.ones(len(candidates.root), dtype=bool)
+    return stop_rule.stop_decision(
+        information, candidates, requested, poses_left=poses_left, allowed=allowed
+    )
+
+
 def requests(pose_data, chosen, factor: float) -> dict[str, float]:
-    sigma = standard_deviations(pose_data.of(chosen))
-    return dict(zip(pose_data.parameters, factor * sigma, strict=True))
+    return dict(zip(pose_data.parameters, factor * sigmas(pose_data.of(chosen)), strict=True))
 
 
 def test_stops_when_the_requested_sigmas_are_reached(pose_data, chosen):
     decision = stop_decision(
         pose_data.of(chosen), pose_data, requests(pose_data, chosen, 1.01), poses_left=5
     )
-    assert decision.status is PrecisionStatus.REACHED
     assert decision.stop
+    assert not decision.weak
     assert decision.text.endswith("as requested, for errors of stated size")
 
 
@@ -30,7 +43,6 @@ def test_goes_on_with_the_weakest_parameter_and_a_forecast(pose_data, chosen):
     goal = requests(pose_data, chosen, 0.8)
     goal["s_1"] *= 0.7
     decision = stop_decision(pose_data.of(chosen), pose_data, goal, poses_left=60)
-    assert decision.status is PrecisionStatus.GOING_ON
     assert decision.weak[0].name == "s_1"
     assert 3 < int(re.search(r"about (\d+) more poses", decision.text)[1]) < 60
     assert not decision.stop
@@ -40,21 +52,20 @@ OUT_OF_REACH = {"alpha_0": 1e-9, "theta_off_1": 1.0}
 
 
 @pytest.mark.parametrize(
-    ("times", "poses_left", "status", "words"),
+    ("times", "poses_left", "stop", "words"),
     [
-        (1, 10, PrecisionStatus.GOING_ON, "10 more poses would not bring alpha_0"),
+        (1, 10, False, "10 more poses would not bring alpha_0"),
         # Ten poses after 1,200.
-        (100, 10, PrecisionStatus.UNREACHABLE, ""),
-        (1, 0, PrecisionStatus.UNREACHABLE, "alpha_0 not known as well as requested"),
+        (100, 10, True, ""),
+        (1, 0, True, "alpha_0 not known as well as requested"),
     ],
 )
 def test_stops_out_of_reach_when_further_poses_do_not_help(
-    pose_data, chosen, times, poses_left, status, words
+    pose_data, chosen, times, poses_left, stop, words
 ):
     information = pose_data.of(list(chosen) * times)
     decision = stop_decision(information, pose_data, OUT_OF_REACH, poses_left=poses_left)
-    assert decision.status is status
-    assert decision.stop == (status is PrecisionStatus.UNREACHABLE)
+    assert decision.stop is stop
     assert [w.name for w in decision.weak] == ["alpha_0"]
     assert words in decision.text
     if not decision.stop:
@@ -67,17 +78,16 @@ def test_forecast_is_bounded_by_the_information_of_all_poses(pose_data, chosen):
     root = pose_data.root
     # Four more poses cannot beat four times the whole region's information.
     upper_bound = pose_data.of(chosen) + 4.0 * np.einsum("mrp,mrq->pq", root, root)
-    bound = dict(zip(pose_data.parameters, standard_deviations(upper_bound), strict=True))
+    bound = dict(zip(pose_data.parameters, sigmas(upper_bound), strict=True))
     assert all(w.forecast >= bound[w.name] for w in decision.weak)
 
 
 def test_too_few_poses_determine_no_sigma(pose_data):
-    sigma = standard_deviations(pose_data.of([0, 1]))
-    assert np.isinf(sigma).any()
+    assert np.isinf(sigmas(pose_data.of([0, 1]))).any()
     decision = stop_decision(
         pose_data.of([0, 1]), pose_data, dict.fromkeys(pose_data.parameters, 1.0), poses_left=20
     )
-    assert decision.status is PrecisionStatus.GOING_ON
+    assert not decision.stop
 
 
 def test_unknown_parameter_is_rejected(pose_data, chosen):

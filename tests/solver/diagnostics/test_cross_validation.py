@@ -49,7 +49,7 @@ def test_verification_of_sound_poses_has_the_stated_rate():
         q = SIMULATION.rereadings(seed)
         result = verified(q[TRAIN], q[TEST])
         assert result.closed.all()
-        accepted += result.chi2.accepted
+        accepted += result.chi2.low <= result.chi2.per_dof <= result.chi2.high
         ratios.append(result.chi2.per_dof)
         chances.append(result.pose_probability)
     # 99 % band: fewer than 56 of 60 inside has a chance of 3e-4.
@@ -67,17 +67,14 @@ def test_an_empty_verification_is_refused():
 
 def test_folds_are_disjoint_and_complete():
     q = SIMULATION.rereadings(0)
-    parts = fold_poses(q, 7)
-    assert sorted(np.concatenate(parts)) == list(range(50))
-    assert {len(part) for part in parts} == {7, 8}
-    for folds in (1, 51):
-        with pytest.raises(ValueError, match="folds"):
-            fold_poses(q, folds)
+    parts = fold_poses(q[:48])
+    assert sorted(np.concatenate(parts)) == list(range(48))
+    assert [len(part) for part in parts] == [10, 10, 10, 9, 9]
 
 
 def test_the_far_block_is_compact_and_far():
     q = SIMULATION.rereadings(0)
-    block = far_block(q, 0.2)
+    block = far_block(q)
     rest = np.setdiff1d(np.arange(50), block)
     assert len(block) == 10
     scaled = q / np.ptp(q, axis=0)
@@ -88,8 +85,6 @@ def test_the_far_block_is_compact_and_far():
         for pick in (random.permutation(50) for _ in range(200))
     ]
     assert away > max(usual)
-    with pytest.raises(ValueError, match="empty"):
-        far_block(q, 0.001)
 
 
 def whole_fit(q: np.ndarray, variance: np.ndarray) -> tuple[LinearFit, IntArray]:
@@ -102,13 +97,13 @@ def whole_fit(q: np.ndarray, variance: np.ndarray) -> tuple[LinearFit, IntArray]
 def test_hold_out_of_sound_poses():
     q = SIMULATION.rereadings(3)
     fit, whole = implicit(q, NOISE.joint_variance), whole_fit(q, NOISE.joint_variance)
-    result = hold_out(fit, MODEL, q, *whole, fold_poses(q, 5))
+    result = hold_out(fit, MODEL, q, *whole, fold_poses(q))
     assert [part.dof for part in result.parts] == [50] * 5
     assert result.sigmas.position_m.rms == pytest.approx(
         result.inside_sigmas.position_m.rms, rel=0.2
     )
     far = hold_out(fit, MODEL, q, *whole, (far_block(q),))
-    assert far.parts[0].accepted
+    assert far.parts[0].low <= far.parts[0].per_dof <= far.parts[0].high
 
 
 def test_hold_out_uses_each_poses_own_variance():

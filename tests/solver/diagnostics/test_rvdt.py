@@ -3,21 +3,8 @@
 import numpy as np
 import pytest
 
-from solver.diagnostics.rvdt import rvdt_verdicts
 from solver.diagnostics.rvdt_response import noise_of_spread, spread_of
 from solver.diagnostics.smooth_curve import fit_curve
-from solver.estimators.error_model import stated_errors
-from tests.oracles.loop_oracle import paper_truth
-from tests.oracles.simulated_loops import Simulation
-from tests.solver.conftest import loop_of, paper_arm
-
-
-def test_a_model_without_unsensed_rvdts_is_refused():
-    model, arm = loop_of(paper_truth()), paper_arm(paper_truth())
-    q, samples = Simulation(poses=20).rereadings(0), np.ones(20, dtype=np.int64)
-    errors = stated_errors(arm, samples=samples)
-    with pytest.raises(ValueError, match="RVDT"):
-        rvdt_verdicts(model, arm, q, errors, noise={}, samples=samples, variances={})
 
 
 def test_noise_does_not_raise_the_degree_of_the_curve():
@@ -27,8 +14,6 @@ def test_noise_does_not_raise_the_degree_of_the_curve():
         x = rng.uniform(-1.0, 1.0, 60)
         degrees.append(fit_curve(x, 0.3 * x + rng.normal(size=60)).degree)
     assert np.mean(np.array(degrees) == 1) > 0.7
-    with pytest.raises(ValueError, match="eight points"):
-        fit_curve(np.arange(5.0), np.arange(5.0))
 
 
 @pytest.mark.parametrize("points", [20, 40, 100])

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solver.diagnostics.hypothesis_tests import find_outliers, pose_columns
+from solver.diagnostics.hypothesis_tests import find_outliers
 from solver.diagnostics.model_selection import (
     evidence,
     log_likelihood,
@@ -46,6 +46,11 @@ def written_out(m: int, own: np.ndarray, blocks: np.ndarray) -> np.ndarray:
     out = np.zeros((m, ROWS, len(own), blocks.shape[-1]))
     out[own, :, np.arange(len(own)), :] = blocks
     return out.reshape(m, ROWS, -1)
+
+
+def pose_columns(left: WhitenedResiduals, poses: np.ndarray) -> np.ndarray:
+    """Columns (p, r, r), one for each equation of the poses (p,), in units of noise."""
+    return np.linalg.inv(left.whitener[poses])
 
 
 def covariance(left: WhitenedResiduals) -> np.ndarray:

@@ -35,7 +35,7 @@ def test_two_poses_are_too_few_and_three_suffice(truth):
     with pytest.raises(TooFewPosesError, match="at least 3 poses are needed") as refused:
         estimate_paper(loop_of(truth), q[:2])
     assert (refused.value.poses, refused.value.needed) == (2, 3)
-    assert (refused.value.parameters, refused.value.equations_per_pose) == (14, 5)
+    assert "give 10 equations for 14 parameters" in str(refused.value)
     assert estimate_paper(loop_of(truth), q[:3]).dof == 1
 
 

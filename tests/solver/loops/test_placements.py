@@ -5,14 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solver.chain.parameters import DhEntry, nominal_vector, wrap_angles
+from solver.chain.parameters import nominal_vector, wrap_angles
 from solver.closing import close_loops
 from solver.diagnostics.identifiability import identifiability
 from solver.estimators.estimate import closure_at_readings
 from solver.estimators.implicit import NoiseModel, estimate_implicit
 from solver.estimators.paper import estimate_paper
 from solver.loops.closure import nearest_equivalent
-from solver.loops.dh import DhLoop
 from solver.loops.placements import Placements, place
 from tests.oracles.loop_oracle import Truth, closed_poses, paper_truth
 from tests.solver.conftest import NAMES, loop_of
@@ -130,16 +129,3 @@ def test_entries_are_fixed_in_one_placement_or_all():
     np.testing.assert_allclose(
         smaller.reduced(truth[remaining], q).residual, model.reduced(truth, q).residual
     )
-
-
-def test_inconsistent_placements_are_rejected():
-    single = loop_of(paper_truth())
-    other = DhLoop(table=single.table, entries=(DhEntry.parse("theta_off_2"),), hinge=True)
-    with pytest.raises(ValueError, match="same arm"):
-        place([single, other], np.array([1, 2]))
-    for numbers, models, message in (
-        ((2, 1), (single, single), "ascending"),
-        ((1,), (single,), "no model"),
-    ):
-        with pytest.raises(ValueError, match=message):
-            Placements(numbers=numbers, models=models, placement=np.array([1, 2]), same_hand=False)

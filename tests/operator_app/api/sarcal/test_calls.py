@@ -183,3 +183,10 @@ def test_blas_threads_are_limited_and_restored(raises):
 def test_computing_functions_limit_blas_threads():
     for name in ("calibrate", "compare", "load_result", "plan", "simulate", "verify"):
         assert hasattr(getattr(sarcal, name), "__wrapped__"), name
+
+
+def test_a_plan_without_a_reading_has_no_sigma_of_its_offset():
+    planned = sarcal.plan(**HINGE, poses=4, drive_joints=[1, 5], unsensed_joints=[7])
+    assert "theta_off_7_deg" not in planned.sigmas
+    assert planned.sigmas["theta_off_6_deg"] > 0.0
+    assert len(planned.sigmas) == 13

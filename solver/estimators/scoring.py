@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 TINY = 1e-300
 """Lower limit of a logarithm's argument."""
 
+AT_BOUND = 1e-9
+"""Share of a bound by which a variance may differ from it and still be at the bound."""
+
 LARGEST_VARIANCE_RATIO = 6.0
 """Largest factor by which a variance changes in one step."""
 
@@ -210,8 +213,10 @@ def step(fit: LinearFit, derivatives: Derivatives) -> ScoringStep:
     )  # components without information (by rounding even below zero) do not change
     size = np.sqrt(np.where(determined, known, 1.0))
     unit = rate / size
-    score, moving = derivatives.score * unit, determined & ((v > floor) | (derivatives.score > 0.0))
-    moving &= (v < ceiling) | (score < 0.0)
+    score = derivatives.score * unit
+    # A step to a bound may miss it by a rounding error.
+    above, below = v > floor * (1.0 + AT_BOUND), v < ceiling * (1.0 - AT_BOUND)
+    moving = determined & (above | (score > 0.0)) & (below | (score < 0.0))
 
     def changed(change: FloatArray) -> FloatArray:
         """Variances after a change in units of standard errors."""

@@ -95,7 +95,8 @@ def likelihood_derivatives(fit: LinearFit) -> Derivatives:
         M = part.M.reshape(m * r, width)
         X, P = fit.leverage(part)
         # A component's derivative of the noise's covariance is C diag(rates) C'.
-        own, noise = design.noise_rates(part.poses)
+        sources = design.noise_sources(part.poses)
+        own, noise = sources.estimated, sources.derivatives
         C, rows = part.C, m * part.C.shape[-1]
         by_own = noise.reshape(rows, -1)
         Ct = np.swapaxes(C, -1, -2)
@@ -111,8 +112,9 @@ def likelihood_derivatives(fit: LinearFit) -> Derivatives:
         squared = (Ct @ PC) * (Ct @ C) @ noise
         information[np.ix_(own, own)] += by_own.T @ squared.reshape(rows, -1)
         # The projector P times the effects' columns of each pose, along the noise columns.
-        effect_columns = (Ct @ X[..., hard:]).reshape(rows, -1)
-        across = (by_own.T @ effect_columns**2) @ rates
+        effect_squares = (Ct @ X[..., hard:]).reshape(rows, -1)
+        effect_squares *= effect_squares
+        across = (by_own.T @ effect_squares) @ rates
         information[own] += across
         information[:, own] += across.T
     average = inner - along @ fit.H_inverse @ along.T

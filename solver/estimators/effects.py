@@ -20,6 +20,7 @@ import numpy as np
 from solver.arrays import BoolArray, FloatArray, IntArray, pose_slices, select_poses
 from solver.closing import Rates, ReducedEquations, reduced_equations
 from solver.estimators.error_model import distance_rows
+from solver.estimators.implicit import whitener
 from solver.estimators.layout import FIXTURE_NOISE, Layout
 from solver.estimators.shapes import JointShapes
 
@@ -151,8 +152,8 @@ class LinearModel(Layout):
         joints, closure = slice(0, n), slice(n, None)
         read = ~np.isin(np.arange(1, n + 1), self.model.unsensed_joints)
         for a in errors.analogue:
-            own = slice(a.joint - 1, a.joint)
-            add(f"rvdt_noise_{a.joint}", own, a.share[poses, None], f"rvdt_{a.joint}")
+            reading = slice(a.joint - 1, a.joint)
+            add(f"rvdt_noise_{a.joint}", reading, a.share[poses, None], f"rvdt_{a.joint}")
         add("counts", joints, errors.joint_variance[poses] * read)
         if len(self.play.joints):
             add("joint_play", joints, self.play.missed[poses], "play_sides")
@@ -207,13 +208,13 @@ class LinearModel(Layout):
         return pose_slices(len(self.q))
 
     def whiten(self, system: System, v: FloatArray, root: FloatArray, poses: slice) -> Whitened:
-        """Whiten the Jacobian's columns at the `poses` that `system` holds.
+        """Whiten the Jacobian's columns at the `poses` that `system` holds; raises the error of `whitener`.
 
         `root` (width - hard,): factors of the effects' columns, the square root of `group_variances` for unit variance.
         """
         C, noise = system.noise_columns, self.noise_sources(poses).total(v)
         V = (C * noise[:, None, :]) @ np.swapaxes(C, -1, -2)
-        L_inverse = np.linalg.inv(np.linalg.cholesky(V))
+        L_inverse = whitener(V)
         C = L_inverse @ C
         Ew = C[..., self.model.joint_count :]
         Aw = L_inverse @ system.A

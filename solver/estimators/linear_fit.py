@@ -36,9 +36,9 @@ class LinearFit:
 
     `unit` (P,): unit of each parameter's column. `change` (P,): change of each parameter, rad and m: the step dx if the
     parameter has no prior, its deviation from the nominal value if it has one. `b`: predicted coefficients of the
-    effects, unscaled (width - hard,). `half`: root of the inverse (width, width), ``H^-1 = half half'``.
-    `chi2`: ``w' P w``. `dof`: expectation of `chi2` if the variances are right: number of equations minus number of
-    parameters without a prior.
+    effects, unscaled (width - hard,). `half`: upper triangular root (width, width) of the inverse, ``H^-1 = half
+    half'``. `chi2`: ``w' P w``. `dof`: expectation of `chi2` if the variances are right: number of equations minus
+    number of parameters without a prior.
     """
 
     def __init__(self, design: LinearModel, system: System | Linearisation, v: FloatArray) -> None:
@@ -118,6 +118,13 @@ class LinearFit:
     def residual(self, part: Whitened) -> FloatArray:
         """Whitened residuals (m, r) of some poses."""
         return part.w + part.times(self.coefficients)
+
+    def orthonormal(self, part: Whitened) -> FloatArray:
+        """Columns times `half` (m, r, width); with the rows of the prior they are orthonormal."""
+        from scipy.linalg import blas
+
+        M = part.M.reshape(-1, self.design.width)
+        return np.asarray(blas.dtrmm(1.0, self.half, M.T, trans_a=1).T.reshape(part.M.shape))
 
     def leverage(self, part: Whitened) -> tuple[FloatArray, FloatArray]:
         """Return ``M H^-1`` (m, r, width) and the blocks (m, r, r) of the projector P of some poses."""
@@ -249,7 +256,7 @@ class LinearFit:
 
         No refit is needed: with the projector P and a group's rows F, chi2 is ``(P w)_F' P_FF^-1 (P w)_F``.
         """
-        rows = [(part.times(self.half), self.residual(part)) for part in self.parts()]
+        rows = [(self.orthonormal(part), self.residual(part)) for part in self.parts()]
         N, residual = (np.concatenate(arrays) for arrays in zip(*rows, strict=True))
         return [
             _held_out(N[poses].reshape(-1, self.design.width), residual[poses].reshape(-1))

@@ -23,12 +23,12 @@ from operator_app.calibration.error_model import (
     stated_priors,
 )
 from operator_app.calibration.experiment import Experiment, in_order
+from operator_app.calibration.instrument_registration import triple
 from operator_app.calibration.multistart import far_from_nominal
 from operator_app.messages.finding import Finding, FindingKind
 from operator_app.units import WHOLE_MM
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
-from solver.chain.kinematics import forward
 from solver.chain.parameters import nominal_vector, wrap_angle
 from solver.chain.poses import PoseSet
 from solver.diagnostics import limits
@@ -221,14 +221,13 @@ def _ball_instead(stated: Experiment) -> Alternative:
     else:
         tip, ground = _common_point(frames)
     names = (fixture.kind, _new("ball", stated.arm, _points(tip, ground)))
-    ball = Ball(tip_m=_point(tip), ground_m=_point(ground), compliance=fixture.compliance)
+    ball = Ball(tip_m=triple(tip), ground_m=triple(ground), compliance=fixture.compliance)
     return Finding(FindingKind.WRONG_FIXTURE_BALL, names=names), replace(stated, fixture=ball)
 
 
 def _frames(arm: ArmModel, poses: PoseSet) -> tuple[FloatArray, FloatArray]:
     """Rotations (m, 3, 3) and origins (m, 3), m, of the tool in the base frame, from the nominal D-H table."""
-    theta_off, *lengths_and_twists = arm.table.stacked()
-    frames = forward(poses.q_rad + theta_off, *lengths_and_twists)
+    frames = arm.table.frames(poses.q_rad)
     return frames.R_end, frames.p_end
 
 
@@ -258,7 +257,3 @@ def _points(tip_m: FloatArray, ground_m: FloatArray) -> str:
 
 def _direction_text(direction: FloatArray) -> str:
     return ",".join(f"{x:.3f}" for x in np.round(direction, 3) + 0.0)
-
-
-def _point(at: FloatArray) -> tuple[float, float, float]:
-    return float(at[0]), float(at[1]), float(at[2])

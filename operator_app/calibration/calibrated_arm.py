@@ -18,7 +18,7 @@ from operator_app.calibration.result import Solution
 from operator_app.calibration.tool_accuracy import HandAccuracy, HeldOffset, spread_along, spread_of
 from solver.arrays import FloatArray, even_points
 from solver.chain.arm_model import ArmModel
-from solver.chain.kinematics import DhTable, forward
+from solver.chain.kinematics import DhTable
 from solver.chain.parameters import DhEntry, DhKind, is_entry
 from solver.chain.sensors import NoSensor
 from solver.closing import reduced_equations
@@ -136,7 +136,7 @@ class CalibratedArm:
 
 def T_base_flange(table: DhTable, q_rad: FloatArray) -> FloatArray:
     """Pose of the last frame of D-H rows 1..n in the base frame at readings (..., n): (..., 4, 4), m."""
-    frames = forward(q_rad + table.theta_off_rad, *table.stacked()[1:])
+    frames = table.frames(q_rad)
     T = np.zeros((*np.shape(q_rad)[:-1], 4, 4))
     T[..., :3, :3], T[..., :3, 3], T[..., 3, 3] = frames.R_end, frames.p_end, 1.0
     return T

@@ -14,7 +14,6 @@ from operator_app.calibration.experiment import EndpointMissingError, Experiment
 from operator_app.calibration.result import Solution
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
-from solver.chain.kinematics import forward
 from solver.chain.parameters import is_entry
 from solver.chain.poses import PoseSet
 from solver.chain.rotations import nearest_rotation, rotation_matrix, rotation_vector, skew
@@ -81,10 +80,10 @@ def with_calibrated_places(fixture: EndpointConstraint, model: ClosureModel) -> 
     return replace(
         fixture,
         full_pose=part.full_pose,
-        base_m=_triple(part.base_m),
-        base_turn_rad=_triple(rotation_vector(part.base_rotation)),
-        tip_m=_triple(part.tip_m),
-        tip_turn_rad=_triple(rotation_vector(part.tip_rotation)),
+        base_m=triple(part.base_m),
+        base_turn_rad=triple(rotation_vector(part.base_rotation)),
+        tip_m=triple(part.tip_m),
+        tip_turn_rad=triple(rotation_vector(part.tip_rotation)),
     )
 
 
@@ -139,8 +138,8 @@ def endpoints_at_nominal_base(
     _, T_flange_target = part.placements(x)
     calibrated = replace(
         fixture,
-        tip_m=_triple(T_flange_target[:3, 3]),
-        tip_turn_rad=_triple(rotation_vector(T_flange_target[:3, :3])),
+        tip_m=triple(T_flange_target[:3, 3]),
+        tip_turn_rad=triple(rotation_vector(T_flange_target[:3, :3])),
         tip_known=True,
     )
     nominal = rotation_matrix(np.array(fixture.base_turn_rad))
@@ -168,8 +167,7 @@ def placed_by_poses(
         raise EndpointMissingError("these poses have no endpoint columns x_m,y_m,z_m")
     full = poses.endpoint.shape[1] == 6
     measured = poses.endpoint[:, :3]
-    theta_off, *others = with_entries(arm.table, values).stacked()
-    frames = forward(poses.q_rad + theta_off, *others)
+    frames = with_entries(arm.table, values).frames(poses.q_rad)
     R_base, base, tip = _fitted(frames.p_end, frames.R_end, measured, instrument)
     turn = np.array(instrument.tip_turn_rad)
     if full and not instrument.tip_known:
@@ -179,10 +177,10 @@ def placed_by_poses(
     return replace(
         instrument,
         full_pose=full and instrument.full_pose,
-        base_m=_triple(base),
-        base_turn_rad=_triple(rotation_vector(R_base)),
-        tip_m=_triple(tip),
-        tip_turn_rad=_triple(turn),
+        base_m=triple(base),
+        base_turn_rad=triple(rotation_vector(R_base)),
+        tip_m=triple(tip),
+        tip_turn_rad=triple(turn),
     )
 
 
@@ -232,5 +230,6 @@ def _fitted(
     return min(fits, key=lambda places: places[0])[1]
 
 
-def _triple(v: FloatArray) -> tuple[float, float, float]:
+def triple(v: FloatArray) -> tuple[float, float, float]:
+    """Return a vector (3,) as a field of a fixture."""
     return float(v[0]), float(v[1]), float(v[2])

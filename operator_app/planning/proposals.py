@@ -17,7 +17,6 @@ from fixtures.hinge import Hinge
 from operator_app.planning.feasibility import Feasibility, assess_feasibility, home_to_closed_rad
 from solver.arrays import FloatArray, frozen
 from solver.chain.arm_model import ArmModel
-from solver.chain.kinematics import forward
 from solver.chain.parameters import nominal_vector
 from solver.closing import close_loops
 from solver.loops.closure import ClosureModel
@@ -119,8 +118,7 @@ def _least_motion(columns: FloatArray, joints: int | None = None) -> FloatArray:
 
 def _in_a_hinge(arm: ArmModel, q: FloatArray, axis: FloatArray) -> FloatArray:
     """Return the Jacobian (m, 6, n + 1) of the tool at `q` (m, n); the last column is for a hinge along `axis` (3,)."""
-    theta_off, *rest = arm.table.stacked()
-    frames = forward(q + theta_off, *rest)
+    frames = arm.table.frames(q)
     z, at = frames.axes[:, :-1, :, 2], frames.origins_m[:, :-1]
     lever = (frames.p_end[:, None] - at) / _size_m(arm)
     joints = np.concatenate((z, np.cross(z, lever)), axis=2)
@@ -184,6 +182,5 @@ def hinge_between(arm: ArmModel, hand: Line, base: Line | None) -> Hinge:
 
 
 def _hand_at_home(arm: ArmModel) -> tuple[FloatArray, FloatArray]:
-    theta_off, *lengths_and_twists = arm.table.stacked()
-    frames = forward(arm.home_rad + theta_off, *lengths_and_twists)
+    frames = arm.table.frames(arm.home_rad)
     return frames.R_end, frames.p_end

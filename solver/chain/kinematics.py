@@ -59,6 +59,10 @@ class DhTable:
         """Return the table as (5, links), in the order of `DhKind`: theta_off, s, a, alpha, beta."""
         return np.stack([getattr(self, name) for name in self.__dataclass_fields__])
 
+    def frames(self, q: FloatArray) -> Frames:
+        """Return all frames at readings `q` (..., links), rad."""
+        return forward(q + self.theta_off_rad, *self.stacked()[1:])
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Frames:

@@ -106,7 +106,7 @@ def torque_rates(arm: Frames, down: FloatArray) -> FloatArray:
     axes, origins = arm.axes, arm.origins_m
     z, x, p = axes[..., :-1, :, 2], axes[..., 1:, :, 0], origins[..., :-1, :]
     n = z.shape[-2]
-    link_axes = np.stack((x, (skew(z) @ x[..., None])[..., 0], z), axis=-2)
+    link_axes = np.stack((x, np.cross(z, x), z), axis=-2)
     weight = STANDARD_GRAVITY_M_PER_S2 * skew(np.asarray(down))
     weight = weight.reshape(*weight.shape[:-2], *(1 for _ in z.shape[:-2]), 3, 3)
     # z . (r x g) = (g x z) . r: one vector for each joint, then a scalar product with each lever.

@@ -279,7 +279,7 @@ def residuals_of_fit(fit: LinearFit, order: IntArray) -> WhitenedResiduals:
     for part in fit.parts():
         rows = position[part.poses]
         whitener[rows] = part.L_inverse
-        U[rows] = part.times(half)
+        U[rows] = fit.orthonormal(part)
         white[rows] = part.w + part.times(fit.coefficients)
     return WhitenedResiduals(
         whitener=whitener,

@@ -101,7 +101,8 @@ def measure(
         high=curve.high + constant,
         coefficients=np.concatenate((curve.coefficients[:1] - constant, curve.coefficients[1:])),
     )
-    bend, slope = _off_line(grid, fitted), float(np.polyfit(grid, fitted, 1)[0])
+    about = grid - grid.mean()
+    bend, slope = _off_line(grid, fitted), float(about @ fitted / (about @ about))
     squares = float(curve.residual @ curve.residual)
     own = float(np.mean(measured.own))
     variance = max(squares / curve.dof - own, 0.0)

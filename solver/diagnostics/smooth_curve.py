@@ -63,7 +63,7 @@ def fit_curve(abscissa: FloatArray, values: FloatArray, least_degree: int = 1) -
     # Degrees are nested: each adds one direction to those of the last.
     most = min(MAX_DEGREE, m // POINTS_PER_TERM - 1)
     nested = _basis(abscissa, low, high, most)
-    Q = np.linalg.qr(nested)[0]
+    Q, R = np.linalg.qr(nested)
     residuals = values[:, None] - np.cumsum(Q * (Q.T @ values), axis=1)
     leverages = np.cumsum(Q**2, axis=1)
     left_out = (residuals / np.maximum(1.0 - leverages, 1e-12)) ** 2
@@ -73,7 +73,7 @@ def fit_curve(abscissa: FloatArray, values: FloatArray, least_degree: int = 1) -
         error = float(gain.std() * np.sqrt(m))
         if degree <= least_degree or float(gain.sum()) > error:
             best = degree
-    smoother = np.asarray(np.linalg.pinv(nested[:, : best + 1]), dtype=np.float64)
+    smoother = np.asarray(np.linalg.solve(R[: best + 1, : best + 1], Q[:, : best + 1].T))
     dof = m - best - 1
     chance = 1.0
     if best > 1:

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver.arrays import FloatArray, IntArray
-from solver.chain.kinematics import Frames, forward
+from solver.chain.kinematics import forward
 from solver.chain.parameters import DhEntry, DhKind, is_entry
 from solver.chain.statics import LinkMasses, torque_rates
 from solver.loops.closure import ClosureModel
@@ -123,12 +123,6 @@ class ArmPoses:
     u: FloatArray
     masses: LinkMasses
 
-    def arm(self, poses: IntArray | slice) -> Frames:
-        """Frames 0..n of the arm alone at some poses."""
-        rows = self.arm_rows()
-        angle = self.q[poses] + rows[DhKind.THETA_OFF]
-        return forward(angle, *rows[DhKind.S :])
-
     def arm_rows(self) -> FloatArray:
         """D-H rows 1..n (5, n) of the arm alone.
 
@@ -149,16 +143,17 @@ class ArmPoses:
         """Number s of shapes of the torque, see `torques`."""
         return 1 + 4 * len(self.masses.mass_kg) + len(self.masses.tilted)
 
-    def torques(self, poses: slice) -> FloatArray:
+    def torques(self, poses: IntArray | slice) -> FloatArray:
         """Gravity's torque (m, n, s), N m; shapes: stated masses, each uncertain moment, tilts of the base."""
-        arm, masses = self.arm(poses), self.masses
+        rows, masses = self.arm_rows(), self.masses
+        arm = forward(self.q[poses] + rows[DhKind.THETA_OFF], *rows[DhKind.S :])
         rates = torque_rates(arm, np.vstack((masses.down, masses.tilted)))
         stated, *tilts = rates.reshape(*rates.shape[:-2], -1) @ masses.moments.reshape(-1)
-        shapes = (stated[..., None], by_moment(rates[0], masses), np.stack(tilts, axis=-1))
+        shapes = (stated[..., None], _by_moment(rates[0], masses), np.stack(tilts, axis=-1))
         return np.concatenate(shapes, axis=-1)
 
 
-def by_moment(rates: FloatArray, masses: LinkMasses) -> FloatArray:
+def _by_moment(rates: FloatArray, masses: LinkMasses) -> FloatArray:
     """Torque (m, n, 4 n), N m, for one standard deviation of each mass and each component of a centre."""
     m, n = rates.shape[:2]
     # One product for each link: all joints at all poses with its moments.

@@ -20,6 +20,7 @@ import numpy as np
 from solver.arrays import BoolArray, FloatArray, IntArray, pose_slices, select_poses
 from solver.closing import Rates, ReducedEquations, reduced_equations
 from solver.estimators.error_model import distance_rows
+from solver.estimators.implicit import whitener
 from solver.estimators.layout import FIXTURE_NOISE, Layout
 from solver.estimators.shapes import JointShapes
 
@@ -81,12 +82,16 @@ class NoiseSources:
     is the part of a repeatable effect that the effect's columns do not represent. If the effect is estimated to be
     smaller than stated, this part is reduced by the same factor. It is not used to estimate the factor, because white
     noise has no information about an effect that repeats.
+    `estimated` (c,), `derivatives` (m, n + k, c): components that the noise determines, and derivatives of the variance
+    by these.
     """
 
     names: tuple[str, ...]
     component: IntArray
     missed: BoolArray
     rates: FloatArray
+    estimated: IntArray
+    derivatives: FloatArray
 
     def variances(self, v: FloatArray) -> FloatArray:
         """Variance (s, m, n + k) of every source for variance components `v` (K,)."""
@@ -94,7 +99,8 @@ class NoiseSources:
 
     def total(self, v: FloatArray) -> FloatArray:
         """Variance (m, n + k) of all sources together for variance components `v` (K,)."""
-        return np.tensordot(self._factors(v), self.rates, 1)
+        s, *shape = self.rates.shape
+        return np.asarray((self._factors(v) @ self.rates.reshape(s, -1)).reshape(shape))
 
     def _factors(self, v: FloatArray) -> FloatArray:
         factor = np.append(v, 1.0)[self.component]
@@ -146,8 +152,8 @@ class LinearModel(Layout):
         joints, closure = slice(0, n), slice(n, None)
         read = ~np.isin(np.arange(1, n + 1), self.model.unsensed_joints)
         for a in errors.analogue:
-            own = slice(a.joint - 1, a.joint)
-            add(f"rvdt_noise_{a.joint}", own, a.share[poses, None], f"rvdt_{a.joint}")
+            reading = slice(a.joint - 1, a.joint)
+            add(f"rvdt_noise_{a.joint}", reading, a.share[poses, None], f"rvdt_{a.joint}")
         add("counts", joints, errors.joint_variance[poses] * read)
         if len(self.play.joints):
             add("joint_play", joints, self.play.missed[poses], "play_sides")
@@ -165,22 +171,23 @@ class LinearModel(Layout):
         for name, rows in zip(FIXTURE_NOISE, (slice(n, n + 3), slice(-3, None)), strict=True):
             if name in self.index:
                 add("fixture_give", rows, 1.0, name)
-        names, component = zip(*listed, strict=True)
+        names, indices = zip(*listed, strict=True)
+        component, every = np.array(indices), np.stack(rates)
         # A component that scales columns has only that noise which its columns do not represent.
-        missed = np.append(self.variance_rates.any(axis=0), False)[list(component)]
+        missed = np.append(self.variance_rates.any(axis=0), False)[component]
+        own = np.flatnonzero((component >= 0) & ~missed)
         return NoiseSources(
-            names=names, component=np.array(component), missed=missed, rates=np.stack(rates)
+            names=names,
+            component=component,
+            missed=missed,
+            rates=every,
+            estimated=component[own],
+            derivatives=np.ascontiguousarray(np.moveaxis(every[own], 0, -1)),
         )
 
     def noise_variance(self, v: FloatArray) -> FloatArray:
         """Noise variance (m, n + k) along n joints, rad^2, and k closure components."""
         return np.concatenate([self.noise_sources(poses).total(v) for poses in self.parts()])
-
-    def noise_rates(self, poses: slice) -> tuple[IntArray, FloatArray]:
-        """Components (c,) that scale noise, and derivatives (m, n + k, c) of the noise's variance by these."""
-        sources = self.noise_sources(poses)
-        own = np.flatnonzero((sources.component >= 0) & ~sources.missed)
-        return sources.component[own], np.moveaxis(sources.rates[own], 0, -1)
 
     def smooth_deflection_variance(self, v: FloatArray) -> FloatArray:
         """Variance (6,), rad^2 then m^2, of the deflection that repeats at the same pose."""
@@ -201,13 +208,13 @@ class LinearModel(Layout):
         return pose_slices(len(self.q))
 
     def whiten(self, system: System, v: FloatArray, root: FloatArray, poses: slice) -> Whitened:
-        """Whiten the Jacobian's columns at the `poses` that `system` holds.
+        """Whiten the Jacobian's columns at the `poses` that `system` holds; raises the error of `whitener`.
 
         `root` (width - hard,): factors of the effects' columns, the square root of `group_variances` for unit variance.
         """
         C, noise = system.noise_columns, self.noise_sources(poses).total(v)
         V = (C * noise[:, None, :]) @ np.swapaxes(C, -1, -2)
-        L_inverse = np.linalg.inv(np.linalg.cholesky(V))
+        L_inverse = whitener(V)
         C = L_inverse @ C
         Ew = C[..., self.model.joint_count :]
         Aw = L_inverse @ system.A

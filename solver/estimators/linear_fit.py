@@ -36,9 +36,9 @@ class LinearFit:
 
     `unit` (P,): unit of each parameter's column. `change` (P,): change of each parameter, rad and m: the step dx if the
     parameter has no prior, its deviation from the nominal value if it has one. `b`: predicted coefficients of the
-    effects, unscaled (width - hard,). `half`: root of the inverse (width, width), ``H^-1 = half half'``.
-    `chi2`: ``w' P w``. `dof`: expectation of `chi2` if the variances are right: number of equations minus number of
-    parameters without a prior.
+    effects, unscaled (width - hard,). `half`: upper triangular root (width, width) of the inverse, ``H^-1 = half
+    half'``. `chi2`: ``w' P w``. `dof`: expectation of `chi2` if the variances are right: number of equations minus
+    number of parameters without a prior.
     """
 
     def __init__(self, design: LinearModel, system: System | Linearisation, v: FloatArray) -> None:
@@ -49,7 +49,7 @@ class LinearFit:
         self.unit[design.soft_index] = design.soft_sd * self.root[:soft]
         slices = design.parts()
         self._whitened: list[Whitened] = []
-        self.H = np.diag(self._prior())
+        self.H = np.zeros((design.width, design.width))
         right = np.zeros(design.width)
         square, logdet = 0.0, 0.0
         for poses in slices:
@@ -66,6 +66,8 @@ class LinearFit:
             self.H += rows.T @ rows
             right += w @ rows
             square += float(w @ w)
+        effects = np.arange(hard, design.width)
+        self.H[effects, effects] += 1.0
         self.half, determinant = inverse_root(self.H)
         self.coefficients = -(self.half @ (self.half.T @ right))
         # One refinement: the squares of M cost half the digits, its product with them does not.
@@ -82,7 +84,7 @@ class LinearFit:
     @cached_property
     def H_inverse(self) -> FloatArray:
         """Inverse of H (width, width)."""
-        return np.asarray(self.half @ self.half.T)
+        return _square(self.half)
 
     def _distances(self) -> tuple[FloatArray, FloatArray]:
         """Misclosures (k,) of measured distances and columns (k, width), with effects scaled to unit variance."""
@@ -106,11 +108,6 @@ class LinearFit:
         known = np.eye(len(left)) - inside @ inside.T
         return self.chi2 - float(left @ np.linalg.lstsq(known, left, rcond=1e-12)[0])
 
-    def _prior(self) -> FloatArray:
-        """Priors' part of H's diagonal (width,): 1 for effects, 0 for columns without prior."""
-        hard = self.design.hard
-        return np.repeat((0.0, 1.0), (hard, self.design.width - hard))
-
     def _whiten(self, poses: slice) -> Whitened:
         return self.design.whiten(self.system.at_poses(poses), self.v, self.root, poses)
 
@@ -121,6 +118,13 @@ class LinearFit:
     def residual(self, part: Whitened) -> FloatArray:
         """Whitened residuals (m, r) of some poses."""
         return part.w + part.times(self.coefficients)
+
+    def orthonormal(self, part: Whitened) -> FloatArray:
+        """Columns times `half` (m, r, width); with the rows of the prior they are orthonormal."""
+        from scipy.linalg import blas
+
+        M = part.M.reshape(-1, self.design.width)
+        return np.asarray(blas.dtrmm(1.0, self.half, M.T, trans_a=1).T.reshape(part.M.shape))
 
     def leverage(self, part: Whitened) -> tuple[FloatArray, FloatArray]:
         """Return ``M H^-1`` (m, r, width) and the blocks (m, r, r) of the projector P of some poses."""
@@ -180,9 +184,9 @@ class LinearFit:
     @property
     def repeatability(self) -> FloatArray:
         """Covariance (P, P) from noise alone: the scatter if the same poses were taken again."""
-        gain = self._gain()
-        block = gain @ (self.H - np.diag(self._prior())) @ gain.T
-        return np.asarray(0.5 * (block + block.T))
+        gain = self._gain().T
+        rows = [part.times(gain).reshape(-1, gain.shape[1]) for part in self.parts()]
+        return np.asarray(sum(G.T @ G for G in (*rows, self._distances()[1] @ gain)))
 
     def _gain(self) -> FloatArray:
         """Rows of the inverse of H that belong to the parameters (P, width), in the parameters' units."""
@@ -252,7 +256,7 @@ class LinearFit:
 
         No refit is needed: with the projector P and a group's rows F, chi2 is ``(P w)_F' P_FF^-1 (P w)_F``.
         """
-        rows = [(part.times(self.half), self.residual(part)) for part in self.parts()]
+        rows = [(self.orthonormal(part), self.residual(part)) for part in self.parts()]
         N, residual = (np.concatenate(arrays) for arrays in zip(*rows, strict=True))
         return [
             _held_out(N[poses].reshape(-1, self.design.width), residual[poses].reshape(-1))
@@ -339,19 +343,33 @@ def _square_in(V: FloatArray, w: FloatArray) -> float | None:
 
 
 def inverse_root(H: FloatArray) -> tuple[FloatArray, float]:
-    """Root K of the inverse of H, ``H^-1 = K K'``, and the logarithm of H's determinant.
+    """Upper triangular root K of the inverse of H, ``H^-1 = K K'``, and the logarithm of H's determinant.
 
     Cholesky's factor is accurate whatever the units of the columns; eigenvectors are not.
     """
     root = _triangular_root(H)
     if root is not None:
         return root, -2.0 * float(np.log(np.diagonal(root)).sum())
+    from scipy.linalg import rq
+
     # An undetermined direction gets a correspondingly large variance.
     unit = 1.0 / np.sqrt(np.maximum(np.diagonal(H), 1e-300))
     values, vectors = np.linalg.eigh(H * np.outer(unit, unit))
     values = np.maximum(values, 1e-14 * values[-1])
     logdet = float(np.log(values).sum() - 2.0 * np.log(unit).sum())
-    return unit[:, None] * vectors / np.sqrt(values), logdet
+    return rq(unit[:, None] * vectors / np.sqrt(values), mode="r", check_finite=False), logdet
+
+
+def _square(K: FloatArray) -> FloatArray:
+    """Return ``K K'`` for an upper triangular K, without products of its zero block."""
+    n = len(K)
+    first, second = slice(0, n // 2), slice(n // 2, n)
+    A, B, C = K[first, first], K[first, second], K[second, second]
+    square = np.empty((n, n))
+    square[first, first], square[second, second] = A @ A.T + B @ B.T, C @ C.T
+    square[first, second] = B @ C.T
+    square[second, first] = square[first, second].T
+    return square
 
 
 def _triangular_root(H: FloatArray) -> FloatArray | None:

@@ -30,13 +30,12 @@ from itertools import combinations
 import numpy as np
 
 from solver.arrays import BLOCK_POSES, FloatArray, IntArray, join_poses, pose_slices, select_poses
-from solver.chain.statics import LinkMasses, torque_rates
+from solver.chain.statics import LinkMasses
 from solver.closing import left_null_space
 from solver.estimators.compliance import (
     ArmPoses,
     FixtureLoads,
     blocks,
-    by_moment,
     compliance_sizes,
     covariance,
     variance,
@@ -239,10 +238,8 @@ def _wrenches(
     J = error.jac_q.copy()
     J[..., lost] = error.jac_u[..., own:]
     E = left_null_space(error.jac_u[..., :own])
-    if torque is None:
-        moments = by_moment(torque_rates(part.arm(poses), part.masses.down), part.masses)
-    else:
-        moments = torque[..., 1 : 1 + 4 * len(part.masses.mass_kg)]
+    torque = part.torques(poses) if torque is None else torque
+    moments = torque[..., 1 : 1 + 4 * len(part.masses.mass_kg)]
     sets = driven_sets(model.joint_count, J.shape[-2] - own)
     free = np.array([[j for j in range(model.joint_count) if j not in driven] for driven in sets])
     # (m, sets, k, 4 n): the free joints of every set.

@@ -169,7 +169,7 @@ def _iterate(
     for iterations in range(1, MIXED_ITERATIONS + 1):
         if remaining > RELINEARISE_SIGMA:
             linearisation = Linearisation(design, state)
-        fit = _solved(design, linearisation, v)
+        fit = LinearFit(design, linearisation, v)
         if iterations == 1 and free and fit.chi2 > CHI2_LARGE_START * fit.dof:
             # The stated errors do not explain these readings: start with large deflections.
             v = np.maximum(v, design.raise_limits)
@@ -220,14 +220,6 @@ def _iterate(
         x=state.x, corrections=state.e, unsensed=state.u, shift=shift, fit=fit, final_derivatives=derivatives,
         iterations=iterations, converged=converged,
     )  # fmt: skip
-
-
-def _solved(design: LinearModel, linearisation: Linearisation, v: FloatArray) -> LinearFit:
-    """Solve one linearisation; raise PosesDoNotFitError if the poses are too far from closing."""
-    try:
-        return LinearFit(design, linearisation, v)
-    except np.linalg.LinAlgError as error:
-        raise PosesDoNotFitError from error
 
 
 def expected_variances(fit: LinearFit, derivatives: Derivatives, v: FloatArray) -> FloatArray:

@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 TINY = 1e-300
 """Lower limit of a logarithm's argument."""
 
+AT_BOUND = 1e-9
+"""Share of a bound by which a variance may differ from it and still be at the bound."""
+
 LARGEST_VARIANCE_RATIO = 6.0
 """Largest factor by which a variance changes in one step."""
 
@@ -92,7 +95,8 @@ def likelihood_derivatives(fit: LinearFit) -> Derivatives:
         M = part.M.reshape(m * r, width)
         X, P = fit.leverage(part)
         # A component's derivative of the noise's covariance is C diag(rates) C'.
-        own, noise = design.noise_rates(part.poses)
+        sources = design.noise_sources(part.poses)
+        own, noise = sources.estimated, sources.derivatives
         C, rows = part.C, m * part.C.shape[-1]
         by_own = noise.reshape(rows, -1)
         Ct = np.swapaxes(C, -1, -2)
@@ -108,8 +112,9 @@ def likelihood_derivatives(fit: LinearFit) -> Derivatives:
         squared = (Ct @ PC) * (Ct @ C) @ noise
         information[np.ix_(own, own)] += by_own.T @ squared.reshape(rows, -1)
         # The projector P times the effects' columns of each pose, along the noise columns.
-        effect_columns = (Ct @ X[..., hard:]).reshape(rows, -1)
-        across = (by_own.T @ effect_columns**2) @ rates
+        effect_squares = (Ct @ X[..., hard:]).reshape(rows, -1)
+        effect_squares *= effect_squares
+        across = (by_own.T @ effect_squares) @ rates
         information[own] += across
         information[:, own] += across.T
     average = inner - along @ fit.H_inverse @ along.T
@@ -210,8 +215,10 @@ def step(fit: LinearFit, derivatives: Derivatives) -> ScoringStep:
     )  # components without information (by rounding even below zero) do not change
     size = np.sqrt(np.where(determined, known, 1.0))
     unit = rate / size
-    score, moving = derivatives.score * unit, determined & ((v > floor) | (derivatives.score > 0.0))
-    moving &= (v < ceiling) | (score < 0.0)
+    score = derivatives.score * unit
+    # A step to a bound may miss it by a rounding error.
+    above, below = v > floor * (1.0 + AT_BOUND), v < ceiling * (1.0 - AT_BOUND)
+    moving = determined & (above | (score > 0.0)) & (below | (score < 0.0))
 
     def changed(change: FloatArray) -> FloatArray:
         """Variances after a change in units of standard errors."""

@@ -62,15 +62,13 @@ class Corrections:
     def at(self, q: FloatArray) -> FloatArray:
         """Corrections (..., n), rad, to be added to readings q (..., n), rad."""
         total = np.zeros_like(q)
-        rates: dict[tuple[float, ...], FloatArray] = {}
+        downs = list(dict.fromkeys(c.down for c in self.each if c.kind == "gravity"))
+        if downs:
+            arm = forward(q + self.rows[DhKind.THETA_OFF], *self.rows[DhKind.S :])
+            rates = dict(zip(downs, torque_rates(arm, np.array(downs)), strict=True))
         for c in self.each:
             own = q[..., c.joint - 1]
             if c.kind == "gravity":
-                if c.down not in rates:
-                    angle = q + self.rows[DhKind.THETA_OFF]
-                    rates[c.down] = torque_rates(
-                        forward(angle, *self.rows[DhKind.S :]), np.array(c.down)
-                    )
                 moments = c.coefficients.reshape(-1, 4)
                 shift = (rates[c.down][..., c.joint - 1, :, :] * moments).sum((-1, -2))
             elif c.kind == "harmonic":

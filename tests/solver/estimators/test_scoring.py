@@ -45,6 +45,17 @@ def test_an_undetermined_variance_stays_and_the_others_move():
         np.testing.assert_allclose(taken.change, [0.1, 0.0], rtol=1e-6)
 
 
+@pytest.mark.parametrize("way", [-np.inf, np.inf])
+def test_a_variance_at_its_bound_but_for_rounding_stays_there(way: float):
+    """Its likelihood is larger beyond the bound, but a step that includes it would move it inwards."""
+    sign = 1.0 if way > 0.0 else -1.0
+    bound = 0.01 if way > 0.0 else 1e6
+    told = derivatives([0.5 * sign, -0.1 * sign], [[2.0, -1.9], [-1.9, 2.0]])
+    for v in (bound, np.nextafter(bound, way)):
+        taken = step(fit_of([5e5, v]), told)
+        np.testing.assert_allclose(taken.change, [0.25 * sign, 0.0], rtol=1e-6, atol=1e-9)
+
+
 def test_slope_after_a_step_falls_with_the_square_of_steps_that_shrink_fast():
     ascent = VarianceSearch()
     left = []

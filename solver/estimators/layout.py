@@ -413,8 +413,8 @@ class Layout:
         return np.asarray(self._fixed + self.variance_rates @ v)
 
 
-OFFSETS, PLACEMENT = "offsets", "placement"
-_SOFT = ("lengths", "twists", OFFSETS, PLACEMENT)
+LENGTHS, TWISTS, OFFSETS, PLACEMENT = "lengths", "twists", "offsets", "placement"
+_SOFT = (LENGTHS, TWISTS, OFFSETS, PLACEMENT)
 """Sources of the parameters' priors, in the order of their columns."""
 
 
@@ -430,7 +430,7 @@ def _source(parameter: Parameter, fixture: Collection[str]) -> str:
         return OFFSETS
     if parameter.name in fixture:
         return PLACEMENT
-    return "twists" if parameter.is_angle else "lengths"
+    return TWISTS if parameter.is_angle else LENGTHS
 
 
 _NOTHING = PoseBasis(phi=np.zeros((0, 0)), missed=np.zeros(0))

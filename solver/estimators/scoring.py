@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from solver.arrays import FloatArray
-from solver.estimators.layout import PLACEMENT, Layout
+from solver.estimators.layout import LENGTHS, PLACEMENT, TWISTS, Layout
 
 if TYPE_CHECKING:
     from solver.estimators.linear_fit import LinearFit
@@ -48,8 +48,8 @@ SCALE_SD = float(np.log(2.0))
 """Standard deviation of the logarithm of a source's scale (ratio to the stated one): a factor of two is one sigma."""
 
 SCALE_CORRELATION = 0.5
-"""Correlation of the logarithms of two scales: a file that states one size with a margin usually states all so. Half
-of the variance is common, so sources that the poses hardly determine follow the others."""
+"""Correlation of the logarithms of two scales of one group (`_scale_groups`): a file that states one size with a margin
+usually states all so. Half of the variance is common, so sources that the poses hardly determine follow the others."""
 
 LARGEST_COMMON = 3.0 * SCALE_SD
 """Largest deviation of a scale's logarithm that is evidence about the others: an absent source (an eighth of the size
@@ -151,23 +151,36 @@ def _scale_prior(design: Layout, t: FloatArray) -> tuple[FloatArray, FloatArray,
     """Derivatives of the energy (minus the log density) of the scales' logarithms `t` (K,).
 
     Returns the gradient (K,), and the second derivative as a positive definite matrix (K, K) plus a diagonal (K,). With
-    ``g = L tanh(t / L)`` and L = `LARGEST_COMMON`, the energy is ``(sum t^2 / own - shared (sum g)^2) / 2 SCALE_SD^2``;
-    for small t it is that of normal variables.
+    ``g = L tanh(t / L)`` and L = `LARGEST_COMMON`, the energy is ``(sum t^2 / own - shared (sum g)^2) / 2 SCALE_SD^2``,
+    with a sum of g for each group; for small t it is that of normal variables.
     """
-    scaled = design.scaled.astype(float)
-    together = scaled.copy()
-    together[[k for name, k in design.index.items() if name == PLACEMENT]] = 0.0
-    own = 1.0 - SCALE_CORRELATION * together
-    others = SCALE_CORRELATION * (together.sum() - 1.0)
+    scaled, groups = design.scaled.astype(float), _scale_groups(design)
+    own = 1.0 - SCALE_CORRELATION * groups.sum(axis=0)
+    others = SCALE_CORRELATION * (groups.sum(axis=1) - 1.0)
     shared = SCALE_CORRELATION / ((1.0 + others) * (1.0 - SCALE_CORRELATION))
-    g = together * LARGEST_COMMON * np.tanh(t / LARGEST_COMMON)
-    rate = together - (g / LARGEST_COMMON) ** 2
-    pulled = shared * g.sum()
+    g = LARGEST_COMMON * np.tanh(t / LARGEST_COMMON)
+    rate = 1.0 - (g / LARGEST_COMMON) ** 2
+    pulled = groups.T @ (shared * (groups @ g))
+    rates = groups * rate
     return (
         (scaled * t / own - pulled * rate) / SCALE_SD**2,
-        np.asarray((np.diag(scaled / own) - shared * np.outer(rate, rate)) / SCALE_SD**2),
+        np.asarray((np.diag(scaled / own) - (rates.T * shared) @ rates) / SCALE_SD**2),
         2.0 * pulled * g * rate / (LARGEST_COMMON * SCALE_SD) ** 2,
     )
+
+
+def _scale_groups(design: Layout) -> FloatArray:
+    """Which scales are correlated (groups, K), 1 or 0: those of the links, and those of joints, sensors and fixture.
+
+    How well links were made says nothing about what moves: a stiff joint on a surface plate does not make the maker's
+    table better. The fixture's placement implies nothing about either.
+    """
+    names = np.array(list(design.index), dtype=str)
+    of_links = np.isin(names, (LENGTHS, TWISTS))
+    moving = design.scaled & ~of_links & (names != PLACEMENT)
+    groups = np.stack((of_links, moving)).astype(float)
+    # A single scale has nothing in common with another.
+    return np.asarray(groups[groups.sum(axis=1) > 1.0])
 
 
 def scale_spread(fit: LinearFit, derivatives: Derivatives) -> FloatArray:

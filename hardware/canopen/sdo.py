@@ -9,7 +9,6 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterable
 from contextlib import suppress
-from queue import SimpleQueue
 from typing import Any
 
 import canopen
@@ -25,6 +24,7 @@ from hardware.errors import (
     HardwareError,
     SdoRefused,
 )
+from hardware.timed_queue import TimedQueue
 
 ANSWER_TIMEOUT_S = 1.0
 READ_ATTEMPTS = 3
@@ -61,7 +61,7 @@ class _Sender:
 
 
 class _Client(SdoClient):
-    """An SDO client whose answers wait in a queue written in C.
+    """An SDO client whose answers wait in a queue based on one written in C.
 
     Ctrl-C during a wait can leave the lock of a `queue.Queue` locked, which would block the receiving thread.
     """
@@ -72,7 +72,7 @@ class _Client(SdoClient):
 
     @responses.setter
     def responses(self, _empty: object) -> None:
-        self._responses: SimpleQueue[bytes] = SimpleQueue()
+        self._responses: TimedQueue[bytes] = TimedQueue()
 
     def download(self, index: int, subindex: int, data: bytes, force_segment: bool = False) -> None:  # noqa: FBT001, FBT002
         """Write an object's bytes, in segments if there are more than four."""

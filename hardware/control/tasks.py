@@ -1,8 +1,8 @@
 """Steps that the control loop runs for a caller in another thread, and their result.
 
 The loop takes no lock that Ctrl-C in the caller's thread can leave locked: conditions and futures have such locks,
-`queue.SimpleQueue`, which is written in C, does not. `Thread.is_alive` is not used either: up to Python 3.12, Ctrl-C
-in it can make it return false from then on.
+`TimedQueue`, based on a queue in C, does not. `Thread.is_alive` is not used either: up to Python 3.12, Ctrl-C in it can
+make it return false from then on.
 """
 
 from __future__ import annotations
@@ -10,11 +10,12 @@ from __future__ import annotations
 from collections.abc import Callable, Generator
 from contextlib import suppress
 from dataclasses import dataclass, field
-from queue import Empty, SimpleQueue
+from queue import Empty
 from typing import Any, TypeVar
 
 from hardware.canopen.cyclic import Sample, Setpoints
 from hardware.errors import HardwareError
+from hardware.timed_queue import TimedQueue
 
 Result = TypeVar("Result")
 Steps = Generator[Setpoints | None, Sample, Result]
@@ -39,7 +40,7 @@ class LoopTask:
     result: Any = None
     error: BaseException | None = None
     _started: bool = False
-    _wake: SimpleQueue[None] = field(default_factory=SimpleQueue)
+    _wake: TimedQueue[None] = field(default_factory=TimedQueue)
 
     def advance(self, sample: Sample) -> Setpoints | None:
         """Run the steps up to the next SYNC and return the commands; raises `StopIteration` when the steps end."""

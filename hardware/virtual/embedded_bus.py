@@ -12,6 +12,7 @@ import can
 from can.interfaces.virtual import VirtualBus, channels_lock
 
 from hardware.buses.python_can import BusOpeners
+from hardware.timed_queue import TimedQueue
 from hardware.virtual.controller import VirtualController
 
 _SENT = can.Message()
@@ -21,13 +22,13 @@ _SENT = can.Message()
 class EmbeddedBus(VirtualBus):
     """Replacement for python-can's virtual bus, on the same channels, at a third of the processor time.
 
-    It uses the C-implemented `queue.SimpleQueue`, one shared copy of each frame, and a filter cache by identifier.
+    It uses `TimedQueue`, based on a queue in C, one shared copy of each frame, and a filter cache by identifier.
     """
 
     def __init__(self, channel: str, **kwargs: Any) -> None:
         self._passes: dict[int, bool] = {}
         super().__init__(channel, **kwargs)
-        simple = cast("queue.Queue[can.Message]", queue.SimpleQueue())
+        simple = cast("queue.Queue[can.Message]", TimedQueue())
         with channels_lock:
             self.channel[self.channel.index(self.queue)] = simple
             self.queue = simple

@@ -1,0 +1,25 @@
+"""A queue between threads whose waits end at their time-out on a busy computer, too."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from queue import Empty, SimpleQueue
+from typing import TypeVar
+
+Item = TypeVar("Item")
+
+
+class TimedQueue(SimpleQueue[Item]):
+    """`queue.SimpleQueue` for one reader, with a time-out that always ends the wait.
+
+    Up to Python 3.12, the first wait after a `put` takes the queue's free lock and then computes the remaining time. If
+    the thread was off the processor for longer than the time-out, this is negative, and the wait has no end. An attempt
+    without waiting takes the lock beforehand.
+    """
+
+    def get(self, block: bool = True, timeout: float | None = None) -> Item:  # noqa: FBT001, FBT002
+        """Return the next item; raises `queue.Empty` if there is none within `timeout` seconds."""
+        if block and timeout is not None:
+            with suppress(Empty):
+                return super().get(block=False)
+        return super().get(block, timeout)

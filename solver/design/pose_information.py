@@ -14,6 +14,7 @@ import numpy as np
 
 from solver.arrays import FloatArray
 from solver.design.d_optimal import summed_information
+from solver.errors import PosesDoNotFitError
 from solver.estimators.effects import Linearisation, LinearModel, State
 from solver.estimators.error_model import ErrorModel
 from solver.loops.closure import ClosureModel
@@ -72,7 +73,7 @@ def pose_information(
         parts = [
             design.whiten(equations.at_poses(part), sizes, root, part) for part in design.parts()
         ]
-    except np.linalg.LinAlgError as error:
+    except PosesDoNotFitError as error:
         raise ValueError(
             "some closure components have no noise, because their joints have none"
         ) from error

@@ -7,7 +7,7 @@ at least. Runs and units take turns, since a processor changes its clock from on
 the median of their ratios. `calibrate0` is the default calibration of an arm with RVDT curves, noise and counts alone,
 `calibrate1` of one with every stated source of error.
 
-Bars: `calibrate` of 40 poses at most 150 units, `implicit` of 100 at most 25, `paper` at most 8; `--poses` grow with
+Bars: `calibrate` of 40 poses at most 120 units, `implicit` of 100 at most 25, `paper` at most 8; `--poses` grow with
 at most m^1.05, and stay below 600 MB.
 """
 
@@ -27,7 +27,7 @@ from tests.benchmarks.command_line import one_thread, options
 from tests.oracles.as_shipped import ARM, HINGE, poses_of
 from tests.oracles.shop_floor import Sizes, session
 
-BARS = {"calibrate0 40": 150, "calibrate1 40": 150, "implicit 100": 25, "paper 100": 8}
+BARS = {"calibrate0 40": 120, "calibrate1 40": 120, "implicit 100": 25, "paper 100": 8}
 """Kind and number of poses, and the longest time in units."""
 GROWTH, MEGABYTES = 1.05, 600.0
 TURNS, LONGEST_S = 15, 6.0

@@ -56,16 +56,6 @@ def test_iiwa_of_urdf_agrees_with_data_sheet(arm_file):
     assert [j["max_speed_deg_per_s"] for j in joints] == pytest.approx(lbr_iiwa.SPEED_DEG_PER_S)
 
 
-@pytest.mark.sample(1)
-@pytest.mark.parametrize(("arm", "kind"), [("iiwa", "hinge"), ("panda", "ball")])
-def test_new_files_pass_check_unedited(checked_chain, kind):
-    # Degrees of freedom of seven joints and the fixture, less six.
-    assert checked_chain["mobility"] == {"hinge": 2, "ball": 4}[kind]
-    assert len(checked_chain["drives"]["joints"]) == checked_chain["mobility"]
-    assert not checked_chain["seen"]["not_identifiable"]
-    assert len(checked_chain["parameters"]) == {"hinge": 7 + 7, "ball": 5 + 6}[kind]
-
-
 @pytest.mark.campaign
 @pytest.mark.parametrize("kind", FIXTURES)
 @pytest.mark.parametrize("arm", ["iiwa", "panda"])

@@ -6,8 +6,8 @@ import can
 import pytest
 
 from hardware.arm import JointMode
-from hardware.virtual.disturbances import Disturbances, FaultyWire, FrameFaults
-from hardware.virtual.faults import SLOW_HEARTBEAT_S, disturb_frames
+from hardware.virtual.disturbances import FaultyWire, FrameFaults
+from hardware.virtual.faults import disturb_frames
 from tests.oracles.virtual_rig import FakeClock, Rig
 
 STATE, FAULT, QUICK_STOPPED = 0x006F, 0x08, 0x07
@@ -39,12 +39,6 @@ def test_wire_flips_one_bit_of_a_copy():
         (received,) = wire.passed(sent)
         assert int.from_bytes(received.data, "little").bit_count() == 1
         assert sent.data == bytes(7)
-
-
-def test_slow_heartbeat_is_sent_once_per_period():
-    disturbances = Disturbances(heartbeat_period_s={3: SLOW_HEARTBEAT_S})
-    assert [k for k in range(100) if disturbances.sends_heartbeat(3, 0.1 * k)] == [0, 50]
-    assert all(disturbances.sends_heartbeat(2, 0.1 * k) for k in range(100))
 
 
 def tpdo_counts(arm: Rig) -> list[int]:

@@ -63,13 +63,6 @@ def test_two_driven_joints_move_the_loop_and_return_it():
     assert np.rad2deg(np.abs(plant.true_angles_rad - start).max()) < 1e-9
 
 
-def test_stiff_fixture_keeps_the_moving_loop_closed():
-    plant = make_plant(STIFF)
-    path = np.minimum(np.arange(200) * 20.0 / 99.0, 20.0)
-    assert all(np.abs(plant.closure_error).max() < 2e-6 for _ in move(plant, path))
-    assert np.abs(plant.closure_error).max() < 2e-7
-
-
 def test_loop_sags_with_one_driven_joint_and_not_with_two():
     def sag_deg(joints: tuple[int, ...]) -> float:
         plant = make_plant(LOADED)

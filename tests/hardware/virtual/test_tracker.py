@@ -6,31 +6,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fixtures.setup_checks import mounted_entries
-from hardware.virtual.scenarios import scenario, scenario_of
-from hardware.virtual.true_loop import paper_loop
+from hardware.virtual.scenarios import scenario_of
 from operator_app.config.fixture_file import load_fixture
-from solver.chain.parameters import DhEntry
-from solver.loops.open_arm import MeasuredClosure
 from tests.hardware.virtual.conftest import SARCOS, commands, sensed_rad, specimen_files
 from tests.oracles.loop_oracle import product
 
 INSTRUMENT = load_fixture("tracker").fixture
-
-
-def test_open_arm_has_the_table_of_the_arm_at_the_hinge():
-    chosen = scenario_of("datasheet", 3, specimen_files("tracker"))
-    truth, hinged = chosen.true_loop(), scenario("datasheet", 3).true_loop()
-    assert isinstance(truth.loop, MeasuredClosure)
-    difference = truth.table.stacked()[:, 1:] - hinged.table.stacked()[:, 1:]
-    for name in mounted_entries(7):
-        entry = DhEntry.parse(name)
-        difference[entry.kind, entry.row - 1] = 0.0
-    assert np.array_equal(difference, np.zeros((5, 7)))
-    # Errors of the maker's table are equal, too.
-    s_m = scenario_of("as_reported", 3, specimen_files("tracker")).true_loop().table.s_m[2:7]
-    assert np.array_equal(s_m, scenario("as_reported", 3).true_loop().table.s_m[2:7])
-    assert np.abs(s_m - paper_loop().table.s_m[2:7]).min() > 5e-4
 
 
 def test_tracker_measures_the_pose_of_the_matrices():

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import sarcal
 
 from fixtures.base import Compliance
 from operator_app.calibration.calibrate import calibrate
@@ -12,7 +13,6 @@ from operator_app.calibration.experiment import FixtureRefusedError
 from operator_app.calibration.notices import outliers_still_used
 from operator_app.config.poses_file import load_poses
 from solver.chain.arm_model import RowTolerance
-from solver.chain.poses import PoseSet
 from solver.chain.sensors import Encoder
 from solver.closing import close_loops
 from solver.diagnostics.range_checks import ReadingsOutOfRangeError
@@ -117,11 +117,7 @@ def test_repeated_rows_do_not_narrow_sigmas(poses, noise_deg):
     tiled = np.arange(4 * len(poses)) % len(poses)
     order = np.sort(tiled) if noise_deg else tiled
     noise = np.deg2rad(noise_deg) * np.random.default_rng(3).normal(size=(len(order), 7))
-    repeated = PoseSet(
-        placement=poses.placement[order],
-        label=tuple(str(k) for k in range(len(order))),
-        q_rad=poses.q_rad[order] + noise,
-    )
+    repeated = sarcal.poses_of(q_rad=poses.q_rad[order] + noise)._set
     once, four_times = calibrate(ARM, HINGE, poses), calibrate(ARM, HINGE, repeated)
     assert four_times.poses == len(four_times.estimate.residual) == 4 * len(poses)
     np.testing.assert_allclose(

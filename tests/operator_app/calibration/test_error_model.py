@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import sarcal
 
 from fixtures.base import RIGID
 from operator_app.calibration.calibrate import calibrate
@@ -60,12 +61,8 @@ def test_approach_side_is_unknown_without_all_times_in_order(poses, first):
 
 
 def rows_of(q_deg, placement, **columns):
-    return PoseSet(
-        placement=np.array(placement),
-        label=tuple(map(str, range(len(placement)))),
-        q_rad=np.deg2rad(np.array(q_deg)[:, None] * np.ones(7)),
-        **columns,
-    )
+    q_rad = np.deg2rad(np.array(q_deg)[:, None] * np.ones(7))
+    return sarcal.poses_of(q_rad=q_rad, placement=placement, **columns)._set
 
 
 def test_rows_of_an_arm_at_rest_get_their_mean():
@@ -78,7 +75,7 @@ def test_rows_of_an_arm_at_rest_get_their_mean():
         [10.0, 10.02, 10.04, 10.04, 20.0, 20.0],
         [1, 1, 1, 2, 2, 2],
         samples=np.array([1, 2, 3, 4, 5, 5]),
-        endpoint=endpoint,
+        endpoint_m=endpoint,
     )
     averaged = averaged_at_rest(ARM, rows)
     np.testing.assert_allclose(

@@ -11,7 +11,6 @@ from operator_app.calibration.instrument_registration import (
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from solver.chain.kinematics import forward
-from solver.chain.poses import PoseSet
 from solver.chain.rotations import rotation_matrix, rotation_vector
 from tests.oracles.open_arm import write_measured_poses
 
@@ -35,10 +34,7 @@ def test_target_stays_near_its_stated_place_with_one_orientation():
     turn, rng = rotation_matrix(TURN_RAD), np.random.default_rng(1)
     p = BASE_M + (frames.p_end + frames.R_end @ TIP_M) @ turn.T + rng.normal(0.0, 5e-5, (len(q), 3))
     endpoint = np.column_stack((p, rotation_vector(turn @ frames.R_end)))
-    poses = PoseSet(
-        placement=np.ones(len(q), dtype=np.int64), label=tuple(map(str, range(len(q)))), q_rad=q,
-        endpoint=endpoint,
-    )  # fmt: skip
+    poses = sarcal.poses_of(q_rad=q, endpoint_m=endpoint)._set
     registered = with_registered_instrument(arm, tracker, poses)
     assert np.abs(np.subtract(registered.tip_m, tracker.tip_m)).max() < tracker.tolerance.position_m
     assert np.abs(registered.base_m - BASE_M).max() < tracker.tolerance.position_m
@@ -52,10 +48,7 @@ def test_base_stays_near_where_all_points_are_nearly_on_a_line():
     frames = forward(q + arm.table.theta_off_rad, *arm.table.stacked()[1:])
     rng = np.random.default_rng(1)
     p = BASE_M + (frames.p_end + frames.R_end @ TIP_M) @ rotation_matrix(TURN_RAD).T
-    poses = PoseSet(
-        placement=np.ones(len(q), dtype=np.int64), label=tuple(map(str, range(len(q)))), q_rad=q,
-        endpoint=p + rng.normal(0.0, 1e-4, p.shape),
-    )  # fmt: skip
+    poses = sarcal.poses_of(q_rad=q, endpoint_m=p + rng.normal(0.0, 1e-4, p.shape))._set
     placed = placed_by_poses(arm, tracker, poses, {})
     assert np.linalg.norm(np.subtract(placed.base_m, BASE_M)) < 2.0 * frames.p_end[0].max()
 
@@ -111,8 +104,6 @@ def test_planted_places_of_base_and_target_are_reported():
         assert (Rotation.from_matrix(T[:3, :3]) * turn.inv()).magnitude() < 1e-3
 
 
-def test_other_fixtures_have_no_instrument_placements(reference_data):
-    poses = reference_data / "hinge/hinge_quantised.csv"
-    hinge = sarcal.calibrate(arm="sarcos_dextrous", fixture="hinge", poses=poses)
-    assert hinge.to_json()["instrument_placements"] == []
-    assert "instrument" not in hinge.tables
+def test_other_fixtures_have_no_instrument_placements(result):
+    assert result.to_json()["instrument_placements"] == []
+    assert "instrument" not in result.tables

@@ -30,12 +30,6 @@ def test_json_converts_the_angles_of_every_kind_of_parameter():
     assert solved_json(SimpleNamespace(solved={})) == {}
 
 
-def test_list_takes_no_name(journalled, run_command):
-    root = ["--sessions", str(journalled["run"].parent)]
-    message = run_command(2, "session", "list", "nonsense", *root).err
-    assert "sarcal session show nonsense" in message
-
-
 def test_excluded_poses_are_named_as_poses(journalled, tmp_path, run_command):
     state = read_session(journalled["run"]).state
     for numbers, text in (((3,), ", pose 3 excluded"), ((3, 5), ", poses 3 and 5 excluded")):

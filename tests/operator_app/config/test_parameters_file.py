@@ -31,10 +31,8 @@ from operator_app.config.parameter_records import (
 )
 from operator_app.config.parameters_file import (
     format_parameters,
-    load_parameters,
     parse_parameters,
     rows_from_table,
-    save_parameters,
 )
 from operator_app.config.schema import schema_name
 from solver.chain.kinematics import DhTable
@@ -65,12 +63,6 @@ class TestContent:
         table = load_fixture("hinge").fixture.model(load_arm("sarcos_dextrous")).table
         np.testing.assert_array_equal(document().table.stacked(), table.stacked())
         np.testing.assert_array_equal(document().theta_off_rad, table.theta_off_rad[1:])
-
-    def test_saved_document_is_loaded(self, tmp_path):
-        save_parameters(tmp_path / "p.yaml", document())
-        assert load_parameters(tmp_path / "p.yaml") == document()
-        with pytest.raises(ConfigError, match="no such file"):
-            load_parameters(tmp_path / "none.yaml")
 
 
 # Old text, new text, key of the problem.

@@ -21,23 +21,6 @@ def without_exploration(text, replacement=""):
     return text[:start] + replacement + text[end:]
 
 
-def test_packaged_hinge_procedure():
-    procedure = load_procedure("hinge")
-    assert procedure.arm.name == "sarcos_dextrous"
-    assert procedure.fixture.kind == "hinge"
-    assert procedure.position_joints == (1, 5)
-    assert [box.joint for box in procedure.capture.exploration] == [1, 5]
-    assert procedure.capture.strategy == "explore"
-    assert not procedure.trial
-    assert procedure.upload
-    assert [source.file for source in procedure.sources] == [
-        "packaged:hinge.yaml",
-        "packaged:sarcos_dextrous.yaml",
-        "packaged:hinge.yaml",
-        "packaged:sarcos.yaml",
-    ]
-
-
 def test_settle_limits_follow_from_the_sensors():
     procedure = load_procedure("hinge")
     spread = procedure.capture.settle.spread_rad(procedure.arm)

@@ -24,15 +24,6 @@ def test_built_in_name_takes_precedence_over_a_file(tmp_path, monkeypatch):
     assert resolve("fixture", Path("hinge")).data == b"mine"
 
 
-def test_unknown_name_lists_built_in_names():
-    message = refusal_of("fixture", "hindge")
-    assert message.startswith(
-        "hindge: is neither a built-in fixture nor a file; did you mean hinge?"
-    )
-    assert "hinge, rigid" in message
-    assert "did you mean ur5e?" in refusal_of("arm", "UR5e")
-
-
 def test_tilde_after_a_folder_is_part_of_the_name(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name in ("~", "~nosuchuser"):

@@ -42,18 +42,6 @@ def test_frames_and_jacobian_agree_with_pinocchio(seed, links):
     assert np.abs(columns - oracle.jacobian(*chain)).max() < 1e-12
 
 
-def test_leading_axes_are_broadcast():
-    rng = np.random.default_rng(3)
-    theta = rng.uniform(-3, 3, (4, 5, LINKS))
-    constants = random_chain(4)[1:]
-    frames = forward(theta, *constants)
-    columns = columns_of(frames)
-    one = forward(theta[2, 3], *constants)
-    assert np.array_equal(frames.R_end[2, 3], one.R_end)
-    assert np.array_equal(frames.p_end[2, 3], one.p_end)
-    assert np.abs(columns[2, 3] - columns_of(one)).max() < 1e-15
-
-
 def test_table_is_a_read_only_copy_of_equal_columns():
     source = np.zeros(2)
     table = DhTable(theta_off_rad=source, s_m=source, a_m=source, alpha_rad=source)

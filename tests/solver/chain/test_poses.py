@@ -23,14 +23,6 @@ def pose_set(**changes: Any) -> PoseSet:
     return PoseSet(**(values | changes))
 
 
-def test_counts_keys_and_placements():
-    p = pose_set()
-    assert len(p) == 3
-    assert p.joint_count == 2
-    assert p.keys == ((1, "1"), (1, "2"), (2, "1"))
-    assert p.placements == (1, 2)
-
-
 def test_arrays_are_copies_and_read_only():
     q = np.zeros((3, 2))
     p = pose_set(q_rad=q)

@@ -93,6 +93,8 @@ def take_poses(
             drift_check.repeat_first_pose_and_come_back()
     elif missing and drift_check.last_repeat_differs():
         drift_check.repeat_first_pose_and_come_back(suspect=True)
+        # If it could not be measured again, the difference stands.
+        check_repeat(session.state, session.procedure, refuse=True)
     if planned is None:
         if not session.state.repeated_since_capture:
             # The last pose may have been captured by hand, without this check.

@@ -1,4 +1,4 @@
-"""A queue between threads whose waits end at their time-out on a busy computer, too."""
+"""A queue between threads whose waits end at their time-out on a busy computer."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ Item = TypeVar("Item")
 class TimedQueue(SimpleQueue[Item]):
     """`queue.SimpleQueue` for one reader, with a time-out that always ends the wait.
 
-    Up to Python 3.12, the first wait after a `put` takes the queue's free lock and then computes the remaining time. If
-    the thread was off the processor for longer than the time-out, this is negative, and the wait has no end. An attempt
-    without waiting takes the lock beforehand.
+    Up to Python 3.12, the first wait after a `put` acquires the queue's free lock and then computes the remaining time.
+    If the thread was off the processor for longer than the time-out, that time is negative, and the wait does not end.
+    An attempt without waiting acquires the lock first.
     """
 
     def get(self, block: bool = True, timeout: float | None = None) -> Item:  # noqa: FBT001, FBT002

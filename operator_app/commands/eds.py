@@ -20,7 +20,9 @@ def execute(args: argparse.Namespace) -> int:
     try:
         args.output.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise UsageError(f"-o: {args.output} cannot be created: {error.strerror}") from error
+        raise UsageError(
+            f"-o: {args.output} cannot be created ({error.strerror}): name another folder"
+        ) from error
     for target, data in sheets.items():
         write_atomically(target, data)
         say(f"EDS         {target}")

@@ -70,7 +70,9 @@ def _write_files(pages: Manual, topic: str | None, folder: Path) -> int:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise UsageError(f"--files: {folder} cannot be made: {error.strerror}") from error
+        raise UsageError(
+            f"--files: {folder} cannot be created ({error.strerror}): name another folder"
+        ) from error
     for name, text in shown.items():
         write_atomically(folder / name, text.encode())
         say(f"{folder / name}")

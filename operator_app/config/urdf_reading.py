@@ -78,7 +78,7 @@ class UrdfChain:
     frames
         Frames 0..n with all joints at zero, in the base link's frame, (4, 4), m.
     T_flange_tip
-        Fixed transform from frame n to the tip, (4, 4), m. D-H rows cannot represent it, nor frame 0. Both are the
+        Fixed transform from frame n to the tip, (4, 4), m. D-H rows represent neither this nor frame 0; both are the
         identity for a file written by this program.
     """
 

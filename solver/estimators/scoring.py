@@ -172,8 +172,8 @@ def _scale_prior(design: Layout, t: FloatArray) -> tuple[FloatArray, FloatArray,
 def _scale_groups(design: Layout) -> FloatArray:
     """Which scales are correlated (groups, K), 1 or 0: those of the links, and those of joints, sensors and fixture.
 
-    How well links were made says nothing about what moves: a stiff joint on a surface plate does not make the maker's
-    table better. The fixture's placement implies nothing about either.
+    Joints and a fixture that are better than stated do not make the lengths and twists of the maker's table more
+    certain. The scale of the fixture's placement is independent of both.
     """
     names = np.array(list(design.index), dtype=str)
     of_links = np.isin(names, (LENGTHS, TWISTS))

@@ -1,4 +1,4 @@
-"""Waits of `TimedQueue` end on a processor that other threads use, too."""
+"""Waits of `TimedQueue` end at their time-out while other threads use the processor."""
 
 import sys
 import threading
@@ -10,7 +10,7 @@ import pytest
 from hardware.timed_queue import TimedQueue
 
 TIMEOUT_S = 1e-5
-"""Less than a thread is off the processor."""
+"""Shorter than the time for which other threads have the processor."""
 
 
 @pytest.fixture
@@ -33,7 +33,7 @@ def busy_threads():
 
 
 def test_wait_ends_though_its_thread_was_off_the_processor_for_longer(busy_threads):
-    """`queue.SimpleQueue` of Python 3.11 waits for ever within some 2,000 attempts."""
+    """`queue.SimpleQueue` of Python 3.11 does not return within some 2,000 attempts."""
 
     def wait_often():
         for _ in range(4_000):

@@ -179,7 +179,7 @@ class _DriftCheck:
             )
 
     def last_repeat_differs(self) -> bool:
-        """Whether the last capture ended because a repeated pose showed a shift."""
+        """Whether a pose that was measured again since the last capture shows a shift."""
         state = self.session.state.here
         if not state.repeated_since_capture:
             return False

@@ -157,8 +157,8 @@ CASES = [
         pytest.param(command.replace("LONG", "a" * 5000), message, id=command)
         for command, message in (
             ("compare LONG LONG", "is not a session"),
-            ("eds -o LONG", "cannot be created: File name too long"),
-            ("help own-arm --files LONG", "cannot be made: File name too long"),
+            ("eds -o LONG", "File name too long): name another folder"),
+            ("help own-arm --files LONG", "File name too long): name another folder"),
             (f"import LONG.mcap {SARCOS_HINGE}", "there is no such file"),
         )
     ),

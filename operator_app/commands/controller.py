@@ -24,6 +24,7 @@ from operator_app.commands.choices import choices_from
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.procedure_file import load_procedure
+from operator_app.config.resources import builtin_names
 from operator_app.effective_procedure import named_scenario
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import say
@@ -45,10 +46,13 @@ def execute(args: argparse.Namespace) -> int:
         raise UsageError(
             "a virtual bus has no other process; use -i loopback (no set-up) or -i socketcan -c vcan0"
         )
+    new = ""
     if args.procedure is None:
-        arm = load_arm(args.arm or "sarcos_dextrous")
-        fixture = load_fixture(args.fixture or "hinge")
+        names = args.arm or "sarcos_dextrous", args.fixture or "hinge"
+        arm, fixture = load_arm(names[0]), load_fixture(names[1])
         run = "open_loop --go-home" if fixture.kind == "measured" else fixture.kind
+        if names[0] != "sarcos_dextrous" or names[1] not in builtin_names("fixture"):
+            run, new = "PROCEDURE", f" (sarcal new procedure --arm {names[0]} --fixture {names[1]})"
     elif args.arm or args.fixture:
         raise UsageError("--procedure names arm and fixture: leave --arm and --fixture out")
     else:
@@ -75,7 +79,7 @@ def execute(args: argparse.Namespace) -> int:
         say(
             f"Virtual {arm.name} in {fixture.name} (scenario {chosen.name}, seed {chosen.seed}{again}) on "
             f"{settings}. In another terminal: sarcal run {run} -i {settings.interface} -c {settings.channel}"
-            f"{' --scenario exact' if chosen.name == 'exact' else ''}{tracker}\n"
+            f"{' --scenario exact' if chosen.name == 'exact' else ''}{tracker}{new}\n"
             + "".join(
                 f"{f'At SYNC {fault.at_sync}' if fault.at_sync else 'From the beginning'}: "
                 f"{FAULTS[fault.kind].broken} (joint {fault.joint}).\n"

@@ -185,6 +185,9 @@ def is_number(cell: str) -> bool:
 
 def find_column(option: str, word: str, header: list[str], count: int, file: str) -> int:
     """Return the index (from 0) of the column with this name or number (from 1); raises ConfigError."""
+    if header.count(word) > 1:
+        text = f"{option}: the header has {header.count(word)} columns {word!r}"
+        raise only(file, text, f"give the number of the column, e.g. {header.index(word) + 1}")
     if word in header:
         return header.index(word)
     if not re.fullmatch(r"[1-9]\d{0,3}", word):
@@ -241,7 +244,7 @@ def joint_order(names: Sequence[str], joints: Sequence[str], count: int) -> tupl
     The names of a series differ only in a number (from 0 or 1). Empty unless there is exactly one series. Upper and
     lower case are distinguished, unless this leaves no series (`Q1` does not belong to `q1` to `q7`).
     """
-    if set(joints) <= set(names) and len(set(joints)) == count:
+    if len(set(joints)) == count and all(names.count(joint) == 1 for joint in joints):
         return tuple(names.index(joint) for joint in joints)
     numberings = [*range(count)], [*range(1, count + 1)]
     for spelled in (names, [name.casefold() for name in names]):

@@ -108,7 +108,11 @@ def endpoint_columns(
     if absent := [name for name in turn if name not in header]:
         text = f"states the orientation without {', '.join(absent)}"
         raise only(file, text, remedy, line=line)
-    return (*POSITION_COLUMNS, *turn)
+    columns = (*POSITION_COLUMNS, *turn)
+    if twice := [name for name in columns if list(header).count(name) > 1]:
+        text = f"has more than one column {', '.join(twice)}"
+        raise only(file, text, "keep one of each name", line=line)
+    return columns
 
 
 def endpoints_of(columns: tuple[str, ...], values: FloatArray, file: str) -> FloatArray:

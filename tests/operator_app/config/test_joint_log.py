@@ -60,6 +60,7 @@ def test_measured_endpoints_of_rows_are_kept(tmp_path):
         ("x_m,y_m,z_m,qw,qx,qy,qz", "1,2,3,1,1,1,1", "quaternion of length 2"),
         ("x_m,y_m,z_m", "1,2000,3", "has y_m of 2000"),
         ("x_m,y_m,z_m", "1,,3", "y_m"),
+        ("x_m,y_m,z_m,y_m", "1,2,3,4", "more than one column y_m"),
     ],
 )
 def test_invalid_endpoints_of_rows_are_refused(tmp_path, header, cells, message):
@@ -67,6 +68,15 @@ def test_invalid_endpoints_of_rows_are_refused(tmp_path, header, cells, message)
     log.write_text(f"q1,q2,q3,{header}\n10,20,30,{cells}\n")
     with pytest.raises(ConfigError, match=message):
         load_joint_log(log, joint_count=3, unit="deg")
+
+
+@pytest.mark.parametrize("selected", ["", "base,shoulder,elbow"])
+def test_a_joint_named_by_two_columns_is_refused(tmp_path, selected):
+    log = tmp_path / "log.csv"
+    log.write_text("base,shoulder,elbow,base\n10,20,30,40\n")
+    joints = ("base", "shoulder", "elbow")
+    with pytest.raises(ConfigError, match="2 columns 'base'|4 columns"):
+        load_joint_log(log, joint_count=3, unit="deg", joints=joints, columns=selected)
 
 
 @pytest.mark.parametrize(

@@ -115,7 +115,7 @@ class Explorer:
                 if length > 0.2 * WIGGLE_RAD:
                     rates = rates + np.outer(self._moved - rates @ by, by) / length**2
                     before, rate = rate, float(moved.max()) / float(np.abs(by).max())
-                    # Growth per step. A first step's mean rate follows that at its start after half a step: squared.
+                    # Growth per step. The first step's mean rate applies half a step after the start: hence the square.
                     ratio = rate / before if before > 0.0 else 1.0
                     growth = max(1.0, ratio if taken > 1 else ratio**2)
                     if rate > self._most_rate(ray.direction):
@@ -172,5 +172,4 @@ class Explorer:
         return float(np.abs(self._start_rates @ direction).max() / np.abs(direction).max())
 
     def _move(self, target: FloatArray, reason: str) -> GoTo:
-        """Straight move of the drives to `target` (d,)."""
         return GoTo(targets_rad=dict(zip(self.drives, target.tolist(), strict=True)), why=reason)

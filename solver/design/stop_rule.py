@@ -1,7 +1,7 @@
 """Decides when to stop taking poses: the precision is reached, or no further pose helps.
 
-Every pose reduces noise a little, so "no pose helps" is decided by a forecast: even if each remaining pose is the best
-for the parameter that is worst at that point, the requested precision is neither reached nor noticeably approached.
+Every pose reduces noise a little, so a forecast decides whether poses help. Each remaining pose is taken as the best
+for the parameter that is then worst; no pose helps if this neither reaches nor noticeably approaches the request.
 """
 
 from __future__ import annotations
@@ -134,7 +134,7 @@ def _forecast(
     goal: FloatArray,
     poses_left: int,
 ) -> tuple[FloatArray, int | None]:
-    """Return the standard deviations after up to `poses_left` more poses, and the number of poses needed for all goals.
+    """Return the standard deviations after up to `poses_left` more poses, and the number of poses for all goals.
 
     Each pose is the one that most reduces the variance of the parameter farthest above its goal. The number is None if
     the goals are not met.

@@ -118,8 +118,8 @@ class Candidate:
     def deviation(self, b: FloatArray, covariance: FloatArray) -> PeakDeviation:
         """Largest deviation over the poses, with the gain error included or from the best-fit line.
 
-        The one that exceeds `most_stated` by more standard deviations is returned, because the poses determine a
-        sensor's linearity deviation far better than its gain.
+        Of the two, the deviation that exceeds `most_stated` by more standard deviations is returned, because the poses
+        determine a sensor's linearity deviation far better than its gain.
         """
         if self.measured is not None and self.measured.beyond(self.most_stated):
             return self.measured

@@ -189,7 +189,7 @@ def _iterate(
                 fit, derivatives, newton_step, far=largest_step > COMPARABLE_SIGMA
             )
             if iterations >= FREE_ITERATIONS and newton_step.slope < NEGLIGIBLE_GAIN:
-                # Not a reason to continue: the parameters converge with the present variances.
+                # The variances are fixed from here on; the parameters converge with the present ones.
                 free, newton_step, v = False, ScoringStep.none(len(v)), fit.v
         steady_limit = STEADY_VARIANCE_SIGMA if ascent.fast else CREEPING_VARIANCE_SIGMA
         converged = remaining < settled and (

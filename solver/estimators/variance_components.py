@@ -44,7 +44,7 @@ class VarianceComponents:
     Attributes
     ----------
     components, variances
-        Every component with its interval; every estimated variance component, by its name in the error model.
+        Standard deviations of RVDTs and fixture with intervals; every estimated variance by component name.
     compliance
         Test whether the fixture is more compliant than stated; None if it was not made.
     noise
@@ -82,8 +82,8 @@ class Calibrated:
     """An estimate, its variance components, and the linear fit that further tests use.
 
     `linear`, `order`: the fit, with its poses in canonical order, and the caller's index (m,) of each of these poses.
-    `derivatives`: those of the likelihood with respect to the variances, at the solution. `unsensed`: unsensed angles
-    (m, U), rad, in the caller's order.
+    `derivatives`: derivatives of the likelihood with respect to the variances, at the solution. `unsensed`: unsensed
+    angles (m, U), rad, in the caller's order.
     """
 
     estimate: Estimate
@@ -174,7 +174,7 @@ def settle(
     variances: Callable[[Layout], FloatArray] | Mapping[str, float] | None = None,
     progress: Progress | None = None,
 ) -> tuple[MixedFit, IntArray]:
-    """Make the fit of `estimate_with_errors`, without the report; also return the caller's index of each of its poses.
+    """Return the fit of `estimate_with_errors`, without the report, and the caller's index (m,) of each of its poses.
 
     `near`: see `fit_mixed`. `variances`: fixed variances by name, or a function of the layout that returns them (K,).
     """

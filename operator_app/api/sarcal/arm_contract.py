@@ -43,7 +43,7 @@ class ConnectedArm:
 
     @property
     def drives(self) -> tuple[int, ...]:
-        """Joints (from 1) in position mode: all of an open chain; else the procedure's or, by default, the best set."""
+        """Joints (from 1) in position mode: in a closed chain the procedure's or the best set, else all joints."""
         fixture = self.procedure.fixture.fixture
         if not fixture.holds_hand:
             return tuple(range(1, self.n + 1))

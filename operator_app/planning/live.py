@@ -1,6 +1,6 @@
 """Quality of the captured poses, from the paper's fast estimator, and prediction of planned poses.
 
-Its estimates are not exported. A prediction from nominal geometry has the errors of that geometry.
+The estimates are not exported. A prediction from nominal geometry has the errors of that geometry.
 """
 
 from __future__ import annotations
@@ -205,7 +205,7 @@ def most_informative(
     forecast: Forecast,
     open_waypoints: Sequence[int],
 ) -> int | None:
-    """Return the index in `open_waypoints` that adds most information to the poses `taken_rad` (m, n), rad.
+    """Return the waypoint among `open_waypoints` that adds most information to the poses `taken_rad` (m, n).
 
     None if none of these waypoints is reachable, or no pose is taken.
     """

@@ -19,8 +19,8 @@ def skew(v: FloatArray) -> FloatArray:
 def rotation_vector(R: FloatArray) -> FloatArray:
     """Logarithm of rotations, shape (..., 3, 3) to (..., 3), rad, length in [0, pi].
 
-    Computed from the unit quaternion, of which the largest component is calculated first, from the diagonal of R. This
-    keeps full precision at zero and near pi, where the trace and the antisymmetric part of R lose precision.
+    Computed from the unit quaternion, whose largest component is calculated first, from the diagonal of R. This keeps
+    full precision at zero and near pi, where the trace and the antisymmetric part of R lose precision.
     """
     d = np.diagonal(R, axis1=-2, axis2=-1)
     trace = d.sum(-1)

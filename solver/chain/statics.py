@@ -75,7 +75,6 @@ UNSTATED_KG, UNSTATED_CENTRE_M = 1.0, 0.1
 """Mass of each link, and standard deviation of its centre of mass, if no file states masses. They determine only the
 shapes of sag; the magnitude of sag is stated separately."""
 
-
 UPRIGHT_DOWN = 0.0, 0.0, -1.0
 """Direction of gravity in frame 0 of an arm that stands upright, if no file states another."""
 

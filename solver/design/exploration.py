@@ -1,9 +1,9 @@
 """Explores with the drive joints, guided by readings alone, before any model can be trusted.
 
-A policy without an arm: `propose` returns the next targets of the drives, `observe` takes the readings at the end of a
-move and why it ended early, if it did. The drives leave the start in small steps along a ray in drive space, return in
-one move, and take the next ray. The rate of every joint per drive is learnt from the steps (Broyden's secant update)
-and predicts whether the next step would reach the end of a range or a singularity.
+The policy commands no arm: `propose` returns the next targets of the drives, `observe` takes the readings at the end of
+a move and the reason if it ended early. The drives leave the start in small steps along a ray in drive space, return in
+one move, and take the next ray. The rates of all joints per drive are learnt from the steps (Broyden's secant update)
+and predict whether the next step would reach the end of a range or a singularity.
 """
 
 from __future__ import annotations

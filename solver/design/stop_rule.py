@@ -19,7 +19,6 @@ UNDETERMINED_SHARE = 1e-12
 """Directions whose scaled information is below this share of the largest are not determined. Subtracting the effects'
 part leaves rounding of about 1e-13."""
 
-
 WORTHWHILE_SHARE = 0.05
 """More poses are worth taking if together they reduce the largest ratio of sigma to request by at least this share."""
 

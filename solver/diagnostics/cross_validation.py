@@ -1,7 +1,7 @@
 """Tests with held-out poses: hold-out of parts of a pose set, verification with new poses, their common shift.
 
-Fitted and later poses form one mixed model. The prior for the later poses is the estimate, with covariance, that the
-fitted poses give of parameters and of effects common to all poses (sensor curves, harmonics, sag, compliance).
+Fitted and later poses form one mixed model. The fitted poses estimate the parameters and the effects common to all
+poses (sensor curves, harmonics, sag, compliance); this estimate, with its covariance, is the prior for the later poses.
 """
 
 from __future__ import annotations
@@ -159,14 +159,13 @@ def hold_out(
 NOT_KNOWN = 0.1
 """Prior standard deviation (rad, m) of parameters that only the poses determine."""
 
-
 SEEN = 1e-9
 """Share of the largest information below which a direction is not determined."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FixedParameters:
-    """Values of the h parameters without a prior: steps `x` (h,) from the linearisation, covariance (h, h)."""
+    """Values of the h parameters without a prior: steps `x` (h,) from the linearisation point, covariance (h, h)."""
 
     x: FloatArray
     covariance: FloatArray

@@ -41,7 +41,7 @@ from solver.diagnostics.whitened_residuals import OwnColumns, WhitenedResiduals
 from solver.estimators.linear_fit import LinearFit
 
 UNNAMED = 0.002
-"""Prior probability of any other cause."""
+"""Prior probability of a cause that is not in `Cause`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -230,7 +230,7 @@ def _changes(
 
 
 def _ranked(residuals: WhitenedResiduals, candidates: Iterable[Candidate]) -> CauseRanking:
-    """Rank all candidates against each other, no fault, and an unknown fault."""
+    """Rank the candidates by their probabilities, in comparison with no fault and with an unknown fault."""
     listed = [
         (c, e)
         for c in candidates

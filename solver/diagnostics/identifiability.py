@@ -28,10 +28,8 @@ out near 1e-12 and the weakest parameter of a usable pose set above 1e-4."""
 CLOSED = 1e-9
 """Closure error (rad, m) below which a loop counts as closed, small enough for true zeros to be recognised."""
 
-
 LEAST_MOTION_DEG = 0.05
 """A smaller change of a reading, deg, counts as noise and deflection and not as motion."""
-
 
 TREND_POINTS = 10
 TREND_FLOOR = 1e-12

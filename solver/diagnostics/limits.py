@@ -84,10 +84,10 @@ SMALLEST_NOISE_SCALE = 0.25
 pose sets without a fault have chi2/dof below 1."""
 
 OTHER_START_MISFIT_SHARE = 0.5
-"""The fit from a second start replaces that from the first if its misfit is below this share of the first's misfit."""
+"""The fit from a second start replaces the first fit if its misfit is below this share of the first fit's."""
 
 OTHER_SOLUTION_COST_SHARE = 0.5
-"""Another solution is better if its squared closure error is below this share of that of the present solution."""
+"""Another solution is better if its squared closure error is below this share of the present solution's."""
 
 POSE_CHI2_UNPREDICTED = 20.0
 """A new pose with a larger chi2 contradicts its prediction from earlier poses. Among 3,000 poses of arms without a
@@ -252,8 +252,8 @@ STUCK_JOINT_TURN_RAD = np.deg2rad(3.0)
 `STUCK_JOINT_CORRECTION_RAD`."""
 
 STUCK_JOINT_CORRECTION_RAD = np.deg2rad(0.5)
-"""The loops determine the joint's angles only if corrections of the other joints (rms) no larger than this close the
-loops without the joint's reading."""
+"""The loops determine the joint's angles only if they close, without the joint's reading, with corrections of the other
+joints (rms) no larger than this."""
 
 STUCK_JOINT_CORRECTION_RATIO = 4.0
 """A joint has turned without a change of its reading if closing the loop takes this many times smaller corrections with

@@ -137,7 +137,7 @@ def _joints(columns: Sequence[int]) -> str:
 
 
 def _like_radians(arm: ArmModel, q: FloatArray) -> list[int]:
-    """Joints (0-based) whose readings hardly vary and, taken as radians, lie in their range."""
+    """Joints (0-based) whose readings are small and, taken as radians, move and lie in their range."""
     as_degrees = np.rad2deg(q)
     inside = 10 * (_outside(arm, as_degrees) > 0.0).sum(axis=0) <= len(q)
     small = (np.abs(q) < np.deg2rad(2.0 * np.pi)).all(axis=0)

@@ -413,7 +413,6 @@ LENGTHS, TWISTS, OFFSETS, PLACEMENT = "lengths", "twists", "offsets", "placement
 _SOFT = (LENGTHS, TWISTS, OFFSETS, PLACEMENT)
 """Sources of the parameters' priors, in the order of their columns."""
 
-
 _OFFSET = f"{DhKind.THETA_OFF.symbol}_"
 
 

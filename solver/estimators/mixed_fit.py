@@ -248,7 +248,7 @@ def gravity_share(fit: LinearFit) -> float:
 
 
 def _start(design: LinearModel, x0: FloatArray, v: FloatArray, near: FitStart | None) -> State:
-    """Return the state of `near`; if None, the readings, with unsensed angles that best close the loops."""
+    """Return the state of `near`; if None, the state at the readings, where unsensed angles close the loops best."""
     x, q = np.array(x0, dtype=float), design.q
     if near is not None:
         e, u = near.corrections, near.unsensed

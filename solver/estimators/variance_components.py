@@ -1,8 +1,8 @@
 """The implicit estimator with every stated source of error: parameters, effects and variances at once.
 
-The specification of an encoder can be relied upon, but not the stated noise of an RVDT or compliance of a fixture, and
-a maker's lengths are known within a tolerance. All errors form one linear mixed model (`solver.estimators.effects`),
-iterated by `solver.estimators.mixed_fit`.
+The specification of an encoder is reliable; the stated noise of an RVDT and the stated compliance of a fixture are not,
+and a maker's lengths are known only within a tolerance. All errors form one linear mixed model
+(`solver.estimators.effects`), iterated by `solver.estimators.mixed_fit`.
 """
 
 from __future__ import annotations
@@ -142,7 +142,7 @@ def estimate_with_errors(
 
 
 def estimate_of(fitted: MixedFit, order: IntArray) -> Estimate:
-    """Return the estimate from a fit, in the caller's order of poses; `order` (m,): index there of each pose."""
+    """Return the estimate from a fit, in the caller's order of poses; `order` (m,): the caller's index of each pose."""
     fit, design = fitted.fit, fitted.fit.design
     error = closure_at_readings(design.model, fitted.x, design.q)
     return Estimate(

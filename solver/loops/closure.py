@@ -265,7 +265,7 @@ class ClosureModel(ABC):
 
 
 def pose_blocks(model: ClosureModel, q: FloatArray) -> tuple[tuple[ClosureModel, FloatArray], ...]:
-    """Cut the poses `q` (m, n) into blocks: the model of each block's poses, and their joint angles (m_k, n)."""
+    """Return the model and the joint angles (m_k, n) of each block of the poses `q` (m, n)."""
     if len(q) <= BLOCK_POSES:
         return ((model, q),)
     every = np.arange(len(q))

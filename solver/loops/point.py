@@ -65,7 +65,7 @@ class PointClosure(ArmLoop):
     def constraint_entries(
         self, ground: Line, hand: Line, rotation: FloatArray
     ) -> dict[str, float]:
-        """Centres of ball and socket by name, m: the points moved by the nominal theta_off_1, s_1 and row n."""
+        """Centres of ball and socket by name, m: the points of `hand` and `ground`, with nominal rows n and 1."""
         table = self.table
         # Links n and 1 have their nominal values.
         c, s = np.cos(table.theta_off_rad), np.sin(table.theta_off_rad)

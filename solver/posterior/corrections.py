@@ -4,7 +4,7 @@ True angle = reading + theta_off + the sum of a joint's corrections, each a func
 
     harmonic   c1 sin q_j + c2 cos q_j + c3 sin 2 q_j + c4 cos 2 q_j        encoder, once and twice a turn
     linearity  sum_k c_k x^k,  x = (q_j - middle) / half, |x| <= 1.2        RVDT, gain and linearity deviation
-    gravity    as tau_j in `solver.chain.statics`; m_k, h_k per joint       twist under load
+    gravity    tau_j of `solver.chain.statics`, with m_k, h_k per joint     twist under load
     offset     c1                                                           play taken up to one side
 
 `sarcal help corrections` shows a function in plain Python that applies them. `JointCorrections` gives their
@@ -144,7 +144,7 @@ def _play(
 
 
 def _gravity(sagging: Mapping[int, FloatArray], masses: LinkMasses) -> Iterator[ReadingCorrection]:
-    """Convert each joint's coefficients (s,) of a torque's shapes to those of masses and first moments."""
+    """Convert each joint's coefficients (s,) of the torque's shapes to coefficients of masses and first moments."""
     n, stated, sd = len(masses.mass_kg), masses.moments, masses.moments_sd
     downs = [tuple(down) for down in (masses.down.tolist(), *masses.tilted.tolist())]
     for joint, shapes in sagging.items():

@@ -1,4 +1,4 @@
-"""Requirements of `sarcal` on an arm, as tests that a package runs on its simulator or on an arm free to move.
+"""Tests that an arm meets the requirements of `sarcal`, for a package's simulator or an arm free to move.
 
 ::
 

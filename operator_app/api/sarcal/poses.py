@@ -67,7 +67,7 @@ class Poses:
         return self._set.label
 
     def to_csv(self, path: str | PathLike[str]) -> Path:
-        """Write a poses file, angles in degrees, and return its path; reading it loses only the digits rounded off."""
+        """Write a poses file, angles in degrees, and return its path; rounding is the only loss."""
         target = Path(path)
         target.write_bytes(format_poses(self._set))
         return target

@@ -32,7 +32,7 @@ def frozen(values: Sequence[float] | FloatArray) -> FloatArray:
 
 
 def select_poses(record: Record, poses: IntArray | BoolArray | slice, *fields: str) -> Record:
-    """Return the record with a selection of poses from its `fields`, arrays (m, ...) or tuples; None stays None."""
+    """Return `record` with only these `poses` in its `fields`, each an array (m, ...), a tuple or None."""
     selected = {}
     for name in fields:
         values = getattr(record, name)

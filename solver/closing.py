@@ -66,7 +66,7 @@ class ReducedEquations:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Rates:
-    """Negative derivatives of the unsensed angles with respect to parameters, joint angles and displacements.
+    """Negative derivatives of the unsensed angles by parameters, joint angles and displacements.
 
     `closed`: ``N+ (c - J_q e)`` (m, U), where e are the joint corrections at which the loops were linearised. `by_x`,
     `by_q`, `down`: ``N+ C`` (m, U, P), ``N+ J_q`` (m, U, n) and ``N+`` (m, U, k).
@@ -117,11 +117,11 @@ def close_loops(
     max_iterations: int = 30,
     tolerance: float = 1e-12,
 ) -> ClosedPoses:
-    """Correct joint angles `q` (m, n) by Newton's iteration until the loops of `model` close with parameters `x` (P,).
+    """Correct joint angles `q` (m, n), by Newton's iteration, until the loops close with parameters `x` (P,).
 
     `sigma_rad`: standard deviation of each joint (n,), default equal. The correction with the smallest ``|dq / sigma|``
-    is taken; a joint with 0 does not move. `u`: unsensed angles (m, U) to start from (default: `initial_unsensed` of
-    the model); they may change freely. All angles are rad.
+    is taken; a joint with sigma 0 does not move. `u`: unsensed angles (m, U) to start from, by default the model's
+    `initial_unsensed`; no sigma limits their change. All angles are rad.
     """
     if len(q) > BLOCK_POSES:
         # Poses are closed in blocks, so that the Jacobians of all are never in memory at once.
@@ -165,10 +165,10 @@ def measure_with_fixed(joints: Sequence[int], joint_count: int) -> FloatArray:
 
 
 def newton_step(error: LoopError, sigma: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the smallest joint corrections (m, n) that close linearised loops, and the unsensed angles' step (m, U).
+    """Return the joint corrections (m, n) and the steps of the unsensed angles (m, U) that close linearised loops.
 
-    Smallest means smallest ``|dq / sigma|``: with S = diag(sigma) and ``B = E' J_q S``, the correction divided by sigma
-    is ``-B' (B B')^-1 E' c``. If B is rank-deficient, the part that no joint can close is left open.
+    The corrections have the smallest ``|dq / sigma|``: with S = diag(sigma) and ``B = E' J_q S``, the correction
+    divided by sigma is ``-B' (B B')^-1 E' c``. If B is rank-deficient, the part that no joint can close is left open.
     """
     reduced = reduced_equations(error)
     w, B = reduced.w[..., None], reduced.B * sigma
@@ -178,7 +178,7 @@ def newton_step(error: LoopError, sigma: FloatArray) -> tuple[FloatArray, FloatA
     # Pivots no larger than a ridge at the level of rounding show a rank deficiency.
     ridge = SINGULAR**2 * largest + TINY
     pivots = np.diagonal(np.linalg.cholesky(V + ridge[..., None, None] * unit), axis1=-2, axis2=-1)
-    # Rounding errors grow towards the last pivot: with an exactly stretched arm it is 20 ridges.
+    # Rounding errors grow towards the last pivot, which is 20 ridges with an exactly stretched arm.
     weak = (pivots**2).min(-1, initial=np.inf) < 1000.0 * ridge
     dq = -(Bt @ np.linalg.solve(V + (ridge * weak)[..., None, None] * unit, w))[..., 0]
     if weak.any() and sigma.any():

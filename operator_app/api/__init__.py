@@ -1,1 +1,1 @@
-"""The Python library: the folder `sarcal` is installed as the package `sarcal`. No other package imports it."""
+"""The Python library; its folder `sarcal` is installed as the package `sarcal`."""

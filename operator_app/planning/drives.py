@@ -121,8 +121,8 @@ def choose_drives(
 ) -> DriveChoice:
     """Return the best usable drive set, with reasons.
 
-    Without trials, it is the set with the highest score over the region among those usable at the current pose; with
-    trials, the tried set with the largest product of predicted and measured score.
+    Without trials, this is the set with the highest score over the region among the sets usable at the current pose;
+    with trials, the tried set with the largest product of predicted and measured score.
 
     Raises `SessionError` if no set is usable, or none of the tried sets moves the arm.
     """
@@ -159,7 +159,7 @@ def choose_drives(
 
 
 def named_drives(prediction: DrivePrediction, drives: tuple[int, ...], kind: str) -> DriveChoice:
-    """Return the choice of the drive joints that the procedure lists; raises `GuardError` if their number is wrong."""
+    """Return the choice of the procedure's drive joints; raises `GuardError` if their number is wrong."""
     motion = prediction.manifold.motion
     problem = modes_problem(
         drives, joint_count=motion.joint_count, mobility=motion.degrees, kind=kind
@@ -189,7 +189,7 @@ def _joint_out_of_range(arm: ArmModel, manifold: Manifold) -> str:
 
 
 def _usable(prediction: DrivePrediction, unsensed_joints: tuple[int, ...]) -> list[RankedDrives]:
-    """Return the sets usable at the pose and over the region, best first; without inexact joints if possible."""
+    """Return the sets usable at the pose and over the region, best first, if possible without inexact joints."""
     usable_now = {r.drives for r in prediction.here if r.usable}
     usable = [
         r

@@ -113,7 +113,7 @@ def overload(arm: ArmModel, snapshot: ArmSnapshot) -> str:
 
 
 def range_watch(arm: ArmModel, braking_s: float) -> Watch:
-    """Return a watch that ends a move before a joint leaves its range, or if a joint is too fast or overloaded.
+    """Return a watch that ends a move if a joint is about to leave its range, too fast or overloaded.
 
     Free joints may be faster than the drives, so the range applies to the position where a joint would come to rest:
     its position plus its speed times `braking_s` (`hardware.control.trajectory.coming_to_rest_s`; 0 for planned paths).

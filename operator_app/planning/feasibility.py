@@ -68,7 +68,7 @@ def assess_feasibility(
     position_joints: tuple[int, ...] | None = None,
     unsensed_joints: tuple[int, ...] = (),
 ) -> Feasibility:
-    """Predict whether `arm` can be calibrated in `fixture`; `position_joints`: drive joints that a procedure lists."""
+    """Predict whether `arm` can be calibrated in `fixture`; `position_joints`: the procedure's drive joints."""
     unsensed = tuple(sorted({*unsensed_joints, *arm.unsensed_joints}))
     model = without_hidden(arm, fixture, fixture.model(arm, unsensed_joints=unsensed))
     parameters, checks = model.parameters, setup_checks(fixture, arm, arm.home_rad)
@@ -115,7 +115,7 @@ def _identifiability_at(model: ClosureModel, q_rad: FloatArray) -> Identifiabili
 
 
 def home_to_closed_rad(arm: ArmModel, fixture: EndpointConstraint) -> FloatArray | None:
-    """Return the closed pose nearest to the arm's home, minus home (n,); None if no pose closes."""
+    """Return the closed pose nearest to the arm's home, minus home (n,), rad; None if no pose closes."""
     model = fixture.model(arm)
     home = close_loops(model, nominal_vector(model.parameters), arm.home_rad[None])
     return home.q[0] - arm.home_rad if home.closed[0] else None

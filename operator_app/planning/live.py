@@ -1,6 +1,6 @@
-"""Quality of the captured poses, by the paper's estimator (fast, not for export), and prediction of planned poses.
+"""Quality of the captured poses, from the paper's fast estimator, and prediction of planned poses.
 
-A prediction from nominal geometry has the errors of that geometry.
+The estimates are not exported. A prediction from nominal geometry has the errors of that geometry.
 """
 
 from __future__ import annotations
@@ -127,9 +127,9 @@ LEGS = 24
 class Forecast:
     """Predicted poses of a plan.
 
-    `q_rad` (w, n): joint angles at every waypoint. `reachable` (w,): the loop closes there and every joint is inside
-    its range. `scaled_condition_number`: scaled condition number of the planned number of reachable poses; inf if they
-    do not determine all parameters.
+    `q_rad` (w, n): joint angles at every waypoint. `reachable` (w,): whether the loop closes there with every joint
+    inside its range. `scaled_condition_number`: scaled condition number of the planned number of reachable poses; inf
+    if these poses do not determine all parameters.
     """
 
     q_rad: FloatArray
@@ -205,7 +205,7 @@ def most_informative(
     forecast: Forecast,
     open_waypoints: Sequence[int],
 ) -> int | None:
-    """Return the waypoint (index) in `open_waypoints` that adds most information to the poses `taken_rad` (m, n).
+    """Return the waypoint among `open_waypoints` that adds most information to the poses `taken_rad` (m, n).
 
     None if none of these waypoints is reachable, or no pose is taken.
     """

@@ -1,4 +1,4 @@
-"""Preview of a plan (drive joints, poses, paths, predicted precision), made by the planner that captures use."""
+"""Preview of a plan (drive joints, poses, paths, predicted precision), from the same planner as in captures."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Preview:
 
     @property
     def parameters(self) -> dict[str, Parameter]:
-        """Unknowns of the loop by name, also those that the plan counts as known because their joints are unsensed."""
+        """Unknowns of the loop by name, including offsets of unsensed joints, which the plan counts as known."""
         return {p.name: p for p in self.plan.manifold.model.parameters}
 
     @property
@@ -87,7 +87,7 @@ def preview(
         estimate = implicit_interim(task.model, task.noise)(known_rad)
         if not estimate.trusted:
             raise SessionError(
-                f"the poses so far give no estimate to plan on ({estimate.text})",
+                f"the captured poses give no reliable estimate for a plan ({estimate.text})",
                 "capture more poses, or plan from nominal geometry: leave --session out",
             )
         x = estimate.x
@@ -134,7 +134,6 @@ def preview(
 def _visited(
     task: PlanningTask, plan: PosePlan, drives: tuple[int, ...]
 ) -> tuple[PlannedPose, ...]:
-    """Return the planned poses with the paths between them."""
     poses, position = [], 0
     for target in plan.visits:
         route = plan.graph.route(

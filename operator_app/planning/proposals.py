@@ -41,7 +41,7 @@ AXES = frozen(np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 1.0], [1.0,
 
 
 def bent_home(arm: ArmModel) -> FloatArray | None:
-    """Return a pose (n,), in whole degrees, in which a hinge lets all joints move.
+    """Return a pose (n,), rad, rounded to whole degrees, in which all joints can move in a hinge.
 
     None if the arm's home is good enough, or no such pose was found.
     """
@@ -59,7 +59,7 @@ def bent_home(arm: ArmModel) -> FloatArray | None:
 def closing_home(
     arm: ArmModel, fixture: EndpointConstraint, from_home: Feasibility
 ) -> tuple[FloatArray, Feasibility] | None:
-    """Return a home pose (n,), rad, near the arm's home, within a degree of a closed pose, and its `Feasibility`.
+    """Return a home pose (n,), rad, within a degree of a closed pose near the arm's home, and its `Feasibility`.
 
     `from_home`: feasibility at the home in the arm file. Returns None if this home is good enough, if the arm is open,
     or if no pose is found.
@@ -85,7 +85,7 @@ def closing_home(
 
 
 def _closed(arm: ArmModel, model: ClosureModel, x: FloatArray) -> Iterator[FloatArray]:
-    """Yield closed poses, nearest to home first, in which all joints can move and none is near an end of its range."""
+    """Yield closed poses, nearest to home first, with all joints mobile and away from the ends of their ranges."""
     closed = close_loops(model, x, np.concatenate((arm.home_rad[None], _drawn(arm))))
     low, high = _ranges(arm).T
     room = CLEAR * (high - low)
@@ -104,7 +104,7 @@ def _closed(arm: ArmModel, model: ClosureModel, x: FloatArray) -> Iterator[Float
 
 
 def _least_motion(columns: FloatArray, joints: int | None = None) -> FloatArray:
-    """Return the motion (m,) of the joint that moves least, for closed chains with the Jacobians `columns` (m, k, d).
+    """Return the motion (m,) of the joint that moves least in closed chains with Jacobians `columns` (m, k, d).
 
     Only the first `joints` columns count (default: all). Near singularities the result is scaled down.
     """
@@ -162,10 +162,10 @@ def ball_between(arm: ArmModel, hand_m: FloatArray, base_m: FloatArray | None) -
 
 
 def hinge_between(arm: ArmModel, hand: Line, base: Line | None) -> Hinge:
-    """Return the hinge that makes a line in the tool frame coincide with a line in the base frame, point on point.
+    """Return the hinge in which the line `hand` of the tool frame coincides with the line `base` of the base frame.
 
-    Of the two directions of the line in the base, the one whose loop closes nearer to the arm's home is used. If `base`
-    is None, the tool's line at the home pose is used.
+    The points of the lines coincide too. Of the two directions of `base`, the one whose loop closes nearer to the arm's
+    home is used. If `base` is None, the tool's line at the home pose is used.
     """
     if base is None:
         return Hinge.between(arm, hand.in_frame(*_hand_at_home(arm)), hand)

@@ -48,7 +48,7 @@ class SimulatedPoses:
 def simulated_poses(
     arm: ArmModel, fixture: FixtureSpec, *, poses: int, samples: int = 32, seed: int = 0
 ) -> SimulatedPoses:
-    """Draw an arm and a placement at random, and simulate readings at `poses` closed poses; reproducible by `seed`.
+    """Draw an arm and a placement at random, and simulate readings at `poses` closed poses, reproducibly by `seed`.
 
     Raises `SessionError` if the fixture leaves the chain open, or no drawn placement allows that many poses.
     """

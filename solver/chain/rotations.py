@@ -19,8 +19,8 @@ def skew(v: FloatArray) -> FloatArray:
 def rotation_vector(R: FloatArray) -> FloatArray:
     """Logarithm of rotations, shape (..., 3, 3) to (..., 3), rad, length in [0, pi].
 
-    Computed from the unit quaternion, of which the largest component is calculated first, from the diagonal of R. This
-    keeps full precision at zero and near pi, where the trace and the antisymmetric part of R lose precision.
+    Computed from the unit quaternion, whose largest component is calculated first, from the diagonal of R. This keeps
+    full precision at zero and near pi, where the trace and the antisymmetric part of R lose precision.
     """
     d = np.diagonal(R, axis1=-2, axis2=-1)
     trace = d.sum(-1)
@@ -60,8 +60,8 @@ def _largest_row(R: FloatArray, w: FloatArray) -> FloatArray:
 def rotation_vector_differential(r: FloatArray) -> FloatArray:
     """Matrix that takes a spatial angular increment to the increment of the rotation vector.
 
-    With ``R = exp([r]x)`` and ``dR = [w]x R``: ``dr = E w``. Shape (..., 3) to (..., 3, 3). This is
-    the inverse of the left Jacobian of SO(3); it is singular only at a full turn.
+    With ``R = exp([r]x)`` and ``dR = [w]x R``: ``dr = E w``. Shape (..., 3) to (..., 3, 3). E is the inverse of the
+    left Jacobian of SO(3), singular only at a full turn.
     """
     angle = np.linalg.norm(r, axis=-1)
     half = 0.5 * angle

@@ -97,7 +97,7 @@ class Rvdt:
 
 @dataclass(frozen=True, slots=True)
 class NoSensor:
-    """No sensor: the joint's angle is not measured, and no error of a reading counts."""
+    """No sensor: the joint's angle is not measured, and all errors of its reading are 0."""
 
     sigma_rad: ClassVar[float] = 0.0
     accuracy_rad: ClassVar[float] = 0.0
@@ -105,7 +105,7 @@ class NoSensor:
     gain_rad: ClassVar[float] = 0.0
 
     def variance_of_mean_rad2(self, samples: int) -> float:
-        """Return 0, because no error of a reading counts without a sensor."""
+        """Return 0: without a sensor there is no reading error."""
         return 0.0
 
 
@@ -124,8 +124,8 @@ SHAPE_WEIGHTS = (1.0, 1.0, 0.5, 0.35, 0.25, 0.18, 0.14, 0.11, 0.09)
 a bow (P2) and an S (P3), and higher terms fall with the square of the degree."""
 
 LOWEST = 2
-"""Lowest degree of the Legendre polynomials used: like a linearity deviation, they are orthogonal to any line from
-degree 2 on."""
+"""Lowest degree of the Legendre polynomials used. From degree 2 on, they are orthogonal to every line, as a linearity
+deviation is."""
 
 
 def _power_series() -> FloatArray:
@@ -187,7 +187,7 @@ class SensorCurve:
 
 
 def encoder_waves(theta_rad: FloatArray) -> FloatArray:
-    """Shapes (..., `WAVES`) of an encoder's error at its angles (...): sine and cosine, once and twice a turn."""
+    """Shapes (..., `WAVES`) of an encoder's error at angles (...), rad: sine and cosine, once and twice a turn."""
     double = 2.0 * theta_rad
     waves = np.sin(theta_rad), np.cos(theta_rad), np.sin(double), np.cos(double)
     return np.stack(waves, axis=-1)

@@ -8,7 +8,7 @@ the gravity part of the dynamic model). The generalised force of gravity on join
 
 with z_{j-1} and p_{j-1} the axis of joint j and a point on it, and g the gravity vector. The centre of mass of link k
 is expressed relative to p_{k-1}, in axes R_k: frame k-1 rotated about the axis of joint k by ``theta + theta_off``. So
-the centre does not depend on the link's own length or twist, which for the first and last link belong to the fixture.
+the centre does not depend on the link's own length or twist, which the fixture determines for the first and last link.
 The torque that holds the arm up is ``-tau``: the g(q) of most textbooks and of pinocchio's
 ``computeGeneralizedGravity``.
 """
@@ -56,7 +56,7 @@ class LinkMasses:
     def moments_sd(self) -> FloatArray:
         """Square roots (n, 4, 4) of the covariances of `moments`, whose errors are ``moments_sd @ z``, z ~ N(0, I).
 
-        An error of the mass also changes the first moment (h = m c); one of the centre changes only the first moment.
+        An error of the mass also changes the first moment (h = m c); an error of the centre changes only this moment.
         """
         root = np.zeros((len(self.mass_kg), 4, 4))
         root[:, 0, 0] = self.mass_sd_kg
@@ -74,7 +74,6 @@ class LinkMasses:
 UNSTATED_KG, UNSTATED_CENTRE_M = 1.0, 0.1
 """Mass of each link, and standard deviation of its centre of mass, if no file states masses. They determine only the
 shapes of sag; the magnitude of sag is stated separately."""
-
 
 UPRIGHT_DOWN = 0.0, 0.0, -1.0
 """Direction of gravity in frame 0 of an arm that stands upright, if no file states another."""

@@ -63,7 +63,7 @@ Action = GoTo | Capture | ChangeDrives | Finished
 
 
 def path_watch(trace_rad: FloatArray | None, ranges: Ranges) -> Callable[[FloatArray], str | None]:
-    """Return a function that checks readings (n,) during one move and returns the reason to end the move, or None.
+    """Return a function that checks readings (n,), rad, in a move: it returns why the move has to end, or None.
 
     `trace_rad`: predicted readings (t, n); None to check the ranges only. `ranges`: joint ranges, narrowed by the
     stopping distance.
@@ -93,7 +93,7 @@ def path_watch(trace_rad: FloatArray | None, ranges: Ranges) -> Callable[[FloatA
 def moves_along(
     route: Sequence[Leg], drives: tuple[int, ...], goal: str, *, of: str = ""
 ) -> list[GoTo | ChangeDrives]:
-    """Return moves and drive changes along a route; `drives`: present drives; `goal`, `of`: words for the reasons."""
+    """Return moves and drive changes along a route, from the present `drives`; `goal`, `of`: parts of the reasons."""
     moves: list[GoTo | ChangeDrives] = []
     for leg in route:
         if leg.drives != drives:

@@ -38,7 +38,7 @@ SPARE_POSES = 4
 MOST_BLOCKED = 8
 """Number of planned moves that may be stopped early; one more ends the campaign."""
 MOST_UNREACHED = 12
-"""Number of consecutive chosen poses without a path after which the campaign ends."""
+"""Number of consecutive chosen poses that may have no path; one more ends the campaign."""
 EASIER_LEVERAGE = 0.7
 """If no pose can be reached otherwise, leverage down to this share of the usual lower limit is accepted."""
 REPLAN_SHIFT_RAD = float(np.deg2rad(0.5))
@@ -72,7 +72,7 @@ class Campaign:
         at_rad: FloatArray | None = None,
     ) -> None:
         if not task.drive_sets:
-            raise ValueError("a campaign needs to know which joints drive at the start")
+            raise ValueError("a campaign needs the drive joints at the start")
         self.task = task
         self.poses, self._requested = poses, requested
         self.exploring = True
@@ -178,7 +178,7 @@ class Campaign:
             self.plan = None
 
     def _shift(self) -> float:
-        """Largest change, rad, of the planned poses' predicted angles from the plan's estimate to the current one."""
+        """Largest change, rad, of the planned poses' predicted angles since the estimate on which the plan is based."""
         if self.plan is None or self.estimate is None or not self.plan.visits:
             return 0.0
         index = list(self.plan.visits)
@@ -188,7 +188,7 @@ class Campaign:
         return max(float(np.abs(step).max(initial=0.0)) for step in newton_step(error, still))
 
     def _try_plan(self) -> bool:
-        """Make a plan from the arm's present pose; False when no plan can be made (yet)."""
+        """Make a plan from the arm's present pose; False if no plan can be made (yet)."""
         if self.estimate is None:
             return False
         remaining = self.poses - self._taken
@@ -246,7 +246,7 @@ class Campaign:
         target = self._visits.popleft()
         route = self._route(plan, target)
         if route is None:
-            # The others may still be reached; a later plan fills the gap, away from this one.
+            # The other poses may still be reached; a later plan replaces this one by a pose away from it.
             self._unreached.append(plan.manifold.q[target])
             if len(self._unreached) > MOST_UNREACHED:
                 self._finish(
@@ -262,8 +262,8 @@ class Campaign:
     def _route(self, plan: PosePlan, target: int) -> tuple[Leg, ...] | None:
         """Return a path from the current pose to a candidate of `plan`; None if no safe path is found.
 
-        The path has to keep only four fifths of the planning margin: between two candidates that keep the whole margin,
-        it may come nearer to the end of a range than either candidate.
+        The path has to keep only four fifths of the planning margin, because it may come nearer to the end of a range
+        than either of the two candidates, which keep the whole margin.
         """
         return plan.graph.route(
             self.task.ranges.within(0.8 * np.asarray(self.task.margin_rad)),
@@ -283,7 +283,7 @@ class Campaign:
         plan = self.plan
         if plan is None:
             return None
-        # The pose was captured: the candidate next to it is a safe place, if a path leads there.
+        # The arm was at the captured pose, so the candidate next to it is safe if a path leads there.
         away = np.linalg.norm(plan.manifold.q - captured_rad, axis=-1)
         away[~plan.graph.reachable(self._node)] = np.inf
         target = int(np.argmin(away))
@@ -320,7 +320,7 @@ class Campaign:
             self._finish(f"planned moves are stopped repeatedly: {stopped}")
             return
         self._backing += 1
-        reason = f"back to where it came from ({stopped})"
+        reason = f"back to the start of the move ({stopped})"
         self._queue.append(straight_move(self._before, tuple(action.targets_rad), reason))
 
     def _finish(

@@ -46,7 +46,7 @@ def log_det(information: FloatArray) -> float:
 
 
 def summed_information(root: FloatArray, poses: Sequence[int]) -> FloatArray:
-    """Information (N, N) of some poses, each listed as often as it counts; `root` (m, r, N): `PoseInformation.root`."""
+    """Information (N, N) of some poses; a pose listed twice counts twice. `root`: `PoseInformation.root` (m, r, N)."""
     rows = root[list(poses)].reshape(-1, root.shape[-1])
     return np.asarray(rows.T @ rows)
 
@@ -138,7 +138,7 @@ class _Search:
     apart_rad: float
 
     def open(self, chosen: Sequence[int]) -> BoolArray:
-        """Which candidates (m,) may still be chosen."""
+        """Whether each candidate (m,) may still be chosen."""
         usable = self.usable.copy()
         usable[list(chosen)] = False
         if self.q is not None:

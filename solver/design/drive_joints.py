@@ -148,8 +148,7 @@ def _verdict(
         reasons.append(f"{names} hardly move{'s' * (len(still) == 1)}")
     most = f"J{joint} moves most, {fastest:.1f} times as far as the drives"
     reasons.append(most if passive else "no passive joint")
-    # The paper's criterion is the motion of the remaining joints; rates above 1, as near a singularity, do not count
-    # more.
+    # The paper's criterion is the motion of the remaining joints; rates above 1 (near a singularity) count as 1.
     passive_rate = float(np.minimum(rates, 1.0).sum()) / max(1, len(passive))
     score = (leverage * passive_rate) ** 0.5 if reach is None else reach * (0.5 + 0.5 * leverage)
     return RankedDrives(

@@ -1,9 +1,9 @@
 """Explores with the drive joints, guided by readings alone, before any model can be trusted.
 
-A policy without an arm: `propose` returns the next targets of the drives, `observe` takes the readings at the end of a
-move and why it ended early, if it did. The drives leave the start in small steps along a ray in drive space, return in
-one move, and take the next ray. The rate of every joint per drive is learnt from the steps (Broyden's secant update)
-and predicts whether the next step would reach the end of a range or a singularity.
+The policy commands no arm: `propose` returns the next targets of the drives, `observe` takes the readings at the end of
+a move and the reason if it ended early. The drives leave the start in small steps along a ray in drive space, return in
+one move, and take the next ray. The rates of all joints per drive are learnt from the steps (Broyden's secant update)
+and predict whether the next step would reach the end of a range or a singularity.
 """
 
 from __future__ import annotations
@@ -115,7 +115,7 @@ class Explorer:
                 if length > 0.2 * WIGGLE_RAD:
                     rates = rates + np.outer(self._moved - rates @ by, by) / length**2
                     before, rate = rate, float(moved.max()) / float(np.abs(by).max())
-                    # Growth per step. A first step's mean rate follows that at its start after half a step: squared.
+                    # Growth per step. The first step's mean rate applies half a step after the start: hence the square.
                     ratio = rate / before if before > 0.0 else 1.0
                     growth = max(1.0, ratio if taken > 1 else ratio**2)
                     if rate > self._most_rate(ray.direction):
@@ -172,5 +172,4 @@ class Explorer:
         return float(np.abs(self._start_rates @ direction).max() / np.abs(direction).max())
 
     def _move(self, target: FloatArray, reason: str) -> GoTo:
-        """Straight move of the drives to `target` (d,)."""
         return GoTo(targets_rad=dict(zip(self.drives, target.tolist(), strict=True)), why=reason)

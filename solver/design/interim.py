@@ -35,11 +35,11 @@ class InterimEstimate:
 def implicit_interim(
     model: ClosureModel, noise: NoiseModel
 ) -> Callable[[FloatArray], InterimEstimate]:
-    """Return a function that estimates from the readings (m, n) of the poses so far; SolverError if these are too few.
+    """Return a function that estimates the parameters from readings (m, n); it raises SolverError for too few poses.
 
-    It is the implicit estimator, started at nominal values, later at the last trusted estimate. When the closure errors
-    are far larger than the joint sensors' noise, the excess is attributed to the fixture's compliance and the poses are
-    fitted again: otherwise the covariance would be too small.
+    The function uses the implicit estimator, started at nominal values and later at the last trusted estimate. If the
+    closure errors are far larger than the joint sensors' noise, the excess is attributed to the fixture's compliance
+    and the poses are fitted again: otherwise the covariance would be too small.
     """
     start: FloatArray | None = None
     explained = noise

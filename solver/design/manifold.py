@@ -1,8 +1,8 @@
 """The self-motion manifold inside joint ranges: closed poses that cover it, and pairs of neighbours.
 
-The closed chain moves on a manifold whose dimension is its mobility (two with a hinge). It is covered from the current
-pose in waves: from each new pose tangent steps are taken, all steps of a wave are closed in one batch, and poses too
-near to an older pose are dropped. The kept poses cover the part reachable inside the ranges, at nearly even spacing.
+The closed chain moves on a manifold whose dimension is the chain's mobility (two with a hinge). Poses are added in
+waves from the current pose: each new pose takes tangent steps, all steps of a wave are closed in one batch, and poses
+too near to an older pose are dropped. The poses cover the part reachable inside the ranges, at nearly even spacing.
 """
 
 from __future__ import annotations

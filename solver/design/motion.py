@@ -1,4 +1,4 @@
-"""Motion of a closed chain and its limits: tangents at poses, the path of all joints while the drives move straight."""
+"""Motion of a closed chain and its limits: tangents at poses, and traces of all joints in straight drive moves."""
 
 from __future__ import annotations
 

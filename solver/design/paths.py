@@ -47,7 +47,7 @@ class Leg:
     trace_rad: FloatArray
 
     def targets(self, waypoint: int) -> dict[int, float]:
-        """Drive angles of one waypoint, as `Arm.move` takes them."""
+        """Drive angles of one waypoint, rad, by joint (1-based)."""
         return {j: float(self.waypoints_rad[waypoint, j - 1]) for j in self.drives}
 
 

@@ -212,8 +212,8 @@ def information_of(
 ) -> tuple[FloatArray, PoseInformation]:
     """Return the information (N, N) of captured readings (c, n) with priors, and the information of the candidates.
 
-    `closed_q` (m, n), `closed_u` (m, U): candidates. Captured poses are evaluated on the nearest closed loops. If the
-    captured poses suffice for a fit, all errors are as large as it estimates; otherwise as stated.
+    `closed_q` (m, n), `closed_u` (m, U): candidates. Captured poses are evaluated on the nearest closed loops. Errors
+    have the variances estimated by a fit of the captured poses, or the stated variances if no fit is possible.
     """
     c = len(readings)
     variance = np.broadcast_to(task.noise.joint_variance, (max(c, 1), readings.shape[-1]))

@@ -1,7 +1,7 @@
 """Decides when to stop taking poses: the precision is reached, or no further pose helps.
 
-Every pose reduces noise a little, so "no pose helps" is decided by a forecast: even if each remaining pose is the best
-for the parameter that is worst at that point, the requested precision is neither reached nor noticeably approached.
+Every pose reduces noise a little, so a forecast decides whether poses help. Each remaining pose is taken as the best
+for the parameter that is then worst; no pose helps if this neither reaches nor noticeably approaches the request.
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ from solver.estimators.least_squares import column_scale
 UNDETERMINED_SHARE = 1e-12
 """Directions whose scaled information is below this share of the largest are not determined. Subtracting the effects'
 part leaves rounding of about 1e-13."""
-
 
 WORTHWHILE_SHARE = 0.05
 """More poses are worth taking if together they reduce the largest ratio of sigma to request by at least this share."""
@@ -134,7 +133,7 @@ def _forecast(
     goal: FloatArray,
     poses_left: int,
 ) -> tuple[FloatArray, int | None]:
-    """Return the standard deviations after up to `poses_left` more poses, and the number of poses needed for all goals.
+    """Return the standard deviations after up to `poses_left` more poses, and the number of poses for all goals.
 
     Each pose is the one that most reduces the variance of the parameter farthest above its goal. The number is None if
     the goals are not met.

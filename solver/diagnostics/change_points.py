@@ -1,8 +1,7 @@
 """Change points: score tests for a step change of any quantity ("suspect") at any pose.
 
-A suspect is a candidate that acts in all poses (a joint's offset, a length or a side of the fixture); the test asks
-whether a constant added from pose k on explains the whitened residuals. Poses are in time order; sums from the last
-pose backwards give all k at once.
+A suspect is a candidate that acts in all poses (a joint's offset, a length or a side of the fixture); its step is a
+constant from pose k on. Poses are in time order; sums from the last pose backwards give all k at once.
 """
 
 from __future__ import annotations
@@ -149,7 +148,7 @@ def step_threshold(poses: int, dof: int, false_alarm: float) -> float:
         head = half * math.log(x) - 0.5 * x - half * math.log(2.0) - float(gammaln(half))
         return head + math.log(max((1.0 - dof / x) * span + 4.0 / x, 1e-300))
 
-    # The thresholds for one pose, and for all poses if they were independent, enclose it.
+    # The threshold is between that for one pose and that for all poses as if independent.
     low = float(chdtri(dof, false_alarm))
     high = float(chdtri(dof, false_alarm / poses))
     target = math.log(false_alarm / AT_POSES)

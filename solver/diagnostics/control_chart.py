@@ -1,12 +1,12 @@
-"""Control charts of several quantities that are measured again and again: Shewhart and EWMA, with change points.
+"""Control charts of several quantities measured in every session: Shewhart and EWMA, with change points.
 
-NIST/SEMATECH e-Handbook of Statistical Methods, 6.3.2 (Shewhart, EWMA) and 2.3.5 (control of a measurement
-process by a check standard: within- and between-session standard deviations). There is no long history that would fix
-the limits, so each session is compared with earlier sessions, without the last `RECENT` ones if enough remain, so that
-a shift does not hide in its own baseline. The scatter is calculated between these sessions, because errors common to
+Source: NIST/SEMATECH e-Handbook of Statistical Methods, 6.3.2 (Shewhart, EWMA) and 2.3.5 (control of a measurement
+process by a check standard: within- and between-session standard deviations). Without a long history that would fix the
+limits, each session is compared with earlier sessions. The last `RECENT` are left out if enough others remain, so that
+a shift is not part of its own baseline. The scatter is calculated between these sessions, because errors common to
 all sessions do not scatter. With few sessions the variance of a quantity is shrunk towards the common ratio of observed
 to stated variance, which counts as `PRIOR_DOF` degrees of freedom (Smyth 2004, "moderated t"). Since sessions do not
-all scatter equally, nearly all of the false-alarm probability belongs to the EWMA, which averages several sessions.
+all scatter equally, nearly all of the false-alarm probability is assigned to the EWMA, which averages sessions.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ class ControlChart:
 
 
 def control_chart(names: Sequence[str], values: FloatArray, within: FloatArray) -> ControlChart:
-    """Test sessions one after the other.
+    """Test sessions one after the other; return the limits and the detected shifts.
 
     `values` (sessions, quantities): values of the quantities `names`, sessions in time order. `within`, of the same
     shape: stated repeatability of each value (type A standard uncertainty).

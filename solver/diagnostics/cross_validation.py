@@ -1,7 +1,7 @@
-"""Held-out poses: parts of a pose set predicted from the rest, verification of new poses, shifts common to new poses.
+"""Tests with held-out poses: hold-out of parts of a pose set, verification with new poses, their common shift.
 
-Fitted and later poses form one mixed model. The prior for the later poses is the estimate, with covariance, that the
-fitted poses give of parameters and of effects common to all poses (sensor curves, harmonics, sag, compliance).
+Fitted and later poses form one mixed model. The fitted poses estimate the parameters and the effects common to all
+poses (sensor curves, harmonics, sag, compliance); this estimate, with its covariance, is the prior for the later poses.
 """
 
 from __future__ import annotations
@@ -134,7 +134,7 @@ def hold_out(
     order: IntArray,
     parts: tuple[IntArray, ...],
 ) -> HoldOut:
-    """For each part of the poses, estimate from all other poses, and test the part against its prediction from them.
+    """Test each part of the poses against its prediction from all other poses.
 
     `estimate_of`: fits the model to the poses with these indices (k,). `fit`: fit of all poses, with the sizes of all
     sources of error; `order` (m,): index of each of its poses. Raises `TooFewPosesError` if the rest is too small for
@@ -159,14 +159,13 @@ def hold_out(
 NOT_KNOWN = 0.1
 """Prior standard deviation (rad, m) of parameters that only the poses determine."""
 
-
 SEEN = 1e-9
 """Share of the largest information below which a direction is not determined."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FixedParameters:
-    """Values of the h parameters without a prior: steps `x` (h,) from the linearisation, covariance (h, h)."""
+    """Values of the h parameters without a prior: steps `x` (h,) from the linearisation point, covariance (h, h)."""
 
     x: FloatArray
     covariance: FloatArray
@@ -194,7 +193,7 @@ def predicted_residuals(
 ) -> WhitenedResiduals:
     """Return the residuals of the `later` poses (mask (m,)) against their prediction from the other poses of `fit`.
 
-    `given`: parameters with which to predict instead; then the other poses are not used.
+    With `given`, the prediction uses these parameters instead of the other poses.
     """
     width, hard = fit.design.width, fit.design.hard
     gram, right = np.zeros((width, width)), np.zeros(width)
@@ -236,9 +235,9 @@ def shifted(
     *,
     variance_factor: float = 1.0,
 ) -> CommonShift | None:
-    """Return the most significant shift common to all poses, if any; `subjects`: columns (m, r, c) by name.
+    """Return the most significant shift common to all poses; None if no shift is significant.
 
-    `variance_factor`: factor by which the variances may be larger than those of the residuals.
+    `subjects`: columns (m, r, c) by name. `variance_factor`: factor by which the variances may exceed the assumed ones.
     """
     from scipy.special import chdtri
 

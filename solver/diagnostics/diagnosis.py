@@ -1,7 +1,7 @@
 """Diagnosis of a fit: tests against the stated error model, and the faults that best explain a failed test.
 
-Tests and faults use one linear fit at the stated variances. Faults are compared only if a test fires; the fault that
-explains the residuals best is fitted, and this is repeated until the residuals are as stated.
+Tests and faults use one linear fit at the stated variances. If a test fires, the faults are compared, and the one that
+explains the residuals best is fitted. This is repeated until the residuals are as stated.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ from solver.diagnostics.whitened_residuals import OwnColumns, WhitenedResiduals
 from solver.estimators.linear_fit import LinearFit
 
 UNNAMED = 0.002
-"""Prior probability of any other cause."""
+"""Prior probability of a cause that is not in `Cause`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -111,8 +111,8 @@ def diagnose(
 ) -> Diagnosis:
     """Test a fit, and rank the faults that may explain a failed test.
 
-    `fit`: the mixed model at its solution. It is tested at the *stated* variances, but single readings at the estimated
-    noise if that is less.
+    `fit`: the mixed model at its solution. The fit is tested at the *stated* variances; single readings are tested at
+    the estimated noise if it is smaller.
     `taken` (m,): position of each pose of the fit in time order.
     `measured`: linearity deviations of sensors as determined by the loops, by joint (1-based).
     """
@@ -173,7 +173,7 @@ def _residual_tests(
 def _explanations(
     faults: FaultModels, residuals: WhitenedResiduals, outliers: Outliers
 ) -> Iterator[CauseRanking]:
-    """Yield rankings of possible causes: the best cause is fitted, and the next ranking is for the remaining residuals.
+    """Yield rankings of possible causes, each for the residuals that remain after the best earlier causes are fitted.
 
     The rankings end when no test fires, when no cause explains the residuals, or after `limits.MOST_CAUSES_FITTED`.
     """
@@ -198,7 +198,7 @@ def _explanations(
 def _with_cause(
     residuals: WhitenedResiduals, cause: Candidate, sd: FloatArray
 ) -> WhitenedResiduals:
-    """Return the residuals if coefficients of `cause` are part of the model, with prior standard deviations `sd`."""
+    """Return the residuals after `cause` is added to the model, with prior standard deviations `sd`."""
     if cause.own is None:
         return residuals.with_columns(cause.columns, sd)
     own = cause.columns * sd.reshape(len(cause.own), 1, -1)
@@ -230,7 +230,7 @@ def _changes(
 
 
 def _ranked(residuals: WhitenedResiduals, candidates: Iterable[Candidate]) -> CauseRanking:
-    """Rank all candidates against each other, no fault, and an unknown fault."""
+    """Rank the candidates by their probabilities, in comparison with no fault and with an unknown fault."""
     listed = [
         (c, e)
         for c in candidates
@@ -243,7 +243,7 @@ def _ranked(residuals: WhitenedResiduals, candidates: Iterable[Candidate]) -> Ca
         e.log_likelihood
         + np.log(c.cause.prior / counts[c.cause])
         - log(c.places)
-        # A cause that leaves the rest larger than stated needs a second, unknown one.
+        # If the remaining misfit exceeds the stated errors, there must be a second, unknown cause.
         + (np.log(UNNAMED) if e.chi2 > limits.CHI2_PER_DOF_EXPLAINED * max(e.dof, 1) else 0.0)
         for c, e in listed
     ]

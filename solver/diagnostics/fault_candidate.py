@@ -68,8 +68,8 @@ class Candidate:
     a cause if its rms is at least `least`.
     `most_stated`: largest deviation that the files state, or 0. If not 0, only a deviation that exceeds it by
     `CERTAIN_SIGMAS` standard deviations counts as a cause.
-    `measured`: the sensor's linearity deviation as determined by loops that do not use its readings, which is more
-    accurate; None if not determined.
+    `measured`: the sensor's linearity deviation from loops that do not use its readings, a more accurate value; None
+    if not determined.
     `lines`: (m, 2), orthonormal: the constant and the straight line of a sensor's offset and gain.
     `entries`: names of the parameters whose values changed, one per column; empty if none changed.
     """
@@ -101,7 +101,7 @@ class Candidate:
         return replace(self, columns=columns, places=len(columns), poses=(first,))
 
     def within_specification(self, b: FloatArray, covariance: FloatArray) -> bool:
-        """Whether coefficients b (c,) are within what the files state."""
+        """Whether the deviation with coefficients b (c,) is within the stated values."""
         size = b if self.shapes is None else self.shapes @ b
         if self.most_stated:
             return not self.deviation(b, covariance).beyond(self.most_stated)
@@ -118,8 +118,8 @@ class Candidate:
     def deviation(self, b: FloatArray, covariance: FloatArray) -> PeakDeviation:
         """Largest deviation over the poses, with the gain error included or from the best-fit line.
 
-        The one that exceeds `most_stated` by more standard deviations is returned, because the poses determine a
-        sensor's linearity deviation far better than its gain.
+        Of the two, the deviation that exceeds `most_stated` by more standard deviations is returned, because the poses
+        determine a sensor's linearity deviation far better than its gain.
         """
         if self.measured is not None and self.measured.beyond(self.most_stated):
             return self.measured

@@ -179,7 +179,7 @@ class FaultModels:
         )
 
     def _smooth(self) -> Iterator[Candidate]:
-        """Yield candidates for each joint: an error of its reading that is a function of its angle, or of the pose."""
+        """Yield candidates for each joint: errors of its reading that are functions of its angle or of the pose."""
         for j in self.sensed:
             joint, turn = self.arm.joints[j - 1], self.readings[:, j - 1]
             if (curve := self.linearity_curve(j)) is not None:
@@ -207,7 +207,7 @@ class FaultModels:
                 )
 
     def _fixture(self) -> Iterator[Candidate]:
-        """Yield candidates for a compliant fixture: deflections random in each pose, or smooth functions of pose."""
+        """Yield candidates for a compliant fixture: deflections random in each pose, or smooth in the pose."""
         if not self.design.deflecting_rows:
             return
         Et = np.swapaxes(self.system.E, -1, -2)

@@ -1,4 +1,4 @@
-"""Tests of a fit against the stated error model, each with threshold and false-alarm probability; tests for outliers.
+"""Tests of a fit against the stated error model, with false-alarm probabilities, and the search for outliers.
 
 All tests use one linear fit, without a refit.
 """
@@ -62,8 +62,8 @@ class HypothesisTest:
     ) -> HypothesisTest:
         """Test the sum of squares of normal deviations z (k,), in sigmas, with this `covariance` (k, k).
 
-        The sum is distributed as a shifted and scaled chi2 of the same mean, variance and skewness (Pearson 1959); for
-        independent deviations that is chi2 itself.
+        The sum is taken as a shifted and scaled chi2 of the same mean, variance and skewness (Pearson 1959), which is
+        exact for independent deviations.
         """
         from scipy.special import chdtri
 
@@ -112,7 +112,6 @@ def scale_tests(faults: FaultModels, residuals: WhitenedResiduals) -> list[Hypot
     z = []
     for candidate in faults.scales():
         s, C = residuals.score(candidate.columns)
-        # A column that the parameters absorb except for rounding is not observable.
         square = float((residuals.whiten(candidate.columns) ** 2).sum())
         z.append(float(s[0]) / np.sqrt(C[0, 0]) if C[0, 0] > SEEN * square else 0.0)
     return [HypothesisTest.of_sigmas("SCALE", np.array(z))] if z else []
@@ -184,8 +183,8 @@ OUTLIER_SEARCH_STEPS = 100
 """Approximate upper limit of the number of steps in which poses are set aside."""
 
 SET_ASIDE_SHARE = 0.5
-"""Poses are set aside together with the worst pose if they exceed the threshold by at least this share of the amount by
-which the worst pose exceeds it."""
+"""A pose is set aside together with the worst pose if its excess over the threshold is at least this share of the worst
+pose's excess."""
 
 FREE = 1e-6
 

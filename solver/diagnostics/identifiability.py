@@ -1,7 +1,7 @@
 """Identifiability of a pose set: rank, condition number and the unidentifiable directions by name.
 
-It is evaluated on poses that close exactly: away from the closed loops, sensor noise fills the null space of the
-Jacobian, and an unidentifiable parameter merely looks badly conditioned.
+The Jacobian is evaluated on poses that close exactly. Away from the closed loops, sensor noise fills its null space,
+and an unidentifiable parameter merely looks badly conditioned.
 """
 
 from __future__ import annotations
@@ -28,10 +28,8 @@ out near 1e-12 and the weakest parameter of a usable pose set above 1e-4."""
 CLOSED = 1e-9
 """Closure error (rad, m) below which a loop counts as closed, small enough for true zeros to be recognised."""
 
-
 LEAST_MOTION_DEG = 0.05
 """A smaller change of a reading, deg, counts as noise and deflection and not as motion."""
-
 
 TREND_POINTS = 10
 TREND_FLOOR = 1e-12
@@ -120,7 +118,7 @@ def condition_at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> 
 def well_conditioned_at_readings(paper: Estimate, q: FloatArray) -> bool:
     """Whether the readings `q` (m, n) show, without closing the loops, that all directions are identifiable.
 
-    This follows from `paper`, the paper's estimate, whose covariance is the inverse normal matrix times a factor.
+    Uses the covariance of `paper`, the paper's estimate, which is the inverse normal matrix times a factor.
     """
     sd = paper.standard_deviation
     if not (sd > 0.0).all() or _immobile(np.ptp(q, axis=0)):
@@ -234,7 +232,7 @@ def _direction(
     vector: FloatArray, names: Sequence[str], spans_rad: FloatArray
 ) -> UnidentifiableDirection:
     size = np.abs(vector)
-    # Either sign is the same direction: its largest part is positive, on every machine.
+    # Both signs mean the same direction; the largest component is made positive.
     vector = vector * np.sign(vector[np.argmax(np.round(size, 6))])
     # Equal parts stay in the order of the parameters, whatever their last digits.
     share = np.round(size / size.max(), 6)

@@ -39,8 +39,8 @@ CURVATURE_FALSE_ALARM_PROBABILITY = 0.01
 """Chance of reporting a straight RVDT as curved."""
 
 REMOUNT_FALSE_ALARM_PROBABILITY = 1e-6
-"""The fixture was remounted between two placements if differences as large as theirs have a lower probability than this
-for a fixture that was not touched."""
+"""The fixture counts as remounted between two placements if an untouched fixture would cause differences as large as
+the observed ones with a lower probability than this."""
 
 REPEAT_REFUSAL_PROBABILITY = 1e-4
 """The calibration is refused if the repeat of a pose is less probable than this, however large the sigmas are: the slip
@@ -84,10 +84,10 @@ SMALLEST_NOISE_SCALE = 0.25
 pose sets without a fault have chi2/dof below 1."""
 
 OTHER_START_MISFIT_SHARE = 0.5
-"""The fit from a second start replaces that from the first if its misfit is below this share of the first's misfit."""
+"""The fit from a second start replaces the first fit if its misfit is below this share of the first fit's."""
 
 OTHER_SOLUTION_COST_SHARE = 0.5
-"""Another solution is better if its squared closure error is below this share of that of the present solution."""
+"""Another solution is better if its squared closure error is below this share of the present solution's."""
 
 POSE_CHI2_UNPREDICTED = 20.0
 """A new pose with a larger chi2 contradicts its prediction from earlier poses. Among 3,000 poses of arms without a
@@ -147,8 +147,8 @@ LEAST_INFORMATION_SHARE = 0.5
 """A parameter counts as known from the files if the poses contribute a smaller share of its information."""
 
 WELL_CONDITIONED = 100.0
-"""If the scaled condition number at the readings is below this (which is also the paper's limit), all directions are
-identifiable: with an unidentifiable direction, noise of the readings does not lower it to this value."""
+"""If the scaled condition number at the readings is below this (the paper's limit), all directions are identifiable:
+with an unidentifiable direction, noise of the readings does not lower the condition number to this value."""
 
 # Poses
 
@@ -203,8 +203,7 @@ SATURATED_POSES = 3
 """At least this many readings within `SATURATED_SIGMAS` of the same end of full scale count as saturated."""
 
 RADIANS_SPAN_RAD = np.deg2rad(5.0)
-"""A joint whose readings span less than this even if they are radians does not move, whether they are radians or
-degrees."""
+"""A joint does not move if its readings span less than this even when taken as radians."""
 
 MOTION_SPREAD_SIGMAS = 6.0
 MOTION_SPREAD_RAD = np.deg2rad(0.05)
@@ -253,17 +252,16 @@ STUCK_JOINT_TURN_RAD = np.deg2rad(3.0)
 `STUCK_JOINT_CORRECTION_RAD`."""
 
 STUCK_JOINT_CORRECTION_RAD = np.deg2rad(0.5)
-"""The loops determine the joint's angles only if corrections of the other joints (rms) no larger than this close the
-loops without the joint's reading."""
+"""The loops determine the joint's angles only if they close, without the joint's reading, with corrections of the other
+joints (rms) no larger than this."""
 
 STUCK_JOINT_CORRECTION_RATIO = 4.0
-"""A joint has turned without a change of its reading if the loop closes, with this joint free, with corrections this
-many times smaller than with the joint at rest, and if `STUCK_JOINT_MOTION_SHARE` is reached as well."""
+"""A joint has turned without a change of its reading if closing the loop takes this many times smaller corrections with
+the joint free than with the joint at rest, and if `STUCK_JOINT_MOTION_SHARE` is reached as well."""
 
 STUCK_JOINT_MOTION_SHARE = 0.1
 """With the joint at rest, the corrections have to be at least this share of the change of the readings. Smaller
-corrections may be due to a placement that is known only roughly; and with a ball, the loop hardly overdetermines the
-rotation of a joint."""
+corrections may be due to a roughly known placement. With a ball, the loop hardly overdetermines a joint's rotation."""
 
 STEP_RESIDUAL_SHARE = 0.25
 """A joint's reading has a step if a fitted step leaves at most this share of the sum of squares that a smooth curve

@@ -174,7 +174,7 @@ def drop_unidentifiable(
     `sigma_rad`: standard deviation of each joint's reading (n,), for closing the loops.
 
     Returns the loop with fewer unknowns, and the names of the parameters now fixed at their nominal values. The
-    remaining parameters have to be estimated again, because `x` belongs to other values of the fixed parameters.
+    remaining parameters have to be estimated again, because `x` was found with other values of the fixed parameters.
     """
     x = nearly_closing_parameters(model, q) if x is None else x
     J = jacobian_at_closed(model, x, q, sigma_rad)
@@ -203,7 +203,7 @@ def _choose(
     directions: tuple[UnidentifiableDirection, ...],
     fixture: set[str],
 ) -> int:
-    """Index of the parameter to fix: the offset of an immobile joint or, if none, the arm's least determined entry."""
+    """Index of the parameter to fix: an immobile joint's offset, else the least determined entry, the arm's first."""
     for direction in directions:
         for joint in direction.immobile_joints:
             if f"theta_off_{joint}" in direction.parameters:

@@ -45,7 +45,7 @@ def adjust_poses(
     *,
     near: tuple[FloatArray, FloatArray] | None = None,
 ) -> AdjustedPoses:
-    """Find the most likely corrections of joint angles `q` (m, n), rad, that close the loops with parameters `x` (P,).
+    """Return the most likely corrections of joint angles `q` (m, n), rad, that close loops with parameters `x` (P,).
 
     `near`: corrections (m, n) and unsensed angles (m, U), rad, to start from, if known.
     """
@@ -115,10 +115,10 @@ def loop_angles(
     *,
     near: tuple[FloatArray, FloatArray],
 ) -> tuple[LoopAngle, ...]:
-    """Estimate the unsensed arm joints' angles from readings `q` (m, n) and parameters `x` (P,), `covariance` (P, P).
+    """Estimate the angles of the unsensed arm joints from readings `q` (m, n), rad.
 
-    With c + J_q e + f + N du = 0 and S the covariance of J_q e + f, the best estimate of du has the covariance
-    ``N^+ (S - S E (E' S E)^-1 E' S) N^+'``. `near`: as in `adjust_poses`.
+    `x` (P,), `covariance` (P, P): parameters. With c + J_q e + f + N du = 0 and S the covariance of J_q e + f, the best
+    estimate of du has the covariance ``N^+ (S - S E (E' S E)^-1 E' S) N^+'``. `near`: as in `adjust_poses`.
     """
     adjusted = adjust_poses(model, x, q, noise, near=near)
     error = adjusted.error

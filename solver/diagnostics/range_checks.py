@@ -44,10 +44,10 @@ class RangeFinding:
 
 
 class ReadingsOutOfRangeError(SolverError):
-    """The readings cannot be from this arm; `code` is that of the first mistake or, if none explains them, of a joint.
+    """The readings cannot be from this arm.
 
     `findings`: joints and poses with readings outside the range. `causes`: simple mistakes that would explain the
-    readings; empty if no simple mistake does.
+    readings; may be empty. `code`: code of the first cause; without a cause, ``RANGE_`` and a joint number.
     """
 
     def __init__(
@@ -137,7 +137,7 @@ def _joints(columns: Sequence[int]) -> str:
 
 
 def _like_radians(arm: ArmModel, q: FloatArray) -> list[int]:
-    """Joints (0-based) whose readings hardly vary and, taken as radians, lie in their range."""
+    """Joints (0-based) whose readings are small and, taken as radians, move and lie in their range."""
     as_degrees = np.rad2deg(q)
     inside = 10 * (_outside(arm, as_degrees) > 0.0).sum(axis=0) <= len(q)
     small = (np.abs(q) < np.deg2rad(2.0 * np.pi)).all(axis=0)
@@ -165,7 +165,7 @@ def range_findings(
 
     Readings of `unsensed_joints` are not checked.
 
-    Raises `ReadingsOutOfRangeError` if at least half of the poses are far outside, and not because of turn counts.
+    Raises `ReadingsOutOfRangeError` if at least half of the poses are far outside for a reason other than turn counts.
     """
     q = poses.q_rad
     outside = _outside(arm, q)

@@ -243,7 +243,7 @@ def _noise_words(noise: SingleNoise, sensor: Rvdt) -> list[str]:
 def _share(
     sensed: ClosureModel, known: dict[str, float], q: FloatArray, joint: int, figures: RvdtFigures
 ) -> float:
-    """Share of the squared closure error at the readings that is removed by correcting those of one joint."""
+    """Share of the squared closure error at the readings that a correction of one joint's readings removes."""
     known = known | {f"theta_off_{joint}": float(wrap_angle(figures.theta_off_rad))}
     x = nominal_vector(sensed.parameters, known)
     better = q.copy()

@@ -89,7 +89,7 @@ def measure(
     angle, offset = sensor_angle(reading_rad, measured)
     deviation = reading_rad - angle
     curve = fit_curve(angle, deviation)
-    # The constant belongs to theta_off: deviations average to zero over the covered range.
+    # The constant is part of theta_off: deviations average to zero over the covered range.
     grid = np.linspace(curve.low, curve.high, GRID_POINTS)
     fitted = curve(grid)
     constant = float(np.mean(fitted))
@@ -197,7 +197,7 @@ def _of_spread(sd_lsb: FloatArray, samples: IntArray) -> SingleNoise:
 
     weight = (samples - 1) / (samples - 1).sum()
     pooled = float(weight @ sd_lsb**2)
-    # Below half an LSB some poses flicker and others do not: their scatter is taken from the poses.
+    # With noise below half an LSB some poses flicker and others do not: the spreads scatter more than chi2.
     between = float(weight**2 @ (sd_lsb**2 - pooled) ** 2)
     dof = float((samples - 1).sum())
     if between > 0.0:

@@ -86,10 +86,8 @@ class ExceededSpecification:
 def exceeded_specifications(fit: LinearFit) -> tuple[ExceededSpecification, ...]:
     """Return the sources that are certainly larger than stated, the one nearest to its stated value first.
 
-    A source twice as large as stated is more common than one ten times as large.
-
     A variance estimated with standard error s is distributed as chi2 with ``2 v^2 / s^2`` degrees of freedom
-    (Satterthwaite).
+    (Satterthwaite). The order is by plausibility: large ratios to the stated value are rare.
     """
     from scipy.special import chdtrc
 

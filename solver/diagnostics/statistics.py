@@ -43,7 +43,7 @@ def correlations(covariance: FloatArray) -> FloatArray:
     sd = np.sqrt(np.diagonal(covariance))
     sure = sd == 0.0
     safe = np.where(sure, 1.0, sd)
-    # The larger first: the product of two may be larger than a float.
+    # Divided by the larger first: the product of the two may overflow.
     out = covariance / np.maximum.outer(safe, safe) / np.minimum.outer(safe, safe)
     np.fill_diagonal(out, 1.0)
     return np.asarray(np.clip(out, -1.0, 1.0))
@@ -84,8 +84,8 @@ def chi2_test(chi2: float, dof: int) -> Chi2Test:
 def jackknife(fit: LinearFit) -> FloatArray:
     """Standard deviation of every parameter (P,), found by leaving out each pose of a mixed model in turn.
 
-    It is valid even if errors within a pose are correlated or the noise model is wrong, but does not include errors
-    common to all poses. Variances are not estimated again.
+    The result is valid even if errors within a pose are correlated or the noise model is wrong, but does not include
+    errors common to all poses. Variances are not estimated again.
 
     Raises `TooFewPosesError` if one pose fewer leaves no degree of freedom.
     """

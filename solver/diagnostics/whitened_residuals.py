@@ -8,7 +8,7 @@ with dx the parameters (those with a prior are among b) and V_i, Z_i at given va
 whitened by V_i, P = I - U U' projects out everything that dx and b explain. For further columns G the
 score is G'Pw, its covariance G'PG, and chi2 falls by s'(G'PG)^-1 s if they are fitted (Rao 1948): no refit is needed.
 
-Columns that belong to one pose each (`OwnColumns`) are block diagonal. With T = G'G in whitened coordinates and W the
+Columns that act in one pose each (`OwnColumns`) are block diagonal. With T = G'G in whitened coordinates and W the
 projection of G on the fitted columns, C = G'PG = T - W W', and the matrix inversion lemma needs only a matrix of the
 size of the fit, whatever the number of poses.
 """

@@ -61,7 +61,7 @@ def compliance_sizes(stated_deflection: tuple[float, float], *, rotations: int) 
         return np.array([0.0] * rotations + [(shift / own) ** 0.25] * 3)
     if shift == 0.0:
         return np.array([(turn / own) ** 0.25] * rotations + [0.0] * 3)
-    # Divided by b^2 the two equations leave a quadratic one for a / b.
+    # The ratio of the two equations is a quadratic equation for a / b.
     ratio = turn / shift
     half = 0.5 * other * (1.0 - ratio) / own
     quotient = -half + np.sqrt(half**2 + ratio)

@@ -50,8 +50,7 @@ class ComplianceTest:
 
 
 LEAST_LEFT = 1e-12
-"""If the share of a variance's information that remains when other variances are estimated, too, is below this, the
-share is due to rounding."""
+"""Estimating the other variances as well leaves a share of a variance's information; a share below this is rounding."""
 
 MOST_CERTAIN = 1e6
 """Largest ratio of a variance to its standard error that `interval` uses."""

@@ -30,7 +30,7 @@ class System(ReducedEquations):
     """Reduced closure equations of m poses (see the module).
 
     `angle` (m, n): corrected joint angles, rad, at which curves are evaluated. `distances`: misclosures (k,) and
-    derivatives (k, P) of the equations of measured distances, which do not belong to any pose.
+    derivatives (k, P) of the equations of measured distances, which are independent of the poses.
     """
 
     angle: FloatArray
@@ -173,7 +173,7 @@ class LinearModel(Layout):
                 add("fixture_give", rows, 1.0, name)
         names, indices = zip(*listed, strict=True)
         component, every = np.array(indices), np.stack(rates)
-        # A component that scales columns has only that noise which its columns do not represent.
+        # The noise of a component that scales columns is the part that its columns do not represent.
         missed = np.append(self.variance_rates.any(axis=0), False)[component]
         own = np.flatnonzero((component >= 0) & ~missed)
         return NoiseSources(
@@ -208,7 +208,7 @@ class LinearModel(Layout):
         return pose_slices(len(self.q))
 
     def whiten(self, system: System, v: FloatArray, root: FloatArray, poses: slice) -> Whitened:
-        """Whiten the Jacobian's columns at the `poses` that `system` holds; raises the error of `whitener`.
+        """Whiten the equations `system` of these `poses`; raises `PosesDoNotFitError` (see `whitener`).
 
         `root` (width - hard,): factors of the effects' columns, the square root of `group_variances` for unit variance.
         """
@@ -241,7 +241,7 @@ class LinearModel(Layout):
         return Whitened(poses=poses, M=M, w=w, L_inverse=L_inverse, C=C, noise=noise)
 
     def effects_at(self, b: FloatArray, angle: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Joint corrections (m, n) and fixture displacement (m, k) caused by unscaled effect coefficients b.
+        """Joint corrections (m, n) and fixture displacements (m, k) caused by effects with unscaled coefficients `b`.
 
         The corrections include the expected play and sag.
         """

@@ -1,7 +1,7 @@
 """Errors that the files of an arm and a fixture state.
 
-There are no flags: every source of error has a standard deviation (0: exact) and enters one linear mixed model
-(`solver.estimators.effects`) as noise, independent from pose to pose, or as an effect, with one value for all poses.
+Every source of error has a standard deviation; 0 means exact. In the linear mixed model (`solver.estimators.effects`) a
+source is noise, which is independent from pose to pose, or an effect, which has one value for all poses.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ class ErrorModel:
 
     @property
     def curves(self) -> tuple[SensorCurve, ...]:
-        """Linearity and gain errors of the analogue sensors whose file states one."""
+        """Curves (linearity and gain errors) of the analogue sensors that have any."""
         return tuple(a.curve for a in self.analogue if a.curve is not None)
 
     def at_poses(self, poses: IntArray) -> ErrorModel:

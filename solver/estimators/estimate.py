@@ -31,8 +31,9 @@ class Estimate:
     Attributes
     ----------
     x, covariance
-        Values (P,) of `parameters`, rad and m, angles in (-pi, pi], of all equivalent vectors the one nearest to the
-        nominal values; and their covariance (P, P) under the estimator's own noise model.
+        Values (P,) of `parameters`, rad and m, and their covariance (P, P) under the estimator's own noise model. Among
+        equivalent vectors, `x` is the nearest to the nominal values. Angles are in (-pi, pi], or within half a turn of
+        their nominal values if they have a prior.
     residual, rotation_rows
         Reduced closure error (m, r) at the *measured* joints; the first `rotation_rows` rows are rad, the others m.
     sigmas, flipped
@@ -135,7 +136,7 @@ def require_enough_poses(model: ClosureModel, poses: int, *, known: int = 0) -> 
 
 
 def closure_at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> ReducedError:
-    """Closure error at the *measured* joint angles (m, n), without derivatives, so that estimators can be compared.
+    """Closure error at the *measured* joint angles (m, n), rad, without derivatives.
 
     Unsensed joints take the angles that close each loop best; their readings are not used.
     """
@@ -146,7 +147,7 @@ def closure_at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> Re
 def _at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> ReducedError:
     if not model.unsensed_joints:
         return model.reduced(x, q, rates=False)
-    # Offsets of unsensed joints may belong to a placement, so each uses its own.
+    # Each placement may have its own offset of an unsensed joint.
     parts = model.parts()
     errors = [_at_unsensed_angles(part, x[columns], q[poses]) for part, columns, poses in parts]
     return model.with_all_joints_sensed().merged(errors)

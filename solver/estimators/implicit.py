@@ -232,7 +232,7 @@ def estimate_implicit(
 def linearise(
     error: LoopError, e: FloatArray, variance: FloatArray, deflection_variance: FloatArray
 ) -> LinearisedPoses:
-    """Eliminate unsensed angles from the loops linearised at corrections `e` (m, n); compute misclosure covariances."""
+    """Return the reduced system, with covariances, of loops linearised at corrections `e` (m, n)."""
     reduced = reduced_equations(error)
     E, B = reduced.E, reduced.B
     Bt, Et = np.swapaxes(B, -1, -2), np.swapaxes(E, -1, -2)

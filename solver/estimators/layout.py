@@ -118,8 +118,8 @@ _SOURCES = {
 class Group:
     """Columns that share a variance ``fixed + sum of rates * components``.
 
-    `source` is the group's name in an uncertainty budget, `names` are the names of the columns; each of `rates` is a
-    component's index and the factor of that component.
+    `source`: name of the group in an uncertainty budget. `names`: names of the columns. `rates`: index and factor of
+    each component.
     """
 
     source: str
@@ -161,10 +161,10 @@ class Layout:
                 raise ValueError(f"the tolerance of {name} must be positive")
         for joint in (a.joint for a in errors.analogue):
             if not 1 <= joint <= model.joint_count or joint in model.unsensed_joints:
-                raise ValueError(f"joint {joint} has no reading in use whose noise could be found")
+                raise ValueError(f"no reading of joint {joint} is used, so its noise is unknown")
         self.nominal = nominal_vector(parameters)
         self.soft: BoolArray = np.array([n in known for n in names], dtype=bool)
-        # Lengths before twists before offsets before the fixture's, so that each is one group of columns.
+        # Ordered as lengths, twists, offsets, placement, so that each kind is one group of columns.
         fixture = {*model.ground_side, *model.hand_side}
         self.soft_kind = np.array([_SOFT.index(_source(p, fixture)) for p in parameters], dtype=int)
         self.soft_index = np.concatenate(
@@ -233,7 +233,6 @@ class Layout:
             self.deflection_basis = by_group.leading(DEFLECTION_COLUMNS * groups)
 
     def _component(self, component: VarianceComponent) -> int:
-        """Add a component and return its index."""
         self.components.append(component)
         return len(self.components) - 1
 
@@ -266,7 +265,6 @@ class Layout:
         self._lay_out_deflection()
 
     def _lay_out_noise(self) -> None:
-        """Add the components of noise."""
         for a in self.errors.analogue:
             self._component(
                 VarianceComponent(
@@ -302,7 +300,6 @@ class Layout:
             )
 
     def _lay_out_curves(self) -> None:
-        """Add gain and curve of every analogue sensor."""
         for a in self.errors.analogue:
             if a.curve is not None and a.curve.lines:
                 gain = VarianceComponent(
@@ -327,7 +324,6 @@ class Layout:
                 self._group(f"rvdt_curve_{a.joint}", names, bend)
 
     def _lay_out_joints(self) -> None:
-        """Add play and sag of every joint."""
         if len(self.play.joints):
             # Play taken up to the same side in every pose is not noise but looks like an offset.
             sides = ("play", "approach")[: self.play.width]
@@ -416,7 +412,6 @@ class Layout:
 LENGTHS, TWISTS, OFFSETS, PLACEMENT = "lengths", "twists", "offsets", "placement"
 _SOFT = (LENGTHS, TWISTS, OFFSETS, PLACEMENT)
 """Sources of the parameters' priors, in the order of their columns."""
-
 
 _OFFSET = f"{DhKind.THETA_OFF.symbol}_"
 

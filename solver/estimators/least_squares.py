@@ -1,9 +1,9 @@
 """Damped, column-scaled Gauss-Newton for stacked closure equations.
 
 Minimises ``|r(x)|^2`` (paper, eqs. 5 and 6, iterated). Columns are scaled to unit norm [13], which makes the damping
-independent of units and gives the scaled condition number. The undamped step is tried first and taken whenever it
-descends; damping (Levenberg-Marquardt) is used only when it does not, so no step that was tried raises the cost. Only
-the triangular QR factor is kept (`triangle_of`), whose size does not grow with the number of poses.
+independent of units and gives the scaled condition number. The undamped step is tried first and taken if it lowers the
+cost; otherwise the step is damped (Levenberg-Marquardt) until it does. Only the triangular QR factor is kept
+(`triangle_of`), whose size does not grow with the number of poses.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ WELL_SEEN = 1e-6
 """If the reciprocal condition of the scaled triangle is above this, all directions are determined."""
 
 LAST_SHARE = 1e-12
-"""A step that would lower the cost by less than this share of the cost is the last. It is taken without
-evaluation: it is 1e-5 of the parameters' standard deviations, and the remaining error is a fraction of that."""
+"""A step that would lower the cost by less than this share of the cost is the last. This step is taken without
+evaluation, because it is only 1e-5 of the parameters' standard deviations."""
 
 LEFT_SHARE = 1e-14
 """A step is also the last if its successor would lower the cost by less than this share: undamped steps shrink by a
@@ -92,7 +92,6 @@ class Triangle:
         return np.asarray(inverse @ inverse.T)
 
     def _full_rank(self) -> bool:
-        """Whether all directions are determined."""
         from scipy.linalg import lapack
 
         condition, _ = lapack.dtrcon(self.T / column_scale(self.T))

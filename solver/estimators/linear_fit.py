@@ -70,7 +70,7 @@ class LinearFit:
         self.H[effects, effects] += 1.0
         self.half, determinant = inverse_root(self.H)
         self.coefficients = -(self.half @ (self.half.T @ right))
-        # One refinement: the squares of M cost half the digits, its product with them does not.
+        # One step of iterative refinement, because the inverse of H loses digits.
         residual = right + self.H @ self.coefficients
         self.coefficients -= self.half @ (self.half.T @ residual)
         # NaN stays NaN; `max` would return 0, the best of all fits.
@@ -381,7 +381,7 @@ def _triangular_root(H: FloatArray) -> FloatArray | None:
     if n <= SMALL:
         from scipy.linalg import lapack
 
-        # Symmetric, so its transpose is itself in the order of columns that LAPACK works on.
+        # H is symmetric, so its transpose is H in LAPACK's column order and needs no copy.
         factor, failed = lapack.dpotrf(H.T)
         return None if failed else np.asarray(lapack.dtrtri(factor, overwrite_c=True)[0])
     first, second = slice(0, n // 2), slice(n // 2, n)

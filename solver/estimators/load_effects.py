@@ -1,21 +1,21 @@
 """Deflections under load, from static equilibrium: a few columns instead of a free function of the pose.
 
-A joint's drive carries the arm, so its twist follows gravity's torque: sag of joint j is a compliance
-times tau_j(q). The magnitude of the compliance is unknown but its sign is known: it is taken as half-normal, |z| with
-z ~ N(0, 1), and its mean sqrt(2 / pi) gives the expected sag. The error of the gravity compensation, dtau,
+A joint's drive carries the arm, so the joint's twist follows gravity's torque: sag of joint j is a compliance
+times tau_j(q). The compliance has a known sign and an unknown magnitude, so it is taken as half-normal, |z| with
+z ~ N(0, 1); its mean sqrt(2 / pi) gives the expected sag. The error of the gravity compensation, dtau,
 acts on the fixture alone: joints in free mode carry no torque, so at rest, for a virtual motion of the free joints,
 
     J_f' F + dtau_f = 0,     N' F = 0
 
-(Murray, Li & Sastry, *A Mathematical Introduction to Robotic Manipulation*, 1994, eq. 6.4; of the closure Jacobian, J_f
-are the columns of the free joints, and N the columns of the fixture's own degrees of freedom, about which the fixture
-carries no moment). With ``F = E y``, ``E' N = 0``, and friction that limits the force at a singularity, the solution is
+(Murray, Li & Sastry, *A Mathematical Introduction to Robotic Manipulation*, 1994, eq. 6.4). J_f and N are the columns
+of the closure Jacobian for the free joints and for the fixture's own degrees of freedom, about which the fixture
+carries no moment. With ``F = E y``, ``E' N = 0``, and friction that limits the force at a singularity, the solution is
 
     F = -E (K K' + rho^2 I)^-1 K dtau_f,     K = E' J_f,
 
 linear in dtau, which is linear in the errors of masses and centres (`solver.chain.statics`): F = W z,
-z ~ N(0, I). A pose file does not state which joints were in position mode: every set of as many joints as the loop has
-degrees of freedom is possible, and W holds the columns of all sets with equal weights.
+z ~ N(0, I). A pose file does not state which joints were in position mode. Any set of as many joints as the loop has
+degrees of freedom is possible; W holds the columns of up to `MOST_DRIVE_SETS` sets, with equal weights.
 
 Each half of the fixture has a compliance (`solver.estimators.compliance`). The leading eigenvectors
 of the displacements' covariance (by Nystroem's method, from poses far apart) are the columns, scaled to the stated
@@ -72,7 +72,7 @@ class JointLoads:
     """Effects of gravity on n joints at m poses.
 
     `expected`: expected twist (m, n). `columns` (m, n, c): deviations from it. `missed` (m, n): variance that these
-    columns leave out, the whole variance for a joint on which gravity has no lever arm. `side` (m, n): expected side,
+    columns leave out (all of it for a joint on which gravity has no lever arm). `side` (m, n): expected side,
     between -1 and 1, to which gravity moves every joint within its play.
     """
 
@@ -196,7 +196,7 @@ def load_basis(
             torque[poses[cut]] = one.torques(cut)
     gravity = Gravity.of(placements[0][1], torque)
     joints = gravity.effects(torque)
-    # The largest array of all: with many poses it is computed once more at each request.
+    # The torques need most memory: with many poses they are computed again where needed.
     of_few = torque if m <= BLOCK_POSES else None
     del torque
     deflection = np.zeros((m, k, deflection_columns * len(parts)))

@@ -189,7 +189,7 @@ def _iterate(
                 fit, derivatives, newton_step, far=largest_step > COMPARABLE_SIGMA
             )
             if iterations >= FREE_ITERATIONS and newton_step.slope < NEGLIGIBLE_GAIN:
-                # Not a reason to continue: the parameters converge with the present variances.
+                # The variances are fixed from here on; the parameters converge with the present ones.
                 free, newton_step, v = False, ScoringStep.none(len(v)), fit.v
         steady_limit = STEADY_VARIANCE_SIGMA if ascent.fast else CREEPING_VARIANCE_SIGMA
         converged = remaining < settled and (
@@ -248,7 +248,7 @@ def gravity_share(fit: LinearFit) -> float:
 
 
 def _start(design: LinearModel, x0: FloatArray, v: FloatArray, near: FitStart | None) -> State:
-    """Return the state of `near`; if None, the readings, with unsensed angles that best close the loops."""
+    """Return the state of `near`; if None, the state at the readings, where unsensed angles close the loops best."""
     x, q = np.array(x0, dtype=float), design.q
     if near is not None:
         e, u = near.corrections, near.unsensed

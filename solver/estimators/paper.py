@@ -63,7 +63,7 @@ def estimate_paper(
 
 
 def closure_problem(model: ClosureModel, q: FloatArray) -> Problem:
-    """Return the closure errors of the poses `q` (m, n), rad, as a least-squares problem, a block of poses at a time.
+    """Return the least-squares problem of the poses `q` (m, n), rad; it is evaluated a block of poses at a time.
 
     The problem gives the closure error c and the paper's C = dc/dphi (eqs. 5, 6 and 13) at parameters (P,).
     """

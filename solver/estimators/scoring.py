@@ -48,8 +48,8 @@ SCALE_SD = float(np.log(2.0))
 """Standard deviation of the logarithm of a source's scale (ratio to the stated one): a factor of two is one sigma."""
 
 SCALE_CORRELATION = 0.5
-"""Correlation of the logarithms of two scales of one group (`_scale_groups`): a file that states one size with a margin
-usually states all so. Half of the variance is common, so sources that the poses hardly determine follow the others."""
+"""Correlation of the logarithms of two scales of one group (`_scale_groups`): a file with a margin in one stated size
+usually has it in all. Half of the variance is common, so sources that the poses hardly determine follow the others."""
 
 LARGEST_COMMON = 3.0 * SCALE_SD
 """Largest deviation of a scale's logarithm that is evidence about the others: an absent source (an eighth of the size
@@ -152,7 +152,7 @@ def _scale_prior(design: Layout, t: FloatArray) -> tuple[FloatArray, FloatArray,
 
     Returns the gradient (K,), and the second derivative as a positive definite matrix (K, K) plus a diagonal (K,). With
     ``g = L tanh(t / L)`` and L = `LARGEST_COMMON`, the energy is ``(sum t^2 / own - shared (sum g)^2) / 2 SCALE_SD^2``,
-    with a sum of g for each group; for small t it is that of normal variables.
+    with a sum of g for each group; for small t, this is the energy of normal variables.
     """
     scaled, groups = design.scaled.astype(float), _scale_groups(design)
     own = 1.0 - SCALE_CORRELATION * groups.sum(axis=0)
@@ -170,7 +170,7 @@ def _scale_prior(design: Layout, t: FloatArray) -> tuple[FloatArray, FloatArray,
 
 
 def _scale_groups(design: Layout) -> FloatArray:
-    """Which scales are correlated (groups, K), 1 or 0: those of the links, and those of joints, sensors and fixture.
+    """Groups of correlated scales (groups, K), 1 or 0: links; then joints, sensors and fixture.
 
     Joints and a fixture that are better than stated do not make the lengths and twists of the maker's table more
     certain. The scale of the fixture's placement is independent of both.
@@ -179,7 +179,7 @@ def _scale_groups(design: Layout) -> FloatArray:
     of_links = np.isin(names, (LENGTHS, TWISTS))
     moving = design.scaled & ~of_links & (names != PLACEMENT)
     groups = np.stack((of_links, moving)).astype(float)
-    # A single scale has nothing in common with another.
+    # A group of one scale has no correlation.
     return np.asarray(groups[groups.sum(axis=1) > 1.0])
 
 
@@ -223,9 +223,8 @@ def step(fit: LinearFit, derivatives: Derivatives) -> ScoringStep:
     high = np.minimum(ceiling, np.maximum(LARGEST_VARIANCE_RATIO * v, raise_limit))
     rate = np.where(scaled, 2.0 * v, 1.0)
     known = np.diagonal(derivatives.information) * rate**2
-    determined = (
-        known > 0.0
-    )  # components without information (by rounding even below zero) do not change
+    # Components without information (by rounding even below zero) do not change.
+    determined = known > 0.0
     size = np.sqrt(np.where(determined, known, 1.0))
     unit = rate / size
     score = derivatives.score * unit
@@ -243,7 +242,7 @@ def step(fit: LinearFit, derivatives: Derivatives) -> ScoringStep:
         return np.where(scaled, 0.5 * np.log(np.maximum(bound, TINY) / v), bound - v) * size
 
     def bounded(metric: FloatArray) -> FloatArray:
-        """Solve for the change; variances that would leave their bounds are set to them, and the rest solved again."""
+        """Solve for the change; set variances that would leave their bounds to these, and solve again for the rest."""
         change, free = np.zeros(len(v)), moving.copy()
         ridged = metric + 1e-9 * np.eye(len(v))
         while free.any():

@@ -67,7 +67,7 @@ class PoseProcess:
 
 
 def pose_process(q: FloatArray, *, group: IntArray | None = None) -> PoseProcess:
-    """Return the process at joint angles `q` (m, n), rad; it is independent between groups of poses (`group`: (m,))."""
+    """Return the process at joint angles `q` (m, n), rad, independent between the groups of poses in `group` (m,)."""
     spread = np.maximum(q.std(axis=0), 1e-9)
     moving = np.ptp(q, axis=0) > np.deg2rad(0.5)
     angle = q[:, moving]

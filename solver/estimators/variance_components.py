@@ -1,8 +1,8 @@
 """The implicit estimator with every stated source of error: parameters, effects and variances at once.
 
-The specification of an encoder can be relied upon, but not the stated noise of an RVDT or compliance of a fixture, and
-a maker's lengths are known within a tolerance. All errors form one linear mixed model (`solver.estimators.effects`),
-iterated by `solver.estimators.mixed_fit`.
+The specification of an encoder is reliable; the stated noise of an RVDT and the stated compliance of a fixture are not,
+and a maker's lengths are known only within a tolerance. All errors form one linear mixed model
+(`solver.estimators.effects`), iterated by `solver.estimators.mixed_fit`.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class VarianceComponents:
     Attributes
     ----------
     components, variances
-        Every component with its interval; every estimated variance component, by its name in the error model.
+        Standard deviations of RVDTs and fixture with intervals; every estimated variance by component name.
     compliance
         Test whether the fixture is more compliant than stated; None if it was not made.
     noise
@@ -82,8 +82,8 @@ class Calibrated:
     """An estimate, its variance components, and the linear fit that further tests use.
 
     `linear`, `order`: the fit, with its poses in canonical order, and the caller's index (m,) of each of these poses.
-    `derivatives`: those of the likelihood with respect to the variances, at the solution. `unsensed`: unsensed angles
-    (m, U), rad, in the caller's order.
+    `derivatives`: derivatives of the likelihood with respect to the variances, at the solution. `unsensed`: unsensed
+    angles (m, U), rad, in the caller's order.
     """
 
     estimate: Estimate
@@ -142,7 +142,7 @@ def estimate_with_errors(
 
 
 def estimate_of(fitted: MixedFit, order: IntArray) -> Estimate:
-    """Return the estimate from a fit, in the caller's order of poses; `order` (m,): index there of each pose."""
+    """Return the estimate from a fit, in the caller's order of poses; `order` (m,): the caller's index of each pose."""
     fit, design = fitted.fit, fitted.fit.design
     error = closure_at_readings(design.model, fitted.x, design.q)
     return Estimate(
@@ -174,7 +174,7 @@ def settle(
     variances: Callable[[Layout], FloatArray] | Mapping[str, float] | None = None,
     progress: Progress | None = None,
 ) -> tuple[MixedFit, IntArray]:
-    """Make the fit of `estimate_with_errors`, without the report; also return the caller's index of each of its poses.
+    """Return the fit of `estimate_with_errors`, without the report, and the caller's index (m,) of each of its poses.
 
     `near`: see `fit_mixed`. `variances`: fixed variances by name, or a function of the layout that returns them (K,).
     """

@@ -1,7 +1,7 @@
 """Loop closure: error of a chain that should end where it starts, and its derivatives.
 
-The estimators use a fixture only through `ClosureModel`. It has the part common to all fixtures; a subclass adds the
-closure error and its Jacobians.
+The estimators use a fixture only through `ClosureModel`, the part common to all fixtures. A subclass adds the closure
+error and its Jacobians.
 """
 
 from __future__ import annotations
@@ -176,7 +176,7 @@ class ClosureModel(ABC):
         """Return the same loop with these entries of the arm's table unknown as well."""
 
     def angle_of(self, u: FloatArray, joint: int) -> FloatArray:
-        """Angle (..., m) of an unsensed arm joint (1-based): arm joints are last in the unsensed angles (..., m, U)."""
+        """Angle (..., m), rad, of an unsensed arm joint (1-based); in `u` (..., m, U) arm joints are last."""
         return u[..., self.unsensed_joints.index(joint) - len(self.unsensed_joints)]
 
     def reduced(self, x: FloatArray, q: FloatArray, *, rates: bool = True) -> ReducedError:
@@ -229,8 +229,8 @@ class ClosureModel(ABC):
         return ()
 
     def arm_rows(self) -> FloatArray:
-        """Nominal rows 1..n (5, n): theta_off, s, a, alpha, beta; ValueError if placements have a table each."""
-        raise ValueError("several placements have no one table: ask their `parts`")
+        """Nominal rows 1..n (5, n): theta_off, s, a, alpha, beta; ValueError if each placement has its own table."""
+        raise ValueError("several placements have no common table: use their `parts`")
 
     @property
     def constrained_part(self) -> ConstrainedPart | None:
@@ -265,7 +265,7 @@ class ClosureModel(ABC):
 
 
 def pose_blocks(model: ClosureModel, q: FloatArray) -> tuple[tuple[ClosureModel, FloatArray], ...]:
-    """Cut the poses `q` (m, n) into blocks: the model of each block's poses, and their joint angles (m_k, n)."""
+    """Return the model and the joint angles (m_k, n) of each block of the poses `q` (m, n)."""
     if len(q) <= BLOCK_POSES:
         return ((model, q),)
     every = np.arange(len(q))
@@ -280,14 +280,14 @@ def unsensed_at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> F
 
 
 def nearest_equivalent(model: ClosureModel, x: FloatArray, reference: FloatArray) -> FloatArray:
-    """Of the parameter vectors equivalent to `x`, return the one nearest to `reference` (P,); 1 rad counts as 1 m."""
+    """Return the vector nearest to `reference` (P,) among those equivalent to `x` (P,); 1 rad counts as 1 m."""
     parameters = model.parameters
     nearest, distance = np.asarray(x), np.inf
     while True:
         candidates = model.equivalents(nearest)
         squares = (wrap_angles(parameters, candidates - reference) ** 2).sum(-1)
         best = int(np.argmin(squares))
-        # Several placements list only some of their many combinations: continue from the best of them.
+        # `Placements` lists only some of many combinations: continue from the best of them.
         if not squares[best] < distance * (1.0 - 1e-12):
             return nearest
         unchanged = bool((candidates[best] == nearest).all())

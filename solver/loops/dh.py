@@ -86,8 +86,8 @@ class DhLoop(ArmLoop):
         turned = x_end.conj() / size
         n, p = turned * (R13 + 1j * R23), turned * (px + 1j * py)
         w, v = (turned * (columns[:, k] + 1j * columns[:, k + 1]) for k in (0, 3))
-        # theta_0 changes with every parameter so that R21 stays zero (eq. 12): w_z R11 = w_x R31. It turns the end
-        # about z_-1, which changes w_z and the position.
+        # theta_0 changes with every parameter so that R21 stays zero (eq. 12): w_z R11 = w_x R31. This change turns the
+        # end about z_-1 and so changes w_z and the position.
         w_z = w.real * (R31 / size)
         swing, swing_rate = _swing(n, R33, w, w_z)
         jac = np.empty((len(columns), 5, *columns.shape[2:]))
@@ -140,7 +140,7 @@ class DhLoop(ArmLoop):
 
     @property
     def ground_side(self) -> tuple[str, ...]:
-        """Unknown entries of link 0, and s_1, theta_off_1 if unknown: measured from the common normal of z_-1, z_0."""
+        """Unknown entries of link 0, and s_1 and theta_off_1 if unknown; all depend on the fixture's axis."""
         return tuple(
             e.name
             for e in self.entries
@@ -177,7 +177,7 @@ class DhLoop(ArmLoop):
         return (frames.origins_m[0, 1:] - p_0) @ R_0, frames.axes[0, -1, :, 2] @ R_0
 
     def fixture_axis(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Origin (m) and z axis of frame -1, which are constant in frame 0."""
+        """Origin (3,), m, and z axis (3,) of frame -1, both constant in frame 0."""
         still = np.zeros(self.joint_count)
         frames = self.frames(x, still[None, :], np.zeros((1, len(self.unsensed_rows))))
         R_0, p_0 = frames.axes[0, 1], frames.origins_m[0, 1]

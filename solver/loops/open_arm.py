@@ -77,7 +77,7 @@ class MeasuredClosure(ArmLoop):
         return own[..., :3] + (R_base @ tip[..., None])[..., 0], R_tip
 
     def placements(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """T_instrument_base and T_flange_target, (4, 4) each, m; points alone leave the target's rotation nominal."""
+        """T_instrument_base and T_flange_target, (4, 4) each, m; without orientations, tip_r* are nominal."""
         own = self.own_values(x)[0]
         R_base = rotation_matrix(own[3:6]) @ self.base_rotation
         R_tip = rotation_matrix(own[9:]) @ self.tip_rotation
@@ -130,7 +130,7 @@ class MeasuredClosure(ArmLoop):
         return select_poses(self, poses, "endpoint_m", "endpoint_rotation")
 
     def fixture_axis(self, x: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-        """Target's measured position in the base frame, m, and a zero axis; None unless the model is of one pose."""
+        """Target's measured position in the base frame, m, and a zero axis; None unless bound to exactly one pose."""
         if self.endpoint_m is None or len(self.endpoint_m) != 1:
             return None
         own = self.own_values(x)[0]

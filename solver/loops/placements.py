@@ -4,7 +4,7 @@ The arm's parameters are shared; those of the fixture carry the placement's numb
 placement names have no number.
 
 Some entries of joints 1 and n are measured from the hinge axis: theta_off_1 and s_1 from its common normal with joint
-1's axis, theta_off_n to its common normal with joint n's axis. So these entries belong to the placement
+1's axis, theta_off_n to its common normal with joint n's axis. So these entries depend on the placement
 (`ClosureModel.ground_side`, `hand_side`), with names like ``theta_off_1[2]``. No information is lost: a
 rotation of joint 1's zero is a rotation of all placements about joint 1's axis, which no closed loop determines. If the
 tool keeps its half of the fixture (a ball, while sockets change), `same_hand` shares the tool's unknowns too,

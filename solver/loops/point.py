@@ -23,11 +23,11 @@ GROUND = ("ground_x", "ground_y", "ground_z")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PointClosure(ArmLoop):
-    """An arm of links 1..n with a ball on the tool, in a socket; `own` lists which of tip_x .. ground_z are unknown.
+    """An arm of links 1..n with a ball on the tool, in a socket on the table.
 
-    `tip_m`, `ground_m`: nominal centre of the ball in the flange frame, and of the socket in the base frame, (3,). The
-    arm's theta_off_1 and s_1 do not belong to a placement: they cannot be separated from a rotation or a lift of all
-    sockets, however many there are.
+    `tip_m`, `ground_m`: nominal centre of the ball in the flange frame, and of the socket in the base frame, (3,).
+    `own`: unknowns among tip_x .. ground_z. theta_off_1 and s_1 are the same in all placements, but they cannot be
+    separated from a rotation or a lift of all sockets, however many there are.
     """
 
     OWN: ClassVar[tuple[str, ...]] = TIP + GROUND
@@ -65,7 +65,7 @@ class PointClosure(ArmLoop):
     def constraint_entries(
         self, ground: Line, hand: Line, rotation: FloatArray
     ) -> dict[str, float]:
-        """Centres of ball and socket by name, m: the points moved by the nominal theta_off_1, s_1 and row n."""
+        """Centres of ball and socket by name, m: the points of `hand` and `ground`, with nominal rows n and 1."""
         table = self.table
         # Links n and 1 have their nominal values.
         c, s = np.cos(table.theta_off_rad), np.sin(table.theta_off_rad)

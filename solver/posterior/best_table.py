@@ -1,4 +1,4 @@
-"""The D-H table that, without corrections of readings, comes closest to the tool position of the full model.
+"""The D-H table that best reproduces the full model's tool position without corrections of readings.
 
 Part of a fit consists of corrections of readings, which a controller or a URDF cannot apply. The best table T minimises
 the mean square of fk_T(q) - fk(q) over the poses where the arm is used; fk is the posterior mean of the tool position,

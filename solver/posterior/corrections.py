@@ -1,14 +1,14 @@
-"""Corrections of joint readings as plain data, which a controller may apply in addition to the identified D-H table.
+"""Corrections of joint readings, as data for a controller that can apply them with the identified D-H table.
 
 True angle = reading + theta_off + the sum of a joint's corrections, each a function of the readings q:
 
     harmonic   c1 sin q_j + c2 cos q_j + c3 sin 2 q_j + c4 cos 2 q_j        encoder, once and twice a turn
     linearity  sum_k c_k x^k,  x = (q_j - middle) / half, |x| <= 1.2        RVDT, gain and linearity deviation
-    gravity    sum_k z_j . ((p_k - p_j) m_k + R_k h_k) x g,  k >= j         twist under load; m_k, h_k per joint
-    offset     c1                                                           play that lies to one side
+    gravity    tau_j of `solver.chain.statics`, with m_k, h_k per joint     twist under load
+    offset     c1                                                           play taken up to one side
 
 `sarcal help corrections` shows a function in plain Python that applies them. `JointCorrections` gives their
-coefficients and covariance. A fixture's deflection belongs to the mounting; it is no correction of the arm.
+coefficients and covariance. A fixture's deflection is not included, because it depends on the mounting.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ class Corrections:
 
 
 def corrections_of(joints: JointCorrections, readings: CorrectionShapes) -> Corrections:
-    """Return the corrections of a fit; that for play is the mean over the poses in `readings`."""
+    """Return the corrections of a fit; the correction for play is the mean over the poses in `readings`."""
     design = joints.fit.design
     errors, b = design.errors, joints.coefficients
     each: list[ReadingCorrection] = []
@@ -144,7 +144,7 @@ def _play(
 
 
 def _gravity(sagging: Mapping[int, FloatArray], masses: LinkMasses) -> Iterator[ReadingCorrection]:
-    """Convert each joint's coefficients (s,) of a torque's shapes to those of masses and first moments."""
+    """Convert each joint's coefficients (s,) of the torque's shapes to coefficients of masses and first moments."""
     n, stated, sd = len(masses.mass_kg), masses.moments, masses.moments_sd
     downs = [tuple(down) for down in (masses.down.tolist(), *masses.tilted.tolist())]
     for joint, shapes in sagging.items():

@@ -57,9 +57,9 @@ CLOSED = 1e-9
 class LocalMinimum:
     """One solution of the search.
 
-    `x`: parameters (P,), of all equivalent vectors the one nearest to the nominal values. `rms`: root mean square of
-    the reduced closure error over all poses (1 m : 1 rad). `starts`: number of starts that ended here. `flipped`: poses
-    (indices) that this solution puts on the flipped branch; a solution with such poses is invalid.
+    `x`: parameters (P,), the nearest to the nominal values among equivalent vectors. `rms`: root mean square of the
+    reduced closure error over all poses (1 m : 1 rad). `starts`: number of starts that ended here. `flipped`: poses
+    (indices) on the flipped branch of this solution; a solution with such poses is invalid.
     """
 
     x: FloatArray

@@ -35,8 +35,8 @@ from solver.loops.endpoint_geometry import Line
 
 HALT_AFTER = 8
 SURVIVING_SHARE, FEWEST_SURVIVORS = 1.0 / 3.0, 30
-"""After `HALT_AFTER` iterations only the best third of the starts continues. It includes 80 to 100 % of the starts
-that would have reached the solution (random hinges, a ball), so with the same work twice as many starts reach it."""
+"""After `HALT_AFTER` iterations only the best third of the starts continues. This third includes 80 to 100 % of the
+starts that would have reached the solution (random hinges, a ball), and the work saved allows twice as many starts."""
 
 SEARCH_EQUATIONS = 72
 """Number of closure equations that the search uses: a few times the number of unknowns of any usual arm."""
@@ -71,7 +71,7 @@ def best_minima(
     """Minimise from all starts; return the best minima (P,), with the number of starts that ended in each."""
     parameters, parts = model.parameters, projectable_parts(model, q)
     if parts and parts[0].searched:
-        # The placement with the most poses determines the arm's offsets; the others only their own fixtures.
+        # The placement with the most poses determines the arm's offsets; the others determine only their fixtures.
         largest = max(parts, key=lambda part: len(part.q))
         count = -(-SEARCH_EQUATIONS // model.equations_per_pose)
         problem: BatchProblem = replace(largest, q=spread_poses(largest.q, count))

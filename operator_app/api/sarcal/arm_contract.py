@@ -1,4 +1,4 @@
-"""Requirements of `sarcal` on an arm, as tests that a package runs on its simulator or on an arm free to move.
+"""Tests that an arm meets the requirements of `sarcal`, for a package's simulator or an arm free to move.
 
 ::
 
@@ -43,7 +43,7 @@ class ConnectedArm:
 
     @property
     def drives(self) -> tuple[int, ...]:
-        """Joints (from 1) in position mode: all of an open chain; else the procedure's or, by default, the best set."""
+        """Joints (from 1) in position mode: in a closed chain the procedure's or the best set, else all joints."""
         fixture = self.procedure.fixture.fixture
         if not fixture.holds_hand:
             return tuple(range(1, self.n + 1))

@@ -204,7 +204,7 @@ class SimulatedChain:
     angles_rad
         Sensor readings (n,) after the last step.
     torques_nm
-        Joint torques (n,).
+        Joint torques (n,), N m, after the last step.
     """
 
     def __init__(

@@ -72,7 +72,7 @@ def plan(
 ) -> Plan:
     """Choose drive joints and the most informative poses, from nominal geometry, as ``sarcal plan`` does.
 
-    ``sarcal plan`` takes the seed of its procedure (1 in the built-in hinge); this function has 0.
+    ``sarcal plan`` uses the seed of its procedure (1 in the built-in ``hinge``); the default here is 0.
 
     Parameters
     ----------

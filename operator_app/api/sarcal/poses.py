@@ -67,7 +67,7 @@ class Poses:
         return self._set.label
 
     def to_csv(self, path: str | PathLike[str]) -> Path:
-        """Write a poses file in degrees, read back equal except for rounding, and return its path."""
+        """Write a poses file, angles in degrees, and return its path; rounding is the only loss."""
         target = Path(path)
         target.write_bytes(format_poses(self._set))
         return target
@@ -194,7 +194,7 @@ def load_poses(
     source
         Path of a file, or a data frame (with ``to_csv``, as in pandas, or ``write_csv``, as in polars) that has the
         columns ``theta1_deg`` to ``thetaN_deg``, and optionally ``placement``, ``pose``, ``sd1_deg``.., ``samples``,
-        ``x_m``,``y_m``,``z_m``. `Poses`, also those of a `Simulation`, are returned unchanged.
+        ``x_m``, ``y_m``, ``z_m``. `Poses`, also those of a `Simulation`, are returned unchanged.
     joint_count
         Required number of joints; None: any.
 

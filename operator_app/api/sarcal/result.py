@@ -158,8 +158,8 @@ class Result:
     def figure(self, name: str = "parameters") -> PaperFigure:
         """Return one figure for a paper, as wide as one or two columns of a journal.
 
-        A notebook shows it; ``figure("budget").savefig("budget.svg")`` writes it to a file, which may also be ``.pdf``
-        with the extra ``[plots]``.
+        A notebook shows the figure. ``figure("budget").savefig("budget.svg")`` writes it to a file; a ``.pdf`` needs
+        the extra ``[plots]``.
 
         Raises
         ------
@@ -184,8 +184,8 @@ class Result:
     ) -> FloatArray:
         """Return the pose of the tool in the arm's base frame, by default from the best D-H table.
 
-        The base frame is that of the arm file: entries of link 1 that depend on the mounting (`to_json`, ``side``:
-        ``ground``), such as ``s_1`` with a hinge, are not part of it, whatever their calibrated values.
+        The base frame is that of the arm file. Entries of link 1 that depend on the mounting (`to_json`, ``side``:
+        ``ground``), such as ``s_1`` with a hinge, do not move this frame, whatever their calibrated values.
 
         Parameters
         ----------
@@ -195,8 +195,8 @@ class Result:
             ``tip``: the point of the tool at the fixture (with a hinge, z is along its axis); ``flange``: frame n of
             the arm's own D-H table, as in an exported URDF, which stays valid in another mounting.
         corrections
-            Use the identified table and the corrections of the readings instead (`Result.corrections`): more accurate,
-            for a controller that can apply them.
+            Use the identified table and the corrections of the readings (`Result.corrections`) instead. This is more
+            accurate, but the controller has to apply the corrections.
 
         Returns
         -------
@@ -211,9 +211,10 @@ class Result:
         return self._calibrated_arm.T_base(self._readings(q_rad), frame, corrected=corrections)
 
     def tip_sigma(self, q_rad: ArrayLike) -> FloatArray:
-        """Return the standard deviation of the tip position from `fk`: root of the sum of the three variances, in m.
+        """Return the standard deviation of the tip position from `fk`, m.
 
-        It follows from the covariance of the parameters; errors of the readings are not included.
+        This is the root of the sum of the variances of x, y and z, from the covariance of the parameters. Errors of the
+        readings are not included.
 
         Parameters
         ----------
@@ -316,7 +317,8 @@ class Result:
         target = Path(path)
         kind = target.suffix.removeprefix(".")
         if into is None and kind not in (*YAML, *EXPORT_FILES):
-            raise ValueError(f"{target.name}: end in .yaml, .{', .'.join(EXPORT_FILES)}")
+            endings = ", .".join(("yaml", *EXPORT_FILES))
+            raise ValueError(f"{target.name}: give a path that ends in .{endings}")
         forced = export_reason(self._solution, force, stated_by='force="why"')
         if into is None and kind in YAML:
             save_parameters(target, self._document(forced=forced))
@@ -334,7 +336,7 @@ class Result:
         else:
             own = Path(into)
             if own.absolute() == target.absolute():
-                raise ValueError(f"{target}: it is the file of into=; name another")
+                raise ValueError(f"{target} is also the file of into=: give another path")
             read = read_limited(own, str(into), limit=DESCRIPTION_LIMIT_BYTES)
             data = into_description(what, read, own.name)
         write_atomically(target, data)

@@ -151,7 +151,7 @@ def test_export_into_missing_or_same_file_is_refused(result, tmp_path):
         result.export(tmp_path / "out.urdf", into=own)
     result.export(own)
     before = own.read_bytes()
-    with pytest.raises(ValueError, match="it is the file of into="):
+    with pytest.raises(ValueError, match="is also the file of into="):
         result.export(own, into=own)
     assert own.read_bytes() == before
 

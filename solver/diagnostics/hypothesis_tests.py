@@ -17,6 +17,7 @@ from solver.diagnostics.limits import FALSE_ALARM_PROBABILITY, OUTLIER_LARGEST_S
 from solver.diagnostics.model_selection import evidence
 from solver.diagnostics.statistics import sigmas_at
 from solver.diagnostics.whitened_residuals import WhitenedResiduals
+from solver.estimators.layout import UNMODELLED
 from solver.estimators.linear_fit import LinearFit
 
 ENTRIES = ("lengths", "twists")
@@ -147,7 +148,7 @@ def variance_tests(stated: LinearFit) -> list[HypothesisTest]:
     return [
         HypothesisTest(code=f"VARIANCE_{name.upper()}", statistic=float(s), threshold=float(t))
         for name, s, t in zip(names, z, largest, strict=True)
-        if name not in ("discrepancy", "placement")
+        if name not in ("discrepancy", "placement", UNMODELLED)
     ]
 
 

@@ -17,11 +17,11 @@ from functools import cached_property
 
 import numpy as np
 
-from solver.arrays import BoolArray, FloatArray, IntArray, pose_slices, select_poses
+from solver.arrays import FloatArray, IntArray, pose_slices, select_poses
 from solver.closing import Rates, ReducedEquations, reduced_equations
 from solver.estimators.error_model import distance_rows
 from solver.estimators.implicit import whitener
-from solver.estimators.layout import FIXTURE_NOISE, Layout
+from solver.estimators.layout import FIXTURE_NOISE, UNMODELLED, Layout
 from solver.estimators.shapes import JointShapes
 
 
@@ -78,17 +78,12 @@ class NoiseSources:
     """Noise of m poses by source (s), independent from pose to pose.
 
     `names`: sources. `rates` (s, m, n + k): variance along joints and closure components, per unit of the variance
-    component with index `component` (s,); the variance itself if the index is -1. `missed` (s,): whether the source
-    is the part of a repeatable effect that the effect's columns do not represent. If the effect is estimated to be
-    smaller than stated, this part is reduced by the same factor. It is not used to estimate the factor, because white
-    noise has no information about an effect that repeats.
-    `estimated` (c,), `derivatives` (m, n + k, c): components that the noise determines, and derivatives of the variance
-    by these.
+    component with index `component` (s,); the variance itself if the index is -1. `estimated` (c,): these components;
+    `derivatives` (m, n + k, c): derivatives of the variance with respect to them.
     """
 
     names: tuple[str, ...]
     component: IntArray
-    missed: BoolArray
     rates: FloatArray
     estimated: IntArray
     derivatives: FloatArray
@@ -103,8 +98,7 @@ class NoiseSources:
         return np.asarray((self._factors(v) @ self.rates.reshape(s, -1)).reshape(shape))
 
     def _factors(self, v: FloatArray) -> FloatArray:
-        factor = np.append(v, 1.0)[self.component]
-        return np.where(self.missed, np.minimum(factor, 1.0), factor)
+        return np.append(v, 1.0)[self.component]
 
 
 class LinearModel(Layout):
@@ -156,33 +150,31 @@ class LinearModel(Layout):
             add(f"rvdt_noise_{a.joint}", reading, a.share[poses, None], f"rvdt_{a.joint}")
         add("counts", joints, errors.joint_variance[poses] * read)
         if len(self.play.joints):
-            add("joint_play", joints, self.play.missed[poses], "play_sides")
+            add("joint_play", joints, self.play.missed[poses], UNMODELLED)
             add("joint_play", joints, self.backlash**2, "joint_play")
         if len(self.sags.joints):
-            add("sag", joints, self.sags.missed[poses], "sag")
+            add("sag", joints, self.sags.missed[poses], UNMODELLED)
         if errors.endpoint_variance.any():
             add("instrument", closure, errors.endpoint_variance[6 - self.rows :])
         for rows, stated in self.deflecting_rows:
             rate = self.deflection_basis.missed[poses, None] * self.free_deflection * stated**2
             along_rows = slice(n + rows.start, n + rows.stop)
-            add("fixture_give", along_rows, rate, "smooth_give")
+            add("fixture_give", along_rows, rate, UNMODELLED)
         if self.loaded is not None:
-            add("fixture_give", closure, self.loaded.missed(poses), "compliance")
+            add("fixture_give", closure, self.loaded.missed(poses), UNMODELLED)
         for name, rows in zip(FIXTURE_NOISE, (slice(n, n + 3), slice(-3, None)), strict=True):
             if name in self.index:
                 add("fixture_give", rows, 1.0, name)
         names, indices = zip(*listed, strict=True)
         component, every = np.array(indices), np.stack(rates)
-        # The noise of a component that scales columns is the part that its columns do not represent.
-        missed = np.append(self.variance_rates.any(axis=0), False)[component]
-        own = np.flatnonzero((component >= 0) & ~missed)
+        own = np.unique(component[component >= 0])
+        by_own = np.tensordot((own[:, None] == component).astype(float), every, 1)
         return NoiseSources(
             names=names,
             component=component,
-            missed=missed,
             rates=every,
-            estimated=component[own],
-            derivatives=np.ascontiguousarray(np.moveaxis(every[own], 0, -1)),
+            estimated=own,
+            derivatives=np.ascontiguousarray(np.moveaxis(by_own, 0, -1)),
         )
 
     def noise_variance(self, v: FloatArray) -> FloatArray:

@@ -65,6 +65,10 @@ NON_REPEATABLE_SHARE = 0.4
 as the repeatable part (smooth in the pose, or on one side of a joint). The data determine the non-repeatable part
 well and the repeatable part poorly, so each part has its own scale."""
 
+UNMODELLED = "unmodelled"
+"""Component of the part of play, sag and deflection that the columns of these effects leave out. It acts like noise, at
+most as large as stated; how much smaller, the scatter of the poses shows."""
+
 FIXTURE_NOISE = ("fixture_rad", "fixture_m")
 """Components of the part of a fixture's deflection that does not repeat: rotation, translation."""
 
@@ -298,6 +302,9 @@ class Layout:
                     name="joint_play", start=start**2, floor=(SMALLEST_SCALE * start) ** 2
                 )
             )
+        deflects = any(stated > 0.0 for _, stated in self.deflecting_rows)
+        if len(self.play.joints) or len(self.sags.joints) or deflects or self.loaded is not None:
+            self._component(VarianceComponent(name=UNMODELLED, ceiling=1.0))
 
     def _lay_out_curves(self) -> None:
         for a in self.errors.analogue:
@@ -376,7 +383,8 @@ class Layout:
     @property
     def motion_components(self) -> list[int]:
         """Indices of the components that scale the noise of fixture and joints."""
-        return [k for name, k in self.index.items() if name in (*FIXTURE_NOISE, "joint_play")]
+        moving = (*FIXTURE_NOISE, "joint_play", UNMODELLED)
+        return [k for name, k in self.index.items() if name in moving]
 
     @property
     def noise_components(self) -> list[int]:

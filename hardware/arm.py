@@ -153,13 +153,13 @@ class ArmSnapshot:
     Attributes
     ----------
     heartbeat_age_s
-        Time since each node's last heartbeat, by node number.
+        Time since each node's last heartbeat, s, by node number.
     token
         Number of the node in control; 0 if none.
     stopped, stopped_for
         Whether STOP is latched; the reason if no person pressed STOP, otherwise empty.
     late_s
-        Part of the oldest joint state's age that is host latency.
+        Part of the oldest joint state's age that is host latency, s.
     lateness
         Host latencies since the connection began.
     """

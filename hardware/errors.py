@@ -88,7 +88,7 @@ class NodeMissing(HardwareError):
 
 
 class NodeNotStarted(HardwareError):
-    """Nodes of the arm are on the bus but do not start; `nodes` maps each to what it does, as text."""
+    """Nodes of the arm are on the bus but do not start; `nodes` maps each node to its behaviour, as text."""
 
     def __init__(self, nodes: Mapping[int, str]) -> None:
         self.nodes = dict(nodes)

@@ -57,7 +57,7 @@ class LineStream:
             self._drop()
 
     def line(self, wait_s: float, name: str) -> str | None:
-        """Return the next whole line; None on time-out. At the end, `EOFError` with the last discarded line."""
+        """Return the next whole line; None on time-out. At end of file, `EOFError` with the last discarded line."""
         with self._news:
             self._news.wait_for(
                 lambda: self._ended or self._unended >= LONGEST or b"\n" in self._came, wait_s

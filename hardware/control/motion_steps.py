@@ -162,7 +162,7 @@ def move(
     """Move joints along a straight line in joint space, so that all arrive together.
 
     The move waits while samples are incomplete, and at its end for the joints to arrive. A non-empty result of `watch`
-    ends it and becomes its reason. On an alarm other than STOP, the joints first come to rest along the line, then the
+    ends the move, as its reason. On an alarm other than STOP, the joints first come to rest along the line, then the
     alarm is raised; if a drive trips, all others hold their positions.
     """
     loop, scales = link.loop, link.scales

@@ -199,7 +199,7 @@ class Sampler:
         return tuple(j for j, missed in enumerate(self._missed, 1) if missed >= self._max_misses)
 
     def wrong_lengths(self) -> dict[int, str]:
-        """Describe the last TPDO of each joint that sends one of another length than the profile's."""
+        """Describe, by joint, the last TPDO whose length differs from the profile's."""
         texts = dict[int, str]()
         for identifier, got in tuple(self._wrong_lengths.items()):
             at, _, answer = self._parts[identifier]

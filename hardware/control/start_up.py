@@ -38,7 +38,7 @@ from hardware.timing import Pace
 MARGIN: Final = 1.5
 """Factor on a stated time-out, for reaction time and late answers."""
 POLLS: Final = 10
-"""How many times the drives' states are read within `Timing.operator_timeout_s`."""
+"""Number of readings of the drives' states within `Timing.operator_timeout_s`."""
 
 _Object = tuple[int, int]
 """Node and index."""

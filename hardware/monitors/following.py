@@ -142,7 +142,7 @@ class _Joint:
 class StandstillMonitor:
     """Checks every sample after a quick stop; `windows_counts` limits each joint's distance from its rest position.
 
-    If `windows_counts` is empty, nothing is checked. A stopped drive holds at a target of its own, which the operator
+    If `windows_counts` is empty, nothing is checked. A stopped drive holds at a target of its own, which this program
     does not know, so the reference is the position where the joint came to rest. Joints in free mode are not checked,
     nor drives that report no power after a quick stop (605Ah below 5).
     """

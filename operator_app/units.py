@@ -17,7 +17,7 @@ Key = tuple[str | int, ...]
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """A display unit, with factors from SI to the display unit (`per_si`) and to the unit in JSON (`json_per_si`)."""
+    """A display unit; `per_si` and `json_per_si` convert from SI to this unit and to the unit in JSON."""
 
     unit: str
     per_si: float = 1.0
@@ -68,9 +68,9 @@ class Figure:
     places, digits
         Number of decimal places or, if `places` is None, of significant digits.
     role
-        ``text``, ``found`` (an identified value), ``warn``.
+        Role of the text: ``text``, ``found`` (an identified value) or ``warn``.
     key
-        Path of its key in the JSON object; empty: not in JSON.
+        Path of the number in the JSON object; empty: not in JSON.
     """
 
     value: float | None

@@ -1,4 +1,4 @@
-"""Exit codes of `sarcal`, a contract with scripts, and the code of each error."""
+"""Exit codes of `sarcal`, which are fixed because scripts use them, and the code of each error."""
 
 from __future__ import annotations
 

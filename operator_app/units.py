@@ -53,7 +53,7 @@ def quantity_of(parameter: Valued) -> Quantity:
 
 
 def in_json(parameter: Valued, value: float) -> float | None:
-    """Return a parameter's value in the units of the contract, deg and m; None if it is not finite."""
+    """Return a parameter's value in the units of the JSON output, deg and m; None if it is not finite."""
     return Figure(float(value), quantity_of(parameter)).in_json
 
 
@@ -98,7 +98,7 @@ class Figure:
 
     @property
     def in_json(self) -> float | None:
-        """The number at full precision, in the units of the contract; None if unknown."""
+        """The number at full precision, in the units of the JSON output; None if unknown."""
         if self.value is None or not math.isfinite(self.value):
             return None
         factor = self.quantity.json_per_si

@@ -27,7 +27,7 @@ Guard = Callable[[SessionSnapshot], str]
 
 
 def all_of(*guards: Guard) -> Guard:
-    """Return a guard that returns the reason of the first of these guards that refuses."""
+    """Return a guard with the reason of the first of `guards` that refuses; "" if none refuses."""
     return lambda s: next(filter(None, (guard(s) for guard in guards)), "")
 
 

@@ -281,7 +281,7 @@ CONNECT_AGAIN = (
 
 
 def resolving_tasks(error: Exception, kind: TaskKind) -> frozenset[TaskKind]:
-    """Return the kinds of task that resolve, if they succeed, the alarm about an `error` in a task of `kind`."""
+    """Return the kinds of task whose success resolves the alarm about `error`, raised in a task of `kind`."""
     # After a jump, all later readings are doubtful; with a stuck sensor, only readings of the excluded poses are.
     jumped = isinstance(error, errors.SensorFault) and not (
         isinstance(error, errors.DriveDiverged) or error.stuck

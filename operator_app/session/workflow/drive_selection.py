@@ -113,7 +113,7 @@ RESET_COUNTER_RAD = float(np.deg2rad(0.25))
 """Largest reading of a counter that was reset, including the motion of a joint when its drive is enabled."""
 
 HOMING_SPEED_RAD_PER_S = float(np.deg2rad(5.0))
-"""Slow enough for a person beside the arm to react."""
+"""Speed of the way home, slow enough for a person beside the arm to react."""
 
 
 def joints_outside_box(session: Session) -> str:

@@ -74,7 +74,7 @@ def export(
 def recorded_export(session: Session, active_document: bytes) -> Exported | None:
     """Return the session's recorded export; None if there is none, or if parameters.yaml was changed since.
 
-    Its `receipt` is None unless `active_document`, of the connected controller, is the one that was uploaded.
+    Its `receipt` is None unless the controller's `active_document` is the document that was uploaded.
     """
     exported, path = session.state.exported, session.journal.path.with_name(PARAMETERS_NAME)
     if not exported or not path.exists() or _sha256(path.read_bytes()) != exported.get("sha256"):

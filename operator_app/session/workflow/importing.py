@@ -220,7 +220,7 @@ def _procedure(
 REPRODUCIBLE_EVENTS = frozenset(
     {"opened", "imported", "pose", "solved", "checked", "exported", "closed"}
 )
-"""A session with no other events can be made again from its poses."""
+"""A session with these events only can be made again from its poses."""
 
 
 def replace_session(

@@ -79,7 +79,7 @@ class Choices:
 class Opening:
     """A session to be started or resumed; nothing is written yet.
 
-    `state`: the state recorded so far; of a new session, it has the sources only.
+    `state`: the state recorded so far; for a new session, only the sources.
     """
 
     folder: Path

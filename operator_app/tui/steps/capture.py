@@ -147,7 +147,7 @@ def _time_left(s: SessionSnapshot) -> str:
 
 
 class QualityPanel(Lines):
-    """Quality of the poses."""
+    """Condition number, weakest parameters, and coverage of the joint ranges."""
 
     TITLE = "What the poses determine"
     HELP = (

@@ -113,7 +113,7 @@ class ParametersPanel(TablePanel):
 
 
 class ResultsPlot(Lines):
-    """Residuals by pose and by joint, RVDT curves, D-H table; `v` shows the next page."""
+    """Residuals by pose and by joint, RVDT deviations, D-H table; `v` shows the next page."""
 
     TITLE = "Residuals (v: next)"
     HELP = (

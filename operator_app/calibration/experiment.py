@@ -1,4 +1,4 @@
-"""An experiment: measured poses of an arm in a fixture, their closed loops, and the parameters that they identify."""
+"""An experiment: poses of an arm in a fixture, their closed loops, and the identifiable parameters."""
 
 from __future__ import annotations
 

@@ -126,7 +126,7 @@ def _beside(calibrated: Calibrated, model: ClosureModel, q: FloatArray) -> FitSt
 def _noise_of_rvdts(
     sensors: Mapping[int, Rvdt], poses: PoseSet, kept: BoolArray, calibrated: Calibrated
 ) -> dict[int, SingleNoise]:
-    """Noise of single readings, by joint, from the spread of samples or else from the closure; omits unknown noise.
+    """Noise of single readings by joint, from the spread of samples or the closure, where known.
 
     Poses in which a joint moved while it was read are left out; `motion_causes` reports them.
     """

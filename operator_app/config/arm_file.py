@@ -72,7 +72,7 @@ class RowModel(StrictModel):
 
 
 class SensorFields(StrictModel):
-    """Base of sensors, whose keys, apart from `kind`, are the domain object's arguments in the units of the file."""
+    """Base of sensor models: keys other than `kind` are the domain object's arguments in file units."""
 
     makes: ClassVar[type[Sensor]]
 

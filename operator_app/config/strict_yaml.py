@@ -80,7 +80,7 @@ def _composed(text: str) -> Node | None:
 def resolve_plain(text: str) -> Scalar:
     """Return the value of an unquoted scalar; inf for a number that is not finite or too large for a double.
 
-    `ValueError` for a number with too many digits.
+    Raises `ValueError` for a number with too many digits.
     """
     if text in NULLS:
         return None
@@ -221,7 +221,7 @@ class YamlDocument:
         return tuple(self.problem(*complaint) for complaint in self.complaints)
 
     def problem(self, path: Path, text: str, remedy: str = "", mark: Mark | None = None) -> Problem:
-        """Build a problem at `path`; line and column: `mark`, or those of `path` or its nearest parent in the file."""
+        """Build a problem at `path`; its line is that of `mark`, of `path` or of the nearest parent."""
         place = path
         while place and place not in self.marks:
             place = place[:-1]

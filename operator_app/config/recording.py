@@ -34,7 +34,7 @@ RECORDING_LIMIT_BYTES = 1024 * 1024 * 1024
 
 LARGEST_ANGLE_RAD = 20.0 * np.pi
 PER_SECOND = ((1e17, 1e9), (1e14, 1e6), (1e11, 1e3), (0.0, 1.0))
-"""For ns, us, ms and s: largest time of a recording from which this unit is assumed, and units per second."""
+"""For ns, us, ms and s: smallest end time of a recording in this unit, and units per second."""
 
 SINCE_1970_S = 1e8
 """Times from this value on count from 1970; smaller ones count from the start of the recording."""

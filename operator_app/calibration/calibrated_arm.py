@@ -74,7 +74,7 @@ class CalibratedArm:
             return self.flange if frame == "flange" else self.hand
         if frame == "tip":
             return self.best.table
-        # The fixture's entries of the last link do not belong to the arm.
+        # Entries of the last link that the fixture determines are not the arm's own.
         return _with_last_link(self.best.rows, self.flange.stacked(), than=self.hand.stacked())
 
     @property
@@ -193,7 +193,7 @@ def hand_errors(calibrated: CalibratedArm, arm: ArmModel) -> HandErrors:
 
 
 def side_of(model: ClosureModel, name: str) -> Literal["arm", "ground", "hand"]:
-    """Return whether an unknown belongs to the arm, the table ("ground") or the tool ("hand").
+    """Return what an unknown describes: the arm, or the fixture on the table ("ground") or tool ("hand").
 
     Only the arm's parameters stay valid in another mounting.
     """

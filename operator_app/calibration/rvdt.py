@@ -184,7 +184,7 @@ class ReadingTable:
     """Corrections of the readings of one joint.
 
     `joint`: 1-based.
-    `theta_off_rad`: offset that belongs to corrected readings.
+    `theta_off_rad`: offset to be used with corrected readings.
     `gain`: change of reading per change of angle, ideally 1; included in the corrections.
     `reading_rad`, `add_rad`, `sigma_rad` (k,): readings in rising order; corrections to add to the readings, to be
     interpolated linearly; and their standard uncertainty.

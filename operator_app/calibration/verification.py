@@ -328,7 +328,7 @@ orientations. Three points determine all but three of their nine equations."""
 
 
 class NoTestError(ValueError):
-    """These poses cannot test the calibration; the text says why."""
+    """These poses cannot test the calibration; the text states why."""
 
 
 def verify_new_poses(

@@ -142,7 +142,7 @@ def kind_of(source: Resource) -> AnyKind | None:
 def _parsed(source: Resource, kind: AnyKind | None, joints: set[int]) -> FileContent:
     """Read a file of this kind; `joints`: numbers of joints of the arms read so far. Raises ConfigError."""
     data, file = source.data, source.file
-    # If the arms differ in their number of joints, it is unknown which arm this file belongs to.
+    # If the arms differ in their number of joints, the number for this file is not known.
     count = next(iter(joints)) if len(joints) == 1 else None
     match kind:
         case "arm":

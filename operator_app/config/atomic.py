@@ -103,7 +103,7 @@ def _represent_float(dumper: yaml.SafeDumper, value: float) -> yaml.Node:
     if not math.isfinite(value):
         raise ValueError(f"{value} cannot be written: only finite numbers can")
     text = repr(float(value))
-    # YAML 1.1 readers take 1e-08 for text.
+    # YAML 1.1 readers read 1e-08 as text.
     text = text if "." in text else text.replace("e", ".0e")
     return dumper.represent_scalar("tag:yaml.org,2002:float", text)
 

@@ -1,7 +1,7 @@
 """Reads strict YAML and records the line of every key.
 
 A subset of YAML 1.2: mappings, lists and plain scalars. Numbers are decimal, booleans are ``true``
-and ``false``; values that YAML 1.1 would take for another type (``yes``, ``12:30``, ``0x1F``, ``010``, dates) remain
+and ``false``; values that YAML 1.1 would read as another type (``yes``, ``12:30``, ``0x1F``, ``010``, dates) remain
 text, so that a schema that requires a number refuses them with a message. Anchors, aliases, tags, merge keys, duplicate
 keys and non-finite numbers are refused.
 """

@@ -172,7 +172,7 @@ def _chains(data: bytes, file: str, arm: ArmModel) -> Iterator[UrdfChain]:
 
 
 def _matching(chains: Iterable[UrdfChain], arm: ArmModel, file: str) -> UrdfChain:
-    """Return the chain whose rows are nearest to the arm's; raises ConfigError if all belong to another arm."""
+    """Return the chain whose rows are nearest to the arm's; raises ConfigError if no chain is of this arm."""
     n, candidates = arm.joint_count, list[tuple[float, str, UrdfChain]]()
     for chain in chains:
         if len(chain.joints) != n:

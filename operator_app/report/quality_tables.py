@@ -179,7 +179,7 @@ def truth_table(solution: Solution) -> FactTable | None:
     predicted = TRUE_ERROR(truth.predicted_rms_m, key=("truth", "predicted_mm_rms"))
     return FactTable(
         ident="truth",
-        title="The truth, which only the simulator knows",
+        title="True errors, which are known only for a simulated arm",
         columns=(*words("this arm is simulated"), *figures("found", "of, predicted")),
         rows=(
             ("entries within their 95 % intervals", inside, of),

@@ -301,7 +301,7 @@ def causes_table(solution: Solution) -> FactTable | None:
         rows.append((cause.code, probability, effect, cause.text, cause.remedy))
     return None if not rows else FactTable(
         ident="causes",
-        title="What may be wrong, by probability",
+        title="What may be wrong, with their probability",
         columns=(
             *words("cause"),
             *figures("probability", unit=SHARE.unit),

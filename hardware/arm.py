@@ -1,4 +1,4 @@
-"""The `ArmInterface` protocol that the workflow uses, and the data that it exchanges.
+"""The `ArmInterface` protocol, which the workflow uses, and the data types of its calls.
 
 Joints are numbered from 1. Angles are sensor coordinates (the measured theta of the paper, without offsets),
 continuous and never wrapped; counts are the drive's 6064h.
@@ -130,14 +130,14 @@ class JointState:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HostLatency:
-    """Latencies of this host that exceed the reporting limit: their number, the last and the longest latency, s."""
+    """Host latencies above the reporting limit: their number, the last and the longest, s."""
 
     times: int = 0
     last_s: float = 0.0
     longest_s: float = 0.0
 
     def with_event(self, by_s: float, *, new: bool) -> HostLatency:
-        """Return a copy with another latency, `by_s` long, if `new`; else with the last one at least `by_s` long."""
+        """Return a copy: with one more latency `by_s` if `new`, else with the last raised to `by_s`."""
         last_s = by_s if new else max(by_s, self.last_s)
         longest_s = max(last_s, self.longest_s)
         return HostLatency(times=self.times + new, last_s=last_s, longest_s=longest_s)
@@ -153,13 +153,13 @@ class ArmSnapshot:
     Attributes
     ----------
     heartbeat_age_s
-        Time since each node's last heartbeat, by node number.
+        Time since each node's last heartbeat, s, by node number.
     token
         Number of the node in control; 0 if none.
     stopped, stopped_for
-        Whether STOP is latched; the reason if it was not pressed by a person, otherwise empty.
+        Whether STOP is latched; the reason if no person pressed STOP, otherwise empty.
     late_s
-        Part of the oldest joint state's age that is host latency.
+        Part of the oldest joint state's age that is host latency, s.
     lateness
         Host latencies since the connection began.
     """
@@ -177,12 +177,12 @@ class ArmSnapshot:
 
     @property
     def positions_rad(self) -> FloatArray:
-        """Measured angles of all joints, shape (n,)."""
+        """Measured angles of all joints, rad, shape (n,)."""
         return np.array([joint.position_rad for joint in self.joints])
 
     @property
     def torques_nm(self) -> FloatArray:
-        """Torques of all joints, shape (n,)."""
+        """Measured torques of all joints, N m, shape (n,)."""
         return np.array([joint.torque_nm for joint in self.joints])
 
 
@@ -199,7 +199,7 @@ class Reading:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MoveResult:
-    """Result of a move; `reason` says why it ended if the joints did not reach their targets."""
+    """Result of a move; `reason`: why the move ended before the joints reached their targets."""
 
     reached: bool
     reason: str
@@ -247,7 +247,7 @@ class ArmInterface(Protocol):
         speed_rad_per_s: float,
         watch: Watch | None = None,
     ) -> MoveResult:
-        """Move joints in position mode to their targets, in a straight line in joint space; all arrive together."""
+        """Move joints in position mode to their targets, in a straight line in joint space."""
 
     def settle(self, *, window: int, spread_rad: Sequence[float], timeout_syncs: int) -> bool:
         """Wait until each joint's last `window` positions span no more than `spread_rad`; false on time-out."""
@@ -276,8 +276,8 @@ class ArmInterface(Protocol):
     def close(self) -> bool:
         """Hold the arm, switch its drives off, release control, stop heartbeats. May be called twice.
 
-        True means that the arm may be touched: no drive follows a command. False if the arm did not answer, or a
-        drive still follows commands.
+        Returns true if no drive follows commands, so that the arm may be touched; false if the arm did not answer or
+        a drive still follows commands.
         """
 
 
@@ -292,6 +292,6 @@ class PowerReporting(Protocol):
 
 @runtime_checkable
 class Recordable(Protocol):
-    """An arm that, from its next connection on, records its bus to the file `record_to`; None: no recording."""
+    """An arm that records its bus to the file `record_to` from the next connection on, unless None."""
 
     record_to: Path | None

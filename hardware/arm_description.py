@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointScale:
-    """Scale of one joint."""
+    """Linear relation of one joint's counts to its sensor coordinate (rad)."""
 
     counts_per_rad: float
     """Encoder: counts per turn / 2 pi; RVDT: 1 / (one count in rad). Negative if the drive counts backwards."""
@@ -90,7 +90,7 @@ class JointDescription:
 
     @property
     def scale(self) -> JointScale:
-        """Scale of the joint's sensor."""
+        """Scale of the joint's sensor, with count 0 at sensor coordinate 0."""
         return JointScale(counts_per_rad=self.sensor.counts_per_rad)
 
 

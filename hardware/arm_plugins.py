@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import entry_points
 from pathlib import Path
 
 import can
@@ -78,7 +78,10 @@ def offer(name: str) -> ArmOffer | None:
     """Return the offered arm of this name, or None. Raises `BusError` if there are two, or if loading fails."""
     if name in can.VALID_INTERFACES:
         return None
-    points = {(_package(p), p.value): p for p in entry_points(group=GROUP, name=name)}
+    points = {
+        (p.dist.name if p.dist is not None else p.module, p.value): p
+        for p in entry_points(group=GROUP, name=name)
+    }
     if not points:
         return None
     if len(points) > 1:
@@ -98,7 +101,3 @@ def offer(name: str) -> ArmOffer | None:
             "sarcal.arms.ArmOffer. Report this to the author of the package."
         )
     return loaded
-
-
-def _package(point: EntryPoint) -> str:
-    return point.dist.name if point.dist is not None else point.module

@@ -1,4 +1,4 @@
-"""Limits of commands and their checks, used before sending and by every virtual drive on receipt.
+"""Limits of commands, checked before sending and by every virtual drive on receipt.
 
 Positions in counts are in sensor coordinates.
 """
@@ -87,7 +87,7 @@ def refuse_target(limits: JointLimits, target_counts: float, previous_counts: fl
         return f"joint {limits.joint}: the target is not a finite number"
     step = abs(target_counts - previous_counts)
     if step > limits.max_step_counts:
-        return f"joint {limits.joint}: a step of {step:.0f} counts is more than {limits.max_step_counts}"
+        return f"joint {limits.joint}: the step of {step:.0f} counts exceeds {limits.max_step_counts} counts"
     outside = _distance_outside(limits, target_counts)
     if outside > 0.0 and not outside < _distance_outside(limits, previous_counts):
         return _out_of_range(limits, target_counts)
@@ -95,7 +95,7 @@ def refuse_target(limits: JointLimits, target_counts: float, previous_counts: fl
 
 
 def refuse_move(limits: JointLimits, target_counts: float, speed_rad_per_s: float) -> str:
-    """Return why a move to this target at this speed is refused, e.g. a target out of range; empty if allowed."""
+    """Return why a move to this target at this speed is refused; empty if it is allowed."""
     if not math.isfinite(target_counts):
         return f"joint {limits.joint}: the target is not a finite number"
     if not math.isfinite(speed_rad_per_s):
@@ -111,7 +111,6 @@ def refuse_move(limits: JointLimits, target_counts: float, speed_rad_per_s: floa
 
 
 def _distance_outside(limits: JointLimits, counts: float) -> float:
-    """Return the distance of a position from the joint's range, counts; 0 if it is in the range."""
     return max(limits.lower_counts - counts, counts - limits.upper_counts, 0.0)
 
 

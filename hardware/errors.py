@@ -41,11 +41,12 @@ class FramesLost(BusError):
 
     def __init__(self, requests: Mapping[int, tuple[int, int]]) -> None:
         self.requests = dict(requests)
-        counts = [f"{lost} of {sent} to node {node}" for node, (lost, sent) in requests.items()]
-        counted = ", ".join(counts)
+        counted = ", ".join(
+            f"{lost} of {sent} requests to node {node}" for node, (lost, sent) in requests.items()
+        )
         super().__init__(
-            f"The bus loses frames or delays them: of the requests {counted} were not answered in time. Check "
-            "cables, connectors, terminators, bitrate and any gateway."
+            f"The bus loses or delays frames: {counted} were not answered in time. Check cables, connectors, "
+            "terminators, bitrate and any gateway."
         )
 
 
@@ -63,14 +64,14 @@ class EndlessAnswer(BusError):
 
 
 class HostLatencyExceeded(BusError):
-    """The operator's computer was late since control was taken: `times` times, the last time by `last_s`."""
+    """Since control was taken, this computer was late `times` times, the last time by `last_s`."""
 
     def __init__(self, times: int, last_s: float) -> None:
         self.last_s = last_s
         often = "once" if times == 1 else f"{times} times"
         super().__init__(
-            f"this computer was too busy for the arm: it was late {often} since it took control, the last time by "
-            f"{last_s:.1f} s. In every attempt to upload it missed answers or lost control of the arm"
+            f"this computer was too busy: since control was taken it was late {often}, the last time by "
+            f"{last_s:.1f} s. Every attempt to upload missed answers or lost control of the arm"
         )
 
 
@@ -87,7 +88,7 @@ class NodeMissing(HardwareError):
 
 
 class NodeNotStarted(HardwareError):
-    """Nodes of the arm are on the bus but do not start; `nodes` maps each to what it does, as text."""
+    """Nodes of the arm are on the bus but do not start; `nodes` maps each node to its behaviour, as text."""
 
     def __init__(self, nodes: Mapping[int, str]) -> None:
         self.nodes = dict(nodes)
@@ -103,7 +104,7 @@ class WrongArm(HardwareError):
 
 
 class ProfileRemedy(Enum):
-    """How to make a bus profile accept an object that differs: the end of the sentence on how to set the object."""
+    """End of the remedy for an object that differs: how a bus profile can accept the object."""
 
     NONE = " (no bus profile can accept another value)"
     HEARTBEAT_PERIOD = ", or allow that period in a bus profile (heartbeat: slowest_ms)"
@@ -135,12 +136,12 @@ class ObjectMismatch:
 
 
 class MappingMismatch(HardwareError):
-    """Nodes differ from the profile; `differences`: one text for each difference and each node that does not answer."""
+    """Nodes differ from the profile; `differences` has a text per difference and per silent node."""
 
     def __init__(self, differences: Sequence[ObjectMismatch], silent: Sequence[str] = ()) -> None:
         self.differences = (*map(str, differences), *silent)
         super().__init__(
-            "These nodes are not set up as this program requires:  "
+            "These nodes are not set up as this program requires: "
             f"{'; '.join(self.differences)}. Nothing was enabled. {'. '.join(_remedies(differences))}, then connect "
             "again."
         )
@@ -224,7 +225,7 @@ class ControlDenied(HardwareError):
 
 
 class ModeNotReached(HardwareError):
-    """A drive did not report the requested mode or, if `not_following`, that it follows its target in that mode."""
+    """A drive did not report the requested mode or (`not_following`) that it follows its target."""
 
     def __init__(
         self, joint: int, wanted: str, actual: str, *, not_following: bool = False
@@ -277,9 +278,10 @@ class NodeRestarted(BusError):
 
     def __init__(self, nodes: tuple[int, ...], names: Sequence[str]) -> None:
         self.nodes = nodes
-        named = " and ".join(names)
+        named, one = " and ".join(names), len(names) == 1
+        has, counters = ("has", "its counter") if one else ("have", "their counters")
         super().__init__(
-            f"{named} has restarted, as after a loss of power: its counter may have been reset. Nothing "
+            f"{named} {has} restarted, as after a loss of power: {counters} may have been reset. Nothing "
             "has been captured since. Connect again: the arm is compared with its poses first"
         )
 
@@ -319,17 +321,17 @@ class DriveDiverged(SensorFault):
 
 
 class DuplicateNodeId(HardwareError):
-    """A node sends more answers than requested: two devices have its number, or another program sends it requests.
+    """A node sends surplus answers: two devices have its number, or another program sends it requests.
 
-    `asked_by_others`: whether requests from another program to every one of these nodes were received.
+    `asked_by_others`: whether another program was heard to send requests to each of these nodes.
     """
 
     def __init__(self, nodes: tuple[int, ...], *, asked_by_others: bool = False) -> None:
         self.nodes = nodes
         named = " and ".join(map(str, nodes))
         super().__init__(
-            f"another program sends SDO requests to node {named}, and the answers to it cannot be told from those to "
-            "this program. End that program, then connect again"
+            f"another program sends SDO requests to node {named}, and this program cannot distinguish the answers from "
+            "those to its own requests. End that program, then connect again"
             if asked_by_others
             else f"two devices answer as node {named}. Take one off the bus, or give it another number, then "
             "connect again"
@@ -365,7 +367,7 @@ class CommandRefused(HardwareError):
 
 
 class DriveNotReady(CommandRefused):
-    """A drive is in `state` and not in the one that a command requires; other drives may have been commanded.
+    """A drive is in a `state` that a command does not permit; other drives may have been commanded.
 
     `failed`: what could not be done; `conditions` as in `DriveDropout`.
     """

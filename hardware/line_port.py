@@ -31,11 +31,11 @@ CHUNK_BYTES = 64 * 1024
 KEPT_BYTES = 1024 * 1024
 """Largest number of bytes that are buffered; if more arrive unread, all are dropped."""
 IN_TRANSIT = 16 * 1024 * 1024
-"""Upper bound, bytes, of what a connection buffers: any bytes beyond it were sent after the question."""
+"""Largest number of bytes that a connection buffers; bytes beyond it were sent after the question."""
 
 
 class LineStream:
-    """Lines from a file descriptor, which a thread reads as they arrive, so that the sender never blocks."""
+    """Lines of a file descriptor; a thread reads them as they arrive, so that the sender never blocks."""
 
     def __init__(self, descriptor: int) -> None:
         self._descriptor = descriptor
@@ -57,7 +57,7 @@ class LineStream:
             self._drop()
 
     def line(self, wait_s: float, name: str) -> str | None:
-        """Return the next whole line; None on time-out; at end of file, `EOFError` with the line discarded last."""
+        """Return the next whole line; None on time-out. At end of file, `EOFError` with the last discarded line."""
         with self._news:
             self._news.wait_for(
                 lambda: self._ended or self._unended >= LONGEST or b"\n" in self._came, wait_s
@@ -127,7 +127,7 @@ def require_short(length: int, name: str) -> None:
     if length >= LONGEST:
         raise InstrumentError(
             f"{name} sends no lines: {length} bytes without an end of line. It must send one JSON "
-            "object a line"
+            "object per line"
         )
 
 
@@ -147,7 +147,7 @@ class LinePort(ABC):
         self.name = name
 
     def open(self) -> str:
-        """Connect; if the source is a file, return its heading line, else an empty string."""
+        """Connect; return the header line of a file, or an empty string for other sources."""
         return ""
 
     @abstractmethod
@@ -236,7 +236,7 @@ class TcpLines(LinePort):
 
 
 class StdinLines(LinePort):
-    """Lines that another program writes to this program's standard input; the reading thread ends with this program."""
+    """Lines that another program writes to standard input; the reading thread ends with this program."""
 
     def __init__(self, descriptor: int = 0) -> None:
         super().__init__("stdin")
@@ -268,7 +268,7 @@ class StdinLines(LinePort):
 
 
 class GrowingFile(LinePort):
-    """Lines that another program appends to a file, below a heading; the file is opened for every poll."""
+    """Lines that another program appends to a file, below a header line; the file is opened for every poll."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(f"file:{path}")
@@ -276,15 +276,15 @@ class GrowingFile(LinePort):
         self._skip_next = False
 
     def open(self) -> str:
-        """Return the heading line; `InstrumentError` if it is not complete yet."""
+        """Return the header line; `InstrumentError` if it is not complete yet."""
         with self._open_regular_file() as file:
-            heading = file.readline(LONGEST)
-        if not heading.endswith(b"\n"):
+            header = file.readline(LONGEST)
+        if not header.endswith(b"\n"):
             raise InstrumentError(
                 f"{self._path} has no header line yet. The first line must name the columns: x_m,y_m,z_m and, for the "
                 "orientation, for example rx_deg,ry_deg,rz_deg"
             )
-        return heading.decode(errors="replace").strip("\r\n\ufeff")
+        return header.decode(errors="replace").strip("\r\n\ufeff")
 
     def ask(self, question: str) -> None:
         """Make `line` start at the present end of the file or, if the row there is incomplete, after that row."""
@@ -324,7 +324,7 @@ class GrowingFile(LinePort):
 
     @contextmanager
     def _open_regular_file(self) -> Iterator[BinaryIO]:
-        """Open the file; `InstrumentError` unless it is a regular file: a pipe could block and cannot be read again."""
+        """Open the file; `InstrumentError` unless it is a regular file (a pipe could block)."""
         try:
             descriptor = os.open(self._path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
             with os.fdopen(descriptor, "rb") as file:

@@ -106,7 +106,7 @@ class OutsideArm:
         return replace(snapshot, stopped=True) if self._latch.latched else snapshot
 
     def take_control(self) -> None:
-        """Enable the drives."""
+        """Take control and enable the drives; raises `StopLatched` if STOP is latched."""
         with self._command():
             self._connected.take_control()
         self._in_control = True

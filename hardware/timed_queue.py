@@ -1,4 +1,4 @@
-"""A queue between threads whose waits end at their time-out on a busy computer."""
+"""A queue between threads; a wait ends at its time-out, even on a busy computer."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class TimedQueue(SimpleQueue[Item]):
 
     Up to Python 3.12, the first wait after a `put` acquires the queue's free lock and then computes the remaining time.
     If the thread was off the processor for longer than the time-out, that time is negative, and the wait does not end.
-    An attempt without waiting acquires the lock first.
+    `get` therefore tries without waiting first, which acquires the lock.
     """
 
     def get(self, block: bool = True, timeout: float | None = None) -> Item:  # noqa: FBT001, FBT002

@@ -32,7 +32,7 @@ class Timing:
     heartbeat_period_s: float = HEARTBEAT_PERIOD_S
     heartbeat_timeout_s: float = 1.0
     listen_s: float = 0.35
-    """Time to listen for another operator before anything is sent: three periods of an operator's heartbeat."""
+    """Time to listen for another operator before anything is sent: over three periods of an operator's heartbeat."""
     boot_timeout_s: float = 3.0
     """Time-out for a node to boot, and to start."""
     operator_timeout_s: float = 1.0
@@ -73,7 +73,7 @@ program's other threads are real-time too, since the thread that holds the inter
 
 @contextmanager
 def real_time_priority() -> Iterator[None]:
-    """Context in which this thread, and threads it starts, have real-time scheduling; no change if it is not allowed.
+    """Context in which this thread, and threads it starts, have real-time scheduling, if allowed.
 
     Niceness is not enough: Linux shares the processor between terminal sessions (autogroup), so a low-priority (niced)
     program in another session still gets as much time as the program that moves the arm. Root may use real-time
@@ -123,7 +123,7 @@ class LatencyMonitor:
     frame without a usable stamp counts as having arrived when it is read.
 
     `clock` returns monotonic time, `stamps` the time of the clock that stamps frames, s; `stamps` is None if that clock
-    is not this computer's. `arm_waits`: whether the arm's time stands still while the host is busy
+    is not this computer's. `arm_waits`: whether simulated time stops while the host is busy
     (`Pace.FAST_FORWARD`), so that there is no latency.
     """
 
@@ -140,7 +140,7 @@ class LatencyMonitor:
         self.begin()
 
     def begin(self) -> None:
-        """Start counting."""
+        """Start or restart the measurement."""
         now = self._clock()
         self._last = (now, 0.0)  # replaced as a whole: other threads read a consistent pair
         self._queue_empty_at_s = now
@@ -163,12 +163,12 @@ class LatencyMonitor:
 
     @property
     def late_s(self) -> float:
-        """Total time without polling, s."""
+        """Sum of the gaps between polls, each less `MAX_POLL_GAP_S`, s."""
         return self._late_at(self._clock())
 
     @property
     def listened_s(self) -> float:
-        """Clock minus the time without polling, s: the time base for measuring silence."""
+        """Clock minus `late_s`, s: the time base for measuring silence."""
         now = self._clock()
         return now - self._late_at(now)
 

@@ -117,7 +117,7 @@ def _dispatch(argv: Sequence[str]) -> int:
     try:
         code = int(command.execute(args))
     except EXPECTED_ERRORS as error:
-        # Problems of a file have a line each.
+        # A ConfigError has one line for each problem.
         text = f"sarcal: {error}"
         say(text if isinstance(error, ConfigError) else sanitized(text), err=True)
         return int(exit_code(error))
@@ -130,7 +130,7 @@ def _dispatch(argv: Sequence[str]) -> int:
 
 
 def _with_their_options(arguments: Sequence[str]) -> list[str]:
-    """Join ``--base-point -60,0,80`` into one word; argparse takes a value that begins with a minus for an option."""
+    """Join ``--base-point -60,0,80`` into one word, since argparse reads such a value as an option."""
     joined: list[str] = []
     for word in arguments:
         if NUMBERS.fullmatch(word) and joined and OPTION.fullmatch(joined[-1]):
@@ -149,7 +149,7 @@ ALSO_CALLED = {
 
 
 class _Parser(argparse.ArgumentParser):
-    """Parser that suggests a command for an unknown one, and removes control characters from error messages."""
+    """Parser whose errors suggest a command for an unknown one and contain no control characters."""
 
     def error(self, message: str) -> NoReturn:
         if unknown := re.match(r"argument COMMAND: invalid choice: '(.*?)'", message):
@@ -167,7 +167,7 @@ class _Parser(argparse.ArgumentParser):
 class _CommandParser(_Parser):
     """Parser of a command, with arguments and options in any order.
 
-    Up to Python 3.12, argparse loses an optional positional argument after an option: `session show --json latest`.
+    Up to Python 3.12, argparse loses an optional positional argument after an option (`session show --json latest`).
     """
 
     _underway = False
@@ -188,7 +188,7 @@ class _CommandParser(_Parser):
 
 
 class _Version(argparse.Action):
-    """Action of ``--version``, which looks up the version only on request, as the import is slow."""
+    """Action of ``--version``. Looks up the version only when called, since the import is slow."""
 
     def __call__(
         self,

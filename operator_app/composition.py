@@ -69,8 +69,8 @@ def prepare_real_time() -> None:
     sys.setswitchinterval(SWITCH_INTERVAL_S)
     for library in COMPILED:
         import_module(library)
-    # A full garbage collection takes 0.1 s or more, during which no SYNC is answered and no STOP sent. Young
-    # objects are collected as usual; old objects are closed dialogs of 0.4 MB each.
+    # A full garbage collection takes 0.1 s or more, during which no SYNC is answered and no STOP sent. Without it, a
+    # closed dialog keeps 0.4 MB. Young objects are collected as usual.
     gc.freeze()
     young, middle, _ = gc.get_threshold()
     gc.set_threshold(young, middle, RARELY)
@@ -80,10 +80,10 @@ def prepare_real_time() -> None:
 def open_arm(
     opening: Opening, *, pace: Pace | None = None, speed: float = 1.0, record_to: Path | None = None
 ) -> Iterator[Rig]:
-    """Open the arm of a session and yield it as a `Rig`; for the embedded virtual arm, also start its controller.
+    """Open the arm of a session and yield it as a `Rig`; start the controller of an embedded virtual arm.
 
-    `pace` by default: fast-forward for the embedded virtual arm, which runs `speed` times faster than real time; real
-    time on any other bus.
+    `pace`: None: fast-forward for the embedded virtual arm, real time on any other bus. `speed`: factor by which the
+    embedded virtual arm runs faster than real time if its pace is real time.
 
     Raises
     ------
@@ -216,7 +216,7 @@ def unattended(
 ) -> Iterator[Session]:
     """Open a session for a command; however it ends, hold the arm and close the journal.
 
-    Calls `cut_short` if the session ends early. A session without an arm leaves no folder.
+    Calls `cut_short` if the session ends early. Removes the folder of a session that never connected.
 
     Raises
     ------
@@ -278,7 +278,7 @@ def _completed(choices: Choices, bus: BusSettings, *, embedded: bool) -> Choices
 def _instrument(
     procedure: Procedure, choices: Choices, controller: VirtualController | None
 ) -> Instrument | None:
-    """Return the instrument of the options, else of the virtual arm, else of the procedure; None if there is none."""
+    """Return the instrument named in the options, else the virtual arm's, else the procedure's, else None."""
     fixture = procedure.fixture.fixture
     if not isinstance(fixture, Measured):
         return None
@@ -289,7 +289,7 @@ def _instrument(
 
 
 def describe(arm: ArmModel) -> ArmDescription:
-    """Return the description expected in the drives of `arm`; raises SessionError if a joint has no sensor."""
+    """Return the description of `arm` expected on the bus; raises SessionError if a joint has no sensor."""
     return ArmDescription(
         model=arm.name,
         joints=tuple(

@@ -1,4 +1,4 @@
-"""Reads parameters documents from files and journals: a single one, or the history of an arm."""
+"""Reads the parameters document of a file or session, and the calibration history of an arm."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from operator_app.session.workflow.opening import Choices, resume
 
 
 def parameters_at(reference: str, root: Path) -> ParametersDocument:
-    """Read a parameters file, or the calibration in the journal of a session: folder, name in `root`, or ``latest``.
+    """Return the parameters document of a file or of a session (folder, name in `root`, or ``latest``).
 
     Raises `ConfigError` or `SessionError` if there is no such file or session, or no calibration in it.
     """

@@ -34,7 +34,7 @@ def named_scenario(choices: Choices) -> Scenario:
 
 
 def session_bus(choices: Choices, procedure: Procedure) -> BusSettings:
-    """Return the bus; in order of precedence: command line, procedure file, environment, can.conf, user settings."""
+    """Return the bus from command line, procedure, environment, can.conf or user settings, in this order."""
     from hardware.buses.python_can import bus_settings
     from operator_app.config.user_settings import usual_bus
 

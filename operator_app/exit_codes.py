@@ -1,4 +1,4 @@
-"""Exit codes of `sarcal`, a contract with scripts, and the code of each error."""
+"""Exit codes of `sarcal`, which are fixed because scripts use them, and the code of each error."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ class ExitCode(IntEnum):
 MEANING: Mapping[ExitCode, str] = {
     ExitCode.ACCEPTED: "done; a calibration: accepted, with or without warnings",
     ExitCode.BAD_INPUT: "usage or bad input",
-    ExitCode.ARM_FAULT: "bus or arm fault, or an arm that is not known to be held when it was let go",
-    ExitCode.NOT_ACCEPTED: "solved but not accepted; a verification or comparison: something is off",
-    ExitCode.NOT_IDENTIFIABLE: "not identifiable: the poses cannot tell every parameter",
+    ExitCode.ARM_FAULT: "bus or arm fault, or the arm did not confirm at its release that it holds",
+    ExitCode.NOT_ACCEPTED: "solved but not accepted; a verification that failed, or a comparison that shows drift",
+    ExitCode.NOT_IDENTIFIABLE: "not identifiable: the poses do not determine every parameter",
     ExitCode.INTERRUPTED: "interrupted; the arm is held, the session is kept",
 }
 """Meaning of each exit code, as text for the manual."""

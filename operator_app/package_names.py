@@ -1,7 +1,7 @@
 """Checks that the top-level packages belong to this program, before they are imported.
 
-PyPI has another package `fixtures`. If it is installed later, it replaces this program's package, and the failure
-would appear far from its cause.
+PyPI has another package `fixtures`. If it is installed later, it replaces this program's package, and errors appear
+far from their cause.
 """
 
 from __future__ import annotations
@@ -27,16 +27,16 @@ class ForeignPackageError(ImportError):
         if owners:
             text = (
                 f"belongs to another package here: Python finds {location}, which is not part of sarcal "
-                f"(installed by {' and '.join(owners)}). sarcal cannot share an environment with it: install "
-                "sarcal in one of its own (python3 -m venv), or remove the other "
-                f"(pip uninstall {owners[0]}) and then repair ours ({REPAIR})"
+                f"(installed by {' and '.join(owners)}). The two cannot share an environment: install sarcal in a "
+                f"separate one (python3 -m venv), or remove the other package (pip uninstall {owners[0]}) and then "
+                f"reinstall sarcal ({REPAIR})"
             )
         elif ours:
-            text = f"belongs to another package here: {location} is not as sarcal has it; repair it ({REPAIR})"
+            text = f"belongs to another package here: {location} is not sarcal's file; reinstall sarcal ({REPAIR})"
         else:
             text = (
-                f"is a part of sarcal, and Python finds {location} before it, which no installed package "
-                "brought. Rename or move it, or start elsewhere: files beside a script, in the working "
+                f"is a package of sarcal, but Python finds {location} before it, a file of no installed package. "
+                "Rename or move it, or start sarcal in another folder: files beside a script, in the working "
                 "directory and on PYTHONPATH come first"
             )
         super().__init__(f"the name {name!r} {text}", name=name)

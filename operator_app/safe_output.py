@@ -43,7 +43,7 @@ def say(text: str = "", *, err: bool = False, streaming: bool = False) -> None:
     """Print lines on stdout or stderr.
 
     A failed write to stderr and a closed pipe are ignored, since exit code and files hold the result; if `streaming`, a
-    closed pipe raises `BrokenPipeError`. `OSError` if a result cannot be written, e.g. to a full disk.
+    closed pipe raises `BrokenPipeError`. Raises `OSError` if stdout cannot be written, e.g. to a full disk.
     """
     if err:
         stderr = Stderr()

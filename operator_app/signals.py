@@ -1,4 +1,4 @@
-"""Signals that end a run: the first raises KeyboardInterrupt, and none interrupts while the arm is made safe."""
+"""Signals that end a run: the first raises KeyboardInterrupt; all are ignored while the arm is released."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def _ignore(_number: int, _frame: object) -> None:
 
 
 def interrupted() -> bool:
-    """Whether a signal asked this process to end within the last `AGAIN_S` seconds."""
+    """Whether a signal interrupted this process within the last `AGAIN_S` seconds."""
     return _first_s is not None and time.monotonic() - _first_s < AGAIN_S
 
 
@@ -48,7 +48,7 @@ def press_ctrl_c() -> None:
 
 @contextmanager
 def ending_signals_interrupt(*, for_good: bool = False) -> Iterator[None]:
-    """Context in which SIGINT, SIGTERM and SIGHUP raise KeyboardInterrupt; nested contexts share one handler.
+    """Context in which SIGINT, SIGTERM and SIGHUP raise KeyboardInterrupt; contexts may be nested.
 
     `for_good`: the process ends after the context, and these signals are then ignored, to keep its exit code.
     """
@@ -84,7 +84,7 @@ def ending_signals_ignored() -> Iterator[None]:
 
 
 class ProcessEnd:
-    """Ends this process with its exit code, even if other threads still run. Create it once, early."""
+    """Ends this process with its exit code, even if other threads still run. Create one at the start."""
 
     def __init__(self) -> None:
         # The function registered first runs last.
@@ -92,7 +92,7 @@ class ProcessEnd:
         self._code = 0
 
     def soon(self, code: int) -> None:
-        """End the process with `code` soon after its main thread ends, even if another thread waits for a terminal."""
+        """End the process with `code` soon after its main thread ends, even if another thread still waits."""
         self._code = code
         threading.Thread(target=self._with_threads, daemon=True).start()
 
@@ -102,7 +102,7 @@ class ProcessEnd:
         os._exit(self._code)
 
     def _if_interrupted(self) -> None:
-        """After an interrupt, exit with 130: Python might end with SIGINT instead, e.g. for code run from a string."""
+        """After an interrupt, exit with 130; Python might end with SIGINT, e.g. for code run from a string."""
         if self._code == INTERRUPTED:
             for stream in (sys.stdout, sys.stderr):
                 with suppress(OSError, ValueError):

@@ -17,7 +17,7 @@ Key = tuple[str | int, ...]
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """A display unit, with factors from SI to the display unit (`per_si`) and to the unit in JSON (`json_per_si`)."""
+    """A display unit; `per_si` and `json_per_si` convert from SI to this unit and to the unit in JSON."""
 
     unit: str
     per_si: float = 1.0
@@ -53,7 +53,7 @@ def quantity_of(parameter: Valued) -> Quantity:
 
 
 def in_json(parameter: Valued, value: float) -> float | None:
-    """Return a parameter's value in the units of the contract, deg and m; None if it is not finite."""
+    """Return a parameter's value in the units of the JSON output, deg and m; None if it is not finite."""
     return Figure(float(value), quantity_of(parameter)).in_json
 
 
@@ -68,9 +68,9 @@ class Figure:
     places, digits
         Number of decimal places or, if `places` is None, of significant digits.
     role
-        ``text``, ``found`` (an identified value), ``warn``.
+        Role of the text: ``text``, ``found`` (an identified value) or ``warn``.
     key
-        Path of its key in the JSON object; empty: not in JSON.
+        Path of the number in the JSON object; empty: not in JSON.
     """
 
     value: float | None
@@ -98,7 +98,7 @@ class Figure:
 
     @property
     def in_json(self) -> float | None:
-        """The number at full precision, in the units of the contract; None if unknown."""
+        """The number at full precision, in the units of the JSON output; None if unknown."""
         if self.value is None or not math.isfinite(self.value):
             return None
         factor = self.quantity.json_per_si

@@ -51,7 +51,7 @@ def virtual_arm(
     except ValueError as error:
         raise SessionError(
             f"no virtual arm can be built from {arm.name} in {fixture.name}: {error}",
-            "change the files as said, or connect a real bus with -i",
+            "correct these files, or connect a real bus with -i",
         ) from error
 
 
@@ -75,7 +75,7 @@ def run_controller(
     script: Sequence[ScriptedFault] = (),
     attended: bool = False,
 ) -> Iterator[VirtualController]:
-    """Run the virtual controller of an arm on a bus; it stores parameters in the folder `slots` (None: in memory).
+    """Run the virtual controller of an arm on a bus, with parameter slots in folder `slots` (None: in memory).
 
     The plant is this arm in `fixture` and `placement`; raises SessionError if it cannot be built. `script`: faults
     at given SYNCs. `attended`: whether this program calls `VirtualController.attend`.
@@ -87,7 +87,7 @@ def run_controller(
     except ValueError as error:
         raise SessionError(
             f"no virtual arm can be built from {arm.name}: {error}",
-            "change its file as said, or connect a real bus with -i",
+            "correct its file, or connect a real bus with -i",
         ) from error
     store = slots_in(slots)
     bus = EmbeddedBus(settings.channel) if attended else open_bus(settings)
@@ -113,7 +113,7 @@ def run_controller(
 
 
 def slots_in(folder: Path | None) -> ParameterStore:
-    """Return the parameter slots in a folder, after checking them; None: in memory.
+    """Return the parameter slots in `folder` (None: in memory), after reading each to check it.
 
     Raises `SessionError` if the folder cannot be used, or a slot in it cannot be read.
     """

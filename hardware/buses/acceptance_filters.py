@@ -1,4 +1,4 @@
-"""Acceptance filters of both ends of an arm's bus.
+"""Acceptance filters of the operator and of the arm's nodes.
 
 Adapters, kernels and the loopback bus drop frames that no filter passes, so that such frames wake no process. If
 none of these can filter, every frame is received, and unknown frames are ignored.
@@ -21,7 +21,7 @@ _FUNCTION_CODE = 0x780
 
 
 def set_hardware_filters(bus: can.BusABC, filters: list[CanFilter]) -> None:
-    """Set filters on a bus whose adapter or kernel applies them, and on the in-process bus; other buses get none.
+    """Set filters on the in-process bus and where adapter or kernel applies them; other buses get none.
 
     python-can's own software filter is used on the in-process bus only. With that filter, a non-waiting `recv` returns
     None for a dropped frame, so a reader that empties the queue would stop while answers are left (the in-process bus
@@ -35,7 +35,7 @@ def set_hardware_filters(bus: can.BusABC, filters: list[CanFilter]) -> None:
     if getattr(type(bus), "_apply_filters", nothing) is nothing:
         return
     bus.set_filters(filters)
-    if not getattr(bus, "_is_filtered", True):  # adapters without the flag have room
+    if not getattr(bus, "_is_filtered", True):  # adapters without this flag have room for all
         bus.set_filters(None)
 
 
@@ -57,7 +57,7 @@ def operator_filters(profile: BusProfile) -> list[CanFilter]:
 
 
 def controller_filters(joints: int) -> list[CanFilter]:
-    """Return the filters for the arm's nodes: commands, and any node's heartbeat, since any may hold the token."""
+    """Return the filters of the arm's nodes, which accept commands and the heartbeat of any node."""
     return [
         _covering([objects.COB_SYNC]),
         *(

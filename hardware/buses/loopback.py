@@ -185,7 +185,7 @@ class LoopbackBus(can.BusABC):
             ) from error
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
-        """Receive a frame; None after `timeout` s, or if the datagram received is not for this bus object."""
+        """Return (frame, false); (None, false) after `timeout` s or a datagram for another bus object."""
         self._check_open()
         try:
             try:
@@ -257,7 +257,7 @@ def _arrival_s(ancillary: list[tuple[int, int, bytes]]) -> float:
 
 
 def _set_up_sender(sender: socket.socket) -> None:
-    """Have a socket send to the loopback interface; its port tells which bus object sent a frame."""
+    """Have a socket send to the loopback interface; its port identifies the sending bus object."""
     sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(HOST))
     sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)
     sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_LOOP, 1)

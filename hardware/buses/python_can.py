@@ -1,4 +1,4 @@
-"""Settings of a CAN bus and of its arm; opens the bus through python-can, with errors that state a remedy.
+"""Settings of a CAN bus and of its arm; opens the bus through python-can.
 
 Settings use python-can's names and sources, in order of precedence: command-line options (``-i/--interface -c/--channel
 -b/--bitrate``), the environment (``CAN_INTERFACE``, ``CAN_CHANNEL``, ``CAN_BITRATE``, ``CAN_CONFIG``) and ``can.conf``;
@@ -50,7 +50,7 @@ class BusSettings:
 
     interface: str = DEFAULT_INTERFACE
     """``virtual`` (inside this process), ``loopback`` (between processes of this machine), ``socketcan``, or any other
-    interface python-can knows."""
+    interface of python-can."""
     channel: str = DEFAULT_CHANNEL
     """Name of the bus in this interface."""
     bitrate: int | None = None
@@ -119,7 +119,7 @@ def bus_settings(
     rate = settings.pop("bitrate", None)
     if where is None and chosen not in _OWN_CHANNEL:
         raise BusSettingsError(
-            f"No channel is given for interface {chosen}. Say which one, for example "
+            f"No channel is given for interface {chosen}. Name one, for example "
             f"-i {chosen} -c {'can0' if chosen == 'socketcan' else '0'}."
         )
     if rate is not None and not (isinstance(rate, int) and rate > 0):
@@ -144,7 +144,7 @@ def open_bus(settings: BusSettings) -> can.BusABC:
 
 
 def open_sender(settings: BusSettings) -> can.BusABC:
-    """Open a second handle that only sends (for STOP), without a receive queue; raises `BusError` with the remedy."""
+    """Open a second handle, for STOP, that only sends; raises `BusError` with the remedy."""
     match settings.interface:
         case "virtual":
             return _VirtualSender(settings.channel)
@@ -162,7 +162,7 @@ def stamping_clock(settings: BusSettings) -> Callable[[], float] | None:
     """Return the clock of this computer that stamps frames on arrival; None if the interface has no such stamps.
 
     The clock of an adapter (kvaser, pcan, vector, gs_usb) is not used: in an hour it drifts by more than the age limit
-    of a sample. Nor are the stamps of a serial adapter, whose frames are stamped only when they are read.
+    of a sample. The stamps of a serial adapter are not used either: its frames are stamped only when they are read.
     """
     return time.time if settings.interface in _HOST_STAMPED else None
 
@@ -227,7 +227,7 @@ def describe_failure(settings: BusSettings, error: Exception) -> str:
         )
     if isinstance(error, _DRIVER_MISSING):
         return (
-            f"The driver for interface {settings.interface} is not there: {error}. Install it as "
+            f"The driver of interface {settings.interface} is not installed: {error}. Install it as "
             "its maker and python-can's manual describe."
         )
     reason = str(error).rstrip(".")

@@ -1,4 +1,4 @@
-"""A bus handle that threads share; records a bus to a file, also while another program uses the bus."""
+"""A bus handle shared by threads; recording of a bus to a file, also while another program uses it."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ class Recording:
 
     def _keep(self, message: can.Message) -> None:
         if self._numbers_channels:
-            message.channel = None  # BLF takes a name that ends in digits for a channel number
+            message.channel = None  # BLF reads digits at the end of a name as a channel number
         stamp = message.timestamp
         if stamp < self._newest_s - REORDER_S:  # the clock was set back
             self._write_until(float("inf"))
@@ -121,7 +121,7 @@ def queue_is_full(error: BaseException) -> bool:
 
 
 class SharedBus:
-    """Sends from any thread, receives in one thread, and records every frame if `record_to` is given (`Recording`).
+    """Sends from any thread, receives in one thread, and records every frame to `record_to`, if given.
 
     `close` shuts the `bus` down. Sending is retried for `send_timeout_s` while the transmit queue is full.
     """

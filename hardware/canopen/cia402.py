@@ -139,7 +139,7 @@ def command_of(controlword: int) -> Command:
 
 
 def after_controlword(state: DriveState, controlword: int, previous: int) -> DriveState:
-    """Return the state after a controlword; `previous`, the last controlword, shows the edge of bit 7 (fault reset)."""
+    """Return the state after `controlword`; a rising edge of bit 7 since `previous` resets a fault."""
     if controlword & ControlBit.FAULT_RESET:
         edge = not previous & ControlBit.FAULT_RESET
         return _S.SWITCH_ON_DISABLED if state is _S.FAULT and edge else state
@@ -190,9 +190,9 @@ _SERVO_BITS: Final = (
 
 
 def conditions(status: int) -> str:
-    """Return what a statusword states about why its drive is not enabled or, in position mode, does not follow.
+    """Return the bits of a statusword that explain why its drive is disabled or does not follow.
 
-    In parentheses, with a leading space; empty if the bits state nothing.
+    The text is in parentheses, with a leading space; empty if no bit explains it.
     """
     enabled = state_of(status) is DriveState.OPERATION_ENABLED
     stated = [

@@ -31,7 +31,7 @@ ObjectWrite = tuple[int, int, int, int, str]
 
 @dataclass(frozen=True, slots=True)
 class PdoChange:
-    """Change of one PDO of a drive: a sentence on it, and the writes that invalidate, set up and validate the PDO."""
+    """Change of one PDO: `text` for people; `steps` to invalidate, set up and validate the PDO."""
 
     text: str
     node: int
@@ -68,10 +68,10 @@ def configure(
 
 
 def zero_residual_torques(access: ObjectAccess, profile: BusProfile) -> Iterator[str]:
-    """Check that no drive adds a torque or an offset to its commands; set them to 0 if the profile configures drives.
+    """Require that no drive adds a torque or an offset to its commands.
 
-    Yields one sentence for each object set to 0; `ZeroingFailed` if a drive refuses. If the profile only compares,
-    raises `MappingMismatch` that names every object that is not 0.
+    If the profile configures drives, objects that are not 0 are set to 0: yields one sentence for each, or raises
+    `ZeroingFailed` if a drive refuses. Otherwise raises `MappingMismatch`, which names every object that is not 0.
     """
     nonzero = [each for joint in profile.joints for each in _nonzero_objects(access, joint)]
     if nonzero and not profile.configures_pdos:
@@ -105,7 +105,7 @@ def _nonzero_objects(
 
 
 def plan_changes(access: ObjectAccess, profile: BusProfile) -> tuple[PdoChange, ...]:
-    """Return the changes that `configure` would write; only reads. `PdoSetupFailed` if a drive lacks a PDO."""
+    """Return the changes that `configure` will write; `PdoSetupFailed` if a drive lacks a PDO."""
     changes, missing = list[PdoChange](), list[str]()
     for joint in profile.joints:
         for kind, number, value in maps.conflicting_pdos(access, joint.node, profile, joint):
@@ -128,7 +128,7 @@ def plan_changes(access: ObjectAccess, profile: BusProfile) -> tuple[PdoChange, 
 def _change(
     access: ObjectAccess, profile: BusProfile, node: int, kind: PdoKind, pdo: Pdo
 ) -> PdoChange | str | None:
-    """Return the change that sets a PDO as in the profile; None if unnecessary, a sentence if the PDO is absent."""
+    """Return the change that sets up a PDO; None if unnecessary, a sentence if the PDO is absent."""
     communication, mapping = kind.records(pdo.number)
     cob_id = maps.read_number(access, node, communication, 1)
     entries = maps.read_map(access, node, mapping)

@@ -1,4 +1,4 @@
-"""Cyclic data of one SYNC on the operator's side: setpoints sent, sample received, and the frames that carry them."""
+"""Setpoints and samples of one SYNC on the operator's side, and the frames that carry them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _LETTERS: Final = {8: "b", 16: "h", 32: "i", 64: "q"}
 _UNSIGNED: Final = (*FEEDBACK_OBJECTS[:1], CONTROLWORD)
 
 MAX_LATE_SYNCS: Final = 100
-"""Greatest age, in SYNCs, of an answer that a busy computer delivers late."""
+"""Upper limit of `Sample.overdue`: age, SYNCs, of answers that a busy computer delivers late."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +52,7 @@ class Sample:
     missing: tuple[int, ...] = ()
     """Joints that did not answer this SYNC in time, or answered twice."""
     overdue: tuple[int, ...] = ()
-    """Earlier SYNCs that joints 1..n have not answered: their values may be that many SYNCs old. Empty: none."""
+    """Number of earlier SYNCs that each joint has not answered, i.e. the largest age of its values. Empty: all 0."""
 
     @property
     def complete(self) -> bool:
@@ -124,7 +124,7 @@ class JointFrames:
         return tuple(frame for frame in self.pack(setpoint) if frame[0] in self._controlling)
 
     def decode_command(self, identifier: int, data: bytes) -> dict[int, int]:
-        """Return the value of each object index in a received RPDO of the joint, with the mode as a code of CiA 402."""
+        """Return an RPDO's values by object index, the mode as a CiA 402 code; empty on wrong length."""
         values = self.commands[identifier].unpack(data) or {}
         if MODE in values:
             values[MODE] = self._modes.get(values[MODE], values[MODE])

@@ -34,7 +34,7 @@ DESCRIPTION_OBJECTS: Final = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DrivePdo:
-    """A PDO of a drive: a TPDO if `sent`, otherwise an RPDO. Transmission type and map are read only if it is valid."""
+    """A PDO of a drive: TPDO if `sent`, else RPDO; unless `valid`, type and map are not read."""
 
     sent: bool
     number: int
@@ -93,9 +93,9 @@ class DriveFacts:
     operator_timeout_s: float | None
     """1016h: silence of node 127 after which the drive reacts as 6007h states."""
     ignores_timeout: bool = False
-    """Whether 6007h is 0: after that silence the drive takes no action."""
+    """Whether 6007h is 0: the drive takes no action after `operator_timeout_s`."""
     following_window_counts: int | None = None
-    """6065h: following error at which the drive trips; `NO_FOLLOWING_WINDOW`: at none."""
+    """6065h: following error at which the drive trips; `NO_FOLLOWING_WINDOW` if it never trips."""
 
 
 def read_drive_facts(access: ObjectAccess, profile: BusProfile) -> tuple[DriveFacts, ...]:
@@ -133,7 +133,7 @@ def ignores_operator_timeout(access: ObjectAccess, node: int) -> bool:
 
 
 def _operator_timeout_ms(entry: int) -> int:
-    """Return the time-out in an entry of 1016h, ms; 0 if the entry is for another heartbeat than the operator's."""
+    """Return the time-out in an entry of 1016h, ms; 0 if it is not for the operator's heartbeat."""
     return entry & 0xFFFF if entry >> 16 & 0x7F == objects.OPERATOR_NODE else 0
 
 
@@ -174,7 +174,7 @@ def check_operator_monitoring(access: ObjectAccess, profile: BusProfile) -> tupl
     """Check that drives monitor the operator's heartbeat (1016h).
 
     Returns the joints whose drives have no 1016h, or take no action after the time-out (6007h = 0). Raises
-    `MappingMismatch` for drives that would keep moving without an operator.
+    `MappingMismatch` for drives whose 1016h has no time-out for that heartbeat, or one above the limit.
     """
     differences = {node: operator_monitoring_differences(access, node) for node in profile.drives}
     if wrong := [text for texts in differences.values() for text in texts or ()]:
@@ -189,7 +189,7 @@ def check_operator_monitoring(access: ObjectAccess, profile: BusProfile) -> tupl
 def operator_monitoring_differences(
     access: ObjectAccess, node: int
 ) -> tuple[ObjectMismatch, ...] | None:
-    """Return what keeps a drive from monitoring the operator's heartbeat: empty if nothing, None if 1016h is absent."""
+    """Return why a drive does not monitor the operator's heartbeat; empty if it does, None without 1016h."""
     watched = _heartbeat_consumers(access, node)
     if watched is None:
         return None

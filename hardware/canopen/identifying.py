@@ -99,7 +99,7 @@ def check_arm(
 
 
 def scales_of(description: ArmDescription, profile: BusProfile) -> tuple[JointScale, ...]:
-    """Return the scale of every joint's counts: its sensor's, unless the profile states counts per turn."""
+    """Return every joint's scale, from the profile's counts per turn or else from the sensor."""
     scales = []
     for joint, drive in zip(description.joints, profile.joints, strict=True):
         per_rad = drive.direction * joint.sensor.counts_per_rad

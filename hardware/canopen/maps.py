@@ -1,7 +1,7 @@
-"""Reads the drives' PDO configuration by SDO before anything is enabled; compares it with what this program uses.
+"""Reads the drives' PDOs by SDO before anything is enabled, and compares them with the bus profile.
 
-A drive that sends its velocity where its position is expected answers every SYNC, but targets computed from it would be
-wrong. So all PDOs are compared; afterwards the first position by PDO is compared with 6064h by SDO.
+A drive that sends its velocity where its position is expected answers every SYNC, but targets computed from that value
+would be wrong. So all PDOs are compared; afterwards the first position by PDO is compared with 6064h by SDO.
 """
 
 from __future__ import annotations
@@ -46,15 +46,16 @@ _RESERVED = frozenset(
 """Identifiers of NMT, SYNC, and of EMCY, SDO and heartbeat of all nodes."""
 ABSENT = frozenset({Abort.NO_OBJECT, Abort.NO_SUBINDEX})
 _NO_INDEX = 0x0000
-"""An index that no object has (CiA 301). Some drives refuse it, and all objects that they lack, with another code."""
+"""An index that no object has (CiA 301). Some drives refuse it, like any object that they lack, with a code not in
+`ABSENT`."""
 Value = TypeVar("Value")
 
 
 def check_mapping(access: ObjectAccess, profile: BusProfile, silent: Iterable[int] = ()) -> None:
     """Compare the PDOs of all drives with the profile; nodes that are not drives are skipped.
 
-    Raises `MappingMismatch` with node, object, expected and found value of every difference; it also names the
-    `silent` nodes.
+    Raises `MappingMismatch` with node, object, expected and found value of every difference; the error also
+    names the `silent` nodes.
     """
     absent = sorted(silent)
     differences = [
@@ -84,7 +85,7 @@ def check_positions(
 
 
 def check_communication(access: ObjectAccess, profile: BusProfile) -> None:
-    """Check the SYNC and EMCY objects, which must be as expected with any profile; raises `MappingMismatch`."""
+    """Check the SYNC and EMCY objects, which no profile can change; raises `MappingMismatch`."""
     if differences := [text for node in profile.drives for text in _communication(access, node)]:
         raise MappingMismatch(differences)
 
@@ -144,7 +145,7 @@ def read_records(access: ObjectAccess, node: int, kind: PdoKind) -> Iterator[tup
 def conflicting_pdos(
     access: ObjectAccess, node: int, profile: BusProfile, joint: JointProfile
 ) -> Iterator[tuple[PdoKind, int, int]]:
-    """Yield valid PDOs that the profile does not use but whose identifiers are those of other frames of the arm.
+    """Yield valid PDOs that the profile does not use, but whose identifiers other frames of the arm have.
 
     A drive with such a PDO could obey another drive's commands. Each is yielded as kind, number and COB-ID.
     """
@@ -204,7 +205,7 @@ def read_number(access: ObjectAccess, node: int, index: int, sub: int) -> int | 
 def read_if_present(
     read: Callable[[int, int, int], Value], node: int, index: int, sub: int = 0
 ) -> Value | None:
-    """Return what `read` returns; None if the object is absent: refused like an index that no object has."""
+    """Return what `read` returns; None if the node refuses because it lacks the object (`_NO_INDEX`)."""
     try:
         return read(node, index, sub)
     except SdoRefused as refusal:

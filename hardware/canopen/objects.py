@@ -1,6 +1,6 @@
 """Names of nodes, COB-IDs, object indices and codes of CiA 301 and CiA 402; 2000h to 2FFFh are this project's.
 
-Type, access, range and default of the objects are in the EDS files of `hardware.eds`; a test compares both.
+Type, access, range and default of the objects are in the EDS files of `hardware.eds`; a test compares the indices.
 
 Positions are counts in sensor coordinates (the measured theta). 607Ch holds the calibration's theta_off in
 the same counts: it is stored and read back, but never shifts 6064h.
@@ -279,7 +279,7 @@ _ERROR_CLASSES: Final = {
 
 
 def emergency_text(code: int) -> str:
-    """Return a text for an EMCY error code: for a code that is not in use here, its class."""
+    """Return the text of an EMCY error code; for a code not in `EmergencyCode`, that of its class."""
     upper = code >> 8
     known = _ERROR_CLASSES.get(upper) or _ERROR_CLASSES.get(upper & 0xF0, "error of the device")
     return next((each.text for each in EmergencyCode if each == code), known)

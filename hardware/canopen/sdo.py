@@ -61,7 +61,7 @@ class _Sender:
 
 
 class _Client(SdoClient):
-    """An SDO client whose answers wait in a queue based on one written in C.
+    """An SDO client that queues answers in a `TimedQueue`, which is based on a queue written in C.
 
     Ctrl-C during a wait can leave the lock of a `queue.Queue` locked, which would block the receiving thread.
     """
@@ -78,17 +78,17 @@ class _Client(SdoClient):
         """Write an object's bytes, in segments if there are more than four."""
         stream: Any = _WriteStream(self, index, subindex, len(data), force_segment)  # type: ignore[no-untyped-call]
         rest = memoryview(data)
-        while True:  # no bytes are one segment
+        while True:  # an empty value takes one write
             rest = rest[stream.write(rest) :]
             if not rest:
                 break
 
 
 class _WriteStream(WritableStream):
-    """A write that sends nothing when it is closed.
+    """Stream of a write that sends nothing when it is closed.
 
-    The garbage collector closes the stream of a failed write, in any thread: the last segment that canopen sends then
-    would wait for an answer in the control loop's thread, or for the lock of the bus that this thread holds.
+    The garbage collector may close the stream of a failed write in any thread. canopen would then send a last segment,
+    and the control loop's thread could wait for the answer or for the bus lock that it holds itself.
     """
 
     def close(self) -> None:
@@ -96,10 +96,11 @@ class _WriteStream(WritableStream):
 
 
 class ObjectAccess:
-    """Reads and writes objects of `nodes`; `send` puts a frame on the bus, `timeout_s` limits the wait for each answer.
+    """Reads and writes objects of `nodes`; `timeout_s` limits the wait for each answer.
 
-    Every access raises `SdoRefused` if the node refuses and `BusError` if it does not answer; reading raises
-    `FramesLost` on a bus that loses too many frames, `EndlessAnswer` if a node sends too many bytes or too slowly.
+    `send` puts a frame on the bus. Every access raises `SdoRefused` if the node refuses and `BusError` if it does not
+    answer. Reading also raises `FramesLost` if too many answers are missing, and `EndlessAnswer` for an answer that is
+    too long or too slow.
     """
 
     def __init__(
@@ -148,7 +149,6 @@ class ObjectAccess:
             raise self._duplicate_error(duplicates)
 
     def _duplicate_error(self, nodes: tuple[int, ...]) -> DuplicateNodeId:
-        """Return the error for nodes with surplus answers; it says whether another program sent requests to each."""
         return DuplicateNodeId(nodes, asked_by_others=self._asked_by_others.issuperset(nodes))
 
     def require_unique_nodes(self) -> None:
@@ -171,7 +171,6 @@ class ObjectAccess:
             raise self._duplicate_error(twice)
 
     def _surplus(self) -> Counter[int]:
-        """Answers in excess of requests, by node."""
         asked = self._network.asked
         return Counter({node: self._answered[node] - asked[node] for node in self._clients})
 

@@ -1,7 +1,7 @@
 """Acceptance check of an arm on the bench in a safe order; asks before anything moves.
 
-Requirements are in `clauses` and `checks`. A failure ends the check: immediately while drives are on, otherwise after
-the last read-only check.
+Requirements are in `clauses` and `checks`. A failure in the read-only stage `look` ends the check after that stage; a
+failure in a later stage ends the check at once.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class Stage(Enum):
     LOOK = "look"
     """No drive is enabled."""
     HOLD = "hold"
-    """Drives on, no motion; refusals; STOP."""
+    """Drives on without motion; commands that must be refused; STOP."""
     MOVE = "move"
     """One joint at a time, there and back: halted, interrupted and stopped on the way."""
     FREE = "free"
@@ -58,7 +58,7 @@ STOP: Final = "STOP"
 """Name of the clause that must pass before drives are enabled again."""
 NOT_TESTED: Final = {
     "overload": "more joints in position mode than the mobility, with a fixture: they would overload each other",
-    "faults": "count loss, nodes that restart or answer twice, modes refused: the virtual arm has them all "
+    "faults": "count loss, nodes that restart or answer twice, modes refused: the virtual arm simulates all "
     "(sarcal controller --fault help)",
     "upload": "upload of a document and reading it back: it would replace the arm's own; `sarcal export --upload` "
     "reads back every upload",
@@ -69,7 +69,7 @@ NOT_TESTED: Final = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bench:
-    """An arm on the bench, not yet connected, with the settings of the check and the test motion of each joint."""
+    """An arm on the bench, not yet connected, with the settings of the check."""
 
     arm: ArmInterface
     description: ArmDescription
@@ -92,7 +92,7 @@ class Bench:
 
 
 def check(bench: Bench, *, last: Stage) -> Iterator[CheckFinding]:
-    """Check an arm up to and including stage `last`, and yield the findings; the caller must always close the arm."""
+    """Check an arm up to and including stage `last`; yields findings. The caller must close the arm."""
     identity: ArmIdentity | None = None
     stages = _look, _hold, _move, _free, _leave, _silence
     for stage, run in zip(Stage, stages, strict=True):
@@ -214,7 +214,9 @@ def _turn(bench: Bench, joint: int) -> Iterator[Clause]:
     question = f"Did joint {joint}, and no other, turn in the {sense} sense of the arm file?"
     right, text = bench.ask(question), "the joint turned in the sense of the arm file"
     if not right:
-        text = "the joint did not: check the direction, and the order of the joints, in the bus profile"
+        text = (
+            "the joint turned otherwise: check direction and order of the joints in the bus profile"
+        )
     yield Clause("direction", right, text, joint)
     yield from checks.halts(back)
     back.go()

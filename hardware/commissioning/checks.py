@@ -46,7 +46,7 @@ ENOUGH: Final = "that is enough"
 
 @dataclass(slots=True)
 class MidwayWatch:
-    """A watch that calls `act` once, after the joint has moved by `after_rad`, and stores the position then reached."""
+    """A watch that calls `act` one time, when the joint has moved by `after_rad` (to `at_rad`)."""
 
     joint: int
     after_rad: float
@@ -55,7 +55,7 @@ class MidwayWatch:
     at_rad: float | None = None
 
     def __call__(self, snapshot: ArmSnapshot) -> str | None:
-        """Call `act` once, as soon as the joint has moved by `after_rad`; return its reason to end the move, if any."""
+        """Return the result of `act` when the joint first has moved by `after_rad`, otherwise None."""
         position_rad = float(snapshot.positions_rad[self.joint - 1])
         if self.at_rad is not None or abs(position_rad - self.start_rad) < self.after_rad:
             return None
@@ -75,7 +75,7 @@ class Turn:
     part_rad: float = 0.0
 
     def go(self, watch: Watch | None = None) -> MoveResult:
-        """Move the joint."""
+        """Move the joint to `target_rad`."""
         return self.arm.move(
             {self.joint: self.target_rad}, speed_rad_per_s=self.speed_rad_per_s, watch=watch
         )
@@ -144,7 +144,7 @@ def is_interrupted(turn: Turn, interrupt: Callable[[], None]) -> Iterator[Clause
 
 
 def is_stopped(turn: Turn) -> Iterator[Clause]:
-    """Check that STOP from another thread ends a move and latches, and that a reset moves and enables no joint."""
+    """Check that STOP from another thread ends a move and latches, and that a reset causes no motion."""
     arm, joint, bounds = turn.arm, turn.joint, turn.bounds
 
     def press() -> None:
@@ -187,7 +187,7 @@ PERIOD_TOLERANCE: Final = 0.2
 
 
 def drive_settings(facts: Sequence[DriveFacts]) -> Iterator[Clause]:
-    """Check the drives' modes, quick stop option, operator time-out and, if it is off, following error check."""
+    """Check the drives' modes, quick stop option, operator time-out and following error window."""
     for drive in facts:
         lacking, option = drive.unsupported_modes, drive.quick_stop_option
         modes = "the drive has no 6502h (supported modes)"
@@ -211,7 +211,7 @@ def drive_settings(facts: Sequence[DriveFacts]) -> Iterator[Clause]:
 
 
 def _guard(drive: DriveFacts) -> Clause:
-    """Check a drive's operator time-out: failed if `sarcal run` would refuse it, undecided above the advised limit."""
+    """Check a drive's operator time-out; undecided between the advised limit and the limit of a run."""
     guard = drive.operator_timeout_s
     if guard is None:
         text = "1016h: the drive does not monitor this program's heartbeat, and keeps moving if this program dies"
@@ -282,7 +282,7 @@ def stops_alone(arm: CanopenArm, ask: Ask, bounds: Bounds) -> Iterator[Clause]:
         return
     if not ask(
         f"This program will fall silent for {2 * longest:.1f} s while the drives are enabled, as if it were "
-        "killed. They should stop and hold by themselves. Keep clear. Fall silent?"
+        "killed. The drives should stop and hold by themselves. Keep clear. Fall silent?"
     ):
         yield declined()
         return

@@ -1,4 +1,4 @@
-"""Requirements on any arm at rest; each function tests one and yields its result.
+"""Requirements on any arm at rest, each tested by one function.
 
 Used by `sarcal arm-check` and by the contract test for arms of other packages (`sarcal.arm_contract`).
 """
@@ -62,7 +62,7 @@ BENCH: Final = Bounds(samples=100, still_rad=math.radians(0.1), near_rad=math.ra
 
 
 def nothing_wrong(name: str, wrong: str, otherwise: str) -> Clause:
-    """Return the result of a check, with the text `wrong` if it failed; it passed if that text is empty."""
+    """Return the result of a check: failed with the text `wrong`, or passed if `wrong` is empty."""
     return Clause(name, not wrong, wrong or otherwise)
 
 
@@ -97,7 +97,7 @@ def identifies_itself(identity: ArmIdentity, model: str, joints: int) -> Iterato
     text = f"the arm reports the model {identity.model!r}; the arm file describes {model!r}"
     yield Clause("name", identity.model == model, text)
     serial = identity.serial_number
-    text = f"the arm's serial number is {serial!r}; it must tell the poses of two arms apart"
+    text = f"the arm's serial number is {serial!r}; it must distinguish the poses of two arms"
     yield Clause("serial", bool(serial.strip()), text)
     roles = [node.role for node in identity.nodes if node.role.startswith("joint")]
     text = f"the arm names {', '.join(roles) or 'no joint'}"
@@ -151,7 +151,7 @@ def reads(arm: ArmInterface, joints: int, bounds: Bounds) -> Iterator[Clause]:
 
 
 def settles(arm: ArmInterface, joints: int, bounds: Bounds) -> Iterator[Clause]:
-    """Check that `settle` reports an arm at rest as settled, and as not settled if the allowed spread is negative."""
+    """Check that `settle` returns true for an arm at rest, and false for a negative spread."""
     wide = [bounds.single_sample_rad] * joints
     rests = arm.settle(window=_WINDOW, spread_rad=wide, timeout_syncs=_LONG_SYNCS)
     never = arm.settle(window=_WINDOW, spread_rad=[-1.0] * joints, timeout_syncs=_SHORT_SYNCS)
@@ -259,7 +259,7 @@ def stays_stopped(arm: ArmInterface, joint: int, speed_rad_per_s: float) -> Iter
 
 
 def resets_unmoved(arm: ArmInterface, before: FloatArray, bounds: Bounds) -> Iterator[Clause]:
-    """Check that a reset of STOP leaves the drives off and, except for settling, the joints at `before` (n,), rad."""
+    """Check that a reset of STOP enables no drive, and that the joints stay at `before` (n,), rad."""
     arm.reset_stop()
     latched = "STOP is still latched" if arm.snapshot().stopped else ""
     wrong = "; ".join(filter(None, (latched, joints_words(enabled_joints(arm), "is enabled"))))
@@ -269,7 +269,7 @@ def resets_unmoved(arm: ArmInterface, before: FloatArray, bounds: Bounds) -> Ite
 
 
 def leaves_and_returns(arm: ArmInterface, identity: ArmIdentity) -> Iterator[Clause]:
-    """Check that an arm can be closed twice, then refuses a snapshot and reconnects as the same arm with drives off."""
+    """Check that an arm can be closed twice and connected again as the same arm, with its drives off."""
     held = all([arm.close(), arm.close()])
     wrong = "the arm did not answer when it was closed, or a drive still follows commands"
     fine = "the arm is held and closed, also when it is closed twice"

@@ -1,7 +1,7 @@
 """Finds the nodes on a bus and compares their set-up with a bus profile; enables nothing.
 
-It listens first, and sends nothing if another master is heard. Otherwise it requests the device type of every node
-number, then identity and set-up of the nodes that answer.
+The probe listens first, and sends nothing if another master is heard. Otherwise it requests the device type of every
+node number, then identity and set-up of the nodes that answer.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class FoundNode:
     device_type: int
     device_name: str = ""
     serial_number: int | None = None
-    """1000h; 1008h, empty if absent; 1018h sub 4, None if absent."""
+    """`device_type`: 1000h; `device_name`: 1008h, or empty; `serial_number`: 1018h sub 4, or None."""
     drive: bool
     position_counts: int | None = None
     """6064h of a drive."""
@@ -82,7 +82,7 @@ class Probe:
     """Result of a probe.
 
     `busy` describes another master that was heard first, so that nothing was sent; `meanwhile` describes a master that
-    was heard later: some of the answers may be answers to its requests. Each is empty if no master was heard.
+    was heard later: some answers may be to its requests. Both are empty if no master was heard.
     """
 
     busy: str
@@ -259,7 +259,6 @@ def _ask(access: ObjectAccess, profile: BusProfile, node_found: FoundNode) -> No
 
 
 def _read(access: ObjectAccess, node: int, index: int, subindex: int = 0) -> bytes | None:
-    """Read an object; None if the node refuses."""
     try:
         return access.read(node, index, subindex)
     except SdoRefused:

@@ -34,7 +34,7 @@ class DraftRefused(Exception):
 
 
 def draft(nodes: Sequence[FoundNode], *, name: str, configure: bool = False) -> BusProfile:
-    """Return a profile of the drives among `nodes`, in order of node numbers; `DraftRefused` if none is possible.
+    """Return a profile of the drives among `nodes`, in the same order; `DraftRefused` if none is possible.
 
     The profile uses the drives' current PDOs. With `configure` it uses new PDO maps, filled with the objects needed,
     and CiA 301's identifiers, to be written into the drives at every connection.

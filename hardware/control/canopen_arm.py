@@ -46,7 +46,7 @@ class CanopenArm(ConnectableArm):
     def take_control(self) -> None:
         """Take the control token and enable all drives in position mode at their measured positions.
 
-        If that fails, the drives are switched off again: a drive that is late would be enabled without being asked.
+        If that fails, the drives are switched off again, so that no slow drive is enabled afterwards.
         """
         link, loop = self._link, self._link.loop
         self._raise_if_stopped(link)
@@ -108,9 +108,9 @@ class CanopenArm(ConnectableArm):
         speed_rad_per_s: float,
         watch: Watch | None = None,
     ) -> MoveResult:
-        """Move joints in position mode to their targets, in a straight line in joint space; all arrive together.
+        """Move joints in position mode to their targets, in a straight line in joint space.
 
-        Raises `CommandRefused` before anything moves, and STOP at once; other errors once the joints have come to rest.
+        Raises `CommandRefused` before anything moves, `Stopped` at once, and other errors once the joints are at rest.
         """
         link = self._link
         self._raise_if_stopped(link)
@@ -158,7 +158,7 @@ class CanopenArm(ConnectableArm):
         self._raise_for_drives(link, not_reached, "reset")
 
     def drive_facts(self) -> tuple[DriveFacts, ...]:
-        """Read the drives' modes, quick stop option and operator time-out."""
+        """Read the settings that `sarcal arm-check` checks, for joints 1..n."""
         return read_drive_facts(self._link.access, self._link.profile)
 
     def upload_parameters(self, document: bytes) -> UploadReceipt:
@@ -209,7 +209,7 @@ class CanopenArm(ConnectableArm):
 
 
 def _power_after(sample: Sample | None) -> str:
-    """Return the sentence on the drives that were switched off, given the last sample, or None for no answer."""
+    """Return a sentence on the drives' power after switch-off, from the last sample (None: no answer)."""
     if sample is None:
         return "Drives may still have power, since the arm does not answer: use the hardware stop"
     powered = sample.joints_in(CLOSED_LOOP_STATES)

@@ -1,4 +1,4 @@
-"""Opens at most one connection to an arm, and releases the arm: holds it, switches its drives off and verifies that.
+"""Opens at most one connection to an arm, and releases the arm: holds it, and switches its drives off.
 
 STOP reaches the arm at any moment, also while connecting and closing. A release relies only on what the drives
 report: a drive may ignore a command.
@@ -78,7 +78,7 @@ class ConnectableArm:
 
     @property
     def found_powered(self) -> dict[int, DriveState]:
-        """State of each joint's drive that had power, with no operator heard, before connecting switched it off."""
+        """State, by joint, of each drive that had power before the start-up although no operator was heard."""
         return dict(self._link.found_powered)
 
     def take_over(self) -> None:
@@ -173,7 +173,7 @@ class ConnectableArm:
             if sample is not None:
                 self._left_held = _stopped(sample)
                 self.left_powered = sample.joints_in(CLOSED_LOOP_STATES)
-            with contextlib.suppress(errors.HardwareError):  # it lapses with the heartbeat
+            with contextlib.suppress(errors.HardwareError):  # the token lapses with the heartbeat
                 link.release_token()
         finally:
             self._end(link)
@@ -185,7 +185,7 @@ class ConnectableArm:
 
 
 def release_arm(loop: ControlLoop) -> Sample | None:
-    """Set all joints to position mode, then switch the drives off, which blocks the valves; does not reset STOP.
+    """Set all joints to position mode, then switch the drives off (valves blocked); STOP is not reset.
 
     If STOP is latched, the drives hold, and only those that have not reported a quick stop are switched off. Returns
     the last sample; None if the arm did not answer.
@@ -220,5 +220,5 @@ def _wait_until_off(loop: ControlLoop) -> Steps[Sample]:
 
 
 def _stopped(sample: Sample) -> bool:
-    """Whether no drive may still follow a command: each is off or stopped."""
+    """Whether every drive is off or stopped, so that none follows a command."""
     return not motion_steps.not_reached(sample, TargetState.STOPPED)

@@ -37,11 +37,11 @@ from hardware.monitors.dropout import Dropout
 from hardware.monitors.joint_monitor import ENCODER_COUNTS, RVDT_COUNTS, JointMonitor, stop_error
 
 POSITION_RECHECKS: Final = 3
-"""How many times differing positions by PDO and SDO are compared again if the maps are unchanged."""
+"""Number of further comparisons if positions by PDO and SDO differ although the maps agree."""
 
 
 class Connection:
-    """A connection to an arm."""
+    """Bus handles, control loop and object access of one connection; the constructor opens the bus."""
 
     def __init__(
         self,
@@ -60,13 +60,13 @@ class Connection:
         self.modes: tuple[JointMode | None, ...] = (None,) * len(profile.joints)
         """6061h of each drive as last read; None if it is neither position nor free."""
         self.token = 0
-        """Holder of the control token as last read or written; OPERATOR_NODE may also stand for an earlier operator."""
+        """Holder of the control token as last read or written; OPERATOR_NODE may also be an earlier operator."""
         self.in_control = self.took_control = False
         """Whether this program is in control now, and whether it was at any time in this connection."""
         self._late_before_control = 0
         self._compares_positions = True
         self.found_powered: dict[int, DriveState] = {}
-        """State of each joint's drive that had power, with no operator heard, before connecting reset its node."""
+        """State, by joint, of each drive that had power before the start-up although no operator was heard."""
         self.rated_torques_nm: tuple[float, ...] = (0.0,) * len(profile.joints)
         """Torques of joints 1..n at 1000 per mille in 6077h, N m."""
         bus = on_bus.openers.main(settings)
@@ -75,7 +75,7 @@ class Connection:
         self.wire = SharedBus(bus, record_to=record_to, send_timeout_s=timing.tick_s)
         second: can.BusABC | None = None
         try:
-            with suppress(errors.BusError):  # of an adapter that can be opened only once
+            with suppress(errors.BusError):  # the adapter can be opened only once
                 second = on_bus.openers.stop(settings)
             self.stop_line = StopLine(second, self.wire, frames_of(profile))
         except BaseException:
@@ -103,7 +103,7 @@ class Connection:
         )
 
     def close(self) -> None:
-        """Stop sending, and close the recording."""
+        """Stop sending, shut the bus handles down, and close the recording."""
         self.loop.close()
         self.stop_line.close()
         self.wire.close()
@@ -117,7 +117,7 @@ class Connection:
         return self.loop.failure is not None or bool(self.loop.nodes.silent())
 
     def require_same_maps(self) -> None:
-        """Raise `MappingChanged` if a drive's TPDOs no longer carry its position (6064h); the joints must be at rest.
+        """Raise `MappingChanged` if, at rest, a drive's TPDOs no longer carry its position (6064h).
 
         If a node does not answer by SDO, nothing is checked.
         """
@@ -199,7 +199,6 @@ class Connection:
         return errors.HostLatencyExceeded(late, self.loop.latency.lateness.last_s)
 
     def _late_since_control(self) -> int:
-        """Number of host latencies since control was taken."""
         return self.loop.latency.lateness.times - self._late_before_control
 
     def release_token(self) -> None:

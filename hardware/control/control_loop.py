@@ -1,4 +1,4 @@
-"""The thread that owns all cyclic traffic: SYNC, samples, commands, heartbeat; it also receives all frames.
+"""The thread for the cyclic traffic (SYNC, commands, samples, heartbeat), which receives all frames.
 
 Motions are given as steps (`hardware.control.tasks.Steps`), one motion at a time; rates and time-outs are in
 `hardware.timing`. A sample is closed when all joints have answered, or when their time-out has passed and the queue is
@@ -45,10 +45,9 @@ SYNCS_AFTER_STOP = 20
 class ControlLoop:
     """Runs the cyclic traffic of an arm.
 
-    `on_sdo` is called in the loop's thread with identifier and data of every SDO answer and foreign SDO request, and
-    must not wait; nor must `quick_stop`, which sends quick stop to all drives. `allow` is called before new commands
-    are sent, with (sample, last commands, new commands), and may raise `CommandRefused`. For `clock` and `stamps` see
-    `LatencyMonitor`.
+    `on_sdo` is called in the loop's thread with identifier and data of every SDO answer and foreign SDO request;
+    `quick_stop` sends quick stop to all drives. Neither may wait. `allow` is called before new commands are sent, with
+    (sample, last commands, new commands), and may raise `CommandRefused`. `clock`, `stamps`: as in `LatencyMonitor`.
     """
 
     def __init__(
@@ -146,7 +145,7 @@ class ControlLoop:
         return self._sampler.view.sample
 
     def alarm(self) -> HardwareError | None:
-        """Return the alarm because of which the current steps must stop the arm and end; None if there is none."""
+        """Return the alarm that requires the current steps to stop the arm and end; None if there is none."""
         task = self._tasks[0] if self._tasks else None
         every = alarms(
             self.nodes,
@@ -268,7 +267,6 @@ class ControlLoop:
             self._sender.send(self.commands, self.sample.sync_count, moving=False)  # at once
 
     def _drain(self) -> None:
-        """Handle the frames in the queue, at most `FRAMES_AT_A_TIME`."""
         for _ in range(FRAMES_AT_A_TIME):
             if not self._receive_one(0.0):
                 return

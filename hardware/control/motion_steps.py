@@ -41,19 +41,19 @@ if TYPE_CHECKING:
 INCOMPLETE_SYNCS = 200
 """Consecutive incomplete samples after which the steps end."""
 STANDSTILL_SYNCS = 10
-"""Consecutive incomplete samples, during which a move waits, after which it starts again from rest. After fewer, as
-where single frames are lost, it goes on at its speed."""
+"""A move waits during incomplete samples. After this many in a row it starts again from rest; after fewer, as when
+single frames are lost, it continues at its speed."""
 ARRIVAL_SYNCS = 200
 """SYNCs after the last target of a move for its joints to arrive; a joint that does not follow is detected sooner."""
 TRANSITION_SYNCS = 50
 """SYNCs allowed for a drive to pass through its whole state machine."""
 MODE_SYNCS = 5
 HOLD_SYNCS = 10
-"""SYNCs after which a free joint that answers none of them stays free when the others are held."""
+"""A free joint that answers none of this many SYNCs stays free when the others are held."""
 
 
 def not_following(sample: Sample, modes: Sequence[JointMode]) -> int | None:
-    """Return the first joint in position mode whose enabled drive does not report bit 12 (follows); None if all do."""
+    """Return the first enabled joint in position mode that does not report bit 12 (follows), or None."""
     for joint, (status, mode) in enumerate(zip(sample.statuswords, modes, strict=True), 1):
         enabled = state_of(status) is DriveState.OPERATION_ENABLED
         if mode is JointMode.POSITION and enabled and not status & StatusBit.FOLLOWS_COMMAND:
@@ -112,7 +112,7 @@ def drive_to(
 
 
 def reset(loop: ControlLoop, *, press: object | None) -> Steps[tuple[int, ...]]:
-    """Release this press of STOP and clear drive faults; the drives end disabled, except those of the joints returned.
+    """Release this press of STOP and clear drive faults; return the joints not disabled in time.
 
     Raises `Stopped`, and changes nothing, if STOP was pressed after `press`.
     """
@@ -162,7 +162,7 @@ def move(
     """Move joints along a straight line in joint space, so that all arrive together.
 
     The move waits while samples are incomplete, and at its end for the joints to arrive. A non-empty result of `watch`
-    ends it and becomes its reason. On an alarm other than STOP, the joints first come to rest along the line, then the
+    ends the move, as its reason. On an alarm other than STOP, the joints first come to rest along the line, then the
     alarm is raised; if a drive trips, all others hold their positions.
     """
     loop, scales = link.loop, link.scales
@@ -224,7 +224,7 @@ def move(
 
 
 def _arrive(link: Connection) -> Steps[str]:
-    """Wait until all joints in position mode are at their targets; return why a joint is not, empty if all are."""
+    """Wait for the joints in position mode to reach their targets; return why one does not, or empty."""
     loop, commands = link.loop, _last_commands(link.loop)
     away = loop.watch.following.away(loop.sample, commands)
     for _ in range(ARRIVAL_SYNCS):
@@ -251,7 +251,7 @@ def incomplete_samples(sample: Sample) -> errors.BusError:
 def hold_all(loop: ControlLoop) -> Steps[None]:
     """Put all joints into position mode: free joints at their positions, the others at their last targets.
 
-    A joint that answers none of `HOLD_SYNCS` SYNCs stays free: at an old position it would jump.
+    A joint that answers none of `HOLD_SYNCS` SYNCs stays free: to hold an old position, it would jump.
     """
     sample = yield None
     for _ in range(HOLD_SYNCS):
@@ -282,7 +282,7 @@ def _last_commands(loop: ControlLoop) -> Setpoints:
 def _higher_priority(
     alarm: errors.HardwareError | None, ending: Exception | None
 ) -> Exception | None:
-    """Return `alarm` if it is STOP or caused the earlier error `ending`, or if `ending` is None; else `ending`."""
+    """Return the error to raise: `alarm` if it is STOP or explains the earlier `ending`, else `ending`."""
     if ending is None or isinstance(alarm, errors.Stopped):
         return alarm
     # The first sign of a trip or a lost node is often that its drive, or a neighbour's, is not enabled.

@@ -45,7 +45,8 @@ class CommandSender:
                 continue
             if self._latch.latched:
                 break
-            if before != command and not (moving and _only_target_changed(before, command)):
+            retargeted = before and replace(before, target_counts=command.target_counts)
+            if before != command and not (moving and command == retargeted):
                 self._watch.continuity.expect_jerk()
             for identifier, data in self._frames[joint].pack(command):
                 self._send(identifier, data)
@@ -71,10 +72,6 @@ class CommandSender:
             self._quick_stop()
 
 
-def _only_target_changed(before: Setpoint | None, command: Setpoint) -> bool:
-    return before is not None and command == replace(before, target_counts=command.target_counts)
-
-
 DUPLICATE_SYNCS = 10
 """Number of surplus answers that show two devices with the node number of a joint; fewer may be doubled frames."""
 
@@ -86,7 +83,8 @@ SPEED_SYNCS = 5
 class CyclicView:
     """Latest sample for other threads; with the next sample, a new object replaces this one.
 
-    `late_at_s` is the accumulated host latency when each joint answered, s.
+    `earlier` is the sample at most `SPEED_SYNCS` SYNCs before, `late_at_s` the accumulated host latency when each joint
+    answered, s.
     """
 
     sample: Sample
@@ -127,7 +125,7 @@ class Sampler:
         self.waiting = 0
         """Number of joints whose answer to the current SYNC is still expected."""
         self.answered_late = False
-        """Whether a joint answered after the previous sample closed: it may hold answers to an earlier SYNC."""
+        """Whether a joint answered after the previous sample closed: this one may hold answers to an earlier SYNC."""
 
     def open(self) -> None:
         """Begin a sample, just before its SYNC is sent."""
@@ -201,7 +199,7 @@ class Sampler:
         return tuple(j for j, missed in enumerate(self._missed, 1) if missed >= self._max_misses)
 
     def wrong_lengths(self) -> dict[int, str]:
-        """Describe the last TPDO of each joint that sends one of another length than the profile's."""
+        """Describe, by joint, the last TPDO whose length differs from the profile's."""
         texts = dict[int, str]()
         for identifier, got in tuple(self._wrong_lengths.items()):
             at, _, answer = self._parts[identifier]

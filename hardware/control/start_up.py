@@ -38,7 +38,7 @@ from hardware.timing import Pace
 MARGIN: Final = 1.5
 """Factor on a stated time-out, for reaction time and late answers."""
 POLLS: Final = 10
-"""How many times the drives' states are read within `Timing.operator_timeout_s`."""
+"""Number of readings of the drives' states within `Timing.operator_timeout_s`."""
 
 _Object = tuple[int, int]
 """Node and index."""
@@ -289,7 +289,7 @@ class StartUp:
             self._link.wire.send(objects.COB_NMT, bytes([command, node]))
 
     def _read_fault_codes(self, first: Sample) -> None:
-        """Record the error code (603Fh) of each drive in fault: its emergency was sent before this program listened."""
+        """Record the error code (603Fh) of each drive in fault, whose emergency this program missed."""
         faulty = first.joints_in({DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE})
         nodes_in_fault = [self._profile.drives[joint - 1] for joint in faulty]
         codes = {n: self._access.read_unsigned(n, objects.ERROR_CODE) for n in nodes_in_fault}

@@ -25,7 +25,7 @@ class _Press:
 
 
 class StopLatch:
-    """Latch of STOP, which outlives a connection. A reset releases only the press that it names.
+    """Latch of STOP, which outlives a connection. A reset releases only the press given to `release`.
 
     Lock-free: pressing and releasing write one attribute each, so that no press is lost.
     """

@@ -1,7 +1,7 @@
 """Steps that the control loop runs for a caller in another thread, and their result.
 
-The loop takes no lock that Ctrl-C in the caller's thread can leave locked: conditions and futures have such locks,
-`TimedQueue`, based on a queue in C, does not. `Thread.is_alive` is not used either: up to Python 3.12, Ctrl-C in it can
+The loop takes no lock that Ctrl-C in the caller's thread can leave locked: conditions and futures have such locks;
+`TimedQueue`, based on a queue in C, has none. `Thread.is_alive` is not used either: up to Python 3.12, Ctrl-C in it can
 make it return false from then on.
 """
 
@@ -23,7 +23,7 @@ Steps = Generator[Setpoints | None, Sample, Result]
 SYNC; and returns a result."""
 
 _ALIVE_POLL_S = 0.2
-"""How often a waiting caller checks that the loop runs."""
+"""Period at which a waiting caller checks that the loop runs."""
 
 
 @dataclass(slots=True, eq=False)
@@ -57,7 +57,7 @@ class LoopTask:
         self._wake.put(None)
 
     def wait(self, may_finish: Callable[[], bool]) -> bool:
-        """Wait until `finish` was called; return false if it was not, and `may_finish` returns false."""
+        """Wait until `finish` was called; return false if `may_finish` returns false before that."""
         while not self.finished:
             with suppress(Empty):
                 self._wake.get(timeout=_ALIVE_POLL_S)

@@ -24,8 +24,8 @@ SMOOTHING_PERIODS = 10
 def coming_to_rest_s(speed_rad_per_s: float) -> float:
     """Return a joint's braking distance divided by its speed, s, for a move at `speed_rad_per_s`.
 
-    It is half the deceleration time (the mean speed is half of `speed_rad_per_s`), plus half the length of the moving
-    average and two control periods of delay. It also holds for a free joint that moves in proportion to driven joints.
+    That is half the deceleration time (the mean speed is half of `speed_rad_per_s`), plus half the length of the moving
+    average and two control periods of delay. The same applies to a free joint that moves in proportion to driven ones.
     """
     delay_s = (0.5 * (SMOOTHING_PERIODS - 1) + 2.0) * CONTROL_PERIOD_S
     return 0.5 * speed_rad_per_s / ACCELERATION_RAD_PER_S2 + delay_s

@@ -23,8 +23,8 @@ MAX_UPLOADS = 6
 def upload(link: Connection, document: bytes) -> UploadReceipt:
     """Write a document, stage it, read it back and commit it.
 
-    Steps are repeated if an answer is missing or control has lapsed, since nothing is active before the commit, and
-    2003h and 2001h show whether a commit was carried out. After any error but `UploadUnknown`, the previous document
+    Steps are repeated after a missing answer or a lapse of control: nothing becomes active before the commit, and 2003h
+    and 2001h show whether a commit was carried out. After any error but `UploadUnknown`, the previous document
     stays active.
 
     Raises `UploadRefused` if the supervisor refused the document (its reason is given) or there is no supervisor,
@@ -145,10 +145,11 @@ class _Attempt:
         self._access.command(self._supervisor, objects.COMMAND, 0, ParameterCommand.ROLL_BACK)
         pairs = enumerate(zip(staged, document, strict=False))
         at = next((k for k, (a, b) in pairs if a != b), None)
-        where = f"{len(staged)} bytes came back" if at is None else f"byte {at} differs"
+        size = len(document)
+        where = f"{len(staged)} of {size} bytes came back" if at is None else f"byte {at} of {size}"
         raise errors.UploadRefused(
-            f"The document read back from the controller differs from the one sent ({where} of "
-            f"{len(document)}). It was dropped; the previous one stays active."
+            f"The document read back from the controller differs from the one sent ({where}). It was "
+            "dropped; the previous one stays active."
         )
 
     def _read_sha256(self) -> bytes:

@@ -25,7 +25,7 @@ EDS_FILES: Final[Mapping[int, Path]] = {
 
 
 def node_dictionary(node: int) -> ObjectDictionary:
-    """Return the object dictionary of a node of the arm: that of the supervisor or that of a joint's drive."""
+    """Return the object dictionary of a node: the supervisor's, or that of a joint's drive."""
     product = SUPERVISOR_PRODUCT if node == SUPERVISOR_NODE else JOINT_PRODUCT
     return product_dictionary(product, node)
 

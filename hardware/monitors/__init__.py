@@ -1,1 +1,1 @@
-"""Checks on every sample: following, dropout, standstill, count continuity, latency."""
+"""Checks of commands, samples and nodes: limits, following, dropout, standstill, count continuity, heartbeats."""

@@ -25,9 +25,9 @@ def admit(
 ) -> None:
     """Check the commands of one SYNC against the limits.
 
-    The first target of a joint that enters position mode must be the position that it just measured, and so must every
-    target until its drive has power; every later change of target is checked as a motion. Raises `CommandRefused` if a
-    command is outside the limits, `StopLatched` if STOP was pressed since the commands were made.
+    A joint that enters position mode, or whose drive has no power yet, must have its measured position as target; every
+    later change of target is checked as a motion. Raises `CommandRefused` if a command is outside the limits,
+    `StopLatched` if STOP was pressed since the commands were made.
     """
     if before is commands:
         return
@@ -69,7 +69,7 @@ def admit_move(
     *,
     in_control: bool,
 ) -> None:
-    """Check targets and speed of a whole move: `CommandRefused` if a limit forbids it, `ValueError` for no joint."""
+    """Check a whole move: `CommandRefused` if a limit forbids it, `ValueError` for an unknown joint."""
     for joint, target_rad in targets_rad.items():
         if not 1 <= joint <= len(limits):
             raise ValueError(f"there is no joint {joint}")

@@ -35,7 +35,7 @@ NOT_FOLLOWING_SYNCS: Final = 50
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Dropout:
-    """A drive reported `status` without a command; *operation enabled* means that it stopped following its target."""
+    """Uncommanded `status` of a drive; *operation enabled* means that the drive stopped following."""
 
     joint: int
     status: int
@@ -48,7 +48,7 @@ class Dropout:
 
     @property
     def not_following(self) -> bool:
-        """Whether the drive is still enabled and reports that it does not follow (6041h, bit 12 = 0 or bit 13 = 1)."""
+        """Whether the drive is enabled but reports that it does not follow (6041h, bit 12 or bit 13)."""
         return self.state is DriveState.OPERATION_ENABLED
 
     @property
@@ -60,7 +60,7 @@ class Dropout:
 
 @dataclass(slots=True)
 class _Joint:
-    """How many SYNCs since the command to enable found the drive in each condition."""
+    """Number of SYNCs, since the command to enable, with the drive in each condition."""
 
     enabled_syncs: int = 0
     disabled_syncs: int = 0
@@ -129,7 +129,7 @@ class DropoutMonitor:
             self._dropouts = {each.joint: each for each in self._find(sample, commands)}
 
     def reset(self) -> None:
-        """Clear the dropouts: the operator has reset the drives."""
+        """Clear the dropouts, once the operator has reset the drives."""
         self._dropouts = {}
         self._joints = ()
 

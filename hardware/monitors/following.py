@@ -1,7 +1,7 @@
 """Detects uncommanded motion: joints away from the commanded position, or moving after a quick stop.
 
 A drive checks its following error (6065h) with its own target and sensor. If another program sends targets to the
-drive, or the drive's reports are wrong, only the operator, who knows the commands, can detect that.
+drive, or the drive's reports are wrong, only this program can detect that, since it has the commands.
 
 A joint is checked from the moment its drive reports that it follows (6041h, bit 12) until its mode changes or the drive
 leaves *operation enabled*, even if bit 12 drops. If a drive never sets bit 12, setting its mode fails
@@ -26,12 +26,12 @@ from hardware.canopen.objects import CYCLIC_POSITION
 DIVERGED_SYNCS: Final = 10
 """Consecutive SYNCs outside the window that show uncommanded motion; a new target or a late frame causes fewer."""
 LAG_SYNCS: Final = 20
-"""0.2 s: how far a servo may lag behind its target in motion, in addition to its window."""
+"""0.2 s: allowed lag of a servo behind its target in motion, in addition to its window."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Divergence:
-    """A joint that is `counts` away from its target (if `stopped`: from its rest position), since SYNC `sync_count`.
+    """A joint that is `counts` from its target or (`stopped`) rest position, since SYNC `sync_count`.
 
     `angle_rad` is the same distance as an angle; None if it is not computed yet.
     """
@@ -44,9 +44,10 @@ class Divergence:
 
 
 class FollowingMonitor:
-    """Compares samples with commands; `windows_counts`, if not empty, limits each joint's distance from its targets.
+    """Compares samples with commands; `windows_counts` has each joint's window (empty: no check).
 
-    These are the targets of the last `LAG_SYNCS` SYNCs, plus one for each SYNC that the joint has not answered yet.
+    A joint must stay within its window of the range of its latest targets: those of `LAG_SYNCS` SYNCs, plus one for
+    each SYNC that the joint has not answered yet.
     """
 
     def __init__(self, windows_counts: Sequence[float] = ()) -> None:
@@ -61,7 +62,7 @@ class FollowingMonitor:
     ) -> tuple[Divergence, ...]:
         """Take in a sample and the commands sent before it; return the divergences of joints that do not follow.
 
-        `refusing_joints`: those whose drives have reported that they refuse their targets.
+        `refusing_joints`: joints whose drives report a refused target.
         """
         return () if commands is None else tuple(self._find(sample, commands, refusing_joints))
 
@@ -93,7 +94,7 @@ class FollowingMonitor:
             counts = sample.counts[at]
             error = counts - command.target_counts
             outside = self._followed[at] and abs(error) > window
-            if outside:  # of the range of earlier targets too?
+            if outside:  # outside the range of earlier targets too?
                 overdue = sample.overdue[at] if sample.overdue else 0
                 recent = tuple(islice(targets, 1 + LAG_SYNCS + overdue))
                 outside = not min(recent) - window <= counts <= max(recent) + window
@@ -114,7 +115,7 @@ interval to the next."""
 
 @dataclass(slots=True)
 class _Joint:
-    """State of a joint after a stop; `last_travel_counts` is its displacement in the last interval before rest."""
+    """State of a joint after a stop; `last_travel_counts` is its displacement in the previous interval."""
 
     stopped_syncs: int = 0
     rest_counts: int = 0
@@ -141,9 +142,9 @@ class _Joint:
 class StandstillMonitor:
     """Checks every sample after a quick stop; `windows_counts` limits each joint's distance from its rest position.
 
-    If `windows_counts` is empty, nothing is checked. A stopped drive holds at a target of its own, which the operator
-    does not know, so the reference is the position where the joint came to rest. A drive that is without power after a
-    quick stop (605Ah below 5) reports that in its state and is not checked, nor is a joint in free mode.
+    If `windows_counts` is empty, nothing is checked. A stopped drive holds at a target of its own, which this program
+    does not know, so the reference is the position where the joint came to rest. Joints in free mode are not checked,
+    nor drives that report no power after a quick stop (605Ah below 5).
     """
 
     def __init__(self, windows_counts: Sequence[float] = ()) -> None:

@@ -65,7 +65,7 @@ class ContinuityMonitor:
         self._jerk_syncs_left = 0
 
     def expect_jerk(self) -> None:
-        """Suspend detection: a drive is enabled, changes mode, or gets a target other than the next one of its move."""
+        """Suspend detection, since a drive is enabled, changes mode or gets a target outside a move."""
         self._jerk_syncs_left = JERK_SYNCS
         self._candidate = None
 
@@ -125,7 +125,7 @@ class JointMonitor:
     """Checks every sample in the control loop's thread; its attributes may be read from any thread.
 
     `allowed_counts`: each joint's threshold for count jumps at rest. `divergence`: the uncommanded motion for which
-    STOP was latched in an earlier connection, if it is still latched.
+    STOP was latched in an earlier connection, if STOP is still latched.
     """
 
     def __init__(
@@ -146,7 +146,7 @@ class JointMonitor:
     ) -> None:
         """Set the limit of each joint's distance from its target or, once it is stopped, from its rest position.
 
-        To be called before SYNC starts.
+        Call before SYNC starts.
         """
         self._counts_per_rad = tuple(scale.counts_per_rad for scale in scales)
         self.following = FollowingMonitor(windows_counts)
@@ -187,7 +187,7 @@ class JointMonitor:
 
 
 def stop_error(cause: Divergence | None) -> errors.HardwareError:
-    """Return the error for a latched STOP, for which uncommanded motion may be the `cause`."""
+    """Return the error for a latched STOP; `cause` is the uncommanded motion behind it, or None."""
     if cause is None:
         return errors.StopLatched("STOP is latched: reset it before anything moves again")
     return errors.DriveDiverged(

@@ -1,4 +1,4 @@
-"""State of the nodes from their heartbeats and emergencies; recognition of frames that only a CANopen master sends.
+"""State of the nodes from heartbeats and emergencies; detection of frames of another CANopen master.
 
 The receiving thread updates the state; any thread may read the public attributes. Times exclude host latency
 (`hardware.timing`).
@@ -137,7 +137,7 @@ class NodeMonitor:
         """Nodes that have booted since `expect_boot_up`."""
 
     def note_command(self, identifier: int, data: bytes | bytearray) -> None:
-        """Record the first command received from another program: no other program on this bus should send commands."""
+        """Record the first command received from another program; none is expected on this bus."""
         if not self.foreign_command and self._is_command(identifier, bytes(data)):
             self.foreign_command = describe_master_frame(self.profile, identifier, bytes(data))
 
@@ -191,7 +191,7 @@ class NodeMonitor:
 
     @property
     def refusing_joints(self) -> tuple[int, ...]:
-        """The joints whose drives report that they refuse their targets."""
+        """Joints whose drives report a refused target."""
         return tuple(
             fault.joint
             for fault in self.faults

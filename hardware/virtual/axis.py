@@ -1,6 +1,6 @@
-"""A joint of the virtual arm: commissioning data of its drive, its sensor, and what drive and plant exchange.
+"""A joint of the virtual arm: drive settings, sensor, and the data that drive and plant exchange.
 
-Sensors give counts for a true angle, counted from sensor coordinate zero. An RVDT has its electrical zero at the middle
+Sensors return counts at a true angle, relative to sensor coordinate zero. An RVDT has its electrical zero at the middle
 of its joint's range; its converter saturates at the ends of full scale.
 """
 
@@ -61,7 +61,7 @@ class LinearityDeviation:
     def drawn(
         cls, rng: np.random.Generator, *, full_scale_rad: float, peak: float
     ) -> LinearityDeviation:
-        """Draw a random shape with peak deviation `peak` (fraction of full scale), with weaker high degrees."""
+        """Draw a random shape, weaker in high degrees, with peak deviation `peak` (fraction of full scale)."""
         shape = rng.choice((-1.0, 1.0), 4) * rng.uniform(0.4, 1.0, 4) * (1.0, 1.0, 0.4, 0.2)
         unit = cls(coefficients_rad=tuple(shape.tolist()), half_scale_rad=0.5 * full_scale_rad)
         scale = peak * full_scale_rad / unit.peak_rad()
@@ -123,7 +123,7 @@ def converter_ends(joint: Joint, rvdt: Rvdt) -> tuple[int, int]:
 def joint_sensor(
     joint: Joint, *, with_noise: bool, curve: LinearityDeviation | None
 ) -> JointSensor:
-    """Return the sensor of a joint of an arm file; `curve` is for an RVDT only; `ValueError` if the joint has none."""
+    """Return the sensor of an arm file's joint; `curve` is for an RVDT. `ValueError` without a sensor."""
     match joint.sensor:
         case Encoder() as encoder:
             return JointSensor(
@@ -145,8 +145,8 @@ def joint_sensor(
 
 
 FOLLOWING_WINDOW_RAD = math.radians(3.0)
-"""Following error window. It is wider than any servo deflection at torques below the trip level, so that only a failed
-sensor exceeds it."""
+"""Following error window. It is wider than any servo deflection at torques below the trip level, so that only a fault
+exceeds it."""
 HOME_OFFSET_LIMIT_RAD = math.pi
 _LARGEST_U32 = 2**32 - 1
 _MILLIONTHS = 1_000_000
@@ -158,7 +158,7 @@ class AxisSettings:
     Attributes
     ----------
     joint
-        1-based number; also the node.
+        1-based number; also the node number.
     limits
         Command limits; the speed limit is the overspeed trip level as well.
     max_torque_nm, following_window_counts

@@ -216,7 +216,7 @@ class VirtualController:
         self._in_turn = None
 
     def _receive(self, message: can.Message) -> None:
-        """Pass a frame through the wire to the arm, and handle what comes out."""
+        """Pass a frame through the simulated wire, and handle the frames that arrive at the arm."""
         for passed in self.disturbances.wire_in.passed(message):
             self._take_in(passed)
 
@@ -316,7 +316,7 @@ class VirtualController:
                     node.beat()
 
     def _lost(self, node: int) -> bool:
-        """Whether a node was silent for too long; host latency is excluded: it delays a node on this computer too."""
+        """Whether a node was silent too long; host latency is excluded, since it may delay the node too."""
         return self._latency.listened_s - self._heard_s.get(node, -math.inf) > self._timeout_s
 
     def _run_work(self) -> None:

@@ -1,4 +1,4 @@
-"""Joint drives on the bus (frames and objects of a `Drive`), and the group of all drives with the plant they move.
+"""Joint drives on the bus (frames and objects of a `Drive`), and the group of drives with the plant.
 
 TPDO1 and RPDO1 are packed by `struct`, for speed, in the layout that the EDS file defines.
 """
@@ -33,7 +33,7 @@ _HIGHEST_I32: Final = 2**31 - 1
 
 
 class DriveNode(VirtualNode):
-    """Node of one joint; its number is the joint's. `reports_speed`: TPDO1 carries 606Ch in place of 6064h."""
+    """Node of one joint, with its number. `reports_speed`: TPDO1 carries 606Ch in place of 6064h."""
 
     def __init__(
         self, axis: AxisSettings, network: ControllerNetwork, *, serial_number: int
@@ -129,9 +129,9 @@ _FAULTED = (DriveState.FAULT_REACTION_ACTIVE, DriveState.FAULT)
 class DriveGroup:
     """Drives of joints 1..n, their plant and its faults.
 
-    In addition to CiA 402: a drive that trips stops all others, since in a closed chain they would push against a joint
-    that does not follow, and no drive moves until the fault is reset; drives that lose the operator's heartbeat hold
-    and raise 8130h; when the control token is released all drives stop and hold without a fault.
+    In addition to CiA 402, a drive that trips stops all others, since in a closed chain they would push against a joint
+    that does not follow; no drive moves until the fault is reset. Drives that lose the operator's heartbeat hold and
+    raise 8130h. When the control token is released, all drives stop and hold without a fault.
     """
 
     def __init__(
@@ -150,7 +150,7 @@ class DriveGroup:
             self.quick_stop()
 
     def _command_of(self, node: DriveNode) -> JointCommand:
-        """Return a drive's command as active faults change it: mode, or target (lost counts or divergence)."""
+        """Return a drive's command, with the mode or target that active faults give it."""
         command, faults = node.drive.command(), self._disturbances
         if command.mode is JointMode.FREE and node.number in faults.blocked:
             return replace(command, mode=None)

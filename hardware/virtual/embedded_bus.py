@@ -22,7 +22,7 @@ _SENT = can.Message()
 class EmbeddedBus(VirtualBus):
     """Replacement for python-can's virtual bus, on the same channels, at a third of the processor time.
 
-    It uses `TimedQueue`, based on a queue in C, one shared copy of each frame, and a filter cache by identifier.
+    It has a `TimedQueue` (based on a queue in C), one shared copy of each frame, and a filter cache by identifier.
     """
 
     def __init__(self, channel: str, **kwargs: Any) -> None:

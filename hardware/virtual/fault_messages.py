@@ -19,12 +19,12 @@ class ArmReaction(StrEnum):
     TRIPS = "that drive blocks its valve or holds, all others stop and hold"
     BLOCKS = "all valves are blocked"
     UNHEARD = (
-        "moves to the last targets of its servos and stops there; until the loop runs again only the hardware stop "
-        "reaches it"
+        "moves to the last targets of its servos and stops there; until the loop runs again, only the hardware stop "
+        "acts on the arm"
     )
     STOPPED = (
         "is stopped by the program when uncommanded motion is detected: that drive is switched off, all others stop "
-        "and hold; after another message it does not move, its drives holding, tripped or off"
+        "and hold; after another message the arm does not move, and its drives hold, have tripped or are off"
     )
 
 
@@ -44,7 +44,7 @@ class FaultDescription:
     at_connect
         Whether the fault shows while the arm is being connected, so that it must be injected before that.
     always_reported
-        Whether no session runs to its end without one of these messages.
+        Whether every session with this fault shows one of these messages.
     """
 
     broken: str
@@ -78,7 +78,7 @@ _GONE = (
     "has gone silent",
     "left operation",
 )
-_BAD_FRAMES = (*_GONE, "bus loses frames", "Hardly any SYNC is answered")
+_BAD_FRAMES = (*_GONE, "bus loses or delays frames", "Hardly any SYNC is answered")
 _CABLE = (
     "Cable, connectors, terminators and bitrate; then connect again: every accepted pose stays."
 )
@@ -92,8 +92,8 @@ _COUNT_LOSS = ("joint {joint} jumped", "joint {joint} has shifted by")
 """Messages on lost counts. The second appears when the first pose is repeated: in position mode the drive moves the
 joint by the lost counts."""
 _COUNT_LOSS_KEPT = (
-    f"{ALL_POSES}; if a joint in position mode is reported when the first pose is repeated, none since then "
-    "(for a degree: at the next pose, from the 11th on; for less: at the end, and the verdict refuses to mix them)"
+    f"{ALL_POSES}; if a joint in position mode is reported when the first pose is repeated, none since then (a shift "
+    "of 1 deg: at the next pose, from the 11th on; a smaller one: at the end, and the verdict refuses to mix the poses)"
 )
 _COUNT_LOSS_REMEDY = (
     "Retake the marked poses; if the first pose reads differently, start a new session. Check the encoder's coupling "
@@ -139,7 +139,7 @@ FAULTS: Mapping[str, FaultDescription] = {
             "are not set up as",
             "tripped: ",
             "reports an error: ",
-            "has restarted",
+            "restarted",
             "is not the one",
             "range",
             "does not come to rest",
@@ -220,7 +220,7 @@ FAULTS: Mapping[str, FaultDescription] = {
     "restart-node": FaultDescription(
         "a joint's drive restarts, its counter at zero",
         "Find out why it lost its power; reference its counter, then connect again.",
-        texts=("left operation", "has restarted", "outside its range", "at zero", "near zero"),
+        texts=("left operation", "restarted", "outside its range", "at zero", "near zero"),
         kept=f"{ALL_POSES}; not the zero of that drive's counter",
         always_reported=True,
     ),
@@ -257,7 +257,7 @@ FAULTS: Mapping[str, FaultDescription] = {
         kept=_COUNT_LOSS_KEPT,
     ),
     "ripple": FaultDescription(
-        "a sensor has noise of ten counts, as of an unsteady supply",
+        "a sensor has noise of ten counts, as from an unsteady supply",
         "Supply and shield of that sensor; RVDT amplifier.",
         texts=("does not come to rest",),
     ),
@@ -379,7 +379,7 @@ OPERATOR_SIDE: Mapping[str, FaultDescription] = {
     ),
     # tests/system/test_fault_recovery.py, test_resume_succeeds_after_frozen_operator_trips_drives
     "frozen for longer": FaultDescription(
-        "the operator's program freezes for longer than that",
+        "the operator's program freezes for longer than the drives' heartbeat time-out (0.5 s)",
         "Go on as the last line says: `sarcal run --resume` resets and compares the arm first.",
         texts=("operator's heartbeat lost",),
         arm=ArmReaction.HOLDS,

@@ -1,7 +1,7 @@
 """Fault injection into the virtual controller, for tests and demonstrations.
 
-`FAULT_KINDS` are the faults of `fault_messages` by name. Each changes the controller in its control loop, mostly its
-`hardware.virtual.disturbances`. A `ScriptedFault` is injected at a given SYNC, so that a run with faults is
+`FAULT_KINDS` are the faults of `fault_messages` by name. Each is injected in the controller's loop, mostly by a change
+of `hardware.virtual.disturbances`. A `ScriptedFault` is injected at a given SYNC, so that a run with faults is
 reproducible.
 """
 
@@ -42,7 +42,7 @@ def inject(arm: VirtualController, kind: str, joint: int) -> None:
 
 
 def disturb_frames(arm: VirtualController, faults: FrameFaults) -> None:
-    """Lose, double, delay or damage frames of all nodes, in both directions; `FrameFaults()` stops all that."""
+    """Lose, double, delay or damage frames of all nodes, in both directions; `FrameFaults()` ends these faults."""
     arm.disturbances.wire_out = FaultyWire(faults, 0, clock=arm.now_s)
     arm.disturbances.wire_in = FaultyWire(faults, 1, clock=arm.now_s)
 
@@ -93,7 +93,6 @@ def _flag(name: str) -> FaultAction:
 
 
 def _cut_cable(arm: VirtualController, node: int) -> None:
-    """Stop a node from sending and receiving."""
     arm.disturbances.cut_since_s.setdefault(node, arm.now_s())
 
 
@@ -201,7 +200,7 @@ FAULT_KINDS: Mapping[str, FaultAction] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScriptedFault:
-    """A fault to inject at a SYNC, before the plant's step; SYNCs count from 1, and 0 means before the first SYNC."""
+    """A fault to inject at SYNC `at_sync`, before the plant's step; 0: before the first SYNC."""
 
     kind: str
     joint: int

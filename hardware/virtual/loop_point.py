@@ -1,7 +1,7 @@
 """Closure error and Jacobian at one pose, optimised for speed in the plant's inner loop.
 
 `solver.loops.dh.DhLoop.loop` does the same for many poses at once, and is ten times slower for one pose. A test
-compares both to 1e-12.
+compares the two to within 1e-12.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class ChainPoint:
     Attributes
     ----------
     error
-        (k,) closure error, whose components the class states.
+        (k,) closure error; its components are stated by the subclass.
     jacobian
         (k, n + 1) derivative of `error` with respect to theta_0, theta'_1 .. theta'_n; column 0 is zero without a
         hinge.

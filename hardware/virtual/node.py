@@ -1,4 +1,4 @@
-"""A virtual CANopen node (boot, NMT, heartbeat, EMCY, object access), and the way of its frames to the bus.
+"""A virtual CANopen node (boot, NMT, heartbeat, EMCY, object access), and the path of its frames to the bus.
 
 `canopen.LocalNode` lacks much of this and sends heartbeats from a separate timer; here the controller's loop sends the
 heartbeats, so that they stop when the loop hangs.
@@ -54,9 +54,9 @@ class ControllerNetwork:
 class VirtualNode:
     """A node on the bus; `serial_number` is 1018h sub 4.
 
-    A read of an object returns its entry in `answers`, a value or a function, or else its default. A write (sub-index
-    0) calls its entry in `writers`, which may raise `SdoAbortedError`, or else is refused. Methods that handle frames
-    take `lock`.
+    Reading an object returns its entry in `answers` (a value, or a function's result), or else its default. Writing an
+    object (sub-index 0) calls its entry in `writers`, which may raise `SdoAbortedError`; without an entry, the write is
+    refused. Methods that handle frames take `lock`.
     """
 
     def __init__(self, node: int, network: ControllerNetwork, *, serial_number: int) -> None:

@@ -148,7 +148,6 @@ def _wrap(document: bytes) -> bytes:
 
 
 def _unwrap(stored: bytes) -> bytes | None:
-    """Return the document in a slot's file; None if the file is damaged."""
     _, _, document = stored.partition(b"\n")
     return document if stored == _wrap(document) else None
 

@@ -66,7 +66,7 @@ class Loads:
             object.__setattr__(self, name, frozen(getattr(self, name)))
 
     def of(self, arm: ArmModel) -> Loads:
-        """Return loads for another arm, with any friction in proportion to each drive's torque.
+        """Return loads for another arm, with friction, if any, in proportion to each drive's torque.
 
         If the number of joints differs, the largest mass is placed at mid-arm and near the wrist. Masses are reduced in
         proportion to the weakest drive: in a closed chain any drive may have to carry them.
@@ -85,7 +85,7 @@ class Loads:
 
 
 class Plant:
-    """True geometry, forces and the sensors of joints 1..n; `rng` draws the sensors' noise.
+    """True geometry, loads and sensors of an arm; `rng` draws the sensors' noise.
 
     `start_rad` (n,) and `start_hinge_rad` are true joint angles theta' and hinge angle of a closed pose, rad.
     """

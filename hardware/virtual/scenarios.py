@@ -3,8 +3,8 @@
 The truth is the paper's arm in the paper's hinge if the files allow it; otherwise a specimen drawn by seed within the
 tolerances of the files (`scenario_of`).
 
-Each of the paper's three error sources (section 4: RVDTs, fixed lengths, fixture) is one field of a `Scenario`. They
-are drawn from separate streams, so that switching one off does not change the others.
+Each of the paper's three error sources (section 4: RVDTs, fixed lengths, fixture) is one field of a `Scenario`. The
+errors are drawn from separate streams, so that switching one off does not change the others.
 """
 
 from __future__ import annotations
@@ -186,7 +186,7 @@ def scenario_of(name: str, seed: int, stated: SpecimenFiles, placement: int = 1)
         loads = mounted.loads.of(stated.arm)
         mounted = replace(mounted, truth=truth, specimen=None, loads=loads)
     elif not stated.fixture.holds_hand:
-        # The same arm as in the hinge, taken out of it.
+        # The same arm as in the hinge, without the hinge.
         mounted = replace(mounted, truth=open_truth(stated, mounted.truth, rng))
     if placement == 1:
         return mounted

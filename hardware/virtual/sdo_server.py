@@ -44,7 +44,7 @@ It returns the last answers and the data received (None for an upload); it may r
 
 
 class Deferred(Exception):
-    """Raised by a node during a write to say that it will call `NodeSdoServer.answer_later`."""
+    """Raised by a node during a write that it will answer with `NodeSdoServer.answer_later`."""
 
 
 @dataclass(slots=True)
@@ -240,7 +240,6 @@ def _block_upload(request: bytes, document: bytes) -> Steps:
 
 
 def _announced(request: bytes, *, is_stated: int) -> int | None:
-    """Return the announced length of a download; None if it is not stated."""
     if not is_stated:
         return None
     size = int.from_bytes(request[4:], "little")

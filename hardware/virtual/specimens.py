@@ -94,7 +94,7 @@ def _first_that_closes(
 
 
 def _arm_differences(arm: ArmModel, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-    """Draw differences of an arm from its file, rad and m: of free entries (5, n), and of the maker's s to beta (4, n).
+    """Draw an arm's differences from its file, rad and m: free entries (5, n), maker's s to beta (4, n).
 
     All are drawn first, needed or not, so that a seed always gives the same arm.
     """
@@ -177,7 +177,7 @@ def open_truth(stated: SpecimenFiles, truth: Truth, rng: np.random.Generator) ->
 def remount_truth(stated: SpecimenFiles, truth: Truth, rng: np.random.Generator) -> Truth:
     """Return the truth of the same arm and fixture, mounted again within the tolerance of the fixture file.
 
-    The fixture's placement on the table changes; that on the tool changes too, unless the fixture stays on it.
+    The fixture's placement on the table changes and, unless the fixture stays on the tool, its placement on the tool.
     theta_off of the first or last joint, which is measured from the fixture, changes too. `ValueError` if no drawn
     placement lets the arm close near home.
     """

@@ -181,7 +181,7 @@ class SupervisorNode(VirtualNode):
     def _stage(self) -> None:
         document = self._received
         if document is None:
-            raise _Refused("nothing was written to stage", sdo.ABORT_APPLICATION_DEVICE_STATE)
+            raise _Refused("no document has been written", sdo.ABORT_APPLICATION_DEVICE_STATE)
         try:
             parameters = self._check(document)
         except _Refused:

@@ -1,6 +1,6 @@
 """Simulated tracker of the virtual open arm, with the line protocol of instruments.
 
-It answers ``{"measure": "12"}`` with ``{"pose": "12", "x_m": ..., ..., "rz_deg": ...}``: position of the target in the
+The answer to ``{"measure": "12"}`` is ``{"pose": "12", "x_m": ..., ..., "rz_deg": ...}``: position of the target in the
 tracker's own frame, and orientation as a rotation vector.
 """
 
@@ -78,8 +78,6 @@ CLIENTS = 16
 
 
 class _Server(socketserver.ThreadingTCPServer):
-    """One daemon thread per client."""
-
     allow_reuse_address = True
     daemon_threads = True
     request_queue_size = CLIENTS

@@ -45,7 +45,7 @@ class Truth:
         return self.table.theta_off_rad[1:]
 
     def named(self) -> dict[str, float]:
-        """Return the true values, rad and m, by the parameter names of a calibration; only positions of points."""
+        """Return the true values (rad, m) by parameter name; for points, the position only."""
         stacked, points = self.table.stacked(), dict[str, FloatArray]()
         match self.loop:
             case PointClosure(tip_m=tip, ground_m=ground):

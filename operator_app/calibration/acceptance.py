@@ -1,4 +1,4 @@
-"""Acceptance: verdict of a calibration, and causes of a misfit from tests, repeated poses, fit and sigmas."""
+"""Verdict of a calibration, and the causes that its tests, sigmas and repeated poses support."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Verdict(Enum):
 class Adjudication:
     """A verdict with its reasons.
 
-    `causes`: causes, the most probable first.
+    `causes`: causes of a misfit, the main cause first.
     `stated_chi2_per_dof`: chi2/dof with the variances that the files state; None if not computed.
     `diverged`: whether the solution has diverged far from the files' values, so that no advice can be based on it.
     """
@@ -111,7 +111,7 @@ def _finding(x: Explanation, diagnosis: Diagnosis, labels: tuple[str, ...]) -> F
 
 
 def _refuses(cause: Candidate, evidence: Evidence, estimate: Estimate, impact: float) -> bool:
-    """Whether a cause blocks: it is a frozen reading, or moves a parameter by over `REFUSING_SHIFT_SIGMAS` sigmas."""
+    """Whether a cause blocks: a frozen reading, or a change above `REFUSING_SHIFT_SIGMAS` sigmas."""
     if cause.cause is Cause.FROZEN or impact > limits.REFUSING_SHIFT_SIGMAS:
         return True
     # If the cause changed a value, the old and the new value have to agree within the stated uncertainty.
@@ -125,7 +125,7 @@ def _refuses(cause: Candidate, evidence: Evidence, estimate: Estimate, impact: f
 
 
 def _unnamed(diagnosis: Diagnosis) -> Iterable[Finding]:
-    """Yield the finding of an unexplained misfit if a test fires and no known cause explains the misfit well."""
+    """Yield a finding if a test fires and no known cause explains the misfit well."""
     if not diagnosis.fires:
         return
     ratio, probability = _left(diagnosis), 1.0
@@ -172,7 +172,7 @@ def _impossible_compliance(diagnosis: Diagnosis) -> bool:
 def each_once(causes: Iterable[Finding]) -> tuple[Finding, ...]:
     """Return one finding for each code; it blocks if any finding of that code blocks.
 
-    A code occurs twice if the first fit of its cause left part of the misfit that the cause explains.
+    A code occurs twice if the first fit of its cause left part of that cause's misfit.
     """
     by_code: dict[str, Finding] = {}
     for cause in causes:
@@ -230,7 +230,7 @@ def little_motion(
 def paper_test(
     paper: Estimate | None, implicit: Estimate
 ) -> tuple[tuple[HypothesisTest, ...], tuple[Finding, ...]]:
-    """Test the paper's estimate, if any, against the implicit one, in sigmas; a finding follows if the test fires."""
+    """Return the test of the paper's estimate, if any, against the implicit one, and its finding."""
     if paper is None:
         return (), ()
     names = [p.name for p in implicit.parameters]
@@ -282,7 +282,7 @@ def return_tests(
 def proven_by_return(
     since: tuple[Finding, ...], by_tests: tuple[Finding, ...]
 ) -> tuple[tuple[Finding, ...], tuple[Finding, ...]]:
-    """Return the blocking causes that repeated poses prove, and the other causes, which are from tests.
+    """Return the blocking causes that repeated poses prove, and the remaining causes from tests.
 
     A proven slip blocks even if it is smaller than the parameters' sigmas, because the slip has increased the sigmas.
     """
@@ -303,7 +303,7 @@ SLIP_KINDS = frozenset(
 
 
 def not_yet_named(since: tuple[Finding, ...], by_tests: tuple[Finding, ...]) -> tuple[Finding, ...]:
-    """Return the causes that only a repeated pose shows, leaving out slips that the tests have already found.
+    """Return the causes that only a repeated pose shows, without slips that the tests have found.
 
     A compliant fixture or a wrong length that the tests have found does not count as a slip.
     """
@@ -319,7 +319,7 @@ def not_yet_named(since: tuple[Finding, ...], by_tests: tuple[Finding, ...]) -> 
 
 
 def _slipped_since(read: RepeatedReading, repeat: Repeat, estimate: Estimate) -> Finding:
-    """Return the finding that the fixture moved or a joint's reading stepped between two readings of a pose."""
+    """Return the finding of a fixture slip or a reading step between two readings of a pose."""
     from scipy.special import chdtri
 
     # Prior odds: a step in one of n joints, against a slip or a deflection of the fixture.

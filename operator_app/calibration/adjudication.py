@@ -60,8 +60,7 @@ UNEXPLAINED_KINDS = {
 class PriorInformation:
     """Results that the adjudication uses in addition to the tests of the fit.
 
-    `judged`: names of the parameters that decide on acceptance. `paper`: the paper's estimate, if that estimator is
-    chosen.
+    `judged`: names of the parameters that decide on acceptance. `paper`: the paper's estimate if chosen, else None.
     `out_of_range`: readings outside the arm file's ranges. `flipped`: number of poses left out because the tool is, or
     seems, upside down. `left_out`: findings that state why poses were left out.
     `checks`: set-up checks of the fixture's identified geometry.
@@ -131,7 +130,7 @@ class _Case:
 def adjudicate(
     calibrated: Calibrated, experiment: Experiment, distinct: IntArray, known: PriorInformation
 ) -> acceptance.Adjudication:
-    """Return the causes of a misfit, the most probable first, and the verdict.
+    """Return the verdict with all tests and the causes of a misfit, the main cause first.
 
     `distinct`: indices of the fitted poses, in the order in which they were taken.
     """
@@ -203,7 +202,7 @@ def _misfit_causes(
 ) -> tuple[tuple[Finding, ...], tuple[Finding, ...], bool]:
     """Explain the misfit by the causes that the tests support or, if it is gross, by alternative models.
 
-    Returns all causes, the alternative models among them, and whether a blocking misfit remains unexplained.
+    Returns all causes, those of them that are alternative models, and whether a blocking misfit remains unexplained.
     """
     diagnosis, scale = case.diagnosis, case.chi2_per_dof
     by_tests = acceptance.causes_of(diagnosis, case.fit.estimate, case.known.judged, labels)
@@ -217,7 +216,7 @@ def _misfit_causes(
         either = (*wrong, *(replace(c, blocking=True) for c in by_tests[:1]))
         return tuple(replace(c, probability=0.5) for c in either), wrong, False
     joint = "" if case.gross else case.suspects(Cause.READING)
-    # So large an error of a reading, a compliance or a length may also mean that a file is wrong.
+    # An error of a reading, compliance or length this large may also mean that a file is wrong.
     of_files = (
         not case.gross
         and scale > limits.CHI2_PER_DOF_REFUSED
@@ -265,7 +264,7 @@ def _begins_with_a_placement(case: _Case) -> bool:
 
 
 def _local_minimum_causes(case: _Case) -> tuple[Finding, ...]:
-    """Return any alternative models that fit near nominal, then the finding that the solution is far from nominal."""
+    """Return alternative models that fit near nominal, and the finding of a solution far from nominal."""
     if case.known.search is not None:
         return ()
     model, estimate, judged = case.model, case.fit.estimate, case.known.judged
@@ -319,7 +318,7 @@ def _poorly_determined(case: _Case) -> tuple[Finding, ...]:
 
 
 def _single_cause(diagnosis: Diagnosis) -> bool:
-    """Whether one cause, more likely than all others together, explains the misfit; true if there is no misfit."""
+    """Whether one cause of probability above 0.5 explains the misfit; true if there is no misfit."""
     best = diagnosis.best
     if best is None:
         return not diagnosis.rankings
@@ -327,12 +326,12 @@ def _single_cause(diagnosis: Diagnosis) -> bool:
 
 
 def _blocking_when_probable(causes: tuple[Finding, ...]) -> tuple[Finding, ...]:
-    """Return the causes of a fit that did not converge; a cause with a probability above 0.5 blocks acceptance."""
+    """Return the causes, of which those with a probability above 0.5 block acceptance."""
     return tuple(replace(c, blocking=c.blocking or c.probability > 0.5) for c in causes)
 
 
 def _exceeded_specifications(fit: LinearFit, diagnosis: Diagnosis) -> tuple[Finding, ...]:
-    """Return findings of error sources that exceed their specification; the sigmas already include the excess.
+    """Return findings of error sources beyond their specification; the sigmas include the excess.
 
     A linearity deviation is included only if its own test fires.
     """
@@ -367,7 +366,7 @@ def second_solution(search: GlobalStart | None) -> tuple[Finding, ...]:
 
 
 def _geometry_causes(checks: tuple[SetupCheck, ...]) -> tuple[Finding, ...]:
-    """Return findings on fixture axes so nearly parallel to a joint axis that D-H entries are ambiguous (Hayati)."""
+    """Return findings of fixture axes almost parallel to a joint axis: ambiguous D-H entries (Hayati)."""
     return tuple(
         Finding(
             FindingKind.PARALLEL_AXES,

@@ -51,7 +51,6 @@ LEAST_NOISE_RAD = 1e-4
 MODEL_ITERATIONS = 15
 """Iterations after which a correct alternative is near its solution."""
 
-
 Alternative = tuple[Finding, Experiment]
 """A possible mistake, and the experiment with this mistake corrected."""
 
@@ -62,7 +61,7 @@ def without_reading(stated: Experiment, joint: int) -> Experiment:
 
 
 def start(alternative: Experiment) -> tuple[FloatArray, float]:
-    """Return start values (P,) and mean square closure error (with unsensed joints: mean square correction, rad^2)."""
+    """Return start values (P,) and mean square closure error; with unsensed joints, mean square correction, rad^2."""
     if alternative.unsensed:
         fit = without_readings(alternative)
         return fit.x, float((fit.corrections**2).mean())
@@ -146,7 +145,7 @@ BENDS = 3
 
 
 def shift_of(reading_rad: FloatArray, angle_rad: FloatArray) -> tuple[int, float] | None:
-    """Return the index of the pose at which a joint's readings (m,) step away from its angles (m,), and the step, rad.
+    """Return the pose index at which readings (m,) step away from the angles (m,), and the step, rad.
 
     Poses are in the order in which they were taken. None if no step explains most of the deviation from a smooth curve.
     """
@@ -188,7 +187,7 @@ def other_fixtures(stated: Experiment) -> Iterator[Alternative]:
 
 
 def hinge_instead(stated: Experiment) -> Alternative:
-    """Return the alternative with a hinge on the line that, over all poses, is most nearly fixed in tool and base."""
+    """Return the alternative with a hinge on the line that is most nearly fixed in tool and base."""
     arm, fixture = stated.arm, stated.fixture
     frames = _frames(arm, stated.poses)
     eye = np.broadcast_to(np.eye(3), frames[0].shape)
@@ -212,7 +211,7 @@ def hinge_instead(stated: Experiment) -> Alternative:
 
 
 def _ball_instead(stated: Experiment) -> Alternative:
-    """Return the alternative with a ball: at the hinge if one is stated, else at the tool point that moves least."""
+    """Return the alternative with a ball: at a stated hinge, else at the tool point that moves least."""
     fixture = stated.fixture
     R, p = frames = _frames(stated.arm, stated.poses)
     if isinstance(fixture, Hinge):

@@ -1,4 +1,4 @@
-"""Alternative models for a gross misfit: the most promising are solved, and reported with their probability.
+"""Alternative models for a gross misfit: solves the most promising and returns their probabilities.
 
 Used if no linear explanation accounts for the misfit, or if the solution is implausible.
 """
@@ -48,11 +48,10 @@ from solver.estimators.estimate import Estimate, closure_at_readings
 from solver.estimators.linear_fit import LinearFit
 
 PROMISING_COST_SHARE = 0.3
-"""An alternative is solved completely if its squared closure error is below this share of that of the stated model."""
+"""An alternative is solved completely if its squared closure error is below this share of the stated model's."""
 
 PER_FREEDOM = 4.6
-"""An alternative's log weight is reduced by this (the logarithm of 100) for each degree of freedom that it has fewer
-than the stated model."""
+"""Reduction of an alternative's log weight (ln 100) for each degree of freedom fewer than the stated model's."""
 
 LEAST_M = 2e-3
 """Two lengths that differ by less than this count as equal."""
@@ -64,7 +63,7 @@ LARGEST_OFFSET_RAD = np.deg2rad(10.0)
 """Largest offset that a zero may have in addition to a quarter or half turn."""
 
 MOST_LEFT_OUT = 3
-"""Most poses that are left out as the explanation of a gross misfit; at most a tenth of all."""
+"""Largest number of poses left out to explain a gross misfit; at most a tenth of all poses."""
 
 SOLVED_ALTERNATIVES = 3
 """Number of the most promising alternatives that are solved completely."""
@@ -126,7 +125,7 @@ def find_alternatives(
         if ratio < limits.CHI2_PER_DOF_ALTERNATIVE
     ]
     if not weighted and np.isfinite(as_it_is) and not of_files:
-        # A fit without a whole sensor may end elsewhere: that the loops nearly close is enough.
+        # A fit without a sensor may end at another solution: loops that nearly close suffice.
         weighted = [
             (finding, 0.0)
             for finding, alternative in _frozen_in_all_poses(stated)
@@ -136,7 +135,7 @@ def find_alternatives(
 
 
 def hinge_alternative(stated: Experiment) -> tuple[Finding, ...]:
-    """Return the finding that the fixture is a hinge, if the file states a ball and the poses close in a hinge.
+    """Return the finding of a hinge if the file states a ball, but the poses close in a hinge.
 
     Poses that close in a hinge also close in a ball with its centre anywhere on the axis.
     """
@@ -148,7 +147,7 @@ def hinge_alternative(stated: Experiment) -> tuple[Finding, ...]:
 
 
 def wrong_distances(stated: Experiment, fit: LinearFit, *, most_chi2: float) -> tuple[Finding, ...]:
-    """Return findings of the measured distances between sockets whose omission makes the poses fit; else ().
+    """Return findings of the measured socket distances without which the poses fit; empty if none.
 
     `most_chi2`: largest allowed chi2 without these distances, at the known noise of `fit`. If chi2 of the linear `fit`
     is larger, the loops are solved again, since large errors are not linear.
@@ -246,7 +245,7 @@ def _same_loop(stated: Experiment) -> Iterator[Alternative]:
 
 
 def _without_worst(stated: Experiment) -> Iterator[Alternative]:
-    """Yield alternatives without the poses that close worst, each fitted again without those before."""
+    """Yield alternatives that leave out one pose after the other: the one that then closes worst."""
     labels, kept, rest = pose_labels(stated.poses), np.arange(len(stated.poses)), stated
     left_out: list[str] = []
     while not stated.unsensed and len(left_out) < min(MOST_LEFT_OUT, len(labels) // 10):
@@ -262,13 +261,13 @@ def _without_worst(stated: Experiment) -> Iterator[Alternative]:
 
 
 def _refitted(stated: Experiment, poses: PoseSet) -> Experiment:
-    """Return the experiment with other poses, by which an instrument is registered again."""
+    """Return the experiment with `poses`, from which an instrument is registered again."""
     fixture = with_registered_instrument(stated.arm, stated.fixture, poses)
     return replace(stated, poses=poses, fixture=fixture)
 
 
 def _other_rows(stated: Experiment, endpoint: FloatArray, rows: int) -> Alternative:
-    """Return the alternative in which each pose's endpoint stands `rows` rows further down."""
+    """Return the alternative in which each pose's endpoint is in the file `rows` rows further down."""
     kept = np.arange(max(-rows, 0), len(endpoint) - max(rows, 0))
     poses = replace(stated.poses.at_poses(kept), endpoint=endpoint[kept + rows])
     names = ("further down" if rows > 0 else "further up",)
@@ -296,7 +295,6 @@ def turned_zero(stated: Experiment, estimate: Estimate) -> tuple[Finding, ...]:
 
 
 def _turned(stated: Experiment, joint: int, turn_rad: float) -> Alternative:
-    """Return the alternative with the zero of a joint turned in the arm file."""
     offsets = stated.arm.table.theta_off_rad.copy()
     offsets[joint - 1] += turn_rad
     finding = Finding(FindingKind.ZERO_TURNED, joint=joint, size=turn_rad, unit="rad")
@@ -337,7 +335,7 @@ def _without_each_reading(stated: Experiment) -> Iterator[Alternative]:
 def _shifted(blind: Experiment, unsensed: tuple[int, ...]) -> list[tuple[Finding, float, int]]:
     """Return the finding of a step in one joint's readings, with chi2/dof and dof after correction of the step.
 
-    The joint is the one that `blind` has in addition to `unsensed`. Empty if there is no step, or no single such joint.
+    The joint is the only one unsensed in `blind` but not in `unsensed`. Empty without such a joint or without a step.
     """
     more = [j for j in blind.unsensed if j not in unsensed]
     if len(more) != 1:
@@ -361,7 +359,7 @@ def _shifted(blind: Experiment, unsensed: tuple[int, ...]) -> list[tuple[Finding
 def _closest(
     alternatives: Iterable[Alternative], deadline: float, *, below: float
 ) -> list[Alternative]:
-    """Return at most `SOLVED_ALTERNATIVES` alternatives: those of smallest cost, none with a cost above `below`."""
+    """Return the `SOLVED_ALTERNATIVES` alternatives of smallest cost, none with a cost above `below`."""
     costs: list[tuple[float, Alternative]] = []
     for finding, alternative in alternatives:
         if thread_time() > deadline:

@@ -141,7 +141,7 @@ class Prepared:
     """Loops of the poses on one branch, with the model, data and error model of their fit.
 
     `fixed`: unidentifiable unknowns that are fixed at their nominal values on request.
-    `hard`: model with the unknowns to identify; `model`: this model with all free parameters.
+    `hard`: model with only the unknowns to identify; `model`: the same, and entries free within tolerances.
     `tolerance`: tolerance (rad, m), by name, of each entry free within a tolerance.
     `errors`: error model of the distinct poses.
     `distinct`: indices of the distinct poses. `which`: for every pose on the branch, its position in `distinct`.
@@ -195,7 +195,7 @@ def prepare(
 ) -> Prepared:
     """Build the loops and the model of their fit; refuse poses that cannot be fitted.
 
-    These are too few poses, readings out of range, placements with ambiguous parameters, and unidentifiable parameters.
+    Refused are too few poses, readings out of range, placements with ambiguous parameters, unidentifiable parameters.
     """
     model, arm, poses = experiment.loop(), experiment.arm, experiment.poses
     require_enough_poses(model, len(poses))
@@ -231,7 +231,7 @@ def prepare(
 
 
 def fit(prepared: Prepared, progress: Progress | None) -> Fitted:
-    """Fit by the implicit estimator from several starts; return the paper's estimate if that estimator is chosen.
+    """Fit by the implicit estimator from several starts; `estimate` is the paper's if that is chosen.
 
     Raises `PosesDoNotFitError` if no start leads to a fit; the error lists the alternative models that fit. Refuses
     parameters that are unidentifiable at the estimate.
@@ -360,7 +360,7 @@ def _identifiability(prepared: Prepared, x: FloatArray) -> Identifiability:
 
 
 def _require_identifiable(prepared: Prepared, identified: Identifiability) -> Identifiability:
-    """Return the identifiability, or raise an error that names the unidentifiable directions or the fault behind them.
+    """Return `identified`, or raise an error with the unidentifiable directions or their cause.
 
     The implicit estimator accepts directions that involve a parameter whose uncertainty the arm's file states.
     """
@@ -387,7 +387,7 @@ def _require_identifiable(prepared: Prepared, identified: Identifiability) -> Id
 
 
 def _identifiability_of(prepared: Prepared, part: Calibrated, x: FloatArray) -> Identifiability:
-    """Identifiability at the fitted parameters, from the fit's equations or, with unsensed joints, the loop closure."""
+    """Identifiability at the fitted `x`, from the fit or, with unsensed joints, from the loop closure."""
     loops = prepared.loops
     if prepared.by_paper and prepared.identifiability is not None:
         return prepared.identifiability
@@ -399,7 +399,7 @@ def _identifiability_of(prepared: Prepared, part: Calibrated, x: FloatArray) -> 
 
 
 def _starts(prepared: Prepared) -> Iterator[FloatArray | None]:
-    """Yield start values: fixture fitted alone, first estimate, nominal values, best solution near nominal values."""
+    """Yield start values (P,): fixture fitted alone, first estimate, nominal, best solution near nominal."""
     loops, unsensed = prepared.loops, prepared.experiment.unsensed
     model, q, identifiable = prepared.model, loops.q, loops.identifiable
     if prepared.prior and loops.search is None and not unsensed:
@@ -418,7 +418,7 @@ def _starts(prepared: Prepared) -> Iterator[FloatArray | None]:
 def _outliers(
     calibrated: Calibrated, of_each: IntArray, poses: PoseSet, adjudication: Adjudication
 ) -> tuple[str, ...]:
-    """Labels of the poses that the others do not predict, the worst first; those of the cause if they are the cause.
+    """Labels of the poses that the others do not predict, the worst first, or of a blocking cause.
 
     `of_each`: indices of the poses of `calibrated`.
     """

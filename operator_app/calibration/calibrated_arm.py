@@ -74,7 +74,7 @@ class CalibratedArm:
             return self.flange if frame == "flange" else self.hand
         if frame == "tip":
             return self.best.table
-        # The fixture's entries of the last link do not belong to the arm.
+        # Entries of the last link that the fixture determines are not the arm's own.
         return _with_last_link(self.best.rows, self.flange.stacked(), than=self.hand.stacked())
 
     @property
@@ -120,7 +120,7 @@ class CalibratedArm:
         return np.sqrt(spread_along(self._rates(q_rad, self.free)[1], part))
 
     def rate_m_per_rad(self, joint: int, rates: dict[str, float], q_rad: FloatArray) -> FloatArray:
-        """Displacement of the tip (m,), m, per rad of error in the fixed offset of `joint`, at readings (m, n), rad.
+        """Tip displacement (m,), m, per rad of error in the fixed offset of `joint`, at readings (m, n).
 
         `rates`: change of the other parameters per rad, by name; with several placements, those of the first apply.
         """
@@ -193,7 +193,7 @@ def hand_errors(calibrated: CalibratedArm, arm: ArmModel) -> HandErrors:
 
 
 def side_of(model: ClosureModel, name: str) -> Literal["arm", "ground", "hand"]:
-    """Return whether an unknown belongs to the arm, the table ("ground") or the tool ("hand").
+    """Return what an unknown describes: the arm, or the fixture on the table ("ground") or tool ("hand").
 
     Only the arm's parameters stay valid in another mounting.
     """
@@ -273,7 +273,7 @@ def with_best_table(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClosureInUse:
-    """Closure sigmas with what a controller uses; None if there is none.
+    """Closure sigmas with the results that a controller uses; None if not computed.
 
     `best_table`: the best D-H table at uncorrected readings. `corrected`: the identified entries at readings to which
     the corrections are added.
@@ -310,7 +310,7 @@ def closure_in_use(
     """Return the closure sigmas with the best table and with the corrections.
 
     `model`, `x`: a loop of the calibrated arm and the values of its parameters (P,), rad and m. `q`: readings (m, n).
-    `unknown`: parameters of a place that was not calibrated, estimated for the table and for the corrections apart.
+    `unknown`: parameters of a place that was not calibrated, estimated separately for table and corrections.
     """
     best, corrections = solution.best, solution.corrections
     if best is None or corrections is None:

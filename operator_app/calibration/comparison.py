@@ -28,7 +28,7 @@ from solver.loops.dh import DhLoop
 
 
 class IncomparableError(SessionError):
-    """The documents are not from one arm; `reasons` say why."""
+    """The documents are not from one arm or share no parameter, as `reasons` state."""
 
     def __init__(self, reasons: tuple[str, ...]) -> None:
         self.reasons = reasons
@@ -193,7 +193,7 @@ def _not_compared(
     *,
     remounted: bool,
 ) -> list[tuple[str, str]]:
-    """Entries that only one calibration identified, or that belong to a mounting that has changed, with the reason."""
+    """Entries of one calibration only, or of a mounting that has changed, each with the reason."""
     first, second = ([e.entry for e in d.calibrated] for d in (before, after))
     listed = [(name, "identified in A only") for name in first if name not in second]
     listed += [(name, "identified in B only") for name in second if name not in first]
@@ -246,9 +246,9 @@ def nearest_values(a: ParametersDocument, b: ParametersDocument) -> dict[str, fl
 
 
 def sides_of(document: ParametersDocument) -> dict[str, Side]:
-    """Return, by entry name, the side that a calibrated entry describes: arm, ground or tool side of the fixture.
+    """Return the side of each calibrated entry, by name: arm, or ground or tool side of the fixture.
 
-    Documents of version 1, which do not state it, are of fixtures that are D-H links.
+    Documents of version 1 state no sides: these follow from their D-H loop.
     """
     loop = _loop(document)
     sides = {e.name: Side.ARM for e in loop.entries}

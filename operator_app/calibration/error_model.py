@@ -81,7 +81,7 @@ def error_model(
 
 
 def stated_distances(experiment: Experiment) -> tuple[KnownDistance, ...]:
-    """Return the distances, stated in a ball's file, between those of its sockets in which poses were taken."""
+    """Return the stated distances between those sockets of a ball in which poses were taken."""
     fixture, placements = experiment.fixture, set(experiment.poses.placements)
     known = fixture.distances if isinstance(fixture, Ball) else ()
     return tuple(d for d in known if set(d.between) <= placements)
@@ -94,7 +94,7 @@ def _socket(number: int) -> Names:
 
 
 def _loads(experiment: Experiment, kept: IntArray) -> LoadBasis | None:
-    """Effects of gravity at the kept poses: on the arm and, if its file states masses, on the fixture.
+    """Effects of gravity at the kept poses: on the arm and, if the arm file states masses, on the fixture.
 
     Computed at the nominal values and in canonical order, so that the result does not depend, even in the last digit,
     on the start of a search or on the order of the poses in their file.
@@ -167,7 +167,7 @@ def _instrument_variance(fixture: EndpointConstraint) -> FloatArray | None:
 
 
 def averaged_at_rest(arm: ArmModel, poses: PoseSet) -> PoseSet:
-    """Return the poses, in which successive rows of one placement between which no joint has moved have their mean.
+    """Return the poses with successive rows of one placement replaced by their mean if no joint moved.
 
     Such rows, as in a log at a fixed rate, repeat one pose with its deflection and play: only the noise of their
     readings is independent. Each gets the means of readings and endpoints and the sum of samples, so that
@@ -212,7 +212,7 @@ def _moves_rad(arm: ArmModel) -> FloatArray:
 
 
 def distinct_poses(poses: PoseSet, kept: BoolArray) -> tuple[IntArray, IntArray]:
-    """Return the indices of the distinct `kept` poses and, for each kept pose, its position among the distinct poses.
+    """Return indices of the distinct `kept` poses, and for each kept pose its position among these.
 
     Poses with exactly equal readings count as one pose written twice, without further information.
     """
@@ -237,7 +237,7 @@ def free_within_tolerance(
 
     Offsets fixed because the poses do not determine them are freed too, if the arm's file states their uncertainty.
     `fixed`: entries that stay fixed at their nominal values. Returns the loop, and the standard deviation (m, rad) of
-    each freed entry by name: not of those that are free already, or that the fixture determines.
+    each newly freed entry by name. Entries that the fixture determines are not freed.
     """
     part = model.parts()[0][0]
     n = arm.joint_count
@@ -265,9 +265,8 @@ def stated_priors(
 ) -> dict[str, float]:
     """Return the standard deviations (rad, m) that files state for the unknowns of a loop, by name.
 
-    Included are the arm's offsets (only if its file states `offset_tolerance_deg`), the arm's entries that are freed
-    within tolerances, and the fixture's placement; of several placements only the first, because the fixture's file
-    describes only one.
+    Included are the arm's offsets (only if its file states `offset_tolerance_deg`), the arm's lengths and twists, and
+    the fixture's placement; of several placements only the first, because the fixture's file describes only one.
     """
     placed, offset = fixture.tolerance, arm.offset_tolerance_rad
     sides = {*model.ground_side, *model.hand_side}
@@ -294,7 +293,7 @@ def stated_priors(
 
 
 def freed(model: ClosureModel, names: Iterable[str]) -> ClosureModel:
-    """Return the loop with the entries `names` of the arm's table free too; names of other parameters are ignored."""
+    """Return the loop in which the arm's entries `names` are free, too; other names are ignored."""
     known = {p.name for p in model.parameters}
     return model.freed(
         [DhEntry.parse(name) for name in names if name not in known and is_entry(name)]

@@ -1,4 +1,4 @@
-"""An experiment: measured poses of an arm in a fixture, their closed loops, and the parameters that they identify."""
+"""An experiment: poses of an arm in a fixture, their closed loops, and the identifiable parameters."""
 
 from __future__ import annotations
 
@@ -176,7 +176,7 @@ def in_order(model: ClosureModel, other: ClosureModel, x: FloatArray) -> FloatAr
 
 
 class FixtureRefusedError(FixtureError):
-    """A set-up check refuses this placement; the text says why and what to remount."""
+    """A set-up check refuses this placement; the text states why and what to remount."""
 
     code = "PARALLEL_AXES"
 

@@ -1,4 +1,4 @@
-"""Failure analysis: causes of a failed calibration (unidentifiable parameters, bad sensors, open loops)."""
+"""Causes of a failed calibration: unidentifiable parameters, bad sensors, open loops."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def explain_unidentifiable(
     paper: Estimate | None,
     saturated: PosesDoNotFitError | None,
 ) -> SolverError:
-    """Return an error that names a stuck sensor, or that states why no loop closes; `error` if neither is found."""
+    """Return `error`, or an error that names a stuck sensor or the reason why no loop closes."""
     stuck = explained(error, stated)
     if stuck is not error:
         return stuck
@@ -73,7 +73,6 @@ def _closes(estimate: Estimate) -> bool:
 
 
 def _open_loops_text(paper: Estimate) -> str:
-    """Return the remaining closure error of loops that no parameters close, and possible causes, as text."""
     open_m, turned = paper.sigmas.position_m.rms, paper.sigmas.orientation_rad
     also = "" if turned is None else f" and {SIGMA_ORI(turned.rms).with_unit}"
     return (
@@ -100,7 +99,7 @@ def turned_unread(
     after_rad: FloatArray,
     still: Sequence[int],
 ) -> tuple[int, float] | None:
-    """Return the joint that turned although its reading did not change, and by how much (rad); None if none did.
+    """Return the joint that turned at an unchanged reading, and its turn (rad); None if none did.
 
     The loop is closed at the second reading plus the correction that closes the loop at the first, so that placement
     errors cancel. This is done once with all `still` joints fixed, and once for each `still` joint with that joint
@@ -135,13 +134,13 @@ def turned_unread(
 def _correction(
     model: ClosureModel, x: FloatArray, start_rad: FloatArray, sigma: FloatArray
 ) -> FloatArray | None:
-    """Correction (n,), rad, that closes the loop and is smallest in units of `sigma`; None if no correction does."""
+    """Smallest correction (n,), rad, in units of `sigma`, that closes the loop; None if there is none."""
     closed = close_loops(model, x, start_rad[None], sigma_rad=sigma)
     return closed.q[0] - start_rad if closed.closed[0] else None
 
 
 def explained(error: UnidentifiableError, stated: Experiment) -> UnidentifiableError:
-    """Return `error` or, if the loop shows that a joint with a constant reading moved, an error naming the joint."""
+    """Return an error that names a joint that moved at a constant reading; `error` if there is none."""
     still = sorted({j for d in error.directions for j in d.immobile_joints})
     for joint in still:
         turned_rad = _turned_range(stated, joint)

@@ -70,7 +70,7 @@ def _measured(design: LinearModel) -> bool:
 def finding_of(
     candidate: Candidate, evidence: Evidence, faults: FaultModels, labels: tuple[str, ...]
 ) -> Finding:
-    """Return the finding of a fitted explanation; `labels` name the poses in the order in which they were taken."""
+    """Return the finding of a fitted explanation; `labels`: names of the poses in order of time."""
     K, subject = FindingKind, candidate.subject
     poses = tuple(labels[k] for k in candidate.poses)
     first, measured = float(evidence.b[0]), _measured(faults.design)
@@ -85,7 +85,7 @@ def finding_of(
             return Finding(kind, names=(side,), poses=between, figures=size)
         case Cause.LOST_COUNTS:
             step = reading_step(int(subject), first, candidate.poses[0], faults.arm, labels)
-            # A target that turns on the flange about the last joint's axis looks like a step of its reading.
+            # A target that turns about the last joint's axis looks like a step of that joint's reading.
             ambiguous = measured and step.joint == faults.design.model.joint_count
             return replace(step, kind=K.READING_OR_TARGET_STEP) if ambiguous else step
         case Cause.LENGTH_CHANGED:
@@ -169,7 +169,7 @@ def reading_step(
 
 
 def range_finding(out_of_range: RangeFinding, poses: PoseSet, *, notice: bool = False) -> Finding:
-    """Return the finding of readings out of range; if saturated, they block acceptance unless `notice` is true."""
+    """Return the finding of readings out of range; saturated ones block acceptance unless `notice`."""
     return Finding(
         RANGE_KINDS[out_of_range.fault][notice],
         joint=out_of_range.joint,
@@ -254,7 +254,7 @@ def rms_displacement(
 ) -> dict[str, float]:
     """Return the fixture's rms rotation (`turn_rad`) and displacement (`shift_m`) over the affected poses.
 
-    Of several placements, those of the placement with the largest displacement: each has coefficients of its own.
+    Placements have separate coefficients: of several, the one with the largest displacement counts.
     """
     displacement = candidate.moves(evidence.b, len(faults.system.w))
     along_fixture = (faults.system.E @ displacement[..., None])[..., 0]
@@ -281,8 +281,8 @@ def _rms(values: FloatArray) -> float:
 def motion_causes(experiment: Experiment, labels: tuple[str, ...]) -> tuple[Finding, ...]:
     """Return a finding for each joint whose readings spread within a pose by more than its sensor's noise.
 
-    An RVDT whose readings spread in most poses is noisy; the verdict on that RVDT reports it. The mean over samples of
-    a moving arm does not close the loop, even if the fit does not show this.
+    Noise of an RVDT in most poses is left to the verdict on that RVDT. The mean over samples of a moving arm does not
+    close the loop, even if the fit does not show this.
     """
     arm, sd_rad = experiment.arm, experiment.poses.sd_rad
     if sd_rad is None:
@@ -329,7 +329,7 @@ def left_out_poses(
     arm: ArmModel,
     poses: PoseSet,
 ) -> tuple[tuple[Finding, ...], tuple[RangeFinding, ...]]:
-    """Return findings that state why these poses (indices) were left out, and the findings of readings out of range.
+    """Return findings that state why poses (indices) were left out, and the readings out of range.
 
     Readings that are out of range only in poses left out because they are in radians are not reported.
     """

@@ -1,4 +1,4 @@
-"""Accepted calibrations and verifications of one arm over time: scatter, shifts, and when the next calibration is due.
+"""History of one arm's accepted calibrations and verifications: scatter, shifts, next due date.
 
 Only documents and verdicts are used; no file is read. Offsets of the arm itself are tested over all sessions;
 parameters of the mounting restart with each mounting. Each fixture and estimator has systematic errors of its own, and
@@ -53,7 +53,7 @@ class PastVerification:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EntryHistory:
-    """Calibrations with one fixture and estimator, oldest first, and the entries that describe one part (`side`).
+    """Calibrations with one fixture and estimator, oldest first, and their entries of one side.
 
     `side`: part that the entries describe: arm, table or tool.
     `values`, `sigma`, `within`: (sessions, entries), rad and m: values (in the equivalent parameter vector nearest to
@@ -141,7 +141,7 @@ def history_of(
 
 
 def _part(group: Sequence[PastCalibration], side: Side) -> EntryHistory:
-    """Return the history of one side: of the entries that are in all calibrations.
+    """Return the history of the entries of one side that are in all calibrations.
 
     Of the arm's entries, only offsets are included: estimates of lengths and twists mostly repeat the maker's values.
     """

@@ -89,8 +89,9 @@ def with_calibrated_places(fixture: EndpointConstraint, model: ClosureModel) -> 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InstrumentStation:
-    """Calibrated T_instrument_base and T_flange_target, (4, 4), m, of a placement; None if it is the only one.
+    """Calibrated T_instrument_base and T_flange_target, (4, 4), m, of one placement.
 
+    `placement`: its number; None if it is the only one.
     `full_pose`: whether orientations were measured; otherwise the rotation of the target is only nominal.
     """
 
@@ -231,5 +232,5 @@ def _fitted(
 
 
 def triple(v: FloatArray) -> tuple[float, float, float]:
-    """Return a vector (3,) as a field of a fixture."""
+    """Return a vector (3,) as three floats."""
     return float(v[0]), float(v[1]), float(v[2])

@@ -68,7 +68,7 @@ def _best_fit(
     group: IntArray,
     progress: Progress | None = None,
 ) -> tuple[Calibrated | None, float]:
-    """Return the first fit that is good enough or else the best fit, and its misfit; None and inf if all fail."""
+    """Return the first good fit, else the best fit, and its misfit; None and inf if all fail."""
     best: Calibrated | None = None
     least = np.inf
     for x0 in starts:
@@ -102,9 +102,8 @@ def far_from_nominal(
 ) -> list[tuple[Parameter, float]]:
     """Parameters whose values (P,) are implausibly far from nominal, each with its change from nominal (rad, m).
 
-    The first exceeds its limit by the largest factor.
-    Three standard deviations `sd` (P,), if given, are added to the limit, because a weakly determined parameter may
-    have any value.
+    The first exceeds its limit by the largest factor. Three standard deviations `sd` (P,), if given, are added to the
+    limit, because a weakly determined parameter may have any value.
     """
     spread = np.zeros(len(x)) if sd is None else 3.0 * np.nan_to_num(sd, nan=np.inf)
     changes = wrap_angles(parameters, x - nominal_vector(parameters)).tolist()
@@ -119,7 +118,7 @@ def far_from_nominal(
 def local_minimum_causes(
     model: ClosureModel, estimate: Estimate, q: FloatArray, judged: tuple[str, ...]
 ) -> tuple[Finding, ...]:
-    """Return the finding of a better solution, else of an estimate far from nominal; empty if the estimate is near.
+    """Return the finding of a better solution or of an estimate far from nominal; empty if neither.
 
     `q`: readings (m, n) of the used poses, rad. `judged`: names of the identified parameters.
     """
@@ -150,7 +149,7 @@ def local_minimum_causes(
 def far_from_files(
     model: ClosureModel, estimate: Estimate, judged: tuple[str, ...]
 ) -> tuple[Finding, ...]:
-    """Return the finding that a loop with unsensed joints closes far from nominal, beside the fixture's placement."""
+    """Return the finding that parameters other than the fixture's placement are far from nominal."""
     far = [
         item for item in _far(_described(estimate, judged)) if item[0].name not in of_fixture(model)
     ]
@@ -158,7 +157,7 @@ def far_from_files(
 
 
 def _implausible(far: tuple[Parameter, float], times: float | None) -> Finding:
-    """Return the finding of a value far from nominal; `times`: how much better another solution fits, if one does."""
+    """Return the finding of a value far from nominal; `times`: factor by which another solution fits better."""
     p, change = far
     return Finding(
         FindingKind.FAR_FROM_NOMINAL if times is None else FindingKind.OTHER_SOLUTION,
@@ -185,7 +184,7 @@ def of_fixture(model: ClosureModel) -> set[str]:
 
 
 def fixture_elsewhere(estimate: Estimate, model: ClosureModel) -> tuple[Finding, ...]:
-    """Return a note if the fixture is not where its file states, else nothing; no verdict depends on it."""
+    """Return a notice, without effect on the verdict, if the fixture is not where its file states."""
     far = _far(estimate.without({p.name for p in estimate.parameters} - of_fixture(model)))
     if not far:
         return ()

@@ -58,8 +58,7 @@ def with_notices(
     """Add the accuracy of the tool, all notices in order, and the reasons for the verdict.
 
     `whole`: fit of all poses. `tested`: fit of the tested poses. `repeats`: number of rows that repeat a pose. `same`:
-    findings of indistinguishable placements.
-    `as_stated`: parameters known from the files rather than from the poses.
+    findings of indistinguishable placements. `as_stated`: parameters known from files rather than from the poses.
     """
     arm, adjudication = experiment.arm, solution.adjudication
     accuracy = tool_accuracy(calibrated_arm(solution, arm), arm, as_stated, tested.linear)
@@ -148,7 +147,7 @@ def _of_parameters(
 
 
 def _offsets_beyond_tolerance(estimate: Estimate, arm: ArmModel) -> Iterator[Finding]:
-    """Notices about offsets farther from the file's than `OFFSET_NOTICE_SIGMAS` of its standard deviation."""
+    """Notices about offsets that differ from the file by over `OFFSET_NOTICE_SIGMAS` standard deviations."""
     sigma = arm.offset_tolerance_rad
     for p, x in zip(estimate.parameters, estimate.x.tolist(), strict=True):
         entry = DhEntry.parse(p.name) if is_entry(p.name) else None
@@ -176,7 +175,7 @@ def _of_the_fit(solution: Solution, same: tuple[Finding, ...], *, sound: bool) -
     yield from same
     if sound:
         yield from fixture_elsewhere(solution.estimate, solution.model)
-        # With poses as bad as to refuse the calibration, which the cause names, the others cannot be judged.
+        # Outliers that block acceptance are named by their cause, and the other poses cannot be judged.
         if not any(c.kind is K.OUTLIERS and c.blocking for c in solution.causes):
             yield from outliers_still_used(solution.outliers)
 

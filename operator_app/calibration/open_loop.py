@@ -1,4 +1,4 @@
-"""Independent check (paper, section 4): compares a closed-loop calibration with measured endpoints of the open arm.
+"""Independent check (paper, section 4) of a calibration with measured endpoints of the open arm.
 
 A second calibration is made from the measured endpoints alone, and the two calibrations are compared. Both use the
 maker's lengths, so that their errors are correlated and the test is conservative.

@@ -1,4 +1,4 @@
-"""Placements of a fixture: finds placements that do not differ, and the distances between the sockets of a ball.
+"""Placements of a fixture: finds placements that do not differ, and distances between ball sockets.
 
 All placements share the arm's parameters; each has its own parameters of the fixture. If these agree within their
 covariance, the fixture was not remounted between the two placements, and they count as one.
@@ -29,7 +29,7 @@ from solver.loops.placements import Placements
 from solver.loops.point import GROUND, PointClosure
 
 SINGULAR_DISTANCE = 1e-10
-"""Eigenvalue of a correlation matrix below which a difference in that direction is unknown."""
+"""Eigenvalue of a correlation matrix, relative to the largest, below which a difference along it is unknown."""
 
 
 def indistinguishable_placements(model: ClosureModel, estimate: Estimate) -> tuple[Finding, ...]:
@@ -157,7 +157,7 @@ def distances(
 
 
 def compared(experiment: Experiment, fit: LinearFit) -> tuple[tuple[KnownDistance, float], ...]:
-    """Return the measured distances used in a fit of these poses, each with its deviation in sigmas (`Distance`)."""
+    """Return the measured distances used in a fit, each with its deviation in sigmas (`Distance`)."""
     stated = stated_distances(experiment)
     return tuple(zip(stated, fit.distance_deviations().tolist(), strict=True))
 

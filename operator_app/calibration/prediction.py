@@ -44,7 +44,7 @@ MOST = 1000
 """Largest number of poses of a calibration, chosen evenly from all, used for a prediction: more do not improve it."""
 
 FIXTURE = "fixture"
-"""Subject of a shift of the fixture."""
+"""`CommonShift.subject` of a shift of the fixture; otherwise the subject is the number of a joint."""
 
 
 def shift_in_words(shift: CommonShift) -> str:
@@ -209,10 +209,7 @@ def _used(solution: Solution, poses: PoseSet) -> PoseSet:
 def _model(
     estimate: Estimate, old: PoseSet, both: Experiment, start: Mapping[str, float]
 ) -> tuple[ClosureModel, FloatArray, list[int | None]]:
-    """Return the loops of all poses, and of each parameter the value and the index in the estimate.
-
-    The index is None if the estimate does not contain the parameter.
-    """
+    """Return the loops of all poses, their parameters' values (P,), and their indices in the estimate."""
     known = {p.name: k for k, p in enumerate(estimate.parameters)}
     model = both.loop()
     if len(both.poses.placements) > 1 and len(old.placements) == 1:

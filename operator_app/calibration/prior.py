@@ -1,7 +1,7 @@
-"""Expectations before a reading: prior of a loop's unknowns in a new placement, and innovation of one more pose.
+"""Prior of a loop's unknowns in a new placement, and test of one more pose (innovation).
 
 Earlier poses determine the arm's own entries. Offsets that are measured from the fixture change within the fixture's
-tolerance at each remounting. If the fixture was once mounted outside its tolerance, this is expected again.
+tolerance at each remounting. If the fixture was once mounted outside its tolerance, the prior is wider accordingly.
 
 In the same placement, earlier poses have also determined linearity deviation, sag and compliance near the reading, so
 that these errors add no uncertainty to its prediction, in contrast to a prediction from the parameters alone. The
@@ -168,7 +168,7 @@ NEAREST = 60
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ShiftOfReading:
-    """Most likely shift of a joint in one reading and its sigma, both in rad, and the chi2 that the shift explains."""
+    """Most likely shift of a joint in one reading, its sigma (rad), and the chi2 that it explains."""
 
     size_rad: float
     sigma_rad: float
@@ -225,12 +225,11 @@ def innovation(experiment: Experiment, reading: PoseSet) -> Innovation | None:
 
 
 LEAST, AT_MOST = 10, 60
-"""The test needs at least LEAST earlier poses; its fit uses only the latest AT_MOST of these, to save computing time.
-"""
+"""Smallest number of earlier poses for the test, and largest number (the latest) that its fit uses."""
 
 
 def is_unpredicted(experiment: Experiment) -> bool:
-    """Whether the last pose contradicts its prediction from the poses before it; false if it cannot be predicted."""
+    """Whether the last pose contradicts the prediction from earlier poses; false without a prediction."""
     count = len(experiment.poses)
     if count <= LEAST or not experiment.fixture.holds_hand:
         return False

@@ -77,9 +77,7 @@ def compare_readings(
     read: RepeatedReading,
     compliance: Compliance,
 ) -> Repeat | None:
-    """Compare two readings of one pose under the stated errors; None if any two readings would agree.
-
-    That is so for a hinge with only four sensed joints: whatever these read, the others can close the chain.
+    """Compare two readings of one pose under the stated errors; None if the loop closes at any readings.
 
     `model`, `x`: the loop of this pose and its calibrated parameters, from which the motions of the chain follow.
     `compliance`: stated deflection of the fixture, which may differ between the readings if friction reverses.
@@ -156,7 +154,7 @@ def _of_fixture(d: FloatArray, columns: FloatArray) -> tuple[float, FloatArray]:
 def repeats_of(
     rereads: Iterable[RepeatedReading], used: Experiment, model: ClosureModel, x: FloatArray
 ) -> tuple[tuple[RepeatedReading, Repeat], ...]:
-    """Compare the two readings of every repeated pose that is among the poses `used`, to which `model` belongs.
+    """Compare the two readings of each repeated pose that is among `used`, whose loops are `model`.
 
     Empty for an open arm, because its drives alone determine the repeated pose.
     """

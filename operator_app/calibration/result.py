@@ -106,7 +106,7 @@ class Solution:
 
     @property
     def causes(self) -> tuple[Finding, ...]:
-        """Causes of a misfit, the most probable first."""
+        """Causes of a misfit, the main cause first."""
         return self.adjudication.causes
 
     @property

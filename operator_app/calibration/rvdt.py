@@ -126,7 +126,7 @@ def _beside(calibrated: Calibrated, model: ClosureModel, q: FloatArray) -> FitSt
 def _noise_of_rvdts(
     sensors: Mapping[int, Rvdt], poses: PoseSet, kept: BoolArray, calibrated: Calibrated
 ) -> dict[int, SingleNoise]:
-    """Noise of single readings, by joint, from the spread of samples or else from the closure; omits unknown noise.
+    """Noise of single readings by joint, from the spread of samples or the closure, where known.
 
     Poses in which a joint moved while it was read are left out; `motion_causes` reports them.
     """
@@ -184,7 +184,7 @@ class ReadingTable:
     """Corrections of the readings of one joint.
 
     `joint`: 1-based.
-    `theta_off_rad`: offset that belongs to corrected readings.
+    `theta_off_rad`: offset to be used with corrected readings.
     `gain`: change of reading per change of angle, ideally 1; included in the corrections.
     `reading_rad`, `add_rad`, `sigma_rad` (k,): readings in rising order; corrections to add to the readings, to be
     interpolated linearly; and their standard uncertainty.

@@ -1,4 +1,4 @@
-"""Sensitivity of the largest sigmas: the largest source of each sigma, and the sigma if that source were halved.
+"""Sensitivity of the largest sigmas: the main source of each, and the sigma with half that source.
 
 If a source's standard deviation is halved, at unchanged weights, the variance falls by 3/4 of the source's share.
 """
@@ -22,7 +22,7 @@ WORST = 3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SourceSensitivity:
-    """One parameter: its sigma, the largest source of this sigma, and the sigma if that source were halved.
+    """One parameter: its sigma, the main source of this sigma, and the sigma with half that source.
 
     `sigma` and `then` (after halving) are in rad or m; `share` is the source's share of the variance.
     """
@@ -68,7 +68,7 @@ def source_sensitivities(solution: Solution) -> tuple[SourceSensitivity, ...]:
 
 
 def exceeded_source(calibrated: Calibrated, name: str) -> str:
-    """Return the largest source of a parameter's sigma if it exceeds its specification and causes most of the variance.
+    """Return a parameter's largest error source if it exceeds its specification and dominates the variance.
 
     Otherwise empty, because only more varied poses would help.
     """

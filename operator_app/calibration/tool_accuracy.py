@@ -14,7 +14,7 @@ from solver.loops.closure import ClosureModel, pose_blocks
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TipSigma:
-    """Standard deviation of the distance between the true tool position and the one computed from the parameters, m.
+    """Tool position uncertainty: standard deviation of the computed position from the true one, m.
 
     `rms`, `worst`: root mean square and largest value over the poses of the calibration.
     """

@@ -71,8 +71,8 @@ class VerificationResult:
     `odd_poses`: indices of outliers, the worst first: poses that deviate more than can be due to chance. In 1 of 1000
     pose sets without a fault there is such a pose.
     `shift`: common shift of one joint or the fixture in all new poses; None if there is none.
-    `stated`: the test with at least the stated errors, in which the variance may be larger by
-    `STATED_VARIANCE_FACTOR` or as much as an accepted calibration's own poses scatter.
+    `stated`: the test with at least the stated errors. The variance may exceed these by `STATED_VARIANCE_FACTOR`, or
+    by the chi2/dof of the calibration if that is accepted and has the larger chi2/dof.
     `in_use`: closure sigmas of the same poses with the best table and with the corrections.
     `others_fit`: whether the poses outside `odd_poses` pass the test `stated`, and there is no common shift.
     """
@@ -254,7 +254,7 @@ def _with_prediction(
 
 
 def stated_noise(experiment: Experiment, fixed: Fixed | None = None) -> NoiseModel:
-    """Return the stated noise of new readings, or the noise that the calibration `fixed` estimated, if smaller.
+    """Return the stated noise of new readings, or the noise that `fixed` estimated if that is smaller.
 
     A larger estimate is not used: after a slip of the fixture during the calibration every later pose would pass.
     """
@@ -316,7 +316,6 @@ def _in_order(model: ClosureModel, fixed: Fixed) -> tuple[FloatArray, FloatArray
 HUNDREDTH_RAD = np.deg2rad(0.01)
 """Readings that are all whole multiples of this were written with two decimals."""
 
-
 NAMED = 5
 """Largest number of poses that a message names."""
 
@@ -329,7 +328,7 @@ orientations. Three points determine all but three of their nine equations."""
 
 
 class NoTestError(ValueError):
-    """These poses cannot test the calibration; the text says why."""
+    """These poses cannot test the calibration; the text states why."""
 
 
 def verify_new_poses(
@@ -407,7 +406,7 @@ def _remedy(fixture: EndpointConstraint, known: tuple[int, ...]) -> str:
 
 
 def require_new(new: PoseSet, made_from: PoseSet, fixture: EndpointConstraint) -> None:
-    """Raise `NoTestError` if the new set contains poses of the calibration, which fit the calibration in any case.
+    """Raise `NoTestError` if the new set contains poses of the calibration, which fit in any case.
 
     With an instrument, a pose measured again at the same joint readings counts as new. Also raises `NoTestError` if
     the new poses only determine where their own socket or station is.

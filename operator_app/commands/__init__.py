@@ -1,1 +1,1 @@
-"""The commands of `sarcal`: their arguments and options, and for each command a module that does its work."""
+"""The commands of `sarcal`: arguments and options, and one module for the work of each command."""

@@ -31,7 +31,7 @@ def execute(args: argparse.Namespace) -> int:
     if not 0.01 <= args.speed <= 50.0:
         raise UsageError("--speed: between 0.01 and 50 times real time")
     if not args.plain and os.environ.get("TERM") == "dumb":
-        # It passes whole lines on: no single key, such as the space bar for STOP, would arrive.
+        # Such a terminal passes on whole lines only: a single key, such as the space bar for STOP, would not arrive.
         raise UsageError("the terminal app cannot run in this terminal (TERM=dumb): use --plain")
     if not args.plain and not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise UsageError("the terminal app needs a terminal: use --plain, or `sarcal run`")

@@ -112,15 +112,15 @@ def controller(parser: argparse.ArgumentParser) -> None:
         ),
         option(
             "--tracker-port N",
-            "where the simulated tracker of an open arm (a fixture of kind measured, such as tracker) "
-            "listens on this machine; default 7327, 0 takes any that is free",
+            "port of this machine for the simulated tracker of an open arm (a fixture of kind measured, such as "
+            "tracker): default 7327, 0 is any free port",
             type=int,
         ),
         option(
             "--heartbeat-timeout S",
             "time in s without the operator's heartbeat after which the drives trip (1016h): default "
-            f"{HEARTBEAT_TIMEOUT_S:g}, at most {MAX_OPERATOR_TIMEOUT_S:g}; for a machine that both programs share with "
-            f"others. `sarcal arm-check` passes no more than {ADVISED_OPERATOR_TIMEOUT_S:g}",
+            f"{HEARTBEAT_TIMEOUT_S:g}, at most {MAX_OPERATOR_TIMEOUT_S:g}; a busy machine may need more than the "
+            f"default. `sarcal arm-check` accepts at most {ADVISED_OPERATOR_TIMEOUT_S:g}",
             type=patience_s,
         ),
         group(
@@ -158,7 +158,7 @@ export = declaration(
     option(
         "--format",
         "yaml: the parameters file, for the controller; json: everything; csv: one row per parameter; "
-        "urdf: the arm's own side, for simulators and planners; mat: for MATLAB (default: by the ending of -o, "
+        "urdf: the arm itself, for simulators and planners; mat: for MATLAB (default: by the ending of -o, "
         "else yaml)",
         choices=FORMATS,
     ),
@@ -174,7 +174,7 @@ export = declaration(
         "joint origins changed (default -o: FILE_calibrated in the session folder)",
         type=a_path,
     ),
-    option("--upload", "upload them to the controller and read them back"),
+    option("--upload", "upload the parameters to the controller and read them back"),
     shared("--force REASON, --json, --estimator, --unsensed JOINTS, --sessions DIR, --record"),
     ARM_BUS,
 )
@@ -208,7 +208,7 @@ run = declaration(
     option(
         "--placements N",
         "mount the fixture N times and capture --poses in each placement: the arm's offsets are shared, the "
-        "fixture parameters differ. Between two placements the program asks you to remount it",
+        "fixture parameters differ. Between two placements the program asks you to remount the fixture",
         type=placement_count,
     ),
     option("--resume SESSION", "go on with a session: its folder, its name or latest"),
@@ -222,12 +222,12 @@ run = declaration(
 
 verify = declaration(
     shared("session SESSION"),
-    option("csv? POSES.csv", "new poses; without it the arm captures new ones at other positions"),
+    option("csv? POSES.csv", "new poses; without this file the arm captures them"),
     option(
         "--open-loop",
-        "with endpoints of the open arm measured by an instrument: shows which offsets and lengths "
-        "disagree. From POSES.csv (x_m,y_m,z_m[,rx_deg,ry_deg,rz_deg]); without it the arm, out of its "
-        "fixture, captures the poses of --procedure, in a session of their own",
+        "compare with an instrument's endpoints of the open arm: shows which offsets and lengths disagree. POSES.csv "
+        "has the endpoints (x_m,y_m,z_m[,rx_deg,ry_deg,rz_deg]); without POSES.csv the arm, out of its fixture, "
+        "captures the poses of --procedure in a new session",
     ),
     option(
         "--procedure P",

@@ -1,4 +1,4 @@
-"""`sarcal check`: lists all problems of files or, if none, states whether a calibration with them can succeed."""
+"""`sarcal check`: lists all problems of files; if none, states whether a calibration can succeed."""
 
 from __future__ import annotations
 

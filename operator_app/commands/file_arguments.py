@@ -118,7 +118,7 @@ import_poses = declaration(
     option(
         "poses+ POSES.csv",
         "a poses file; a log with a row of joint angles for each pose; or a recording: a ROS 2 bag "
-        "(.mcap, .db3, its folder) or, with --time, a log over time; of several files each is a placement "
+        "(.mcap, .db3, its folder) or, with --time, a log over time; several files: each is one placement "
         "of the fixture, in this order",
     ),
     ARM_AND_FIXTURE,
@@ -137,7 +137,7 @@ import_poses = declaration(
             "--time COLUMN",
             "column of the times (s, or ISO 8601) by number or name, which makes the log a recording",
         ),
-        option("--topic TOPIC", "of a bag's sensor_msgs/msg/JointState (default /joint_states)"),
+        option("--topic TOPIC", "topic of a bag's JointState messages (default /joint_states)"),
         option("--dwell-s S", "shortest time at rest, s (default 1)", type=float),
         option(
             "--spread-deg DEG",
@@ -227,7 +227,8 @@ report = declaration(
 )
 
 reproduce = declaration(
-    option("--poses N", "how many (default 40)", type=pose_count, default=40), shared("--json")
+    option("--poses N", "how many poses (default 40)", type=pose_count, default=40),
+    shared("--json"),
 )
 
 session = declaration(
@@ -238,12 +239,15 @@ session = declaration(
         choices=("list", "show", "repair"),
         default="list",
     ),
-    option("name?", "folder, name or latest (the default, but not to repair)"),
+    option("name?", "folder, name or latest (default: latest; repair needs a name)"),
     shared("--sessions DIR, --json"),
 )
 
 settings = declaration(
-    option("settings* KEY=VALUE", "set it; KEY= removes it. Keys: " + ", ".join(SETTINGS_MEANING)),
+    option(
+        "settings* KEY=VALUE",
+        f"a setting to change; KEY= removes it. Keys: {', '.join(SETTINGS_MEANING)}",
+    ),
     shared("--json"),
 )
 

@@ -93,7 +93,7 @@ def _contents() -> str:
 
 
 OWN = ("positional arguments", "options")
-"""Option groups made by argparse; other groups belong to several commands and are shown once."""
+"""Option groups made by argparse; other groups are common to several commands and are shown once."""
 
 INTRODUCTION = """\
 # Commands

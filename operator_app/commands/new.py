@@ -198,7 +198,7 @@ def _procedure(args: argparse.Namespace) -> int:
 def _copy(
     args: argparse.Namespace, parse: Callable[[bytes, str], object], *, refers: Sequence[str] = ()
 ) -> int:
-    """Copy a built-in file under another name; its references to files are replaced by given options in `refers`."""
+    """Copy a built-in file under another name; options in `refers`, if given, replace its references."""
     name = _named(args.name or f"my_{args.packaged}")
     instead = {k: _reference(args, name, v) for k in refers if (v := getattr(args, k))}
     content = copied(args.what, args.packaged, name=name, **instead)
@@ -248,7 +248,7 @@ def _reference(args: argparse.Namespace, name: str, file: str) -> str:
     if path.is_absolute():
         return str(path)
     relative = os.path.relpath(path, _target(args, name).parent)
-    # Without ./ it would be the built-in file, or in a home folder.
+    # Without ./ the path would mean the built-in file, or a home folder.
     return f"./{relative}" if relative in builtin or relative.startswith("~") else relative
 
 

@@ -35,7 +35,7 @@ def a_name(text: str) -> str:
 
 def a_path(text: str) -> Path:
     """Parse the path of a file or folder to write; expands ``~``."""
-    # That of pathlib also expands ./~name.
+    # `Path.expanduser` also expands ./~name.
     path = os.path.expanduser(a_name(text))  # noqa: PTH111
     if path.startswith("~"):
         raise argparse.ArgumentTypeError(
@@ -62,7 +62,7 @@ SHARED = {
     "--force REASON": "export a calibration even if it is not accepted; the reason is kept in the journal and in the "
     "parameters",
     "--go-home": "agree that an arm outside the procedure's box of drive angles goes home by itself, straight and at "
-    "5 deg/s; without it such an arm is not moved. Stand clear",
+    "5 deg/s; without this option such an arm is not moved. Stand clear",
     "--plan": "how poses are chosen: explore visits a box of drive angles in a fixed order; planned explores "
     "first, calibrates, and captures the 12 (or --poses) most informative poses",
     "--tracker PORT": "port of the instrument that measures an open arm: tcp:HOST:PORT, file:PATH (a growing CSV "
@@ -82,13 +82,12 @@ ARGUMENTS: Mapping[str, Mapping[str, Any]] = {
 }
 """Further arguments to argparse for some of these options."""
 
-
 Declaration = Callable[[argparse._ActionsContainer], object]  # noqa: SLF001 - no public name
 """Adds one or more arguments and options to a parser."""
 
 
 def option(usage: str, description: str, **more: Any) -> Declaration:
-    """Return the declaration of an option, such as ``-o --output FILE``, or argument: ``poses+ FILE``, ``poses``.
+    """Return the declaration of an option (``-o --output FILE``) or an argument (``poses+ FILE``).
 
     An option without a metavar (and without `choices`) is a switch; other options and arguments take, by default, text
     that must not be empty. `more`: further arguments to argparse.
@@ -154,7 +153,7 @@ VIRTUAL_ARM = group(
         f"hinge for every seed); default {DEFAULT_SCENARIO}",
         choices=SCENARIOS,
     ),
-    option("--seed SEED", "of the virtual arm (default 0)", type=int),
+    option("--seed SEED", "seed of the virtual arm's errors (default 0)", type=int),
 )
 ARM_BUS = declaration(BUS, VIRTUAL_ARM)
 """The bus of a real or virtual arm."""
@@ -170,7 +169,7 @@ ARM_AND_FIXTURE = declaration(
 SESSION_OR_ARM = declaration(
     option(
         "session? SESSION",
-        "a session on the arm: its arm file and its bus (folder, name or latest)",
+        "session (folder, name or latest) whose arm file and bus are used",
     ),
     option(
         "--arm ARM",
@@ -179,7 +178,7 @@ SESSION_OR_ARM = declaration(
     ),
     shared("--sessions DIR"),
 )
-"""The arm of a command without poses: its session, or its file."""
+"""The arm of a command without poses, by a session or an arm file."""
 
 
 def tolerance_m(args: argparse.Namespace) -> float | None:
@@ -200,14 +199,14 @@ def given_joints(text: str | None) -> tuple[int, ...] | None:
 def parse_numbers(text: str, option: str) -> tuple[int, ...]:
     """Parse text such as ``6,7`` into ascending numbers; raises UsageError for other text."""
     if re.fullmatch(r"\d+(,\d+)*", text.replace(" ", "")) and "0" in re.split("[ ,]+", text):
-        raise UsageError(f"{option} {text!r}: there is no joint 0; joints are numbered from 1")
+        raise UsageError(f"{option} {text!r}: joints and placements are numbered from 1")
     if not re.fullmatch(r"[1-9]\d{0,8}(,[1-9]\d{0,8})*", text.replace(" ", "")):
         raise UsageError(f"{option} {text[:40]!r}: write numbers separated by commas, e.g. 6,7")
     return tuple(sorted({int(part) for part in text.replace(" ", "").split(",")}))
 
 
 def unsensed_joints(args: argparse.Namespace, joint_count: int) -> tuple[int, ...] | None:
-    """Return ``--unsensed``, None if it is absent; raises UsageError if one of them is not a joint of the arm."""
+    """Return ``--unsensed``, None if absent; raises UsageError if a number exceeds the arm's joints."""
     joints = given_joints(args.unsensed)
     wrong = [j for j in joints or () if j > joint_count]
     if wrong:

@@ -61,7 +61,7 @@ def execute(args: argparse.Namespace) -> int:
         if advice is not None:
             say()
             say(advice_text(advice, parameters, procedure.arm.joint_count))
-    # As `sarcal run` would return.
+    # The exit code that `sarcal run` would return.
     refused = any(c.severity is Severity.REFUSED for c in shown.checks)
     return ExitCode.NOT_IDENTIFIABLE if refused else ExitCode.ACCEPTED
 

@@ -21,16 +21,16 @@ from operator_app.safe_output import as_json, say
 
 CHECK = """\
 Made by `sarcal probe`; nothing was moved. Check what a drive cannot report before anything is enabled:
-- Joints are numbered in the order of their nodes. Renumber them where the arm's order is another.
-- Which way does each joint count? Turn it by hand, and probe before and after that; where its 6064h falls
-  while its angle grows in the arm file's sense, add direction: -1.
-- Where the position units of a drive are not those of the arm file's sensor, add counts_per_rev.
+- Joints are numbered in the order of their nodes. Renumber them if the arm has another order.
+- Direction: turn each joint by hand, and probe before and after. If its 6064h falls while its angle grows
+  in the arm file's sense, add direction: -1.
+- If the position units of a drive are not those of the arm file's sensor, add counts_per_rev.
 - {maps}
 - Does each drive hold when the operator's heartbeat (node 127) is lost (1016h)? `sarcal arm-check` tests it."""
 """Comment at the top of a draft."""
 MAPS = {
-    False: "A drive with other PDOs is refused. To have these written into it at every connection, "
-    "before\n  anything is enabled, and not stored in it: pdo_maps: configured",
+    False: "A drive with other PDOs is refused. To write these PDOs into the drives at every connection, "
+    "before\n  anything is enabled, and without storing them there: pdo_maps: configured",
     True: "These PDOs are written into the drives at every connection, before anything is enabled, and\n"
     "  not stored in them (pdo_maps: configured). The first connection shows whether the drives accept them.",
 }
@@ -127,7 +127,7 @@ def _draft(args: argparse.Namespace, result: Probe) -> int:
         return ExitCode.ARM_FAULT
     heading = f"{schema_line('profile')}\n{CHECK.format(maps=MAPS[args.configure])}"
     if silent := ", ".join(str(node.node) for node in result.nodes if node.notes):
-        heading += f"\n  Not known for lack of a 1016h: node {silent}."
+        heading += f"\n  Not known for nodes without 1016h: {silent}."
     content = format_profile(made, comment=heading)
     save_with_schema(args.draft, content, "profile")
     if args.json:

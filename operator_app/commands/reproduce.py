@@ -1,4 +1,4 @@
-"""`sarcal reproduce`: repeats the paper's experiment and discussion with a simulated arm of the same type."""
+"""`sarcal reproduce`: repeats the paper's experiment with a simulated arm of the same type."""
 
 from __future__ import annotations
 

@@ -38,6 +38,6 @@ def execute(args: argparse.Namespace) -> int:
         say(f"{key:<10} {settings.stated.get(key, '-')!s:<20} {meaning}")
     say(
         "Precedence: command line, session, procedure, environment (CAN_INTERFACE), can.conf, these settings.\n"
-        "`virtual` in a procedure names no bus; -i virtual does, and is the simulated arm."
+        "`virtual` in a procedure selects no bus; -i virtual selects the simulated arm."
     )
     return ExitCode.ACCEPTED

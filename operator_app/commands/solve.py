@@ -95,7 +95,7 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _test_poses(args: argparse.Namespace, fixture: EndpointConstraint, poses: PoseSet) -> PoseSet:
-    """Return the poses of ``--test``; raises UsageError if they are not independent of the calibration's poses."""
+    """Return the poses of ``--test``; raises UsageError if they are not independent of `poses`."""
     new = load_poses(args.test, joint_count=poses.q_rad.shape[1]).poses
     elsewhere = verification.may_be_elsewhere(fixture)
     if not elsewhere and (len(new.placements) > 1 or len(poses.placements) > 1):
@@ -113,7 +113,7 @@ def _test_poses(args: argparse.Namespace, fixture: EndpointConstraint, poses: Po
 
 
 def _tables(args: argparse.Namespace, arm: ArmModel) -> tuple[str, tuple[ReadingTable, ...]]:
-    """Return the tables of file ``--rvdt-table``, after the SHA-256 of their poses; "" and () without the option."""
+    """Return the SHA-256 of the poses and the tables in file ``--rvdt-table``; "" and () without the option."""
     if not args.rvdt_table:
         return "", ()
     document, option = load_parameters(args.rvdt_table), f"--rvdt-table {args.rvdt_table}"

@@ -77,7 +77,6 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _from_file(file: str, joint_count: int) -> PoseSet:
-    """Read poses and print warnings about them."""
     read = load_poses(file, joint_count=joint_count)
     print_warnings(file, read)
     return read.poses
@@ -86,7 +85,7 @@ def _from_file(file: str, joint_count: int) -> PoseSet:
 def _open_loop(
     args: argparse.Namespace, opening: Opening, solution: Solution, count: int | None
 ) -> ExitCode:
-    """Verify the session's calibration with an instrument's endpoints, measured now on the arm or read from a file."""
+    """Verify the calibration with an instrument's endpoints, measured now or read from a file."""
     if solution.model.dh_table(solution.estimate.x) is None:
         raise UsageError(
             "--open-loop verifies a calibration of one placement of a hinge or rigid fixture; "

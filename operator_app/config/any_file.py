@@ -1,4 +1,4 @@
-"""Reads files of any kind: determines each file's kind, and lists all problems of all files. Makes JSON Schemas."""
+"""Reads files of any kind, lists the problems of all of them, and makes JSON Schemas."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ class FilesRead:
 
 
 def kind_of(source: Resource) -> AnyKind | None:
-    """Return the kind of a file, from its ``schema`` line or else from its keys or header; None if it is unknown."""
+    """Return the kind of a file from its ``schema`` line, else from its keys or header; None if unknown."""
     text = source.data.decode("utf-8", errors="replace")
     kinds = SCHEMA_LINE.search(text)
     for kind in FILES:
@@ -142,7 +142,7 @@ def kind_of(source: Resource) -> AnyKind | None:
 def _parsed(source: Resource, kind: AnyKind | None, joints: set[int]) -> FileContent:
     """Read a file of this kind; `joints`: numbers of joints of the arms read so far. Raises ConfigError."""
     data, file = source.data, source.file
-    # If the arms differ in their number of joints, it is unknown which arm this file belongs to.
+    # If the arms differ in their number of joints, the number for this file is not known.
     count = next(iter(joints)) if len(joints) == 1 else None
     match kind:
         case "arm":

@@ -50,7 +50,7 @@ from solver.chain.statics import UPRIGHT_DOWN
 
 
 class RowModel(StrictModel):
-    """One D-H row. ``fixture`` stands for an entry that the fixture determines (an asterisk in the paper's Table 1).
+    """One D-H row; ``fixture`` marks an entry that the fixture determines (asterisk in the paper's Table 1).
 
     ``beta_deg`` is Hayati's angle, identified in place of s if the row joins parallel axes; ``s_m`` is then optional.
     """
@@ -72,7 +72,7 @@ class RowModel(StrictModel):
 
 
 class SensorFields(StrictModel):
-    """Base of sensors, whose keys, apart from `kind`, are the domain object's arguments in the units of the file."""
+    """Base of sensor models: keys other than `kind` are the domain object's arguments in file units."""
 
     makes: ClassVar[type[Sensor]]
 

@@ -1,4 +1,4 @@
-"""Writes files completely or not at all, even in a power cut, and formats YAML that `strict_yaml` reads back unchanged.
+"""Writes files atomically, even in a power cut, and formats YAML that `strict_yaml` reads back exactly.
 
 Floats are written with as many digits as are needed to read the same double (at most 17); text is quoted whenever it
 could be read as another type.
@@ -77,7 +77,7 @@ PLAIN = re.compile(r"[A-Za-z][A-Za-z0-9_./-]*")
 def dump_strict(data: Mapping[str, Any], *, comment: str = "") -> bytes:
     """Format a mapping of plain values as YAML; the lines of `comment` come first, each after a ``#``.
 
-    `ValueError` for a value that a strict file cannot hold, such as NaN.
+    Raises `ValueError` for a value that a strict file cannot hold, such as NaN.
     """
     text = yaml.dump(
         data, Dumper=_StrictDumper, sort_keys=False, default_flow_style=None, width=100
@@ -103,7 +103,7 @@ def _represent_float(dumper: yaml.SafeDumper, value: float) -> yaml.Node:
     if not math.isfinite(value):
         raise ValueError(f"{value} cannot be written: only finite numbers can")
     text = repr(float(value))
-    # YAML 1.1 readers take 1e-08 for text.
+    # YAML 1.1 readers read 1e-08 as text.
     text = text if "." in text else text.replace("e", ".0e")
     return dumper.represent_scalar("tag:yaml.org,2002:float", text)
 

@@ -18,8 +18,7 @@ MOST_PROBLEMS = 100
 CSV_NUMBER = re.compile(r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
 NOT_FINITE = re.compile(r"[-+]?(?:nan|inf|infinity|#n/a|n/a|na)", re.IGNORECASE)
 FORMULA = re.compile(r"'*(?:\s*[=+\-@]|[\t\r\n])")
-"""Text that a spreadsheet takes for a formula, with or without apostrophes before it. A further apostrophe makes it
-plain text."""
+"""Text that a spreadsheet reads as a formula, also after apostrophes; a further apostrophe makes the text plain."""
 ESCAPED = re.compile(r"(\\+)u\{([0-9a-f]{1,6})\}")
 LOOKS_ESCAPED = re.compile(r"(\\+)(u\{[0-9a-f]{1,6}\})")
 HIDDEN_CANDIDATE = re.compile(r"(\\*)([^\\])", re.DOTALL)
@@ -152,7 +151,7 @@ def whole_number(cell: str) -> int:
 def write_records(records: Iterable[Iterable[str]], *, texts: Collection[str] = ()) -> bytes:
     """Format records as CSV, the header first, so that `read_records` returns the same cells.
 
-    Cells of the columns named in `texts` are free text: they are written so that no spreadsheet takes them for a
+    Cells of the columns named in `texts` are free text: they are written so that no spreadsheet reads them as a
     formula and no terminal interprets them; `text_of` returns the original text.
     """
     rows = iter(records)

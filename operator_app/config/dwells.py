@@ -28,8 +28,7 @@ MOST_BISECTIONS = 6
 """Number of times that the spread is halved to separate dwells from slow motion between them."""
 
 EDGE_SIGMAS = 5.0
-"""Samples at either end of a dwell belong to the motion before or after the dwell if they differ from its median by
-more than this many standard deviations."""
+"""Samples at the ends of a dwell count as motion if they differ from its median by over this many sigmas."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""Errors of files that people edit. Pydantic's errors are translated into a problem and a remedy for the operator."""
+"""Errors of files that people edit, and the translation of pydantic's errors for the operator."""
 
 from __future__ import annotations
 

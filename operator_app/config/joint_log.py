@@ -110,13 +110,13 @@ def load_joint_log(
 
 
 def wrong_header(header: list[str], width: int, file: str, line: int) -> ConfigError:
-    """Return the error of a log whose rows have `width` cells, and the header another number."""
+    """Return the error of a log whose header does not have the `width` cells of its rows."""
     text = f"the header has {len(header)} cells, but the first row of angles has {width}"
     return only(file, text, "name each column, or remove the header", line=line)
 
 
 def require_degrees(largest: float, count: str, file: str) -> None:
-    """Refuse a log whose largest angle may be in radians; `count` of its rows for the message. Raises ConfigError."""
+    """Raise ConfigError if the `largest` angle may be in radians; `count`: number of rows, as text."""
     if largest < 2.0 * np.pi:
         text = f"does not state the unit of its angles, and none in {count} exceeds {largest:.3g}"
         raise only(file, text, "use --rad, or --deg if these are degrees")
@@ -139,7 +139,7 @@ def _endpoints(
 
 
 def _placements(body: list[Record], by: int, file: str) -> tuple[list[int], tuple[str, ...] | None]:
-    """Return the placement number of each row, from column `by`; if the column has names, also notes with the names."""
+    """Return each row's placement number from column `by`, and notes with the names if it has names."""
     names = [cells[by] for _, cells in body]
     if "" in names:
         line, remedy = body[names.index("")][0], "give the placement a number or a name"
@@ -239,10 +239,10 @@ def find_columns(
 
 
 def joint_order(names: Sequence[str], joints: Sequence[str], count: int) -> tuple[int, ...]:
-    """Return the indices of joints 1 to `count`: those of `joints` if all are there, else those of a series of names.
+    """Return the indices in `names` of joints 1 to `count`: of `joints` if complete, else of a series.
 
     The names of a series differ only in a number (from 0 or 1). Empty unless there is exactly one series. Upper and
-    lower case are distinguished, unless this leaves no series (`Q1` does not belong to `q1` to `q7`).
+    lower case are distinguished, unless this leaves no series (`Q1` is not part of `q1` to `q7`).
     """
     if len(set(joints)) == count and all(names.count(joint) == 1 for joint in joints):
         return tuple(names.index(joint) for joint in joints)

@@ -1,4 +1,4 @@
-"""Measured endpoints: one measurement of an instrument, as a line with a JSON object or as a row of CSV.
+"""Measured endpoints: one measurement of an instrument, as a JSON object or as a row of CSV.
 
 ``{"pose": "12", "x_m": 1.23, "y_m": -0.4, "z_m": 0.87, "rx_deg": 1.5, "ry_deg": -2, "rz_deg": 91}``. Without `pose` the
 first measurement after the request counts. An instrument that does not see the target sends ``"lost"`` with the reason.
@@ -49,7 +49,7 @@ UNIT_WITHIN = 1e-3
 
 
 def group_of(name: str) -> tuple[str, ...] | None:
-    """Return all columns of the representation of orientation to which this column belongs; None for other columns."""
+    """Return all columns of the orientation that this column is part of; None for other columns."""
     for group in (ROTATION, ROLL_PITCH_YAW, QUATERNION):
         if name in group:
             return group
@@ -60,7 +60,7 @@ def group_of(name: str) -> tuple[str, ...] | None:
 
 
 def groups_in(names: Collection[str]) -> tuple[tuple[str, ...], ...]:
-    """Return the representations of an orientation to which any of these names belongs; a file may have at most one."""
+    """Return each orientation (its columns) of which a name is given; a file may have at most one."""
     groups = {group: None for name in names if (group := group_of(name)) is not None}
     return tuple(groups)
 
@@ -68,7 +68,7 @@ def groups_in(names: Collection[str]) -> tuple[tuple[str, ...], ...]:
 def rotation_vectors(group: tuple[str, ...], values: FloatArray) -> FloatArray:
     """Return rotation vectors (m, 3), rad, from the values (m, 3 or 4) of these columns: deg, or quaternions.
 
-    `ValueError` for a quaternion that is not of unit length.
+    Raises `ValueError` for a quaternion that is not of unit length.
     """
     from scipy.spatial.transform import Rotation
 
@@ -296,7 +296,7 @@ def poses_of_targets(points_m: FloatArray, labels: Sequence[str]) -> FloatArray:
     standard deviations are s / sqrt(3) for each coordinate of the origin, sqrt(2) s / a for a rotation about a line in
     the triangle's plane, and s / a for a rotation about its normal.
 
-    `ValueError` if the targets are nearly in line, or if one pose's triangle differs from the others (with its name).
+    Raises `ValueError` if the targets are nearly in line, or if one pose's triangle differs from the others.
     """
     points = points_m.reshape(-1, 3, 3)
     centroid = points.mean(axis=1)

@@ -1,4 +1,4 @@
-"""Content of the files that `sarcal new` writes: fixture and procedure files, and copies of built-in files.
+"""Content of the files that `sarcal new` writes: fixtures, procedures, copies of built-in files.
 
 All are checked by the same models as any other file.
 """

@@ -210,7 +210,7 @@ def correlations_of(names: Sequence[str], covariance: FloatArray) -> dict[str, t
 def budget_of(
     names: Sequence[str], variance: FloatArray, parts: Mapping[str, FloatArray]
 ) -> dict[str, dict[str, float]]:
-    """Return, by parameter, the share of each source in the parameter's variance, without shares that round to zero."""
+    """Return each source's share of a variance, by parameter, without shares that round to zero."""
     by_source = {}
     for k, name in enumerate(names):
         if variance[k] > 0.0:

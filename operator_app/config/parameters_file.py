@@ -82,7 +82,6 @@ UtcTime = Annotated[
     WithJsonSchema({"type": "string", "pattern": f"^{UTC_FORM}$"}),
 ]
 
-
 BESIDE_THE_TABLE = {"ball": 6, "measured": 12}
 """Number of parameters outside the D-H table: points of ball and socket, or poses of instrument and target."""
 
@@ -271,11 +270,11 @@ def load_parameters(path: str | Path) -> ParametersDocument:
 def format_parameters(document: ParametersDocument) -> bytes:
     """Format a document so that `parse_parameters` returns the same document, bit for bit.
 
-    It is checked, as it may go to a controller: raises ConfigError if it is invalid, e.g. after a diverged fit.
+    Raises ConfigError if the document is invalid, e.g. after a diverged fit, since a controller may use it.
     """
     # An entry has one sigma of the two (deg or m); the other is left out.
     body = adapter(ParametersDocument).dump_python(document, exclude_defaults=True)
-    # Without a beta, programs of version 2 can read it.
+    # Programs of version 2 can read a document without beta.
     name = schema_name("parameters") if document.table.beta_rad.any() else WITHOUT_BETA
     try:
         data = dump_strict({"schema": name, **body}, comment=COMMENT)

@@ -90,7 +90,7 @@ def load_poses(path: str | Path, *, joint_count: int | None = None) -> LoadedPos
 
 
 def parse_poses(data: bytes, file: str, *, joint_count: int | None = None) -> LoadedPoses:
-    """Read poses from the bytes of a CSV file of an arm with `joint_count` joints; if None, the file states the number.
+    """Read poses from the bytes of a CSV file; `joint_count`: joints of the arm, or None for any number.
 
     Raises ConfigError with up to a hundred problems of the file.
     """

@@ -1,4 +1,4 @@
-"""The procedure file (``sarcal/procedure/1``): reads it and the files it names; checks it against arm and fixture."""
+"""The procedure file (``sarcal/procedure/1``) with the files it names: reading and checks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The bus profile (``sarcal/profile/1``), set-up of an arm's nodes: content, reading, checks, and writing of a draft.
+"""The bus profile (``sarcal/profile/1``), set-up of an arm's nodes: reading, checks, drafts.
 
 `ProfileFile` has the content of the file; `ProfileFile.for_joints` returns the profile for the hardware.
 """
@@ -275,7 +275,7 @@ _RESERVED = (
 
 
 def check_profile(file_model: ProfileFile, joints: int | None) -> Iterator[Complaint]:
-    """Yield all problems of a profile for an arm of `joints` joints, or of any number of joints if `joints` is None."""
+    """Yield all problems of a profile for an arm of `joints` joints (None: of any number of joints)."""
     yield from _check_supervisor(file_model)
     yield from _check_listed(file_model, joints)
     if file_model.modes.position == file_model.modes.free:
@@ -363,7 +363,6 @@ def _check_pdos(place: KeyPath, pdos: Sequence[PdoSpec], *, sent: bool) -> Itera
 
 
 def _check_unique(file_model: ProfileFile, profile: BusProfile) -> Iterator[Complaint]:
-    """Check that no node and no identifier is used twice."""
     places = {joint.joint: ("joints", k) for k, joint in enumerate(file_model.joints)}
     nodes = {} if profile.supervisor is None else {profile.supervisor: "the supervisor"}
     identifiers, reported = dict[int, str](), set[KeyPath]()

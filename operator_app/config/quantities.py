@@ -1,4 +1,4 @@
-"""Units of numbers in files: conversion to SI units and back without loss, and checks for plausible values."""
+"""Units of numbers in files: lossless conversion to SI units and back, and plausibility checks."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def _uncertainty(limit: float, unit: str) -> tuple[AfterValidator, WithJsonSchem
 
 
 def _twist_deg(value: float) -> float:
-    """Return a nominal twist, deg; refuse a number such as 1.5708 (pi/2), which was probably written in radians."""
+    """Return a nominal twist, deg; refuse a number such as 1.5708 (pi/2), probably in radians."""
     quarters = (0.5 * math.pi, math.pi, 1.5 * math.pi)
     if any(math.isclose(abs(value), known, abs_tol=2e-3) for known in quarters):
         raise refuse(f"{value:g} deg looks like radians", f"write {math.degrees(value):.6g}")

@@ -1,4 +1,4 @@
-"""Joint angles over time: CSV logs with a column of times, and joint states of ROS 2 bags (library `rosbags`)."""
+"""Joint angles over time: CSV logs with times, and joint states of ROS 2 bags (`rosbags`)."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ RECORDING_LIMIT_BYTES = 1024 * 1024 * 1024
 
 LARGEST_ANGLE_RAD = 20.0 * np.pi
 PER_SECOND = ((1e17, 1e9), (1e14, 1e6), (1e11, 1e3), (0.0, 1.0))
-"""For ns, us, ms and s: smallest last time of a recording that is read in this unit, and units per second."""
+"""For ns, us, ms and s: smallest end time of a recording in this unit, and units per second."""
 
 SINCE_1970_S = 1e8
 """Times from this value on count from 1970; smaller ones count from the start of the recording."""
@@ -136,7 +136,7 @@ def _samples(lines: list[Record], by: int, where: Sequence[int], file: str) -> F
 
 
 def endpoints_at_rest(recording: JointRecording, dwells: Sequence[Dwell]) -> FloatArray | None:
-    """Return the mean of the endpoints measured in each dwell; None without an instrument.
+    """Return the mean endpoint, m and rad, of each dwell, (k, 3) or (k, 6); None without an instrument.
 
     Raises ConfigError if the instrument measured nothing in one of the dwells.
     """
@@ -154,7 +154,7 @@ def endpoints_at_rest(recording: JointRecording, dwells: Sequence[Dwell]) -> Flo
 
 
 def _time_s(cell: str) -> float:
-    """Return a time: a number as it is, or ISO 8601 (UTC if it has no zone) as seconds since 1970; raises BadCell."""
+    """Return a number as it is, or ISO 8601 (UTC if without zone) as seconds since 1970; raises BadCell."""
     try:
         return float(cell or "nan")
     except ValueError:
@@ -168,7 +168,7 @@ def _time_s(cell: str) -> float:
 
 
 def _number(cell: str) -> float:
-    """Return the number in a cell, in the unit of the file; nan if the cell is empty. Raises BadCell otherwise."""
+    """Return the number in a cell, nan if it is empty; raises BadCell."""
     try:
         return float(cell or "nan")
     except ValueError as error:
@@ -212,7 +212,7 @@ def recording_of(
 def find_joints(
     names: Sequence[str], joints: Sequence[str], *, file: str, columns: str = ""
 ) -> tuple[str, ...]:
-    """Return the names of joints 1 to n: those in `columns`; else those in `joints` (the arm file's); else a series.
+    """Return the names of joints 1 to n: those in `columns`, else `joints` (the arm file's), else a series.
 
     A series is n names that differ only in a number, such as panda_joint1 to panda_joint7; there must be only one.
     """

@@ -24,7 +24,6 @@ DESCRIPTION_LIMIT_BYTES = 16 * 1024 * 1024
 YAML_LIMIT_BYTES = 256 * 1024
 """Largest size of a YAML file, far above that of any valid file (about 10 kB): a larger file is the wrong file."""
 
-
 OPEN_ALREADY = ("/dev/stdin", "/dev/fd/", "/proc/self/fd/")
 """Beginnings of paths of pipes that already have a writer, such as the shell's ``<(command)``."""
 
@@ -48,7 +47,7 @@ def builtin_names(kind: Kind) -> tuple[str, ...]:
 
 
 def resolve(kind: Kind, reference: str | Path, *, folder: Path | None = None) -> Resource:
-    """Find and read a file by built-in name or path; relative paths start in `folder` (default: working directory).
+    """Find and read a file by built-in name or path, relative to `folder` (default: working directory).
 
     Raises ConfigError if `reference` is no built-in name and no file, or if the file cannot be read.
     """
@@ -73,17 +72,17 @@ def resolve(kind: Kind, reference: str | Path, *, folder: Path | None = None) ->
 
 def expanded(reference: str | Path) -> Path:
     """Return a path with ``~`` replaced by the home folder; unchanged for an unknown user."""
-    # That of pathlib raises for an unknown user, and also expands ./~name.
+    # `Path.expanduser` raises for an unknown user, and also expands ./~name.
     return Path(os.path.expanduser(reference))  # noqa: PTH111
 
 
 def exists(path: Path) -> bool:
-    """Whether there is a file or folder; False, not an error, where this user may not look and for impossible names."""
+    """Whether a file or folder exists; false, without an error, if the system refuses to look."""
     return os.path.exists(path)  # noqa: PTH110
 
 
 def read_limited(path: Path, shown: str, *, limit: int) -> bytes:
-    """Read a file, named `shown` in messages; raises ConfigError if it exceeds `limit` bytes or cannot be read."""
+    """Read a file (`shown` in messages); raises ConfigError if it is unreadable or over `limit` bytes."""
     try:
         if stat.S_ISFIFO(path.stat().st_mode) and not str(path).startswith(OPEN_ALREADY):
             # Opening it would wait for its writer, perhaps forever.

@@ -57,12 +57,11 @@ class StrictRecord:
 
 M = TypeVar("M", bound=StrictModel | StrictRecord)
 
-
 _ADAPTERS: dict[Any, TypeAdapter[Any]] = {}
 
 
 def adapter(model: type[M]) -> TypeAdapter[M]:
-    """Return pydantic's adapter of a model, for reading, writing and JSON Schema; built once, when first needed."""
+    """Return pydantic's adapter of a model, for reading, writing and JSON Schema; built once."""
     if model not in _ADAPTERS:
         _ADAPTERS[model] = TypeAdapter(model)
     return _ADAPTERS[model]
@@ -194,7 +193,7 @@ def _problems(
 def _without_alternatives(
     document: YamlDocument, placed: list[tuple[Path, ErrorDetails]]
 ) -> list[tuple[Path, ErrorDetails]]:
-    """Keep only one problem of each value that is neither one of certain words nor of another allowed type.
+    """Keep only one problem of a value that may be a word or of another type, but is neither.
 
     Pydantic lists the problems of every alternative. The problem with the words is kept if the value is nearly one
     of the words, or is text where no number is allowed.
@@ -232,7 +231,7 @@ def _unknown_key(document: YamlDocument, model: type[M], path: Path) -> tuple[st
     value = document.at(path)
     text = UNKNOWN
     match = UNIT.fullmatch(key)
-    # Of `tolerance_mm` and `tolerance_deg`, the latter is meant by `tolerance_rad`.
+    # `tolerance_rad` is meant to be `tolerance_deg`, not `tolerance_mm`.
     for candidate in sorted(known, key=lambda name: _si_unit(name) != _si_unit(key)):
         other = UNIT.fullmatch(candidate)
         if match is None or other is None or match[1] != other[1]:

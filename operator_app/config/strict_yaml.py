@@ -1,7 +1,7 @@
 """Reads strict YAML and records the line of every key.
 
 A subset of YAML 1.2: mappings, lists and plain scalars. Numbers are decimal, booleans are ``true``
-and ``false``; values that YAML 1.1 would take for another type (``yes``, ``12:30``, ``0x1F``, ``010``, dates) remain
+and ``false``; values that YAML 1.1 would read as another type (``yes``, ``12:30``, ``0x1F``, ``010``, dates) remain
 text, so that a schema that requires a number refuses them with a message. Anchors, aliases, tags, merge keys, duplicate
 keys and non-finite numbers are refused.
 """
@@ -80,7 +80,7 @@ def _composed(text: str) -> Node | None:
 def resolve_plain(text: str) -> Scalar:
     """Return the value of an unquoted scalar; inf for a number that is not finite or too large for a double.
 
-    `ValueError` for a number with too many digits.
+    Raises `ValueError` for a number with too many digits.
     """
     if text in NULLS:
         return None
@@ -221,7 +221,7 @@ class YamlDocument:
         return tuple(self.problem(*complaint) for complaint in self.complaints)
 
     def problem(self, path: Path, text: str, remedy: str = "", mark: Mark | None = None) -> Problem:
-        """Build a problem at `path`; line and column: `mark`, or those of `path` or its nearest parent in the file."""
+        """Build a problem at `path`; its line is that of `mark`, of `path` or of the nearest parent."""
         place = path
         while place and place not in self.marks:
             place = place[:-1]

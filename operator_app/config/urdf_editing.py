@@ -1,4 +1,4 @@
-"""Writes a calibration as URDF: a new file, or the user's URDF or UR kinematics file with calibrated joint origins.
+"""Writes a calibration as URDF: a new file, or new joint origins in the user's URDF or UR file.
 
 A D-H link ``Rz(q + theta_off) Tz(s) Tx(a) Rx(alpha) Ry(beta)`` is a revolute joint about z and then a fixed
 step; that step is the origin of the next joint, so that every joint value is a sensor reading.
@@ -97,13 +97,11 @@ def _xml_text(text: str) -> str:
 SAME = 1e-11
 """Origins nearer to each other than this (m, or entries of a rotation) count as equal."""
 OTHER_ARM_M, OTHER_ARM_RAD = 0.05, math.radians(10.0)
-"""Largest difference between the D-H rows of a file and those of the arm. A file with larger differences belongs to
-another arm."""
+"""Largest difference between the D-H rows of a file and those of the arm: a larger one means another arm."""
 
 UR_LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 UR_KEYS = ("x", "y", "z", "roll", "pitch", "yaw")
-"""Keys of each block in UR's kinematics file: pose of a link's joint relative to the link before. Joints turn about
-z."""
+"""Keys of each block in UR's kinematics file: pose of a joint, which turns about z, relative to the link before it."""
 
 
 def with_calibration(
@@ -174,7 +172,7 @@ def _chains(data: bytes, file: str, arm: ArmModel) -> Iterator[UrdfChain]:
 
 
 def _matching(chains: Iterable[UrdfChain], arm: ArmModel, file: str) -> UrdfChain:
-    """Return the chain whose rows are nearest to the arm's; raises ConfigError if all belong to another arm."""
+    """Return the chain whose rows are nearest to the arm's; raises ConfigError if no chain is of this arm."""
     n, candidates = arm.joint_count, list[tuple[float, str, UrdfChain]]()
     for chain in chains:
         if len(chain.joints) != n:

@@ -72,7 +72,7 @@ class UrdfChain:
     Attributes
     ----------
     steps
-        All joints between them, including fixed ones.
+        All joints between `base` and `tip`, including fixed ones.
     table
         Rows 1..n.
     frames
@@ -330,7 +330,7 @@ def _step(element: ET.Element, file: str) -> UrdfStep:
 
 
 def arm_file_of(chain: UrdfChain, *, name: str) -> Mapping[str, object]:
-    """Return the content of an arm file, with geometry, ranges, speeds and torques as read, and assumed sensors."""
+    """Return the content of an arm file: geometry and limits as read, and assumed sensors."""
     joints = chain.joints
     ranges = np.array([[j.lower_rad, j.upper_rad] for j in joints])
     speeds = np.array([j.velocity_rad_per_s or ASSUMED_SPEED for j in joints])

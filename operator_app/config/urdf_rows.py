@@ -1,4 +1,4 @@
-"""Converts the axes of a chain, and poses of a URDF (xyz, rpy), to D-H rows, with Hayati's beta for parallel axes."""
+"""Converts axes and poses of a URDF to D-H rows, with Hayati's beta for parallel axes."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class AxisLine:
 def rows_of(
     axes: Sequence[AxisLine], T_base_tip: FloatArray
 ) -> tuple[DhTable, tuple[FloatArray, ...]]:
-    """Return the D-H rows 1..n of the axes of joints 1..n and a tip at `T_base_tip` (4, 4), m; and their frames.
+    """Return the D-H rows 1..n of axes 1..n and a tip at `T_base_tip` (4, 4), m, and their frames.
 
     The frames 0..n, (4, 4) each, m, are in the base link's frame with all joints at zero. Frame 0 is on axis 1 near the
     base link's origin; frame n is as near to the tip as a D-H row allows.
@@ -69,7 +69,7 @@ def link_transform(row: Sequence[float]) -> FloatArray:
 
 
 def _by_common_normal(before: FloatArray, line: AxisLine) -> tuple[float, ...]:
-    """Return the D-H row from frame `before` to an axis that is not parallel to its z, along the common normal."""
+    """Return the D-H row from frame `before` to a non-parallel axis, along the common normal."""
     x, z, origin = before[:3, 0], before[:3, 2], before[:3, 3]
     normal = np.cross(z, line.z)
     normal /= np.linalg.norm(normal)
@@ -122,7 +122,7 @@ def _normal_to(line: AxisLine, apart: FloatArray, z: FloatArray) -> tuple[FloatA
 
 
 def _across(z: FloatArray, *preferred: FloatArray) -> FloatArray:
-    """Return the first of `preferred`, x and y that is not parallel to z, made orthogonal to z."""
+    """Return the unit vector orthogonal to z nearest to the first of `preferred`, x, y not parallel to z."""
     across = (d - (d @ z) * z for d in (*preferred, *np.eye(3)[:2]))
     return next(x / np.linalg.norm(x) for x in across if np.linalg.norm(x) > 0.1)
 

@@ -33,8 +33,8 @@ SETTINGS_SCHEMA = "sarcal/settings/1"
 class UserSettings(StrictRecord):
     """Content of the settings file; None for missing settings.
 
-    Interface, channel and bitrate are like ``-i``, ``-c`` and ``-b``; the latter two are used only if the interface
-    comes from this file as well. The operator's name is kept in the journal of every session.
+    Interface, channel and bitrate are like ``-i``, ``-c`` and ``-b``; channel and bitrate are used only if the
+    interface is also from this file. The journal of every session records the operator's name.
     """
 
     interface: Text | None = None
@@ -58,7 +58,7 @@ def settings_path() -> Path:
 
 
 def load_settings() -> UserSettings:
-    """Return the user's settings, all None if there is no file; raises ConfigError with all problems of the file."""
+    """Return the user's settings, all None without a file; raises ConfigError if the file is invalid."""
     data = settings_bytes()
     return parse_settings(data, str(settings_path())) if data is not None else UserSettings()
 

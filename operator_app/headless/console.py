@@ -28,7 +28,6 @@ class ConsoleListener(Listener):
     """Writes the progress of a run to stderr; shows a progress bar if stderr is a terminal."""
 
     def __init__(self) -> None:
-        # `Stderr` ignores write errors.
         self._stderr = Stderr()
         self._console = Console(file=cast("IO[str]", self._stderr), highlight=False, soft_wrap=True)
         self._progress: Progress | None = None
@@ -143,7 +142,7 @@ def cut_short_lines(cut: CutShort) -> list[str]:
 
 
 def _danger(cut: CutShort) -> list[str]:
-    """Return a warning if a connected arm may not be holding; none after interrupts, as the caller raises an error."""
+    """Return a warning if a connected arm may not be holding; none after interrupts (the caller raises it)."""
     error = cut.session.not_held
     if error is None or not cut.connected or isinstance(cut.cause, KeyboardInterrupt):
         return []
@@ -161,7 +160,7 @@ def _lateness_note(cut: CutShort) -> str:
     again = "" if late.times == 1 else f" ({late.times} times, by {late.longest_s:.2f} s at most)"
     return (
         f"This computer was late by {late.last_s:.2f} s{again}: the drives missed its heartbeat. End other "
-        "programs on it, or give this one real-time priority."
+        "programs on it, or give sarcal real-time priority."
     )
 
 
@@ -171,7 +170,7 @@ def _how_to_continue(cut: CutShort) -> list[str]:
     folder = session.journal.path.parent
     goes_on = f"Go on with: sarcal run --resume {folder}"
     if isinstance(cause, errors.DriveDropout):
-        return [f"Find out why the drive of joint {cause.joint} left its state.", goes_on]
+        return [f"Find out why the drive of joint {cause.joint} dropped out.", goes_on]
     if isinstance(cause, errors.DriveFault) and cause.code != EmergencyCode.HEARTBEAT_LOST:
         embedded = session.state.settings.get("interface") in (None, "virtual")
         reset = "" if embedded else f" Then clear its trip with: sarcal reset {folder}"

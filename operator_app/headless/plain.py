@@ -94,7 +94,7 @@ class Plain:
         return "left"
 
     def _menu(self) -> None:
-        self._wait()  # a task that Ctrl-C ended may not have ended yet: it would close every item
+        self._wait()  # a task that Ctrl-C cancelled may still run, and would close every item
         s = self.snapshot()
         self._terminal.say("\n" + lines(describe(self._step, s)))
         chosen = self._one_of(self._items(s), "Number: ")

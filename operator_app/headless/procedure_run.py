@@ -1,4 +1,4 @@
-"""`sarcal run` without its output: waits for the confirmation of a remounted fixture, then runs a session's steps.
+"""`sarcal run` without its output: the steps of a session, and the confirmation of a remounted fixture.
 
 The confirmation goes into the journal before the arm is connected, so that an interrupted session resumes in the
 right placement.
@@ -49,7 +49,7 @@ def run(
     homing: bool = False,
     solver: Solver = solve_here,
 ) -> RunResult | None:
-    """Run all steps from Connect to Export, and return the result; raises any error.
+    """Run all steps from Connect to Export and return the result; catches no error.
 
     Returns None if the current placement is complete and the fixture has to be remounted for the next placement.
 
@@ -85,7 +85,7 @@ def run(
 
 
 def _advice(session: Session, solution: Solution, end: Finished | None) -> str:
-    """Return text on a hinge placement that would make the imprecise parameters more precise; "" if not needed."""
+    """Return text on a hinge placement that would improve the imprecise parameters; "" if not needed."""
     if end is None or not end.weak or session.fixture.kind != "hinge":
         return ""
     try:
@@ -129,9 +129,9 @@ def next_placement(
 
 
 def require_mounted(opening: Opening, listener: ConsoleListener) -> None:
-    """If a placement after the first has no pose yet, wait for and record the confirmation that the fixture is mounted.
+    """Before the first pose of a later placement, wait for the confirmation that the fixture is mounted.
 
-    Raises `SessionError` if the mounting was not confirmed.
+    Records the confirmation. Raises `SessionError` if the mounting was not confirmed.
     """
     if not opening.state.unconfirmed_placement:
         return

@@ -30,14 +30,14 @@ EXAMPLES: Mapping[str, str] = {
 """Built-in file that a page shows completely, by kind: its comments explain it."""
 
 PURPOSE: Mapping[FileKind, str] = {
-    "arm": "An arm file holds the Denavit-Hartenberg table, the sensors and the ranges of an arm, and how "
-    "well each is known.",
-    "fixture": "A fixture file says what is bolted between tool and table, and where.",
-    "procedure": "A procedure file says what `sarcal run` does: arm, fixture, bus, modes, poses, limits.",
-    "profile": "A bus profile says how the arm's CANopen nodes are set up. `sarcal probe --draft FILE` "
+    "arm": "An arm file has the Denavit-Hartenberg table, the sensors and the ranges of an arm, and their "
+    "uncertainties.",
+    "fixture": "A fixture file describes the fixture between tool and table, and its placement.",
+    "procedure": "A procedure file has the settings of `sarcal run`: arm, fixture, bus, modes, poses, limits.",
+    "profile": "A bus profile states how the arm's CANopen nodes are set up. `sarcal probe --draft FILE` "
     "writes one.",
-    "parameters": "A parameters file holds the result of a calibration. `sarcal export` writes it; it is "
-    "not edited by hand.",
+    "parameters": "A parameters file has the result of a calibration. `sarcal export` writes this file; do "
+    "not edit it by hand.",
 }
 
 

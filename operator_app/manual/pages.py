@@ -21,7 +21,7 @@ SECTIONS: Mapping[str, Mapping[str, str]] = MappingProxyType(
             "terminal-app": "work in the terminal app",
             "own-arm": "describe your own arm, plan, rehearse",
             "packaged-arms": "the built-in arms, and what was tried on real ones",
-            "outside-arm": "bring in an arm that is not on CAN, as a package",
+            "outside-arm": "connect an arm that is not on CAN, by a package",
             "own-hinge": "build and describe your own hinge",
             "own-poses": "calibrate from readings that you have",
             "recordings": "calibrate from a ROS 2 bag or a log over time",
@@ -30,7 +30,7 @@ SECTIONS: Mapping[str, Mapping[str, str]] = MappingProxyType(
             "still-valid": "see whether a calibration still holds",
             "planned-poses": "have the poses chosen",
             "wrist-repair": "see which offsets moved in a repair",
-            "over-the-years": "follow an arm over the years: what shifted, when the next is due",
+            "over-the-years": "follow an arm over the years: shifts, and when to calibrate next",
             "exporting": "put a calibration into your own URDF, xacro or UR file",
             "corrections": "apply the corrections of readings in your own controller",
             "notebooks": "two notebooks, for readings of your own",
@@ -106,7 +106,7 @@ def made_by_code(topic: str) -> bool:
 
 
 class Manual:
-    """All pages of the manual; without the function that generates the page `commands`, all others."""
+    """All pages of the manual; the page `commands` only if a function that generates it is given."""
 
     def __init__(self, commands: Callable[[], str] | None = None) -> None:
         self._commands = commands
@@ -118,7 +118,7 @@ class Manual:
         return {t: text for t, text in every.items() if self._commands or t != "commands"}
 
     def page(self, topic: str) -> str:
-        """Return a page as Markdown; NoSuchTopicError if there is none with this name."""
+        """Return a page as Markdown; raises NoSuchTopicError if there is none with this name."""
         name = topic.strip().lower().removesuffix(".md")
         if name not in self.topics:
             raise NoSuchTopicError(topic, tuple(self.topics))

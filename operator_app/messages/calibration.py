@@ -78,7 +78,7 @@ class _Amount(NamedTuple):
 
 
 class _Choice(int):
-    """A flag; ``{certain:drifts|may drift}`` is the first text if the flag `certain` is true, else the second."""
+    """A flag; ``{certain:drifts|may drift}`` is the first text if `certain` is true, else the second."""
 
     def __format__(self, spec: str) -> str:
         return spec.split("|")[not self]
@@ -101,11 +101,11 @@ def fixed_briefly(offsets: tuple[str, ...]) -> str:
     """Return a note that names the fixed offsets on which the tool's accuracy depends."""
     if not offsets:
         return ""
-    return f". It holds only if the fixed value of {names(offsets)} is right: see the warnings"
+    return f". The error after calibration holds only if the fixed value of {names(offsets)} is right: see the warnings"
 
 
 def _holds(f: Finding) -> str:
-    """Return the sentence on errors of fixed offsets; `f.figures`: tool error per offset error, m/rad, by offset."""
+    """Return the sentence on errors of fixed offsets; `f.figures`: tool error per offset error, m/rad."""
     if not f.figures:
         return ""
     rates = ", ".join(
@@ -181,7 +181,7 @@ def _range(f: Finding) -> str:
 
 def _narrowing(f: Finding) -> str:
     if f.names:
-        return f"to halve the largest contribution to them, {source_remedy(f.names[0])}"
+        return f"to halve their largest contribution, {source_remedy(f.names[0])}"
     return "take more poses that differ more from each other: every joint through a larger part of its range"
 
 

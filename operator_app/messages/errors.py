@@ -119,7 +119,7 @@ _TRIPS: Mapping[int, str] = {
 
 
 def trip_cause_remedy(code: int) -> str:
-    """Return text on how to remove the cause of a drive's trip, which is necessary before the drive is reset."""
+    """Return how to remove the cause of a drive's trip, which must be done before the drive is reset."""
     return _TRIP_CAUSES.get(code, "Find the cause of this fault")
 
 
@@ -148,7 +148,7 @@ def summary(procedure: Procedure) -> str:
 
 
 def _capital(text: str) -> str:
-    """Return text with its first letter capitalised; text that begins with a path, name or command is unchanged."""
+    """Return text with a capital first letter, unless it begins with a path, a name or a command."""
     first, _, _ = text.partition(" ")
     spelled = "/" in first or "_" in first or text.startswith(COMMAND_WORDS)
     return text if spelled else text[:1].upper() + text[1:]
@@ -188,4 +188,4 @@ def configured_words(identity: ArmIdentity) -> str:
 def by_hand_words(targets_rad: Mapping[int, float]) -> str:
     """Return the instruction to move joints of an arm without drives by hand, each to its target, rad."""
     ways = " and ".join(f"J{j} to {REACH(q).with_unit}" for j, q in sorted(targets_rad.items()))
-    return f"By hand: take {ways}, then leave it at rest"
+    return f"By hand: move {ways}, then leave the arm at rest"

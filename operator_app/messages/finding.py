@@ -1,4 +1,4 @@
-"""A finding: a fault or a fact with its place, magnitude and probability, and whether it blocks acceptance.
+"""A finding: a fault or fact with place, magnitude, probability, and whether it blocks acceptance.
 
 The kind of a finding has the templates of text and remedy; no code parses figures from these texts.
 """
@@ -19,7 +19,7 @@ CERTAIN = 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NamedSize:
-    """A parameter and a value in `unit`, "rad" or "m"; `share`: fraction of its information that the poses provide."""
+    """A parameter and a value in `unit`, "rad" or "m"; `share`: fraction of its information from the poses."""
 
     name: str
     size: float

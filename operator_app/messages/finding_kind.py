@@ -462,7 +462,7 @@ class FindingKind(Enum):
     )
     ENDPOINTS_SHIFTED = _Message(
         "ENDPOINTS_SHIFTED",
-        text="the measured endpoint of each pose stands one row {name}: a row of the instrument's data is missing "
+        text="the measured endpoint of each pose is one row {name}: a row of the instrument's data is missing "
         "or extra",
         remedy="assign the endpoints to the poses by their times",
     )
@@ -511,8 +511,8 @@ class FindingKind(Enum):
         text="the ball's socket is not where the fixture's file states: {name} differs by "
         "{size:FAR_ANGLE|FAR_LENGTH}",
         remedy="the calibration uses the position found from the poses; if the socket stays there, correct "
-        "ground_mm in the fixture's file; if it is where the file states, all lengths of the arm file are wrong in "
-        "proportion: a measured distance between two sockets shows by how much",
+        "ground_mm in the fixture's file; if the file's position is right, all lengths of the arm file are wrong by "
+        "one factor, which a measured distance between two sockets shows",
     )
     FIXTURE_ELSEWHERE = _Message(
         "FIXTURE_ELSEWHERE",

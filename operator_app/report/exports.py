@@ -145,7 +145,7 @@ def _provenance(calibration: Calibration) -> list[str]:
         f"from {calibration.solution.poses} poses (SHA-256 {calibration.poses.sha256()}).",
         "Joint values are sensor readings: the joint-angle offsets are in the origins.",
         f"Calibrated: {', '.join(arm.identified) or 'no entry of the arm itself'}.",
-        "As in the arm file, because they belong to the mounting:",
+        "As in the arm file, because they depend on the mounting:",
         f"{', '.join(mounting)}.",
     ]
     if not calibration.solution.accepted:

@@ -67,7 +67,7 @@ class Facts:
     """The facts of a calibration, most important first.
 
     `verdict`, `reasons`: the verdict in words, and why the calibration is not accepted. `causes`: possible faults, the
-    most probable first. `data`: content of the JSON object without the tables' figures.
+    main one first. `data`: content of the JSON object without the tables' figures.
     """
 
     accepted: bool
@@ -91,7 +91,7 @@ class Facts:
 
     @property
     def limits_met(self) -> str:
-        """Clause on the limits of the procedure, for an accepted calibration: the condition number does not block."""
+        """Clause on the limits of an accepted calibration, naming an exceeded condition number, if any."""
         exceeded = (n for n in self.notices if n.kind is FindingKind.CONDITION)
         met = "the calibration meets its limits"
         return f"{met}, but its {finding.text}" if (finding := next(exceeded, None)) else met
@@ -252,7 +252,7 @@ def remedy_table(solution: Solution) -> FactTable | None:
             *figures("reading", "add", "sigma", unit="deg"),
         ),
         rows=tuple(rows),
-        note="Corrected reading = reading + add, linear in between; theta_off belongs to corrected "
-        "readings, gain (reading per angle) is in the corrections. The whole table is in the parameters "
-        "file: solve --rvdt-table FILE applies it.",
+        note="Corrected reading = reading + add, interpolated linearly; theta_off applies to corrected readings. The "
+        "corrections include the gain (reading per angle). The parameters file has the whole table: "
+        "solve --rvdt-table FILE applies it.",
     )

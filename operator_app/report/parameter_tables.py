@@ -155,7 +155,7 @@ def estimators_table(
         theirs = figure(other), Figure(its_sigma, quantity, digits=2)
         rows.append((p.name, quantity.unit, *own, *theirs, figure(difference, signed=True)))
     apart = (
-        f", and it is as much as {most:.0f} of them from implicit" if most >= SEVERAL_SIGMAS else ""
+        f"; it differs from implicit by up to {most:.0f} sigmas" if most >= SEVERAL_SIGMAS else ""
     )
     return FactTable(
         ident="estimators",
@@ -170,8 +170,8 @@ def estimators_table(
         note="The solution diverged: neither estimate is usable."
         if diverged
         else "Use implicit: it weights every reading by its noise and includes errors of lengths, twists and "
-        "curves. The paper's counts 1 m as 1 rad and takes every joint as read, so its sigma is only the "
-        f"scatter of its residuals{apart}. Both are from the same poses: their difference says nothing about the arm.",
+        "curves. The paper's estimator counts 1 m as 1 rad and treats readings as exact, so its sigmas are only the "
+        f"scatter of its residuals{apart}. Both use the same poses: their difference is no change of the arm.",
     )
 
 

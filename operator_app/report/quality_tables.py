@@ -34,10 +34,9 @@ OBSERVABILITY = (
     "geometric mean of the singular values over root m",
     "smallest over largest singular value",
     "smallest singular value",
-    "its square over the largest",
+    "square of the smallest over the largest",
     "one over the sum of inverses",
 )
-
 
 SMALL_STATED_CHI2 = 0.1
 """chi2/dof at stated noise below which errors are on average a third of what the files state, or less."""
@@ -75,7 +74,7 @@ def determined_table(solution: Solution, headlines: Iterable[Headline]) -> FactT
     ]
     return FactTable(
         ident="determined",
-        title="How well the poses determine them (no unit)",
+        title="How well the poses determine the parameters (no unit)",
         columns=(*words("figure"), *figures("value"), *words("")),
         rows=tuple(rows),
         note=f"Weakest direction: {weights}." + (f" {SMALLER_THAN_STATED}" if small else ""),
@@ -83,7 +82,7 @@ def determined_table(solution: Solution, headlines: Iterable[Headline]) -> FactT
 
 
 def trend_table(solution: Solution) -> FactTable | None:
-    """Return the table of the condition number over the number of poses; None if there are fewer than two values."""
+    """Return the table of condition number by number of poses; None with fewer than two values."""
     trend = solution.identifiability.trend
     if len(trend) < 2:
         return None
@@ -127,9 +126,9 @@ def accuracy_table(solution: Solution) -> FactTable | None:
         return None
     spreads = {"before": accuracy.before, "after": accuracy.after}
     note = (
-        f"At {accuracy.poses} poses evenly over the ranges, obstacles ignored. Before: the "
-        "tool by the arm file against the tool by the calibrated entries, in the arm's base frame, "
-        "without entries of the mounting. After: by the best D-H table, corrections not applied"
+        f"At {accuracy.poses} poses evenly over the ranges, obstacles ignored. Before: distance between the tool "
+        "positions from the arm file and from the calibrated entries, in the arm's base frame, without entries of the "
+        "mounting. After: uncertainty with the best D-H table, without corrections"
         f"{fixed_briefly(tuple(h.name for h in accuracy.holds_for))}."
     )
     by_poses = accuracy.after_by_poses or accuracy.after
@@ -180,7 +179,7 @@ def truth_table(solution: Solution) -> FactTable | None:
     predicted = TRUE_ERROR(truth.predicted_rms_m, key=("truth", "predicted_mm_rms"))
     return FactTable(
         ident="truth",
-        title="The truth, which only the simulator knows",
+        title="True errors, which are known only for a simulated arm",
         columns=(*words("this arm is simulated"), *figures("found", "of, predicted")),
         rows=(
             ("entries within their 95 % intervals", inside, of),
@@ -191,7 +190,7 @@ def truth_table(solution: Solution) -> FactTable | None:
 
 
 def truth_in_words(solution: Solution) -> str:
-    """Return the content of `truth_table` as a sentence, for use where a table does not fit; empty for a real arm."""
+    """Return `truth_table` as a sentence, for use where a table does not fit; empty for a real arm."""
     truth = solution.truth
     if truth is None:
         return ""
@@ -251,8 +250,8 @@ def closure_table(solution: Solution, beside: Estimate | None, checks: Checks | 
         note=(
             ""
             if solution.with_best_table is None
-            else "Best table and corrected readings are what a controller uses. The rows below them are of the "
-            "identified entries without the corrections that belong to them."
+            else "A controller uses the best table or corrected readings. The rows below these two use the "
+            "identified entries without corrections."
         ),
     )
 
@@ -260,7 +259,7 @@ def closure_table(solution: Solution, beside: Estimate | None, checks: Checks | 
 def rows_in_use(
     best_table: ClosureSigmas | None, corrected: ClosureSigmas | None, *, name: str = "{}, after"
 ) -> Iterator[tuple[Cell, ...]]:
-    """Return the rows of what a controller uses: the best table, and identified entries at corrected readings."""
+    """Yield the rows that apply to a controller: best table, and identified entries at corrected readings."""
     if best_table is not None:
         yield closure_row(name.format("best table"), best_table, key=("with_best_table",))
     if corrected is not None:
@@ -292,7 +291,7 @@ def closure_row(
 
 
 def causes_table(solution: Solution) -> FactTable | None:
-    """Return the table of possible faults, most probable first (sentences only in HTML); None if there are none."""
+    """Return the table of possible faults, the main one first (sentences only in HTML); None if there are none."""
     rows: list[tuple[Cell, ...]] = []
     for cause in solution.causes:
         role, effect = "text", "a warning"
@@ -302,7 +301,7 @@ def causes_table(solution: Solution) -> FactTable | None:
         rows.append((cause.code, probability, effect, cause.text, cause.remedy))
     return None if not rows else FactTable(
         ident="causes",
-        title="What may be wrong, by probability",
+        title="What may be wrong, with their probability",
         columns=(
             *words("cause"),
             *figures("probability", unit=SHARE.unit),

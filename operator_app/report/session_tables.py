@@ -85,8 +85,8 @@ def joint_table(subject: Subject, estimate: Estimate | None) -> FactTable:
             *figures("covered", unit="%"),
         ),
         rows=tuple(rows),
-        note="Noise: of one reading. Stated: by the arm's file, of sensor, play and sag. "
-        f"▲ marks joints whose corrections exceed {CORRECTION_ODD:g} times that. Shaded in the plot: the noise.",
+        note="Noise: of one reading. Stated: uncertainty of sensor, play and sag by the arm file; "
+        f"▲ marks joints whose corrections exceed {CORRECTION_ODD:g} times this. Shaded in the plot: the noise.",
     )
 
 

@@ -33,9 +33,9 @@ class Subject:
 
     `solution`: the calibration; None if the poses do not determine every parameter, see `unidentifiable`. `checks`:
     cross-validation and jackknife, None if not computed. `recalculated_because`: why the poses were solved again; empty
-    if the solution is from the journal. `last_utc`: time of the journal's last event. `events`: number of its events.
-    `torn`: text about an incomplete line dropped from its end. `simulated`: whether the drives report that they are
-    virtual.
+    if the solution is from the journal. `last_utc`: time of the journal's last event. `events`: number of all events.
+    `torn`: text about an incomplete last line of the journal that was dropped; empty if the journal is complete.
+    `simulated`: whether the drives report that they are virtual.
     """
 
     name: str
@@ -168,7 +168,7 @@ def subject_on(s: SessionSnapshot) -> Subject | None:
 
 
 def no_facts(s: SessionSnapshot) -> str:
-    """Return the reason why a snapshot's present poses have no calibration; empty if they have a calibration."""
+    """Return why a snapshot's present poses have no calibration; empty if there is a calibration."""
     if s.solution is None:
         return "no calibration of these poses yet"
     counting = sum(not pose.excluded for pose in s.state.poses)

@@ -99,8 +99,7 @@ def placed(table: FactTable, gap: str) -> tuple[list[list[str]], list[list[str]]
 
 
 ROLES = {"found": "bold"}
-"""The terminal app shows figures whose role is a key of this mapping in the style of the role that is the key's value.
-"""
+"""Role whose style the terminal app uses for a figure, by the figure's own role."""
 
 
 def table_spans(table: FactTable) -> tuple[list[Line], list[Line]]:
@@ -166,7 +165,7 @@ def unidentifiable_text(error: UnidentifiableError) -> str:
 
 
 def aligned(rows: Sequence[Sequence[str]], *, left: bool = False) -> str:
-    """Return rows as text, the first column aligned to the left, the others to the right or, if `left`, also left."""
+    """Return rows as text: the first column left-aligned, the others right-aligned unless `left`."""
     columns = list(zip_longest(*(map(sanitized, row) for row in rows), fillvalue=""))
     for k, cells in enumerate(columns):
         width = max(map(len, cells))

@@ -1,4 +1,4 @@
-"""Tables of error sources (magnitudes, shares of variance, effect of halving), distances and the best D-H table."""
+"""Tables of error sources, sensitivities, distances and the best D-H table."""
 
 from __future__ import annotations
 
@@ -58,11 +58,11 @@ def components_table(
     if components.compliance is not None and not diverged:
         p = components.compliance.p_value
         chance = f"= {significant(p, 2)}" if p > SMALLEST_P else f"< {SMALLEST_P:.0e}"
-        asks = "ask" if components.compliance.deflects else "do not ask"
-        note = f"The data {asks} for a fixture more compliant than stated (score test, p {chance})."
+        show = "show" if components.compliance.deflects else "do not show"
+        note = f"The data {show} that the fixture is more compliant than stated (score test, p {chance})."
     return FactTable(
         ident="noise",
-        title="Sources of error, sized by the data",
+        title="Sources of error, estimated from the poses",
         columns=(*words("source", "unit"), *figures("stated", "found", "95 % from", "to")),
         rows=tuple(rows),
         note=note,
@@ -129,7 +129,7 @@ def sensitivity_table(solution: Solution) -> FactTable | None:
             *figures("with half of it"),
         ),
         rows=tuple(rows),
-        note=f"To halve it: {'; '.join(done)}.",
+        note=f"To halve a source: {'; '.join(done)}.",
     )  # fmt: skip
 
 
@@ -198,9 +198,9 @@ def best_table_table(solution: Solution) -> FactTable | None:
             (str(link), *map(cell, kinds, entries))
             for link, entries in enumerate(best.rows[list(kinds)].T.tolist(), 1)
         ),
-        note="These are not the physical entries: they include the corrections of the readings as far as a "
-        "table can. For URDF files, fk and controllers that apply no corrections. Entries of link 1 that depend "
-        "on the mounting (side: ground) are those of the arm file, and so is the base frame.",
+        note="These are not the physical entries: they include the corrections of the readings as far as a D-H "
+        "table can. Use them for URDF files, fk and controllers that apply no corrections. Entries of link 1 that "
+        "depend on the mounting (side: ground) and the base frame are those of the arm file.",
         detail=True,
     )
 

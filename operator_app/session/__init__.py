@@ -1,1 +1,1 @@
-"""Workflow of a session, independent of the user interface: states, guards, journal, resume. It prints nothing."""
+"""Workflow of a session, independent of the user interface: states, guards, journal, resume."""

@@ -172,7 +172,7 @@ class SarcalApp(App[str]):
         self._asked_to_end(signal.SIGHUP.name, loop)
 
     def _leave_without_screen(self, reason: str) -> None:
-        """Hold the arm, close the journal and exit in this thread if the event loop waits too long for the terminal."""
+        """If the screen does not close in time, hold the arm, close the journal and exit, in this thread."""
         if not self._screen_over.wait(SCREEN_TIMEOUT_S):
             try:
                 self.close_source(reason)
@@ -246,7 +246,7 @@ class SarcalApp(App[str]):
                 self.exit("left")
             self._typed_early.append(event)
             return True
-        # The thread that reads keys may append meanwhile: look for this event, do not count.
+        # The thread that reads keys may append at any time: search for this event instead of counting.
         if event in self._stops_handled:
             self._stops_handled.remove(event)
             self.main.refuse("")
@@ -299,7 +299,7 @@ class SarcalApp(App[str]):
 
 
 def run(app: SarcalApp) -> str:
-    """Run the app and return the reason for leaving; in any case, hold the arm and close the journal at the end."""
+    """Run the app and return the reason for leaving; however it ends, hold the arm and close the journal."""
     # While loading, garbage collection frees nothing and takes a third of a second.
     gc.disable()
     app.owns_process = True

@@ -1,4 +1,4 @@
-"""Dialogs over the main screen. They never cover the safety strip; if a dialog has Cancel, Cancel has the focus."""
+"""Dialogs over the main screen, below the safety strip; the focus is on Cancel, if there is one."""
 
 from __future__ import annotations
 
@@ -27,16 +27,14 @@ class Dialog(ModalScreen[str | None], Generic[Shown]):
     AUTO_FOCUS = ""
     FOCUS: ClassVar[str]
     """Selector of the widget that has the focus first, even while the terminal is in the background."""
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("escape,n,q", "dismiss", show=False),
-    ]
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape,n,q", "dismiss", show=False)]
 
     def __init__(self, question: Shown) -> None:
         super().__init__()
         self._question = question
 
     def on_mount(self) -> None:
-        """Focus the widget `FOCUS`; Textual's `AUTO_FOCUS` would do so only while the terminal is in the foreground."""
+        """Focus the widget `FOCUS`; `AUTO_FOCUS` would do so only while the terminal is in the foreground."""
         self.query_one(self.FOCUS).focus()
 
     def on_resize(self, event: events.Resize) -> None:

@@ -19,7 +19,7 @@ Pressed = events.Key | events.MouseDown
 
 
 def watched(driver: type[Driver], stop_on_input: Callable[[Pressed], None]) -> type[Driver]:
-    """Return a driver class that first passes key and mouse presses to `stop_on_input`, and ignores write errors."""
+    """Return a driver class that passes key and mouse presses to `stop_on_input` first and ignores write errors."""
 
     class WatchedDriver(driver):  # type: ignore[misc, valid-type]
         def __init__(self, *args: Any, **options: Any) -> None:

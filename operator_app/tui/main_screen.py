@@ -57,13 +57,13 @@ def detail(step: Step, s: SessionSnapshot) -> str:
                 return "all held"
             if not s.drives_ready:
                 return "apply again"
-            # Only the names of more than three fit the list.
+            # With more than three joints, the verb does not fit.
             verb = {1: " drives", 2: " drive", 3: " drive"}.get(len(joints), "")
             return f"J{' J'.join(map(str, joints))}{verb}"
         case Step.CAPTURE:
             return f"{len(s.state.used_poses)}/{s.required_poses} poses"
         case Step.CALIBRATE:
-            # Of the journal: a resumed session shows it before the arm is connected.
+            # From the journal, so that a resumed session shows it before the arm is connected.
             return str(s.state.solved.get("estimator", "not run"))
         case Step.RESULTS:
             if not s.state.solved:
@@ -103,7 +103,7 @@ class StepRail(Lines, can_focus=False):
 
 
 class StepRow(StepRail, can_focus=False):
-    """List of all steps in one row, for small terminals. `place`: number of the view shown, and number of views."""
+    """List of all steps in one row, for small terminals. `place`: number of the view, number of views."""
 
     place = (1, 1)
     _view_at: int | None = None

@@ -149,7 +149,7 @@ class ScreenInterface:
         return self.app.main.query_one(CaptureView).marked_pose(s)
 
     def item(self, s: SessionSnapshot) -> int | None:
-        """Index of the marked item of the check list; if it is ticked, of the first unticked; None if all are."""
+        """Index of the item to tick: the marked or the first unticked item; None if all are ticked."""
         open_items = action_table.open_items(s)
         marked = self.marked_item()
         return marked if marked in open_items else next(iter(open_items), None)
@@ -222,13 +222,12 @@ class ScreenInterface:
             await self._offer_unfinished()
 
     async def _offer_unfinished(self) -> None:
-        """Offer the newest unfinished session; the journals are read in a thread."""
         entry = await asyncio.to_thread(self.sessions.unfinished)
         if entry is None or entry.state is None:
             return
         name, state = entry.folder.name, entry.state
         procedure = ": ".join(filter(None, documents_of(state)))
-        arm = state.serial_number or "an arm not known"
+        arm = state.serial_number or "an unknown arm"
         text = (
             f"Session {name} of {arm} (procedure {procedure}) has {plural(len(state.used_poses), 'pose')} "
             "and no export. Resuming checks the arm, the fixture and the modes again before anything moves."
@@ -237,7 +236,7 @@ class ScreenInterface:
         self.ask(question, lambda _: self.open(lambda: self.sessions.resumed(name)))
 
     def open(self, make: Callable[[], Runner]) -> None:
-        """Switch to another session, in a thread, since ending the present one and holding the arm may take time."""
+        """Switch to another session, in a thread, since closing the present one may take time."""
         if self._opening:
             self.refuse("wait: another session is being opened")
             return

@@ -65,7 +65,7 @@ class Look:
         return Style.combine(self.styles[name] for name in role.split())
 
     def text(self, text: str) -> str:
-        """Return text with the characters that the terminal can show, without control characters except line breaks."""
+        """Return text, in ASCII if required, without control characters other than line breaks."""
         text = sanitized(text, keep="\n")
         if not self.ascii_only:
             return text
@@ -85,7 +85,7 @@ def is_compact(width: int, height: int) -> bool:
 
 
 def look(theme: str, *, ascii_only: bool) -> Look:
-    """Return the look of a theme."""
+    """Return the text styles of a theme, by role."""
     styles = {"bold": Style(bold=True)}
     if theme == NO_COLOUR:
         styles |= {

@@ -20,7 +20,7 @@ LIMITS = JointLimits(
     joint=4, lower_counts=-1000, upper_counts=500, max_speed_rad_per_s=2.0, max_step_counts=20
 )
 NAN, INF = math.nan, math.inf
-OUTSIDE, STEP = "is outside -1000 .. 500", "a step of"
+OUTSIDE, STEP = "is outside -1000 .. 500", "the step of"
 NOT_FINITE, SPEED = "is not a finite", "is not valid"
 
 

@@ -172,7 +172,7 @@ def test_drive_disabled_at_the_drive_is_enabled_only_on_resuming(tmp_path, bus):
     with controller(tmp_path, *bus, *fault):
         errors, folder = run_until_fault(tmp_path, bus, poses=6)
         assert "joint 3: the drive is in state switched on; it was enabled" in errors
-        assert "Find out why the drive of joint 3 left its state." in errors
+        assert "Find out why the drive of joint 3 dropped out." in errors
         assert f"Go on with: {resume_command(folder)}" in errors
         resumed = finished(start(tmp_path, "run", "--resume", str(folder), "--json"), 0, 4)
     assert resumed.json["poses"] == 6

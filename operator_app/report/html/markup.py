@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
 VOID = frozenset({"meta", "br", "col", "link", "hr"})
 
-
 WHITE_SPACE = "\t\n\r"
 
 

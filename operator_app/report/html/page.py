@@ -114,7 +114,7 @@ REPORT_NAME = "report.html"
 
 
 def write_report(session: Session) -> Path:
-    """Write the report page into the session's folder, return its path; GuardError if no calibration is current."""
+    """Write the report page, return its path; raises GuardError if no calibration is current."""
     calibration = journal_calibration(session.state)
     if not isinstance(calibration, StoredCalibration):
         raise GuardError("There is no calibration of these poses", "Calibrate first (step 5)")
@@ -136,12 +136,12 @@ def _widest(subject: Subject) -> list[Html]:
     figure, name = Kind(quantity_of(worst.parameter), digits=2), worst.parameter.name
     text = (
         f": {figure(worst.sigma).with_unit}, {PERCENT(worst.share).with_unit} of its variance from "
-        f"{source_words(worst.source)}. With half of that: {figure(worst.then).with_unit}."
+        f"{source_words(worst.source)}. With half of that source: {figure(worst.then).with_unit}."
     )
     return [
         element("h2", "Widest sigma"),
         element("p", element("span", name, class_="mono"), text),
-        element("p", "To halve it: ", prose(f"{worst.remedy}.")),
+        element("p", "To halve the source: ", prose(f"{worst.remedy}.")),
     ]
 
 
@@ -196,7 +196,6 @@ def _verdict(subject: Subject, facts: Facts | None, outcome: str) -> Html:
 
 
 def _tiles(headlines: Iterable[Headline]) -> Html:
-    """Return the headline figures of a calibration."""
     tiles = []
     for h in headlines:
         unit = element("span", h.figure.quantity.unit, class_="unit")

@@ -43,8 +43,8 @@ CURVE_WORDS = (
 )
 CLOSURE_WORDS = (
     "Closure error at the measured joints, one scale for both estimators. "
-    "The implicit estimator does not minimise it: it puts the error where the "
-    "sensors are poor, and better parameters may leave a larger error here."
+    "The implicit estimator does not minimise this error: it corrects the least accurate sensors most, so that better "
+    "parameters may leave a larger closure error."
 )
 METHOD_WORDS = """\
 implicit: the joint readings are uncertain, each by its sensor's noise; every loop closes exactly at the corrected \
@@ -64,7 +64,7 @@ HEADINGS = {
     "hand": ("Tool position uncertainty", True),
     "accuracy": ("Before and after", False),
     "trend": ("Condition number, pose by pose", False),
-    "determined": ("How well the poses determine them", True),
+    "determined": ("How well the poses determine the parameters", True),
     "closure": ("Residuals by pose", False),
     "estimators": ("Both estimators", True),
     "jackknife": ("Jackknife", True),
@@ -144,7 +144,6 @@ def _warnings(subject: Subject) -> Section | None:
 
 
 def _joints(subject: Subject) -> Section:
-    """Return the section of each joint's corrections and covered range."""
     table = joint_table(subject, subject.implicit)
     pictures = [corrections_by_joint(subject, subject.implicit), coverage(subject)]
     return Section(
@@ -188,7 +187,6 @@ def _rvdt_verdict(verdict: RvdtVerdict) -> Html:
 
 
 def _poses(subject: Subject, estimate: Estimate | None) -> Section:
-    """Return the section of all captured poses, used or not."""
     out = [p.number for p in subject.poses if p.excluded]
     points = [f"{plural(len(subject.poses), 'pose')} captured, {len(subject.used)} used."]
     if out:
@@ -201,7 +199,6 @@ def _poses(subject: Subject, estimate: Estimate | None) -> Section:
 
 
 def _provenance(subject: Subject) -> Section:
-    """Return the section that states arm, fixture, procedure, times, software and pose set."""
     procedure = subject.procedure
     fixture = procedure.fixture
     position = subject.state.position_joints
@@ -218,7 +215,7 @@ def _provenance(subject: Subject) -> Section:
         ("Serial number", subject.state.serial_number or "not known"),
         ("Fixture", f"{fixture.name} ({fixture.kind})"),
         ("Procedure", procedure.name),
-        *([("Chosen beside it", chosen)] if chosen else []),
+        *([("Other settings", chosen)] if chosen else []),
         ("Joints in position mode", driven if position else "not recorded"),
         *([("Poses read from", subject.state.imported)] if subject.state.imported else []),
         ("Session", subject.name),
@@ -230,7 +227,6 @@ def _provenance(subject: Subject) -> Section:
 
 
 def _method(subject: Subject) -> Section:
-    """Return the section that explains how the numbers on the page were computed."""
     samples = sorted({p.samples for p in subject.poses})
     file = subject.state.imported
     origin = (
@@ -251,8 +247,8 @@ def _method(subject: Subject) -> Section:
         )
         points += METHOD_WORDS
         points.append(
-            "Of the equivalent descriptions of a loop, the one nearest to the fixture's nominal placement is "
-            f"given; that was measured to {shift} and {turn}."
+            "Of the equivalent parameter vectors of a loop, the page gives the nearest to the fixture's nominal "
+            f"placement, which was measured to {shift} and {turn}."
         )
     how = "" if subject.solution is None else "; its solution was read, not made again"
     if subject.recalculated_because:

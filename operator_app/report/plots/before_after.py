@@ -1,4 +1,4 @@
-"""Pictures before and after calibration, side by side: arm and fixture in one pose; tool error over the workspace.
+"""Pictures before and after calibration: arm and fixture in one pose, tool error over the workspace.
 
 Both pictures of a pair have the same axes.
 """

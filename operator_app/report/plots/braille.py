@@ -218,7 +218,7 @@ class Plane:
 
 
 def _axes(shown: Preview) -> tuple[int, int]:
-    """Return two joints' indices: the first two drives or, if there is only one, it and the joint that moves most."""
+    """Return two joints' indices: the first two drives, or the only drive and the joint that moves most."""
     drives = [j - 1 for j in shown.choice.drives]
     if len(drives) > 1:
         return drives[0], drives[1]

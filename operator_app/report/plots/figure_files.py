@@ -56,9 +56,10 @@ class PaperFigure:
         return self.svg
 
     def savefig(self, path: str | PathLike[str]) -> None:
-        """Write the figure to a file whose name ends in ``.svg`` or ``.pdf`` (ValueError: it has another ending).
+        """Write the figure to a file whose name ends in ``.svg`` or ``.pdf``.
 
-        Raises SessionError if a PDF is requested and svglib is not installed, WriteError if the file cannot be written.
+        Raises ValueError for another ending, SessionError if a PDF needs svglib and it is not installed, WriteError if
+        the file cannot be written.
         """
         ending = Path(path).suffix.removeprefix(".").lower()
         if ending not in ENDINGS:
@@ -67,7 +68,7 @@ class PaperFigure:
 
 
 def figure(subject: Subject, name: str) -> PaperFigure:
-    """Return the figure with this name; if there is none, raises KeyError with the names of the available figures."""
+    """Return the figure with this name; raises KeyError, with the available names, if there is none."""
     solution, make = subject.solution, FIGURES.get(name)
     panels = None if solution is None or make is None else make(subject, solution)
     if panels is None:
@@ -76,7 +77,7 @@ def figure(subject: Subject, name: str) -> PaperFigure:
 
 
 def save_figures(subject: Subject, folder: Path) -> tuple[Path, ...]:
-    """Write all figures into a folder, as SVG and, if svglib is installed, PDF; WriteError if that fails."""
+    """Write all figures into a folder, as SVG and, if svglib is installed, PDF; raises WriteError."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -39,7 +39,7 @@ BAR_HEIGHT, LEGEND = 13.0, 12.0
 
 
 def corrections_by_joint(subject: Subject, estimate: Estimate | None) -> Html | None:
-    """Draw the corrections to each joint's readings that close the loops; None if the estimate has no corrections.
+    """Draw the corrections to each joint's readings that close the loops; None without corrections.
 
     One row per joint over the pose numbers; each has its own scale, mrad, written at its right end.
     """

@@ -1,4 +1,4 @@
-"""Output of `sarcal check` as text and as JSON: problems of files, and a forecast of a calibration with them."""
+"""Output of `sarcal check` as text and JSON: problems of files, or a forecast of a calibration."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ def _arm(arm: ArmModel) -> str:
     lines = [f"Arm {arm.name}", aligned(rows, left=True)]
     if others:
         lines.append(paragraph(f"Free in addition to the offsets: {others}."))
-    known = f"Lengths are taken as known to {length}, twists to {twist} (the least known row)."
+    known = f"Tolerances in the file: lengths {length}, twists {twist} (the largest of all rows)."
     lines.append(paragraph(known))
     if parallel:
         lines.append(f"Parallel axes in D-H row {parallel}: beta (Hayati) is used in place of s.")
@@ -155,7 +155,7 @@ def _chain(chain: Chain) -> str:
     lines = [
         f"{arm.name} in {spec.name}",
         paragraph(
-            f"The {spec.kind}'s placement is taken as known to "
+            f"The tolerance of the {spec.kind}'s placement is "
             f"{LENGTH_TOLERANCE(tolerance.position_m).with_unit} and "
             f"{ANGLE_TOLERANCE(tolerance.orientation_rad).with_unit}{deflection}."
         ),

@@ -63,21 +63,20 @@ def comparison_json(comparison: CalibrationComparison) -> dict[str, Any]:
 
 
 def _reading(comparison: CalibrationComparison) -> str:
-    """Return a note on how to interpret the table."""
     change = "Change = B - A, angles the short way round."
     if comparison.same_poses:
         return f"{change} Sigma applies to new poses; it is not used for the verdict here."
     return (
-        f"Significant: a change of more than {comparison.threshold_sigmas:.2f} sigmas, which noise alone "
-        f"gives to any parameter in {100.0 * comparison.level:g} % of comparisons (Bonferroni). {change}"
+        f"Significant: a change of more than {comparison.threshold_sigmas:.2f} sigmas. By noise alone, any "
+        f"parameter exceeds this in {100.0 * comparison.level:g} % of comparisons (Bonferroni). {change}"
     )
 
 
 def _verdict(comparison: CalibrationComparison, table: FactTable) -> str:
     if comparison.same_poses:
         return paragraph(
-            "SAME POSES: nothing follows for the arm. A and B are two estimates from the same readings; "
-            "only new poses show whether it has drifted."
+            "SAME POSES: no conclusion about the arm. A and B are two estimates from the same readings; "
+            "only new poses show whether the arm has drifted."
         )
     if not comparison.drifted:
         return "NO SIGNIFICANT DRIFT."

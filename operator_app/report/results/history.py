@@ -22,13 +22,13 @@ TITLES = {
     Side.HAND: "Fixture on the tool",
 }
 HOW = (
-    f"Mean is that of the baseline. A session leaves mean +- limit (Shewhart), or the mean of the last {RECENT} "
-    f"its own limit (EWMA), by chance in {100.0 * CONTROL_CHART_FALSE_ALARM_PROBABILITY:g} % of sessions, all "
-    "entries together. Limits come from the scatter between sessions, not from sigma: most of sigma is the same in "
-    "every session. Type A is the scatter if the same poses were taken again; shift is the size that the next three "
-    "sessions would show in 90 % of cases. NIST/SEMATECH e-Handbook, 2.3.5 and 6.3.2."
+    "Mean is the mean of the baseline. By chance, in "
+    f"{100.0 * CONTROL_CHART_FALSE_ALARM_PROBABILITY:g} % of sessions, any entry leaves mean +- limit (Shewhart), or "
+    f"its weighted mean of the last {RECENT} sessions leaves the EWMA limits. Limits come from the scatter between "
+    "sessions, not from sigma: most of sigma is the same in every session. Type A is the scatter if the same poses "
+    "were taken again; shift is the size that the next three sessions would show in 90 % of cases. NIST/SEMATECH "
+    "e-Handbook, 2.3.5 and 6.3.2."
 )
-
 
 SCATTER_TYPE_A, SCATTER_SIGMAS = 5.0, 3.0
 """Scatter between sessions, in type A and in sigmas, above which the verdict names an entry."""

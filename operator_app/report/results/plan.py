@@ -62,7 +62,6 @@ def plan_text(shown: Preview, *, title: str, ascii_only: bool) -> str:
 
 
 def _checks(shown: Preview) -> str:
-    """Return text on fixed entries and fixture warnings; empty if there are none."""
     return "\n".join(
         paragraph(f"  {c.text}", indent=2)
         if c.severity is Severity.OK
@@ -132,8 +131,8 @@ def _sigmas(shown: Preview) -> str:
     tail = (
         f"Scaled condition number of the {poses} {Figure(condition).shown} (the result warns "
         f"above {AcceptanceLimits().scaled_condition_number:g}; the paper had {CONDITION_PAPER}). "
-        f"Weakest direction: {weakest}. The deviations count every error that the files of arm and "
-        "fixture state, at its stated size; a calibration learns the sizes, and may find smaller ones."
+        f"Weakest direction: {weakest}. The standard deviations include every error at the size that the files of "
+        "arm and fixture state; a calibration estimates these sizes, and may find smaller ones."
     )
     head = "Predicted standard deviations after these poses"
     return f"{head}\n{aligned(rows)}\n{paragraph(tail)}"

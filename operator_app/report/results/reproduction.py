@@ -23,8 +23,8 @@ def published_text(reproduction: Published) -> str:
     blocks = [
         paragraph(
             "Giugovaz and Hollerbach, Closed-Loop Kinematic Calibration of the Sarcos Dextrous Arm: a specimen "
-            f"of their arm in {reproduction.poses} poses, by their estimator. The specimen has the errors they suspect "
-            "in theirs; it is not their arm, and figures agree in size only."
+            f"of their arm in {reproduction.poses} poses, by their estimator. The specimen is simulated with the "
+            "errors that the authors suspect in their arm, so that the figures agree in size only."
         ),
         *([] if table is None else [table_text(table)]),
         *map(table_text, _tables(reproduction)),
@@ -125,6 +125,6 @@ def _remedies(reproduction: Published) -> FactTable:
             )
             for k, remedy in enumerate(reproduction.remedies)
         ),
-        note="Offsets of the seven joints; lengths that calibration identifies. On a real arm nobody knows "
-        "the truth: the uncertainty budget of a solution is what stands for this table.",
+        note="Offsets of the seven joints; lengths that calibration identifies. The true values of a real arm are "
+        "not known: use the uncertainty budget of a solution in place of this table.",
     )

@@ -1,4 +1,4 @@
-"""Output of `run`, `report` and `session`: a session's calibration, planned capture, poses and repaired journal."""
+"""Output of `run`, `report` and `session`: calibration, planned capture, poses, repaired journal."""
 
 from __future__ import annotations
 
@@ -200,7 +200,7 @@ def _exported(state: SessionState) -> str:
     exported = state.exported
     if not exported:
         # `sarcal export` writes files from any session; its journal records only an upload.
-        return "nothing that its journal records"
+        return "nothing recorded in its journal"
     uploaded, where = exported["uploaded"], "nothing uploaded"
     if exported.get("unknown"):
         where = "the content of the controller is unknown"

@@ -71,7 +71,7 @@ def _shift_json(shift: CommonShift) -> dict[str, Any]:
 def verification_text(verdict: VerificationResult, poses: PoseSet, folder: str) -> str:
     """Return the result for a terminal of 80 columns, the verdict first."""
     tested = verdict.verification
-    # The test that decided.
+    # chi2 of the test that decided the verdict.
     chi2 = verdict.stated if verdict.stated.per_dof > verdict.stated.high else tested.chi2
     per_dof, most = (CHI2(v).shown for v in (chi2.per_dof, chi2.high))
     odd = len(verdict.odd_poses)
@@ -109,7 +109,7 @@ def verification_text(verdict: VerificationResult, poses: PoseSet, folder: str) 
 
 
 def verified_words(result: VerificationResult) -> str:
-    """Return the result of a verification in one line: verdict, closure sigmas (with the best table) and chi2/dof."""
+    """Return a verification in one line: verdict, closure sigmas (with the best table), chi2/dof."""
     sigmas = result.in_use.best_table or result.verification.sigmas
     ratio = CHI2(result.verification.chi2.per_dof).shown
     turned = sigmas.orientation_rad
@@ -169,9 +169,9 @@ def open_loop_text(check: OpenLoopCheck, folder: str) -> str:
         )
     per_dof, most = (CHI2(v).shown for v in (check.chi2.per_dof, check.chi2.high))
     note = (
-        f"Change = open - closed. * marks a difference that chance gives to any of {len(check.differences)} parameters "
-        f"in {100.0 * DRIFT_FALSE_ALARM_PROBABILITY:g} % of checks. All together: chi2/dof {per_dof}, in 99 % at most "
-        f"{most}."
+        f"Change = open - closed. * marks a difference that any of {len(check.differences)} parameters has by chance "
+        f"in {100.0 * DRIFT_FALSE_ALARM_PROBABILITY:g} % of checks. All differences together: chi2/dof {per_dof}; by "
+        f"chance at most {most} in 99 % of checks."
     )
     lines = [paragraph(head), "", *table_lines(_table(check)), paragraph(note)]
     if check.left_out:

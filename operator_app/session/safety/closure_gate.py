@@ -1,4 +1,4 @@
-"""Closure gate: whether the loop can close at the current joint readings within the tolerances of the files.
+"""Closure gate: whether the loop can close at the current readings within the files' tolerances.
 
 Used while there are too few poses to predict the closure. The most probable closure minimises
 
@@ -50,7 +50,7 @@ class ClosureFit:
 class LoopAtReading:
     """The loop at one reading (n,) of its joints.
 
-    The prior of its unknowns is from arm file, fixture file and earlier placements (`known`).
+    The prior of its unknowns comes from the arm file, the fixture file and earlier placements (`known`).
     """
 
     def __init__(

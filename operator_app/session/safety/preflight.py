@@ -1,4 +1,4 @@
-"""Checks of the joint readings before the drives are enabled; the result goes into the journal. Moves nothing.
+"""Checks the joint readings before the drives are enabled, and records the result. Moves nothing.
 
 The checks, in order: a counter near zero outside its joint's range; closure as predicted from the captured poses or,
 with too few poses, closure within the tolerances of the files. With readings that do not close the loop (counter reset,
@@ -54,7 +54,7 @@ def require_plausible_readings(
             probability, unresolved = check_closure_by_poses(
                 session.state, procedure, reading, endpoint()
             )
-            text = "The loop closes at the present pose, by the poses so far."
+            text = "The loop closes at the present pose, as the earlier poses predict."
             if probability is None:
                 text = "There are too few poses to check the closure at the present pose."
             record(text, probability)
@@ -160,7 +160,7 @@ def _reset_counters(arm: ArmModel, loop: LoopAtReading, closure: ClosureFit) -> 
 def _reset_among(
     arm: ArmModel, loop: LoopAtReading, closure: ClosureFit, zeros: tuple[int, ...], at_most: float
 ) -> dict[int, float]:
-    """Return the joints of `zeros` whose counters were reset, with the angles (rad) that close the loop; {} for none.
+    """Return the joints of `zeros` with reset counters, with the angles (rad) that close the loop; {} for none.
 
     A counter was reset if its reading raises chi2 by an amount that is less probable than `at_most` without a reset.
     The increase is tested, not chi2, because errors in the files raise chi2 with and without this reading.
@@ -216,10 +216,10 @@ def _not_closing_remedy(explaining: dict[int, ClosureFit]) -> str:
     what = (
         "the zeros, directions and order of the joints"
         if likeliest is None
-        else f"the zero of joint {likeliest} (counter reset) and its direction, first"
+        else f"the zero of joint {likeliest} (counter reset) and its direction"
     )
     return (
-        f"do not move the arm with these readings. Check {what}; then the bus profile, the fixture file, and "
+        f"do not move the arm with these readings. First check {what}; then the bus profile, the fixture file, and "
         "whether the loop is closed. If offsets are known to less than 10 deg or the placement to less than "
         "the fixture's tolerance, state it: offset_tolerance_deg in the arm file, tolerance_mm and "
         "tolerance_deg in the fixture file"

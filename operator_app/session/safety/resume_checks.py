@@ -1,4 +1,4 @@
-"""Resume checks before the drives are enabled: same nodes, no counter reset, closure as predicted from captured poses.
+"""Resume checks before the drives are enabled: same nodes, no counter reset, closure as predicted.
 
 Moves nothing; `return_check` follows once the arm may move. A reset sets a counter to zero at the current position.
 Until the next connection, the arm may sag, because hydraulic valves leak, and the counter then is not exactly zero.
@@ -39,7 +39,7 @@ MAX_SAG_RAD = float(np.deg2rad(5.0))
 
 
 def counters_near_zero(arm: ArmModel, reading_rad: FloatArray) -> dict[int, float]:
-    """Return the distance from zero of each counter that is within `MAX_SAG_RAD` of zero, by joint, nearest first.
+    """Return the distance from zero of each counter within `MAX_SAG_RAD` of zero, by joint, nearest first.
 
     Joints are numbered from 1. The distance is in units of `AT_ZERO_COUNTS` counts, at least 1. The probability that a
     joint is that close to zero by chance is proportional to the distance.
@@ -53,13 +53,13 @@ def counters_near_zero(arm: ArmModel, reading_rad: FloatArray) -> dict[int, floa
 
 
 def zero_position(arm: ArmModel, reading_rad: FloatArray, joints: Sequence[int]) -> str:
-    """Return ``at zero``, or ``near zero`` if any of these joints reads more than `AT_ZERO_COUNTS` counts from zero."""
+    """Return ``at zero`` if these joints are within `AT_ZERO_COUNTS` counts of zero, else ``near zero``."""
     times = counters_near_zero(arm, reading_rad)
     return "at zero" if all(times.get(j, np.inf) <= 1.0 for j in joints) else "near zero"
 
 
 def check_counters(arm: ArmModel, reading_rad: FloatArray) -> None:
-    """Raise ConnectAgainError if a counter's reading is near zero, and nearer to zero than to the joint's range."""
+    """Raise ConnectAgainError if a counter reads near zero, nearer to zero than to the joint's range."""
     fresh = []
     for number, times in sorted(counters_near_zero(arm, reading_rad).items()):
         joint, q = arm.joints[number - 1], float(reading_rad[number - 1])
@@ -82,7 +82,7 @@ FALSE_REFUSAL_PROBABILITY = 1e-4
 """Probability of refusing an unchanged arm and fixture."""
 
 LEAST_STATED_PROBABILITY = 1e-12
-"""Messages give a smaller probability as an upper limit: its value depends on tails that nobody knows."""
+"""Messages give a smaller probability as "below" this: its value depends on unknown tails of the noise."""
 
 INNOVATION_PROBABILITY = 1e-6
 """Probability that the innovation check refuses an unchanged arm and fixture. Of 105 simulated arms with errors three
@@ -115,7 +115,7 @@ NEW_SESSION_REMEDY = (
 
 
 def check_identity(state: SessionState, identity: ArmIdentity) -> None:
-    """Raise GuardError if the arm has no nodes, or serial numbers of arm or nodes differ from those of the session."""
+    """Raise GuardError if the arm has no nodes, or other serial numbers than the session's arm and nodes."""
     if not identity.nodes:
         raise GuardError(
             f"arm {identity.serial_number} has no nodes: it cannot be moved or read",
@@ -146,7 +146,7 @@ def check_identity(state: SessionState, identity: ArmIdentity) -> None:
 def check_closure_by_poses(
     state: SessionState, procedure: Procedure, reading: Reading, endpoint: FloatArray | None
 ) -> tuple[float | None, tuple[int, ...]]:
-    """Check the closure at the current pose against the captured poses; `endpoint`: the instrument's measurement there.
+    """Check the closure at the current pose, where the instrument measured `endpoint`, against the captured poses.
 
     Returns the probability of a larger chi2 (None with too few poses), and the joints (1-based) of which a shift of
     `SHIFT_RAD` could not be detected at this pose. Raises ClosureRefusedError if the loop does not close: the arm or
@@ -205,9 +205,9 @@ def _refusal(
 ) -> ClosureRefusedError:
     """Return the error, with its likely cause, for a reading that contradicts the captured poses.
 
-    `near`: innovation of the reading, None for an open arm, or if the poses cannot be fitted. `probability` of a larger
-    chi2 and whether the loop `closes` at all, with the parameters from the poses (None and true if the poses do not
-    determine these).
+    `near`: innovation of the reading; None for an open arm, or if the poses cannot be fitted. With the parameters from
+    the poses: `probability` of a larger chi2 (None if the poses do not determine the parameters), and whether the loop
+    `closes` at all.
     """
     from scipy.special import chdtrc
 
@@ -234,7 +234,7 @@ def _refusal(
             probability=probability,
         )
     return ClosureRefusedError(
-        f"the loop does not close at the present pose, by this session's {poses} "
+        f"the loop does not close at the present pose, according to this session's {poses} "
         f"poses{probability_text}: {_cause_text(near)}",
         NEW_SESSION_REMEDY,
         probability=probability,
@@ -258,7 +258,7 @@ def _cause_text(near: Innovation | None) -> str:
 
 
 def fixture_in_place(state: SessionState, procedure: Procedure) -> EndpointConstraint:
-    """Return the fixture with the nominal placement to which the parameters from `parameters_from_poses` refer."""
+    """Return the fixture with the nominal placement to which `parameters_from_poses` refers."""
     known = journal_calibration(state)
     fixture = procedure.fixture.fixture
     if isinstance(known, StoredCalibration):
@@ -267,7 +267,7 @@ def fixture_in_place(state: SessionState, procedure: Procedure) -> EndpointConst
 
 
 def parameters_from_poses(state: SessionState, procedure: Procedure) -> Fixed | None:
-    """Return the parameters of the recorded calibration or, without one, of a quick fit; None with too few poses.
+    """Return the parameters of the recorded calibration, else of a quick fit; None if the fit fails.
 
     The quick fit is precise enough to detect shifts of degrees or millimetres.
     """

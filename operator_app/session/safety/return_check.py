@@ -1,4 +1,4 @@
-"""Compares a repeated pose with its first reading, and reports what has shifted in between, and by how much."""
+"""Compares a repeated pose with its first reading, and reports what has shifted and by how much."""
 
 from __future__ import annotations
 
@@ -37,8 +37,9 @@ def check_repeat(state: SessionState, procedure: Procedure, *, refuse: bool) -> 
             if refuse:
                 raise
             return f"{error.happened[0].upper()}{error.happened[1:]}. The diagnosis of the calibration uses this."
-    repeat = _significant_repeat(state, procedure)
-    if repeat is None:
+    repeat = _repeat(state, procedure)
+    if repeat is None or repeat.chi2 <= _chi2_limit(repeat):
+        # Noise, backlash and fixture compliance explain the difference.
         return ""
     pose, joint = state.repeats[-1].first.number, repeat.joint
     joint_shifted = (
@@ -68,7 +69,7 @@ def check_repeat(state: SessionState, procedure: Procedure, *, refuse: bool) -> 
 
 
 def agreement(state: SessionState, procedure: Procedure) -> str:
-    """Return a message that the last repeated pose agrees with its first reading, with the figures if there are any."""
+    """Return the message, with figures if any, that the last repeated pose agrees with its first reading."""
     state = state.here
     last = state.repeats[-1]
     agrees = f"Pose {last.first.number} measured again agrees with its first reading"
@@ -87,14 +88,8 @@ def _chi2_limit(repeat: Repeat) -> float:
     return float(chdtri(repeat.dof, resume_checks.FALSE_REFUSAL_PROBABILITY))
 
 
-def _significant_repeat(state: SessionState, procedure: Procedure) -> Repeat | None:
-    """Return the last repeat if noise, backlash and fixture compliance do not explain its difference; else None."""
-    repeat = _repeat(state, procedure)
-    return None if repeat is None or repeat.chi2 <= _chi2_limit(repeat) else repeat
-
-
 def _repeat(state: SessionState, procedure: Procedure) -> Repeat | None:
-    """Compare the readings of the last repeated pose; None if any two readings would agree."""
+    """Compare the readings of the last repeated pose; None if the chain can close at any readings."""
     arm, fixture = procedure.arm, procedure.fixture.fixture
     model = fixture.model(arm, unsensed_joints=procedure.unsensed_joints)
     fixed = resume_checks.parameters_from_poses(state, procedure)

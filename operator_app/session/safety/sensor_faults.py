@@ -36,7 +36,7 @@ class SensorFaults:
 
     @contextmanager
     def recorded(self) -> Iterator[None]:
-        """Context that records a sensor fault raised inside it, excludes the affected poses, and raises it again."""
+        """Context that records a sensor fault raised in it, excludes the affected poses, and re-raises the fault."""
         try:
             yield
         except SensorFault as fault:
@@ -58,7 +58,7 @@ class SensorFaults:
                 self._arm.capture(1)
 
     def require_no_stuck_sensor(self, reading: Reading) -> None:
-        """Record and raise SensorFault if a sensor has the same count as at the last pose, but its joint has turned."""
+        """Record and raise SensorFault if a joint has turned since the last pose, but its count is the same."""
         state, arm, fixture = self._logbook.state, self._logbook.model, self._logbook.fixture
         if not state.poses_here or not fixture.holds_hand:
             # On an open arm every joint is driven, and its drive detects a stuck sensor.
@@ -100,7 +100,7 @@ class SensorFaults:
         return tuple(pose.number for pose in self._logbook.state.poses[-1:])
 
     def _poses_with_present_reading(self, joint: int) -> tuple[int, ...]:
-        """Return the numbers of the latest poses in which `joint` read the same as now; its drive did not follow.
+        """Return the numbers of the latest poses with the present reading of `joint`, whose drive did not follow.
 
         The sensor may have been stuck during these poses while the joint moved.
         """
@@ -113,7 +113,7 @@ class SensorFaults:
         return self._poses_with_same_reading(joint) if same else ()
 
     def _poses_with_same_reading(self, joint: int) -> tuple[int, ...]:
-        """Return the numbers of the last pose and of those just before it in which a joint has the same reading."""
+        """Return the numbers of the last pose and of the consecutive poses before it with the same reading."""
         poses, near = self._logbook.state.poses_here, _resolution_rad(self._logbook.model, joint)
         alike = takewhile(
             lambda pose: abs(pose.mean_rad[joint - 1] - poses[-1].mean_rad[joint - 1]) <= near,
@@ -127,7 +127,7 @@ def _stands_still(arm: ArmModel, joint: int, turned_rad: FloatArray, reading: Re
     if isinstance(sensor, NoSensor):
         return False
     if isinstance(sensor, Rvdt) and sensor.noise_lsb > 0.0:
-        # A working converter has noise: only a spread of zero shows a stuck one.
+        # A working converter has noise; a stuck one has a spread of zero.
         return bool(
             reading.sd_rad[joint - 1] == 0.0 and abs(turned_rad[joint - 1]) < sensor.resolution_rad
         )

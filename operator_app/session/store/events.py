@@ -27,7 +27,7 @@ UTC = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d{1,9})?Z")
 
 
 def event_problem(event: JournalEvent, joints: int | None, captured: int = 0) -> tuple[str, str]:
-    """Return the first invalid key of an event, and the problem with its value; two empty strings for a valid event.
+    """Return the first invalid key of an event and the problem with its value, or ("", "") if it is valid.
 
     `joints`: number of joints, None if not known yet. `captured`: number of the last pose captured before the event.
     """
@@ -116,7 +116,7 @@ def joint_number(value: Any, joints: int | None) -> str:
 
 
 def joint_key(value: Any, joints: int | None) -> str:
-    """Check the number of a joint in a JSON key, i.e. written as text; return the problem, "" if it is valid."""
+    """Check a joint number in a JSON key, i.e. as text; return the problem, "" if it is valid."""
     if not re.fullmatch(r"[1-9]\d{0,2}", value):
         return f"must be the number of a joint, not {_quoted(value)}"
     return joint_number(int(value), joints)
@@ -155,7 +155,7 @@ def per_joint(item: Check) -> Check:
 
 
 def endpoint(value: Any, joints: int | None) -> str:
-    """Check a measured endpoint: position (3 items), or position and rotation vector (6); return the problem or ""."""
+    """Check an endpoint: position (3 items) or position and rotation vector (6); return the problem or ""."""
     problem = list_of(AN_ANGLE)(value, joints)
     return problem or ("" if len(value) in (3, 6) else f"has {len(value)} items instead of 3 or 6")
 
@@ -171,7 +171,7 @@ def mapping_of(key: Check, item: Check) -> Check:
 
 
 def object_with(checks: Mapping[str, Check]) -> Check:
-    """Return a check that accepts an object whose values at these keys pass the checks; other keys are ignored."""
+    """Return a check that accepts an object whose values at these keys pass; other keys are ignored."""
 
     def check(value: Any, joints: int | None) -> str:
         key, problem = _first_problem(checks, value, joints)
@@ -208,7 +208,7 @@ COUNT = integer(1)
 JOINTS = list_of(joint_number)
 A_DURATION = number(0.0)
 OBJECT = an_object
-"""Object of which the program reads nothing without another check."""
+"""Object whose contents are checked where they are read."""
 
 SETTINGS = object_with(
     {

@@ -49,7 +49,7 @@ def new_folder(root: Path, name: str, utc: datetime) -> Path:
 
 
 def next_order(root: Path, *, but: Path) -> int:
-    """Return the order number of a new session below `root`: 1 more than the largest one, ignoring folder `but`."""
+    """Return the order number of a new session below `root`: 1 more than the largest outside folder `but`."""
     try:
         folders = [p for p in root.iterdir() if p != but]
     except OSError:
@@ -59,7 +59,7 @@ def next_order(root: Path, *, but: Path) -> int:
 
 
 def find_session(root: Path, reference: str) -> Path:
-    """Return the folder of a session given by path, name below `root`, or ``latest``; raises SessionError if none."""
+    """Return the folder of a session (path, name below `root`, or ``latest``); raises SessionError if none."""
     if reference == "latest":
         # Leave out sessions that only verify another session; prefer sessions with poses.
         sessions = [
@@ -90,7 +90,7 @@ def read_session(folder: Path) -> SessionEntry:
 
 
 def documents_of(state: SessionState) -> tuple[str, str]:
-    """Return names of a session's procedure, and of its arm and fixture, as far as its documents can be read."""
+    """Return the names of a session's procedure and of its arm and fixture; "not known" and "" if unreadable."""
     from operator_app.config.strict_yaml import load_strict
 
     try:
@@ -102,7 +102,7 @@ def documents_of(state: SessionState) -> tuple[str, str]:
 
 
 def list_sessions(root: Path) -> tuple[SessionEntry, ...]:
-    """Return all sessions below `root` in the order in which they were opened, which does not depend on the clock."""
+    """Return all sessions below `root` in the order of opening, even if the clock was set back."""
     try:
         folders = sorted(p for p in root.iterdir() if os.path.lexists(p / JOURNAL_NAME))
     except FileNotFoundError:

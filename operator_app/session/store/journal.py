@@ -1,4 +1,4 @@
-"""The journal: an append-only file with one checksummed line for each event, on disk when `append` returns.
+"""The journal: an append-only file with a checksummed line per event, on disk when `append` returns.
 
 All other files of a session can be made again from the journal. If another program deletes, moves, replaces or changes
 the file, all events are written to a new session folder beside it.
@@ -17,11 +17,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from operator_app.errors import (
-    JournalError,
-    JournalForeignError,
-    JournalLostError,
-)
+from operator_app.errors import JournalError, JournalForeignError, JournalLostError
 from operator_app.session.store.journal_format import (
     JOURNAL_NAME,
     JournalContents,
@@ -280,7 +276,7 @@ class Journal:
 
 
 def read_journal(folder: Path) -> JournalContents:
-    """Return the contents of the journal in `folder`, without locking it; raises `JournalError` if it is unreadable."""
+    """Return the contents of the journal in `folder`, without locking it; raises `JournalError`."""
     path = folder / JOURNAL_NAME
     return parse_journal(read_bytes(path), path)
 
@@ -301,7 +297,7 @@ def is_in_use(folder: Path) -> bool:
 
 
 def lock(descriptor: int, path: Path) -> None:
-    """Lock a journal for this process; if another process holds the lock, close the file and raise `JournalError`."""
+    """Lock a journal, or close it and raise `JournalError` if another process has locked it."""
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:

@@ -69,7 +69,7 @@ class BadLineError(Exception):
 
 @contextmanager
 def os_errors_as_journal_errors(problem: str, remedy: str) -> Iterator[None]:
-    """Context that raises an OSError inside it as JournalError: `problem`, the system's reason, and `remedy`."""
+    """Context that converts an OSError into a JournalError with `problem`, the system's reason and `remedy`."""
     try:
         yield
     except OSError as error:
@@ -77,7 +77,7 @@ def os_errors_as_journal_errors(problem: str, remedy: str) -> Iterator[None]:
 
 
 def format_line(event: JournalEvent, chain: str) -> tuple[bytes, str]:
-    """Return the line of an event, to be written after a line with checksum `chain`, and the checksum of the new line.
+    """Return the line of an event and its checksum; `chain`: checksum of the line before it ("" for the first).
 
     Raises ValueError if JSON cannot represent the data.
     """

@@ -1,4 +1,4 @@
-"""Repairs a damaged journal: keeps every line whose checksum matches, removes the others, saves a copy of the original.
+"""Repairs a damaged journal: removes lines whose checksum does not match, and keeps a copy of the original.
 
 The checksum of a line covers its bytes and the checksum of the line before it. The line after a damaged line can be
 verified if the checksum of the damaged line can be read. A single flipped bit is located by trying all bits.
@@ -47,7 +47,7 @@ POSE_NUMBER = re.compile(rb'"number":(\d{1,9})[,}]')
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RepairedLine:
-    """Result for one line: `event` is None if the line is lost; `words` states why it is lost, or what was restored."""
+    """Result for one line. `event`: None if the line is lost. `words`: why it is lost, or what was restored."""
 
     number: int
     event: JournalEvent | None
@@ -128,7 +128,7 @@ def examine_lines(raw: bytes) -> tuple[tuple[RepairedLine, ...], bool]:
                 if known is None
                 else "the checksum does not match"
                 if line.rstrip().endswith(b'"}')
-                else "it is not a line"
+                else "it is not a journal line"
             )
             results.append(
                 RepairedLine(number=number, event=None, words=f"{reason}{_event_hint(line)}")
@@ -149,7 +149,7 @@ def examine_lines(raw: bytes) -> tuple[tuple[RepairedLine, ...], bool]:
 
 
 def _recover(line: bytes, before: str, after: list[bytes]) -> tuple[bytes, str, str] | None:
-    """Return the original line, its checksum, and text on what was restored; None if no attempt matches a checksum.
+    """Return the original line, its checksum, and text on what was restored; None if the line is lost.
 
     `before`: checksum of the previous line. `after`: the lines that follow; if a damaged newline has split or joined
     lines, this list is corrected.
@@ -176,7 +176,7 @@ def _recover(line: bytes, before: str, after: list[bytes]) -> tuple[bytes, str, 
 
 
 def _checksum_if_stated(line: bytes, before: str) -> str | None:
-    """Return the line's computed checksum if the one at the end of the line differs in at most one byte; else None."""
+    """Return the line's computed checksum if the stated checksum differs in at most one byte; else None."""
     if len(line) < TAIL:
         return None
     expected = checksum(before, line[:-TAIL] + b"}")
@@ -206,7 +206,7 @@ def _with_bit_restored(line: bytes, before: str) -> bytes | None:
 
 
 def _event_hint(line: bytes) -> str:
-    """Return text with the event and the pose number that can still be read in a lost line; "" if neither can."""
+    """Return text with the event and pose number of a lost line; "" if the event cannot be read."""
     name, number = EVENT_NAME.search(line), POSE_NUMBER.search(line)
     if name is None:
         return ""

@@ -57,7 +57,7 @@ class Logbook:
         self.state = apply(self.state, self.journal.append(name, data, clock=self._clock))
 
     def require_journal(self, *, unchanged: bool = False) -> None:
-        """Raise JournalLostError if the journal file is lost or, with `unchanged`, if one of its lines was changed."""
+        """Raise JournalLostError if the journal file is lost or, with `unchanged`, a line was changed."""
         self.journal.require_intact(unchanged=unchanged)
 
     # -- poses -----------------------------------------------------------------------------------
@@ -113,13 +113,9 @@ class Logbook:
         return calibration if isinstance(calibration, StoredCalibration) else None
 
     def calibrate(
-        self,
-        progress: Progress | None = None,
-        *,
-        solver: Solver = solve_here,
-        **options: Any,
+        self, progress: Progress | None = None, *, solver: Solver = solve_here, **options: Any
     ) -> Solution:
-        """Calibrate from the used poses with the procedure's options, except these, and record the solution.
+        """Calibrate from the used poses and record the solution; `options` override those of the procedure.
 
         First writes poses.csv beside the journal, so that it exists even if the calibration fails.
         """

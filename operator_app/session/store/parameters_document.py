@@ -41,17 +41,13 @@ def export_reason(solution: Solution, reason: str, *, stated_by: str) -> str:
     if not reason.strip():
         raise GuardError(
             f"the calibration was not accepted: {'; '.join(solution.reasons)}",
-            f"correct what the reasons name, or state why these parameters are to be used ({stated_by})",
+            f"remove the causes, or state why these parameters are to be used ({stated_by})",
         )
     return reason
 
 
 def parameters_document(
-    solution: Solution,
-    state: SessionState,
-    procedure: Procedure,
-    *,
-    forced: str = "",
+    solution: Solution, state: SessionState, procedure: Procedure, *, forced: str = ""
 ) -> ParametersDocument:
     """Return the parameters document of a session's calibration, with the time of the calibration.
 
@@ -183,5 +179,5 @@ def _forced_warning(solution: Solution, reason: str) -> tuple[records.DocumentWa
 
 
 def _figures(reading: ResidualSigma) -> records.TwoFigures:
-    """Return a residual by both interpretations of eqs. 14 and 15, converted from m to mm or from rad to mrad."""
+    """Return a residual by both interpretations of eqs. 14 and 15, in mm (from m) or mrad (from rad)."""
     return records.TwoFigures(rms=1e3 * reading.rms, as_printed=1e3 * reading.as_printed)

@@ -200,7 +200,7 @@ def _with_skipped_open(state: SessionState) -> SessionState:
 
 
 def _in_new_placement(state: SessionState, placement: int, *, mounted: bool) -> SessionState:
-    """Return the state in a new placement of the fixture, in which start, home, modes and waypoints are unknown."""
+    """Return the state in a new placement of the fixture, with start, home, modes and waypoints unknown."""
     return replace(
         state,
         placement=placement,
@@ -216,7 +216,7 @@ def _in_new_placement(state: SessionState, placement: int, *, mounted: bool) -> 
 
 
 def _with_other_poses(state: SessionState, poses: tuple[CapturedPose, ...]) -> SessionState:
-    """Return the state with `poses` as its poses and without the results, which are from the previous poses."""
+    """Return the state with these poses, and without the results from the previous poses."""
     campaign = replace(state.campaign, ended={})
     return replace(state, poses=poses, campaign=campaign, **UNSOLVED)
 

@@ -1,4 +1,4 @@
-"""Runs a calibration in a separate process: it does not delay bus and screen, and can be cancelled at once.
+"""Runs a calibration in a separate process, which does not delay bus and screen and can be killed.
 
 The process uses neither bus nor terminal, and ends whenever its parent ends. This module contains both ends of the
 pipe between them.
@@ -46,7 +46,7 @@ def solve_here(function: Callable[..., T], *args: object, **options: object) -> 
 
 
 class SolvingProcess:
-    """A `Solver` that uses a separate process, which starts at the first call and ends with the ``with`` block.
+    """A `Solver` in a separate process, which starts at the first call and ends with the ``with`` block.
 
     `go_on` is called every `PROCESS_POLL_S` and at each progress report; an exception that it raises ends the call.
     """
@@ -164,7 +164,7 @@ def _answer(
 
 
 def _end_with_parent() -> None:
-    """End this process when the parent has ended: only then does standard input end, as the parent never closes it."""
+    """End this process when the parent has ended, i.e. when standard input, a pipe from the parent, ends."""
     while os.read(0, 1):
         pass
     os._exit(1)

@@ -106,7 +106,7 @@ class SessionState:
     order
         Order number among the sessions in the same folder, from 1; 0 in journals of earlier versions.
     after
-        In journals of earlier versions: the session opened before this one, recorded if the clock was set back since.
+        In journals of earlier versions, if the clock was set back: the session opened before this one.
     imported
         File from which the poses were read; empty if an arm captured them.
     sources
@@ -252,7 +252,7 @@ class SessionState:
         )
 
     def required_poses(self, capture: CapturePlan) -> int:
-        """Return the number of used poses, summed over all placements, with which the current placement is complete.
+        """Return the number of used poses, over all placements, with which the current placement is complete.
 
         In a planned capture, the poses chosen by the plan are required in addition to the explored poses.
         """

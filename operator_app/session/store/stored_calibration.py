@@ -112,7 +112,7 @@ def solve(
 def with_checks(
     calibration: StoredCalibration, state: SessionState, procedure: Procedure
 ) -> StoredCalibration:
-    """Return the calibration; if it was computed again, cross-validate it, else keep the checks from the journal."""
+    """Return the calibration with its cross-validation, computed again if the calibration was."""
     if not calibration.recalculated_because:
         return calibration
     fixture = procedure.fixture.fixture
@@ -142,7 +142,7 @@ def solution_data(
 
 
 def journal_calibration(state: SessionState) -> StoredCalibration | str:
-    """Return the journal's calibration if it is valid and from the used poses; else the reason why there is none."""
+    """Return the journal's calibration if it is valid and from the used poses; else why it is not usable."""
     if not state.solution:
         return "the journal contains poses but no calibration from them"
     try:
@@ -181,7 +181,7 @@ NO_WAY_BACK = "no way back to it is planned from here"
 
 
 def missing_repeat_notices(state: SessionState) -> tuple[Finding, ...]:
-    """Return a finding for each placement whose last pose was captured after the last repeat, or that has no repeat."""
+    """Return a finding for each placement without a repeat after its last pose."""
     if state.imported:
         # A poses file does not mark repeats.
         return ()

@@ -28,7 +28,7 @@ def task(
 
 
 def connect(context: ActionContext) -> None:
-    """Connect; if this placement is not the first and has no pose yet, ask first whether the fixture is mounted."""
+    """Connect; before the first pose of a later placement, ask first whether the fixture is mounted."""
     state = context.s.state
     connect_mounted = task(TaskKind.CONNECT, lambda o: o.connect_mounted())
     if not state.unconfirmed_placement:
@@ -110,7 +110,7 @@ def automatic(context: ActionContext) -> None:
 
 
 def go(context: ActionContext, waypoint: int | None) -> None:
-    """Move to a waypoint (index from 0; None: there is none, so nothing moves)."""
+    """Move to a waypoint (index from 0); if None, show that all waypoints are visited."""
     if waypoint is None:
         context.interface.refuse(guards.ALL_VISITED)
         return
@@ -270,7 +270,7 @@ def procedure(context: ActionContext) -> None:
 
 
 def _held(s: SessionSnapshot) -> str:
-    """Return that the arm is held, for a sentence about leaving the session, if an arm is connected."""
+    """Return the clause that the arm is held; "" if no arm is connected."""
     return ", the arm is held" if s.connected else ""
 
 
@@ -283,7 +283,7 @@ def new_session(context: ActionContext) -> None:
 
 
 def remount(context: ActionContext) -> None:
-    """Release the arm and continue in the next placement, after a confirmation that lists the operator's steps."""
+    """Release the arm and go on to the next placement, after a confirmation that lists the operator's steps."""
     interface = context.interface
     steps = "\n".join((*remounting_steps(context.s.procedure), "5. Only then connect."))
     text = (

@@ -96,7 +96,7 @@ def estimator(context: ActionContext) -> None:
 
 
 def _next_unsensed(s: SessionSnapshot) -> tuple[int, ...]:
-    """Return the next choice of unsensed joints, in the cycle: no joint, each RVDT joint alone, all RVDT joints."""
+    """Return the next unsensed joints of the cycle: no joint, each RVDT joint alone, all RVDT joints."""
     bent = [k for k, j in enumerate(s.procedure.arm.joints, 1) if isinstance(j.sensor, Rvdt)]
     choices: list[tuple[int, ...]] = [(), *((k,) for k in bent)]
     if len(bent) > 1:
@@ -228,7 +228,7 @@ ACTIONS: tuple[Action | OnScreen, ...] = (
            steps=_at(Step.CALIBRATE), footer=_at(Step.CALIBRATE), guard=guards.idle,
            work=estimator),
     Action(name="unsensed", keys=("j",), shown="j", label="Unsensed",
-           help="Change which joints count as unsensed: none, each RVDT joint, all of them.",
+           help="Change the unsensed joints: none, each RVDT joint alone, all RVDT joints.",
            steps=_at(Step.CALIBRATE), footer=_at(Step.CALIBRATE), guard=guards.idle,
            work=unsensed),
     OnScreen(name="cancel", keys=("z",), shown="z", label="Cancel",
@@ -263,14 +263,14 @@ ACTIONS: tuple[Action | OnScreen, ...] = (
     OnScreen(name="down", keys=("down",), shown="Down", label="Down",
              help="Select the next row of the list."),
     OnScreen(name="up", keys=("up",), shown="Up", label="Up",
-             help="Select the row before."),
+             help="Select the previous row of the list."),
     Action(name="reset", keys=("R",), shown="R", label="Reset STOP",
            prompt="Reset STOP; nothing moves",
            help="Clear a latched STOP or a drive fault. Nothing moves; the drives stay disabled.",
            offered=guards.needs_reset, guard=guards.may_reset,
            work=action_handlers.task(TaskKind.RESET, lambda o: o.reset())),
     Action(name="acknowledge", keys=("A",), shown="A", label="Acknowledge",
-           help="Hide the alarm that is shown; the one before it is shown then. Its cause remains.",
+           help="Hide the alarm that is shown; its cause remains. The alarm before it is shown then.",
            rows=action_handlers.standing_alarms, offered=lambda s: bool(s.alarms), work=action_handlers.acknowledge),
     OnScreen(name="messages", keys=("l",), shown="l", label="Messages",
              help="Show all messages of this session in full, the newest first."),
@@ -282,7 +282,7 @@ ACTIONS: tuple[Action | OnScreen, ...] = (
     Action(name="history", keys=("i",), shown="i", label="History",
            prompt="History: all calibrations of this arm",
            help="Show all accepted calibrations and verifications of this arm, what has shifted, and when the next "
-           "is due.", guard=guards.may_show_history, work=action_handlers.history),
+           "calibration is due.", guard=guards.may_show_history, work=action_handlers.history),
     Action(name="manual", keys=("m",), shown="m", label="Manual", prompt="Read the manual",
            help="Read a page of the manual. It needs no network.", work=action_handlers.manual),
     OnScreen(name="palette", keys=("ctrl+p", "colon"), shown="Ctrl+P", label="All actions",
@@ -306,7 +306,7 @@ def by_name(name: str) -> Action | OnScreen:
 
 
 def for_key(key: str, step: Step) -> Action | OnScreen | None:
-    """Return the action of a key at a step; None if it has none."""
+    """Return the action of a key at a step; None if the key has none."""
     return next((a for a in ACTIONS if key in a.keys and step in a.steps), None)
 
 
@@ -320,7 +320,7 @@ def footer(step: Step) -> tuple[Action | OnScreen, ...]:
 
 
 def prompts(step: Step) -> tuple[list[Action], list[Action]]:
-    """Return the actions that plain mode shows at a step: those of only some steps, and those common to all steps."""
+    """Return the actions that plain mode shows at a step: those of some steps, and those of all steps."""
     of_step = [a for a in ACTIONS if isinstance(a, Action) and step in a.steps]
     common = [a for a in of_step if a.steps == EVERYWHERE]
     return [a for a in of_step if a not in common], common

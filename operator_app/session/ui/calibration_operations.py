@@ -1,4 +1,4 @@
-"""Operations of steps 5 to 7: calibrate, compare, write, upload, verify. They also publish the quality of the poses.
+"""Operations of steps 5 to 7: calibrate, compare, write, upload, verify; quality of the poses.
 
 They run in the worker thread and may block.
 """
@@ -181,12 +181,11 @@ class CalibrationOperations(Listener):
             self._compare(self._active_parameters())
 
     def _active_parameters(self) -> bytes:
-        """Read the controller's active document; empty without a connected arm or a document."""
+        """Return the controller's active document; empty without a connected arm or a document."""
         session = self._session
         return session.arm.active_parameters() if session.identity is not None else b""
 
     def _compare(self, active_document: bytes) -> None:
-        """Publish the differences from the parameters active in the controller."""
         session, solution = self._session, self._current_solution()
         active = parse_parameters(active_document, "active parameters") if active_document else None
         self._publish(diff=diff_rows(session.document(solution), active))

@@ -27,7 +27,7 @@ Guard = Callable[[SessionSnapshot], str]
 
 
 def all_of(*guards: Guard) -> Guard:
-    """Return a guard that returns the reason of the first of these guards that refuses."""
+    """Return a guard with the reason of the first of `guards` that refuses; "" if none refuses."""
     return lambda s: next(filter(None, (guard(s) for guard in guards)), "")
 
 
@@ -90,7 +90,7 @@ def calibrate_ready(s: SessionSnapshot) -> str:
 
 
 def results_ready(s: SessionSnapshot) -> str:
-    """The Results step needs a calibration from the current poses; a resumed session shows it once connected."""
+    """The Results step needs a calibration from the current poses and, after a resume, a connected arm."""
     if s.solution is not None:
         return ""
     if s.state.solved and not s.connected:
@@ -124,7 +124,7 @@ def idle(s: SessionSnapshot) -> str:
 
 
 def may_connect(s: SessionSnapshot) -> str:
-    """Connecting is possible if no arm is connected, if data are lost, or if a new connection resolves an alarm."""
+    """Connecting again is allowed only if data are lost or a new connection resolves an alarm."""
     offered = any(TaskKind.CONNECT in alarm.resolving_tasks for alarm in s.alarms)
     if s.connected and s.data is not DataState.LOST and not offered:
         return "the arm is already connected"
@@ -205,7 +205,7 @@ def may_capture(s: SessionSnapshot) -> str:
 
 
 def may_run_automatically(s: SessionSnapshot) -> str:
-    """Automatic capture has the requirements of `may_move`, and needs missing poses or a missing drift check."""
+    """Automatic capture needs what `may_move` needs, and a missing pose or drift check."""
     complete = len(s.state.used_poses) >= s.required_poses and not lacks_drift_check(s)
     return may_move(s) or (f"all {s.required_poses} poses are captured" if complete else "")
 
@@ -223,7 +223,7 @@ def moves_real_arm(s: SessionSnapshot) -> bool:
 
 
 def may_remount(s: SessionSnapshot) -> str:
-    """Remounting needs a fixture, a capture without a plan, and all poses of the current placement captured."""
+    """Remounting needs a fixture, an explored capture, and all poses of the current placement."""
     if missing := idle(s):
         return missing
     if not s.procedure.fixture.fixture.holds_hand:
@@ -278,7 +278,7 @@ may_upload = all_of(may_write, _may_send)
 
 
 def serial_number(s: SessionSnapshot) -> str:
-    """Return the serial number of the connected arm or, if none is connected, of the session's arm; "" if unknown."""
+    """Return the serial number of the connected arm, else of the session's arm; "" if unknown."""
     return s.state.serial_number if s.identity is None else s.identity.serial_number
 
 
@@ -294,7 +294,7 @@ def may_verify(s: SessionSnapshot) -> str:
 
 
 def in_modes(s: SessionSnapshot) -> bool:
-    """Whether the drives are enabled, and as many joints are in position mode as the chain has degrees of freedom."""
+    """Whether the drives are enabled, with one joint in position mode for each degree of freedom."""
     return s.drives_ready and len(s.state.position_joints) == s.mobility
 
 
@@ -314,7 +314,7 @@ def stops_on_any_key(task: RunningTask | None) -> bool:
 
 
 def _not_ready(s: SessionSnapshot) -> str:
-    """Return text that names the drives that are not enabled, or one that is not in its confirmed mode."""
+    """Return which drives are not enabled or, if all are, which is not in its confirmed mode."""
     if s.arm is None:
         return "there is no data from the drives"
     others = [j.drive for j in s.arm.joints if j.drive is not DriveState.OPERATION_ENABLED]

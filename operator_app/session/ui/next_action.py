@@ -96,7 +96,7 @@ def _connect(s: SessionSnapshot) -> NextAction:
 
 def _fixture(s: SessionSnapshot) -> NextAction:
     if not s.checks or any(c.severity is Severity.REFUSED for c in s.checks):
-        hint = "remount the fixture as the refused check says, then Enter checks it again"
+        hint = "remount the fixture as the refused check states, then Enter checks it again"
         return NextAction("check_fixture", "Check", hint)
     unticked = len(s.procedure.fixture.checklist) - len(s.ticked)
     if unticked and s.simulated:
@@ -124,9 +124,7 @@ def _modes(s: SessionSnapshot) -> NextAction:
     if needs_reconnect(s):
         return _CONNECT_AGAIN
     if any(alarm.resolving_tasks == {TaskKind.MODES} for alarm in s.alarms):
-        hint = (
-            "do what the alarm says; then Enter applies the modes again, or N starts a new session"
-        )
+        hint = "follow the alarm's remedy; then Enter applies the modes again, or N starts a new session"
         return NextAction("apply_modes", "Apply modes", hint)
     driven = names(f"J{k}" for k in marked)
     others = others_free(len(marked), s.procedure.arm.joint_count)
@@ -156,7 +154,7 @@ def _capture(s: SessionSnapshot) -> NextAction:
         return NextAction("automatic", "Automatic", hint)
     captured = f"all {used} poses are captured"
     if guards.lacks_drift_check(s) and not guards.may_run_automatically(s):
-        captured += ", but the drift check is missing (a makes it)"
+        captured += ", but the drift check is missing (key a starts it)"
     return _next(Step.CALIBRATE, captured)
 
 

@@ -1,4 +1,4 @@
-"""Runs a session for a user interface: takes tasks and returns snapshots; no call blocks, except `Runner.close`.
+"""Runs a session for a user interface: takes tasks, returns snapshots; only `Runner.close` blocks.
 
 One worker thread makes all blocking calls. `stop` calls the arm directly from the calling thread. A second thread
 supervises the arm, whether or not a screen polls.
@@ -151,7 +151,7 @@ class Runner:
     def _current_snapshot(self) -> SessionSnapshot:
         base, now = self._base, self._monotonic()
         if base.task is not None and self.cancelled():
-            # A task that is planning may take seconds to end: the operator sees at once that it will.
+            # A task that is planning may take seconds to end: show at once that it is ending.
             base = replace(base, task=replace(base.task, ending=True))
         if base.identity is None:
             return replace(base, now_s=now)
@@ -206,7 +206,7 @@ class Runner:
             self._jobs.put(job)
 
     def cancel(self, *, but: TaskKind | None = None) -> None:
-        """Cancel the running task and all queued ones, except of kind `but`; a moving arm comes to rest and holds."""
+        """Cancel running and queued tasks, except those of kind `but`; a moving arm comes to rest and holds."""
         for job in tuple(self._waiting_jobs):
             if not job.uncancellable and job.kind is not but:
                 job.cancel.set()

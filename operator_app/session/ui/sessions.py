@@ -99,7 +99,7 @@ class Sessions:
         return list_sessions(self.root)[::-1]
 
     def unfinished(self) -> SessionEntry | None:
-        """Return the newest session with poses and no export, of the named procedure if one was named; None if none.
+        """Return the newest session with poses but no export (of the named procedure, if one is named), or None.
 
         Sessions that a process uses are left out.
         """

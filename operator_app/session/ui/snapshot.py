@@ -1,4 +1,4 @@
-"""The snapshot that a session publishes for user interfaces: state of arm, session and running task, messages.
+"""The snapshot of a session for user interfaces: state of arm, session and running task, messages.
 
 An alarm stays until a task that resolves it has succeeded, or until the operator acknowledges it.
 """
@@ -54,7 +54,7 @@ class Level(Enum):
 
 
 class TaskKind(Enum):
-    """Kind of task."""
+    """Kind of task; the value is its text while it runs."""
 
     CONNECT = "connecting"
     CHECK = "checking the fixture"
@@ -75,7 +75,7 @@ class TaskKind(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Message:
-    """A message. `time` is UTC, HH:MM:SS; `number` counts from 1; `resolving_tasks`: tasks that resolve an alarm."""
+    """A message, `number` from 1; `time`: UTC, HH:MM:SS; `resolving_tasks`: tasks that resolve an alarm."""
 
     number: int
     time: str
@@ -281,7 +281,7 @@ CONNECT_AGAIN = (
 
 
 def resolving_tasks(error: Exception, kind: TaskKind) -> frozenset[TaskKind]:
-    """Return the kinds of task whose success resolves the alarm about `error`, which a task of `kind` raised."""
+    """Return the kinds of task whose success resolves the alarm about `error`, raised in a task of `kind`."""
     # After a jump, all later readings are doubtful; with a stuck sensor, only readings of the excluded poses are.
     jumped = isinstance(error, errors.SensorFault) and not (
         isinstance(error, errors.DriveDiverged) or error.stuck

@@ -1,4 +1,4 @@
-"""The seven steps of a calibration, and the keys of STOP and quit, which work while the app is being loaded.
+"""The seven steps of a calibration; the keys for STOP and quit, which the app needs while it is loading.
 
 Imports no other module of this program.
 """

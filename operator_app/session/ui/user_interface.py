@@ -69,7 +69,7 @@ class ShownAlarm:
 
 
 class UserInterface(Protocol):
-    """A user interface."""
+    """Interface to actions, implemented by the terminal app and by plain mode."""
 
     @property
     def runner(self) -> Runner:
@@ -95,10 +95,7 @@ class UserInterface(Protocol):
         """Return the number of the selected pose; None if no pose is selected."""
 
     def item(self, s: SessionSnapshot) -> int | None:
-        """Return the index (from 0) of the selected item of the check list or, if it is ticked, the first unticked one.
-
-        None if all are ticked.
-        """
+        """Return the index (from 0) of the item to tick: the selected or the first unticked item, or None."""
 
     def alarm(self, s: SessionSnapshot) -> ShownAlarm | None:
         """Return the alarm that is shown; None if no alarm is shown."""
@@ -207,7 +204,7 @@ def perform_action(
     *,
     tries: int = SNAPSHOTS_TRIED,
 ) -> None:
-    """Do an action, or show why its guard refuses it; if only stale data prevent it, try up to `tries` snapshots."""
+    """Do an action, or show why its guard refuses it; with stale data, try up to `tries` snapshots."""
     s, runner = interface.snapshot(), interface.runner
     missing = action.guard(s)
     late = s.data is DataState.STALE and not action.guard(replace(s, data=DataState.FRESH))

@@ -35,7 +35,7 @@ CANDIDATES_PER_POSE = 4
 
 
 def connect(session: Session, listener: Listener, *, measuring: bool = True) -> ArmIdentity:
-    """Connect to the arm, and reset drives that tripped because the heartbeat of an earlier program was lost.
+    """Connect to the arm, reset drives that tripped on a lost operator heartbeat, and return the identity.
 
     Drives that were reset stay disabled.
     """
@@ -51,7 +51,7 @@ def connect(session: Session, listener: Listener, *, measuring: bool = True) -> 
         joints = sorted({f.joint for f in faults if f.joint is not None})
         session.record("reset", {"joints": joints, "code": int(EmergencyCode.HEARTBEAT_LOST)})
         listener.report(
-            "The drives had tripped on a lost operator heartbeat (8130h), as after a killed program: reset. "
+            "Reset the drives, which had tripped on a lost operator heartbeat (8130h), as after a killed program. "
             "Nothing has moved."
         )
     return identity
@@ -81,7 +81,7 @@ def take_poses(
     if homing and (planned is None or not planned.continues_in_place):
         go_home_if_outside(session, listener)
     drift_check = _DriftCheck(session, listener, planned)
-    # Without missing poses, later shifts do not affect the calibration.
+    # If all poses are captured, later shifts do not affect the calibration.
     captured = len(session.state.poses_here)
     missing = (
         captured < session.procedure.capture.poses if planned is None else not planned.complete
@@ -93,7 +93,7 @@ def take_poses(
             drift_check.repeat_first_pose_and_come_back()
     elif missing and drift_check.last_repeat_differs():
         drift_check.repeat_first_pose_and_come_back(suspect=True)
-        # If it could not be measured again, the difference stands.
+        # If the first pose could not be measured again, the earlier difference counts.
         check_repeat(session.state, session.procedure, refuse=True)
     if planned is None:
         if not session.state.repeated_since_capture:
@@ -117,7 +117,7 @@ def go_home_if_outside(session: Session, listener: Listener) -> None:
 
 
 def outlier_warning(session: Session) -> str:
-    """Return a warning if the last pose does not fit the earlier ones; "" if it fits or no more poses are required."""
+    """Return a warning if the last pose does not fit the earlier ones; "" if it does, or is the last required."""
     state, unsensed = session.state, session.procedure.unsensed_joints
     if len(state.used_poses) >= state.required_poses(session.procedure.capture):
         return ""
@@ -134,7 +134,7 @@ def outlier_warning(session: Session) -> str:
 
 @dataclass(frozen=True, slots=True)
 class _DriftCheck:
-    """Repeats captured poses: the difference shows shifts of joints and fixture, independently of the model.
+    """Repeats captured poses to show shifts of joints and fixture, independently of the model.
 
     In an explored capture (`planned` is None), the drives move straight, within the box; in a planned capture, along
     paths of the plan. Every method raises GuardError if the arm of an explored capture is outside its box, or if a
@@ -174,8 +174,8 @@ class _DriftCheck:
         self.repeat_first_pose_and_come_back(suspect=True)
         if len(self.session.state.repeats) > before:
             self.listener.report(
-                f"Pose {state.poses_here[0].number} is unchanged; the calibration decides whether {number} is an "
-                "outlier."
+                f"Pose {state.poses_here[0].number} is unchanged; the calibration decides whether pose {number} is "
+                "an outlier."
             )
 
     def last_repeat_differs(self) -> bool:
@@ -197,7 +197,7 @@ class _DriftCheck:
         drive_selection.retrace(self.session, self.repeat_first_pose(suspect=suspect))
 
     def repeat_first_pose(self, *, suspect: bool = False) -> Sequence[Mapping[int, float]]:
-        """Repeat the first used pose; return the drives' angles (rad) at the start of each move, for the way back."""
+        """Repeat the first used pose; return the drives' angles (rad) before each move, for the way back."""
         if self.planned is None:
             drive_selection.require_in_box(self.session)
         first = self.session.state.poses_here[0]

@@ -1,4 +1,4 @@
-"""Selects a session's drive joints, captures poses in the box (the drives' allowed angles), moves the arm home.
+"""Selects the drive joints, captures poses in their box (their allowed angles), moves the arm home.
 
 Inside the box, the drives move without confirmation. An arm outside the box moves only after confirmation, and only
 straight home, at low speed.
@@ -32,7 +32,7 @@ KEPT_CANDIDATES = 6
 
 
 def drives_of(session: Session, listener: Listener | None = None) -> tuple[int, ...]:
-    """Return the drive joints listed in the procedure or, if none are listed, the joints chosen earlier or now."""
+    """Return the drive joints of the procedure or, if it lists none, those chosen earlier or now."""
     named = session.procedure.position_joints
     if named is not None:
         return named
@@ -113,7 +113,7 @@ RESET_COUNTER_RAD = float(np.deg2rad(0.25))
 """Largest reading of a counter that was reset, including the motion of a joint when its drive is enabled."""
 
 HOMING_SPEED_RAD_PER_S = float(np.deg2rad(5.0))
-"""Slow enough for a person beside the arm to react."""
+"""Speed of the way home, slow enough for a person beside the arm to react."""
 
 
 def joints_outside_box(session: Session) -> str:
@@ -129,7 +129,7 @@ def joints_outside_box(session: Session) -> str:
 
 
 def require_no_reset_counter(session: Session) -> None:
-    """Raise GuardError if a drive joint reads zero but the procedure's box excludes zero: its counter may be reset.
+    """Raise GuardError if a drive joint outside its box reads zero: its counter may have been reset.
 
     The operator cannot override this: with a wrong reading, the joint would go to another position than its home.
     """
@@ -163,7 +163,7 @@ def require_in_box(session: Session) -> None:
 
 
 def go_home(session: Session) -> str:
-    """Move the drive joints straight home at 5 deg/s; return a message. Raises GuardError if the move is stopped."""
+    """Move the drive joints straight home at 5 deg/s; return a message. Raises GuardError if stopped."""
     require_no_reset_counter(session)
     box = drive_box(session)
     targets = dict(zip(box.joints, box.centre_rad, strict=True))
@@ -226,7 +226,10 @@ STANDS_STILL_RAD = float(np.deg2rad(0.2))
 def reach(
     session: Session, targets_rad: Mapping[int, float], *, speed_rad_per_s: float | None = None
 ) -> MoveResult:
-    """Move to these angles (rad); if stopped on the way, go back. Raises GuardError if overload prevents the start."""
+    """Move to these angles (rad) and return the result; if stopped on the way, move back.
+
+    Raises GuardError if overload prevents the start.
+    """
     before = session.arm.snapshot().positions_rad
     outcome = session.go_to(targets_rad, speed_rad_per_s=speed_rad_per_s)
     if not outcome.reached:
@@ -268,7 +271,7 @@ def visit(session: Session, index: int) -> bool:
 
 
 def explore(session: Session, listener: Listener, after_pose: Callable[[], None]) -> None:
-    """Capture poses at the waypoints, calling `after_pose` after each; raises GuardError if too few can be reached."""
+    """Capture poses at waypoints, calling `after_pose` after each; raises GuardError if too few are reached."""
     plan, total = waypoints_of(session), session.procedure.capture.poses
     while (count := len(session.state.poses_here)) < total:
         waypoint = session.state.next_waypoint

@@ -23,7 +23,7 @@ from operator_app.session.workflow.session import Session
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Exported:
-    """Result of an export: its files, and the SHA-256 of the parameters file; `receipt`: None without an upload."""
+    """Result of an export: the parameters file, its SHA-256, and the `receipt`, None without an upload."""
 
     parameters: Path
     sha256: str
@@ -37,8 +37,8 @@ def export(
 
     A calibration that was not accepted needs a reason, `forced`, which is written to the journal and the file; raises
     GuardError without one. Raises JournalLostError if the journal was changed (nothing was exported), JournalError if
-    the journal cannot be written (the message states what was uploaded), and UploadUnknown or SessionError if the
-    controller may hold all or part of the parameters; this is recorded in the journal.
+    the journal cannot be written (the message states what was uploaded), and UploadUnknown or SessionError, after
+    recording it, if the controller may hold all or part of the parameters.
     """
     forced = export_reason(solution, forced, stated_by="--force REASON")
     if to_dict(solution) != session.state.solution:
@@ -74,7 +74,7 @@ def export(
 def recorded_export(session: Session, active_document: bytes) -> Exported | None:
     """Return the session's recorded export; None if there is none, or if parameters.yaml was changed since.
 
-    Its `receipt` is None unless `active_document`, of the connected controller, is the one that was uploaded.
+    Its `receipt` is None unless the controller's `active_document` is the document that was uploaded.
     """
     exported, path = session.state.exported, session.journal.path.with_name(PARAMETERS_NAME)
     if not exported or not path.exists() or _sha256(path.read_bytes()) != exported.get("sha256"):
@@ -107,7 +107,7 @@ def _record_export(session: Session, exported: Mapping[str, Any], *, report: str
 def _upload(
     arm: ArmInterface, document: bytes, expected_counts: tuple[int | None, ...]
 ) -> UploadReceipt:
-    """Upload a document, read it back, compare it byte for byte; compare the home offsets with `expected_counts`.
+    """Upload a document, and compare the bytes and the home offsets (`expected_counts`) that are read back.
 
     Raises SessionError if the document or a home offset that was read back differs from the uploaded one, and
     UploadUnknown if the document could not be read back.

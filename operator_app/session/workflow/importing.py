@@ -100,7 +100,7 @@ class ImportedSession:
             self._record("pose", _pose(poses, k))
 
     def calibrate(self) -> tuple[Solution, Checks]:
-        """Calibrate, cross-validate, and return both results after recording them; raises SolverError, FixtureError."""
+        """Calibrate, cross-validate, record both results and return them; raises SolverError, FixtureError."""
         own = self.procedure
         solution = solve(self.state, own)
         checks = check(solution, own.arm, own.fixture.fixture, self.state.pose_set())
@@ -220,7 +220,7 @@ def _procedure(
 REPRODUCIBLE_EVENTS = frozenset(
     {"opened", "imported", "pose", "solved", "checked", "exported", "closed"}
 )
-"""A session with no other events can be made again from its poses."""
+"""A session with these events only can be made again from its poses."""
 
 
 def replace_session(

@@ -79,7 +79,7 @@ class Choices:
 class Opening:
     """A session to be started or resumed; nothing is written yet.
 
-    `state`: the state recorded so far; of a new session, it has the sources only.
+    `state`: the state recorded so far; for a new session, only the sources.
     """
 
     folder: Path
@@ -124,7 +124,7 @@ def open_session(rig: Rig, *, clock: Clock = utc_now) -> Session:
     journal = (Journal.resume if opening.resumed else Journal.create)(opening.folder)
     arm, folder = rig.arm, journal.path.parent
     if isinstance(arm, Recordable) and arm.record_to and arm.record_to.parent == opening.folder:
-        # The journal may have got another folder than the intended one: the recording stays beside it.
+        # `Journal.create` may have taken the next free folder name: record beside the journal.
         arm.record_to = folder / arm.record_to.name
     try:
         session = Session(
@@ -153,7 +153,7 @@ def open_session(rig: Rig, *, clock: Clock = utc_now) -> Session:
 
 
 def remove_if_empty(session: Session) -> bool:
-    """Remove the folder of a session that never connected, and parents made for it; return whether it was removed."""
+    """Remove the folder of a session that never connected, and new parents; return whether it is gone."""
     journal = session.journal
     if journal.loss is not None:
         # The folder may belong to another program now.
@@ -193,7 +193,7 @@ def begin(reference: str, choices: Choices, *, root: Path, clock: Clock = utc_no
 
 
 def resume(reference: str, choices: Choices, *, root: Path) -> Opening:
-    """Return the opening of an earlier session; `choices` override the recorded choices. Raises SessionError."""
+    """Return the opening of an earlier session; `choices` override the recorded ones. Raises SessionError."""
     folder = find_session(root, reference)
     contents = read_journal(folder)
     state = session_state(contents)
@@ -242,13 +242,7 @@ def resume(reference: str, choices: Choices, *, root: Path) -> Opening:
                 )
     merged = choices.over(before)
     procedure = _with_choices(procedure, merged)
-    return Opening(
-        folder=folder,
-        resumed=True,
-        procedure=procedure,
-        choices=merged,
-        state=state,
-    )
+    return Opening(folder=folder, resumed=True, procedure=procedure, choices=merged, state=state)
 
 
 def _with_choices(procedure: Procedure, choices: Choices) -> Procedure:
@@ -271,7 +265,7 @@ def _with_choices(procedure: Procedure, choices: Choices) -> Procedure:
     procedure = replace(procedure, capture=capture, **own)
     if choices.placements is not None:
         procedure = replace(procedure, placements=require_mountable(procedure, choices.placements))
-    # Otherwise no capture can lead to a calibration.
+    # Without these checks, a capture could end without a calibration.
     n = procedure.arm.joint_count
     wrong = [j for j in procedure.unsensed_joints if j > n]
     if wrong:

@@ -1,4 +1,4 @@
-"""Planned capture: carries out the actions that a campaign proposes, and reports the results to the campaign.
+"""Planned capture: carries out the actions that a campaign proposes, and reports the results to it.
 
 Each result is in the journal before the next proposal is made. The campaign is deterministic, so that a resumed session
 can replay the journal and continue the plan. If the arm was moved, poses were excluded or more poses are requested, a
@@ -43,9 +43,9 @@ SAME_BRANCH_RAD = float(np.deg2rad(6.0))
 class PlannedCapture:
     """The planned capture of one session.
 
-    The session is connected, and its fixture is checked. `drives`: drive joints of a new campaign. `listener` receives
-    moves, poses and decisions. `campaign`: the policy that plans the poses; None before the start, or if the journal
-    cannot be replayed.
+    The session must be connected, and its fixture checked. `drives`: drive joints of a new campaign. `listener`:
+    receives moves, poses and decisions. `campaign`: the policy that plans the poses; None before the start, or if the
+    journal cannot be replayed.
     """
 
     def __init__(
@@ -172,7 +172,7 @@ class PlannedCapture:
 
     @contextmanager
     def _planning(self) -> Iterator[None]:
-        """Tell the listener that poses are being planned, while nothing moves."""
+        """Report to the listener that poses are being planned and nothing moves."""
         self._listener.planning(active=True)
         try:
             yield
@@ -270,8 +270,7 @@ class PlannedCapture:
     def _new_campaign(self) -> Campaign:
         """Record and return a new campaign that contains the used poses and starts at the current position.
 
-        Raises GuardError, and records nothing, if it would explore again from outside the box: a recorded campaign
-        is continued from where it started.
+        Raises GuardError, and records nothing, if the campaign would explore again and the arm is outside its box.
         """
         session = self._session
         sets = session.state.drive_sets if session.procedure.position_joints is None else ()

@@ -175,7 +175,7 @@ class PoseReader:
             )
 
     def _largest_spread_text(self) -> str:
-        """Return text that names the joint that exceeds its spread limit most; "" if no joint exceeds it any longer."""
+        """Return text on the joint that exceeds its spread limit most; "" if no joint does so any longer."""
         limits = np.asarray(self._rule.spread_rad(self._logbook.model))
         try:
             rows = [self._arm.capture(2).mean_rad for _ in range(self._rule.window_syncs)]
@@ -206,8 +206,8 @@ class PoseReader:
         if name == "pose" and logbook.state.sensor_jump:
             raise GuardError(
                 f"captures are refused: {logbook.state.sensor_jump}",
-                "use the automatic capture: it measures the first pose again and goes on if that is unchanged; "
-                "else start a new session",
+                "use the automatic capture, which measures the first pose again and goes on if it is unchanged; "
+                "otherwise start a new session",
             )
         reading = self.read()
         self.record_latency()
@@ -241,7 +241,7 @@ class PoseReader:
     def endpoint(
         self, what: str, reading: Reading, cancelled: Callable[[], bool]
     ) -> FloatArray | None:
-        """Return the endpoint (3,) or (6,), m and rad, measured at the pose of `reading`; None without an instrument.
+        """Return the endpoint (3,) or (6,), m and rad, at the pose of `reading`; None without an instrument.
 
         `what` is the name of the pose. Raises Cancelled, or GuardError if the arm moves meanwhile.
         """

@@ -1,4 +1,4 @@
-"""Several placements of one fixture: when the next placement is due, and the events of remounting in the journal.
+"""Several placements of one fixture: when the next is due, and the journal events of remounting.
 
 Event `remounting`: the arm was released, and the fixture may be taken off. Event `remounted`: the operator has
 confirmed that the fixture is mounted. In between, the session refuses to connect, since a person is working at the arm.
@@ -18,7 +18,7 @@ from operator_app.units import ANGLE_TOLERANCE, LENGTH_TOLERANCE
 
 
 def next_due(state: SessionState, procedure: Procedure) -> bool:
-    """Whether the current placement has all its poses, a pose was repeated since, and another placement follows."""
+    """Whether the current placement has all poses and a repeat after them, and another placement follows."""
     return (
         state.placement < procedure.placements
         and len(state.poses_here) >= procedure.capture.poses

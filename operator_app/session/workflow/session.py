@@ -78,7 +78,7 @@ class Session(Logbook):
         self._powered: tuple[int, ...] = ()
 
     def record(self, name: str, data: Mapping[str, Any]) -> None:
-        """Write an event to the journal, then apply it to the state; if the journal is lost, hold the arm and raise."""
+        """Write an event to the journal and apply it to the state; if the journal is lost, hold the arm and raise."""
         with self._holding_if_journal_is_lost():
             super().record(name, data)
 
@@ -145,7 +145,7 @@ class Session(Logbook):
 
     @cached_property
     def mobility(self) -> int:
-        """Degrees of freedom of the chain, i.e. number of joints in position mode; for an open arm, all joints."""
+        """Number of joints in position mode: degrees of freedom of the chain; for an open arm, all joints."""
         if not self.fixture.holds_hand:
             return self.model.joint_count
         loop = self.fixture.model(self.model)
@@ -205,7 +205,7 @@ class Session(Logbook):
         *,
         speed_rad_per_s: float | None = None,
     ) -> MoveResult:
-        """Move joints in position mode to `targets_rad` while watching all joints; the watch `also` may end the move.
+        """Move joints in position mode to `targets_rad`; the range watch or the watch `also` may end the move.
 
         Raises GuardError if the number of joints in position mode differs from the degrees of freedom of the chain,
         and Cancelled if the operator ended the move.
@@ -262,7 +262,7 @@ class Session(Logbook):
     # -- end -------------------------------------------------------------------------------------
 
     def release_holding(self) -> None:
-        """Release the arm, which holds its position and can be connected again; `held`: whether the arm confirmed this.
+        """Release the arm, which then holds its position; `held`: whether the arm confirmed that it holds.
 
         First records data that only the arm object has: why the arm was stopped, and the host latency.
         """

@@ -40,7 +40,7 @@ class StillPanel(Lines):
 
 
 def _target(s: SessionSnapshot) -> str:
-    """Return where the arm moves next, and what decides that."""
+    """Return text with the next target of the arm and what chose it."""
     if s.task is not None and s.task.planning:
         return "none yet: the next poses are being planned"
     if s.heading is not None:
@@ -147,7 +147,7 @@ def _time_left(s: SessionSnapshot) -> str:
 
 
 class QualityPanel(Lines):
-    """Quality of the poses."""
+    """Condition number, weakest parameters, and coverage of the joint ranges."""
 
     TITLE = "What the poses determine"
     HELP = (
@@ -234,11 +234,7 @@ class CaptureView(StepView):
         {"capture-arm": ArmView, "quality": QualityPanel},
     )
     MAIN = "poses"
-    VIEWS = (
-        ("capture-joints", "still", "poses", "progress"),
-        ("quality",),
-        ("capture-arm",),
-    )
+    VIEWS = (("capture-joints", "still", "poses", "progress"), ("quality",), ("capture-arm",))
 
     def marked_pose(self, s: SessionSnapshot) -> int | None:
         """Number of the marked pose; None if there is no pose."""

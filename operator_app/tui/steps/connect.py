@@ -19,8 +19,8 @@ class BusPanel(Lines):
 
     TITLE = "Bus"
     HELP = (
-        "The CAN bus this session uses. Another one is chosen when sarcal is started: "
-        "-i interface, -c channel, -b bitrate. Without options it is a simulated arm in this program."
+        "The CAN bus of this session, which is chosen when sarcal is started: -i interface, -c channel, "
+        "-b bitrate. Without these options, the arm is simulated in this program."
     )
 
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
@@ -39,8 +39,8 @@ class NodesPanel(Lines):
 
     TITLE = "Nodes"
     HELP = (
-        "Every CANopen node that should be there: seven drives and the supervisor. Identity is read "
-        "from objects 1008h and 1018h and compared with the arm file."
+        "The nodes of the arm: its drives and, if it has one, its supervisor. Their identity is read from "
+        "objects 1008h and 1018h."
     )
 
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
@@ -49,10 +49,7 @@ class NodesPanel(Lines):
         wide = width >= 90 and not s.drive_faults  # a fault takes the room of the device name
         device = "DEVICE".ljust(26) + " " if wide else ""
         titles = f"  NODE  ROLE        {device} SERIAL  HEARTBEAT      DATA  STATE"
-        return [
-            line((titles, "header")),
-            *(_node(s, node, wide=wide) for node in s.identity.nodes),
-        ]
+        return [line((titles, "header")), *(_node(s, node, wide=wide) for node in s.identity.nodes)]
 
 
 def _node(s: SessionSnapshot, node: NodeIdentity, *, wide: bool) -> Line:

@@ -31,10 +31,7 @@ class FilePanel(Lines):
         if s.written is None:
             rows = [entry("File", "not written yet: Enter or w writes it")]
         else:
-            rows = [
-                entry("File", f"✓ {s.written.parameters}"),
-                entry("SHA-256", s.written.sha256),
-            ]
+            rows = [entry("File", f"✓ {s.written.parameters}"), entry("SHA-256", s.written.sha256)]
         if s.identity is not None and not s.identity.keeps_parameters:
             rows.append(entry("Controller", f"none: {serial} stores no parameters"))
             return [clip(row, width) for row in rows]
@@ -83,7 +80,7 @@ class RecordPanel(Lines):
         where = "r writes report.html" if s.report is None else f"✓ {s.report}"
         rows.append(entry("Report", where))
         rows.append(entry("Session", f"{s.folder}"))
-        # The session is last, where it may be cut off: the path of the parameters file contains its folder too.
+        # The session is last, where it may be cut off: the path of the parameters file shows the folder too.
         return [clip(row, width) for row in rows[:height]]
 
 

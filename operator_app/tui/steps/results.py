@@ -40,8 +40,8 @@ class VerdictPanel(Lines):
 
     TITLE = "Verdict"
     HELP = (
-        "Accepted means that the limits of the procedure are met (a high condition number is only noted); notes "
-        "below it are observations that no test rejects, and v shows them in full. Tool: position error over the "
+        "Accepted means that the limits of the procedure are met (a high condition number is only noted). Notes "
+        "are observations that do not prevent acceptance; v shows them in full. Tool: position error over the "
         "joints' ranges, by the arm file before and by the parameters' sigmas after. sigma_pos and sigma_ori are "
         "the closure errors at the measured joints, before (nominal) and after; rms is the usual definition, as "
         "printed is the paper's formula."
@@ -113,7 +113,7 @@ class ParametersPanel(TablePanel):
 
 
 class ResultsPlot(Lines):
-    """Residuals by pose and by joint, RVDT curves, D-H table; `v` shows the next page."""
+    """Residuals by pose and by joint, RVDT deviations, D-H table; `v` shows the next page."""
 
     TITLE = "Residuals (v: next)"
     HELP = (
@@ -130,7 +130,7 @@ class ResultsPlot(Lines):
     """Whether the frame shows the title; without a frame the title is the first line."""
 
     def count_pages(self, s: SessionSnapshot) -> None:
-        """Update the number of pages: one of residuals, one for each RVDT, one of warnings, and one for each table."""
+        """Update the number of pages: residuals, one page for each RVDT, warnings, one page for each table."""
         facts = facts_on(s)
         if s.solution is not None and facts is not None:
             self.words_from = 1 + len(s.solution.rvdt)
@@ -158,7 +158,7 @@ class ResultsPlot(Lines):
             rows = _of_rvdt(subject, verdict, width, height, ascii_only=ascii_only)
             return f"RVDT of J{verdict.joint}", rows
         if page == self.words_from:
-            # The word of the verdict panel: an accepted calibration has notes.
+            # As in the verdict panel, the notices of an accepted calibration are called notes.
             noted = facts.notices_are_notes
             mark, role = ("·", "text") if noted else ("▲", "warn")
             texts = [wrapped(f" {mark} {n.text}", width, role, "   ") for n in facts.notices]

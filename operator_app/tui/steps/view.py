@@ -64,7 +64,7 @@ class StepView(Container):
 
     @property
     def main(self) -> ListPanel:
-        """The main list."""
+        """The list whose rows the arrow keys mark."""
         return self.query_one(f"#{self.MAIN}", ListPanel)
 
     def move(self, by: int) -> None:

@@ -1,4 +1,4 @@
-"""Lists with a header, whose rows scroll if they do not fit into the panel; among them the live list of joints."""
+"""Scrolling lists with a header, among them the live list of joints."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from solver.chain.sensors import Encoder, NoSensor, Rvdt, Sensor
 
 
 class ListPanel(Lines):
-    """A list with a header; subclasses override `_head`, `_count` and `_row`. `cursor`: marked row, always visible."""
+    """A list; subclasses override `_head`, `_count` and `_row`. `cursor`: marked row, always visible."""
 
     cursor = 0
     _last = 0
@@ -47,10 +47,9 @@ class ListPanel(Lines):
 
 
 class TablePanel(ListPanel):
-    """A table, which subclasses choose by overriding `_table`; no row is marked, `cursor` is the first visible row."""
+    """A table from `_table`, which subclasses override; no row is marked, `cursor`: first visible row."""
 
     def _table(self, s: SessionSnapshot) -> FactTable | None:
-        """Return the table to show; None if there is no table."""
         return None
 
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
@@ -74,13 +73,13 @@ _SENSORS: Mapping[type[Sensor], str] = {Encoder: "enc", Rvdt: "RVDT", NoSensor: 
 
 
 class JointTable(ListPanel):
-    """List with one row for each joint; with `show_selected`, also with a mark, the sensor and the requested mode."""
+    """List with one row for each joint; `show_selected`: also show mark, sensor and requested mode."""
 
     TITLE = "Joints"
     HELP = (
         "One row per joint. POSITION: the joint moves to its target. FREE: it follows the closed "
         "chain with no torque of its own. The bar shows the joint's place in its range. "
-        "Numbers older than 100 ms are marked with ? and what is derived from them is left out."
+        "Numbers older than 100 ms are marked with ?; speed and torque are then left out."
     )
 
     def __init__(self, *, id: str | None = None, show_selected: bool = False) -> None:  # noqa: A002

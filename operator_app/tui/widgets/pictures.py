@@ -77,7 +77,7 @@ def _ticks(y: Axis, canvas: Canvas, bottom: float, top: float) -> dict[int, str]
 
 
 def _below(x: Axis, width: int) -> str:
-    """Return the text below the horizontal axis: labels of the first and last tick, with the title between them."""
+    """Return the text below the horizontal axis: first and last tick label, with the title between them."""
     room = width - LABEL - 1
     cells = [" "] * room
     first, last = x.tick_texts[0], x.tick_texts[-1]
@@ -97,7 +97,7 @@ LARGEST_BAR_RATIO = 30.0
 
 
 def sparkline(values: Sequence[float], width: int) -> Span:
-    """Return a row of bars that covers all values, the newest at the right, on a log scale from lowest to highest."""
+    """Return a row of bars for all values, the newest at the right, on a log scale from lowest to highest."""
     last, cells = len(values) - 1, max(1, min(width, len(values)))
     sampled = [values[round(k * last / max(1, cells - 1))] for k in range(cells)]
     finite = [v for v in sampled if math.isfinite(v) and v > 0.0] or [1.0]
@@ -207,7 +207,7 @@ class ArmView(Lines):
 
 
 def _next(model: ClosureModel, x: FloatArray, s: SessionSnapshot) -> tuple[FloatArray, ...]:
-    """Return the chain (k, 3) at the next pose and, during a planned move, the tool's path (p, 3), m; () if unknown."""
+    """Return the chain (k, 3), m, at the next pose and, in a planned move, the tool's path (p, 3); () if unknown."""
     if s.heading is not None:
         way = s.heading.trace_rad
         if way is None:

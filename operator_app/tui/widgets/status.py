@@ -1,4 +1,4 @@
-"""Status panels common to all steps: the safety strip on top (STOP, bus, data, modes, drives), banner, log of messages.
+"""Status panels of all steps: safety strip (STOP, bus, data, modes, drives), banner, log of messages.
 
 The strip is always visible, even if a dialog is open.
 """
@@ -33,7 +33,7 @@ class SafetyStrip(Lines, can_focus=False):
         cells = [stop, *(part(s, short=short) for part in parts)]
         row = _joined(cells, short=short)
         if length(row) > width and not short:
-            # The free joints are all others.
+            # Leave out the number of free joints.
             cells[-2] = _modes(s, short=True)
             row = _joined(cells, short=short)
         if length(row) > width:

@@ -32,7 +32,7 @@ def test_calibrations_from_the_same_poses_show_no_drift():
     for same in (itself, comparison):
         assert same.drifted == ()
         text, data = comparison_text(same), comparison_json(same)
-        assert text.startswith("SAME POSES: nothing follows for the arm.")
+        assert text.startswith("SAME POSES: no conclusion about the arm.")
         assert "DRIFT" not in text
         assert "Significant" not in text
         assert data["verdict"] == "same poses: nothing follows for the arm"

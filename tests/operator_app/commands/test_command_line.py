@@ -120,7 +120,7 @@ def test_session_show_prints_a_table(tmp_path, run_command):
     assert "arm, serial number SDA-9" in lines
     assert f"poses read from {HINGE}" in lines
     assert "poses 60 poses that count" in lines
-    assert "exported nothing that its journal records" in lines
+    assert "exported nothing recorded in its journal" in lines
     (solved,) = (line for line in lines if line.startswith("solved"))
     assert solved.startswith("solved accepted by implicit, scaled condition number")
     assert "pose j1 j2 j3 j4 j5 j6 j7 sd note" in lines

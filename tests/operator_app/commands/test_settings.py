@@ -73,7 +73,7 @@ def test_virtual_of_a_procedure_uses_the_bus_setting(file, tmp_path, run_command
     command = ["new", "procedure", "--arm", "franka_panda", "--fixture", "hinge", "-o", "go.yaml"]
     run_command(0, *command)
     message = run_command(0, "settings", "interface=socketcan", "channel=can3").out
-    assert "`virtual` in a procedure names no bus" in message
+    assert "`virtual` in a procedure selects no bus" in message
     choices = choices_from(parser_of("run").parse_args(["go.yaml"]))
     opening = begin("go.yaml", choices, root=tmp_path)
     assert opening.procedure.bus.interface == "virtual"

@@ -67,7 +67,7 @@ def test_urdf_excludes_parameters_of_the_mounting(result, tmp_path):
         assert off[j - 1] == pytest.approx(np.rad2deg(nominal.theta_off_rad[j - 1]), abs=1e-9)
         assert abs(off[j - 1] - result.values[f"theta_off_{j}_deg"]) > 0.01
     assert table.s_m[0] == table.s_m[6] == table.a_m[6] == 0.0
-    assert "belong to the mounting" in text
+    assert "depend on the mounting" in text
     assert "theta_off_1, theta_off_7, a_0, s_0, alpha_0, s_1, a_7, s_7, alpha_7" in text
 
 

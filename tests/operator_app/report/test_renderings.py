@@ -196,7 +196,7 @@ def test_headlines_agree_in_tiles_lines_and_tables(renderings):
     for headline in headlines:
         tile = f"{headline.name}{headline.figure.with_unit}"
         assert tile.replace(" ", "") in renderings.page.text.replace(" ", "").replace("\u2212", "-")
-    rows = text_rows(renderings.text, "How well the poses determine them (no unit)", 1)
+    rows = text_rows(renderings.text, "How well the poses determine the parameters (no unit)", 1)
     for name in ("rank", "poses", "chi2/dof", "scaled condition number"):
         (row,) = [r for r in rows if r.startswith(f"{name}  ")]
         assert {h.name: h for h in headlines}[name].figure.shown in numbers(row)

@@ -97,7 +97,7 @@ async def test_external_hand_guided_arm_shows_targets(tmp_path, monkeypatch):
             assert d.s.identity.serial_number == "TOY-0001"
             assert d.s.simulated, "its nodes report that nothing real moves"
             await d.press("g")
-            await d.until(lambda: "By hand: take J1" in d.s.messages[-1].text, "prompt")
+            await d.until(lambda: "By hand: move J1" in d.s.messages[-1].text, "prompt")
             targets = re.findall(r"J(\d) to ([-+][\d.]+) deg", d.s.messages[-1].text)
             assert [j for j, _ in targets] == ["1", "5"]
             arm.type(" ".join(f"{j} {float(q)}" for j, q in targets))

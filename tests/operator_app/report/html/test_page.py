@@ -112,7 +112,7 @@ def test_page_head_names_arm_fixture_time_verdict_widest_sigma_and_tool(page, ht
     head, _, rest = html.partition("<main")
     assert head.index("<h1") < head.index("Widest sigma") < head.index("hand-before")
     assert head.index("hand-before") < head.index("hand-after") < head.index('class="tiles"')
-    assert "To halve it: " in head
+    assert "To halve the source: " in head
     assert "hand-before" not in rest
     assert 'id="warnings"' in rest
     assert page.tags.index("h1") < page.tags.index("h2")

@@ -17,7 +17,7 @@ from functools import cached_property
 
 import numpy as np
 
-from solver.arrays import FloatArray, IntArray, pose_slices, select_poses
+from solver.arrays import BoolArray, FloatArray, IntArray, pose_slices, select_poses
 from solver.closing import Rates, ReducedEquations, reduced_equations
 from solver.estimators.error_model import distance_rows
 from solver.estimators.implicit import whitener
@@ -78,12 +78,16 @@ class NoiseSources:
     """Noise of m poses by source (s), independent from pose to pose.
 
     `names`: sources. `rates` (s, m, n + k): variance along joints and closure components, per unit of the variance
-    component with index `component` (s,); the variance itself if the index is -1. `estimated` (c,): these components;
-    `derivatives` (m, n + k, c): derivatives of the variance with respect to them.
+    component with index `component` (s,); the variance itself if the index is -1. `missed` (s,): whether the source is
+    the part of play that its columns do not represent. This part is reduced with the estimated size of play, but does
+    not determine it, because the side to which play is taken up repeats from pose to pose.
+    `estimated` (c,): components that the noise determines. `derivatives` (m, n + k, c): derivatives of the variance by
+    these components.
     """
 
     names: tuple[str, ...]
     component: IntArray
+    missed: BoolArray
     rates: FloatArray
     estimated: IntArray
     derivatives: FloatArray
@@ -98,7 +102,8 @@ class NoiseSources:
         return np.asarray((self._factors(v) @ self.rates.reshape(s, -1)).reshape(shape))
 
     def _factors(self, v: FloatArray) -> FloatArray:
-        return np.append(v, 1.0)[self.component]
+        factor = np.append(v, 1.0)[self.component]
+        return np.where(self.missed, np.minimum(factor, 1.0), factor)
 
 
 class LinearModel(Layout):
@@ -150,7 +155,7 @@ class LinearModel(Layout):
             add(f"rvdt_noise_{a.joint}", reading, a.share[poses, None], f"rvdt_{a.joint}")
         add("counts", joints, errors.joint_variance[poses] * read)
         if len(self.play.joints):
-            add("joint_play", joints, self.play.missed[poses], UNMODELLED)
+            add("joint_play", joints, self.play.missed[poses], "play_sides")
             add("joint_play", joints, self.backlash**2, "joint_play")
         if len(self.sags.joints):
             add("sag", joints, self.sags.missed[poses], UNMODELLED)
@@ -167,11 +172,13 @@ class LinearModel(Layout):
                 add("fixture_give", rows, 1.0, name)
         names, indices = zip(*listed, strict=True)
         component, every = np.array(indices), np.stack(rates)
-        own = np.unique(component[component >= 0])
+        missed = np.append(self.variance_rates.any(axis=0), False)[component]
+        own = np.unique(component[(component >= 0) & ~missed])
         by_own = np.tensordot((own[:, None] == component).astype(float), every, 1)
         return NoiseSources(
             names=names,
             component=component,
+            missed=missed,
             rates=every,
             estimated=own,
             derivatives=np.ascontiguousarray(np.moveaxis(by_own, 0, -1)),

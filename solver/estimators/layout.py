@@ -66,8 +66,11 @@ as the repeatable part (smooth in the pose, or on one side of a joint). The data
 well and the repeatable part poorly, so each part has its own scale."""
 
 UNMODELLED = "unmodelled"
-"""Component of the part of play, sag and deflection that the columns of these effects leave out. It acts like noise, at
-most as large as stated; how much smaller, the scatter of the poses shows."""
+"""Component of the part of sag and deflection that the columns of these effects leave out. It acts like noise, at most
+as large as stated; how much smaller, the scatter of the poses shows."""
+
+LEAST_UNMODELLED = 0.1
+"""Smallest variance of this part, as a share of the stated one: what is smooth in the pose hardly scatters."""
 
 FIXTURE_NOISE = ("fixture_rad", "fixture_m")
 """Components of the part of a fixture's deflection that does not repeat: rotation, translation."""
@@ -303,8 +306,8 @@ class Layout:
                 )
             )
         deflects = any(stated > 0.0 for _, stated in self.deflecting_rows)
-        if len(self.play.joints) or len(self.sags.joints) or deflects or self.loaded is not None:
-            self._component(VarianceComponent(name=UNMODELLED, ceiling=1.0))
+        if len(self.sags.joints) or deflects or self.loaded is not None:
+            self._component(VarianceComponent(name=UNMODELLED, floor=LEAST_UNMODELLED, ceiling=1.0))
 
     def _lay_out_curves(self) -> None:
         for a in self.errors.analogue:

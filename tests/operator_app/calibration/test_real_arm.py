@@ -109,6 +109,22 @@ def test_paper_estimate_fails_verification_with_new_sockets(run_command):
     assert (test["verdict"], test["poses"]) == ("does not hold", 152)
 
 
+def test_a_ur10_measured_by_a_laser_tracker_is_predicted(run_command):
+    """Parallel joints 2 to 4, and an instrument instead of a fixture (tests/data/ur10_tracker)."""
+    folder = FOLDER.parent / "ur10_tracker"
+    options = ["--arm", folder / "ur10.yaml", "--fixture", "tracker", "--json"]
+    result = run_command(0, "solve", folder / "train.csv", *options, "--test", folder / "test.csv")
+    test = result.json["test"]
+    assert test["verdict"] == "holds"
+    assert 0.3 < test["chi2_per_dof"] < 2.0
+    by_row = {
+        row: test[row]["sigma_pos_mm"]["rms"]
+        for row in ("nominal", "with_best_table", "with_corrections")
+    }
+    assert by_row["with_best_table"] < 0.45 * by_row["nominal"]
+    assert by_row["with_corrections"] < 0.95 * by_row["with_best_table"]
+
+
 def test_paper_estimate_is_verified_by_its_own_covariance():
     own, new = panda_poses(3), panda_poses(1, 6)
     by_paper = calibrate(PANDA, BALL, own, estimator="paper", drop=True)

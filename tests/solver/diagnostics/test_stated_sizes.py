@@ -7,10 +7,10 @@ import pytest
 
 from solver.diagnostics.diagnosis import Diagnosis, diagnose
 from solver.diagnostics.fault_candidate import Cause
-from solver.diagnostics.stated_sizes import with_estimated_motion_noise
+from solver.diagnostics.stated_sizes import learned_scales, with_estimated_motion_noise
 from solver.estimators.variance_components import Calibrated
 from tests.oracles.as_shipped import ARM, fit_of
-from tests.oracles.shop_floor import SCATTER, session
+from tests.oracles.shop_floor import SCATTER, Sizes, session
 from tests.oracles.shop_floor_faults import CASES
 from tests.oracles.shop_floor_misread import slipped_joint
 
@@ -46,6 +46,16 @@ def test_joint_play_as_stated_is_not_reduced_by_a_stiff_hinge():
     assert by_known["joint_play"] == 1.0
     assert by_stated["joint_play"] > 0.9
     assert by_stated["fixture_m"] < 0.5
+
+
+@pytest.mark.parametrize(("extra_rad", "least", "most"), [(0.0, 0.3, 0.4), (5e-4, 0.7, 1.0)])
+def test_the_scatter_bounds_what_the_models_leave_out(extra_rad, least, most):
+    """An arm without play and sag, with the readings' noise alone and with more noise than is stated."""
+    simulated = session(3303, Sizes.only())
+    noise = extra_rad * np.random.default_rng(1).normal(size=simulated.readings.shape)
+    fitted = fit_of(replace(simulated, readings=simulated.readings + noise))
+    scales = {s.family: s.value for s in learned_scales(fitted.linear, fitted.derivatives)}
+    assert least < scales["unmodelled"] < most
 
 
 @pytest.mark.sample(1)

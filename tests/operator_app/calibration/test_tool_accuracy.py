@@ -155,7 +155,7 @@ def test_tool_errors_match_their_sigma():
 
 def test_accuracy_is_conditional_on_a_fixed_offset():
     """The rate is that of a second calibration with another fixed value."""
-    simulation = simulated_poses(ARM, load_fixture("hinge"), poses=30, seed=7)
+    simulation = simulated_poses(ARM, load_fixture("hinge"), poses=30, seed=5)
     truth = {p.name: float(v) for p, v in zip(simulation.parameters, simulation.x, strict=True)}
     rows, off = ARM.table.stacked().copy(), np.deg2rad(0.005)
     free = tuple(entry for entry in ARM.free if entry.name != "theta_off_4")

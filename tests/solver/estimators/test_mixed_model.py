@@ -252,7 +252,8 @@ def test_every_source_starts_at_its_stated_size_and_may_shrink(design):
     }
     gives = sorted(variance for source, variance in begins if source == "fixture_give")
     assert gives == pytest.approx([2e-4**2, 3e-4**2], rel=1e-3)
-    assert all(c.floor < 2e-3 * c.start for c in design.components if c.scaled)
+    shrinking = [c for c in design.components if c.scaled and c.name != "unmodelled"]
+    assert all(c.floor < 2e-3 * c.start for c in shrinking)
 
 
 def test_a_nan_fit_is_not_a_perfect_fit(design, system):

@@ -16,6 +16,7 @@ from operator_app.config.atomic import write_atomically
 from operator_app.config.parameters_file import format_parameters
 from operator_app.config.poses_file import save_poses
 from operator_app.errors import JournalError, SessionError
+from operator_app.session.safety.resume_checks import check_counters
 from operator_app.session.store.folders import PARAMETERS_NAME, POSES_NAME
 from operator_app.session.store.parameters_document import export_reason
 from operator_app.session.workflow.session import Session
@@ -36,11 +37,15 @@ def export(
     """Write the session's files and, if `upload_too`, upload the parameters; if None, the procedure decides.
 
     A calibration that was not accepted needs a reason, `forced`, which is written to the journal and the file; raises
-    GuardError without one. Raises JournalLostError if the journal was changed (nothing was exported), JournalError if
+    GuardError without one. Raises ConnectAgainError if `upload_too` and a joint's counter was reset: home offsets would
+    not suit it (nothing was exported). Raises JournalLostError if the journal was changed (nothing was exported), JournalError if
     the journal cannot be written (the message states what was uploaded), and UploadUnknown or SessionError, after
     recording it, if the controller may hold all or part of the parameters.
     """
     forced = export_reason(solution, forced, stated_by="--force REASON")
+    uploads = session.procedure.upload if upload_too is None else upload_too
+    if uploads:
+        check_counters(session.model, session.arm.snapshot().positions_rad)
     if to_dict(solution) != session.state.solution:
         # The recorded solution was made with other options: record the exported solution.
         session.record_solution(solution)
@@ -58,7 +63,7 @@ def export(
         "forced": forced,
     }
     receipt = None
-    if session.procedure.upload if upload_too is None else upload_too:
+    if uploads:
         counts = tuple(joint.home_offset_counts for joint in document.joints)
         try:
             receipt = _upload(session.arm, data, counts)

@@ -9,7 +9,7 @@ import pytest
 from hardware.errors import BusError, UploadUnknown
 from operator_app.config.parameters_file import load_parameters
 from operator_app.config.poses_file import load_poses
-from operator_app.errors import GuardError, JournalError
+from operator_app.errors import ConnectAgainError, GuardError, JournalError
 from operator_app.headless.procedure_run import run
 from operator_app.report.results.session import session_text
 from operator_app.session.ui.operations import Operations
@@ -96,6 +96,11 @@ def test_export_of_a_calibration_not_accepted_needs_a_reason(make_session):
     assert warning.text.endswith("exported because: the demo is tonight")
     assert "sigma_pos" in warning.text
     assert session.arm.active_parameters() == forced.exported.parameters.read_bytes()
+
+    session.arm.reads_rad[3] = 0.0  # its counter was reset
+    with pytest.raises(ConnectAgainError, match=r"joint 3 reads 0\.000 deg"):
+        export(session, result.solution, upload_too=True, forced="again")
+    assert session.state.exported["forced"] == "the demo\nis tonight"
 
 
 def test_reason_for_an_accepted_calibration_is_not_recorded(make_session):

@@ -147,8 +147,9 @@ class NodeMonitor:
             if len(data) == 1:
                 self._heartbeat(node, data[0] & 0x7F)
         elif node := node_of(identifier, objects.COB_EMCY):
-            if unpacked := unpack_emergency(data):
-                self._emergency(node, *unpacked, sync_count)
+            code, register = unpack_emergency(data) or (None, 0)
+            if code is not None:
+                self._emergency(node, code, register, sync_count)
 
     def expect_boot_up(self) -> None:
         """Clear everything heard; call before resetting the nodes."""

@@ -25,10 +25,7 @@ def watch(
     missing: int | None = None,
     jerk_expected: int | None = None,
 ) -> list[joint_monitor.CountJump]:
-    """Return the jumps detected; joint 1 misses one SYNC, and a jerk may be expected from one SYNC on.
-
-    The drives toggle bit 14 of 6041h, which is the maker's, with every answer.
-    """
+    """Return the jumps detected; joint 1 misses one SYNC, and a jerk may be expected from one SYNC on."""
     monitor = joint_monitor.ContinuityMonitor([4.0] * len(positions(0)))
     jumps = []
     for sync in range(1, syncs + 1):
@@ -36,7 +33,7 @@ def watch(
             monitor.expect_jerk()
         counts = [round(angle) for angle in positions(sync)]
         lost = (1,) if sync == missing else ()
-        status = (0x4000 * (sync % 2),) * len(counts)
+        status = (0x4000 * (sync % 2),) * len(counts)  # the maker's bit 14 toggles
         jumps.append(monitor.update(sample(status, counts, sync=sync, missing=lost)))
     return [jump for jump in jumps if jump is not None]
 

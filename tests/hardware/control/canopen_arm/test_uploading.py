@@ -53,7 +53,7 @@ def test_documents_of_any_length_round_trip(driven, bus, document):
 
 @pytest.mark.parametrize(
     ("fault", "text"),
-    [("corrupts", f"byte {len(DOCUMENT) - 1} of "), ("wrong_digest", "bytes and SHA-256 00000000")],
+    [("corrupts", f"byte {len(DOCUMENT) - 1} of "), ("wrong_digest", "SHA-256 00")],
 )
 def test_corrupted_document_is_not_committed(driven, bus, fault, text):
     setattr(bus, fault, True)
@@ -175,8 +175,7 @@ def test_control_lost_repeatedly_raises_host_latency_exceeded(late, bus):
 
 def test_upload_refusal_gives_the_controllers_reason(driven, bus):
     bus.refusal = "serial SDA-0007 is another arm"
-    refusal = r"the controller refused the parameters: serial SDA-0007 is another arm\. The previous"
-    with pytest.raises(errors.UploadRefused, match=refusal):
+    with pytest.raises(errors.UploadRefused, match=r"controller refused .* another arm\. The prev"):
         driven.upload_parameters(DOCUMENT)
     assert driven.active_parameters() == OLD_DOCUMENT
 

@@ -267,7 +267,8 @@ class ArmInterface(Protocol):
     def upload_parameters(self, document: bytes) -> UploadReceipt:
         """Stage a parameter document in the controller, read it back and commit it; the drives may be off.
 
-        May raise `UploadRefused` with the reason.
+        May raise `UploadRefused` with the reason. After any error but `UploadUnknown`, the previous document stays
+        active.
         """
 
     def active_parameters(self) -> bytes:

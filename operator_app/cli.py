@@ -55,7 +55,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         # An interrupted import may raise anything.
         if not (isinstance(error, KeyboardInterrupt) or (interrupted() and process)):
             raise
-        say("sarcal: interrupted.", err=True)
+        for text in ("interrupted.", *getattr(error, "__notes__", ())):
+            say(f"sarcal: {text}", err=True)
         code = INTERRUPTED
     finally:
         if end is not None:

@@ -136,9 +136,9 @@ def frames_of(profile: BusProfile) -> tuple[JointFrames, ...]:
     return tuple(JointFrames(profile, joint) for joint in profile.joints)
 
 
-def unpack_emergency(data: bytes | bytearray) -> int | None:
-    """Return the error code of an emergency message; None for data of the wrong length."""
-    return int(EMCY.unpack(data)[0]) if len(data) == EMCY.size else None
+def unpack_emergency(data: bytes | bytearray) -> tuple[int, int] | None:
+    """Return error code and error register of an emergency message; None for data of the wrong length."""
+    return EMCY.unpack(data)[:2] if len(data) == EMCY.size else None
 
 
 class Abandoned(HardwareError):

@@ -61,7 +61,7 @@ class BusMonitor:
             if now_s - before_s > SILENT_S:
                 yield "a master has begun to send SYNC"
         elif node := node_of(identifier, objects.COB_EMCY):
-            code = unpack_emergency(data)
+            code, _ = unpack_emergency(data) or (None, 0)
             if code is not None:
                 text = f"{emergency_text(code)} ({code:04X}h)" if code else "error cleared (0000h)"
                 yield f"{self._node_name(node)}: {text}"

@@ -60,7 +60,10 @@ def upload(link: Connection, document: bytes) -> UploadReceipt:
                 ) from lost
             if why is lost and isinstance(lost, errors.SdoRefused):
                 reason = refusal(access, supervisor)
-                why = errors.UploadRefused(reason or str(lost))
+                refused = (reason or str(lost)).removesuffix(".")
+                why = errors.UploadRefused(
+                    f"the controller refused the parameters: {refused}. The previously active ones stay active."
+                )
                 if lost.code == Abort.LOCAL_CONTROL:
                     holder = access.read_unsigned(supervisor, objects.TOKEN)
                     why = errors.ControlDenied(holder, reason)
@@ -147,6 +150,8 @@ class _Attempt:
         at = next((k for k, (a, b) in pairs if a != b), None)
         size = len(document)
         where = f"{len(staged)} of {size} bytes came back" if at is None else f"byte {at} of {size}"
+        if staged == document:
+            where = f"the bytes agree, but 2001h states {length} bytes and SHA-256 {sha256.hex()}"
         raise errors.UploadRefused(
             f"The document read back from the controller differs from the one sent ({where}). It was "
             "dropped; the previous one stays active."

@@ -15,8 +15,9 @@ from types import MappingProxyType
 import numpy as np
 
 from hardware import errors
+from hardware.arm import DriveState
 from hardware.arm_description import JointScale
-from hardware.canopen.cia402 import conditions
+from hardware.canopen.cia402 import conditions, state_of
 from hardware.canopen.cyclic import Sample, Setpoints
 from hardware.canopen.objects import OPERATOR_NODE, EmergencyCode
 from hardware.monitors.dropout import DropoutMonitor
@@ -59,7 +60,7 @@ class ContinuityMonitor:
         self._allowed = tuple(allowed_counts)
         self._recent: deque[tuple[int, ...]] = deque(maxlen=WINDOW_SAMPLES)
         self._last_sync = -1
-        self._states: tuple[int, ...] = ()
+        self._states: tuple[DriveState, ...] = ()
         self._outlier_syncs = [deque[int](maxlen=2 * QUIET_SYNCS) for _ in self._allowed]
         self._candidate: CountJump | None = None
         self._jerk_syncs_left = 0
@@ -76,9 +77,10 @@ class ContinuityMonitor:
         """
         recent = self._recent
         follows_last = sample.sync_count == self._last_sync + 1 and not answered_late
-        if not (sample.complete and follows_last and sample.statuswords == self._states):
+        states = tuple(map(state_of, sample.statuswords))  # other bits may change with every answer
+        if not (sample.complete and follows_last and states == self._states):
             recent.clear()
-        self._last_sync, self._states = sample.sync_count, sample.statuswords
+        self._last_sync, self._states = sample.sync_count, states
         if self._jerk_syncs_left > 0:
             self._jerk_syncs_left -= 1
             recent.clear()

@@ -147,9 +147,9 @@ class NodeMonitor:
             if len(data) == 1:
                 self._heartbeat(node, data[0] & 0x7F)
         elif node := node_of(identifier, objects.COB_EMCY):
-            code = unpack_emergency(data)
+            code, register = unpack_emergency(data) or (None, 0)
             if code is not None:
-                self._emergency(node, code, sync_count)
+                self._emergency(node, code, register, sync_count)
 
     def expect_boot_up(self) -> None:
         """Clear everything heard; call before resetting the nodes."""
@@ -206,7 +206,7 @@ class NodeMonitor:
     def assume_fault(self, node: int, code: int, sync_count: int) -> None:
         """Add a fault whose emergency was sent before this program listened, unless a fault of the node is known."""
         if all(fault.node != node for fault in self.faults):
-            self._emergency(node, code, sync_count)
+            self._emergency(node, code, 0, sync_count)
 
     def forget_faults(self) -> None:
         """Clear emergencies and foreign commands."""
@@ -226,11 +226,12 @@ class NodeMonitor:
                     self.restarted |= {node}
             self.nmt_state[node] = state
 
-    def _emergency(self, node: int, code: int, sync_count: int) -> None:
+    def _emergency(self, node: int, code: int, register: int, sync_count: int) -> None:
         if node not in self.nodes:
             return
-        if code == 0:  # error reset or no error
-            self.faults = tuple(fault for fault in self.faults if fault.node != node)
+        if code == 0:  # an error ended; by the register, others may remain
+            if register == 0:
+                self.faults = tuple(fault for fault in self.faults if fault.node != node)
             return
         if any((fault.node, fault.code) == (node, code) for fault in self.faults):
             return  # a repetition

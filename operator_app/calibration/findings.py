@@ -309,14 +309,19 @@ def motion_causes(experiment: Experiment, labels: tuple[str, ...]) -> tuple[Find
 
 
 def moved_while_read(sensor: Encoder | Rvdt, spread_rad: FloatArray) -> BoolArray:
-    """Return a mask (m,) of the poses in which the readings' spread (m,), rad, clearly exceeds this sensor's noise.
+    """Return a mask (m,) of the poses in which the readings' spread (m,), rad, clearly exceeds this sensor's noise."""
+    return np.asarray(spread_rad > motion_limit_rad(sensor, spread_rad))
 
-    For an RVDT, the noise is the median spread if this is larger than the stated noise.
+
+def motion_limit_rad(sensor: Encoder | Rvdt, spread_rad: FloatArray) -> float:
+    """Return the largest spread of a pose's readings, rad, that this sensor's noise explains.
+
+    For an RVDT, the noise is the median of `spread_rad` (m,) over the poses if this is larger than the stated noise.
     """
     noise = sensor.sigma_rad
     if isinstance(sensor, Rvdt):
         noise = max(noise, float(np.median(spread_rad)))
-    return np.asarray(spread_rad > max(MOTION_SPREAD_SIGMAS * noise, MOTION_SPREAD_RAD))
+    return float(max(MOTION_SPREAD_SIGMAS * noise, MOTION_SPREAD_RAD))
 
 
 WRONG_ROW_JOINTS = 3

@@ -92,7 +92,7 @@ REMEDIES: Mapping[type, str] = {
     "with the arm file, then reset (R) and apply the modes again",
     errors.UploadUnknown: "Upload again (step 7, or `sarcal export SESSION --upload`); until then do not rely on "
     "what the controller has",
-    errors.UploadRefused: "The previously active parameters stay active",
+    errors.UploadRefused: "Remove the cause, then upload again (step 7, or `sarcal export SESSION --upload`)",
     UnidentifiableError: "Take poses that differ more from each other, or put joints that stayed still in free mode",
     TooFewPosesError: "Capture more poses (step 4)",
     FixtureError: "Remount the fixture as described, then check it again (step 2)",

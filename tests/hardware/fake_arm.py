@@ -125,6 +125,7 @@ class FakeArmBus(can.BusABC):
         self.written: bytes | None = None
         self.refusal = ""
         self.corrupts = False
+        self.wrong_digest = False
         self.drops: Callable[[int, bytes], bool] = lambda _identifier, _data: False
         """Which SDO frames, NMT commands and boot-up messages are lost."""
         self.staged = False
@@ -322,7 +323,7 @@ class FakeArmBus(can.BusABC):
             (0x1000, 0): bytes(4),
             (0x1008, 0): b"fake supervisor",
             (0x2000, 0): document or 0x08000024,
-            (0x2001, 1): hashlib.sha256(document).digest(),
+            (0x2001, 1): bytes(32) if self.wrong_digest else hashlib.sha256(document).digest(),
             (0x2001, 2): struct.pack("<L", len(document)),
             (0x2003, 1): b"\x01" if self.document else b"\x00",
             (0x2003, 4): bytes([self.staged]),

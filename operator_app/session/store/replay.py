@@ -71,7 +71,7 @@ def apply(state: SessionState, event: JournalEvent) -> SessionState:
             return replace(
                 state,
                 visited=state.visited | {waypoint},
-                skipped_waypoints=state.skipped_waypoints | {waypoint},
+                skipped_waypoints={**state.skipped_waypoints, waypoint: data.get("reason", "")},
             )
         case "pose":
             pose = CapturedPose(
@@ -194,9 +194,8 @@ def _apply_results(state: SessionState, event: JournalEvent) -> SessionState:
 
 def _with_skipped_open(state: SessionState) -> SessionState:
     """Return the state with skipped waypoints marked as not visited, so that they are tried again."""
-    return replace(
-        state, visited=state.visited - state.skipped_waypoints, skipped_waypoints=frozenset()
-    )
+    visited = state.visited.difference(state.skipped_waypoints)
+    return replace(state, visited=visited, skipped_waypoints={})
 
 
 def _in_new_placement(state: SessionState, placement: int, *, mounted: bool) -> SessionState:
@@ -209,7 +208,7 @@ def _in_new_placement(state: SessionState, placement: int, *, mounted: bool) -> 
         home_rad=None,
         modes=(),
         visited=frozenset(),
-        skipped_waypoints=frozenset(),
+        skipped_waypoints={},
         resumed=False,
         sensor_jump="",
     )

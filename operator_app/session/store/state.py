@@ -121,7 +121,8 @@ class SessionState:
     poses, undone
         Captured poses, including excluded ones, and the poses removed by undo.
     visited, skipped_waypoints
-        Waypoints of the plan that were captured or skipped, and those skipped, which are tried again after resuming.
+        Waypoints of the plan that were captured or skipped, and those skipped, which are tried again after resuming,
+        with the reason of each.
     captured
         Number of captures, including undone ones: the next pose has number captured + 1.
     drives, drive_sets
@@ -164,7 +165,7 @@ class SessionState:
     poses: tuple[CapturedPose, ...] = ()
     undone: tuple[CapturedPose, ...] = ()
     visited: frozenset[int] = frozenset()
-    skipped_waypoints: frozenset[int] = frozenset()
+    skipped_waypoints: Mapping[int, str] = field(default_factory=dict)
     captured: int = 0
     drives: tuple[int, ...] = ()
     drive_sets: tuple[tuple[int, ...], ...] = ()

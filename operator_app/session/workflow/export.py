@@ -16,6 +16,8 @@ from operator_app.config.atomic import write_atomically
 from operator_app.config.parameters_file import format_parameters
 from operator_app.config.poses_file import save_poses
 from operator_app.errors import JournalError, SessionError
+from operator_app.messages.errors import words
+from operator_app.session.safety.resume_checks import check_counters
 from operator_app.session.store.folders import PARAMETERS_NAME, POSES_NAME
 from operator_app.session.store.parameters_document import export_reason
 from operator_app.session.workflow.session import Session
@@ -36,11 +38,16 @@ def export(
     """Write the session's files and, if `upload_too`, upload the parameters; if None, the procedure decides.
 
     A calibration that was not accepted needs a reason, `forced`, which is written to the journal and the file; raises
-    GuardError without one. Raises JournalLostError if the journal was changed (nothing was exported), JournalError if
+    GuardError without one. Raises ConnectAgainError if a joint's counter was reset, so that the home offsets to be
+    uploaded do not suit it, and JournalLostError if the journal was changed (nothing was exported); JournalError if
     the journal cannot be written (the message states what was uploaded), and UploadUnknown or SessionError, after
-    recording it, if the controller may hold all or part of the parameters.
+    recording it, if the controller may hold all or part of the parameters. A KeyboardInterrupt during the upload gets
+    that as a note.
     """
     forced = export_reason(solution, forced, stated_by="--force REASON")
+    uploads = session.procedure.upload if upload_too is None else upload_too
+    if uploads:
+        check_counters(session.model, session.arm.snapshot().positions_rad)
     if to_dict(solution) != session.state.solution:
         # The recorded solution was made with other options: record the exported solution.
         session.record_solution(solution)
@@ -58,12 +65,24 @@ def export(
         "forced": forced,
     }
     receipt = None
-    if session.procedure.upload if upload_too is None else upload_too:
+    if uploads:
         counts = tuple(joint.home_offset_counts for joint in document.joints)
+        before = session.state.exported
+        interrupted = UploadUnknown(
+            "the upload was interrupted: it is not known whether the controller has stored the parameters"
+        )
+        # Recorded before the commit: whatever ends this program, the journal does not deny the upload.
+        _record_export(session, {**record, "unknown": str(interrupted)}, report="")
         try:
             receipt = _upload(session.arm, data, counts)
         except (UploadUnknown, SessionError) as error:
             _record_export(session, {**record, "unknown": str(error)}, report=str(error))
+            raise
+        except HardwareError as error:  # the previous parameters stay active
+            _record_export(session, before or record, report=str(error))
+            raise
+        except KeyboardInterrupt as interrupt:
+            interrupt.add_note(str(words(interrupted)))
             raise
         record["uploaded"] = asdict(receipt)
     done = f"the parameters were uploaded to slot {receipt.slot} and read back" if receipt else ""

@@ -17,6 +17,7 @@ import numpy as np
 from hardware.arm import NO_LATENCY, ArmInterface, Reading
 from hardware.errors import HardwareError, InstrumentError
 from hardware.line_port import GrowingFile, LinePort, StdinLines, TcpLines
+from operator_app.calibration.findings import motion_limit_rad
 from operator_app.config.measured_endpoints import (
     ROTATION_EXAMPLE,
     BadLine,
@@ -32,7 +33,10 @@ from operator_app.session.safety.sensor_faults import SensorFaults
 from operator_app.session.store.logbook import Logbook
 from operator_app.units import SCATTER
 from solver.arrays import FloatArray
+from solver.chain.sensors import Encoder
 
+READINGS = 3
+"""Number of readings of a pose, if its samples spread, before that is an error."""
 READING_TIMEOUT_S = 60.0
 """Timeout of one measurement, during which a person may have to turn the target towards the instrument."""
 LINE_POLL_S = 0.1
@@ -189,16 +193,43 @@ class PoseReader:
         return f": joint {j + 1} spreads by {spread_text} within {2 * len(rows)} samples (limit {limit})"
 
     def read(self) -> Reading:
-        """Wait for standstill and measure a pose; records nothing. Raises GuardError if the arm does not settle."""
-        if not self.settle():
-            raise GuardError(
-                f"the arm does not come to rest{self._largest_spread_text()}",
-                "find what moves it, then capture again",
-            )
-        with self.sensor_faults.recorded():
-            reading = self._arm.capture(self._logbook.procedure.capture.samples_per_pose)
-        self.sensor_faults.read_until = self._arm.snapshot().sync_count
-        return reading
+        """Wait for standstill and measure a pose; records nothing.
+
+        Raises GuardError if the arm does not settle, or if a joint's samples spread in each of `READINGS` readings.
+        """
+        for _ in range(READINGS):
+            if not self.settle():
+                raise GuardError(
+                    f"the arm does not come to rest{self._largest_spread_text()}",
+                    "find what moves it, then capture again",
+                )
+            with self.sensor_faults.recorded():
+                reading = self._arm.capture(self._logbook.procedure.capture.samples_per_pose)
+            self.sensor_faults.read_until = self._arm.snapshot().sync_count
+            spread = self._spread_text(reading)
+            if not spread:
+                return reading
+        raise GuardError(
+            f"the arm does not come to rest: {spread}",
+            "find what moves it, or check the sensor of that joint, then capture again",
+        )
+
+    def _spread_text(self, reading: Reading) -> str:
+        """Return text on a joint whose samples spread by more than its encoder's noise; "" if there is none.
+
+        One reading does not tell an RVDT's noise from motion.
+        """
+        unsensed = self._logbook.procedure.unsensed_joints
+        for j, joint in enumerate(self._logbook.model.joints, 1):
+            if isinstance(joint.sensor, Encoder) and j not in unsensed:
+                spread = reading.sd_rad[j - 1 : j]
+                limit = motion_limit_rad(joint.sensor, spread)
+                if spread[0] > limit:
+                    return (
+                        f"{reading.samples} samples of joint {j} have a standard deviation of "
+                        f"{SCATTER(float(spread[0])).with_unit} (limit {SCATTER(limit).with_unit})"
+                    )
+        return ""
 
     def keep(self, name: str, data: Mapping[str, Any], cancelled: Callable[[], bool]) -> None:
         """Measure a pose and record it as an event with this name and these data."""

@@ -33,7 +33,8 @@ def watch(
             monitor.expect_jerk()
         counts = [round(angle) for angle in positions(sync)]
         lost = (1,) if sync == missing else ()
-        jumps.append(monitor.update(sample((0,) * len(counts), counts, sync=sync, missing=lost)))
+        status = (0x4000 * (sync % 2),) * len(counts)  # the maker's bit 14 toggles
+        jumps.append(monitor.update(sample(status, counts, sync=sync, missing=lost)))
     return [jump for jump in jumps if jump is not None]
 
 

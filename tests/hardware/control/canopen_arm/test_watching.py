@@ -203,6 +203,7 @@ def test_repeated_emergency_is_one_fault():
     for sync in range(5000):
         for code in (0x8311, 0x7305):
             nodes.note(0x84, struct.pack("<HB5x", code, 0x21), sync)
+    nodes.note(0x84, struct.pack("<HB5x", 0, 0x21), 5000)  # an error ended, others remain
     assert [(fault.node, fault.code, fault.sync_count) for fault in nodes.faults] == [
         (4, 0x8311, 0),
         (4, 0x7305, 0),

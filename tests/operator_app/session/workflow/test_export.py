@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import pytest
 
-from hardware.errors import BusError, UploadUnknown
+from hardware.errors import BusError, UploadRefused, UploadUnknown
 from operator_app.config.parameters_file import load_parameters
 from operator_app.config.poses_file import load_poses
-from operator_app.errors import GuardError, JournalError
+from operator_app.errors import ConnectAgainError, GuardError, JournalError
 from operator_app.headless.procedure_run import run
 from operator_app.report.results.session import session_text
 from operator_app.session.ui.operations import Operations
@@ -20,30 +20,38 @@ from tests.oracles.journalled_sessions import Quiet
 from tests.oracles.plant_sessions import short_procedure
 
 
-def failing(error: type[Exception]):
+def failing(error: type[BaseException]):
     def method(*_: object) -> None:
         raise error("lost at the commit")
 
     return method
 
 
-@pytest.mark.sample(1)
+@pytest.mark.sample(2)
 @pytest.mark.parametrize(
-    ("method", "error"), [("upload_parameters", UploadUnknown), ("active_parameters", BusError)]
+    ("method", "error", "unknown"),
+    [
+        ("upload_parameters", UploadUnknown, "lost at the commit"),
+        ("active_parameters", BusError, "lost at the commit"),
+        ("active_parameters", KeyboardInterrupt, "the upload was interrupted"),
+        ("upload_parameters", UploadRefused, ""),  # the previous parameters stay active
+    ],
 )
-def test_upload_with_unknown_outcome_is_journalled(make_session, monkeypatch, method, error):
-    """The controller may have the parameters: neither "uploaded" nor "not uploaded" is known."""
+def test_upload_without_receipt_is_journalled(make_session, monkeypatch, method, error, unknown):
+    """If the controller may have the parameters, neither "uploaded" nor "not uploaded" is known."""
     session = make_session(short_procedure(8))
     monkeypatch.setattr(session.arm, method, failing(error))
-    with pytest.raises(UploadUnknown, match="lost at the commit"):
+    raised = UploadUnknown if error is BusError else error
+    with pytest.raises(raised, match="lost at the commit") as caught:
         run(session, Listener(), forced="a test of the upload")
     session.close("failed")
     exported = session.state.exported
     assert exported["uploaded"] is None
-    assert "lost at the commit" in exported["unknown"]
     assert [e.name for e in journal_events(session)][-2:] == ["exported", "closed"]
+    assert unknown in exported.get("unknown", "")
     text = session_text(session.journal.path.parent, session.state, accepted=True)
-    assert "Controller  not known: " in text
+    assert f"Controller  {'not known: ' if unknown else 'nothing uploaded'}" in text
+    assert hasattr(caught.value, "__notes__") == (error is KeyboardInterrupt)
 
 
 @pytest.mark.parametrize(
@@ -58,7 +66,7 @@ def test_upload_outcome_is_reported_if_the_journal_fails(make_session, monkeypat
     write = os.write
 
     def write_to_full_disk(descriptor: int, data: bytes) -> int:
-        if b'"exported"' in data:
+        if b'"exported"' in data and b"interrupted" not in data:
             raise OSError(errno.ENOSPC, "No space left on device")
         return write(descriptor, data)
 
@@ -96,6 +104,11 @@ def test_export_of_a_calibration_not_accepted_needs_a_reason(make_session):
     assert warning.text.endswith("exported because: the demo is tonight")
     assert "sigma_pos" in warning.text
     assert session.arm.active_parameters() == forced.exported.parameters.read_bytes()
+
+    session.arm.reads_rad[3] = 0.0  # its counter was reset
+    with pytest.raises(ConnectAgainError, match=r"joint 3 reads 0\.000 deg"):
+        export(session, result.solution, upload_too=True, forced="again")
+    assert session.state.exported["forced"] == "the demo\nis tonight"
 
 
 def test_reason_for_an_accepted_calibration_is_not_recorded(make_session):

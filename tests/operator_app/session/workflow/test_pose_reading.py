@@ -51,6 +51,20 @@ def test_reading_a_drifting_joint_reports_spread_and_limit(make_session):
     assert f"(limit {limit_deg:.3f} deg)" in error.value.happened
 
 
+def test_pose_with_a_wrong_sample_is_read_again(make_session, monkeypatch):
+    session = make_session(load_procedure("hinge"), connect=True)
+    capture, wrong = session.arm.capture, iter([1, 1, 0, 1, 1, 1])
+
+    def glitch(samples: int) -> Reading:
+        reading = capture(samples)
+        return replace(reading, sd_rad=0.006 * next(wrong) * (np.arange(7) == 2))
+
+    monkeypatch.setattr(session.arm, "capture", glitch)
+    assert session.reader.read().sd_rad[2] == 0.0
+    with pytest.raises(GuardError, match=r"joint 3 have .* 0\.344 deg \(limit 0\.050 deg\)"):
+        session.reader.read()
+
+
 PATIENCE_S = 60.0
 """Longest delay of a line on a busy machine."""
 POSE = {"x_m": 1.0, "y_m": 2.0, "z_m": 3.0, "rx_deg": 0.0, "ry_deg": 0.0, "rz_deg": 90.0}

@@ -157,6 +157,8 @@ DUPLICATE_NAME = (*six_joints()[:2], six_joints()[2].replace('"j3"', '"j2"'), *s
             for name, old, new in (
                 ("model", "<robot", "<model"),
                 ("prismatic", 'name="j1" type="revolute"', 'name="j1" type="prismatic"'),
+                ("prismatic elbow", 'name="j4" type="revolute"', 'name="j4" type="prismatic"'),
+                ("mimic elbow", '<parent link="l3"', '<mimic joint="j1"/><parent link="l3"'),
                 ("range", 'lower="-2.9"', 'lower="3.0"'),
                 ("two numbers", 'xyz="0.1 -0.2 0.4"', 'xyz="0.1 -0.2"'),
                 ("entity", "<robot", "<!DOCTYPE x [<!ENTITY a 'b'>]><robot"),

@@ -40,7 +40,7 @@ REPORTED_RAD = 1e-8
 class UrdfJoint:
     """One revolute joint: axis (3,), range (rad), speed (rad/s) and torque (N m); None if one of these is not stated.
 
-    `placeholders`: the file's limits that are too large for any arm, as text.
+    `unstated`: limits, as text, that the file does not state, or that are too large for any arm; others are assumed.
     """
 
     name: str
@@ -49,7 +49,7 @@ class UrdfJoint:
     upper_rad: float
     velocity_rad_per_s: float | None
     effort_nm: float | None
-    placeholders: tuple[str, ...]
+    unstated: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,6 +91,11 @@ class UrdfChain:
     table: DhTable
     frames: tuple[FloatArray, ...]
     T_flange_tip: FloatArray
+
+    @property
+    def unstated(self) -> list[str]:
+        """Limits, by joint, that the file does not state or that are too large for any arm, as text."""
+        return [f"{j.name}: {', '.join(j.unstated)}" for j in self.joints if j.unstated]
 
     @property
     def rounded(self) -> dict[str, float]:
@@ -321,14 +326,18 @@ def _step(element: ET.Element, file: str) -> UrdfStep:
         speed, effort = (
             float(numbers(stated, key, "0", 1)[0]) or None for key in ("velocity", "effort")
         )
-        placeholders = []
+        unstated = [] if kind == "revolute" else ["no range"]
         if max(-low, high) > PLACEHOLDER_ANGLE_RAD:
-            placeholders.append(f"{name}: range of {low:g} to {high:g} rad")
+            unstated.append(f"range of {low:g} to {high:g} rad")
             low = -NO_LIMIT_RAD if -low > PLACEHOLDER_ANGLE_RAD else low
             high = NO_LIMIT_RAD if high > PLACEHOLDER_ANGLE_RAD else high
         if speed is not None and speed > PLACEHOLDER_RAD_PER_S:
-            placeholders.append(f"{name}: velocity of {speed:g} rad/s")
+            unstated.append(f"velocity of {speed:g} rad/s")
             speed = None
+        elif speed is None:
+            unstated.append("no velocity")
+        if effort is None:
+            unstated.append("no effort")
         joint = UrdfJoint(
             name=name,
             axis=axis / np.linalg.norm(axis),
@@ -336,7 +345,7 @@ def _step(element: ET.Element, file: str) -> UrdfStep:
             upper_rad=high,
             velocity_rad_per_s=speed,
             effort_nm=effort,
-            placeholders=tuple(placeholders),
+            unstated=tuple(unstated),
         )
     elif kind != "fixed":
         raise refuse(f"is of type {kind!r}", ONLY_REVOLUTE)

@@ -13,6 +13,7 @@ from operator_app.config.procedure_file import load_procedure
 from tests.oracles.json_schema import complaints
 from tests.oracles.loop_oracle import product
 from tests.oracles.panda import A_M, ALPHA_RAD, S_M
+from tests.oracles.urdfs import joint, robot
 
 HOME_DEG = np.array([0.0, -45.0, 0.0, -135.0, 0.0, 90.0, 45.0])
 
@@ -114,6 +115,14 @@ def test_new_files_match_the_schema_written_beside_them(run_command):
     options = ["--arm", "franka_panda", "--fixture", "tracker", "--name", "open"]
     run_command(0, "new", "procedure", *options)
     assert load_procedure("open.yaml").position_joints == (1, 2, 3, 4, 5, 6, 7)
+
+
+def test_limits_that_a_urdf_does_not_state_are_listed_on_screen_and_in_the_file(run_command):
+    joints = (joint(f"j{k}", f"l{k}", f"l{k + 1}", axis=f"{k} 1 0", velocity=k) for k in range(3))
+    Path("arm.urdf").write_text(robot(*joints))
+    output = run_command(0, "new", "arm", "--urdf", "arm.urdf").out
+    for text in (output, Path("arm.yaml").read_text()):
+        assert [f"j{k}: no velocity" in text for k in range(3)] == [True, False, False]
 
 
 def test_unwritable_schema_leaves_no_file(tmp_path, run_command):

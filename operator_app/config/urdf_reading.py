@@ -7,7 +7,7 @@ import re
 import xml.etree.ElementTree as ET
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -326,18 +326,6 @@ def _step(element: ET.Element, file: str) -> UrdfStep:
         speed, effort = (
             float(numbers(stated, key, "0", 1)[0]) or None for key in ("velocity", "effort")
         )
-        unstated = [] if kind == "revolute" else ["no range"]
-        if max(-low, high) > PLACEHOLDER_ANGLE_RAD:
-            unstated.append(f"range of {low:g} to {high:g} rad")
-            low = -NO_LIMIT_RAD if -low > PLACEHOLDER_ANGLE_RAD else low
-            high = NO_LIMIT_RAD if high > PLACEHOLDER_ANGLE_RAD else high
-        if speed is not None and speed > PLACEHOLDER_RAD_PER_S:
-            unstated.append(f"velocity of {speed:g} rad/s")
-            speed = None
-        elif speed is None:
-            unstated.append("no velocity")
-        if effort is None:
-            unstated.append("no effort")
         joint = UrdfJoint(
             name=name,
             axis=axis / np.linalg.norm(axis),
@@ -345,11 +333,32 @@ def _step(element: ET.Element, file: str) -> UrdfStep:
             upper_rad=high,
             velocity_rad_per_s=speed,
             effort_nm=effort,
-            unstated=tuple(unstated),
+            unstated=() if kind == "revolute" else ("no range",),
         )
+        joint = _with_plausible_limits(joint)
     elif kind != "fixed":
         raise refuse(f"is of type {kind!r}", ONLY_REVOLUTE)
     return UrdfStep(name=name, parent=_links(element)[0], T=T, joint=joint, rounded=rounded)
+
+
+def _with_plausible_limits(joint: UrdfJoint) -> UrdfJoint:
+    """Return the joint without limits that are too large for any arm, and with all `unstated` limits listed."""
+    low, high, speed = joint.lower_rad, joint.upper_rad, joint.velocity_rad_per_s
+    unstated = [*joint.unstated]
+    if max(-low, high) > PLACEHOLDER_ANGLE_RAD:
+        unstated.append(f"range of {low:g} to {high:g} rad")
+        low = -NO_LIMIT_RAD if -low > PLACEHOLDER_ANGLE_RAD else low
+        high = NO_LIMIT_RAD if high > PLACEHOLDER_ANGLE_RAD else high
+    if speed is None:
+        unstated.append("no velocity")
+    elif speed > PLACEHOLDER_RAD_PER_S:
+        unstated.append(f"velocity of {speed:g} rad/s")
+        speed = None
+    if joint.effort_nm is None:
+        unstated.append("no effort")
+    return replace(
+        joint, lower_rad=low, upper_rad=high, velocity_rad_per_s=speed, unstated=tuple(unstated)
+    )
 
 
 def arm_file_of(chain: UrdfChain, *, name: str) -> Mapping[str, object]:

@@ -193,3 +193,4 @@ def test_command_advised_for_a_fixture_out_of_reach_can_be_run(run_command):
 def test_name_that_no_file_can_have_is_refused(run_command):
     message = run_command(2, "new", "arm", "--from", "ur5e", "-o", "a" * 5000).err
     assert "cannot be written: File name too long" in message
+    assert not list(Path().iterdir())

@@ -117,12 +117,11 @@ def test_new_files_match_the_schema_written_beside_them(run_command):
     assert load_procedure("open.yaml").position_joints == (1, 2, 3, 4, 5, 6, 7)
 
 
-def test_limits_that_a_urdf_does_not_state_are_listed_on_screen_and_in_the_file(run_command):
+def test_limits_that_a_urdf_does_not_state_are_listed(run_command):
     joints = (joint(f"j{k}", f"l{k}", f"l{k + 1}", axis=f"{k} 1 0", velocity=k) for k in range(3))
     Path("arm.urdf").write_text(robot(*joints))
-    output = run_command(0, "new", "arm", "--urdf", "arm.urdf").out
-    for text in (output, Path("arm.yaml").read_text()):
-        assert [f"j{k}: no velocity" in text for k in range(3)] == [True, False, False]
+    text = run_command(0, "new", "arm", "--urdf", "arm.urdf").out + Path("arm.yaml").read_text()
+    assert text.count("j0: no velocity") == text.count(": no ") == 2
 
 
 def test_unwritable_schema_leaves_no_file(tmp_path, run_command):
@@ -151,6 +150,7 @@ def test_unwritable_schema_leaves_no_file(tmp_path, run_command):
         ("fixture --kind ball --arm franka_panda --hand-point 1,2,3 --tolerance-deg 1e999", "not a finite number"),
         ("procedure --arm franka_panda", "give --arm and --fixture"),
         ("procedure --from hinge --name 7", "begin with a letter"),
+        pytest.param(f"arm --from ur5e -o {'a' * 5000}", "cannot be written: File name too long", id="long"),
     ],
 )  # fmt: skip
 def test_invalid_options_are_refused_and_nothing_is_written(typed, expected, run_command):
@@ -188,9 +188,3 @@ def test_command_advised_for_a_fixture_out_of_reach_can_be_run(run_command):
         line.rpartition(": sarcal ")[2] for line in output.splitlines() if "closes:" in line
     )
     assert "No problems were found" in run_command(5, *command.split()).out
-
-
-def test_name_that_no_file_can_have_is_refused(run_command):
-    message = run_command(2, "new", "arm", "--from", "ur5e", "-o", "a" * 5000).err
-    assert "cannot be written: File name too long" in message
-    assert not list(Path().iterdir())

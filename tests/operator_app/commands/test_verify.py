@@ -55,7 +55,6 @@ def test_instrument_worse_than_specified_is_not_accepted(folder, tmp_path, run_c
         ["--open-loop", "--procedure", "hinge"],
         ["--open-loop", "--tracker", "lab"],
         ["{csv}", "--open-loop", "--instrument", "hinge"],
-        ["--tracker", "tcp:127.0.0.1:7327"],
         ["{csv}", "--poses", "4"],
     ],
 )

@@ -72,17 +72,14 @@ def test_invalid_endpoints_of_rows_are_refused(tmp_path, header, cells, message)
         load_joint_log(log, joint_count=3, unit="deg", instrument=True)
 
 
-@pytest.mark.parametrize("columns", ["", "q1_rad,q2_rad"])
-def test_header_states_the_unit(tmp_path, columns):
+def test_header_states_the_unit_unless_columns_and_unit_overrule_it(tmp_path):
     log = tmp_path / "log.csv"
     log.write_text("t,q1_rad,q2_rad\n0,1,2\n1,1.5,2.5\n")
-    poses = load_joint_log(log, joint_count=2, columns=columns).poses
-    recording = load_timed_log(log, time="t", joints=("a", "b"), columns=columns)
-    for q_rad in (poses.q_rad, recording.q_rad):
-        np.testing.assert_array_equal(q_rad, [[1.0, 2.0], [1.5, 2.5]])
-    # A wrong header is overruled by the columns and the unit.
-    poses = load_joint_log(log, joint_count=2, columns="2-3", unit="deg").poses
-    np.testing.assert_array_equal(poses.q_rad, np.deg2rad([[1.0, 2.0], [1.5, 2.5]]))
+    for columns, unit in (("", None), ("q1_rad,q2_rad", None), ("2-3", "deg")):
+        poses = load_joint_log(log, joint_count=2, columns=columns, unit=unit).poses
+        timed = load_timed_log(log, time="t", joints=("a", "b"), columns=columns, unit=unit)
+        expected = np.multiply([[1.0, 2.0], [1.5, 2.5]], np.pi / 180.0 if unit else 1.0)
+        assert poses.q_rad.tolist() == timed.q_rad.tolist() == expected.tolist()
 
 
 @pytest.mark.parametrize("selected", ["", "base,shoulder,elbow"])

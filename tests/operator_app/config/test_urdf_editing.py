@@ -80,8 +80,8 @@ CHAIN, ARM = arm_of(URDF.encode())
 
 
 def calibrated_text(table, *, text=URDF, file="six.urdf", arm=ARM, comment=()):
-    chain = chain_of(text.encode(), file, arm)
-    return with_calibration(text.encode(), file, chain, table, comment).decode()
+    chain = chain_of(data := text.encode(), file, arm)
+    return with_calibration(data, file, chain, table, comment).decode()
 
 
 def without_origins(text, joints):

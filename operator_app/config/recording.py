@@ -100,7 +100,7 @@ def load_timed_log(
         where: tuple[int, ...] = tuple(map(header.index, order))
     else:
         where = find_columns(columns, header, remaining, len(joints), lines, file)
-        order = tuple(header[k] if header else f"column {k + 1}" for k in where)
+        order = tuple(header[k] if k < len(header) else f"column {k + 1}" for k in where)
     used = unit if not header or (columns and unit) else unit_of(order, unit, file, first)
     values = (*where, *map(header.index, measured))
     if max(by, *values) >= width:

@@ -26,7 +26,15 @@ from solver.search.global_start import GlobalStart, global_start
 
 
 class EndpointMissingError(SolverError):
-    """The fixture is an instrument, and its measurements are missing or incomplete."""
+    """The fixture is an instrument, and its measurements are missing; `orientation`: only their orientations are."""
+
+    def __init__(self, *, orientation: bool = False) -> None:
+        what, columns = "endpoints", "x_m,y_m,z_m"
+        if orientation:
+            what, columns = "orientations", "rx_deg,ry_deg,rz_deg or qw,qx,qy,qz"
+        super().__init__(
+            f"the poses have no {what} measured by the instrument: add the columns {columns} (from Python: endpoint_m)"
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -51,8 +59,7 @@ class Experiment:
         model: ClosureModel
         if isinstance(fixture, Measured):
             if poses.endpoint is None or (fixture.full_pose and poses.endpoint.shape[1] < 6):
-                columns = "x_m,y_m,z_m" + (",rx_deg,ry_deg,rz_deg" if fixture.full_pose else "")
-                raise EndpointMissingError(f"a measured fixture needs the columns {columns}")
+                raise EndpointMissingError(orientation=poses.endpoint is not None)
             model = fixture.model(self.arm, unsensed_joints=self.unsensed).with_endpoints(
                 poses.endpoint[:, :3],
                 rotation_matrix(poses.endpoint[:, 3:6]) if fixture.full_pose else None,

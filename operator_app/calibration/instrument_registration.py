@@ -165,7 +165,7 @@ def placed_by_poses(
     poses have no endpoints.
     """
     if poses.endpoint is None:
-        raise EndpointMissingError("these poses have no endpoint columns x_m,y_m,z_m")
+        raise EndpointMissingError
     full = poses.endpoint.shape[1] == 6
     measured = poses.endpoint[:, :3]
     frames = with_entries(arm.table, values).frames(poses.q_rad)

@@ -7,10 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from fixtures.measured import Measured
 from operator_app.commands.options import given_joints, tolerance_m
 from operator_app.config.arm_file import load_arm
 from operator_app.config.poses_file import LoadedPoses
-from operator_app.config.procedure import DEFAULT_PROFILE
+from operator_app.config.procedure import DEFAULT_PROFILE, Procedure
 from operator_app.config.profile_file import load_profile
 from operator_app.config.user_settings import usual_bus, valid_settings
 from operator_app.exit_codes import UsageError
@@ -75,6 +76,15 @@ def choices_from(args: argparse.Namespace, *, journal: bool = True) -> Choices:
         operator=operator,
         **{name: getattr(args, name, None) for name in as_typed},
     )
+
+
+def require_instrument(args: argparse.Namespace, procedure: Procedure) -> None:
+    """Raise UsageError if ``--tracker`` is given for a fixture that is not an instrument."""
+    if args.tracker is not None and not isinstance(procedure.fixture.fixture, Measured):
+        raise UsageError(
+            f"--tracker: the fixture of {procedure.name} is of kind {procedure.fixture.kind}, not an instrument; leave "
+            "it out"
+        )
 
 
 def print_warnings(file: str, loaded: LoadedPoses) -> None:

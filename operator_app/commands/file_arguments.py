@@ -201,7 +201,6 @@ plan = declaration(
         "--tries N",
         f"placements to try with --advise (default {TRIES}, half a second each)",
         type=int,
-        default=TRIES,
     ),
     option("--ascii", "only ASCII characters"),
     shared("--sessions DIR, --json"),

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from fixtures.measured import Measured
+from operator_app.calibration.experiment import EndpointMissingError
 from operator_app.commands.choices import print_warnings
 from operator_app.commands.options import tolerance_m, unsensed_joints
 from operator_app.config.arm_file import parse_arm
@@ -18,6 +20,7 @@ from operator_app.config.dwells import (
     poses_of,
     smallest_spread_rad,
 )
+from operator_app.config.fixture_file import parse_fixture
 from operator_app.config.joint_log import Unit, load_joint_log
 from operator_app.config.poses_file import save_poses
 from operator_app.config.recording import (
@@ -46,11 +49,14 @@ def execute(args: argparse.Namespace) -> int:
     arm = resolve("arm", args.arm)
     model = parse_arm(arm.data, arm.file)
     unsensed = unsensed_joints(args, model.joint_count) or ()
-    poses, recordings = _poses(args, tuple(joint.name for joint in model.joints))
+    fixture = resolve("fixture", args.fixture)
+    instrument = isinstance(parse_fixture(fixture.data, fixture.file).fixture, Measured)
+    names = tuple(joint.name for joint in model.joints)
+    poses, recordings = _poses(args, names, instrument=instrument)
     session = importing.ImportedSession(
         poses,
         arm=arm,
-        fixture=resolve("fixture", args.fixture),
+        fixture=fixture,
         file=", ".join(args.poses),
         name=args.name or Path(args.poses[0]).stem,
         serial_number=(args.serial or importing.UNKNOWN_SERIAL_NUMBER).strip(),
@@ -67,7 +73,7 @@ def execute(args: argparse.Namespace) -> int:
     except UnidentifiableError as error:
         # The poses are kept, for report and compare.
         unidentifiable = error
-    except ReadingsOutOfRangeError as error:
+    except (EndpointMissingError, ReadingsOutOfRangeError) as error:
         raise UsageError(f"{', '.join(args.poses)}: {error}") from error
     folder = session.write(root=args.sessions)
     save_poses(folder / POSES_NAME, session.state.pose_set())
@@ -89,7 +95,7 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _poses(
-    args: argparse.Namespace, joints: tuple[str, ...]
+    args: argparse.Namespace, joints: tuple[str, ...], *, instrument: bool
 ) -> tuple[PoseSet, dict[str, list[dict[str, Any]]]]:
     """Return the poses of all files (if several, each file is one placement), and the JSON data of recordings."""
     unit: Unit | None = "rad" if args.rad else "deg" if args.deg else None
@@ -97,7 +103,7 @@ def _poses(
     of_recordings = (args.dwell_s, args.spread_deg, args.topic) != (None, None, None)
     for file in args.poses:
         if args.time or is_bag(file):
-            poses, data = _recorded(args, file, joints, unit)
+            poses, data = _recorded(args, file, joints, unit, instrument=instrument)
             pose_sets.append(poses)
             recordings.append(data)
             continue
@@ -113,6 +119,7 @@ def _poses(
             columns=args.columns or "",
             placement=args.placement or "",
             joints=joints,
+            instrument=instrument,
         )
         print_warnings(file, read)
         pose_sets.append(read.poses)
@@ -154,7 +161,12 @@ def _joined(parts: list[Any]) -> Any:
 
 
 def _recorded(
-    args: argparse.Namespace, file: str, joints: tuple[str, ...], unit: Unit | None
+    args: argparse.Namespace,
+    file: str,
+    joints: tuple[str, ...],
+    unit: Unit | None,
+    *,
+    instrument: bool,
 ) -> tuple[PoseSet, dict[str, Any]]:
     """Return the poses of a recording, one for each dwell, and the JSON data of the recording."""
     dwell_s = DWELL_S if args.dwell_s is None else args.dwell_s
@@ -177,7 +189,9 @@ def _recorded(
     else:
         if args.topic:
             raise UsageError(f"{file}: --topic is for bags")
-        recording = load_timed_log(file, time=args.time, joints=joints, unit=unit, columns=columns)
+        recording = load_timed_log(
+            file, time=args.time, joints=joints, unit=unit, columns=columns, instrument=instrument
+        )
     step_s = float(np.median(np.diff(recording.time_s, append=recording.time_s[-1])))
     if step_s > dwell_s:
         raise UsageError(

@@ -36,9 +36,9 @@ from solver.loops.endpoint_geometry import Line
 
 URDF_COMMENT = """\
 {line}
-Made from {urdf} by `sarcal new arm`. Geometry, ranges, speeds and torques are that file's.
+Made from {urdf} by `sarcal new arm`. Geometry, ranges, speeds and torques are that file's, unless listed here.
 Check these before use; the URDF does not state them:
-- sensor of every joint: encoder of {counts} counts/rev assumed. joints: {{kind: rvdt, ...}} and
+{limits}- sensor of every joint: encoder of {counts} counts/rev assumed. joints: {{kind: rvdt, ...}} and
   {{kind: none}} are known as well; accuracy_deg, gain, backlash_deg and sag_deg have their
   defaults.
 - free: the entries to calibrate beside the fixture's.
@@ -47,6 +47,10 @@ Check these before use; the URDF does not state them:
 - tolerance: standard deviation of lengths and twists, by default 0.5 mm and 0.1 deg.
 - offset_tolerance_deg: standard deviation of the joint offsets, 5 deg assumed; `unknown` if nothing is
   known."""
+
+ASSUMED_LIMITS = (
+    "Assumed for these: a range to -180 or 180 deg, a speed of 90 deg/s, a torque of 50 N m"
+)
 
 HOMES = {
     False: "the middle of the ranges.",
@@ -81,9 +85,11 @@ def _arm(args: argparse.Namespace) -> int:
     bent = bent_home(parse_arm(dump_strict(body), args.urdf))
     if bent is not None:
         body["home_deg"] = short_degrees(bent)
+    limits = [f"- limits of {text}\n" for text in chain.unstated]
     comment = URDF_COMMENT.format(
         line=schema_line("arm"),
         urdf=Path(args.urdf).name,
+        limits="".join([*limits, f"  {ASSUMED_LIMITS}.\n"] if limits else []),
         counts=COUNTS_PER_REV,
         home=HOMES[bent is not None],
     )
@@ -92,10 +98,10 @@ def _arm(args: argparse.Namespace) -> int:
     if chain.rounded:
         meanings = ", ".join(f"{word} is {deg:g} deg" for word, deg in chain.rounded.items())
         say(f"Angles      rounded in the file are taken as exact: {meanings}")
-    if placeholders := [text for joint in chain.joints for text in joint.placeholders]:
+    if chain.unstated:
         say(
-            f"! Placeholders in the URDF: {'; '.join(placeholders)}. Assumed for these: a range to -180 or "
-            "180 deg, a speed of 90 deg/s. State the arm's own limits in its file."
+            f"! Limits that the URDF does not state, or states as placeholders: {'; '.join(chain.unstated)}. "
+            f"{ASSUMED_LIMITS}. State the arm's own limits in its file."
         )
     if bent is not None:
         say("Home        bent: the middle of the ranges does not identify all parameters")

@@ -7,7 +7,7 @@ import sys
 from dataclasses import replace
 
 from fixtures.base import Severity
-from operator_app.commands.file_arguments import PLANNED_POSES
+from operator_app.commands.file_arguments import PLANNED_POSES, TRIES
 from operator_app.commands.options import given_joints, unsensed_joints
 from operator_app.config.arm_file import parse_arm
 from operator_app.config.fixture_file import load_fixture
@@ -29,8 +29,10 @@ def execute(args: argparse.Namespace) -> int:
     """Plan and report on stdout."""
     if args.poses is not None and args.poses < 1:
         raise UsageError("--poses: must be at least 1")
-    if args.tries < 1:
+    if args.tries is not None and args.tries < 1:
         raise UsageError("--tries: must be at least 1")
+    if args.tries is not None and not args.advise:
+        raise UsageError("--tries: is for --advise; add it, or leave --tries out")
     procedure, known_rad, basis = _of_session(args) if args.session else _of_files(args)
     capture = procedure.capture
     poses = args.poses or (capture.poses if capture.strategy == "planned" else PLANNED_POSES)
@@ -128,5 +130,5 @@ def _advice(
         unsensed_joints=procedure.unsensed_joints,
         samples=procedure.capture.samples_per_pose,
         poses=poses,
-        tries=args.tries,
+        tries=TRIES if args.tries is None else args.tries,
     )

@@ -6,7 +6,7 @@ import argparse
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 
-from operator_app.commands.choices import choices_from, recording
+from operator_app.commands.choices import choices_from, recording, require_instrument
 from operator_app.composition import unattended
 from operator_app.errors import DrivesNotOffError
 from operator_app.exit_codes import ExitCode
@@ -37,6 +37,7 @@ def execute(args: argparse.Namespace) -> int:
         if args.resume is not None
         else begin(args.procedure, choices, root=args.sessions)
     )
+    require_instrument(args, opening.procedure)
     listener = ConsoleListener()
     result, drives_off = None, False
     try:

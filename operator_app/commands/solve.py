@@ -8,7 +8,7 @@ from fixtures.base import EndpointConstraint
 from operator_app.calibration import verification
 from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.cross_validation import check
-from operator_app.calibration.experiment import Experiment, pick_placements
+from operator_app.calibration.experiment import EndpointMissingError, Experiment, pick_placements
 from operator_app.calibration.rvdt import ReadingTable, corrected_poses
 from operator_app.commands.options import parse_numbers, tolerance_m, unsensed_joints
 from operator_app.config.arm_file import load_arm
@@ -66,7 +66,7 @@ def execute(args: argparse.Namespace) -> int:
         else:
             say(unidentifiable_text(error))
         return ExitCode.NOT_IDENTIFIABLE
-    except ReadingsOutOfRangeError as error:
+    except (EndpointMissingError, ReadingsOutOfRangeError) as error:
         raise UsageError(f"{args.poses}: {error}") from error
     solution = solution.with_notices(
         Finding(FindingKind.REPORTED, names=(w.code,), reported=(w.text,)) for w in loaded.warnings

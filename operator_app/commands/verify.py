@@ -13,7 +13,12 @@ from operator_app.calibration.open_loop import check_open_loop
 from operator_app.calibration.result import Solution
 from operator_app.calibration.verification import NoTestError, VerificationResult, verify_new_poses
 from operator_app.commands.bus_arguments import NEW_POSES
-from operator_app.commands.choices import choices_from, print_warnings, recording
+from operator_app.commands.choices import (
+    choices_from,
+    print_warnings,
+    recording,
+    require_instrument,
+)
 from operator_app.composition import unattended
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.poses_file import load_poses
@@ -48,8 +53,13 @@ def execute(args: argparse.Namespace) -> int:
     procedure = effective_procedure(opening)
     arm, fixture = procedure.arm, procedure.fixture.fixture
     solution = session_calibration(state, procedure).solution
+    if args.csv:
+        for option, value in (("--poses", requested), ("--tracker", args.tracker)):
+            if value is not None:
+                raise UsageError(f"{option}: the new poses are those of {args.csv}; leave it out")
     if args.open_loop:
         return _open_loop(args, opening, solution, requested)
+    require_instrument(args, procedure)
     if args.csv:
         poses = _from_file(args.csv, arm.joint_count)
         try:

@@ -16,7 +16,7 @@ from pydantic import TypeAdapter
 from hardware.canopen.bus_profile import BusProfile
 from operator_app.config.arm_file import ArmFile, parse_arm
 from operator_app.config.atomic import write_atomically
-from operator_app.config.errors import ConfigError, Problem, only
+from operator_app.config.errors import ConfigError, Problem, WriteError, only
 from operator_app.config.fixture_file import MODELS, FixtureSpec, parse_fixture
 from operator_app.config.parameters_file import ParametersDocument, parse_parameters
 from operator_app.config.poses_file import LoadedPoses, parse_poses
@@ -82,10 +82,19 @@ def schema_line(kind: FileKind) -> str:
 
 
 def save_with_schema(target: Path, data: bytes, kind: FileKind) -> None:
-    """Write the JSON Schema of this kind into the target's folder, then `data` to `target`; raises WriteError."""
-    schema = json.dumps(json_schema(kind), indent=1) + "\n"
-    write_atomically(target.parent / schema_file_name(kind), schema.encode())
-    write_atomically(target, data)
+    """Write the JSON Schema of this kind into the target's folder, then `data` to `target`.
+
+    Raises WriteError; neither of the two files is new then.
+    """
+    schema, schema_file = json_schema(kind), target.parent / schema_file_name(kind)
+    is_new = not schema_file.exists()
+    write_atomically(schema_file, (json.dumps(schema, indent=1) + "\n").encode())
+    try:
+        write_atomically(target, data)
+    except WriteError:
+        if is_new:
+            schema_file.unlink(missing_ok=True)
+        raise
 
 
 AnyKind = FileKind | Literal["poses"]

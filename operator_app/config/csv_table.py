@@ -143,7 +143,9 @@ def whole_number(cell: str) -> int:
     """Read a whole number of at least 1; raises BadCell."""
     value = number(cell)
     plain = not any(c in cell for c in ".eE")
-    if not plain or not 1 <= value <= 2**53:
+    if plain and value > 2**53:
+        raise BadCell(f"{cell.strip()[:40]} is too large", f"use a whole number of at most {2**53}")
+    if not plain or value < 1:
         raise BadCell(f"{cell.strip()} is not a whole number of at least 1", "correct the number")
     return int(cell)
 

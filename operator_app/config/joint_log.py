@@ -10,6 +10,7 @@ import re
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Literal
 
@@ -55,19 +56,23 @@ def load_joint_log(
     columns: str = "",
     placement: str = "",
     joints: Sequence[str] = (),
+    instrument: bool = False,
 ) -> LoadedPoses:
     """Read the poses of a log, or of a poses file; raises ConfigError with all problems of the file.
 
     Parameters
     ----------
     unit
-        Unit of the angles; None: degrees, but angles that look like radians are refused.
+        Unit of the angles; None: that of the header (``q1_rad``), else degrees, but angles that look like radians are
+        refused.
     columns
         Columns of joints 1 to n, in this order: numbers from 1 (``2-8``, ``3,1,2``) or names of the header; empty:
         those with the names in `joints` (of the arm file), else those numbered in the header, else all columns.
     placement
         Number or name of the column that states the fixture's placement for each pose: a whole number, or a name; names
         are numbered in order of appearance. Empty: one placement.
+    instrument
+        Whether a log has to have the endpoints measured by an instrument.
     """
     data, file = read_limited(expanded(path), str(path), limit=LIMIT_BYTES), str(path)
     rows = read_rows(decode_text(data, file))
@@ -78,9 +83,7 @@ def load_joint_log(
     # A row of a log may begin with the name of its placement.
     header = first if not any(map(is_number, first if placement else first[:1])) else []
     if header and not columns and any(THETA.fullmatch(cell) for cell in header):
-        if unit == "rad":
-            remedy = "leave --rad out, or name the columns with --columns if the header is wrong"
-            raise only(file, "the header states degrees", remedy, line=line)
+        unit_of(["theta1_deg"], unit, file, line)
         if placement:
             remedy = "leave --placement out: such a file has a column placement"
             raise only(file, "is a poses file", remedy, line=line)
@@ -92,17 +95,20 @@ def load_joint_log(
     if header and len(header) != width:
         raise wrong_header(header, width, file, line)
     by = find_column("--placement", placement, header, width, file) if placement else None
-    measured = endpoint_columns(header, file, line)
+    measured = endpoint_columns(header, file, line, needed=instrument)
     remaining = [k for k in range(width) if k != by and not (header and header[k] in measured)]
-    where = find_columns(columns, header, remaining, joint_count, file, joints)
-    q = _angles(body, where, file, radians=unit == "rad")
+    where = find_columns(columns, header, remaining, joint_count, body, file, joints)
+    used = unit
+    if header and not (columns and unit):
+        used = unit_of([header[k] for k in where], unit, file, line)
+    q = _angles(body, where, file, radians=used == "rad")
     if unit is None and len(q) >= FEWEST_POSES_FOR_UNIT:
-        require_degrees(np.abs(q).max(), f"{len(q)} poses", file)
+        require_degrees(np.abs(q).max(), f"{len(q)} poses", file, stated=used)
     numbers, notes = ([1] * len(q), None) if by is None else _placements(body, by, file)
     poses = PoseSet(
         placement=np.array(numbers, dtype=np.int64),
         label=tuple(str(k) for k in range(1, len(q) + 1)),
-        q_rad=q if unit == "rad" else np.deg2rad(q),
+        q_rad=q if used == "rad" else np.deg2rad(q),
         notes=notes,
         endpoint=_endpoints(body, header, measured, file) if measured else None,
     )
@@ -115,11 +121,31 @@ def wrong_header(header: list[str], width: int, file: str, line: int) -> ConfigE
     return only(file, text, "name each column, or remove the header", line=line)
 
 
-def require_degrees(largest: float, count: str, file: str) -> None:
-    """Raise ConfigError if the `largest` angle may be in radians; `count`: number of rows, as text."""
-    if largest < 2.0 * np.pi:
+def unit_of(names: Sequence[str], unit: Unit | None, file: str, line: int) -> Unit | None:
+    """Return the unit that all names of joint columns end in, else `unit`; raises ConfigError if it is another one."""
+    endings = {name.casefold().rpartition("_")[2] for name in names}
+    stated: Unit | None = "rad" if endings == {"rad"} else "deg" if endings == {"deg"} else None
+    if endings == {"rad", "deg"}:
+        raise only(file, "the header states degrees and radians", "convert to one", line=line)
+    if stated and unit and stated != unit:
+        text = f"the header states {'radians' if stated == 'rad' else 'degrees'}"
+        remedy = f"leave --{unit} out, or name the columns with --columns if the header is wrong"
+        raise only(file, text, remedy, line=line)
+    return stated or unit
+
+
+def require_degrees(largest: float, count: str, file: str, *, stated: Unit | None) -> None:
+    """Raise ConfigError if the `largest` angle may be in radians.
+
+    `count`: number of rows, as text. `stated`: unit that the header states.
+    """
+    if largest < 2.0 * np.pi and stated != "rad":
         text = f"does not state the unit of its angles, and none in {count} exceeds {largest:.3g}"
-        raise only(file, text, "use --rad, or --deg if these are degrees")
+        remedy = "use --rad, or --deg if these are degrees"
+        if stated:
+            text = f"states degrees in its header, but no angle in {count} exceeds {largest:.3g}"
+            remedy = "use --deg if these are degrees, or correct the header"
+        raise only(file, text, remedy)
 
 
 def _endpoints(
@@ -135,7 +161,7 @@ def _endpoints(
             except BadCell as error:
                 text = f"{measured[j]}: {error.text}"
                 raise only(file, text, error.remedy, line=line, column=column + 1) from error
-    return endpoints_of(measured, values, file)
+    return endpoints_of(measured, values, file, [line for line, _ in body])
 
 
 def _placements(body: list[Record], by: int, file: str) -> tuple[list[int], tuple[str, ...] | None]:
@@ -203,6 +229,7 @@ def find_columns(
     header: list[str],
     remaining: list[int],
     joint_count: int,
+    body: list[Record],
     file: str,
     joints: Sequence[str] = (),
 ) -> tuple[int, ...]:
@@ -216,8 +243,9 @@ def find_columns(
             return tuple(remaining)
         names = f" ({', '.join(named)})" if header else ""
         text = f"{len(remaining)} columns{names} for an arm of {joint_count} joints"
-        # Other columns of a log, mostly times, come before the joints.
-        first = max(1, count - joint_count + 1)
+        first = remaining[0] + 1 if remaining else 1
+        if len(remaining) > joint_count and _is_time(named[:1], body, remaining[0]):
+            first += 1
         example = f"{first}-{first + joint_count - 1}"
         likely = [name for name in named if not OTHER_COLUMNS.fullmatch(name)][:joint_count]
         example = ",".join(likely) if len(likely) == joint_count else example
@@ -236,6 +264,16 @@ def find_columns(
         text = f"--columns names {len(set(columns))} columns for an arm of {joint_count} joints"
         raise only(file, text, "name one for each joint, in the order of the joints")
     return tuple(columns)
+
+
+def _is_time(name: Sequence[str], body: list[Record], column: int) -> bool:
+    """Whether a column is a time or an index: by its `name` if the log has a header, else because it increases."""
+    if name:
+        return OTHER_COLUMNS.fullmatch(name[0]) is not None
+    values = [
+        float(cells[column]) for _, cells in body if is_number("".join(cells[column : column + 1]))
+    ]
+    return len(values) > 1 and all(a < b for a, b in pairwise(values))
 
 
 def joint_order(names: Sequence[str], joints: Sequence[str], count: int) -> tuple[int, ...]:
@@ -286,7 +324,9 @@ def _angles(body: list[Record], where: tuple[int, ...], file: str, *, radians: b
     if doubted:
         # A wrong unit is one mistake, however many cells show it.
         more = f", and so may {plural(len(doubted) - 1, 'other cell')}" if doubted[1:] else ""
-        remedy = "leave out --rad if the log is in degrees" if radians else "give degrees"
+        remedy = "give degrees"
+        if radians:
+            remedy = "if the log is in degrees, leave out --rad or correct the header"
         problems.append(replace(doubted[0], text=f"{doubted[0].text}{more}", remedy=remedy))
     if problems:
         raise ConfigError(problems)

@@ -65,10 +65,18 @@ def groups_in(names: Collection[str]) -> tuple[tuple[str, ...], ...]:
     return tuple(groups)
 
 
+class QuaternionError(ValueError):
+    """A quaternion that is not of unit length, in row `row` (from 0)."""
+
+    def __init__(self, lengths: FloatArray, row: int) -> None:
+        self.row = row
+        super().__init__(f"has a quaternion of length {lengths[row]:.4g}; the length must be 1")
+
+
 def rotation_vectors(group: tuple[str, ...], values: FloatArray) -> FloatArray:
     """Return rotation vectors (m, 3), rad, from the values (m, 3 or 4) of these columns: deg, or quaternions.
 
-    Raises `ValueError` for a quaternion that is not of unit length.
+    Raises `QuaternionError` for a quaternion that is not of unit length.
     """
     from scipy.spatial.transform import Rotation
 
@@ -77,8 +85,7 @@ def rotation_vectors(group: tuple[str, ...], values: FloatArray) -> FloatArray:
     if group == QUATERNION:
         length = np.linalg.norm(values, axis=1)
         if np.any(np.abs(length - 1.0) > UNIT_WITHIN):
-            worst = float(length[np.argmax(np.abs(length - 1.0))])
-            raise ValueError(f"has a quaternion of length {worst:.4g}; the length must be 1")
+            raise QuaternionError(length, int(np.argmax(np.abs(length - 1.0))))
         return np.asarray(Rotation.from_quat(values, scalar_first=True).as_rotvec())
     # Lower case means fixed axes, upper case moving axes.
     axes = "xyz" if group == ROLL_PITCH_YAW else group[0].split("_")[1].upper()
@@ -86,20 +93,29 @@ def rotation_vectors(group: tuple[str, ...], values: FloatArray) -> FloatArray:
 
 
 POSITION_COLUMNS = ("x_m", "y_m", "z_m")
+NEARLY_POSITION = re.compile(r"(.*[_. ])?[xyz]([_. ]?[mcu]?m)?", re.IGNORECASE)
+"""Names of columns that may be positions in another unit or spelling, such as ``x``, ``tcp_x`` or ``X_mm``."""
 WITHOUT_ENDPOINTS = (
     "write lengths in metres and angles in degrees, or rename the column to leave it out"
 )
 
 
 def endpoint_columns(
-    header: Collection[str], file: str, line: int | None = None
+    header: Collection[str], file: str, line: int | None = None, *, needed: bool = False
 ) -> tuple[str, ...]:
     """Return the columns of a log that hold measured endpoints: x_m, y_m, z_m and those of one orientation.
 
-    Empty if the positions are missing. Raises ConfigError if two orientations are stated, or one incompletely.
+    Empty if the positions are missing. Raises ConfigError if they are `needed`, or if two orientations are stated, or
+    one incompletely.
     """
-    if not set(POSITION_COLUMNS) <= set(header):
-        return ()
+    if missing := [name for name in POSITION_COLUMNS if name not in header]:
+        if not needed:
+            return ()
+        near = [name for name in header if NEARLY_POSITION.fullmatch(name)]
+        remedy = "write what the instrument measured in columns x_m,y_m,z_m, in metres"
+        if near:
+            remedy = f"write {', '.join(near)} in metres and name them x_m, y_m, z_m"
+        raise only(file, f"has no columns {', '.join(missing)}", remedy, line=line)
     groups = groups_in(header)
     turn, remedy = groups[0] if groups else (), "complete or remove its columns"
     if len(groups) > 1:
@@ -115,27 +131,33 @@ def endpoint_columns(
     return columns
 
 
-def endpoints_of(columns: tuple[str, ...], values: FloatArray, file: str) -> FloatArray:
+def endpoints_of(
+    columns: tuple[str, ...], values: FloatArray, file: str, lines: Sequence[int]
+) -> FloatArray:
     """Return positions (m) and rotation vectors (rad), (m, 3) or (m, 6), from values (m, k) of `endpoint_columns`.
 
-    A row with a value that is not finite has no measurement, and is nan. Raises ConfigError for implausible values.
+    `lines`: line of each row in the file. A row with a value that is not finite has no measurement, and is nan. Raises
+    ConfigError for implausible values.
     """
-    turn, seen = columns[3:], np.all(np.isfinite(values), axis=1)
+    turn, seen = columns[3:], np.flatnonzero(np.all(np.isfinite(values), axis=1))
     out = np.full((len(values), 6 if turn else 3), np.nan)
-    if not seen.any():
+    if not seen.size:
         return out
     checked = range(3 if turn == QUATERNION else len(columns))
     for k in checked:
-        largest = float(np.abs(values[seen, k]).max())
+        row = seen[np.argmax(np.abs(values[seen, k]))]
+        largest = abs(float(values[row, k]))
         doubt = length_doubt(largest) if k < len(POSITION_COLUMNS) else angle_doubt(largest)
         if doubt:
-            raise only(file, f"has {columns[k]} of {largest:g}: {doubt}", WITHOUT_ENDPOINTS)
+            text = f"has {columns[k]} of {largest:g}: {doubt}"
+            raise only(file, text, WITHOUT_ENDPOINTS, line=lines[row])
     out[seen, :3] = values[seen, :3]
     if turn:
         try:
             out[seen, 3:] = rotation_vectors(turn, values[seen, 3:])
-        except ValueError as error:
-            raise only(file, str(error), WITHOUT_ENDPOINTS) from error
+        except QuaternionError as error:
+            line = lines[seen[error.row]]
+            raise only(file, str(error), "measure that pose again", line=line) from error
     return out
 
 

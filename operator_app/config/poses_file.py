@@ -35,6 +35,7 @@ from operator_app.config.measured_endpoints import (
     ROLL_PITCH_YAW,
     ROTATION,
     TARGETS,
+    QuaternionError,
     group_of,
     groups_in,
     poses_of_targets,
@@ -292,7 +293,12 @@ def _pose_set(columns: Mapping[str, Sequence[Any]]) -> PoseSet:
     endpoint = table(POSITION_COLUMNS) if POSITION_COLUMNS[0] in columns else None
     for group in groups_in(columns):
         if endpoint is not None:
-            endpoint = np.concatenate((endpoint, rotation_vectors(group, table(group))), axis=1)
+            try:
+                turns = rotation_vectors(group, table(group))
+            except QuaternionError as error:
+                pose = f"{columns['pose'][error.row]} (placement {columns['placement'][error.row]})"
+                raise ValueError(f"pose {pose} {error}") from error
+            endpoint = np.concatenate((endpoint, turns), axis=1)
     if TARGETS[0] in columns:
         endpoint = poses_of_targets(table(TARGETS), columns["pose"])
     samples = columns.get("samples")

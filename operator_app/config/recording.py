@@ -22,6 +22,7 @@ from operator_app.config.joint_log import (
     joint_order,
     read_rows,
     require_degrees,
+    unit_of,
     wrong_header,
 )
 from operator_app.config.measured_endpoints import endpoint_columns, endpoints_of, mean_endpoint
@@ -72,12 +73,14 @@ def load_timed_log(
     joints: Sequence[str],
     unit: Unit | None = None,
     columns: str = "",
+    instrument: bool = False,
 ) -> JointRecording:
     """Read a CSV log of angles over time; raises ConfigError if the file is invalid.
 
     `time`: the column of times, by name or number; times are in s, in ms, us or ns since 1970, or in ISO 8601. `joints`
-    and `columns` are as in `load_bag`; `columns` may also be numbers. `unit`: unit of the angles; None: degrees, but
-    angles that look like radians are refused.
+    and `columns` are as in `load_bag`; `columns` may also be numbers. `unit`: unit of the angles; None: that of the
+    header (``q1_rad``), else degrees, but angles that look like radians are refused. `instrument`: whether the log has
+    to have measured endpoints.
     """
     file = str(path)
     text = decode_text(read_limited(expanded(path), file, limit=RECORDING_LIMIT_BYTES), file)
@@ -88,7 +91,7 @@ def load_timed_log(
     first, lines = lines[0][0], lines[1:] if header else lines
     width = len(lines[0][1])
     by = find_column("--time", time, header, width, file)
-    measured = endpoint_columns(header, file)
+    measured = endpoint_columns(header, file, first, needed=instrument)
     remaining = [
         k for k in range(width) if k != by and not (k < len(header) and header[k] in measured)
     ]
@@ -96,8 +99,9 @@ def load_timed_log(
         order = find_joints([header[k] for k in remaining if k < len(header)], joints, file=file)
         where: tuple[int, ...] = tuple(map(header.index, order))
     else:
-        where = find_columns(columns, header, remaining, len(joints), file)
-        order = tuple(header[k] if header else f"column {k + 1}" for k in where)
+        where = find_columns(columns, header, remaining, len(joints), lines, file)
+        order = tuple(header[k] if k < len(header) else f"column {k + 1}" for k in where)
+    used = unit if not header or (columns and unit) else unit_of(order, unit, file, first)
     values = (*where, *map(header.index, measured))
     if max(by, *values) >= width:
         raise wrong_header(header, width, file, first)
@@ -105,12 +109,13 @@ def load_timed_log(
     time_s, q = table[:, 0], table[:, 1 : 1 + len(where)]
     if unit is None:
         largest = float(np.max(np.abs(q), initial=0.0, where=np.isfinite(q)))
-        require_degrees(largest, f"{len(q)} lines", file)
+        require_degrees(largest, f"{len(q)} lines", file, stated=used)
     latest = float(np.max(np.abs(time_s), initial=0.0, where=np.isfinite(time_s)))
     per_s = next(per for least, per in PER_SECOND if latest >= least)
     source = f"lines (times: {header[by] if header else f'column {by + 1}'})"
-    q_rad = q if unit == "rad" else np.deg2rad(q)
-    endpoint = endpoints_of(measured, table[:, 1 + len(where) :], file) if measured else None
+    q_rad = q if used == "rad" else np.deg2rad(q)
+    measurements, numbers = table[:, 1 + len(where) :], [line for line, _ in lines]
+    endpoint = endpoints_of(measured, measurements, file, numbers) if measured else None
     return recording_of(
         time_s / per_s, q_rad, joints=order, file=file, source=source, endpoint=endpoint
     )

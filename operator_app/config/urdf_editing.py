@@ -104,19 +104,26 @@ UR_KEYS = ("x", "y", "z", "roll", "pitch", "yaw")
 """Keys of each block in UR's kinematics file: pose of a joint, which turns about z, relative to the link before it."""
 
 
-def with_calibration(
-    data: bytes, file: str, arm: ArmModel, table: DhTable, comment: Sequence[str]
-) -> bytes:
-    """Return a file with the lines of a comment, and with joint origins changed to the geometry of `table`.
+def chain_of(data: bytes, file: str, arm: ArmModel) -> UrdfChain:
+    """Return the chain of `arm`, the arm that was calibrated with the nominal values of its file, in a file.
 
-    The file is a URDF, a xacro whose chain has literal numbers, or UR's ``default_kinematics.yaml``. `arm` is the arm
-    that was calibrated, with the nominal values of its file. Raises ConfigError if the file cannot be read or describes
-    another arm.
+    The file is a URDF, a xacro whose chain has literal numbers, or UR's ``default_kinematics.yaml``. Raises ConfigError
+    if the file cannot be read or describes another arm.
     """
-    is_yaml = file.lower().endswith((".yaml", ".yml"))
-    chains = [_ur_chain(data, file)] if is_yaml else _chains(data, file, arm)
-    origins = calibrated_origins(_matching(chains, arm, file), table)
-    return (_into_yaml if is_yaml else _into_xml)(data, origins, comment)
+    chains = [_ur_chain(data, file)] if _is_yaml(file) else _chains(data, file, arm)
+    return _matching(chains, arm, file)
+
+
+def _is_yaml(file: str) -> bool:
+    return file.lower().endswith((".yaml", ".yml"))
+
+
+def with_calibration(
+    data: bytes, file: str, chain: UrdfChain, table: DhTable, comment: Sequence[str]
+) -> bytes:
+    """Return a file with the lines of a comment, and with joint origins of its `chain` changed to those of `table`."""
+    origins = calibrated_origins(chain, table)
+    return (_into_yaml if _is_yaml(file) else _into_xml)(data, origins, comment)
 
 
 def calibrated_origins(chain: UrdfChain, table: DhTable) -> dict[str, FloatArray]:
@@ -147,11 +154,18 @@ def calibrated_origins(chain: UrdfChain, table: DhTable) -> dict[str, FloatArray
         if step.rounded or np.abs(target - step.T).max() > SAME:
             origins[step.name] = target
     after = before @ place @ chain.T_flange_tip
-    if np.abs(after - fixed).max() > SAME and chain.steps[-1].joint is None:
+    if np.abs(after - fixed).max() > SAME and not entries_without_origin(chain):
         last = next(s for s in reversed(chain.steps[:-1]) if s.joint is not None)
         first = chain.steps[chain.steps.index(last) + 1]
         origins[first.name] = after @ _inverse(fixed) @ first.T
     return origins
+
+
+def entries_without_origin(chain: UrdfChain) -> tuple[str, ...]:
+    """Return names of the D-H entries that no origin can hold: those behind the last joint, if the chain ends there."""
+    n = len(chain.joints)
+    behind = tuple(f"{kind}_{n}" for kind in ("s", "a", "alpha", "beta"))
+    return behind if chain.steps[-1].joint is not None else ()
 
 
 def _inverse(T: FloatArray) -> FloatArray:

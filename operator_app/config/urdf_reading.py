@@ -7,7 +7,7 @@ import re
 import xml.etree.ElementTree as ET
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -26,6 +26,7 @@ NO_LIMIT_RAD = math.pi
 """Range of a continuous joint, in either direction."""
 PLACEHOLDER_ANGLE_RAD, PLACEHOLDER_RAD_PER_S = math.radians(3600.0), math.radians(3600.0)
 """Limits of angle and speed above these are placeholders, such as 1e6 rad or 100 rad/s: they count as not stated."""
+TURNING = ("revolute", "continuous")
 GRIPPER = re.compile(r"finger|grip|jaw|knuckle|thumb", re.IGNORECASE)
 """Names of joints of a gripper, not of the arm."""
 FLANGES = ("tool0", "flange")
@@ -39,7 +40,7 @@ REPORTED_RAD = 1e-8
 class UrdfJoint:
     """One revolute joint: axis (3,), range (rad), speed (rad/s) and torque (N m); None if one of these is not stated.
 
-    `placeholders`: the file's limits that are too large for any arm, as text.
+    `unstated`: limits, as text, that the file does not state, or that are too large for any arm; others are assumed.
     """
 
     name: str
@@ -48,7 +49,7 @@ class UrdfJoint:
     upper_rad: float
     velocity_rad_per_s: float | None
     effort_nm: float | None
-    placeholders: tuple[str, ...]
+    unstated: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,6 +91,11 @@ class UrdfChain:
     table: DhTable
     frames: tuple[FloatArray, ...]
     T_flange_tip: FloatArray
+
+    @property
+    def unstated(self) -> list[str]:
+        """Limits, by joint, that the file does not state or that are too large for any arm, as text."""
+        return [f"{j.name}: {', '.join(j.unstated)}" for j in self.joints if j.unstated]
 
     @property
     def rounded(self) -> dict[str, float]:
@@ -223,18 +229,18 @@ def _only_end(elements: Mapping[str, ET.Element], base: str, file: str) -> str:
     parents = {_links(e)[0] for e in elements.values()}
     leaves = [child for child in elements if child not in parents]
     # A cycle has no end; `_joints_to` reports the cycle from any of its links.
-    ends, turning = dict[str, int](), {"revolute", "continuous"}
+    ends = dict[str, int]()
     for leaf in leaves or list(elements):
         path = _joints_to(leaf, elements, file)
         start = next((k for k, e in enumerate(path) if _links(e)[0] == base), None if base else 0)
         if start is None:
             continue
         count, end = 0, leaf
-        for e in path[start:]:
-            if count and _moves_a_tool(e):
+        for k, e in enumerate(path[start:], start + 1):
+            if count and _begins_a_gripper(e, path[k:]):
                 end = _links(e)[0]
                 break
-            count += e.get("type") in turning
+            count += e.get("type") in TURNING
         if count:
             ends[end] = count
     inner = {_links(e)[0] for end in ends for e in _joints_to(end, elements, file)}
@@ -249,10 +255,20 @@ def _only_end(elements: Mapping[str, ET.Element], base: str, file: str) -> str:
     raise only(file, f"has {len(ends)} ends", f"choose with --tip: {names}")
 
 
-def _moves_a_tool(element: ET.Element) -> bool:
-    """Whether a joint is part of a gripper."""
-    named = GRIPPER.search(element.get("name", "")) is not None
-    return named or element.get("type") == "prismatic" or element.find("mimic") is not None
+def _begins_a_gripper(element: ET.Element, later: Sequence[ET.Element]) -> bool:
+    """Whether the joint is of a gripper: by its name, or if it slides or mimics and none of the `later` is an arm's."""
+    if _has_gripper_name(element):
+        return True
+    if element.get("type") != "prismatic" and element.find("mimic") is None:
+        return False
+    return all(
+        e.get("type") not in TURNING or e.find("mimic") is not None or _has_gripper_name(e)
+        for e in later
+    )
+
+
+def _has_gripper_name(element: ET.Element) -> bool:
+    return GRIPPER.search(element.get("name", "")) is not None
 
 
 def _first_names(names: Sequence[str]) -> str:
@@ -293,7 +309,10 @@ def _step(element: ET.Element, file: str) -> UrdfStep:
     T[:3, 3] = numbers(origin, "xyz", "0 0 0", 3)
     kind = element.get("type", "")
     joint = None
-    if kind in ("revolute", "continuous"):
+    if kind in TURNING:
+        if (mimic := element.find("mimic")) is not None:
+            remedy = f"{ONLY_REVOLUTE}; if it has a sensor of its own, remove <mimic>"
+            raise refuse(f"moves with joint {mimic.get('joint', '')!r} (<mimic>)", remedy)
         axis = numbers(element.find("axis"), "xyz", "1 0 0", 3)
         if not np.linalg.norm(axis) > 0.0:
             raise refuse("has no axis", "write for example <axis xyz='0 0 1'/>")
@@ -307,14 +326,6 @@ def _step(element: ET.Element, file: str) -> UrdfStep:
         speed, effort = (
             float(numbers(stated, key, "0", 1)[0]) or None for key in ("velocity", "effort")
         )
-        placeholders = []
-        if max(-low, high) > PLACEHOLDER_ANGLE_RAD:
-            placeholders.append(f"{name}: range of {low:g} to {high:g} rad")
-            low = -NO_LIMIT_RAD if -low > PLACEHOLDER_ANGLE_RAD else low
-            high = NO_LIMIT_RAD if high > PLACEHOLDER_ANGLE_RAD else high
-        if speed is not None and speed > PLACEHOLDER_RAD_PER_S:
-            placeholders.append(f"{name}: velocity of {speed:g} rad/s")
-            speed = None
         joint = UrdfJoint(
             name=name,
             axis=axis / np.linalg.norm(axis),
@@ -322,11 +333,32 @@ def _step(element: ET.Element, file: str) -> UrdfStep:
             upper_rad=high,
             velocity_rad_per_s=speed,
             effort_nm=effort,
-            placeholders=tuple(placeholders),
+            unstated=() if kind == "revolute" else ("no range",),
         )
+        joint = _with_plausible_limits(joint)
     elif kind != "fixed":
         raise refuse(f"is of type {kind!r}", ONLY_REVOLUTE)
     return UrdfStep(name=name, parent=_links(element)[0], T=T, joint=joint, rounded=rounded)
+
+
+def _with_plausible_limits(joint: UrdfJoint) -> UrdfJoint:
+    """Return the joint without limits that are too large for any arm, and with all `unstated` limits listed."""
+    low, high, speed = joint.lower_rad, joint.upper_rad, joint.velocity_rad_per_s
+    unstated = [*joint.unstated]
+    if max(-low, high) > PLACEHOLDER_ANGLE_RAD:
+        unstated.append(f"range of {low:g} to {high:g} rad")
+        low = -NO_LIMIT_RAD if -low > PLACEHOLDER_ANGLE_RAD else low
+        high = NO_LIMIT_RAD if high > PLACEHOLDER_ANGLE_RAD else high
+    if speed is None:
+        unstated.append("no velocity")
+    elif speed > PLACEHOLDER_RAD_PER_S:
+        unstated.append(f"velocity of {speed:g} rad/s")
+        speed = None
+    if joint.effort_nm is None:
+        unstated.append("no effort")
+    return replace(
+        joint, lower_rad=low, upper_rad=high, velocity_rad_per_s=speed, unstated=tuple(unstated)
+    )
 
 
 def arm_file_of(chain: UrdfChain, *, name: str) -> Mapping[str, object]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from typing import Any
@@ -18,7 +19,12 @@ from operator_app.calibration.calibrated_arm import CalibratedArm, calibrated_ar
 from operator_app.calibration.cross_validation import Checks
 from operator_app.calibration.result import Solution
 from operator_app.config.csv_table import write_records
-from operator_app.config.urdf_editing import format_urdf, with_calibration
+from operator_app.config.urdf_editing import (
+    chain_of,
+    entries_without_origin,
+    format_urdf,
+    with_calibration,
+)
 from operator_app.config.urdf_rows import link_transform
 from operator_app.report.facts import facts_of
 from operator_app.report.parameter_tables import values_of
@@ -114,19 +120,21 @@ def into_description(calibration: Calibration, data: bytes, file: str) -> bytes:
 
     Raises ConfigError if the file cannot be read, or describes another arm.
     """
-    own, figures = calibration.by_itself.identified, []
+    chain = chain_of(data, file, calibration.arm)
+    missing, figures = entries_without_origin(chain), []
+    own = [name for name in calibration.by_itself.identified if name not in missing]
     for p, *values in values_of(calibration.solution.identified):
         if p.name in own:
             value, sigma = (quantity_of(p).per_si * v for v in values)
             figures.append(f"{p.name}: {value:.6f}, sigma {sigma:.6f} {quantity_of(p).unit}")
-    comments = ["Only joint origins are changed.", *_provenance(calibration), *figures]
-    return with_calibration(data, file, calibration.arm, calibration.by_itself.table(), comments)
+    comments = ["Only joint origins are changed.", *_provenance(calibration, own), *figures]
+    return with_calibration(data, file, chain, calibration.by_itself.table(), comments)
 
 
 def _urdf(calibration: Calibration) -> bytes:
     arm, n = calibration.by_itself, calibration.arm.joint_count
     comments = [
-        *_provenance(calibration),
+        *_provenance(calibration, arm.identified),
         f"The link 'flange' is frame {n} of the D-H table, 'tip' the fixture's point. No masses, no shapes.",
     ]
     T_tip = link_transform(arm.table("tip").stacked()[:, -1].tolist())
@@ -134,9 +142,10 @@ def _urdf(calibration: Calibration) -> bytes:
     return format_urdf(calibration.arm, arm.table(), T_tip=T_tip, comment=comments)
 
 
-def _provenance(calibration: Calibration) -> list[str]:
-    """Return comment lines that state arm, poses, calibrated entries, and the reason for a forced export."""
-    arm = calibration.by_itself
+def _provenance(calibration: Calibration, written: Sequence[str]) -> list[str]:
+    """Return comment lines that state arm, poses, `written` calibrated entries, and the reason for a forced export."""
+    calibrated = calibration.by_itself.identified
+    left_out = [name for name in calibrated if name not in written]
     model = calibration.solution.model.parts()[0][0]
     sides = {*model.ground_side, *model.hand_side}
     mounting = [p.name for p in model.parameters if p.name in sides]
@@ -144,10 +153,12 @@ def _provenance(calibration: Calibration) -> list[str]:
         f"{calibration.arm.name}, serial {calibration.serial_number}, calibrated by sarcal {version('sarcal')}",
         f"from {calibration.solution.poses} poses (SHA-256 {calibration.poses.sha256()}).",
         "Joint values are sensor readings: the joint-angle offsets are in the origins.",
-        f"Calibrated: {', '.join(arm.identified) or 'no entry of the arm itself'}.",
+        f"Calibrated: {', '.join(written) or 'no entry of the arm itself'}.",
         "As in the arm file, because they depend on the mounting:",
         f"{', '.join(mounting)}.",
     ]
+    if left_out:
+        comments += [f"Not in this file, which ends at its last joint: {', '.join(left_out)}."]
     if not calibration.solution.accepted:
         reasons = "; ".join(calibration.solution.reasons)
         comments += [f"NOT ACCEPTED: {reasons}.", f"Used: {calibration.forced}"]

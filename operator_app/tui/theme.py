@@ -27,8 +27,8 @@ _COLOURS: Mapping[str, Mapping[str, str]] = {
         "border": "#5f676e",
     },
     LIGHT: {
-        "background": "#d6d8da",
-        "bar": "#bcc0c4",
+        "background": "#f0f1f3",
+        "bar": "#dadcdf",
         "text": "#16181a",
         "dim": "#40464c",
         "accent": "#004f8c",
@@ -37,7 +37,7 @@ _COLOURS: Mapping[str, Mapping[str, str]] = {
         "border": "#2f5f85",
     },
 }
-"""Contrast of every text colour on both backgrounds is at least 4.5:1; a test computes it."""
+"""Contrast of every text colour on both backgrounds is at least 4.5:1, also in 256 colours; a test computes it."""
 
 ASCII = str.maketrans(
     {

@@ -195,6 +195,8 @@ REFUSED = [
     "plan hinge --fixture ball",
     "plan hinge --unsensed 9",
     "plan hinge --advise --tries 0",
+    "plan hinge --tries 3",
+    "run hinge --tracker tcp:127.0.0.1:7327",
     "plan --session nowhere",
     "plan hinge --session latest",
     "solve missing.csv",

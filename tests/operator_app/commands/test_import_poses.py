@@ -64,6 +64,9 @@ def test_log_of_an_instrument_is_imported_with_its_endpoints(tmp_path, run_comma
     np.savetxt(time_log, over_time, delimiter=",", header=f"time,{header}", comments="", fmt="%.9f")
     options = ["--fixture", "tracker", "--drop-unidentifiable", "--sessions", tmp_path / "s"]
     expected = run_command(0, "solve", tmp_path / "poses.csv", *options[:3], "--json").json
+    for command in ("solve", "import"):
+        message = run_command(2, command, HINGE / "hinge_quantised.csv", *options[:2]).err
+        assert "hinge_quantised.csv: the poses have no endpoints" in message
     for log, timed in ((rows_log, []), (time_log, ["--time", "time"])):
         found = run_command(0, "import", log, *timed, "--deg", *options, "--json").json
         assert found["poses"] == 40

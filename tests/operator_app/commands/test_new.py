@@ -13,6 +13,7 @@ from operator_app.config.procedure_file import load_procedure
 from tests.oracles.json_schema import complaints
 from tests.oracles.loop_oracle import product
 from tests.oracles.panda import A_M, ALPHA_RAD, S_M
+from tests.oracles.urdfs import joint, robot
 
 HOME_DEG = np.array([0.0, -45.0, 0.0, -135.0, 0.0, 90.0, 45.0])
 
@@ -116,6 +117,13 @@ def test_new_files_match_the_schema_written_beside_them(run_command):
     assert load_procedure("open.yaml").position_joints == (1, 2, 3, 4, 5, 6, 7)
 
 
+def test_limits_that_a_urdf_does_not_state_are_listed(run_command):
+    joints = (joint(f"j{k}", f"l{k}", f"l{k + 1}", axis=f"{k} 1 0", velocity=k) for k in range(3))
+    Path("arm.urdf").write_text(robot(*joints))
+    text = run_command(0, "new", "arm", "--urdf", "arm.urdf").out + Path("arm.yaml").read_text()
+    assert text.count("j0: no velocity") == text.count(": no ") == 2
+
+
 def test_unwritable_schema_leaves_no_file(tmp_path, run_command):
     (tmp_path / "sarcal-arm.schema.json").mkdir()
     message = run_command(2, "new", "arm", "--from", "ur5e", "-o", "mine.yaml").err
@@ -142,6 +150,7 @@ def test_unwritable_schema_leaves_no_file(tmp_path, run_command):
         ("fixture --kind ball --arm franka_panda --hand-point 1,2,3 --tolerance-deg 1e999", "not a finite number"),
         ("procedure --arm franka_panda", "give --arm and --fixture"),
         ("procedure --from hinge --name 7", "begin with a letter"),
+        pytest.param(f"arm --from ur5e -o {'a' * 5000}", "cannot be written: File name too long", id="long"),
     ],
 )  # fmt: skip
 def test_invalid_options_are_refused_and_nothing_is_written(typed, expected, run_command):
@@ -179,8 +188,3 @@ def test_command_advised_for_a_fixture_out_of_reach_can_be_run(run_command):
         line.rpartition(": sarcal ")[2] for line in output.splitlines() if "closes:" in line
     )
     assert "No problems were found" in run_command(5, *command.split()).out
-
-
-def test_name_that_no_file_can_have_is_refused(run_command):
-    message = run_command(2, "new", "arm", "--from", "ur5e", "-o", "a" * 5000).err
-    assert "cannot be written: File name too long" in message

@@ -55,6 +55,7 @@ def test_instrument_worse_than_specified_is_not_accepted(folder, tmp_path, run_c
         ["--open-loop", "--procedure", "hinge"],
         ["--open-loop", "--tracker", "lab"],
         ["{csv}", "--open-loop", "--instrument", "hinge"],
+        ["{csv}", "--poses", "4"],
     ],
 )
 def test_options_that_would_ignore_endpoints_are_refused(

@@ -5,6 +5,7 @@ import pytest
 
 from operator_app.config.errors import ConfigError
 from operator_app.config.joint_log import load_joint_log
+from operator_app.config.recording import load_timed_log
 
 
 @pytest.mark.parametrize(
@@ -57,17 +58,28 @@ def test_measured_endpoints_of_rows_are_kept(tmp_path):
     ("header", "cells", "message"),
     [
         ("x_m,y_m,z_m,qw,qx,qy", "1,2,3,1,0,0", "without qz"),
-        ("x_m,y_m,z_m,qw,qx,qy,qz", "1,2,3,1,1,1,1", "quaternion of length 2"),
+        ("x_m,y_m,z_m,qw,qx,qy,qz", "1,2,3,1,1,1,1", "log.csv:2: has a quaternion of length 2"),
         ("x_m,y_m,z_m", "1,2000,3", "has y_m of 2000"),
         ("x_m,y_m,z_m", "1,,3", "y_m"),
         ("x_m,y_m,z_m,y_m", "1,2,3,4", "more than one column y_m"),
+        ("x_mm,y_mm,tcp_Z", "1,2,3", "no columns x_m, y_m, z_m; write x_mm, y_mm, tcp_Z in metres"),
     ],
 )
 def test_invalid_endpoints_of_rows_are_refused(tmp_path, header, cells, message):
     log = tmp_path / "log.csv"
     log.write_text(f"q1,q2,q3,{header}\n10,20,30,{cells}\n")
     with pytest.raises(ConfigError, match=message):
-        load_joint_log(log, joint_count=3, unit="deg")
+        load_joint_log(log, joint_count=3, unit="deg", instrument=True)
+
+
+def test_header_states_the_unit_unless_columns_and_unit_overrule_it(tmp_path):
+    log = tmp_path / "log.csv"
+    log.write_text("t,q1_rad,q2_rad\n0,1,2\n1,1.5,2.5\n")
+    for columns, unit in (("", None), ("q1_rad,q2_rad", None), ("2-3", "deg")):
+        poses = load_joint_log(log, joint_count=2, columns=columns, unit=unit).poses
+        timed = load_timed_log(log, time="t", joints=("a", "b"), columns=columns, unit=unit)
+        expected = np.multiply([[1.0, 2.0], [1.5, 2.5]], np.pi / 180.0 if unit else 1.0)
+        assert poses.q_rad.tolist() == timed.q_rad.tolist() == expected.tolist()
 
 
 @pytest.mark.parametrize("selected", ["", "base,shoulder,elbow"])
@@ -112,6 +124,10 @@ def test_a_joint_named_by_two_columns_is_refused(tmp_path, selected):
         ("10,5;20,5;-30,5\n", {"unit": "deg"}),
         ("10,5 20,5 -30,5\n", {"unit": "deg"}),
         ("q1 q2 q3\n10,5\t20,5\t-30,5\n", {"unit": "deg"}),
+        ("q1_rad,q2_rad,q3_rad\n1,2,3\n", {"unit": "deg"}),
+        ("q1_rad,q2_rad,q3_deg\n1,2,3\n", {}),
+        ("q1_deg,q2_deg,q3_deg\n" + "1,2,3\n" * 5, {}),
+        ("1,2,3,4\n2,2,3,4\n", {"unit": "deg"}),
     ],
 )
 def test_invalid_log_is_refused_with_place_and_remedy(tmp_path, text, options, approve):

@@ -10,7 +10,7 @@ import yaml
 from operator_app.config.arm_file import parse_arm
 from operator_app.config.atomic import dump_strict
 from operator_app.config.errors import ConfigError
-from operator_app.config.urdf_editing import with_calibration
+from operator_app.config.urdf_editing import chain_of, entries_without_origin, with_calibration
 from operator_app.config.urdf_reading import arm_file_of, parse_urdf
 from solver.chain.kinematics import DhTable
 from tests.oracles.urdfs import joint, robot, tip_error, words
@@ -80,7 +80,8 @@ CHAIN, ARM = arm_of(URDF.encode())
 
 
 def calibrated_text(table, *, text=URDF, file="six.urdf", arm=ARM, comment=()):
-    return with_calibration(text.encode(), file, arm, table, comment).decode()
+    chain = chain_of(data := text.encode(), file, arm)
+    return with_calibration(data, file, chain, table, comment).decode()
 
 
 def without_origins(text, joints):
@@ -96,10 +97,9 @@ def without_origins(text, joints):
 @pytest.mark.parametrize("base", ["world", "l0"])
 def test_tip_agrees_with_pinocchio_to_a_nanometre(tip, base):
     chain, arm = arm_of(URDF.encode(), tip, base)
-    changes = {
-        k: v for k, v in CHANGES.items() if tip == "tool" or k not in ("a_6", "alpha_6", "s_6")
-    }
-    table = with_changes(arm.table, changes)
+    missing = entries_without_origin(chain)
+    assert missing == (() if tip == "tool" else ("s_6", "a_6", "alpha_6", "beta_6"))
+    table = with_changes(arm.table, {k: v for k, v in CHANGES.items() if k not in missing})
     assert tip_error(calibrated_text(table, arm=arm).encode(), chain, table) < 1e-9
     assert tip_error(URDF.encode(), chain, table) > 5e-3
 

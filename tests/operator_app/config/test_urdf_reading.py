@@ -131,14 +131,12 @@ def test_chain_has_joints_between_base_and_tip_only(more, base, tip, expected):
 
 def test_simulator_joints_and_placeholder_limits_are_ignored():
     nested = "<gazebo><joint name='screw' type='screw'><parent>l1</parent></joint></gazebo>"
-    unlimited = joint("j1", "l0", "l1", *SIX[0], axis=AXES[0], ends=(-1e6, 1.0), velocity=100)
+    unlimited = joint("j1", "l0", "l1", axis="0 0 1", ends=(-1e6, 1.0), velocity=100, effort=0)
     chain = parse_urdf(robot(unlimited, *six_joints()[1:], nested, nested).encode(), "arm.urdf")
     assert [j.name for j in chain.joints] == [f"j{k}" for k in range(1, 7)]
     first = chain.joints[0]
-    assert (first.lower_rad, first.upper_rad) == (-np.pi, 1.0)
-    assert first.velocity_rad_per_s is None
-    assert first.placeholders == ("j1: range of -1e+06 to 1 rad", "j1: velocity of 100 rad/s")
-    assert not any(j.placeholders for j in chain.joints[1:])
+    assert (first.lower_rad, first.upper_rad, first.velocity_rad_per_s) == (-np.pi, 1.0, None)
+    assert chain.unstated == ["j1: range of -1e+06 to 1 rad, velocity of 100 rad/s, no effort"]
     parse_arm(dump_strict(dict(arm_file_of(chain, name="arm"))), "arm")
 
 
@@ -157,6 +155,8 @@ DUPLICATE_NAME = (*six_joints()[:2], six_joints()[2].replace('"j3"', '"j2"'), *s
             for name, old, new in (
                 ("model", "<robot", "<model"),
                 ("prismatic", 'name="j1" type="revolute"', 'name="j1" type="prismatic"'),
+                ("prismatic elbow", 'name="j4" type="revolute"', 'name="j4" type="prismatic"'),
+                ("mimic elbow", '<parent link="l3"', '<mimic joint="j1"/><parent link="l3"'),
                 ("range", 'lower="-2.9"', 'lower="3.0"'),
                 ("two numbers", 'xyz="0.1 -0.2 0.4"', 'xyz="0.1 -0.2"'),
                 ("entity", "<robot", "<!DOCTYPE x [<!ENTITY a 'b'>]><robot"),

@@ -1,11 +1,13 @@
 """Screens of each step in both sizes, dark and without colour. Look before you update them."""
 
 import pytest
+from rich.color import Color, ColorSystem
 
 from operator_app.session.ui.snapshot import TaskKind
 from operator_app.session.ui.steps import Step
 from operator_app.tui.app import SarcalApp
-from operator_app.tui.theme import DARK, LIGHT, NO_COLOUR, look
+from operator_app.tui.theme import DARK, LIGHT, NO_COLOUR, look, themes
+from tests.oracles.contrast import contrast
 from tests.oracles.still_runner import StaticSource
 from tests.oracles.story import busy, diverged, lost, stale, stopped, story
 
@@ -42,6 +44,16 @@ def compare(snap_compare, monkeypatch):
         return snap_compare(app, terminal_size=size, run_before=show, press=press)
 
     return compare_screen
+
+
+@pytest.mark.parametrize("system", [ColorSystem.TRUECOLOR, ColorSystem.EIGHT_BIT])
+@pytest.mark.parametrize("theme", themes()[:2], ids=[DARK, LIGHT])
+def test_text_has_contrast(theme, system):
+    for role in ("text", "dim", "accent", "warn", "alarm"):
+        ink = look(theme.name, ascii_only=False).styles[role].color
+        for ground in map(Color.parse, (theme.background, theme.panel)):
+            pair = [c.downgrade(system).get_truecolor().normalized for c in (ink, ground)]
+            assert contrast(*pair) >= 4.5, (role, ground)
 
 
 @pytest.mark.sample(13)

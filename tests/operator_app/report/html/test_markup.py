@@ -22,6 +22,7 @@ from operator_app.report.html.markup import (
     text,
 )
 from operator_app.safe_output import sanitized
+from tests.oracles.contrast import contrast
 
 
 @given(st.text() | st.text("<>\"'&;ltamp/=#3"))
@@ -60,16 +61,6 @@ def rgb(colour: str) -> tuple[float, ...]:
     if colour.startswith("#"):
         return tuple(int(colour[k : k + 2], 16) / 255.0 for k in (1, 3, 5))
     return tuple(int(part) / 255.0 for part in colour.split())
-
-
-def luminance(colour: tuple[float, ...]) -> float:
-    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in colour]
-    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
-
-
-def contrast(a: tuple[float, ...], b: tuple[float, ...]) -> float:
-    high, low = sorted((luminance(a), luminance(b)), reverse=True)
-    return (high + 0.05) / (low + 0.05)
 
 
 @pytest.mark.parametrize("theme", [LIGHT_COLOURS, DARK_COLOURS], ids=["light", "dark"])

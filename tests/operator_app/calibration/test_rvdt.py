@@ -12,7 +12,6 @@ from fixtures.ball import Ball
 from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.rvdt import (
     ReadingTable,
-    measured_offsets,
     reading_tables,
 )
 from operator_app.config.parameters_file import save_parameters
@@ -132,11 +131,10 @@ def test_offsets_of_unsensed_joints_are_measured_by_the_loop():
     poses = load_poses(DATA / "hinge_quantised.csv").poses
     solution = calibrate(ARM, HINGE, poses, unsensed_joints=RVDTS)
     assert not {"theta_off_6", "theta_off_7"} & {p.name for p in solution.estimate.parameters}
-    offsets = measured_offsets(solution, ARM, poses)
-    assert set(offsets) == set(RVDTS)
-    for joint, offset in offsets.items():
+    assert set(solution.unsensed_offsets) == set(RVDTS)
+    for joint, offset in solution.unsensed_offsets.items():
         # The file says 120 and 90 deg; the truth is 116.3 and 89.3.
-        assert np.rad2deg(offset) == pytest.approx(VALUES[f"theta_off_{joint}"], abs=0.2)
+        assert np.rad2deg(offset.value_rad) == pytest.approx(VALUES[f"theta_off_{joint}"], abs=0.2)
 
 
 def test_command_line_applies_the_rvdt_table(curved, tmp_path, run_command):

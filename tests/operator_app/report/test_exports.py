@@ -11,6 +11,7 @@ import pytest
 import sarcal
 from scipy.io import loadmat
 
+from operator_app.calibration.calibrated_arm import T_base_flange
 from operator_app.config.arm_file import load_arm
 from operator_app.config.parameters_file import load_parameters
 from operator_app.config.urdf_editing import format_urdf
@@ -69,6 +70,29 @@ def test_urdf_excludes_parameters_of_the_mounting(result, tmp_path):
     assert table.s_m[0] == table.s_m[6] == table.a_m[6] == 0.0
     assert "depend on the mounting" in text
     assert "theta_off_1, theta_off_7, a_0, s_0, alpha_0, s_1, a_7, s_7, alpha_7" in text
+
+
+@pytest.mark.parametrize("unsensed", [(), (6, 7)])
+def test_every_export_has_the_tool_of_the_last_mounting(unsensed, tmp_path):
+    """The zero of joint 7 counts from the hinge, and is 0.3 rad off in the second placement."""
+    q = sarcal.simulate(arm="sarcos_dextrous", fixture="hinge", poses=50, seed=0).poses.q_rad.copy()
+    q[30:, 6] -= 0.3
+    poses = sarcal.poses_of(q_rad=q, placement=[1] * 30 + [2] * 20)
+    result = sarcal.calibrate(
+        arm="sarcos_dextrous", fixture="hinge", poses=poses, unsensed_joints=unsensed
+    )
+    tips, q = result.fk(q[30:])[:, :3, 3], q[30:]
+    urdf = result.export(tmp_path / "arm.urdf", force="no jump").read_bytes()
+    np.testing.assert_allclose(places(urdf, q, "tip")[:, :3, 3], tips, rtol=0, atol=1e-9)
+    assert (b"theta_off_6: the mean" in urdf) == bool(unsensed)
+    rows = load_parameters(result.export(tmp_path / "p.yaml", force="no jump")).table.stacked()[
+        :, 1:
+    ]
+    rows[:2, 0] = result.arm._model.table.stacked()[:2, 0]
+    apart = np.linalg.norm(T_base_flange(DhTable.from_stacked(rows), q)[:, :3, 3] - tips, axis=-1)
+    assert (apart < (1e-9 if unsensed else 2.0 * result.tip_sigma(q))).all()
+    expected = "with the identified D-H table" if unsensed else "with the best D-H table"
+    assert expected in result.table("accuracy")._facts.note
 
 
 @pytest.mark.parametrize("serial", ["SDA\x1b[31m-1", "a\0b", "-->", "a---b", "x-", "\ufffe & <b>"])

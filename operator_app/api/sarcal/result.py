@@ -7,7 +7,7 @@ from copy import deepcopy
 from dataclasses import dataclass
 from datetime import datetime
 from functools import cached_property
-from os import PathLike
+from os import PathLike, fspath
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, get_args
@@ -256,6 +256,8 @@ class Result:
 
         Raises
         ------
+        ValueError
+            The name of the folder is empty.
         SessionError, WriteError
             The folder has a session that must not be replaced, the folder cannot be written, or this result was read
             from a session.
@@ -265,6 +267,8 @@ class Result:
                 f"this result was read from the session {self._origin.folder}",
                 "copy that folder, or write single files with export",
             )
+        if not fspath(folder):
+            raise ValueError("folder is empty: give the name of a folder, or . for the current one")
         where, session = Path(folder), self._session(self._origin)
         session.write(
             folder=where,

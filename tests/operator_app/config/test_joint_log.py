@@ -75,7 +75,7 @@ def test_a_joint_named_by_two_columns_is_refused(tmp_path, selected):
     log = tmp_path / "log.csv"
     log.write_text("base,shoulder,elbow,base\n10,20,30,40\n")
     joints = ("base", "shoulder", "elbow")
-    with pytest.raises(ConfigError, match="2 columns 'base'|4 columns"):
+    with pytest.raises(ConfigError, match=r"2 columns 'base'|4 columns"):
         load_joint_log(log, joint_count=3, unit="deg", joints=joints, columns=selected)
 
 

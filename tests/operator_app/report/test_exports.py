@@ -157,8 +157,9 @@ def test_csv_json_mat_and_yaml_agree(result, tmp_path, run_command):
     assert "it ends in .urdf" in message
     assert other.read_bytes() == urdf
     run_command(2, "export", folder, "-o", other, "--upload")
-    run_command(0, "export", folder, "-o", tmp_path / "as_before.txt")
-    assert load_parameters(tmp_path / "as_before.txt").arm.serial
+    run_command(2, "export", folder, "-o", tmp_path / "mine.xacro")
+    run_command(0, "export", folder, "-o", tmp_path / "mine.txt", "--format", "yaml")
+    assert load_parameters(tmp_path / "mine.txt").arm.serial
 
 
 def test_forced_urdf_states_not_accepted(tmp_path, run_command):

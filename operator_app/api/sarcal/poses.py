@@ -25,8 +25,8 @@ FRAME = "data frame"
 
 WHOLE_COLUMNS = ("placement", "pose", "samples")
 
-HALF_TURN_RAD = math.pi * (1.0 + 1e-6)
-"""Largest length of a rotation vector, with rounding."""
+HALF_TURN_RAD = 1.01 * math.pi
+"""Largest length of a rotation vector, with a margin for noise."""
 
 
 @dataclass(frozen=True, slots=True)

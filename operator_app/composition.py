@@ -34,6 +34,7 @@ from hardware.virtual.embedded_bus import attended_openers
 from operator_app.config.procedure import Procedure
 from operator_app.effective_procedure import effective_procedure, named_scenario, session_bus
 from operator_app.errors import SessionError
+from operator_app.exit_codes import UsageError
 from operator_app.safe_output import say
 from operator_app.session.workflow.opening import (
     Choices,
@@ -89,6 +90,8 @@ def open_arm(
     ------
     BusError
         The bus cannot be opened.
+    UsageError
+        A channel or bitrate is chosen, but no interface.
     SessionError
         The session was imported and has no arm, or its files or options do not suit the arm.
     """
@@ -100,6 +103,16 @@ def open_arm(
     prepare_real_time()
     procedure = effective_procedure(opening)
     bus = settings = session_bus(opening.choices, procedure)
+    stated = opening.choices
+    if (
+        bus.interface == "virtual"
+        and stated.interface is None
+        and (stated.channel or stated.bitrate)
+    ):
+        option = f"-c {stated.channel}" if stated.channel else f"-b {stated.bitrate}"
+        raise UsageError(
+            f"{option}: no interface is named, and the simulated arm has no bus; add -i, such as -i socketcan"
+        )
     outside = offer(bus.interface)
     if outside is not None:
         choices = _completed(opening.choices, bus, embedded=False)

@@ -38,7 +38,7 @@ from operator_app.calibration.notices import with_notices
 from operator_app.calibration.placements import compared, distances, indistinguishable_placements
 from operator_app.calibration.repeat_measurement import RepeatedReading, repeats_of
 from operator_app.calibration.result import Solution
-from operator_app.calibration.rvdt import check_rvdts
+from operator_app.calibration.rvdt import check_rvdts, measured_offsets
 from operator_app.calibration.tool_accuracy import tip_sigma
 from operator_app.config.procedure import AcceptanceLimits
 from operator_app.messages.finding import FindingKind
@@ -331,6 +331,7 @@ def collect(
         assumed=(*arm.assumed, *fixture.compliance.assumed),
         hand=tip_sigma(model, estimate, q),
         implicit=fitted.implicit,
+        unsensed_offsets=measured_offsets(model, estimate.x, q, arm),
         length_tolerance_m=length_tolerance_m,
         scales=() if by_paper else learned_scales(calibrated.linear, calibrated.derivatives),
         shares=fitted.shares,

@@ -122,9 +122,9 @@ class CalibratedArm:
     def rate_m_per_rad(self, joint: int, rates: dict[str, float], q_rad: FloatArray) -> FloatArray:
         """Tip displacement (m,), m, per rad of error in the fixed offset of `joint`, at readings (m, n).
 
-        `rates`: change of the other parameters per rad, by name; with several placements, those of the first apply.
+        `rates`: change of the other parameters per rad, by name; with several placements, those of the last apply.
         """
-        plain = {name.partition("[")[0]: rate for name, rate in reversed(rates.items())}
+        plain = {name.partition("[")[0]: rate for name, rate in rates.items()}
         names = (DhEntry(DhKind.THETA_OFF, joint).name, *self.free)
         along = np.array([1.0, *(plain.get(name, 0.0) for name in self.free)])
         return np.asarray(np.linalg.norm(self._rates(q_rad, names)[1] @ along, axis=-1))
@@ -201,9 +201,9 @@ def side_of(model: ClosureModel, name: str) -> Literal["arm", "ground", "hand"]:
     return "ground" if plain in part.ground_side else "hand" if plain in part.hand_side else "arm"
 
 
-def _first_placement(solution: Solution) -> tuple[ClosureModel, dict[str, int]]:
-    """Return the loop of the first placement, and the column of each of its parameters in the estimate."""
-    part, columns, _ = solution.model.parts()[0]
+def last_placement(solution: Solution) -> tuple[ClosureModel, dict[str, int]]:
+    """Return the loop of the last placement with poses, and the column of each of its parameters in the estimate."""
+    part, columns, _ = solution.model.parts()[-1]
     index = np.arange(len(solution.estimate.x))[columns].tolist()
     return part, dict(zip([p.name for p in part.parameters], index, strict=True))
 
@@ -211,17 +211,27 @@ def _first_placement(solution: Solution) -> tuple[ClosureModel, dict[str, int]]:
 def calibrated_arm(solution: Solution, arm: ArmModel) -> CalibratedArm:
     """Return the calibrated arm of a calibration."""
     estimate = solution.estimate
-    # If the fixture is remounted on the tool for every placement, the tool parameters of the first are used.
-    part, column = _first_placement(solution)
+    # If the fixture is remounted on the tool for every placement, the tool is that of the last one, which is mounted.
+    part, column = last_placement(solution)
     x = {name: float(estimate.x[k]) for name, k in column.items()}
-    ground, hand = set(part.ground_side), set(part.hand_side)
-    entries = [name for name in column if is_entry(name) and name not in ground]
+    sensed = part.with_all_joints_sensed()
+    ground, hand = set(sensed.ground_side), set(sensed.hand_side)
+    measured = {
+        name: offset
+        for j, offset in (solution.unsensed_offsets or {}).items()
+        if (name := DhEntry(DhKind.THETA_OFF, j).name) not in ground
+    }
+    x |= {name: offset.value_rad for name, offset in measured.items()}
+    entries = [name for name in x if is_entry(name) and name not in ground]
     own = [name for name in entries if name not in hand]
     tip = np.zeros(3)
     if isinstance(part, PointClosure | MeasuredClosure):
         tip = np.array([x.get(name, v) for name, v in zip(TIP, part.tip_m, strict=True)])
     free = [*entries, *(n for n in column if n in TIP_NAMES)]
-    rows = [column[n] for n in free]
+    known = [k for k, name in enumerate(free) if name in column]
+    rows = [column[free[k]] for k in known]
+    covariance = np.diag([measured[n].sigma_rad ** 2 if n in measured else 0.0 for n in free])
+    covariance[np.ix_(known, known)] = estimate.covariance[np.ix_(rows, rows)]
     flange = with_entries(arm.table, {n: x[n] for n in own})
     # The fixture's entries of the last link, identified or not, are added to the calibrated rows.
     held = _with_last_link(flange.stacked(), part.arm_rows(), than=arm.table.stacked())
@@ -231,7 +241,7 @@ def calibrated_arm(solution: Solution, arm: ArmModel) -> CalibratedArm:
         tip_m=tip,
         identified=tuple(own),
         free=tuple(free),
-        _covariance=estimate.covariance[np.ix_(rows, rows)],
+        _covariance=covariance,
         best=solution.best,
         corrections=solution.corrections,
     )
@@ -242,7 +252,7 @@ def with_best_table(
 ) -> Solution:
     """Add the corrections and the best table for readings `q` (m, n), rad; `calibrated`: the fit of the same poses."""
     own = calibrated_arm(solution, arm)
-    part, column = _first_placement(solution)
+    part, column = last_placement(solution)
     index = np.array([column[name] for name in own.free], dtype=np.int64)
     joints = JointCorrections(fit=calibrated.linear)
     sampled = q[evenly(len(q), MOST_POSES_SAMPLED)]

@@ -12,7 +12,12 @@ import numpy as np
 
 from operator_app.calibration.acceptance import Adjudication, Verdict
 from operator_app.calibration.placements import Distance
-from operator_app.calibration.tool_accuracy import HandAccuracy, TipSigma, TrueErrors
+from operator_app.calibration.tool_accuracy import (
+    HandAccuracy,
+    MeasuredOffset,
+    TipSigma,
+    TrueErrors,
+)
 from operator_app.messages.finding import Finding
 from solver.diagnostics.identifiability import Identifiability
 from solver.diagnostics.rvdt import RvdtVerdict
@@ -54,6 +59,7 @@ class Solution:
     `with_best_table`, `with_corrections`: closure sigmas with `best`, and with the identified entries at readings plus
     `corrections`; None in the same cases as `best`.
     `shares`: share of each parameter's information that comes from the poses, by name.
+    `unsensed_offsets`: offsets, by joint, of joints whose readings were not used; None in records of earlier versions.
     `length_tolerance_m`: requested standard deviation of the link lengths, used instead of the arm file's; None if not
     requested.
     `truth`: errors relative to the true values; None if these are unknown, as for any real arm.
@@ -89,6 +95,7 @@ class Solution:
     scales: tuple[Scale, ...] = ()
     shares: Mapping[str, float] = field(default_factory=dict)
     distances: tuple[Distance, ...] = ()
+    unsensed_offsets: Mapping[int, MeasuredOffset] | None = None
     length_tolerance_m: float | None = None
     truth: TrueErrors | None = None
 

@@ -12,6 +12,7 @@ from operator_app.calibration.error_model import free_within_tolerance
 from operator_app.calibration.experiment import Experiment, in_order
 from operator_app.calibration.findings import moved_while_read
 from operator_app.calibration.result import Solution
+from operator_app.calibration.tool_accuracy import MeasuredOffset
 from operator_app.config.parameter_records import RvdtRemedy
 from operator_app.messages.finding import Finding, FindingKind
 from operator_app.units import joints_named
@@ -254,29 +255,27 @@ def corrected_poses(poses: PoseSet, tables: Sequence[ReadingTable]) -> PoseSet:
     return replace(poses, q_rad=q)
 
 
-def measured_offsets(solution: Solution, arm: ArmModel, poses: PoseSet) -> dict[int, float]:
-    """Offset (rad) of each joint whose readings were not used: mean of (angle from the loop minus reading).
+def measured_offsets(
+    model: ClosureModel, x: FloatArray, q: FloatArray, arm: ArmModel
+) -> dict[int, MeasuredOffset]:
+    """Offset of each joint whose readings were not used, by joint; left out are joints without a sensor.
 
-    `poses`: the poses of the solution. Left out: joints without a sensor; with several placements, also the first
-    and the last joint.
+    `x`, `q`: identified parameters (P,), and readings (m, n) of their poses, rad and m.
     """
-    model = solution.model
-    used = np.setdiff1d(np.arange(len(poses)), solution.dropped_flipped)
-    # The zeros of the first and the last joint count from the fixture, so each placement has its own.
-    several = {1, arm.joint_count} if len(poses.placements) > 1 else set()
     joints = [
-        j
-        for j in model.unsensed_joints
-        if not isinstance(arm.joints[j - 1].sensor, NoSensor) and j not in several
+        j for j in model.unsensed_joints if not isinstance(arm.joints[j - 1].sensor, NoSensor)
     ]
-    if not joints or len(used) != solution.poses:
+    if not joints:
         return {}
-    q = poses.q_rad[used]
-    closed = close_loops(model, solution.estimate.x, q)
+    closed, (*_, last) = close_loops(model, x, q), model.parts()[-1]
     offsets = {}
     for j in joints:
-        angle = model.angle_of(closed.u, j)[closed.closed]
-        turned = np.exp(1j * (angle - q[closed.closed, j - 1]))
+        # The zeros of the first and the last joint count from the fixture, so each placement has its own.
+        poses = last if j in (1, arm.joint_count) else slice(None)
+        turned = np.exp(1j * (model.angle_of(closed.u, j) - q[:, j - 1]))[poses]
+        turned = turned[closed.closed[poses]]
         if len(turned):
-            offsets[j] = float(np.angle(turned.mean()))
+            mean = turned.mean()
+            spread = np.std(np.angle(turned * mean.conj()))
+            offsets[j] = MeasuredOffset(value_rad=float(np.angle(mean)), sigma_rad=float(spread))
     return offsets

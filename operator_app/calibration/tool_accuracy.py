@@ -45,6 +45,17 @@ class HeldOffset:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class MeasuredOffset:
+    """Offset of a joint whose readings were not used: mean over the poses of angle from the loop minus reading.
+
+    `sigma_rad`: standard deviation of one such difference, which includes the linearity deviation of the sensor.
+    """
+
+    value_rad: float
+    sigma_rad: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class HandAccuracy:
     """Tool position error before and after a calibration, over the joints' ranges.
 

@@ -123,6 +123,11 @@ def _format(args: argparse.Namespace) -> str:
     ending = args.output.suffix.removeprefix(".").lower() if args.output else ""
     named = "yaml" if ending == "yml" else ending
     if named not in FORMATS:
+        if ending and option is None:
+            raise UsageError(
+                f"-o {args.output}: .{ending} selects no format; end the name in "
+                f"{', '.join(f'.{f}' for f in FORMATS)}, or add --format"
+            )
         return option or "yaml"
     if option not in (None, named):
         raise UsageError(

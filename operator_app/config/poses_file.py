@@ -121,7 +121,7 @@ def parse_poses(data: bytes, file: str, *, joint_count: int | None = None) -> Lo
     except ValueError as error:
         remedy = "correct the endpoint's columns, or measure that pose again"
         raise only(file, str(error), remedy) from error
-    return LoadedPoses(poses=poses, warnings=tuple(_warnings(poses, file)))
+    return LoadedPoses(poses=poses, warnings=tuple(pose_warnings(poses, file)))
 
 
 def format_poses(poses: PoseSet) -> bytes:
@@ -314,7 +314,8 @@ def _pose_set(columns: Mapping[str, Sequence[Any]]) -> PoseSet:
     )
 
 
-def _warnings(poses: PoseSet, file: str) -> Iterator[FileWarning]:
+def pose_warnings(poses: PoseSet, file: str) -> Iterator[FileWarning]:
+    """Yield warnings about poses read in degrees from a file; `file`: its name."""
     if poses.endpoint is not None and poses.endpoint.shape[1] == 6:
         longest_deg = float(np.rad2deg(np.linalg.norm(poses.endpoint[:, 3:], axis=1).max()))
         if longest_deg > 180.0 + 1e-6:

@@ -15,7 +15,12 @@ from typing import Any
 
 import numpy as np
 
-from operator_app.calibration.calibrated_arm import CalibratedArm, calibrated_arm, side_of
+from operator_app.calibration.calibrated_arm import (
+    CalibratedArm,
+    calibrated_arm,
+    last_placement,
+    side_of,
+)
 from operator_app.calibration.cross_validation import Checks
 from operator_app.calibration.result import Solution
 from operator_app.config.csv_table import write_records
@@ -146,7 +151,9 @@ def _provenance(calibration: Calibration, written: Sequence[str]) -> list[str]:
     """Return comment lines that state arm, poses, `written` calibrated entries, and the reason for a forced export."""
     calibrated = calibration.by_itself.identified
     left_out = [name for name in calibrated if name not in written]
-    model = calibration.solution.model.parts()[0][0]
+    offsets = calibration.solution.unsensed_offsets or {}
+    unsensed = [f"theta_off_{j}" for j in offsets if f"theta_off_{j}" in calibrated]
+    model = last_placement(calibration.solution)[0].with_all_joints_sensed()
     sides = {*model.ground_side, *model.hand_side}
     mounting = [p.name for p in model.parameters if p.name in sides]
     comments = [
@@ -159,6 +166,10 @@ def _provenance(calibration: Calibration, written: Sequence[str]) -> list[str]:
     ]
     if left_out:
         comments += [f"Not in this file, which ends at its last joint: {', '.join(left_out)}."]
+    if unsensed:
+        comments.append(
+            f"{', '.join(unsensed)}: the mean of the angle that closes the loop minus the reading, which was not used."
+        )
     if not calibration.solution.accepted:
         reasons = "; ".join(calibration.solution.reasons)
         comments += [f"NOT ACCEPTED: {reasons}.", f"Used: {calibration.forced}"]

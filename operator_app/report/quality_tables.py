@@ -128,7 +128,8 @@ def accuracy_table(solution: Solution) -> FactTable | None:
     note = (
         f"At {accuracy.poses} poses evenly over the ranges, obstacles ignored. Before: distance between the tool "
         "positions from the arm file and from the calibrated entries, in the arm's base frame, without entries of the "
-        "mounting. After: uncertainty with the best D-H table, without corrections"
+        f"mounting. After: uncertainty with the {'identified' if solution.best is None else 'best'} D-H table, without "
+        "corrections"
         f"{fixed_briefly(tuple(h.name for h in accuracy.holds_for))}."
     )
     by_poses = accuracy.after_by_poses or accuracy.after

@@ -239,8 +239,11 @@ def posterior_data(solution: Solution) -> dict[str, Any]:
     if solution.corrections is not None:
         data["corrections"] = [_correction_data(c) for c in solution.corrections.each]
         data["corrections_dh"] = [
-            dict(zip(("theta_off_deg", "s_m", "a_m", "alpha_deg"), row[:4], strict=True))
-            for row in (solution.corrections.rows * _PER_SI[:, None]).T.tolist()
+            {"theta_off_deg": theta_off, "s_m": s, "a_m": a, "alpha_deg": alpha}
+            | ({"beta_deg": beta} if beta else {})
+            for theta_off, s, a, alpha, beta in (
+                solution.corrections.rows * _PER_SI[:, None]
+            ).T.tolist()
         ]
     return data
 

@@ -92,6 +92,11 @@ class Frames:
         return poses_first(self.axes_of, 0, 2, 1)
 
     @property
+    def normals(self) -> FloatArray:
+        """Axes of a_j and alpha_j (..., links + 1, 3): x_j before the rotation by beta_j."""
+        return poses_first(self.axes_of[:, 0] if self.normal_of is None else self.normal_of, 0, 1)
+
+    @property
     def origins_m(self) -> FloatArray:
         """Origins (..., links + 1, 3)."""
         return poses_first(self.origin_of, 0, 1)

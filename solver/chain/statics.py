@@ -103,7 +103,7 @@ def torque_rates(arm: Frames, down: FloatArray) -> FloatArray:
     of the first moment (N m / kg m). Zero for links before the joint.
     """
     axes, origins = arm.axes, arm.origins_m
-    z, x, p = axes[..., :-1, :, 2], axes[..., 1:, :, 0], origins[..., :-1, :]
+    z, x, p = axes[..., :-1, :, 2], arm.normals[..., 1:, :], origins[..., :-1, :]
     n = z.shape[-2]
     link_axes = np.stack((x, np.cross(z, x), z), axis=-2)
     weight = STANDARD_GRAVITY_M_PER_S2 * skew(np.asarray(down))

@@ -123,7 +123,8 @@ SESSIONS = Path("sessions")
 def load_result(session: str | PathLike[str]) -> Result:
     """Return the calibration of a session made by ``sarcal run``, ``sarcal import`` or `Result.save`.
 
-    The poses are not solved again, unless an early version made the session and stored no solution.
+    The poses are not solved again, unless an earlier version made the session and its solution is missing or
+    outdated.
 
     Parameters
     ----------

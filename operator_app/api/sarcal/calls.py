@@ -11,6 +11,7 @@ import reprlib
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from functools import wraps
+from threading import Lock
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
@@ -147,6 +148,9 @@ def required_shape(shape: tuple[int, ...], joint_count: int) -> str:
     )
 
 
+_limiting = Lock()
+"""Held while a call limits the BLAS threads."""
+
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -155,7 +159,8 @@ def one_blas_thread(function: Callable[P, R]) -> Callable[P, R]:
     """Return a function that runs `function` with one BLAS thread.
 
     Matrices here have some tens of rows: several threads wait for each other and, on busy cores, take seconds
-    instead of a third of a second. The limit applies to the whole process until `function` returns.
+    instead of a third of a second. The limit applies to the whole process until `function` returns. Of calls that
+    overlap in several threads only the first sets and removes it: the others would restore what the first had set.
     """
 
     @wraps(function)
@@ -163,7 +168,12 @@ def one_blas_thread(function: Callable[P, R]) -> Callable[P, R]:
         import scipy.linalg  # noqa: F401 - its BLAS must be loaded before it can be limited
         from threadpoolctl import threadpool_limits
 
-        with threadpool_limits(limits=1, user_api="blas"):
+        if not _limiting.acquire(blocking=False):
             return function(*args, **kwargs)
+        try:
+            with threadpool_limits(limits=1, user_api="blas"):
+                return function(*args, **kwargs)
+        finally:
+            _limiting.release()
 
     return limited

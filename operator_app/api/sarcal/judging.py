@@ -21,7 +21,7 @@ from .poses import Poses, load_poses
 from .result import Result
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Verification:
     """Test of a calibration with new poses; made by `verify`. Its ``str`` is text for 80 columns."""
 
@@ -101,7 +101,7 @@ def verify(result: Result, poses: str | PathLike[str] | Poses | Any) -> Verifica
     return Verification(tested, new, f"{result.arm.name} in {result.fixture.name}")
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Comparison:
     """Drift between two calibrations; made by `compare`. Its ``str`` is text for 80 columns."""
 

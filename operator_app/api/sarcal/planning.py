@@ -19,7 +19,7 @@ from .poses import Poses
 from .tables import with_units
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Plan:
     """Planned poses in visiting order, with the predicted sigmas; made by `plan`."""
 
@@ -121,7 +121,7 @@ def plan(
     return Plan(shown, f"Plan: {names}, from nominal geometry")
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Simulation:
     """Simulated readings and the true parameters; made by `simulate`.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from os import PathLike, fspath
@@ -12,14 +13,20 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from operator_app.config.csv_table import write_records
-from operator_app.config.poses_file import FileWarning, format_poses, parse_poses
+from operator_app.config.poses_file import FileWarning, parse_poses, pose_warnings, save_poses
 from operator_app.config.poses_file import load_poses as load_poses_file
+from operator_app.config.quantities import length_doubt
 from solver.arrays import FloatArray, IntArray
 from solver.chain.poses import PoseSet
 
 from .calls import WholeNumbers, numbers, required_shape, shown, whole
 
 FRAME = "data frame"
+
+WHOLE_COLUMNS = ("placement", "pose", "samples")
+
+HALF_TURN_RAD = 1.01 * math.pi
+"""Largest length of a rotation vector, with a margin for noise."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,9 +74,12 @@ class Poses:
         return self._set.label
 
     def to_csv(self, path: str | PathLike[str]) -> Path:
-        """Write a poses file, angles in degrees, and return its path; rounding is the only loss."""
+        """Write a poses file, angles in degrees, and return its path; rounding is the only loss.
+
+        Raises WriteError if the file cannot be written.
+        """
         target = Path(path)
-        target.write_bytes(format_poses(self._set))
+        save_poses(target, self._set)
         return target
 
     def __len__(self) -> int:
@@ -96,7 +106,8 @@ def poses_of(
     Parameters
     ----------
     q_rad, q_deg
-        Sensor readings (m, n), in one of the two units: continuous beyond a turn, offsets not added.
+        Sensor readings (m, n), in one of the two units: continuous beyond a turn, offsets not added. If they may be in
+        radians although given as `q_deg`, the result has a warning.
     placement
         Number (from 1) of the fixture placement of each pose (m,), or one number for all; None: a single placement.
     names
@@ -105,7 +116,8 @@ def poses_of(
         Number of samples averaged in each pose (m,), and their standard deviation (m, n), rad. Each may be one number
         for all poses; the standard deviation may also be one number per joint (n,). None: one sample per pose.
     endpoint_m
-        Endpoint measured by an instrument, for a ``measured`` fixture: (m, 3), or (m, 6) with a rotation vector, rad.
+        Endpoint measured by an instrument, for a ``measured`` fixture: (m, 3), or (m, 6) with a rotation vector of at
+        most half a turn, rad.
         With any other fixture, the endpoint is not used, and the result has a warning.
 
     Raises
@@ -145,7 +157,8 @@ def poses_of(
         samples=None if samples is None else _one_a_pose("samples", samples, m),
         endpoint=None if endpoint_m is None else _endpoint_m(endpoint_m, m),
     )
-    return Poses("an array", pose_set)
+    warnings = () if q_deg is None else tuple(pose_warnings(pose_set, name))
+    return Poses("an array", pose_set, warnings)
 
 
 def _one_a_pose(name: str, value: Any, poses: int) -> IntArray:
@@ -180,6 +193,14 @@ def _endpoint_m(value: Any, poses: int) -> FloatArray:
         raise ValueError(
             f"endpoint_m has shape {endpoint.shape}: give {(poses, 3)} (x, y, z per pose) or {(poses, 6)} (with "
             "a rotation vector)"
+        )
+    if doubt := length_doubt(float(np.abs(endpoint[:, :3]).max())):
+        raise ValueError(f"endpoint_m: {doubt}")
+    longest_rad = float(np.linalg.norm(endpoint[:, 3:], axis=1).max())
+    if longest_rad > HALF_TURN_RAD:
+        raise ValueError(
+            f"endpoint_m has a rotation vector of {longest_rad:.4g} rad; the limit is half a turn (3.1416 rad): "
+            "convert degrees with np.deg2rad, and Euler angles to rotation vectors"
         )
     return endpoint
 
@@ -228,20 +249,27 @@ def load_poses(
             if isinstance(source, Sequence | np.ndarray)
             else f"poses={shown(source)}: give a path, a data frame, or what sarcal.poses_of returned"
         )
-    read = parse_poses(_csv_of(source, [str(c) for c in columns]), FRAME, joint_count=joint_count)
+    read = parse_poses(_csv_of(source), FRAME, joint_count=joint_count)
     return Poses(FRAME, read.poses, read.warnings)
 
 
-def _csv_of(frame: Any, columns: list[str]) -> bytes:
+def _csv_of(frame: Any) -> bytes:
     """Return a data frame of any library as the bytes of a poses file."""
-    cells = {name: [_cell(v) for v in frame[name]] for name in columns}
+    cells = {
+        str(c): [_cell(v, whole_number=c in WHOLE_COLUMNS) for v in frame[c]] for c in frame.columns
+    }
     count = len(next(iter(cells.values()), []))
     head = {"placement": ["1"] * count, "pose": [str(k) for k in range(1, count + 1)]}
     all_columns = head | cells
     return write_records([list(all_columns), *zip(*all_columns.values(), strict=True)])
 
 
-def _cell(value: Any) -> str:
-    """Return a value as text, with as many digits as are needed to read the same double."""
+def _cell(value: Any, *, whole_number: bool) -> str:
+    """Return a value as text, with as many digits as are needed to read the same double.
+
+    With `whole_number`, 32.0 is written as 32: pandas makes floats of whole numbers, such as of a column with gaps.
+    """
     plain = value.item() if hasattr(value, "item") else value
+    if whole_number and isinstance(plain, float) and plain.is_integer():
+        return str(int(plain))
     return repr(plain) if isinstance(plain, float) else str(plain)

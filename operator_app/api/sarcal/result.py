@@ -7,7 +7,7 @@ from copy import deepcopy
 from dataclasses import dataclass
 from datetime import datetime
 from functools import cached_property
-from os import PathLike
+from os import PathLike, fspath
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, get_args
@@ -185,15 +185,18 @@ class Result:
         """Return the pose of the tool in the arm's base frame, by default from the best D-H table.
 
         The base frame is that of the arm file. Entries of link 1 that depend on the mounting (`to_json`, ``side``:
-        ``ground``), such as ``s_1`` with a hinge, do not move this frame, whatever their calibrated values.
+        ``ground``), such as ``s_1`` with a hinge, do not move this frame, whatever their calibrated values. If the
+        fixture was remounted, the tool is that of the last placement. Where readings were not used, the offset is the
+        mean over the poses of the angle from the loop minus the reading.
 
         Parameters
         ----------
         q_rad
             Sensor readings (n,) or (m, n), rad.
         frame
-            ``tip``: the point of the tool at the fixture (with a hinge, z is along its axis); ``flange``: frame n of
-            the arm's own D-H table, as in an exported URDF, which stays valid in another mounting.
+            ``tip``: the point of the tool at the fixture, with the orientation of the last D-H frame (with a hinge, z
+            is along its axis); ``flange``: frame n of the arm's own D-H table, as in an exported URDF, which stays
+            valid in another mounting.
         corrections
             Use the identified table and the corrections of the readings (`Result.corrections`) instead. This is more
             accurate, but the controller has to apply the corrections.
@@ -213,8 +216,9 @@ class Result:
     def tip_sigma(self, q_rad: ArrayLike) -> FloatArray:
         """Return the standard deviation of the tip position from `fk`, m.
 
-        This is the root of the sum of the variances of x, y and z, from the covariance of the parameters. Errors of the
-        readings are not included.
+        This is the root of the sum of the variances of x, y and z, from the covariance of the parameters and, where
+        readings were not used, from their scatter about the angles from the loop. Other errors of the readings are not
+        included.
 
         Parameters
         ----------
@@ -252,6 +256,8 @@ class Result:
 
         Raises
         ------
+        ValueError
+            The name of the folder is empty.
         SessionError, WriteError
             The folder has a session that must not be replaced, the folder cannot be written, or this result was read
             from a session.
@@ -261,6 +267,8 @@ class Result:
                 f"this result was read from the session {self._origin.folder}",
                 "copy that folder, or write single files with export",
             )
+        if not fspath(folder):
+            raise ValueError("folder is empty: give the name of a folder, or . for the current one")
         where, session = Path(folder), self._session(self._origin)
         session.write(
             folder=where,

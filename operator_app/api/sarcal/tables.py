@@ -20,7 +20,8 @@ from solver.chain.parameters import Parameter
 class Table:
     """A table returned by `Result.table`.
 
-    Its ``str`` is text for 80 columns; a notebook shows it as HTML.
+    Its ``str`` is text for 80 columns (``correlations``: wider, with a column per parameter); a notebook shows it as
+    HTML.
 
     Attributes
     ----------

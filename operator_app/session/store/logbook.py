@@ -123,8 +123,8 @@ class Logbook:
         procedure = replace(self.procedure, **options)
         solution = solve(self.state, procedure, solver=solver, progress=progress)
         if self.truths is not None:
-            first = min(p.placement for p in self.state.used_poses)
-            solution = with_truth(solution, self.model, self.truths, first=first)
+            last = max(p.placement for p in self.state.used_poses)
+            solution = with_truth(solution, self.model, self.truths, last=last)
         self.record_solution(solution)
         return solution
 

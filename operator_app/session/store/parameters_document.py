@@ -9,9 +9,9 @@ from datetime import datetime
 
 import numpy as np
 
-from operator_app.calibration.calibrated_arm import side_of
+from operator_app.calibration.calibrated_arm import last_placement, side_of
 from operator_app.calibration.result import Solution
-from operator_app.calibration.rvdt import ReadingTable, measured_offsets, reading_tables
+from operator_app.calibration.rvdt import ReadingTable, reading_tables
 from operator_app.config import parameter_records as records
 from operator_app.config.parameters_file import (
     ParametersDocument,
@@ -23,7 +23,7 @@ from operator_app.errors import GuardError, SessionError
 from operator_app.session.store.journal import utc_now
 from operator_app.session.store.state import SessionState
 from operator_app.session.store.stored_calibration import software_version
-from solver.arrays import FloatArray, IntArray
+from solver.arrays import FloatArray
 from solver.chain.kinematics import DhTable
 from solver.loops.arm_loop import ArmLoop
 from solver.loops.closure import ClosureModel, ResidualSigma
@@ -55,11 +55,12 @@ def parameters_document(
     """
     arm, fixture = procedure.arm, procedure.fixture
     estimate, turned = solution.estimate, solution.estimate.sigmas.orientation_rad
-    model, columns, several = _mounted(solution.model, state)
+    model, column = last_placement(solution)
+    columns = list(column.values())
     table = _table_of(model, estimate.x[columns], fixture.kind)
     theta_off_rad = np.array(table.theta_off_rad)
-    for joint, offset in measured_offsets(solution, arm, state.pose_set()).items():
-        theta_off_rad[joint] = offset
+    for joint, offset in (solution.unsensed_offsets or {}).items():
+        theta_off_rad[joint] = offset.value_rad
     table = replace(table, theta_off_rad=theta_off_rad)
     own = model.own if isinstance(model, ArmLoop) else ()
     calibrated = tuple(
@@ -69,8 +70,7 @@ def parameters_document(
         for p, s in zip(model.parameters, estimate.standard_deviation[columns], strict=True)
         if p.name not in own
     )
-    where = dict(zip((p.name for p in model.parameters), columns.tolist(), strict=True))
-    listed = {part.entry: where[part.entry] for part in calibrated}
+    listed = {part.entry: column[part.entry] for part in calibrated}
     rows = list(listed.values())
     return ParametersDocument(
         arm=records.WhichArm(model=arm.name, serial=state.serial_number),
@@ -89,7 +89,7 @@ def parameters_document(
         ),
         warnings=(
             *_forced_warning(solution, forced),
-            *several,
+            *_several(solution.model),
             *(records.DocumentWarning(code=n.code, text=n.sentence) for n in solution.warnings),
         ),
         estimator=estimate.estimator,
@@ -119,23 +119,15 @@ def _budget(solution: Solution, listed: Mapping[str, int]) -> Mapping[str, Mappi
     return records.budget_of(tuple(rows), np.diagonal(estimate.covariance)[where], parts)
 
 
-def _mounted(
-    model: ClosureModel, state: SessionState
-) -> tuple[ClosureModel, IntArray, tuple[records.DocumentWarning, ...]]:
-    """Return the loop of the placement in the document, and the indices of its parameters in the estimate.
-
-    If there are several placements, also return a warning that names the one in the document: the current placement or,
-    if it has no used poses, the last placement with used poses.
-    """
+def _several(model: ClosureModel) -> tuple[records.DocumentWarning, ...]:
+    """Return a warning that names the placement in the document, if there are several placements."""
     if not isinstance(model, Placements):
-        return model, np.arange(len(model.parameters)), ()
-    has_current = state.placement in model.numbers and not state.imported
-    number = state.placement if has_current else model.numbers[-1]
+        return ()
     text = (
         f"calibrated in {len(model.numbers)} placements of the fixture; the fixture entries are those of "
-        f"placement {number}, the last"
+        f"placement {model.placement.max()}, the last"
     )
-    return *model.of(number), (records.DocumentWarning(code="PLACEMENTS", text=text),)
+    return (records.DocumentWarning(code="PLACEMENTS", text=text),)
 
 
 def _table_of(model: ClosureModel, x: FloatArray, kind: str) -> DhTable:

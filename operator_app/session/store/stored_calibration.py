@@ -150,6 +150,9 @@ def journal_calibration(state: SessionState) -> StoredCalibration | str:
         checks = from_dict(Checks, state.checks) if state.checks else None
     except RecordError:
         return "another version of this program wrote the solution in the journal"
+    several = len(solution.model.parts()) > 1
+    if solution.unsensed_offsets is None and (solution.model.unsensed_joints or several):
+        return "an earlier version of this program, whose results differ, wrote the solution in the journal"
     used = [pose.number for pose in state.used_poses]
     if state.solved.get("poses", used) != used:
         return "the solution in the journal is from other poses"

@@ -8,7 +8,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from operator_app.calibration.calibrated_arm import calibrated_arm, even_poses, with_entries
+from operator_app.calibration.calibrated_arm import (
+    calibrated_arm,
+    even_poses,
+    last_placement,
+    with_entries,
+)
 from operator_app.calibration.result import Solution
 from operator_app.calibration.tool_accuracy import TrueErrors
 from solver.chain.arm_model import ArmModel
@@ -20,8 +25,8 @@ Truths = Callable[[int], Mapping[str, float]]
 """Function of the number of a placement (from 1); returns the true value, rad or m, of each unknown by name."""
 
 
-def with_truth(solution: Solution, arm: ArmModel, truths: Truths, *, first: int = 1) -> Solution:
-    """Return a calibration with its true errors; `first`: number of the first placement that has poses.
+def with_truth(solution: Solution, arm: ArmModel, truths: Truths, *, last: int = 1) -> Solution:
+    """Return a calibration with its true errors; `last`: number of the last placement that has poses.
 
     As in `HandAccuracy`, the tool position error excludes the placement error of the fixture.
     """
@@ -31,7 +36,7 @@ def with_truth(solution: Solution, arm: ArmModel, truths: Truths, *, first: int 
         estimate.parameters, estimate.x.tolist(), *intervals(estimate), strict=True
     ):
         name, _, number = parameter.name.partition("[")
-        true = truths(int(number[:-1]) if number else first).get(name)
+        true = truths(int(number[:-1]) if number else last).get(name)
         if true is None:  # the orientation of a target has no true value with that name
             continue
         error = true - x
@@ -41,8 +46,8 @@ def with_truth(solution: Solution, arm: ArmModel, truths: Truths, *, first: int 
         inside += bool(low <= x + error <= high)
     # The identified entries are compared, since the best table also includes errors of readings.
     calibrated = replace(calibrated_arm(solution, arm), best=None)
-    part = solution.model.parts()[0][0]
-    values = dict(truths(first))
+    part = last_placement(solution)[0].with_all_joints_sensed()
+    values = dict(truths(last))
     tool_side = {
         entry.name: values[entry.name]
         for row in range(1, arm.joint_count + 1)

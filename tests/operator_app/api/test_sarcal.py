@@ -73,15 +73,18 @@ def test_arrays_file_and_data_frame_give_the_same_poses(result):
     np.testing.assert_allclose(in_deg.q_rad, in_rad.q_rad, rtol=0, atol=1e-14)
     # As in pandas and polars: named columns.
     columns = {f"theta{j}_deg": list(poses.q_deg[:, j - 1]) for j in range(1, 8)}
-    from_frame = sarcal.load_poses(_Frame(columns))
+    from_frame = sarcal.load_poses(_Frame(columns | {"samples": [32.0] * len(poses)}))
+    with pytest.raises(sarcal.ConfigError, match="0: unknown column"):
+        sarcal.load_poses(_Frame({0: [1.0]}))
     np.testing.assert_allclose(from_frame.q_rad, poses.q_rad, rtol=0, atol=1e-14)
+    assert "in radians" in sarcal.poses_of(q_deg=poses.q_rad)._warnings[0].text
     repeated = sarcal.calibrate(arm="sarcos_dextrous", fixture="hinge", poses=in_rad)
     assert dict(repeated.values) == pytest.approx(dict(result.values), abs=1e-6)
     with pytest.raises(TypeError, match="does not state its unit"):
         sarcal.calibrate(arm="sarcos_dextrous", fixture="hinge", poses=poses.q_rad)
 
 
-class _Frame(dict[str, list[float]]):
+class _Frame(dict[object, list[float]]):
     @property
     def columns(self):
         return list(self)
@@ -255,7 +258,8 @@ def test_simulations_and_results_are_pickled_and_copied(result):
     for again in (pickle.loads(pickle.dumps(made)), copy.deepcopy(made)):  # noqa: S301 - our own
         assert again.truth == made.truth
         np.testing.assert_array_equal(again.poses.q_rad, made.poses.q_rad)
-    sarcal.compare(result, result)
+    plan = sarcal.plan(arm=result.arm, fixture="hinge", poses=3, drive_joints=[1, 5])
+    assert len({made, copy.deepcopy(made), plan, sarcal.compare(result, result)}) == 4
     for again in (pickle.loads(pickle.dumps(result)), copy.deepcopy(result)):  # noqa: S301 - our own
         assert again.to_json() == result.to_json()
 

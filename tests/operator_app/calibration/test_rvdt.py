@@ -10,11 +10,7 @@ import sarcal
 
 from fixtures.ball import Ball
 from operator_app.calibration.calibrate import calibrate
-from operator_app.calibration.rvdt import (
-    ReadingTable,
-    measured_offsets,
-    reading_tables,
-)
+from operator_app.calibration.rvdt import ReadingTable, reading_tables
 from operator_app.config.parameters_file import save_parameters
 from operator_app.config.poses_file import load_poses
 from operator_app.report.facts import facts_of
@@ -22,7 +18,7 @@ from operator_app.report.text import facts_text
 from operator_app.session.store.parameters_document import rvdt_remedy
 from solver.diagnostics.rvdt import Soundness
 from tests.oracles.as_shipped import ARM, HINGE, poses_of, solved, spread_out
-from tests.oracles.parameter_documents import VALUES, make_document
+from tests.oracles.parameter_documents import make_document
 from tests.oracles.shop_floor import Sizes, Specimen, session, taken
 from tests.oracles.shop_floor_chain import frames, rotation_about_z
 from tests.oracles.shop_floor_faults import CASES, ball_instead_of_hinge
@@ -126,17 +122,6 @@ def test_readings_beyond_the_table_use_its_ends(curved):
         table.corrected(readings) - readings, table.add_rad[[0, 0, -1, -1]], atol=1e-15
     )
     assert table.beyond(readings) == 2
-
-
-def test_offsets_of_unsensed_joints_are_measured_by_the_loop():
-    poses = load_poses(DATA / "hinge_quantised.csv").poses
-    solution = calibrate(ARM, HINGE, poses, unsensed_joints=RVDTS)
-    assert not {"theta_off_6", "theta_off_7"} & {p.name for p in solution.estimate.parameters}
-    offsets = measured_offsets(solution, ARM, poses)
-    assert set(offsets) == set(RVDTS)
-    for joint, offset in offsets.items():
-        # The file says 120 and 90 deg; the truth is 116.3 and 89.3.
-        assert np.rad2deg(offset) == pytest.approx(VALUES[f"theta_off_{joint}"], abs=0.2)
 
 
 def test_command_line_applies_the_rvdt_table(curved, tmp_path, run_command):

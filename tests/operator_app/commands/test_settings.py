@@ -69,6 +69,12 @@ def test_virtual_options_take_precedence_over_the_bus_setting(file, tmp_path, op
     assert effective_procedure(opening).arm.joint_count == 7
 
 
+def test_a_bus_without_an_interface_is_not_the_simulated_arm(file, run_command):
+    for options in (["-c", "can0"], ["-b", "500000"]):
+        message = run_command(2, "run", "hinge", *options).err
+        assert f"{' '.join(options)}: no interface is named" in message
+
+
 def test_virtual_of_a_procedure_uses_the_bus_setting(file, tmp_path, run_command):
     command = ["new", "procedure", "--arm", "franka_panda", "--fixture", "hinge", "-o", "go.yaml"]
     run_command(0, *command)

@@ -11,6 +11,7 @@ import pytest
 import sarcal
 from scipy.io import loadmat
 
+from operator_app.calibration.calibrated_arm import T_base_flange
 from operator_app.config.arm_file import load_arm
 from operator_app.config.parameters_file import load_parameters
 from operator_app.config.urdf_editing import format_urdf
@@ -69,6 +70,27 @@ def test_urdf_excludes_parameters_of_the_mounting(result, tmp_path):
     assert table.s_m[0] == table.s_m[6] == table.a_m[6] == 0.0
     assert "depend on the mounting" in text
     assert "theta_off_1, theta_off_7, a_0, s_0, alpha_0, s_1, a_7, s_7, alpha_7" in text
+
+
+@pytest.mark.parametrize("unsensed", [(), (6, 7)])
+def test_every_export_has_the_tool_of_the_last_mounting(unsensed, tmp_path):
+    """The zero of joint 7 counts from the hinge, and is 0.3 rad off in the second placement."""
+    loop = {"arm": "sarcos_dextrous", "fixture": "hinge"}
+    made = sarcal.simulate(**loop, poses=50, seed=0)
+    q = made.poses.q_rad - 0.3 * np.outer(np.arange(50) >= 30, np.arange(7) == 6)
+    poses = sarcal.poses_of(q_rad=q, placement=[1] * 30 + [2] * 20)
+    result = sarcal.calibrate(**loop, poses=poses, unsensed_joints=unsensed)
+    tips, q = result.fk(q[30:])[:, :3, 3], q[30:]
+    urdf = result.export(tmp_path / "arm.urdf", force="no jump").read_bytes()
+    np.testing.assert_allclose(places(urdf, q, "tip")[:, :3, 3], tips, rtol=0, atol=1e-9)
+    assert (b"theta_off_6: the mean" in urdf) == bool(unsensed)
+    document = load_parameters(result.export(tmp_path / "p.yaml", force="no jump"))
+    rows = document.table.stacked()[:, 1:]
+    assert np.rad2deg(rows[0, 5]) == pytest.approx(made.truth["theta_off_6_deg"], abs=1.0)
+    rows[:2, 0] = result.arm._model.table.stacked()[:2, 0]
+    apart = np.linalg.norm(T_base_flange(DhTable.from_stacked(rows), q)[:, :3, 3] - tips, axis=-1)
+    assert (apart < (1e-9 if unsensed else 2.0 * result.tip_sigma(q))).all()
+    assert ("with the identified" in result.table("accuracy")._facts.note) == bool(unsensed)
 
 
 @pytest.mark.parametrize("serial", ["SDA\x1b[31m-1", "a\0b", "-->", "a---b", "x-", "\ufffe & <b>"])
@@ -133,8 +155,7 @@ def test_csv_json_mat_and_yaml_agree(result, tmp_path, run_command):
     assert "it ends in .urdf" in message
     assert other.read_bytes() == urdf
     run_command(2, "export", folder, "-o", other, "--upload")
-    run_command(0, "export", folder, "-o", tmp_path / "as_before.txt")
-    assert load_parameters(tmp_path / "as_before.txt").arm.serial
+    run_command(2, "export", folder, "-o", tmp_path / "mine.xacro")
 
 
 def test_forced_urdf_states_not_accepted(tmp_path, run_command):

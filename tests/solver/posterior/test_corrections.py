@@ -1,10 +1,13 @@
 """Corrections as data: applied by the function in the manual, and their effect on the tool's position."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import sarcal
 
 from operator_app.manual.pages import Manual, files_on
+from operator_app.report.facts import facts_of
 
 
 @pytest.fixture(scope="module")
@@ -21,7 +24,11 @@ def test_function_of_the_manual_gives_the_same_corrected_readings(poses, result)
     namespace = {}
     exec(files_on(Manual().page("corrections"))["corrections.py"], namespace)  # noqa: S102
     corrected = namespace["corrected"]
-    data, corrections = result.to_json(), result._subject.solution.corrections
+    solution = result._subject.solution
+    rows = solution.corrections.rows.copy()
+    rows[4, 1] = 0.05  # beta_2
+    corrections = replace(solution.corrections, rows=rows)
+    data = facts_of(replace(solution, corrections=corrections)).json
     kinds = {c["kind"] for c in data["corrections"]}
     assert kinds == {"harmonic", "linearity", "gravity", "offset"}
     rng = np.random.default_rng(0)

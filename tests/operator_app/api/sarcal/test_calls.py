@@ -1,7 +1,9 @@
 """Invalid calls: errors that name the argument, its value and what to give."""
 
 import re
+from contextlib import nullcontext
 from pathlib import Path
+from threading import Event, Thread
 from typing import Any, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -72,6 +74,10 @@ def with_nan(value):
         (lambda: calibrate(unsensed_joints=[True]), TypeError),
         (lambda: sarcal.load_arm("ur5e").fk(None), TypeError),
         (lambda: sarcal.load_poses(POSES, joint_count="7"), TypeError),
+        (lambda: sarcal.poses_of(q_rad=Q, endpoint_m=Q[:, :3] + 870.0), ValueError),
+        (lambda: sarcal.poses_of(q_rad=Q, endpoint_m=Q[:, :6] + 2.0), ValueError),
+        (lambda: sarcal.poses_of(q_rad=Q).to_csv("/no/such/folder/poses.csv"), sarcal.WriteError),
+        (lambda: calibrate().save(""), ValueError),
     ],
 )  # fmt: skip
 def test_invalid_argument_is_named(call, kind, approve):
@@ -178,6 +184,15 @@ def test_blas_threads_are_limited_and_restored(raises):
             assert raises
         assert blas_threads() == {2}
     assert threads_inside == [{1}]
+
+
+def test_of_calls_that_overlap_only_one_limits_blas_threads(monkeypatch):
+    """The second one would restore the limit of the first, after that has ended."""
+    made, second_ran = list[int](), Event()
+    monkeypatch.setattr("threadpoolctl.threadpool_limits", lambda **_: nullcontext(made.append(1)))
+    second = Thread(target=one_blas_thread(second_ran.set))
+    one_blas_thread(lambda: (second.start(), second_ran.wait(9.0), second.join()))()
+    assert made == [1]
 
 
 def test_computing_functions_limit_blas_threads():

@@ -76,6 +76,8 @@ def test_other_options_and_old_journals_are_solved_again(session, procedure):
     other = session_calibration(state, procedure, unsensed_joints=())
     assert other.solution.model.unsensed_joints == ()
     assert "by implicit without the readings of joint 7" in other.recalculated_because
+    record = {k: v for k, v in state.solution.items() if k != "unsensed_offsets"}
+    assert "earlier version" in journal_calibration(replace(state, solution=record))
     old = replace(state, solution={})
     again = session_calibration(old, procedure)
     assert "no calibration" in again.recalculated_because

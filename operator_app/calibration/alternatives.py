@@ -42,7 +42,7 @@ from solver.diagnostics import limits
 from solver.diagnostics.fault_models import constant_reading_runs
 from solver.diagnostics.hypothesis_tests import HypothesisTest
 from solver.diagnostics.model_selection import probabilities
-from solver.diagnostics.range_checks import mistakes, mostly_in_range
+from solver.diagnostics.range_checks import Mistake, mistakes, mostly_in_range
 from solver.diagnostics.statistics import sigmas_at
 from solver.estimators.estimate import Estimate, closure_at_readings
 from solver.estimators.linear_fit import LinearFit
@@ -58,6 +58,9 @@ LEAST_M = 2e-3
 
 LEAST_CHANGE_RAD = np.deg2rad(0.05)
 """Offsets below this count as zero, whether the file has degrees or radians."""
+
+LARGEST_IN_RADIANS = np.deg2rad(2.0 * np.pi)
+"""Largest reading of a poses file in radians, taken as degrees, rad."""
 
 LARGEST_OFFSET_RAD = np.deg2rad(10.0)
 """Largest offset that a zero may have in addition to a quarter or half turn."""
@@ -132,6 +135,21 @@ def find_alternatives(
             if cost_of(alternative) <= PROMISING_COST_SHARE * as_it_is
         ]
     return _named(weighted)
+
+
+def poses_in_radians(stated: Experiment, scale: float) -> tuple[Finding, ...]:
+    """Return the finding that all readings are in radians, if they may be and the loops then fit far better.
+
+    `scale`: as in `find_alternatives`. Its search would not notice: readings in radians taken as degrees hardly differ,
+    so that their loops close with small errors.
+    """
+    q_rad = stated.poses.q_rad
+    mistake = next(mistakes(stated.arm, q_rad))
+    if np.abs(q_rad).max() > LARGEST_IN_RADIANS or not mostly_in_range(stated.arm, mistake.q_rad):
+        return ()
+    finding, alternative = _corrected(stated, mistake)
+    ratio, _ = solved(alternative)
+    return _named([(finding, 0.0)]) if limits.ALTERNATIVE_CHI2_RATIO * ratio < scale else ()
 
 
 def hinge_alternative(stated: Experiment) -> tuple[Finding, ...]:
@@ -218,12 +236,7 @@ def _same_loop(stated: Experiment) -> Iterator[Alternative]:
     arm, poses = stated.arm, stated.poses
     for mistake in mistakes(arm, poses.q_rad):
         if mostly_in_range(arm, mistake.q_rad):
-            finding = Finding(
-                FindingKind.READING_MISTAKE,
-                names=(mistake.code,),
-                reported=(mistake.text, mistake.remedy),
-            )
-            yield finding, replace(stated, poses=replace(poses, q_rad=mistake.q_rad))
+            yield _corrected(stated, mistake)
     offsets = arm.table.theta_off_rad
     if LEAST_CHANGE_RAD < float(np.abs(offsets).max()) < np.deg2rad(2.0 * np.pi):
         meant = _with_table(arm, theta_off_rad=offsets / np.deg2rad(1.0))
@@ -242,6 +255,14 @@ def _same_loop(stated: Experiment) -> Iterator[Alternative]:
                 finding = Finding(FindingKind.ENTRIES_EXCHANGED, names=entries)
                 exchanged = _with_table(arm, **{f"{kind}_m": lengths[order]})
                 yield finding, replace(stated, arm=exchanged)
+
+
+def _corrected(stated: Experiment, mistake: Mistake) -> Alternative:
+    """Return the alternative without a mistake in the readings."""
+    finding = Finding(
+        FindingKind.READING_MISTAKE, names=(mistake.code,), reported=(mistake.text, mistake.remedy)
+    )
+    return finding, _refitted(stated, replace(stated.poses, q_rad=mistake.q_rad))
 
 
 def _without_worst(stated: Experiment) -> Iterator[Alternative]:

@@ -1,8 +1,10 @@
 """`sarcal solve`: JSON keys, exit codes, one error for invalid input, no file written."""
 
 import re
+from dataclasses import replace
 from importlib.resources import files
 
+import numpy as np
 import pytest
 
 from operator_app.config.resources import resolve
@@ -127,6 +129,11 @@ def test_test_file_of_another_placement_is_refused(tmp_path, run_command):
     new.write_text("\n".join([heading, *(f"2{line[1:]}" for line in lines)]) + "\n")
     error = run_command(2, "solve", made, "--test", new).err
     assert f"--test {new}: the new poses are of placement 2, which was not calibrated" in error
+    radians = replace(session(5, poses=12), readings=np.deg2rad(session(5, poses=12).readings))
+    new.write_text(radians.csv())
+    error = run_command(2, "solve", made, "--test", new).err
+    assert f"{new}: no joint angle of 12 poses exceeds" in error
+    assert f"--test {new}: joint 2 reads" in error
 
 
 @pytest.mark.campaign

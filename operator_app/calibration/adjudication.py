@@ -16,6 +16,7 @@ from operator_app.calibration.alternatives import (
     find_alternatives,
     hinge_alternative,
     poses_in_radians,
+    refuted_distances,
     step_alternative,
     turned_zero,
     wrong_distances,
@@ -174,8 +175,9 @@ def adjudicate(
         first, proven = (*proven, *first), ()
     # A corrected model also explains readings out of range: it comes first.
     first, by_tests = ((*by_tests, *first), ()) if alternatives else (first, by_tests)
-    # The paper's estimate does not use measured distances.
-    distances = () if paper is not None else contradicted(case.stated, calibrated.linear)
+    # The paper's estimate does not use measured distances, and a gross misfit does not show which are wrong.
+    unused = paper is not None or case.gross
+    distances = () if unused else contradicted(case.stated, calibrated.linear)
     return acceptance.Adjudication(
         causes=(
             *first,
@@ -212,8 +214,8 @@ def _misfit_causes(
         return alternatives, alternatives, False
     wrong = _wrong_distances(case, limits.EQUALLY_GOOD_CHI2) if diagnosis.fires else ()
     # A step between two placements changes the distance of their sockets, and may explain as much.
-    step = bool(wrong) and _begins_with_a_placement(case)
-    if wrong and not (step and not _wrong_distances(case, -limits.EQUALLY_GOOD_CHI2)):
+    step = bool(wrong) and not case.gross and _begins_with_a_placement(case)
+    if wrong and not (step and not _wrong_distances(case, -limits.EQUALLY_GOOD_CHI2, again=False)):
         return wrong, wrong, False
     if len(wrong) == 1:
         either = (*wrong, *(replace(c, blocking=True) for c in by_tests[:1]))
@@ -247,14 +249,17 @@ def _misfit_causes(
     return by_tests, alternatives, nothing_fits
 
 
-def _wrong_distances(case: _Case, margin: float) -> tuple[Finding, ...]:
+def _wrong_distances(case: _Case, margin: float, *, again: bool = True) -> tuple[Finding, ...]:
     """Return findings of measured distances that may be wrong; empty if there are none.
 
     A distance may be wrong if chi2 without it is at most the chi2 of the most probable other fault plus `margin`.
+    `again`: whether to solve without it. Other faults are not solved again: only linear fits are compared fairly.
     """
+    if again and (case.gross or not case.fit.estimate.converged):
+        return refuted_distances(case.stated)
     best = case.diagnosis.best
     most_chi2 = np.inf if best is None else best.evidence.chi2 + margin
-    return wrong_distances(case.stated, case.fit.linear, most_chi2=most_chi2)
+    return wrong_distances(case.stated, case.fit.linear, most_chi2=most_chi2, again=again)
 
 
 def _begins_with_a_placement(case: _Case) -> bool:

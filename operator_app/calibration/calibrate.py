@@ -336,7 +336,8 @@ def collect(
         shares=fitted.shares,
         distances=distances(
             model,
-            estimate,
+            estimate.x,
+            estimate.covariance,
             poses.placements,
             () if by_paper else compared(experiment, calibrated.linear),
         ),

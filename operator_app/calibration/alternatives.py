@@ -142,8 +142,8 @@ def find_alternatives(
 def poses_in_radians(stated: Experiment, scale: float) -> tuple[Finding, ...]:
     """Return the finding that all readings are in radians, if they may be and the loops then fit far better.
 
-    `scale`: as in `find_alternatives`. Its search would not notice: readings in radians taken as degrees hardly differ,
-    so that their loops close with small errors.
+    `scale`: as in `find_alternatives`, but finite. Its search would not notice: readings in radians taken as degrees
+    hardly differ, so that their loops close with small errors.
     """
     q_rad = stated.poses.q_rad
     mistake = next(mistakes(stated.arm, q_rad))

@@ -42,7 +42,8 @@ def explain_unidentifiable(
         return stuck
     if saturated is not None:
         return saturated
-    if named := poses_in_radians(stated, np.inf) or hinge_alternative(stated):
+    radians = poses_in_radians(stated, limits.CHI2_PER_DOF_GROSS)
+    if named := radians or hinge_alternative(stated):
         return poses_do_not_fit(named)
     if paper is None or error.note or any(d.immobile_joints for d in error.directions):
         # Too few poses and an immobile joint follow from the readings alone.

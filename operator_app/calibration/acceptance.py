@@ -129,7 +129,8 @@ def _unnamed(diagnosis: Diagnosis) -> Iterable[Finding]:
     if not diagnosis.fires:
         return
     ratio, probability = _left(diagnosis), 1.0
-    if diagnosis.rankings:
+    # Causes that leave a gross misfit do not compete: none of them is right.
+    if diagnosis.rankings and ratio <= limits.CHI2_PER_DOF_GROSS:
         last = diagnosis.rankings[-1]
         probability = last.unknown
         if last.best is not None:

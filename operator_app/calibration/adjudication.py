@@ -15,6 +15,8 @@ from operator_app.calibration import acceptance
 from operator_app.calibration.alternatives import (
     find_alternatives,
     hinge_alternative,
+    poses_in_radians,
+    refuted_distances,
     step_alternative,
     turned_zero,
     wrong_distances,
@@ -152,12 +154,12 @@ def adjudicate(
     lost = _poorly_determined(case) if far or case.gross or diverged else ()
     of_returns, since = acceptance.return_tests(known.returned, calibrated.estimate)
     of_paper, off_paper = acceptance.paper_test(paper, calibrated.estimate)
-    of_fit = _fit_causes(case, without_motion=bool(lost) or diverged)
+    of_fit = _fit_causes(case, without_motion=bool(lost) or case.gross or diverged)
     if far or any(cause.blocking for cause in of_fit):
         of_fit = (*hinge_alternative(case.stated), *of_fit)
     if alternatives:
-        # The corrected model, whose loops close, explains the values far from nominal.
-        far = ()
+        # The corrected model, whose loops close, explains the values far from nominal and the large sigmas.
+        far, lost = (), ()
     first = (
         *_screening_causes(experiment.poses, known),
         *acceptance.too_few_poses(case.estimate),
@@ -173,8 +175,9 @@ def adjudicate(
         first, proven = (*proven, *first), ()
     # A corrected model also explains readings out of range: it comes first.
     first, by_tests = ((*by_tests, *first), ()) if alternatives else (first, by_tests)
-    # The paper's estimate does not use measured distances.
-    distances = () if paper is not None else contradicted(case.stated, calibrated.linear)
+    # The paper's estimate does not use measured distances, and a gross misfit does not show which are wrong.
+    unused = paper is not None or case.gross
+    distances = () if unused else contradicted(case.stated, calibrated.linear)
     return acceptance.Adjudication(
         causes=(
             *first,
@@ -206,11 +209,13 @@ def _misfit_causes(
     """
     diagnosis, scale = case.diagnosis, case.chi2_per_dof
     by_tests = acceptance.causes_of(diagnosis, case.fit.estimate, case.known.judged, labels)
-    alternatives: tuple[Finding, ...] = ()
+    alternatives = poses_in_radians(case.stated, scale)
+    if alternatives:
+        return alternatives, alternatives, False
     wrong = _wrong_distances(case, limits.EQUALLY_GOOD_CHI2) if diagnosis.fires else ()
     # A step between two placements changes the distance of their sockets, and may explain as much.
-    step = bool(wrong) and _begins_with_a_placement(case)
-    if wrong and not (step and not _wrong_distances(case, -limits.EQUALLY_GOOD_CHI2)):
+    step = bool(wrong) and not case.gross and _begins_with_a_placement(case)
+    if wrong and not (step and not _wrong_distances(case, -limits.EQUALLY_GOOD_CHI2, again=False)):
         return wrong, wrong, False
     if len(wrong) == 1:
         either = (*wrong, *(replace(c, blocking=True) for c in by_tests[:1]))
@@ -244,14 +249,17 @@ def _misfit_causes(
     return by_tests, alternatives, nothing_fits
 
 
-def _wrong_distances(case: _Case, margin: float) -> tuple[Finding, ...]:
+def _wrong_distances(case: _Case, margin: float, *, again: bool = True) -> tuple[Finding, ...]:
     """Return findings of measured distances that may be wrong; empty if there are none.
 
     A distance may be wrong if chi2 without it is at most the chi2 of the most probable other fault plus `margin`.
+    `again`: whether to solve without it. Other faults are not solved again: only linear fits are compared fairly.
     """
+    if again and (case.gross or not case.fit.estimate.converged):
+        return refuted_distances(case.stated)
     best = case.diagnosis.best
     most_chi2 = np.inf if best is None else best.evidence.chi2 + margin
-    return wrong_distances(case.stated, case.fit.linear, most_chi2=most_chi2)
+    return wrong_distances(case.stated, case.fit.linear, most_chi2=most_chi2, again=again)
 
 
 def _begins_with_a_placement(case: _Case) -> bool:
@@ -298,7 +306,7 @@ def _fit_causes(case: _Case, *, without_motion: bool) -> tuple[Finding, ...]:
 
 
 def _poorly_determined(case: _Case) -> tuple[Finding, ...]:
-    """Return findings on parameters that these poses hardly determine; empty if there are none.
+    """Return findings on parameters that these poses hardly determine, and the files neither; empty if there are none.
 
     Evaluated at the nominal values, since the sigmas of a diverged fit have no meaning. Also empty if parallel axes in
     the nominal geometry are the cause.
@@ -309,12 +317,11 @@ def _poorly_determined(case: _Case) -> tuple[Finding, ...]:
     if _geometry_causes(placement_checks(stated, model, nominal)):
         return ()
     group = stated.poses.placement[case.fit.order]
-    expected = expected_fit(model, design.q, design.errors, nominal, group=group)
-    sd = np.sqrt(np.maximum(np.diagonal(expected.covariance), 0.0))
-    return tuple(
-        replace(cause, blocking=True)
-        for cause in acceptance.little_motion(model.parameters, sd, case.known.judged)
-    )
+    fit = expected_fit(model, design.q, design.errors, nominal, group=group)
+    expected = replace(case.fit.estimate, covariance=fit.covariance).given(case.known.by_files)
+    sd = expected.standard_deviation
+    causes = acceptance.little_motion(expected.parameters, sd, case.known.judged)
+    return tuple(cause for cause in causes if cause.blocking)
 
 
 def _single_cause(diagnosis: Diagnosis) -> bool:

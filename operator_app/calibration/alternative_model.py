@@ -39,7 +39,7 @@ from solver.errors import SolverError
 from solver.estimators.effects import LinearModel
 from solver.estimators.implicit import ImplicitFit, fit_implicit
 from solver.estimators.least_squares import solve_damped
-from solver.estimators.mixed_fit import fit_mixed
+from solver.estimators.mixed_fit import MixedFit, fit_mixed
 from solver.estimators.paper import closure_problem
 from solver.loops.endpoint_geometry import Line
 
@@ -115,20 +115,26 @@ def cost_of(alternative: Experiment) -> float:
 
 def solved(alternative: Experiment) -> tuple[float, int]:
     """Return chi2/dof of an alternative at stated variances, and its dof; (inf, 0) if it cannot be solved."""
+    found = tried(lambda: fitted(alternative), None)
+    if found is None:
+        return np.inf, 0
+    return found.fit.chi2 / max(found.fit.dof, 1), found.fit.dof
+
+
+def fitted(alternative: Experiment) -> MixedFit:
+    """Return the fit of an alternative at stated variances; raises an error if it cannot be solved."""
     arm, poses = alternative.arm, alternative.poses
-
-    def solve() -> tuple[float, int]:
-        x, _ = start(alternative)
-        hard = alternative.loop()
-        model, tolerance = free_within_tolerance(hard, arm)
-        prior = stated_priors(hard, arm, alternative.fixture)
-        errors = error_model(alternative, tolerance=tolerance, prior=prior)
-        design = LinearModel(model, poses.q_rad, errors, group=poses.placement)
-        v = design.stated_variances()
-        fit = fit_mixed(design, in_order(model, hard, x), variances=v).fit
-        return fit.chi2 / max(fit.dof, 1), fit.dof
-
-    return tried(solve, (np.inf, 0))
+    x, _ = start(alternative)
+    hard = alternative.loop()
+    model, tolerance = free_within_tolerance(hard, arm)
+    # As for the stated model, chi2 does not include how far the fixture is from where its file states.
+    placed = {*hard.ground_side, *hard.hand_side}
+    priors = stated_priors(hard, arm, alternative.fixture)
+    prior = {name: sd for name, sd in priors.items() if name not in placed}
+    errors = error_model(alternative, tolerance=tolerance, prior=prior)
+    design = LinearModel(model, poses.q_rad, errors, group=poses.placement)
+    v = design.stated_variances()
+    return fit_mixed(design, in_order(model, hard, x), variances=v)
 
 
 def tried(work: Callable[[], _T], otherwise: _T) -> _T:

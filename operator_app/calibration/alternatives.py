@@ -19,6 +19,7 @@ from operator_app.calibration.alternative_model import (
     Alternative,
     closes,
     cost_of,
+    fitted,
     hinge_instead,
     is_near,
     other_fixtures,
@@ -29,10 +30,11 @@ from operator_app.calibration.alternative_model import (
     without_reading,
     without_readings,
 )
+from operator_app.calibration.error_model import stated_distances
 from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.findings import pose_labels, reading_step, sensor_name
 from operator_app.calibration.instrument_registration import with_registered_instrument
-from operator_app.calibration.placements import compared, contradiction
+from operator_app.calibration.placements import compared, contradiction, distances
 from operator_app.messages.finding import Finding, FindingKind
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
@@ -42,7 +44,7 @@ from solver.diagnostics import limits
 from solver.diagnostics.fault_models import constant_reading_runs
 from solver.diagnostics.hypothesis_tests import HypothesisTest
 from solver.diagnostics.model_selection import probabilities
-from solver.diagnostics.range_checks import mistakes, mostly_in_range
+from solver.diagnostics.range_checks import Mistake, mistakes, mostly_in_range
 from solver.diagnostics.statistics import sigmas_at
 from solver.estimators.estimate import Estimate, closure_at_readings
 from solver.estimators.linear_fit import LinearFit
@@ -58,6 +60,9 @@ LEAST_M = 2e-3
 
 LEAST_CHANGE_RAD = np.deg2rad(0.05)
 """Offsets below this count as zero, whether the file has degrees or radians."""
+
+LARGEST_IN_RADIANS = np.deg2rad(2.0 * np.pi)
+"""Largest reading of a poses file in radians, taken as degrees, rad."""
 
 LARGEST_OFFSET_RAD = np.deg2rad(10.0)
 """Largest offset that a zero may have in addition to a quarter or half turn."""
@@ -134,6 +139,21 @@ def find_alternatives(
     return _named(weighted)
 
 
+def poses_in_radians(stated: Experiment, scale: float) -> tuple[Finding, ...]:
+    """Return the finding that all readings are in radians, if they may be and the loops then fit far better.
+
+    `scale`: as in `find_alternatives`, but finite. Its search would not notice: readings in radians taken as degrees
+    hardly differ, so that their loops close with small errors.
+    """
+    q_rad = stated.poses.q_rad
+    mistake = next(mistakes(stated.arm, q_rad))
+    if np.abs(q_rad).max() > LARGEST_IN_RADIANS or not mostly_in_range(stated.arm, mistake.q_rad):
+        return ()
+    finding, alternative = _corrected(stated, mistake)
+    ratio, _ = solved(_refitted(alternative, alternative.poses))
+    return _named([(finding, 0.0)]) if limits.ALTERNATIVE_CHI2_RATIO * ratio < scale else ()
+
+
 def hinge_alternative(stated: Experiment) -> tuple[Finding, ...]:
     """Return the finding of a hinge if the file states a ball, but the poses close in a hinge.
 
@@ -146,11 +166,13 @@ def hinge_alternative(stated: Experiment) -> tuple[Finding, ...]:
     return _named([(finding, 0.0)]) if fits else ()
 
 
-def wrong_distances(stated: Experiment, fit: LinearFit, *, most_chi2: float) -> tuple[Finding, ...]:
+def wrong_distances(
+    stated: Experiment, fit: LinearFit, *, most_chi2: float, again: bool = True
+) -> tuple[Finding, ...]:
     """Return findings of the measured socket distances without which the poses fit; empty if none.
 
-    `most_chi2`: largest allowed chi2 without these distances, at the known noise of `fit`. If chi2 of the linear `fit`
-    is larger, the loops are solved again, since large errors are not linear.
+    `most_chi2`: largest allowed chi2 without these distances, at the known noise of `fit`. `again`: if chi2 of the
+    linear `fit` is larger, solve the loops again, since large errors are not linear.
     """
     fit_stated = fit.stated
     known = compared(stated, fit_stated)
@@ -167,13 +189,38 @@ def wrong_distances(stated: Experiment, fit: LinearFit, *, most_chi2: float) -> 
         fits = fit.at_known_noise.chi2_without_distances(chosen) <= most_chi2 and _as_stated(
             fit_stated.chi2_without_distances(chosen), fit_stated.dof - count
         )
-        if not fits:
+        if again and not fits:
             ratio, dof = solved(alternative)
             fits = ratio * dof <= most_chi2 and _as_stated(ratio * dof, dof)
         if fits:
             findings = [contradiction(known[c][0].between, known[c][1]) for c in order[:count]]
             return tuple(replace(finding, blocking=True) for finding in findings)
     return ()
+
+
+def refuted_distances(stated: Experiment) -> tuple[Finding, ...]:
+    """Return findings of the measured socket distances that poses which fit without any of them contradict.
+
+    For distances so wrong that no fit with them has a meaning: the loops are solved again from the nominal values.
+    """
+    known = [(d, 0.0) for d in stated_distances(stated)]
+    if not known or not isinstance(stated.fixture, Ball):
+        return ()
+    alone = replace(stated, fixture=replace(stated.fixture, distances=()))
+    found = tried(lambda: fitted(alone), None)
+    if found is None or not _as_stated(found.fit.chi2, found.fit.dof):
+        return ()
+    fit, x, placements = found.fit, found.x, stated.poses.placements
+    limit = sigmas_at(limits.DISTANCE_NOTICE_PROBABILITY, len(known))
+    findings = []
+    for distance in distances(fit.design.model, x, fit.covariance, placements, known):
+        if (measured := distance.measured) is not None:
+            sigma = np.hypot(measured.sigma_m, distance.sigma_m)
+            deviation = (measured.value_m - distance.value_m) / sigma
+            if abs(deviation) > limit:
+                findings.append(contradiction(measured.between, float(deviation)))
+    findings.sort(key=lambda f: -f.figures["sigmas"])
+    return tuple(replace(finding, blocking=True) for finding in findings)
 
 
 def _as_stated(chi2: float, dof: int) -> bool:
@@ -218,12 +265,7 @@ def _same_loop(stated: Experiment) -> Iterator[Alternative]:
     arm, poses = stated.arm, stated.poses
     for mistake in mistakes(arm, poses.q_rad):
         if mostly_in_range(arm, mistake.q_rad):
-            finding = Finding(
-                FindingKind.READING_MISTAKE,
-                names=(mistake.code,),
-                reported=(mistake.text, mistake.remedy),
-            )
-            yield finding, replace(stated, poses=replace(poses, q_rad=mistake.q_rad))
+            yield _corrected(stated, mistake)
     offsets = arm.table.theta_off_rad
     if LEAST_CHANGE_RAD < float(np.abs(offsets).max()) < np.deg2rad(2.0 * np.pi):
         meant = _with_table(arm, theta_off_rad=offsets / np.deg2rad(1.0))
@@ -242,6 +284,14 @@ def _same_loop(stated: Experiment) -> Iterator[Alternative]:
                 finding = Finding(FindingKind.ENTRIES_EXCHANGED, names=entries)
                 exchanged = _with_table(arm, **{f"{kind}_m": lengths[order]})
                 yield finding, replace(stated, arm=exchanged)
+
+
+def _corrected(stated: Experiment, mistake: Mistake) -> Alternative:
+    """Return the alternative without a mistake in the readings."""
+    finding = Finding(
+        FindingKind.READING_MISTAKE, names=(mistake.code,), reported=(mistake.text, mistake.remedy)
+    )
+    return finding, replace(stated, poses=replace(stated.poses, q_rad=mistake.q_rad))
 
 
 def _without_worst(stated: Experiment) -> Iterator[Alternative]:

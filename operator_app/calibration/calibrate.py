@@ -15,7 +15,7 @@ from fixtures.base import EndpointConstraint
 from operator_app.calibration import failure_analysis, multistart
 from operator_app.calibration.acceptance import Adjudication
 from operator_app.calibration.adjudication import PriorInformation, adjudicate
-from operator_app.calibration.alternatives import find_alternatives
+from operator_app.calibration.alternatives import find_alternatives, poses_in_radians
 from operator_app.calibration.calibrated_arm import with_best_table
 from operator_app.calibration.error_model import (
     averaged_at_rest,
@@ -252,7 +252,8 @@ def fit(prepared: Prepared, progress: Progress | None) -> Fitted:
         dof = len(distinct) * prepared.hard.equations_per_pose - unknowns
         stated = experiment.at_poses(distinct)
         raise failure_analysis.poses_do_not_fit(
-            find_alternatives(stated, scale=np.inf, dof=dof)
+            poses_in_radians(stated, CHI2_PER_DOF_GROSS)
+            or find_alternatives(stated, scale=np.inf, dof=dof)
         ) from error
     estimate, components = calibrated.estimate, calibrated.components
     if len(prepared.which) != len(distinct):
@@ -337,7 +338,8 @@ def collect(
         shares=fitted.shares,
         distances=distances(
             model,
-            estimate,
+            estimate.x,
+            estimate.covariance,
             poses.placements,
             () if by_paper else compared(experiment, calibrated.linear),
         ),

@@ -8,7 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from operator_app.calibration.alternative_model import tried, without_reading, without_readings
-from operator_app.calibration.alternatives import find_alternatives, hinge_alternative
+from operator_app.calibration.alternatives import (
+    find_alternatives,
+    hinge_alternative,
+    poses_in_radians,
+)
 from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.findings import range_finding
 from operator_app.messages.finding import Finding
@@ -38,8 +42,9 @@ def explain_unidentifiable(
         return stuck
     if saturated is not None:
         return saturated
-    if hinge := hinge_alternative(stated):
-        return poses_do_not_fit(hinge)
+    radians = poses_in_radians(stated, limits.CHI2_PER_DOF_GROSS)
+    if named := radians or hinge_alternative(stated):
+        return poses_do_not_fit(named)
     if paper is None or error.note or any(d.immobile_joints for d in error.directions):
         # Too few poses and an immobile joint follow from the readings alone.
         return error

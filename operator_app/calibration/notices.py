@@ -12,6 +12,7 @@ from operator_app.calibration.calibrated_arm import (
     offsets_not_sought,
     tool_accuracy,
 )
+from operator_app.calibration.error_model import stated_distances
 from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.findings import range_finding
 from operator_app.calibration.multistart import fixture_elsewhere
@@ -19,6 +20,7 @@ from operator_app.calibration.result import Solution
 from operator_app.calibration.tool_accuracy import HandAccuracy
 from operator_app.config.procedure import AcceptanceLimits
 from operator_app.messages.finding import Finding, FindingKind, NamedSize
+from operator_app.units import names
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import DhEntry, DhKind, is_entry, wrap_angle
 from solver.diagnostics.identifiability import Identifiability
@@ -112,6 +114,9 @@ def _of_readings(
         yield range_finding(readings, poses, notice=True)
     if poses.endpoint is not None and fixture.kind != "measured":
         yield Finding(K.ENDPOINTS_UNUSED, names=(fixture.kind,))
+    measured, used = getattr(fixture, "distances", ()), stated_distances(experiment)
+    if unused := tuple(names(d.between) for d in measured if d not in used):
+        yield Finding(K.DISTANCE_UNUSED, names=unused, joints=poses.placements)
     for c in known.checks if sound else ():
         if c.severity is not Severity.OK and c.kind is not CheckKind.HIDDEN:
             yield Finding(K.SETUP_CHECK, names=(c.code,), reported=(c.text, c.remedy))

@@ -113,18 +113,20 @@ class Distance:
 
 def distances(
     model: ClosureModel,
-    estimate: Estimate,
+    x: FloatArray,
+    covariance: FloatArray,
     placements: tuple[int, ...],
     measured: Sequence[tuple[KnownDistance, float]] = (),
 ) -> tuple[Distance, ...]:
     """Return the distances between the sockets of a ball; empty for other fixtures or a single placement.
 
+    `x`, `covariance`: estimate (P,) of the parameters and its covariance (P, P), rad and m.
     `measured`: the measured distances that the estimate used, each with its deviation in sigmas.
     """
     parts = model.parts()
     if len(parts) < 2 or not all(isinstance(part, PointClosure) for part, _, _ in parts):
         return ()
-    columns = np.arange(len(estimate.x))
+    columns = np.arange(len(x))
     where = []
     for part, own, _ in parts:
         names = [p.name for p in part.parameters]
@@ -141,14 +143,14 @@ def distances(
     ]
     listed = []
     for a, b in pairs:
-        value, rates = distance_and_rates(where[a].tolist(), where[b].tolist(), estimate.x)
+        value, rates = distance_and_rates(where[a].tolist(), where[b].tolist(), x)
         between = (placements[a], placements[b])
         known, deviation = stated.get(frozenset(between), (None, 0.0))
         listed.append(
             Distance(
                 between=between,
                 value_m=value,
-                sigma_m=math.sqrt(max(float(rates @ estimate.covariance @ rates), 0.0)),
+                sigma_m=math.sqrt(max(float(rates @ covariance @ rates), 0.0)),
                 measured=known,
                 deviation=deviation,
             )

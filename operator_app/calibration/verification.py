@@ -35,6 +35,7 @@ from solver.diagnostics.cross_validation import (
     verify,
 )
 from solver.diagnostics.hypothesis_tests import find_outliers, leave_one_out_chi2
+from solver.diagnostics.range_checks import ReadingsOutOfRangeError, range_findings
 from solver.diagnostics.statistics import Chi2Test, chi2_test
 from solver.diagnostics.whitened_residuals import WhitenedResiduals
 from solver.estimators.error_model import SD_OF_PEAK
@@ -344,6 +345,7 @@ def verify_new_poses(
     `made_from`: the poses of `solution`. `new`: other poses, of one calibrated placement or of all of them. Raises
     `NoTestError` if the new poses cannot test this calibration.
     """
+    require_in_range(arm, new, solution)
     require_new(new, made_from, fixture)
     if new.endpoint is not None and fixture.kind != "measured":
         raise NoTestError(
@@ -353,6 +355,14 @@ def verify_new_poses(
     require_calibrated_placement(new, made_from, fixture)
     elsewhere = is_elsewhere(new, made_from, fixture)
     return verify_poses(arm, fixture, new, solution, made_from, elsewhere=elsewhere)
+
+
+def require_in_range(arm: ArmModel, new: PoseSet, solution: Solution) -> None:
+    """Raise `NoTestError` if the new readings cannot be from this arm, e.g. if they are in radians."""
+    try:
+        range_findings(arm, new, unsensed_joints=solution.model.unsensed_joints)
+    except ReadingsOutOfRangeError as error:
+        raise NoTestError(str(error)) from error
 
 
 def may_be_elsewhere(fixture: EndpointConstraint) -> bool:

@@ -26,6 +26,7 @@ from operator_app.report.results.check import check_json, check_text, problems_t
 from operator_app.safe_output import as_json, say
 from solver.chain.arm_model import ArmModel
 from solver.diagnostics.identifiability import Identifiability
+from solver.diagnostics.range_checks import range_findings
 from solver.errors import SolverError
 
 
@@ -93,6 +94,7 @@ def _chain(
             arm=arm, fixture=spec.fixture, poses=loaded.poses, unsensed=unsensed
         )
         try:
+            range_findings(arm, loaded.poses, unsensed_joints=unsensed)
             identified.append((file, feasibility.identifiability_of_poses(experiment)))
         except (SolverError, ValueError) as error:
             unfit.append((file, str(error)))

@@ -9,7 +9,9 @@ from operator_app.calibration import verification
 from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.cross_validation import check
 from operator_app.calibration.experiment import EndpointMissingError, Experiment, pick_placements
+from operator_app.calibration.result import Solution
 from operator_app.calibration.rvdt import ReadingTable, corrected_poses
+from operator_app.commands.choices import print_warnings
 from operator_app.commands.options import parse_numbers, tolerance_m, unsensed_joints
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
@@ -77,7 +79,7 @@ def execute(args: argparse.Namespace) -> int:
     facts = facts_of(solution, checks=checks)
     tested = None
     if args.test:
-        new = corrected_poses(_test_poses(args, fixture, as_read), tables)
+        new = corrected_poses(_test_poses(args, arm, fixture, as_read, solution), tables)
         elsewhere = verification.is_elsewhere(new, poses, fixture)
         tested = verification.verify_poses(arm, fixture, new, solution, poses, elsewhere=elsewhere)
     if args.json:
@@ -94,9 +96,17 @@ def execute(args: argparse.Namespace) -> int:
     return ExitCode.ACCEPTED if solution.accepted and holds else ExitCode.NOT_ACCEPTED
 
 
-def _test_poses(args: argparse.Namespace, fixture: EndpointConstraint, poses: PoseSet) -> PoseSet:
-    """Return the poses of ``--test``; raises UsageError if they are not independent of `poses`."""
-    new = load_poses(args.test, joint_count=poses.q_rad.shape[1]).poses
+def _test_poses(
+    args: argparse.Namespace,
+    arm: ArmModel,
+    fixture: EndpointConstraint,
+    poses: PoseSet,
+    solution: Solution,
+) -> PoseSet:
+    """Return the poses of ``--test``; raises UsageError if they cannot test `solution`, which `poses` gave."""
+    loaded = load_poses(args.test, joint_count=arm.joint_count)
+    print_warnings(args.test, loaded)
+    new = loaded.poses
     elsewhere = verification.may_be_elsewhere(fixture)
     if not elsewhere and (len(new.placements) > 1 or len(poses.placements) > 1):
         raise UsageError("--test: both files must be from the same single placement")
@@ -105,6 +115,7 @@ def _test_poses(args: argparse.Namespace, fixture: EndpointConstraint, poses: Po
         others = tuple(k for k in new.placements if k not in poses.placements)
         new = pick_placements(new, others) if others else new
     try:
+        verification.require_in_range(arm, new, solution)
         verification.require_calibrated_placement(new, poses, fixture)
         verification.require_new(new, poses, fixture)
     except verification.NoTestError as error:

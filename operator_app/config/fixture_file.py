@@ -203,6 +203,16 @@ class BallModel(MetalFields):
     stays_on_hand: Yes = True
     distance: tuple[DistanceModel, ...] = ()
 
+    @field_validator("distance")
+    @classmethod
+    def _require_each_pair_once(cls, value: tuple[DistanceModel, ...]) -> tuple[DistanceModel, ...]:
+        pairs = [tuple(sorted(d.between)) for d in value]
+        for k, pair in enumerate(pairs):
+            if pair in pairs[:k]:
+                text = f"placements {pair[0]} and {pair[1]} have two distances"
+                raise refuse(text, "keep one of them, or their mean")
+        return value
+
     def own(self) -> dict[str, Any]:
         """Return the compliance, and the measured distances between sockets."""
         known = tuple(

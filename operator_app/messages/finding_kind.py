@@ -460,6 +460,12 @@ class FindingKind(Enum):
         "estimate",
         remedy=_DISTANCE,
     )
+    DISTANCE_UNUSED = _Message(
+        "DISTANCE_UNUSED",
+        text="the fixture file's measured distances between these sockets are not used: {listed_all} (placements with "
+        "poses: {numbers})",
+        remedy="correct the numbers in the fixture file (key between) or in the column placement of the poses",
+    )
     ENDPOINTS_SHIFTED = _Message(
         "ENDPOINTS_SHIFTED",
         text="the measured endpoint of each pose is one row {name}: a row of the instrument's data is missing "

@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator
 
+import numpy as np
+
+from operator_app.calibration.calibrated_arm import side_of
 from operator_app.calibration.cross_validation import Checks
 from operator_app.calibration.result import Solution
 from operator_app.calibration.tool_accuracy import Spread
@@ -24,6 +27,7 @@ from operator_app.units import (
     plural,
     significant,
 )
+from solver.chain.parameters import nominal_vector, wrap_angles
 from solver.diagnostics.cross_validation import FOLDS
 from solver.estimators.estimate import Estimate
 from solver.loops.closure import ClosureSigmas
@@ -134,10 +138,16 @@ def accuracy_table(solution: Solution) -> FactTable | None:
     )
     by_poses = accuracy.after_by_poses or accuracy.after
     if by_poses.rms > accuracy.before.rms:
-        note += (
-            " Before is a distance, after an uncertainty. After is larger: these poses do not show that the arm "
-            "file's entries are wrong."
-        )
+        note += " Before is a distance, after an uncertainty."
+        if not _entries_differ(solution):
+            note += (
+                " After is larger: these poses do not show that the arm file's entries are wrong."
+            )
+        elif accuracy.widest:
+            note += (
+                f" After is larger mainly because of the uncertainty of {accuracy.widest}; some entries differ from "
+                "the arm file by more than two sigmas."
+            )
     if accuracy.after_by_poses is not None:
         spreads["after_by_poses"] = accuracy.after_by_poses
         note += (
@@ -163,6 +173,17 @@ def accuracy_table(solution: Solution) -> FactTable | None:
             row("worst pose", "worst", lambda spread: spread.worst),
         ),
         note=note,
+    )
+
+
+def _entries_differ(solution: Solution) -> bool:
+    """Whether an identified entry of the arm differs from its nominal value by more than two sigmas."""
+    found = solution.identified
+    change = np.abs(wrap_angles(found.parameters, found.x - nominal_vector(found.parameters)))
+    differs = (change > 2.0 * found.standard_deviation).tolist()
+    return any(
+        differ and side_of(solution.model, p.name) == "arm"
+        for p, differ in zip(found.parameters, differs, strict=True)
     )
 
 

@@ -147,9 +147,9 @@ class Fit:
 
 
 def column_scale(J: FloatArray) -> FloatArray:
-    """Column norms (P,), or 1 for a column of zeros, so that ``J / scale`` has unit columns."""
+    """Column norms (P,), or 1 for a column that is zero up to rounding; the other columns of ``J / scale`` are unit."""
     norms = np.linalg.norm(J, axis=0)
-    return np.where(norms > 0.0, norms, 1.0)
+    return np.where(norms > UNSEEN * norms.max(initial=0.0), norms, 1.0)
 
 
 def solve_damped(

@@ -14,6 +14,7 @@ from operator_app.config.parameters_file import ParametersDocument
 from operator_app.documents import parameters_at
 from operator_app.report.results.comparison import comparison_json, comparison_text
 from operator_app.report.results.verification import verification_json, verification_text
+from operator_app.report.text import warning
 from solver.diagnostics.limits import DRIFT_FALSE_ALARM_PROBABILITY
 
 from .calls import number, one_blas_thread, shown
@@ -49,7 +50,8 @@ class Verification:
         return verification_json(self._result, self._poses._set)
 
     def __str__(self) -> str:
-        return verification_text(self._result, self._poses._set, self._of)
+        text = verification_text(self._result, self._poses._set, self._of)
+        return "\n".join([text, *(warning(w.text) for w in self._poses._warnings)])
 
     def __repr__(self) -> str:
         verdict = "holds" if self.holds else "does not hold"
@@ -72,8 +74,8 @@ def verify(result: Result, poses: str | PathLike[str] | Poses | Any) -> Verifica
     TypeError, ConfigError
         `result` is not a `Result`, or `poses` is invalid.
     ValueError
-        Some poses were used in the calibration, are of another placement, or have measured endpoints although the
-        fixture is not ``measured``.
+        Some poses were used in the calibration, are of another placement, have readings far outside the arm's ranges
+        (e.g. in radians), or have measured endpoints although the fixture is not ``measured``.
 
     Examples
     --------

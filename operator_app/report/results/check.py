@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from fixtures.base import CheckKind, Severity
 from operator_app.config.fixture_file import FixtureSpec
 from operator_app.config.parameters_file import ParametersDocument
-from operator_app.config.poses_file import LoadedPoses
+from operator_app.config.poses_file import FileWarning, LoadedPoses
 from operator_app.config.procedure import Procedure
 from operator_app.config.quantities import short_degrees
 from operator_app.report.text import aligned, paragraph, warning
@@ -64,14 +64,20 @@ def check_text(files: FilesRead, chains: Sequence[Chain]) -> str:
     arms = {chain.arm.name: chain.arm for chain in chains}
     arms |= {f.content.name: f.content for f in files.of("arm") if isinstance(f.content, ArmModel)}
     listed = aligned([[read.source.file, file_text(read)] for read in files.files], left=True)
+    doubts = [f"{f.source.file}: {w.text}" for f in files.files for w in _warnings(f)]
     blocks = [
-        f"No problems were found in the files.\n{listed}",
+        "\n".join([f"No problems were found in the files.\n{listed}", *map(warning, doubts)]),
         *map(_arm, arms.values()),
         *map(_chain, chains),
         *([paragraph(FORECAST_NOTE)] if files.of("poses") and not chains else []),
         paragraph(UNITS_NOTE),
     ]
     return "\n\n".join(blocks)
+
+
+def _warnings(read: FileRead) -> tuple[FileWarning, ...]:
+    """Return the possible mistakes in a poses file; empty for other files."""
+    return read.content.warnings if isinstance(read.content, LoadedPoses) else ()
 
 
 def file_text(read: FileRead) -> str:
@@ -235,7 +241,13 @@ def check_json(files: FilesRead, chains: Sequence[Chain]) -> dict[str, Any]:
     """Return the JSON object: files, problems, and the calibration forecast of each arm in its fixture."""
     return {
         "files": [
-            {"file": f.source.file, "kind": f.kind, "text": file_text(f)} for f in files.files
+            {
+                "file": f.source.file,
+                "kind": f.kind,
+                "text": file_text(f),
+                "warnings": [asdict(w) for w in _warnings(f)],
+            }
+            for f in files.files
         ],
         "problems": [asdict(problem) for problem in files.problems],
         "chains": [_chain_data(chain) for chain in chains],

@@ -7,6 +7,7 @@ import pickle
 import pkgutil
 import re
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 
@@ -15,6 +16,7 @@ import pytest
 import sarcal
 
 from operator_app.cli import main
+from operator_app.config.poses_file import FileWarning
 from operator_app.session.store.journal import Journal
 from solver.chain.parameters import DhKind
 from tests.oracles.makers_chains import flange
@@ -143,7 +145,11 @@ def test_saved_result_is_a_session_and_is_loaded_unchanged(result, tmp_path, run
     assert reloaded.to_json() == result.to_json()
     assert repr(reloaded) == repr(result)
     np.testing.assert_array_equal(reloaded.fk(q_rad), result.fk(q_rad))
-    assert sarcal.verify(reloaded, QUANTISED).holds
+    doubted = replace(
+        sarcal.load_poses(QUANTISED), _warnings=(FileWarning(code="C", text="doubt"),)
+    )
+    assert sarcal.verify(reloaded, doubted).holds
+    assert str(sarcal.verify(reloaded, doubted)).endswith("\n! doubt")
     with pytest.raises(ValueError, match="these are poses that the calibration was made from"):
         sarcal.verify(reloaded, folder / "poses.csv")
     measured = sarcal.poses_of(q_rad=q_rad[:4] + 5e-4, endpoint_m=np.zeros((4, 3)))

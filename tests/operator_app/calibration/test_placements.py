@@ -107,12 +107,14 @@ def test_measured_distance_counts_as_one_observation(unmeasured):
     assert distance.sigma_m == pytest.approx(share**0.5 * known.sigma_m, rel=0.1)
     spread = (alone.sigma_m**2 + known.sigma_m**2) ** 0.5
     assert distance.deviation == pytest.approx(moved / spread, abs=0.1)
-    assert "DISTANCE" not in {n.code for n in solution.warnings}
+    (unused,) = (n for n in solution.warnings if n.code.startswith("DISTANCE"))
+    assert (unused.code, unused.names, unused.joints) == ("DISTANCE_UNUSED", ("1 and 2",), (3, 4))
     assert solution.components.budget["distances"].max() > 0.0
 
 
 @pytest.mark.parametrize(
-    ("error_m", "codes"), [(3e-3, ["DISTANCE"]), (2e-2, ["DISTANCE", "STEP_JOINT_1"])]
+    ("error_m", "codes"),
+    [(2e-3, ["DISTANCE"]), (2e-2, ["DISTANCE", "STEP_JOINT_1"]), (0.45, ["DISTANCE"])],
 )
 def test_contradicted_distance_is_the_first_cause_of_a_refusal(error_m, codes):
     known = KnownDistance(between=(3, 4), value_m=BLOCK_M + error_m, sigma_m=1e-4)

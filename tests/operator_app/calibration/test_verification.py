@@ -178,13 +178,16 @@ def test_common_joint_shift_is_named_with_its_size(retaken, joint, deg):
     assert result.odd_poses == ()
 
 
-def test_other_placement_of_a_hinge_is_refused(retaken):
+def test_other_placement_of_a_hinge_or_other_unit_is_refused(retaken):
     (solution, made_from), later = retaken
     new = poses_of(later)
     assert verify_new_poses(ARM, HINGE, solution, made_from=made_from, new=new).holds
     other = replace(new, placement=np.full(len(new), 2))
     with pytest.raises(NoTestError, match="placement 2, which was not calibrated"):
         verify_new_poses(ARM, HINGE, solution, made_from=made_from, new=other)
+    radians = replace(new, q_rad=np.deg2rad(new.q_rad))
+    with pytest.raises(NoTestError, match="in range if taken as radians"):
+        verify_new_poses(ARM, HINGE, solution, made_from=made_from, new=radians)
 
 
 def test_single_deviating_pose_has_no_others_that_fit(retaken):

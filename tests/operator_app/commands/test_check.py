@@ -124,10 +124,11 @@ def test_too_few_drives_or_name_without_kind_is_an_error(run_command):
 
 
 def test_poses_without_a_matching_arm_are_reported(run_command):
-    rows = [f"1,{k},{10 * k}" for k in range(1, 9)]
+    rows = [f"1,{k},{0.5 * k}" for k in range(1, 9)]
     Path("one.csv").write_text("\n".join(["placement,pose,theta1_deg", *rows]) + "\n")
     unchecked = run_command(0, "check", "one.csv").words
     assert "these poses allow a calibration was not checked" in unchecked
+    assert "! one.csv: no joint angle of 8 poses exceeds 4 deg: they may be in rad" in unchecked
     Path("six.urdf").write_text(lbr_iiwa.urdf(6))
     run_command(0, "new", "arm", "--urdf", "six.urdf", "-o", "six.yaml")
     command = ["check", "one.csv", "six.yaml", "--arm", "sarcos_dextrous", "--fixture", "hinge"]

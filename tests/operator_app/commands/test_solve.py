@@ -1,8 +1,10 @@
 """`sarcal solve`: JSON keys, exit codes, one error for invalid input, no file written."""
 
 import re
+from dataclasses import replace
 from importlib.resources import files
 
+import numpy as np
 import pytest
 
 from operator_app.config.resources import resolve
@@ -127,6 +129,9 @@ def test_test_file_of_another_placement_is_refused(tmp_path, run_command):
     new.write_text("\n".join([heading, *(f"2{line[1:]}" for line in lines)]) + "\n")
     error = run_command(2, "solve", made, "--test", new).err
     assert f"--test {new}: the new poses are of placement 2, which was not calibrated" in error
+    new.write_text(replace(session(5), readings=np.deg2rad(session(5).readings)).csv())
+    error = run_command(2, "solve", made, "--test", new).err
+    assert re.search(r"no joint angle of 40 poses exceeds (.|\n)*--test .* joint 2 reads", error)
 
 
 @pytest.mark.campaign

@@ -109,6 +109,7 @@ BAD_BALL = [
     ("[1, 2]", "[1, 1]", "distance[1].between"),
     ("mm: 50.0", "mm: -50.0", "distance[1].mm"),
     (", sigma_mm: 0.05", ", sigma_mm: 0", "distance[1].sigma_mm"),
+    ("0.05}", "0.05}, {between: [2, 1], mm: 51.0, sigma_mm: 0.05}", "distance"),
 ]
 
 

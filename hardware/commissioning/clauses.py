@@ -269,7 +269,7 @@ def resets_unmoved(arm: ArmInterface, before: FloatArray, bounds: Bounds) -> Ite
 
 
 def leaves_and_returns(arm: ArmInterface, identity: ArmIdentity) -> Iterator[Clause]:
-    """Check that an arm can be closed twice and connected again as the same arm, with its drives off."""
+    """Check that `close` may be called twice, and that connecting again finds the same arm with its drives off."""
     held = all([arm.close(), arm.close()])
     wrong = "the arm did not answer when it was closed, or a drive still follows commands"
     fine = "the arm is held and closed, also when it is closed twice"

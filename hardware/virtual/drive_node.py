@@ -129,9 +129,9 @@ _FAULTED = (DriveState.FAULT_REACTION_ACTIVE, DriveState.FAULT)
 class DriveGroup:
     """Drives of joints 1..n, their plant and its faults.
 
-    In addition to CiA 402, a drive that trips stops all others, since in a closed chain they would push against a joint
-    that does not follow; no drive moves until the fault is reset. Drives that lose the operator's heartbeat hold and
-    raise 8130h. When the control token is released, all drives stop and hold without a fault.
+    In addition to CiA 402: if one drive trips, all others stop, since in a closed chain they would push against a joint
+    that does not follow, and no drive moves until the fault is reset. If the operator's heartbeat is lost, the drives
+    hold position and raise 8130h. When the control token is released, all drives stop and hold without a fault.
     """
 
     def __init__(

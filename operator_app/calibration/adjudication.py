@@ -272,7 +272,7 @@ def _begins_with_a_placement(case: _Case) -> bool:
 
 
 def _local_minimum_causes(case: _Case) -> tuple[Finding, ...]:
-    """Return alternative models that fit near nominal, and the finding of a solution far from nominal."""
+    """Return alternative models that fit near nominal, and the finding that reports a solution far from nominal."""
     if case.known.search is not None:
         return ()
     model, estimate, judged = case.model, case.fit.estimate, case.known.judged

@@ -138,7 +138,7 @@ def fitted(alternative: Experiment) -> MixedFit:
 
 
 def tried(work: Callable[[], _T], otherwise: _T) -> _T:
-    """Return the result of `work`, or `otherwise` if the alternative cannot be solved."""
+    """Return the result of `work`, which solves an alternative model, or `otherwise` if the model cannot be solved."""
     try:
         with np.errstate(all="ignore"):
             return work()

@@ -320,7 +320,8 @@ def closure_in_use(
     """Return the closure sigmas with the best table and with the corrections.
 
     `model`, `x`: a loop of the calibrated arm and the values of its parameters (P,), rad and m. `q`: readings (m, n).
-    `unknown`: parameters of a place that was not calibrated, estimated separately for table and corrections.
+    `unknown`: parameters of a place that was not calibrated; they are estimated once with the table and once with
+    the corrections.
     """
     best, corrections = solution.best, solution.corrections
     if best is None or corrections is None:

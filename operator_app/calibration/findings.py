@@ -336,7 +336,7 @@ def left_out_poses(
 ) -> tuple[tuple[Finding, ...], tuple[RangeFinding, ...]]:
     """Return findings that state why poses (indices) were left out, and the readings out of range.
 
-    Readings that are out of range only in poses left out because they are in radians are not reported.
+    Not reported: readings out of range only in poses that were left out because their readings are in radians.
     """
     joints = {
         k: [f.joint for f in out_of_range if f.fault is ReadingFault.OUTSIDE and k in f.poses]

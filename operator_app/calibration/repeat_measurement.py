@@ -154,9 +154,9 @@ def _of_fixture(d: FloatArray, columns: FloatArray) -> tuple[float, FloatArray]:
 def repeats_of(
     rereads: Iterable[RepeatedReading], used: Experiment, model: ClosureModel, x: FloatArray
 ) -> tuple[tuple[RepeatedReading, Repeat], ...]:
-    """Compare the two readings of each repeated pose that is among `used`, whose loops are `model`.
+    """Compare the two readings of each repeated pose in `used`; `model` has the loops of `used`.
 
-    Empty for an open arm, because its drives alone determine the repeated pose.
+    For an open arm the result is empty, because its drives alone determine the repeated pose.
     """
     if model.parts()[0][0].constrained_part is None:
         return ()

@@ -65,7 +65,7 @@ def report(
     arm_joints: int,
     in_json: bool,
 ) -> None:
-    """Print which joints' faults were cleared or drives switched off, and which faults remain."""
+    """Print the joints whose faults were cleared or whose drives were switched off, and the faults that remain."""
     if in_json:
         facts = {
             "cleared": [{"joint": j, "was": text} for j, text in cleared.items()],

@@ -89,7 +89,7 @@ def words_to_complete() -> list[str] | None:
 
 
 def complete(parser: argparse.ArgumentParser, command: argparse.ArgumentParser | None) -> None:
-    """Complete and exit; only returns if argcomplete is not installed."""
+    """Print the shell's completions and exit; return only if argcomplete is not installed."""
     try:
         import argcomplete  # type: ignore[import-not-found,import-untyped,unused-ignore]
     except ImportError:

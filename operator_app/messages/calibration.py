@@ -181,7 +181,7 @@ def _range(f: Finding) -> str:
 
 def _narrowing(f: Finding) -> str:
     if f.names:
-        return f"to halve their largest contribution, {source_remedy(f.names[0])}"
+        return f"to halve the largest contribution to them, {source_remedy(f.names[0])}"
     return "take more poses that differ more from each other: every joint through a larger part of its range"
 
 

@@ -93,7 +93,7 @@ REMEDIES: Mapping[type, str] = {
     errors.UploadUnknown: "Upload again (step 7, or `sarcal export SESSION --upload`); until then do not rely on "
     "what the controller has",
     errors.UploadRefused: "Remove the cause, then upload again (step 7, or `sarcal export SESSION --upload`)",
-    UnidentifiableError: "Take poses that differ more from each other, or put joints that stayed still in free mode",
+    UnidentifiableError: "Take poses that differ more from each other, or set joints that did not move to free mode",
     TooFewPosesError: "Capture more poses (step 4)",
     FixtureError: "Remount the fixture as described, then check it again (step 2)",
     WriteError: "Free some disk space or choose another folder; the journal is complete",

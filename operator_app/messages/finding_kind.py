@@ -468,8 +468,8 @@ class FindingKind(Enum):
     )
     ENDPOINTS_SHIFTED = _Message(
         "ENDPOINTS_SHIFTED",
-        text="the measured endpoint of each pose is one row {name}: a row of the instrument's data is missing "
-        "or extra",
+        text="the measured endpoint of each pose is in the file one row {name}: the instrument's data lack a row or "
+        "have one too many",
         remedy="assign the endpoints to the poses by their times",
     )
     ENDPOINTS_UNUSED = _Message(
@@ -516,9 +516,9 @@ class FindingKind(Enum):
         "SOCKET_ELSEWHERE",
         text="the ball's socket is not where the fixture's file states: {name} differs by "
         "{size:FAR_ANGLE|FAR_LENGTH}",
-        remedy="the calibration uses the position found from the poses; if the socket stays there, correct "
-        "ground_mm in the fixture's file; if the file's position is right, all lengths of the arm file are wrong by "
-        "one factor, which a measured distance between two sockets shows",
+        remedy="the calibration uses the position found from the poses; if it is right, correct ground_mm in the "
+        "fixture's file; if the file's position is right, all lengths of the arm file are wrong by one factor: "
+        "measure the distance between two sockets to find out",
     )
     FIXTURE_ELSEWHERE = _Message(
         "FIXTURE_ELSEWHERE",
@@ -562,8 +562,8 @@ class FindingKind(Enum):
     )
     FIXED_BY_CHOICE = _Message(
         "HELD",
-        text="this calibration does not estimate what the arm file or the procedure fixes, and the sigmas of the "
-        "other parameters take these values as exact: {fixed_at}{tolerance}{holds}",
+        text="the arm file or the procedure fixes {fixed_at}; the sigmas of the other parameters assume that these "
+        "values are exact{tolerance}{holds}",
         remedy="{releasing}",
     )
     LENGTHS_EXACT = _Message(

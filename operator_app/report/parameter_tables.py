@@ -48,7 +48,7 @@ Format = Callable[..., Figure]
 
 
 def formats(estimate: Estimate) -> Callable[[Valued], Format]:
-    """Return a function that gives a parameter's format: two digits of the smallest sigma of its quantity."""
+    """Return the number format of each parameter: two significant digits of the smallest sigma in its unit."""
     return formats_of(((p, sd) for p, _, sd in values_of(estimate)), most=MOST_PLACES)
 
 

@@ -157,7 +157,7 @@ class Lines(Widget, can_focus=True):
             self.show(app.picture)
 
     def on_click(self, event: events.Click) -> None:
-        """Ask for the action that was clicked."""
+        """Request the action that was clicked."""
         if action := self._action_at(event.x, event.y):
             self.post_message(Clicked(action))
 

@@ -262,8 +262,8 @@ class Campaign:
     def _route(self, plan: PosePlan, target: int) -> tuple[Leg, ...] | None:
         """Return a path from the current pose to a candidate of `plan`; None if no safe path is found.
 
-        The path has to keep only four fifths of the planning margin, because it may come nearer to the end of a range
-        than either of the two candidates, which keep the whole margin.
+        Along the path four fifths of the planning margin are enough: between two poses that keep the whole margin, a
+        joint may come nearer to the end of its range than at either pose.
         """
         return plan.graph.route(
             self.task.ranges.within(0.8 * np.asarray(self.task.margin_rad)),
@@ -275,8 +275,8 @@ class Campaign:
     def moves_to(self, captured_rad: FloatArray) -> tuple[GoTo | ChangeDrives, ...] | None:
         """Return moves from the current pose to a captured pose (n,); None if no safe path is found.
 
-        These moves are not proposals: do not report their end, and make the same moves in reverse before the campaign
-        continues. During exploration the result is one straight move.
+        These moves are not proposals. The caller must not report their completion, and must make them in reverse
+        before the campaign continues. During exploration the result is one straight move.
         """
         if self.exploring:
             return (straight_move(captured_rad, self.drives, BACK),)

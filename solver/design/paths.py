@@ -181,7 +181,7 @@ class PathGraph:
         return tuple(legs)
 
     def _leg(self, ranges: Ranges, layer: int, poses: list[int]) -> Leg | None:
-        """Join poses by few safe straight moves; where none is safe, remove the edge ahead and return None."""
+        """Join poses by few safe straight moves. If a pose has no safe move, remove the next edge and return None."""
         drives = self.drive_sets[layer]
         columns = [j - 1 for j in drives]
         q, u = self.manifold.q[poses], self.manifold.u[poses]

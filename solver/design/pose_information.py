@@ -55,13 +55,13 @@ def pose_information(
     errors: ErrorModel,
     variances: Mapping[str, float] | None = None,
 ) -> PoseInformation:
-    """Return the poses' information, under `errors`, about the parameters of `model` that have no tolerance.
+    """Return the information matrix of the parameters of `model` that have no tolerance, from the poses under `errors`.
 
     Raises `ValueError` if a closure component has no noise at all (exact joints and a stiff fixture).
 
     `x`: parameters (P + T,) of `model`, T of them toleranced. `q`: readings (m, n) of captured or planned poses.
-    `closed_q`, `closed_u`: closed poses at `x` nearest to the readings: (m, n), (m, U). `variances`: of the errors'
-    components, by name; None: as stated.
+    `closed_q`, `closed_u`: closed poses at `x` nearest to the readings: (m, n), (m, U). `variances`: those of the
+    error model's components, by name; None: as stated.
     """
     design = LinearModel(model, q, errors)
     equations = Linearisation(

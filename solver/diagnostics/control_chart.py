@@ -155,7 +155,7 @@ def _variances(
 
 
 def _change(values: FloatArray, baseline: int, variance: float) -> tuple[int, float, float]:
-    """Index of the session, after the baseline, at which a shift most probably began, and its size and sigma."""
+    """Return the session (index after the baseline) at which a shift most probably began, its size and its sigma."""
     best = (0, 0.0, 1.0)
     for k in range(baseline, len(values)):
         size = float(values[k:].mean() - values[:k].mean())

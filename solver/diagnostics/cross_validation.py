@@ -57,7 +57,7 @@ class HoldOut:
 
     @staticmethod
     def upgraded_record(data: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Convert a record of an earlier version to the current format, which has no estimates for the parts."""
+        """Convert a record of an earlier version, which had an estimate for each part, to the current format."""
         parts = [part.get("verification", {"chi2": part})["chi2"] for part in data["parts"]]
         return {**data, "parts": parts}
 

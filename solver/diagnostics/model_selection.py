@@ -1,4 +1,4 @@
-"""Selects the unknowns of a model: model evidence of faults, all on one scale, and parameters to fix.
+"""Selects the unknowns of a model: compares faults by their evidence, and chooses the parameters to fix.
 
 A fault is a set of columns that were not fitted, with coefficients b ~ N(0, v D). Its log-likelihood at the most likely
 v rises with the misfit that it explains, and falls with its freedom to explain any misfit (Occam's factor). The noise

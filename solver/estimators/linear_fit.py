@@ -132,7 +132,7 @@ class LinearFit:
         return gain, np.eye(part.w.shape[1]) - gain @ np.swapaxes(part.M, -1, -2)
 
     def _columns(self, G: FloatArray) -> Iterator[tuple[Whitened, FloatArray]]:
-        """Yield whitened poses with further columns G (m, r, k) there, whitened too, (m r, k)."""
+        """Yield the whitened poses in parts, each with the whitened columns G (m, r, k) of its poses as (m r, k)."""
         for part in self.parts():
             yield part, (part.L_inverse @ G[part.poses]).reshape(-1, G.shape[-1])
 

@@ -2,7 +2,7 @@
 
 Each iteration solves the mixed-model equations for everything at once, moves the variances by one scoring step, and
 relinearises the loops where they close, unless the change is too small for nonlinearity to matter.
-`solver.estimators.implicit` has the derivation: its iterations are the same, without effects.
+The derivation is in `solver.estimators.implicit`, whose iterations are the same but fit no effects.
 """
 
 from __future__ import annotations

@@ -72,7 +72,8 @@ def tool_positions(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the tool's point in the base frame (m, 3), m, at readings q (m, n), rad, and its derivatives.
 
-    Derivatives are with respect to the entries and tip coordinates `names` (m, 3, k), and to the readings (m, 3, n).
+    The derivatives with respect to the k entries and tip coordinates in `names` are (m, 3, k), those with respect to
+    the readings (m, 3, n).
     """
     point = PointClosure(
         table=table,

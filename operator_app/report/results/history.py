@@ -97,7 +97,7 @@ def sessions_table(part: EntryHistory) -> FactTable:
 
 
 def verdict_text(history: ArmHistory, width: int = WIDTH) -> str:
-    """Return the verdict: the shifted entries, that none has shifted, or that there are too few sessions."""
+    """Return the verdict as text: which entries have shifted, or that none has, or that there are too few sessions."""
     shifts = [_shift_text(part, shift) for part in history.parts for shift in part.chart.changes]
     if shifts:
         lines = (paragraph(f"- {text}", indent=2, width=width) for text in shifts)

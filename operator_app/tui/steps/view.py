@@ -17,7 +17,7 @@ from operator_app.tui.widgets.list_panel import ListPanel
 class StepView(Container):
     """Panels of one step.
 
-    `PANELS`: panels of the only column, or of the left and the right column, by name. `VIEWS`: groups of panels that a
+    `PANELS`: names of the panels, in one column or in a left and a right one. `VIEWS`: groups of panels that a
     small terminal shows together; `v` shows the next group. `MAIN`: name of the panel whose rows the arrow keys mark.
     """
 

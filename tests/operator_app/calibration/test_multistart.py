@@ -120,7 +120,7 @@ def test_little_motion_is_reported_once():
         (
             "theta_off_7",
             CASES["RVDT 5 %"](3).taken,
-            "to halve their largest contribution, replace the RVDT of joint 7",
+            "to halve the largest contribution to them, replace the RVDT of joint 7",
         ),
     ],
     ids=["as stated", "a bent RVDT"],

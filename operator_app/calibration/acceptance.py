@@ -152,7 +152,7 @@ def _unnamed(diagnosis: Diagnosis) -> Iterable[Finding]:
 
 
 def _left(diagnosis: Diagnosis) -> float:
-    """Return the chi2/dof with the last explanation; if none is possible, that of the stated model."""
+    """Return the chi2/dof that the last explanation leaves; without a possible one, that of the stated model."""
     last = diagnosis.rankings[-1].best if diagnosis.rankings else None
     if last is None or _impossible_compliance(diagnosis):
         return diagnosis.stated_chi2_per_dof
@@ -199,9 +199,9 @@ def little_motion(
 ) -> tuple[Finding, ...]:
     """Return a finding if the poses differ so little that some parameters have large standard deviations.
 
-    A standard deviation (P,) is reported if it is large or exceeds the one that a file states (`known`, rad or m, by
-    name); it blocks acceptance if it is too large for any use. `narrows`: function that returns the source of error
-    that dominates the sigma of a named parameter, or "" if only more varied poses help.
+    A parameter is reported if its `standard_deviation` (P,) is large or exceeds the one that a file states (in `known`,
+    rad or m, by name). The finding blocks acceptance if a parameter is too uncertain for any use. `narrows`: function
+    that returns the main source of a named parameter's sigma, or "" if only more varied poses help.
     """
     wide, coarse, refuses = [], [], False
     worst, farthest = "", 0.0
@@ -231,7 +231,7 @@ def little_motion(
 def paper_test(
     paper: Estimate | None, implicit: Estimate
 ) -> tuple[tuple[HypothesisTest, ...], tuple[Finding, ...]]:
-    """Return the test of the paper's estimate, if any, against the implicit one, and its finding."""
+    """Test the paper's estimate, if there is one, against the implicit one; return the test and its finding."""
     if paper is None:
         return (), ()
     names = [p.name for p in implicit.parameters]
@@ -260,7 +260,7 @@ READING_KINDS = {
     FindingKind.READING_DRIFT,
     FindingKind.READING_FROZEN,
 }
-"""Causes in one joint's reading whose findings do not name the type of the joint's sensor."""
+"""Kinds of findings about one joint's reading; they do not name the type of the joint's sensor."""
 
 
 def return_tests(
@@ -304,9 +304,9 @@ SLIP_KINDS = frozenset(
 
 
 def not_yet_named(since: tuple[Finding, ...], by_tests: tuple[Finding, ...]) -> tuple[Finding, ...]:
-    """Return the causes that only a repeated pose shows, without slips that the tests have found.
+    """Return the causes that repeated poses show (`since`), except those that the tests have found too (`by_tests`).
 
-    A compliant fixture or a wrong length that the tests have found does not count as a slip.
+    A compliant fixture or a wrong length in `by_tests` does not account for a slip in `since`.
     """
     slipped = any(cause.kind in SLIP_KINDS for cause in by_tests)
     joints = {c.joint for c in by_tests if c.sensor or c.kind in READING_KINDS}

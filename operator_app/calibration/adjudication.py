@@ -148,7 +148,7 @@ def adjudicate(
     by_tests, alternatives, nothing_fits = _misfit_causes(case, labels)
     # If nothing fits, e.g. with poses of another arm, the solution has no meaning.
     far = () if nothing_fits else _local_minimum_causes(case)
-    # Where one cause explains the misfit, the poses determine where the fixture is.
+    # If one cause explains the misfit, the fixture may be anywhere: the poses determine its place.
     anywhere = () if far or nothing_fits or case.gross else of_fixture(case.model)
     diverged = has_diverged((*far, *by_tests), scale, case.estimate, judged, anywhere=anywhere)
     lost = _poorly_determined(case) if far or case.gross or diverged else ()
@@ -158,7 +158,7 @@ def adjudicate(
     if far or any(cause.blocking for cause in of_fit):
         of_fit = (*hinge_alternative(case.stated), *of_fit)
     if alternatives:
-        # The corrected model, whose loops close, explains the values far from nominal and the large sigmas.
+        # The corrected model closes the loops: it explains the large sigmas and the values far from nominal.
         far, lost = (), ()
     first = (
         *_screening_causes(experiment.poses, known),
@@ -173,7 +173,7 @@ def adjudicate(
     proven, by_tests = acceptance.proven_by_return(since, by_tests)
     if not any(cause.blocking for cause in first):
         first, proven = (*proven, *first), ()
-    # A corrected model also explains readings out of range: it comes first.
+    # An alternative model also explains readings out of range: it comes first.
     first, by_tests = ((*by_tests, *first), ()) if alternatives else (first, by_tests)
     # The paper's estimate does not use measured distances, and a gross misfit does not show which are wrong.
     unused = paper is not None or case.gross
@@ -213,7 +213,7 @@ def _misfit_causes(
     if alternatives:
         return alternatives, alternatives, False
     wrong = _wrong_distances(case, limits.EQUALLY_GOOD_CHI2) if diagnosis.fires else ()
-    # A step between two placements changes the distance of their sockets, and may explain as much.
+    # A step between two placements changes the distance of their sockets: it may explain the misfit too.
     step = bool(wrong) and not case.gross and _begins_with_a_placement(case)
     if wrong and not (step and not _wrong_distances(case, -limits.EQUALLY_GOOD_CHI2, again=False)):
         return wrong, wrong, False
@@ -221,7 +221,7 @@ def _misfit_causes(
         either = (*wrong, *(replace(c, blocking=True) for c in by_tests[:1]))
         return tuple(replace(c, probability=0.5) for c in either), wrong, False
     joint = "" if case.gross else case.suspects(Cause.READING)
-    # An error of a reading, compliance or length this large may also mean that a file is wrong.
+    # If an error of a reading, compliance or length is this large, a file may be wrong instead.
     of_files = (
         not case.gross
         and scale > limits.CHI2_PER_DOF_REFUSED
@@ -253,7 +253,8 @@ def _wrong_distances(case: _Case, margin: float, *, again: bool = True) -> tuple
     """Return findings of measured distances that may be wrong; empty if there are none.
 
     A distance may be wrong if chi2 without it is at most the chi2 of the most probable other fault plus `margin`.
-    `again`: whether to solve without it. Other faults are not solved again: only linear fits are compared fairly.
+    `again`: solve the loops again without the distance. To compare it with other faults, which are not solved again,
+    set `again` to False: all chi2 are then of linear fits.
     """
     if again and (case.gross or not case.fit.estimate.converged):
         return refuted_distances(case.stated)
@@ -306,10 +307,10 @@ def _fit_causes(case: _Case, *, without_motion: bool) -> tuple[Finding, ...]:
 
 
 def _poorly_determined(case: _Case) -> tuple[Finding, ...]:
-    """Return findings on parameters that these poses hardly determine, and the files neither; empty if there are none.
+    """Return findings on parameters that neither these poses nor the files determine well.
 
-    Evaluated at the nominal values, since the sigmas of a diverged fit have no meaning. Also empty if parallel axes in
-    the nominal geometry are the cause.
+    The sigmas are those at the nominal values, since the sigmas of a diverged fit have no meaning. Nothing is returned
+    if parallel axes in the nominal geometry are the cause.
     """
     design, model = case.fit.linear.design, case.model
     nominal = nominal_vector(model.parameters)

@@ -61,7 +61,7 @@ def without_reading(stated: Experiment, joint: int) -> Experiment:
 
 
 def start(alternative: Experiment) -> tuple[FloatArray, float]:
-    """Return start values (P,) and mean square closure error; with unsensed joints, mean square correction, rad^2."""
+    """Return start values (P,) and cost: mean square closure error or, with unsensed joints, correction (rad^2)."""
     if alternative.unsensed:
         fit = without_readings(alternative)
         return fit.x, float((fit.corrections**2).mean())
@@ -97,8 +97,8 @@ def is_near(alternative: Experiment) -> bool:
 def closes(alternative: Experiment, *, far: float) -> bool:
     """Whether a loop closes much better in another fixture than in the file's, beyond what noise explains.
 
-    `far` is the mean square closure error in the file's fixture, rotations included: noise makes `far` a few times as
-    large as the error in the other fixture; a tool that tilts in a rigid fixture makes it about 100 times as large.
+    `far`: mean square closure error in the file's fixture, rotations included. Noise alone makes `far` a few times as
+    large as the error in the other fixture; a tool that tilts in a rigid fixture makes `far` about 100 times as large.
     """
     cost = cost_of(alternative)
     return (
@@ -127,7 +127,7 @@ def fitted(alternative: Experiment) -> MixedFit:
     x, _ = start(alternative)
     hard = alternative.loop()
     model, tolerance = free_within_tolerance(hard, arm)
-    # As for the stated model, chi2 does not include how far the fixture is from where its file states.
+    # As for the stated model, the distance of the fixture from its stated place does not add to chi2.
     placed = {*hard.ground_side, *hard.hand_side}
     priors = stated_priors(hard, arm, alternative.fixture)
     prior = {name: sd for name, sd in priors.items() if name not in placed}
@@ -151,7 +151,7 @@ BENDS = 3
 
 
 def shift_of(reading_rad: FloatArray, angle_rad: FloatArray) -> tuple[int, float] | None:
-    """Return the pose index at which readings (m,) step away from the angles (m,), and the step, rad.
+    """Return the pose index from which readings (m,) differ from the angles (m,) by a step, and the step, rad.
 
     Poses are in the order in which they were taken. None if no step explains most of the deviation from a smooth curve.
     """
@@ -193,7 +193,7 @@ def other_fixtures(stated: Experiment) -> Iterator[Alternative]:
 
 
 def hinge_instead(stated: Experiment) -> Alternative:
-    """Return the alternative with a hinge on the line that is most nearly fixed in tool and base."""
+    """Return the alternative with a hinge on the line that is most nearly fixed in both tool and base."""
     arm, fixture = stated.arm, stated.fixture
     frames = _frames(arm, stated.poses)
     eye = np.broadcast_to(np.eye(3), frames[0].shape)
@@ -217,7 +217,7 @@ def hinge_instead(stated: Experiment) -> Alternative:
 
 
 def _ball_instead(stated: Experiment) -> Alternative:
-    """Return the alternative with a ball: at a stated hinge, else at the tool point that moves least."""
+    """Return the alternative with a ball: on the file's hinge, if any, else at the tool point that moves least."""
     fixture = stated.fixture
     R, p = frames = _frames(stated.arm, stated.poses)
     if isinstance(fixture, Hinge):
@@ -237,7 +237,7 @@ def _frames(arm: ArmModel, poses: PoseSet) -> tuple[FloatArray, FloatArray]:
 
 
 def _common_point(frames: tuple[FloatArray, FloatArray]) -> tuple[FloatArray, FloatArray]:
-    """Point of the tool (3,) and of the base (3,), m, that coincide best in all poses.
+    """Return a point of the tool (3,) and a point of the base (3,), m, that coincide best in all poses.
 
     If the tool only turns about a line, both points are on that line, as near to their frames' origins as possible.
     """

@@ -53,7 +53,7 @@ PROMISING_COST_SHARE = 0.3
 """An alternative is solved completely if its squared closure error is below this share of the stated model's."""
 
 PER_FREEDOM = 4.6
-"""Reduction of an alternative's log weight (ln 100) for each degree of freedom fewer than the stated model's."""
+"""An alternative's log weight is reduced by this (ln 100) per degree of freedom that only the stated model has."""
 
 LEAST_M = 2e-3
 """Two lengths that differ by less than this count as equal."""
@@ -62,7 +62,7 @@ LEAST_CHANGE_RAD = np.deg2rad(0.05)
 """Offsets below this count as zero, whether the file has degrees or radians."""
 
 LARGEST_IN_RADIANS = np.deg2rad(2.0 * np.pi)
-"""Largest reading of a poses file in radians, taken as degrees, rad."""
+"""Largest angle, rad, that results if a file in radians (up to one turn) is read as degrees."""
 
 LARGEST_OFFSET_RAD = np.deg2rad(10.0)
 """Largest offset that a zero may have in addition to a quarter or half turn."""
@@ -90,7 +90,7 @@ def find_alternatives(
 
     `scale`: chi2/dof of the stated model at stated variances; infinite if it could not be solved. `dof`: its dof.
     `near`: try only simple mistakes in the poses or arm file, and keep those whose correction brings the solution near
-    the nominal values. The stated model may fit well.
+    the nominal values. With `near`, the stated model itself may fit well.
     `of_files`: try only simple mistakes in the poses or arm file.
     `sensors`: with `near`, also try a sensor whose readings are useless in all poses.
     """
@@ -114,7 +114,7 @@ def find_alternatives(
                 break
             ratio, dof_left = solved(alternative)
             if alternative.fixture is not stated.fixture and closes(alternative, far=as_it_is):
-                # Loops never close this well by chance: a larger chi2/dof does not exclude the fixture.
+                # Loops never close this well by chance: the fixture is not excluded even if chi2/dof is too large.
                 ratio = min(ratio, 0.99 * limits.CHI2_PER_DOF_ALTERNATIVE)
             if ratio < limits.CHI2_PER_DOF_ALTERNATIVE and (
                 near or limits.ALTERNATIVE_CHI2_RATIO * ratio < scale
@@ -142,8 +142,8 @@ def find_alternatives(
 def poses_in_radians(stated: Experiment, scale: float) -> tuple[Finding, ...]:
     """Return the finding that all readings are in radians, if they may be and the loops then fit far better.
 
-    `scale`: as in `find_alternatives`, but finite. Its search would not notice: readings in radians taken as degrees
-    hardly differ, so that their loops close with small errors.
+    `scale`: as in `find_alternatives`, but finite. That function would not find this mistake: if radians are read as
+    degrees, the readings hardly differ between poses, so that the loops close with small errors.
     """
     q_rad = stated.poses.q_rad
     mistake = next(mistakes(stated.arm, q_rad))
@@ -169,10 +169,10 @@ def hinge_alternative(stated: Experiment) -> tuple[Finding, ...]:
 def wrong_distances(
     stated: Experiment, fit: LinearFit, *, most_chi2: float, again: bool = True
 ) -> tuple[Finding, ...]:
-    """Return findings of the measured socket distances without which the poses fit; empty if none.
+    """Return findings of the measured socket distances that have to be left out for the poses to fit.
 
-    `most_chi2`: largest allowed chi2 without these distances, at the known noise of `fit`. `again`: if chi2 of the
-    linear `fit` is larger, solve the loops again, since large errors are not linear.
+    `most_chi2`: largest allowed chi2 without these distances, at the known noise of `fit`. `again`: if the poses
+    do not fit by the linear `fit`, solve the loops again without the distances, since large errors are not linear.
     """
     fit_stated = fit.stated
     known = compared(stated, fit_stated)
@@ -199,9 +199,9 @@ def wrong_distances(
 
 
 def refuted_distances(stated: Experiment) -> tuple[Finding, ...]:
-    """Return findings of the measured socket distances that poses which fit without any of them contradict.
+    """Fit the poses without any measured socket distance; return findings of the distances that the fit contradicts.
 
-    For distances so wrong that no fit with them has a meaning: the loops are solved again from the nominal values.
+    This is for distances so wrong that a fit with them has no meaning. The loops are solved from the nominal values.
     """
     known = [(d, 0.0) for d in stated_distances(stated)]
     if not known or not isinstance(stated.fixture, Ball):
@@ -295,7 +295,7 @@ def _corrected(stated: Experiment, mistake: Mistake) -> Alternative:
 
 
 def _without_worst(stated: Experiment) -> Iterator[Alternative]:
-    """Yield alternatives that leave out one pose after the other: the one that then closes worst."""
+    """Yield alternatives, each of which leaves out one more pose: the one that closes worst in the previous one."""
     labels, kept, rest = pose_labels(stated.poses), np.arange(len(stated.poses)), stated
     left_out: list[str] = []
     while not stated.unsensed and len(left_out) < min(MOST_LEFT_OUT, len(labels) // 10):
@@ -311,13 +311,13 @@ def _without_worst(stated: Experiment) -> Iterator[Alternative]:
 
 
 def _refitted(stated: Experiment, poses: PoseSet) -> Experiment:
-    """Return the experiment with `poses`, from which an instrument is registered again."""
+    """Return the experiment with `poses` instead; an instrument is registered again from these poses."""
     fixture = with_registered_instrument(stated.arm, stated.fixture, poses)
     return replace(stated, poses=poses, fixture=fixture)
 
 
 def _other_rows(stated: Experiment, endpoint: FloatArray, rows: int) -> Alternative:
-    """Return the alternative in which each pose's endpoint is in the file `rows` rows further down."""
+    """Return the alternative in which each pose's endpoint stands `rows` rows further down in the file."""
     kept = np.arange(max(-rows, 0), len(endpoint) - max(rows, 0))
     poses = replace(stated.poses.at_poses(kept), endpoint=endpoint[kept + rows])
     names = ("further down" if rows > 0 else "further up",)
@@ -385,7 +385,8 @@ def _without_each_reading(stated: Experiment) -> Iterator[Alternative]:
 def _shifted(blind: Experiment, unsensed: tuple[int, ...]) -> list[tuple[Finding, float, int]]:
     """Return the finding of a step in one joint's readings, with chi2/dof and dof after correction of the step.
 
-    The joint is the only one unsensed in `blind` but not in `unsensed`. Empty without such a joint or without a step.
+    That joint is the only one that is unsensed in `blind` but not in `unsensed`. If there is no such joint or no step,
+    the list is empty.
     """
     more = [j for j in blind.unsensed if j not in unsensed]
     if len(more) != 1:

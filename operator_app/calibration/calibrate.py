@@ -141,7 +141,7 @@ class Prepared:
     """Loops of the poses on one branch, with the model, data and error model of their fit.
 
     `fixed`: unidentifiable unknowns that are fixed at their nominal values on request.
-    `hard`: model with only the unknowns to identify; `model`: the same, and entries free within tolerances.
+    `hard`: model with only the unknowns to identify. `model`: model that also has the entries free within tolerances.
     `tolerance`: tolerance (rad, m), by name, of each entry free within a tolerance.
     `errors`: error model of the distinct poses.
     `distinct`: indices of the distinct poses. `which`: for every pose on the branch, its position in `distinct`.
@@ -195,7 +195,7 @@ def prepare(
 ) -> Prepared:
     """Build the loops and the model of their fit; refuse poses that cannot be fitted.
 
-    Refused are too few poses, readings out of range, placements with ambiguous parameters, unidentifiable parameters.
+    It refuses too few poses, readings out of range, placements with ambiguous parameters, unidentifiable parameters.
     """
     model, arm, poses = experiment.loop(), experiment.arm, experiment.poses
     require_enough_poses(model, len(poses))
@@ -421,9 +421,9 @@ def _starts(prepared: Prepared) -> Iterator[FloatArray | None]:
 def _outliers(
     calibrated: Calibrated, of_each: IntArray, poses: PoseSet, adjudication: Adjudication
 ) -> tuple[str, ...]:
-    """Labels of the poses that the others do not predict, the worst first, or of a blocking cause.
+    """Labels of the poses that a blocking cause names as outliers, else of those that the others do not predict.
 
-    `of_each`: indices of the poses of `calibrated`.
+    `of_each`: indices of the poses of `calibrated`. Of poses not predicted, the worst is first.
     """
     from scipy.special import chdtrc
 

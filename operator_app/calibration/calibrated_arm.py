@@ -41,7 +41,7 @@ Frame = Literal["tip", "flange"]
 TIP_NAMES = frozenset(TIP)
 
 NEWTON_STEPS = 3
-"""Number of Newton steps to the place of a ball's socket; the closure is linear in its coordinates."""
+"""Number of Newton steps to an unknown place; for a ball, the closure is linear in the socket's coordinates."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,8 +52,8 @@ class CalibratedArm:
 
     `flange`: rows 1..n with the arm's own entries as calibrated, all others as in the arm's file.
     `hand`: the same rows, but with the calibrated values of the entries that locate the fixture on the tool.
-    `tip_m`: the tip in the last frame of `hand`, (3,), m: the ball's centre, an instrument's target; zero for a hinge,
-    whose axis is the z axis of that frame, and for a rigid attachment.
+    `tip_m`: the tip in the last frame of `hand`, (3,), m: the ball's centre or the instrument's target. It is zero for
+    a rigid attachment and for a hinge (the hinge's axis is the z axis of that frame).
     `identified`: entries of `flange` that were calibrated.
     `best`: the D-H table that is best for uncorrected readings. `corrections`: corrections of the readings. Both are
     None if not computed.
@@ -87,8 +87,8 @@ class CalibratedArm:
     ) -> FloatArray:
         """Pose of the tip, or of frame n, in the base frame at readings (..., n): (..., 4, 4), m.
 
-        Uses the best table for uncorrected readings or, if `corrected`, the identified table with corrections added to
-        the readings. The tip has the orientation of the last frame.
+        It uses the best table for uncorrected readings or, if `corrected`, the identified table with corrections added
+        to the readings. The tip has the orientation of the last frame.
         """
         table, tip_m = self.table(frame), self.table_tip_m
         if corrected:
@@ -102,8 +102,8 @@ class CalibratedArm:
     def tip_with_sigma_m(self, q_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Tip in the base frame (m, 3), and the standard deviation of its error (m,), m.
 
-        ``sqrt(trace(J C J'))``, where J = dp/dx for all parameters except those of `ground_side`, and C is their
-        covariance. With a best table, the part of the corrections that no D-H table can represent is included.
+        The latter is ``sqrt(trace(J C J'))``: J = dp/dx for all parameters except those of `ground_side`, C is their
+        covariance. With a best table, it includes the part of the corrections that no D-H table can represent.
         """
         if self.best is not None:
             return self.best.tool(q_rad)
@@ -130,7 +130,7 @@ class CalibratedArm:
         return np.asarray(np.linalg.norm(self._rates(q_rad, names)[1] @ along, axis=-1))
 
     def _rates(self, q_rad: FloatArray, names: tuple[str, ...]) -> tuple[FloatArray, FloatArray]:
-        """Tip position from the identified entries (m, 3), m, and its derivatives with respect to `names` (m, 3, k)."""
+        """Tip positions (m, 3), m, by the identified entries, and derivatives (m, 3, k) with respect to k `names`."""
         return tool_positions(self.hand, self.tip_m, names, q_rad)[:2]
 
 
@@ -285,8 +285,8 @@ def with_best_table(
 class ClosureInUse:
     """Closure sigmas with the results that a controller uses; None if not computed.
 
-    `best_table`: the best D-H table at uncorrected readings. `corrected`: the identified entries at readings to which
-    the corrections are added.
+    `best_table`: sigmas with the best D-H table, at uncorrected readings. `corrected`: sigmas with the identified
+    entries, at readings to which the corrections are added.
     """
 
     best_table: ClosureSigmas | None = None
@@ -347,7 +347,7 @@ def closure_in_use(
 
 
 def _with_last_link(rows: FloatArray, other: FloatArray, *, than: FloatArray) -> DhTable:
-    """Return D-H rows (5, n) with those entries of the last link of `other` that differ from `than`."""
+    """Return `rows` (5, n) with last-link entries taken from `other` where `other` and `than` differ."""
     rows, differ = rows.copy(), other[:, -1] != than[:, -1]
     rows[differ, -1] = other[differ, -1]
     return DhTable.from_stacked(rows)
@@ -383,8 +383,8 @@ def tool_accuracy(
 ) -> HandAccuracy:
     """Summarise the tool position error before and after calibration over the ranges of all joints.
 
-    The summary includes the uncertainty of fixed offsets, or their names if it is unknown. `as_stated`:
-    parameters known from the files rather than from the poses. `fit`: the calibration at its last linearisation.
+    The summary includes the uncertainty of fixed offsets or, if no file states it, the names of these offsets.
+    `as_stated`: parameters known from the files rather than from the poses. `fit`: fit of the calibration.
     """
     errors, q = hand_errors(calibrated, arm), even_poses(arm)
     by_poses_m = np.sqrt(
@@ -395,7 +395,7 @@ def tool_accuracy(
     stated = [name for name in calibrated.free if name in as_stated]
     model, B = fit.design.model, fit.whole.B
     for j in offsets_not_sought(model, arm):
-        # An error of the offset shifts the other parameters.
+        # An error of this fixed offset shifts the other parameters.
         rates = fit.moved_by(B[..., [j - 1]])[:, 0].tolist()
         along = dict(zip([p.name for p in model.parameters], rates, strict=True))
         rate = calibrated.rate_m_per_rad(j, along, q)

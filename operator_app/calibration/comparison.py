@@ -1,7 +1,7 @@
 """Comparison of two calibrations of one arm: changes of parameters, and which of them exceed noise.
 
-A hinge loop has eight equivalent parameter vectors, so that the second document's vector nearest to the first
-document's is used. A difference counts as drift if it is improbable under both standard deviations, at a level
+A hinge loop has eight equivalent parameter vectors: of the second document's eight, the one nearest to the first
+document's vector is used. A difference counts as drift if it is improbable under both standard deviations, at a level
 corrected for the number of free parameters compared (Bonferroni). Two kinds of differences never count: differences of
 lengths and twists corrected within a tolerance, whose sigma is mostly the maker's tolerance in both documents, and
 differences between two estimates from the same poses.
@@ -193,7 +193,7 @@ def _not_compared(
     *,
     remounted: bool,
 ) -> list[tuple[str, str]]:
-    """Entries of one calibration only, or of a mounting that has changed, each with the reason."""
+    """Return the entries that only one calibration has or whose mounting has changed, each with this reason."""
     first, second = ([e.entry for e in d.calibrated] for d in (before, after))
     listed = [(name, "identified in A only") for name in first if name not in second]
     listed += [(name, "identified in B only") for name in second if name not in first]
@@ -219,10 +219,10 @@ def _different_arms(a: ParametersDocument, b: ParametersDocument) -> tuple[str, 
 
 
 def _loop(document: ParametersDocument) -> DhLoop:
-    """Return the loop a document describes.
+    """Return the loop that a document describes.
 
-    A first or last joint whose offset was not identified counts as unsensed: equivalent parameters, with the sign of a
-    and alpha of the link next to it changed, then need no change of the offset.
+    If the offset of the first or last joint was not identified, the joint counts as unsensed. Equivalent parameters
+    with opposite signs of a and alpha in the link beside it then need no change of that offset.
     """
     entries = tuple(DhEntry.parse(e.entry) for e in document.calibrated)
     known = {e.name for e in entries}

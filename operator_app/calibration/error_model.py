@@ -96,8 +96,8 @@ def _socket(number: int) -> Names:
 def _loads(experiment: Experiment, kept: IntArray) -> LoadBasis | None:
     """Effects of gravity at the kept poses: on the arm and, if the arm file states masses, on the fixture.
 
-    Computed at the nominal values and in canonical order, so that the result does not depend, even in the last digit,
-    on the start of a search or on the order of the poses in their file.
+    They are computed at the nominal values and in canonical order, so that not even their last digit depends on the
+    start of a search or on the order of the poses in their file.
     """
     arm, fixture = experiment.arm, experiment.fixture
     if not len(kept):
@@ -170,8 +170,8 @@ def averaged_at_rest(arm: ArmModel, poses: PoseSet) -> PoseSet:
     """Return the poses with successive rows of one placement replaced by their mean if no joint moved.
 
     Such rows, as in a log at a fixed rate, repeat one pose with its deflection and play: only the noise of their
-    readings is independent. Each gets the means of readings and endpoints and the sum of samples, so that
-    `distinct_poses` counts them once. Rows that are equal already are one pose written several times.
+    readings is independent. Each row gets the mean reading, mean endpoint and sum of samples of its group, so that
+    `distinct_poses` counts the group once. If all such rows are equal already, the poses are returned unchanged.
     """
     q, rows = poses.q_rad, [poses.q_rad, poses.placement[:, None]]
     limits = [_moves_rad(arm), np.zeros(1)]

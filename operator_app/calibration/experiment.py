@@ -26,7 +26,7 @@ from solver.search.global_start import GlobalStart, global_start
 
 
 class EndpointMissingError(SolverError):
-    """The fixture is an instrument, and its measurements are missing; `orientation`: only their orientations are."""
+    """The fixture is an instrument, and its measurements (if `orientation`, only their orientations) are missing."""
 
     def __init__(self, *, orientation: bool = False) -> None:
         what, columns = "endpoints", "x_m,y_m,z_m"
@@ -142,9 +142,9 @@ def _without_unidentifiable(
 def on_main_branch(model: ClosureModel, q: FloatArray) -> tuple[BoolArray, Estimate | None]:
     """Separate poses (m, n), rad, on the hinge's main branch, which has most poses, from those on the other branch.
 
-    This uses the nominal placement, in which the tool of a flipped pose is upside down even if nominal values are
-    inaccurate; a fit through poses of both branches would lie between them. Returns a mask (m,) of the poses on the
-    main branch, and the paper's estimate from these as if all joints were sensed; None if it was not computed.
+    It starts at the nominal placement, in which the tool of a flipped pose is upside down even if nominal values are
+    inaccurate; a fit to poses of both branches would lie between the branches. Returns a mask (m,) of the poses on the
+    main branch, and the paper's estimate from them as if all joints were sensed; None if there is no such estimate.
     """
     everything = np.ones(len(q), dtype=np.bool_), None
     # Even the readings of unsensed joints are used: with errors of a degree they still distinguish the branches.

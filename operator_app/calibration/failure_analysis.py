@@ -106,7 +106,7 @@ def turned_unread(
 ) -> tuple[int, float] | None:
     """Return the joint that turned at an unchanged reading, and its turn (rad); None if none did.
 
-    The loop is closed at the second reading plus the correction that closes the loop at the first, so that placement
+    The correction that closes the loop at the first reading is added to the second before closing it, so that placement
     errors cancel. This is done once with all `still` joints fixed, and once for each `still` joint with that joint
     free. No motion is linearised.
 

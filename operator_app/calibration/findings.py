@@ -254,7 +254,7 @@ def rms_displacement(
 ) -> dict[str, float]:
     """Return the fixture's rms rotation (`turn_rad`) and displacement (`shift_m`) over the affected poses.
 
-    Placements have separate coefficients: of several, the one with the largest displacement counts.
+    With several placements, the result is that of the placement with the largest displacement.
     """
     displacement = candidate.moves(evidence.b, len(faults.system.w))
     along_fixture = (faults.system.E @ displacement[..., None])[..., 0]
@@ -281,8 +281,8 @@ def _rms(values: FloatArray) -> float:
 def motion_causes(experiment: Experiment, labels: tuple[str, ...]) -> tuple[Finding, ...]:
     """Return a finding for each joint whose readings spread within a pose by more than its sensor's noise.
 
-    Noise of an RVDT in most poses is left to the verdict on that RVDT. The mean over samples of a moving arm does not
-    close the loop, even if the fit does not show this.
+    An RVDT that is noisy in most poses is left to its own verdict. If the arm moves during sampling, the mean of the
+    samples does not close the loop, even if the fit does not show this.
     """
     arm, sd_rad = experiment.arm, experiment.poses.sd_rad
     if sd_rad is None:
@@ -336,7 +336,7 @@ def left_out_poses(
 ) -> tuple[tuple[Finding, ...], tuple[RangeFinding, ...]]:
     """Return findings that state why poses (indices) were left out, and the readings out of range.
 
-    Not reported: readings out of range only in poses that were left out because their readings are in radians.
+    A joint's readings out of range are not returned if all of them are in poses that were left out as in radians.
     """
     joints = {
         k: [f.joint for f in out_of_range if f.fault is ReadingFault.OUTSIDE and k in f.poses]

@@ -102,8 +102,8 @@ def far_from_nominal(
 ) -> list[tuple[Parameter, float]]:
     """Parameters whose values (P,) are implausibly far from nominal, each with its change from nominal (rad, m).
 
-    The first exceeds its limit by the largest factor. Three standard deviations `sd` (P,), if given, are added to the
-    limit, because a weakly determined parameter may have any value.
+    The list begins with the largest change relative to its limit. If `sd` (P,) is given, three standard deviations are
+    added to the limit, because a weakly determined parameter may have any value.
     """
     spread = np.zeros(len(x)) if sd is None else 3.0 * np.nan_to_num(sd, nan=np.inf)
     changes = wrap_angles(parameters, x - nominal_vector(parameters)).tolist()
@@ -258,6 +258,6 @@ def _limit(parameter: Parameter) -> float:
 
 
 def _described(estimate: Estimate, judged: tuple[str, ...]) -> Estimate:
-    """Return the estimate of the `judged` parameters; of several placements, only of the common ones."""
+    """Return the estimate of those `judged` parameters that do not belong to one placement of several."""
     names = [p.name for p in estimate.parameters]
     return estimate.without([n for n in names if n not in judged or n.endswith("]")])

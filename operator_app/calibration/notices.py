@@ -180,7 +180,7 @@ def _of_the_fit(solution: Solution, same: tuple[Finding, ...], *, sound: bool) -
     yield from same
     if sound:
         yield from fixture_elsewhere(solution.estimate, solution.model)
-        # Outliers that block acceptance are named by their cause, and the other poses cannot be judged.
+        # If outliers block acceptance, that cause names them, and the other poses cannot be judged.
         if not any(c.kind is K.OUTLIERS and c.blocking for c in solution.causes):
             yield from outliers_still_used(solution.outliers)
 

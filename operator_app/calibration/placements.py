@@ -29,7 +29,7 @@ from solver.loops.placements import Placements
 from solver.loops.point import GROUND, PointClosure
 
 SINGULAR_DISTANCE = 1e-10
-"""Eigenvalue of a correlation matrix, relative to the largest, below which a difference along it is unknown."""
+"""If an eigenvalue of a correlation matrix is below this share of the largest, its direction is left out of chi2."""
 
 
 def indistinguishable_placements(model: ClosureModel, estimate: Estimate) -> tuple[Finding, ...]:

@@ -118,10 +118,7 @@ class Solution:
 
     @property
     def within(self) -> dict[str, float]:
-        """Type A uncertainty of each parameter (rad, m): the scatter if the same poses were taken again.
-
-        Empty if not known.
-        """
+        """Type A uncertainty of each parameter (rad, m): its scatter over repeats of the poses; empty if unknown."""
         if self.components is None:
             return {}
         # For parameters without information from the poses the variance is zero; rounding may make it negative.

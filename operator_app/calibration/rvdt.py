@@ -258,7 +258,7 @@ def corrected_poses(poses: PoseSet, tables: Sequence[ReadingTable]) -> PoseSet:
 def measured_offsets(
     model: ClosureModel, x: FloatArray, q: FloatArray, arm: ArmModel
 ) -> dict[int, MeasuredOffset]:
-    """Offset of each joint whose readings were not used, by joint; left out are joints without a sensor.
+    """Offset of each joint that has a sensor but whose readings were not used, by joint.
 
     `x`, `q`: identified parameters (P,), and readings (m, n) of their poses, rad and m.
     """

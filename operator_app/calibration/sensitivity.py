@@ -38,7 +38,7 @@ class SourceSensitivity:
 def source_sensitivities(solution: Solution) -> tuple[SourceSensitivity, ...]:
     """Return the largest source of error of each of the least certain parameters.
 
-    Empty without an uncertainty budget, or if the solution has diverged, because smaller errors would not help then.
+    The result is empty without an uncertainty budget, or if the solution has diverged: a smaller error would not help.
     """
     if solution.components is None or solution.adjudication.diverged:
         return ()
@@ -68,9 +68,9 @@ def source_sensitivities(solution: Solution) -> tuple[SourceSensitivity, ...]:
 
 
 def exceeded_source(calibrated: Calibrated, name: str) -> str:
-    """Return a parameter's largest error source if it exceeds its specification and dominates the variance.
+    """Return a parameter's largest error source if that exceeds its specification and dominates the variance.
 
-    Otherwise empty, because only more varied poses would help.
+    Otherwise return "", because only more varied poses would help.
     """
     budget, names = calibrated.components.budget, [p.name for p in calibrated.estimate.parameters]
     if not budget or name not in names:

@@ -51,7 +51,7 @@ class Fixed:
 
     `values`: parameter values by name, rad and m.
     `covariance`: covariance (P, P) of `values`, in the same order.
-    `rvdt_sd_rad`: estimated noise and linearity deviation of RVDTs together, standard deviation by joint.
+    `rvdt_sd_rad`: standard deviation, by joint, of an RVDT's noise and linearity deviation together, as estimated.
     `fixture_variance`: estimated compliance variance of the fixture (6,), rad^2 and m^2; None if not estimated.
     `fixture_variance` and `rvdt_sd_rad` are used only if they are smaller than stated.
     `unsensed_joints`: joints whose readings the calibration did not use.
@@ -72,8 +72,8 @@ class VerificationResult:
     `odd_poses`: indices of outliers, the worst first: poses that deviate more than can be due to chance. In 1 of 1000
     pose sets without a fault there is such a pose.
     `shift`: common shift of one joint or the fixture in all new poses; None if there is none.
-    `stated`: the test with at least the stated errors. The variance may exceed these by `STATED_VARIANCE_FACTOR`, or
-    by the chi2/dof of the calibration if that is accepted and has the larger chi2/dof.
+    `stated`: the test with at least the stated errors. It allows variances larger than stated by the factor
+    `STATED_VARIANCE_FACTOR` or, if that is larger, by the chi2/dof of the accepted calibration.
     `in_use`: closure sigmas of the same poses with the best table and with the corrections.
     `others_fit`: whether the poses outside `odd_poses` pass the test `stated`, and there is no common shift.
     """
@@ -112,7 +112,7 @@ class VerificationResult:
 def fixed_calibration(solution: Solution, placement: int | None = None) -> Fixed:
     """Return the calibrated parameters, their covariance, noise of sensors and fixture, and unsensed joints.
 
-    `placement`: only parameters of this placement, under names without its number. None: those of all placements.
+    `placement`: only this placement's parameters are returned, under names without its number; None: those of all.
     """
     estimate, components = solution.estimate, solution.components
     names, columns = [p.name for p in estimate.parameters], np.arange(len(estimate.x))
@@ -324,8 +324,8 @@ DEFAULT_PLACEMENT = 1
 """Placement of poses whose file was written without regard to placements."""
 
 LEAST_POINTS, LEAST_FULL_POSES = 4, 2
-"""Smallest number of poses at another station that test more than its place: measured points, or points with
-orientations. Three points determine all but three of their nine equations."""
+"""Smallest number of poses from another station for a test: measured points, or points with orientations. With three
+points, the station's place would take six of the nine equations."""
 
 
 class NoTestError(ValueError):
@@ -366,9 +366,9 @@ def require_in_range(arm: ArmModel, new: PoseSet, solution: Solution) -> None:
 
 
 def may_be_elsewhere(fixture: EndpointConstraint) -> bool:
-    """Whether poses of another placement can be a test: with a ball that stays on the tool, or another station.
+    """Whether poses of another placement (another socket, or another station of an instrument) can be a test.
 
-    A station is a place of an instrument; its target must stay on the tool, too.
+    They can if the ball or the instrument's target stays on the tool, and no file states the instrument's station.
     """
     moves = fixture.kind == "ball" or (isinstance(fixture, Measured) and not fixture.base_known)
     return moves and fixture.stays_on_hand

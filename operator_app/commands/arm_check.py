@@ -21,7 +21,7 @@ RESULT_MARKS = {True: "ok", False: "FAILED", None: "-"}
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Run the tests and report; exit 3 if a test failed or the drives do not hold the arm at the end."""
+    """Run the tests and print the findings; exit 3 if a test failed or the drives do not hold the arm at the end."""
     if not 0.05 <= args.step <= 10.0:
         raise UsageError("--step: between 0.05 and 10 deg")
     if not 0.05 <= args.speed <= 10.0:

@@ -31,7 +31,7 @@ from solver.errors import SolverError
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Check the files and report on stdout."""
+    """Check the files and print the result."""
     missing: list[Problem] = []
     sources: list[tuple[Resource, AnyKind | None]] = []
     named: list[tuple[AnyKind | None, str]] = [(None, file) for file in args.files]

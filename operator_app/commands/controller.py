@@ -32,7 +32,7 @@ from operator_app.virtual_arms import run_controller
 
 _AT_SYNC = 1000
 _LOOK_S = 0.2
-"""Interval of checks that the controller is running."""
+"""Interval between checks that the controller is running, s."""
 
 
 def execute(args: argparse.Namespace) -> int:

@@ -37,7 +37,7 @@ def _only_serial(root: Path) -> str:
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Read the sessions and report."""
+    """Read the sessions and print the history."""
     if args.every is not None and not 0.0 < args.every <= LONGEST_DAYS:
         raise UsageError(f"--every {args.every:g}: days, more than 0 and at most {LONGEST_DAYS:g}")
     if args.serial == UNKNOWN_SERIAL_NUMBER:

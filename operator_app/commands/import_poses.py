@@ -45,7 +45,7 @@ from solver.errors import UnidentifiableError
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Calibrate, write the session, and report on stdout."""
+    """Calibrate from the poses, write the session, and print the result."""
     arm = resolve("arm", args.arm)
     model = parse_arm(arm.data, arm.file)
     unsensed = unsensed_joints(args, model.joint_count) or ()

@@ -178,7 +178,7 @@ SESSION_OR_ARM = declaration(
     ),
     shared("--sessions DIR"),
 )
-"""The arm of a command without poses, by a session or an arm file."""
+"""The arm of a command without poses: a session's arm, or that of an arm file."""
 
 
 def tolerance_m(args: argparse.Namespace) -> float | None:

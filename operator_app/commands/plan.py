@@ -26,7 +26,7 @@ from solver.arrays import FloatArray
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Plan and report on stdout."""
+    """Plan the poses and print the plan."""
     if args.poses is not None and args.poses < 1:
         raise UsageError("--poses: must be at least 1")
     if args.tries is not None and args.tries < 1:

@@ -38,7 +38,7 @@ MAPS = {
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Probe and report; exit 3 if no node answers or something differs."""
+    """Probe the bus and print the result; exit 3 if no node answers or something differs."""
     if args.configure and args.draft is None:
         raise UsageError("--configure needs --draft FILE")
     settings = bus_of_others(args)

@@ -17,7 +17,7 @@ from operator_app.safe_output import as_json, say
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Connect, list the drive faults, reset them, list what remains."""
+    """Connect, list the drive faults, reset them, and list the faults that remain."""
     with open_arm(opening_from(args), record_to=args.record) as rig:
         if rig.simulated:
             raise UsageError(

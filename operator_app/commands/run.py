@@ -30,7 +30,7 @@ from solver.errors import UnidentifiableError
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Run a procedure and report; at the end the arm holds position."""
+    """Run a procedure and print the result; at the end the arm holds position."""
     choices = choices_from(args)
     opening = (
         resume(args.resume, choices, root=args.sessions)

@@ -20,7 +20,7 @@ from operator_app.session.store.journal_repair import repair_journal
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Report on stdout."""
+    """List, show or repair sessions, and print the result."""
     if args.action == "list":
         if args.name is not None:
             raise UsageError(

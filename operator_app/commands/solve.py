@@ -34,7 +34,7 @@ from solver.errors import UnidentifiableError
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Solve and report on stdout."""
+    """Calibrate from the poses and print the result."""
     arm = load_arm(args.arm)
     fixture = load_fixture(args.fixture).fixture
     unsensed = unsensed_joints(args, arm.joint_count) or ()
@@ -103,7 +103,7 @@ def _test_poses(
     poses: PoseSet,
     solution: Solution,
 ) -> PoseSet:
-    """Return the poses of ``--test``; raises UsageError if they cannot test `solution`, which `poses` gave."""
+    """Return the poses of ``--test``; raises UsageError if they cannot test `solution`, made from `poses`."""
     loaded = load_poses(args.test, joint_count=arm.joint_count)
     print_warnings(args.test, loaded)
     new = loaded.poses

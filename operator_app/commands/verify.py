@@ -44,7 +44,7 @@ OPEN_POSES = 24
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Verify and report."""
+    """Verify the calibration and print the result."""
     requested, args.poses = args.poses, None
     opening = resume(args.session, choices_from(args), root=args.sessions)
     state = opening.state

@@ -84,7 +84,7 @@ def schema_line(kind: FileKind) -> str:
 def save_with_schema(target: Path, data: bytes, kind: FileKind) -> None:
     """Write the JSON Schema of this kind into the target's folder, then `data` to `target`.
 
-    Raises WriteError; neither of the two files is new then.
+    Raises WriteError; a schema file that did not exist before is then removed.
     """
     schema, schema_file = json_schema(kind), target.parent / schema_file_name(kind)
     is_new = not schema_file.exists()

@@ -118,7 +118,7 @@ def find_dwells(
 
 
 def smallest_spread_rad(time_s: FloatArray, q_rad: FloatArray, dwell_s: float) -> float:
-    """Return the smallest spread (rad, largest of the joints) of any window of `dwell_s`; infinite if there is none."""
+    """Return the spread, rad, of the joint that moves most in the calmest window of `dwell_s`; infinite without one."""
     last = np.searchsorted(time_s, time_s + dwell_s * (1.0 - 1e-9))
     return float(_ranges(q_rad, last[last < len(time_s)]).max(axis=1).min(initial=np.inf))
 
@@ -178,7 +178,7 @@ def _at_rest(
 
 
 def _ranges(q_rad: FloatArray, last: IntArray) -> FloatArray:
-    """Return, for each k, largest minus smallest value of rows k to last[k], (len(last), n), by sparse tables."""
+    """Return (len(last), n), by sparse tables: row k has the maximum minus the minimum of rows k to last[k]."""
     first = np.arange(len(last))
     length = last - first + 1
     ranges = np.zeros((len(last), q_rad.shape[1]))

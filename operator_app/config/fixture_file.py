@@ -52,7 +52,7 @@ class FixtureSpec:
 
 
 def parse_fixture(data: bytes, file: str) -> FixtureSpec:
-    """Read a fixture from the bytes of its file, `file` in messages; raises ConfigError with all its problems."""
+    """Read a fixture from the bytes of its file, called `file` in messages; raises ConfigError with its problems."""
     model = read_by_kind(MODELS, data, kind="fixture", file=file)
     return FixtureSpec(name=model.name, fixture=model.fixture(), checklist=model.checklist)
 

@@ -122,7 +122,7 @@ def wrong_header(header: list[str], width: int, file: str, line: int) -> ConfigE
 
 
 def unit_of(names: Sequence[str], unit: Unit | None, file: str, line: int) -> Unit | None:
-    """Return the unit that all names of joint columns end in, else `unit`; raises ConfigError if it is another one."""
+    """Return the unit in which all joint column names end, else `unit`; raises ConfigError if the two differ."""
     endings = {name.casefold().rpartition("_")[2] for name in names}
     stated: Unit | None = "rad" if endings == {"rad"} else "deg" if endings == {"deg"} else None
     if endings == {"rad", "deg"}:
@@ -165,7 +165,7 @@ def _endpoints(
 
 
 def _placements(body: list[Record], by: int, file: str) -> tuple[list[int], tuple[str, ...] | None]:
-    """Return each row's placement number from column `by`, and notes with the names if it has names."""
+    """Return each row's placement number from column `by` and, if that column has names, notes with these names."""
     names = [cells[by] for _, cells in body]
     if "" in names:
         line, remedy = body[names.index("")][0], "give the placement a number or a name"
@@ -277,10 +277,10 @@ def _is_time(name: Sequence[str], body: list[Record], column: int) -> bool:
 
 
 def joint_order(names: Sequence[str], joints: Sequence[str], count: int) -> tuple[int, ...]:
-    """Return the indices in `names` of joints 1 to `count`: of `joints` if complete, else of a series.
+    """Return the indices in `names` of joints 1 to `count`: of `joints` if `names` has them all, else of a series.
 
-    The names of a series differ only in a number (from 0 or 1). Empty unless there is exactly one series. Upper and
-    lower case are distinguished, unless this leaves no series (`Q1` is not part of `q1` to `q7`).
+    The names of a series differ only in a number (from 0 or 1). Unless exactly one series exists, the result is empty.
+    Upper and lower case are distinguished (`Q1` is not part of `q1` to `q7`) unless there is then no series.
     """
     if len(set(joints)) == count and all(names.count(joint) == 1 for joint in joints):
         return tuple(names.index(joint) for joint in joints)

@@ -60,7 +60,7 @@ def group_of(name: str) -> tuple[str, ...] | None:
 
 
 def groups_in(names: Collection[str]) -> tuple[tuple[str, ...], ...]:
-    """Return each orientation (its columns) of which a name is given; a file may have at most one."""
+    """Return all columns of each orientation that has a column in `names`; a file may have at most one orientation."""
     groups = {group: None for name in names if (group := group_of(name)) is not None}
     return tuple(groups)
 
@@ -74,7 +74,7 @@ class QuaternionError(ValueError):
 
 
 def rotation_vectors(group: tuple[str, ...], values: FloatArray) -> FloatArray:
-    """Return rotation vectors (m, 3), rad, from the values (m, 3 or 4) of these columns: deg, or quaternions.
+    """Return rotation vectors (m, 3), rad, from the values (m, 3 or 4) of these columns, in deg or as quaternions.
 
     Raises `QuaternionError` for a quaternion that is not of unit length.
     """
@@ -105,8 +105,8 @@ def endpoint_columns(
 ) -> tuple[str, ...]:
     """Return the columns of a log that hold measured endpoints: x_m, y_m, z_m and those of one orientation.
 
-    Empty if the positions are missing. Raises ConfigError if they are `needed`, or if two orientations are stated, or
-    one incompletely.
+    If the positions are missing, the result is empty, or ConfigError is raised if they are `needed`. ConfigError is
+    also raised if a column occurs twice, if two orientations are stated, or if one is incomplete.
     """
     if missing := [name for name in POSITION_COLUMNS if name not in header]:
         if not needed:

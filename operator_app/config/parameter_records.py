@@ -29,7 +29,7 @@ from solver.chain.parameters import DhEntry
 Int32 = Annotated[int, Field(strict=True, ge=-(2**31), le=2**31 - 1)]
 FORCED, NOT_ACCEPTED = "FORCED", "NOT_ACCEPTED"
 REFUSED = (FORCED, NOT_ACCEPTED)
-"""Codes of the warning that a calibration was not accepted: exported anyway for a stated reason, or not exported."""
+"""Codes of the warning that a calibration was not accepted: `FORCED` if it was nevertheless exported for a reason."""
 Code = Annotated[str, StringConstraints(strict=True, pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
 Side = Literal["arm", "ground", "hand"]
 

@@ -161,7 +161,7 @@ def _complaints(names: tuple[str, ...], joint_count: int | None) -> Iterator[Com
     joints = {int(m[1]) for name in names if (m := THETA.fullmatch(name))}
     last = joint_count if joint_count is not None else max(joints, default=1)
     theta, sd = ([f"{kind}{j}_deg" for j in range(1, last + 1)] for kind in ("theta", "sd"))
-    # Columns that were probably meant by misspelt names, and do not also count as missing.
+    # These columns were probably meant by misspelt names: they are not also reported as missing.
     meant: set[str] = set()
     endpoints = (*POSITION_COLUMNS, *ROTATION, *ROLL_PITCH_YAW, *QUATERNION, *TARGETS)
     every = (*KEY, *theta, *sd, *OPTIONAL, *endpoints)

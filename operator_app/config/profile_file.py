@@ -1,4 +1,4 @@
-"""The bus profile (``sarcal/profile/1``), set-up of an arm's nodes: reading, checks, drafts.
+"""The bus profile (``sarcal/profile/1``), which states the set-up of an arm's nodes: reading, checks, drafts.
 
 `ProfileFile` has the content of the file; `ProfileFile.for_joints` returns the profile for the hardware.
 """

@@ -85,7 +85,7 @@ def checked(check: Callable[[Any, Fields], Iterable[Complaint]]) -> AfterValidat
 
 
 def numbered(place: str, key: str, first: int = 1) -> AfterValidator:
-    """Return the annotation of the list at `place` whose items are to be numbered from `first`, under `key`."""
+    """Return an annotation for the list at `place`: the `key` of its items has to count from `first` upwards."""
 
     def check(items: Sequence[Any], _: Fields) -> Iterator[Complaint]:
         for k, item in enumerate(items):
@@ -174,7 +174,7 @@ def _problems(
 ) -> Iterator[Problem]:
     placed = _without_alternatives(document, [(_path(document, error), error) for error in errors])
     missing = {path for path, error in placed if error["type"] == "missing"}
-    # A check of a default value also complains of a key that the file lacks.
+    # If a key is not in the file, a complaint can only be about its default: the key counts as missing.
     missing |= {path for path, _, _ in notes if path not in document.marks}
     meant: set[Path] = set()
     for path, error in placed:

@@ -105,7 +105,7 @@ UR_KEYS = ("x", "y", "z", "roll", "pitch", "yaw")
 
 
 def chain_of(data: bytes, file: str, arm: ArmModel) -> UrdfChain:
-    """Return the chain of `arm`, the arm that was calibrated with the nominal values of its file, in a file.
+    """Find the chain of the calibrated arm in a file; `arm` has the nominal values of the arm file.
 
     The file is a URDF, a xacro whose chain has literal numbers, or UR's ``default_kinematics.yaml``. Raises ConfigError
     if the file cannot be read or describes another arm.
@@ -162,7 +162,7 @@ def calibrated_origins(chain: UrdfChain, table: DhTable) -> dict[str, FloatArray
 
 
 def entries_without_origin(chain: UrdfChain) -> tuple[str, ...]:
-    """Return names of the D-H entries that no origin can hold: those behind the last joint, if the chain ends there."""
+    """Return names of the D-H entries that no origin can hold: the last link's, if the chain ends at the last joint."""
     n = len(chain.joints)
     behind = tuple(f"{kind}_{n}" for kind in ("s", "a", "alpha", "beta"))
     return behind if chain.steps[-1].joint is not None else ()

@@ -33,14 +33,14 @@ FLANGES = ("tool0", "flange")
 """Preferred ends among links with the same revolute joints (REP 199)."""
 ENDS_SHOWN = 12
 REPORTED_RAD = 1e-8
-"""Difference of a rounded angle from the exact one above which it is reported."""
+"""A rounded angle is reported if it differs from the exact angle by more than this."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UrdfJoint:
-    """One revolute joint: axis (3,), range (rad), speed (rad/s) and torque (N m); None if one of these is not stated.
+    """One revolute joint: axis (3,), range (rad), speed (rad/s) and torque (N m); the last two are None if not stated.
 
-    `unstated`: limits, as text, that the file does not state, or that are too large for any arm; others are assumed.
+    `unstated`: limits, as text, for which values are assumed: the file states none, or one too large for any arm.
     """
 
     name: str
@@ -256,7 +256,7 @@ def _only_end(elements: Mapping[str, ET.Element], base: str, file: str) -> str:
 
 
 def _begins_a_gripper(element: ET.Element, later: Sequence[ET.Element]) -> bool:
-    """Whether the joint is of a gripper: by its name, or if it slides or mimics and none of the `later` is an arm's."""
+    """Whether a joint is of a gripper: by its name, or if it slides or mimics and no `later` joint is of an arm."""
     if _has_gripper_name(element):
         return True
     if element.get("type") != "prismatic" and element.find("mimic") is None:

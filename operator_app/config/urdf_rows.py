@@ -122,7 +122,7 @@ def _normal_to(line: AxisLine, apart: FloatArray, z: FloatArray) -> tuple[FloatA
 
 
 def _across(z: FloatArray, *preferred: FloatArray) -> FloatArray:
-    """Return the unit vector orthogonal to z nearest to the first of `preferred`, x, y not parallel to z."""
+    """Return the unit vector orthogonal to z towards the first of `preferred`, x and y that is not parallel to z."""
     across = (d - (d @ z) * z for d in (*preferred, *np.eye(3)[:2]))
     return next(x / np.linalg.norm(x) for x in across if np.linalg.norm(x) > 0.1)
 

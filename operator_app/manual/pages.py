@@ -106,7 +106,7 @@ def made_by_code(topic: str) -> bool:
 
 
 class Manual:
-    """All pages of the manual; the page `commands` only if a function that generates it is given."""
+    """All pages of the manual; it has the page `commands` only if it is given a function that generates the page."""
 
     def __init__(self, commands: Callable[[], str] | None = None) -> None:
         self._commands = commands

@@ -91,7 +91,7 @@ class Facts:
 
     @property
     def limits_met(self) -> str:
-        """Clause on the limits of an accepted calibration, naming an exceeded condition number, if any."""
+        """Clause that an accepted calibration meets its limits; it names the condition number if that is too large."""
         exceeded = (n for n in self.notices if n.kind is FindingKind.CONDITION)
         met = "the calibration meets its limits"
         return f"{met}, but its {finding.text}" if (finding := next(exceeded, None)) else met

@@ -48,19 +48,19 @@ Format = Callable[..., Figure]
 
 
 def formats(estimate: Estimate) -> Callable[[Valued], Format]:
-    """Return the number format of each parameter: two significant digits of the smallest sigma in its unit."""
+    """Return a function that gives a parameter's format; the smallest sigma in its unit is shown with two digits."""
     return formats_of(((p, sd) for p, _, sd in values_of(estimate)), most=MOST_PLACES)
 
 
 def formats_of(
     sigmas: Iterable[tuple[Valued, float]], *, most: int = 9
 ) -> Callable[[Valued], Format]:
-    """Return the function that `formats` returns, for these parameters and sigmas; `most`: largest number of places."""
+    """Return a function as `formats` does, from parameters with their sigmas; `most`: largest number of decimals."""
     return _formats(sigmas, partial(places_to_show, least=3, most=most))
 
 
 def nominal_formats(values: Iterable[tuple[Valued, float]]) -> Callable[[Valued], Format]:
-    """Return a function that gives a parameter's format: all nominal values of its quantity are shown exactly."""
+    """Return a function that gives a parameter's format; all nominal values of its quantity are shown exactly."""
     return _formats(values, partial(places_needed, least=1, most=MOST_PLACES))
 
 

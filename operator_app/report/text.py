@@ -99,7 +99,7 @@ def placed(table: FactTable, gap: str) -> tuple[list[list[str]], list[list[str]]
 
 
 ROLES = {"found": "bold"}
-"""Role whose style the terminal app uses for a figure, by the figure's own role."""
+"""Role that styles a figure in the terminal app, by the figure's own role."""
 
 
 def table_spans(table: FactTable) -> tuple[list[Line], list[Line]]:

@@ -206,7 +206,7 @@ def best_table_table(solution: Solution) -> FactTable | None:
 
 
 def posterior_data(solution: Solution) -> dict[str, Any]:
-    """Return shares, scales, distances, best D-H table and corrections as JSON; deg and m, or units as in keys."""
+    """Return shares, scales, distances, best D-H table and corrections as JSON; deg and m unless the key has a unit."""
     best = solution.best
     data: dict[str, Any] = {
         "shares": dict(solution.shares),
@@ -252,7 +252,7 @@ _PER_SI = np.array([np.rad2deg(1.0) if kind.is_angle else 1.0 for kind in DhKind
 
 
 def _correction_data(c: ReadingCorrection) -> dict[str, Any]:
-    """Return a correction with coefficients in deg; for gravity, deg/(N m) times mass (kg) and first moment (kg m)."""
+    """Return a correction with its coefficients in deg or, for gravity, in deg/(N m) times kg and times kg m."""
     data: dict[str, Any] = {
         "source": c.source,
         "joint": c.joint,

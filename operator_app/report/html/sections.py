@@ -55,7 +55,7 @@ sigma_pos and sigma_ori (eqs. 14, 15) are computed at the measured joints, twice
 components inside the root, as printed divides outside it.
 Condition number, rank and observability are those of the reduced Jacobian on the closed loops next to the poses.
 """.splitlines()
-"""Points on both estimators and their figures."""
+"""Explanations of both estimators and of their figures."""
 HEADINGS = {
     "parameters": ("Parameters", False),
     "truth": ("The truth", True),

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 _DOTS = ((0x01, 0x02, 0x04, 0x40), (0x08, 0x10, 0x20, 0x80))
 _LAST_BITS = 1e-6
-"""Added to a position before rounding down, so that rounding errors do not change the dot."""
+"""This is added to a position before rounding down, so that rounding errors do not change the dot."""
 _ASCII_MARK = {"text": "*", "dim": ".", "accent": "o", "warn": "!", "alarm": "!"}
 
 

@@ -31,7 +31,7 @@ HOW = (
 )
 
 SCATTER_TYPE_A, SCATTER_SIGMAS = 5.0, 3.0
-"""Scatter between sessions, in type A and in sigmas, above which the verdict names an entry."""
+"""The verdict names an entry if it scatters between sessions by more than these multiples of type A and of sigma."""
 
 FRAMED = 72
 """Columns available inside a frame on a terminal of 80 columns."""
@@ -123,7 +123,7 @@ def _scatter_texts(part: EntryHistory) -> list[str]:
     if part.side is not Side.ARM or len(part.calibrations) <= BASELINE:
         return []
     type_a, sigma = (np.sqrt(np.mean(v**2, axis=0)) for v in (part.within, part.sigma))
-    # The chart's own scatter is partly that of the other entries.
+    # The scatter in the chart is not used: it is partly that of the other entries.
     between = part.values.std(axis=0, ddof=1)
     wide = between > np.maximum(SCATTER_TYPE_A * type_a, SCATTER_SIGMAS * sigma)
     return [

@@ -131,7 +131,7 @@ def _dispatch(argv: Sequence[str]) -> int:
 
 
 def _with_their_options(arguments: Sequence[str]) -> list[str]:
-    """Join ``--base-point -60,0,80`` into one word, since argparse reads such a value as an option."""
+    """Join an option and a value such as ``-60,0,80`` into one word, since argparse reads the value as an option."""
     joined: list[str] = []
     for word in arguments:
         if NUMBERS.fullmatch(word) and joined and OPTION.fullmatch(joined[-1]):
@@ -150,7 +150,7 @@ ALSO_CALLED = {
 
 
 class _Parser(argparse.ArgumentParser):
-    """Parser whose errors suggest a command for an unknown one and contain no control characters."""
+    """Parser whose error messages suggest a command for an unknown one and contain no control characters."""
 
     def error(self, message: str) -> NoReturn:
         if unknown := re.match(r"argument COMMAND: invalid choice: '(.*?)'", message):
@@ -166,7 +166,7 @@ class _Parser(argparse.ArgumentParser):
 
 
 class _CommandParser(_Parser):
-    """Parser of a command, with arguments and options in any order.
+    """Parser of a command; it accepts arguments and options in any order.
 
     Up to Python 3.12, argparse loses an optional positional argument after an option (`session show --json latest`).
     """
@@ -189,7 +189,7 @@ class _CommandParser(_Parser):
 
 
 class _Version(argparse.Action):
-    """Action of ``--version``. Looks up the version only when called, since the import is slow."""
+    """Action of ``--version``, which looks up the version only when called, because the import is slow."""
 
     def __call__(
         self,

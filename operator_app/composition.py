@@ -1,7 +1,7 @@
 """Opens the real or virtual arm of a session on its bus.
 
 Without a bus, a session gets the embedded virtual arm: a controller in this process on a python-can ``virtual``
-channel, with the same frames as a real one.
+channel, with the same frames as on a real bus.
 """
 
 from __future__ import annotations
@@ -70,8 +70,8 @@ def prepare_real_time() -> None:
     sys.setswitchinterval(SWITCH_INTERVAL_S)
     for library in COMPILED:
         import_module(library)
-    # A full garbage collection takes 0.1 s or more, during which no SYNC is answered and no STOP sent. Without it, a
-    # closed dialog keeps 0.4 MB. Young objects are collected as usual.
+    # A full garbage collection takes 0.1 s or more, during which no SYNC is answered and no STOP is sent. Without full
+    # collections, each closed dialog keeps 0.4 MB. Young objects are collected as usual.
     gc.freeze()
     young, middle, _ = gc.get_threshold()
     gc.set_threshold(young, middle, RARELY)
@@ -83,8 +83,8 @@ def open_arm(
 ) -> Iterator[Rig]:
     """Open the arm of a session and yield it as a `Rig`; start the controller of an embedded virtual arm.
 
-    `pace`: None: fast-forward for the embedded virtual arm, real time on any other bus. `speed`: factor by which the
-    embedded virtual arm runs faster than real time if its pace is real time.
+    `pace`: if None, the embedded virtual arm runs in fast-forward, an arm on any other bus in real time. `speed`:
+    factor by which the embedded virtual arm runs faster than real time if its pace is real time.
 
     Raises
     ------
@@ -211,7 +211,7 @@ def _print_recording_problem(arm: CanopenArm) -> None:
 class CutShort:
     """A session that ended early.
 
-    `connected`: an arm was connected; `kept`: the session folder exists.
+    `connected`: whether an arm was connected. `kept`: whether the session folder still exists.
     """
 
     session: Session
@@ -302,7 +302,7 @@ def _instrument(
 
 
 def describe(arm: ArmModel) -> ArmDescription:
-    """Return the description of `arm` expected on the bus; raises SessionError if a joint has no sensor."""
+    """Return the description that the arm on the bus must match; raises SessionError if a joint has no sensor."""
     return ArmDescription(
         model=arm.name,
         joints=tuple(

@@ -53,10 +53,9 @@ def arm_history(
 ) -> history.ArmHistory:
     """Return the history of an arm, from the journals of the sessions below `root`.
 
-    `kept_mounted`: the fixture stays mounted from one session to the next, except before a session with several
-    placements; otherwise it counts as remounted for each session. `interval`: interval between calibrations, which sets
-    the date of the next one; None: usual interval of the past. Raises `SessionError` if this arm has no accepted
-    calibration.
+    `kept_mounted`: if true, the fixture counts as remounted only for a session with several placements; if false, for
+    each session. `interval`: interval between calibrations, which sets the date of the next one; None: the usual
+    interval of the past calibrations. Raises `SessionError` if this arm has no accepted calibration.
     """
     calibrations: list[history.PastCalibration] = []
     checks: list[history.PastVerification] = []

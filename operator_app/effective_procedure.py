@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def effective_procedure(opening: Opening) -> Procedure:
-    """Return the procedure of a session, with the sensors that a scenario gives to its arm."""
+    """Return the procedure of a session; a scenario, if there is one, determines the sensors of the arm."""
     procedure, choices = opening.procedure, opening.choices
     if opening.state.imported:
         return procedure
@@ -34,7 +34,7 @@ def named_scenario(choices: Choices) -> Scenario:
 
 
 def session_bus(choices: Choices, procedure: Procedure) -> BusSettings:
-    """Return the bus from command line, procedure, environment, can.conf or user settings, in this order."""
+    """Return the bus that one of these states first: command line, procedure, environment, can.conf, user settings."""
     from hardware.buses.python_can import bus_settings
     from operator_app.config.user_settings import usual_bus
 

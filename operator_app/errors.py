@@ -59,7 +59,7 @@ class GuardError(SessionError):
 class ClosureRefusedError(GuardError):
     """The joint readings do not close the loop; no drive was enabled.
 
-    `probability` of a larger chi2 for an unchanged arm; None if another check refused.
+    `probability`: that of a larger chi2 if the arm is unchanged; None if another check refused the readings.
     """
 
     def __init__(self, happened: str, remedy: str, *, probability: float | None = None) -> None:

@@ -52,7 +52,7 @@ def require_own_names() -> None:
         spec = importlib.util.find_spec(name)
         origin = "nothing" if spec is None or spec.origin is None else spec.origin
         own = home / name / "__init__.py"
-        # Installed into the same folder, the other package may have replaced our __init__.py.
+        # If the other package was installed into the same folder, it may have replaced our __init__.py.
         location = Path(origin).resolve()
         if location != own or not own.read_bytes().startswith(first_words):
             owners = _owners(name, location)

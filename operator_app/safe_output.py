@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, TextIO
 
 MARK = "\ufffd"
-"""Replaces each character that is not shown, so that columns keep their width."""
+"""Character shown instead of each character that is not allowed, so that columns keep their width."""
 
 
 def sanitized(text: str, *, keep: str = "") -> str:

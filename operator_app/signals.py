@@ -50,7 +50,7 @@ def press_ctrl_c() -> None:
 def ending_signals_interrupt(*, for_good: bool = False) -> Iterator[None]:
     """Context in which SIGINT, SIGTERM and SIGHUP raise KeyboardInterrupt; contexts may be nested.
 
-    `for_good`: the process ends after the context, and these signals are then ignored, to keep its exit code.
+    `for_good`: whether the process ends after the context; if so, later signals are ignored, to keep its exit code.
     """
     global _first_s  # noqa: PLW0603
     before = {number: signal.getsignal(number) for number in ENDING}
@@ -84,7 +84,7 @@ def ending_signals_ignored() -> Iterator[None]:
 
 
 class ProcessEnd:
-    """Ends this process with its exit code, even if other threads still run. Create one at the start."""
+    """Ends this process with its exit code, even if other threads still run. Create this object at the start."""
 
     def __init__(self) -> None:
         # The function registered first runs last.
@@ -102,7 +102,7 @@ class ProcessEnd:
         os._exit(self._code)
 
     def _if_interrupted(self) -> None:
-        """After an interrupt, exit with 130; Python might end with SIGINT, e.g. for code run from a string."""
+        """After an interrupt, exit with 130, because Python might end with SIGINT, e.g. for code run from a string."""
         if self._code == INTERRUPTED:
             for stream in (sys.stdout, sys.stderr):
                 with suppress(OSError, ValueError):

@@ -70,7 +70,7 @@ class Figure:
     role
         Role of the text: ``text``, ``found`` (an identified value) or ``warn``.
     key
-        Path of the number in the JSON object; empty: not in JSON.
+        Path of the number in the JSON object; empty if the number is not in JSON.
     """
 
     value: float | None
@@ -166,7 +166,7 @@ ANGLE_TOLERANCE = Kind(ANGLE, digits=2)
 
 # Faults.
 STEP = Kind(ANGLE, places=4, signed=True)
-"""Enough decimal places for a step of a few counts."""
+"""Step of a reading, with enough decimal places for a few counts."""
 LOST_COUNTS = Kind(COUNTS, places=0, signed=True)
 LOST_LSB = Kind(LSB, places=0, signed=True)
 SCATTER = Kind(ANGLE, places=3)
@@ -226,7 +226,7 @@ def typeset(text: str) -> str:
 
 
 def places_to_show(precisions: Iterable[float], *, least: int = 1, most: int = 9) -> int:
-    """Return the decimal places that show the smallest of these precisions with two significant digits."""
+    """Return the number of decimal places at which the smallest of these precisions has two significant digits."""
     finest = min((p for p in precisions if math.isfinite(p) and p > 0.0), default=0.0)
     if finest == 0.0:
         return least
@@ -234,7 +234,7 @@ def places_to_show(precisions: Iterable[float], *, least: int = 1, most: int = 9
 
 
 def places_needed(values: Iterable[float], *, least: int, most: int) -> int:
-    """Return the fewest decimal places that show these round values exactly."""
+    """Return the smallest number of decimal places that shows these round values exactly, at most `most`."""
     listed = list(values)
     return next(
         (n for n in range(least, most) if all(abs(v - round(v, n)) < 1e-9 for v in listed)), most

@@ -58,7 +58,7 @@ def virtual_arm(
 def true_values(
     arm: ArmModel, fixture: FixtureSpec, choices: Choices, placement: int
 ) -> Mapping[str, float]:
-    """Return the true parameters of `virtual_arm`, rad and m by name; they are never sent over a bus."""
+    """Return the true parameters (rad, m) of `virtual_arm` by name; they are never sent over a bus."""
     return virtual_arm(arm, fixture, choices, placement).true_loop().named()
 
 

@@ -142,7 +142,7 @@ def cut_short_lines(cut: CutShort) -> list[str]:
 
 
 def _danger(cut: CutShort) -> list[str]:
-    """Return a warning if a connected arm may not be holding; none after interrupts (the caller raises it)."""
+    """Return a warning if a connected arm may not be holding; empty after an interrupt (the error is then raised)."""
     error = cut.session.not_held
     if error is None or not cut.connected or isinstance(cut.cause, KeyboardInterrupt):
         return []

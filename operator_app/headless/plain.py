@@ -40,7 +40,7 @@ class Terminal:
         return input(sanitized(prompt))
 
     def touched(self, timeout_s: float) -> bool:
-        """Wait up to `timeout_s` for a line from a terminal, and discard it; false for a pipe, which is not read."""
+        """Discard a line from a terminal, waiting up to `timeout_s`; return whether one came. A pipe is not read."""
         inputs = [sys.stdin] if sys.stdin.isatty() else []
         ready, _, _ = select.select(inputs, [], [], timeout_s)
         return bool(ready) and bool(sys.stdin.readline())
@@ -278,7 +278,7 @@ class Plain:
             s = self.snapshot()
 
     def _stop(self) -> bool:
-        """Send STOP on Ctrl-C and return True; False, without STOP, if the arm is silent or not connected."""
+        """Send STOP after Ctrl-C and return True; if the arm is silent or not connected, only return False."""
         s = self.runner.snapshot()
         if not s.connected or s.data is DataState.LOST:
             return False

@@ -53,9 +53,9 @@ def run(
 
     Returns None if the current placement is complete and the fixture has to be remounted for the next placement.
 
-    `forced`: reason for exporting a calibration that is not accepted; if empty, it is not exported. `homing`: whether
-    the operator agrees that an arm outside its exploration box goes home. `solver`: runs the calibration; on a real
-    bus, in a separate process, so that SYNC is not delayed.
+    `forced`: reason for exporting a calibration that is not accepted; without a reason, such a calibration is not
+    exported. `homing`: whether the operator agrees that an arm outside its exploration box goes home. `solver`: runs
+    the calibration; on a real bus, in a separate process, so that SYNC is not delayed.
     """
     if session.procedure.position_joints is not None:
         session.check_modes(session.procedure.position_joints)

@@ -18,7 +18,7 @@ LISTED = 4
 
 
 def poses_named(labels: tuple[str, ...]) -> str:
-    """Return ``pose 4`` or ``poses 4, 7 and 3 more``."""
+    """Return poses as text, such as ``pose 4`` or ``poses 4, 7 and 3 more``."""
     rest = len(labels) - NAMED
     more = f" and {rest} more" if rest > 0 else ""
     return f"pose{'s' * (len(labels) > 1)} {', '.join(labels[:NAMED])}{more}"
@@ -49,7 +49,7 @@ SOURCE_REMEDIES = {
     "discrepancy": "measure how the fixture and the arm deflect over the poses, and state that (keys give, sag_deg)",
     "counts": "fit encoders with more counts: averaging at rest does not reduce the error of one count",
 }
-"""Remedies by source of error without the joint's number; the remedy of "" is for all other sources."""
+"""Remedies by source of error, which is named without the joint's number; the remedy of "" is for all other sources."""
 
 OWN_FORMATS = {
     "ANGLE": units.Kind(units.ANGLE, digits=2),
@@ -61,9 +61,9 @@ OWN_FORMATS = {
 
 
 class _Amount(NamedTuple):
-    """A value (SI units) for a template; its format specification is the name of a `Kind`.
+    """A value (SI units) for a template, in which its format specification is the name of a `Kind`.
 
-    ``A|B``: A for angles, B for lengths.
+    The specification ``A|B`` means the kind A for angles and the kind B for lengths.
     """
 
     value: float
@@ -85,7 +85,7 @@ class _Choice(int):
 
 
 class FindingFields(dict[str, object]):
-    """Values by the names that a template may use: the figures of a finding, and the names in FIELDS."""
+    """Values by the names that a template may use: the figures of a finding, and the values of `FIELDS`."""
 
     def __init__(self, finding: Finding) -> None:
         figures = {"size": finding.size, "sigma": finding.sigma, **finding.figures}
@@ -127,7 +127,7 @@ def _releasing(f: Finding) -> str:
 def _displacement(f: Finding) -> str:
     turn, shift = f.figures["turn_rad"], f.figures["shift_m"]
     known = [(SHIFTED, shift), (TURNED, turn)]
-    # Values that round to zero are left out if others do not.
+    # Leave out a value that rounds to zero; if both do, show the shift with more digits.
     parts = [kind(x).with_unit for kind, x in known if kind(x) == kind.not_zero(x) and x > 0.0]
     return " and ".join(parts) or SHIFTED.not_zero(shift).with_unit
 

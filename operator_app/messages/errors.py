@@ -98,7 +98,7 @@ REMEDIES: Mapping[type, str] = {
     FixtureError: "Remount the fixture as described, then check it again (step 2)",
     WriteError: "Free some disk space or choose another folder; the journal is complete",
 }
-"""Remedies by class of the error, or its nearest base class."""
+"""Remedies by class of error; an error whose class is not listed has the remedy of its nearest base class."""
 
 _TRIP_CAUSES: Mapping[int, str] = {
     **dict.fromkeys(STOP_CONTACTS, "Release the external stop when it is safe"),
@@ -115,7 +115,7 @@ _TRIPS: Mapping[int, str] = {
         for code, remove in _TRIP_CAUSES.items()
     },
 }
-"""Remedies of trips in the terminal app, by emergency code."""
+"""Remedies of trips, with the keys of the terminal app, by emergency code."""
 
 
 def trip_cause_remedy(code: int) -> str:

@@ -19,7 +19,7 @@ CERTAIN = 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NamedSize:
-    """A parameter and a value in `unit`, "rad" or "m"; `share`: fraction of its information from the poses."""
+    """A parameter and a value in `unit`, "rad" or "m"; `share`: fraction of the information that is from the poses."""
 
     name: str
     size: float
@@ -34,7 +34,7 @@ class Finding:
     Attributes
     ----------
     joint, joints
-        The joint (1-based, 0 for none), and all joints if there are several; or the numbers of placements or sockets.
+        The joint (1-based, 0 for none), and all joints if several; or, in `joints`, numbers of placements or sockets.
     sensor
         "RVDT" or "ENCODER" if the finding is about a joint's sensor.
     names
@@ -48,7 +48,7 @@ class Finding:
     reported
         Text and remedy that a lower layer wrote (fixtures, solver, file readers).
     probability
-        Probability among all explanations, one of which is that there is no fault.
+        Probability of this finding among all explanations, one of which is that there is no fault.
     doubted
         Whether the finding is stated as a possibility, whatever its probability.
     blocking

@@ -206,7 +206,7 @@ class SarcalApp(App[str]):
         return watched(super().get_driver_class(), self.stop_on_input)
 
     def stop_on_input(self, event: Pressed) -> None:
-        """Stop the arm at once, in the thread that reads keys and mouse, if this event means STOP."""
+        """If this event means STOP, stop the arm at once, in the thread that reads keys and mouse."""
         runner = self.runner
         if runner is None or not runner.connected:
             return

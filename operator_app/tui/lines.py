@@ -76,7 +76,7 @@ class Lines(Widget, can_focus=True):
             self.border_title = Content(new) if new else ""
 
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        return self.shown  # of lines that do not depend on snapshots
+        return self.shown  # these lines do not depend on snapshots
 
     def show(self, s: SessionSnapshot) -> None:
         """Show a snapshot; only rows that have changed are painted."""

@@ -31,7 +31,7 @@ from operator_app.tui.widgets.status import Banner, Log, SafetyStrip
 
 
 def done(step: Step, s: SessionSnapshot) -> bool:
-    """Whether all poses are captured (step Capture), files are written (Export), or the next step is open (others)."""
+    """Whether a step is done: all poses captured (Capture), files written (Export), or the next step open (others)."""
     if step is Step.EXPORT:
         return s.written is not None
     if step is Step.RESULTS:
@@ -103,7 +103,7 @@ class StepRail(Lines, can_focus=False):
 
 
 class StepRow(StepRail, can_focus=False):
-    """List of all steps in one row, for small terminals. `place`: number of the view, number of views."""
+    """List of all steps in one row, for small terminals. `place`: number of the current view, and number of views."""
 
     place = (1, 1)
     _view_at: int | None = None
@@ -147,7 +147,7 @@ class Hint(Lines, can_focus=False):
     refusal = ""
 
     def rows_for(self, s: SessionSnapshot, width: int) -> int:
-        """Return the number of rows that the sentence needs, at most `MOST_HINT_ROWS`."""
+        """Return the number of rows that the text needs, at most `MOST_HINT_ROWS`."""
         return min(len(self._rows(s, width)), MOST_HINT_ROWS)
 
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:

@@ -90,7 +90,7 @@ class ScreenInterface:
     # -- actions -----------------------------------------------------------------------------------
 
     def press(self, *keys: str | None) -> bool:
-        """Do the action that a key (`keys`: its name and character) has at this step; return False if it has none."""
+        """Do the action of a key (`keys`: its name and character) at this step; return False if there is none."""
         matching = (action_table.for_key(key, self.app.step) for key in keys if key is not None)
         action = next((a for a in matching if a is not None), None)
         if action is not None:
@@ -149,7 +149,7 @@ class ScreenInterface:
         return self.app.main.query_one(CaptureView).marked_pose(s)
 
     def item(self, s: SessionSnapshot) -> int | None:
-        """Index of the item to tick: the marked or the first unticked item; None if all are ticked."""
+        """Index of the item to tick: the marked item if unticked, else the first unticked item, else None."""
         open_items = action_table.open_items(s)
         marked = self.marked_item()
         return marked if marked in open_items else next(iter(open_items), None)
@@ -159,7 +159,7 @@ class ScreenInterface:
         return self.app.main.query_one(FixtureView).main.cursor
 
     def alarm(self, s: SessionSnapshot) -> ShownAlarm | None:
-        """The alarm on the screen (not a newer alarm that is not shown yet); None if it no longer exists."""
+        """The alarm on the screen, even if there is a newer one; None if the shown alarm no longer exists."""
         shown = self.app.main.log_lines.alarm
         standing = {alarm.number for alarm in s.alarms}
         return shown if shown is not None and shown.number in standing else None

@@ -85,7 +85,7 @@ def is_compact(width: int, height: int) -> bool:
 
 
 def look(theme: str, *, ascii_only: bool) -> Look:
-    """Return the text styles of a theme, by role."""
+    """Return the look of a theme: its text styles by role, and whether only ASCII is used."""
     styles = {"bold": Style(bold=True)}
     if theme == NO_COLOUR:
         styles |= {

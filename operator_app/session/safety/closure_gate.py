@@ -1,6 +1,6 @@
 """Closure gate: whether the loop can close at the current readings within the files' tolerances.
 
-Used while there are too few poses to predict the closure. The most probable closure minimises
+It is used while there are too few poses to predict the closure. The most probable closure minimises
 
     (phi - phi_0)' S^-1 (phi - phi_0) + (q - reading)' Q^-1 (q - reading)   subject to   c(phi, q, u) = 0.
 

@@ -31,7 +31,7 @@ class LatenessReporter:
         self._reported_at_s = -MIN_INTERVAL_S
 
     def new_text(self, lateness: HostLatency, now_s: float) -> str:
-        """Return a message about new delays; "" if none, or within `MIN_INTERVAL_S` of the last message."""
+        """Return a message about new delays; "" if none are new, or the last message is newer than `MIN_INTERVAL_S`."""
         new = lateness.times - self._reported.times
         if new == 0 or now_s - self._reported_at_s < MIN_INTERVAL_S:
             return ""

@@ -91,7 +91,7 @@ FALSE_REFUSAL_PROBABILITY_KNOWN_ARM = 1e-5
 hinge's placement."""
 
 RESET_PROBABILITY = 1e-2
-"""A counter near zero was reset if the increase of chi2 that its reading causes is less probable than this.
+"""A counter near zero counts as reset if the increase of chi2 that its reading causes is less probable than this.
 
 By chance, a joint is within `AT_ZERO_COUNTS` counts of zero in one of 30,000 positions, and within k times this
 distance in k of 30,000. The limit for a reading at k times this distance is therefore divided by k.
@@ -101,7 +101,7 @@ HOME_AT_ZERO_RAD = float(np.deg2rad(5.0))
 """A joint whose home is within this distance of zero is often at zero."""
 
 RESET_PROBABILITY_HOME_AT_ZERO = 1e-6
-"""Limit used instead of `RESET_PROBABILITY`, if lower, when the homes of all joints concerned are within
+"""The limit from `RESET_PROBABILITY` is reduced to this if the homes of all joints concerned are within
 `HOME_AT_ZERO_RAD` of zero."""
 
 EXPLAINED_PROBABILITY = 1e-2
@@ -162,7 +162,7 @@ def _reset_among(
 ) -> dict[int, float]:
     """Return the joints of `zeros` with reset counters, with the angles (rad) that close the loop; {} for none.
 
-    A counter was reset if its reading raises chi2 by an amount that is less probable than `at_most` without a reset.
+    A counter counts as reset if, without a reset, its reading would raise chi2 this much less probably than `at_most`.
     The increase is tested, not chi2, because errors in the files raise chi2 with and without this reading.
     """
     from scipy.special import chdtrc

@@ -1,7 +1,7 @@
 """Resume checks before the drives are enabled: same nodes, no counter reset, closure as predicted.
 
-Moves nothing; `return_check` follows once the arm may move. A reset sets a counter to zero at the current position.
-Until the next connection, the arm may sag, because hydraulic valves leak, and the counter then is not exactly zero.
+They move nothing; `return_check` follows once the arm may move. A reset sets a counter to zero at the current position.
+Until the next connection, the arm may sag, because hydraulic valves leak; then the counter is not exactly zero.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ FALSE_REFUSAL_PROBABILITY = 1e-4
 """Probability of refusing an unchanged arm and fixture."""
 
 LEAST_STATED_PROBABILITY = 1e-12
-"""Messages give a smaller probability as "below" this: its value depends on unknown tails of the noise."""
+"""Messages state a smaller probability as "below" this, since its value depends on unknown tails of the noise."""
 
 INNOVATION_PROBABILITY = 1e-6
 """Probability that the innovation check refuses an unchanged arm and fixture. Of 105 simulated arms with errors three
@@ -205,9 +205,9 @@ def _refusal(
 ) -> ClosureRefusedError:
     """Return the error, with its likely cause, for a reading that contradicts the captured poses.
 
-    `near`: innovation of the reading; None for an open arm, or if the poses cannot be fitted. With the parameters from
-    the poses: `probability` of a larger chi2 (None if the poses do not determine the parameters), and whether the loop
-    `closes` at all.
+    `near`: innovation of the reading; None for an open arm, or if the poses cannot be fitted. `probability`: that of a
+    larger chi2 with the parameters from the poses; None if the poses do not determine them. `closes`: whether the loop
+    closes at all with these parameters.
     """
     from scipy.special import chdtrc
 

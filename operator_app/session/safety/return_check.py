@@ -25,9 +25,9 @@ FIXTURE_MOVED_M, FIXTURE_TURNED_RAD = 4e-3, float(np.deg2rad(1.0))
 def check_repeat(state: SessionState, procedure: Procedure, *, refuse: bool) -> str:
     """Compare the last repeated pose with its first reading; return a message, or "" if they agree.
 
-    Raises GuardError if `refuse` is true and a joint, the fixture, the target or the tracker has shifted in between. In
-    an uninterrupted capture, `refuse` is false: the poses have been captured already, and the diagnosis of the
-    calibration uses both readings.
+    Raises GuardError if `refuse` is true and a joint, the fixture, the target or the tracker has shifted between the
+    two readings. In an uninterrupted capture, `refuse` is false: the poses have been captured already, and the
+    diagnosis of the calibration uses both readings.
     """
     state = state.here
     if not procedure.fixture.fixture.holds_hand:
@@ -89,7 +89,7 @@ def _chi2_limit(repeat: Repeat) -> float:
 
 
 def _repeat(state: SessionState, procedure: Procedure) -> Repeat | None:
-    """Compare the readings of the last repeated pose; None if the chain can close at any readings."""
+    """Return the comparison of the last repeated pose with its first reading; None if any readings close the chain."""
     arm, fixture = procedure.arm, procedure.fixture.fixture
     model = fixture.model(arm, unsensed_joints=procedure.unsensed_joints)
     fixed = resume_checks.parameters_from_poses(state, procedure)

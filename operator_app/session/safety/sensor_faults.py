@@ -100,9 +100,9 @@ class SensorFaults:
         return tuple(pose.number for pose in self._logbook.state.poses[-1:])
 
     def _poses_with_present_reading(self, joint: int) -> tuple[int, ...]:
-        """Return the numbers of the latest poses with the present reading of `joint`, whose drive did not follow.
+        """Return the numbers of the latest consecutive poses with the present reading of `joint`.
 
-        The sensor may have been stuck during these poses while the joint moved.
+        The drive of the joint did not follow: its sensor may have been stuck in these poses while the joint moved.
         """
         poses = self._logbook.state.poses_here
         if not poses:

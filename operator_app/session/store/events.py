@@ -325,4 +325,4 @@ EVENTS: Mapping[str, Mapping[str, Check]] = {
     "repaired": {"lost": list_of(integer(1)), "original?": text},
     "closed": {"reason?": text},
 }
-"""By event, the check of each key that the program reads. Keys with "?" are optional. Other keys are ignored."""
+"""Check of each key that the program reads, by event. Keys with "?" are optional. Other keys are ignored."""

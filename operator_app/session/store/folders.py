@@ -120,8 +120,8 @@ def list_sessions(root: Path) -> tuple[SessionEntry, ...]:
 def _opening_times(entries: Sequence[SessionEntry]) -> dict[str, tuple[str, int]]:
     """Return (time of opening, sequence number) by folder name, to sort sessions whose journals have no `order`.
 
-    The sequence number is 0, except after the clock was set back: a session whose time is then not later than that of
-    the session opened before it (`state.after`) gets the latter's time, and the latter's sequence number plus 1.
+    A session whose time is not later than that of the session opened before it (`state.after`), because the clock was
+    set back, gets the time of that session, and a sequence number larger by 1. All others have the sequence number 0.
     """
     states = {entry.folder.name: entry.state for entry in entries}
     times: dict[str, tuple[str, int]] = {}

@@ -121,7 +121,7 @@ def verified_line(line: bytes, number: int, chain: str) -> tuple[JournalEvent, s
     """Verify and parse a line that follows a line with checksum `chain`; return its event and its checksum.
 
     Raises BadLineError if the checksum does not match or the line is not an event, and JournalForeignError if an
-    unknown version of this program wrote it.
+    unknown version of this program wrote the line.
     """
     split = split_checksum(line)
     if split is None:
@@ -257,7 +257,7 @@ def require_own_format(complete: list[bytes], rest: bytes, path: Path) -> None:
 
 
 def _require_version(first: bytes, path: Path) -> None:
-    """Raise JournalForeignError if line 1 states an unknown version, unless the checksum shows it is damaged."""
+    """Raise JournalForeignError if line 1 states an unknown version, unless the checksum shows a damaged version."""
     match = re.match(rb'\{"schema":"([^"\\]{0,60})"', first)
     split = split_checksum(first)
     if match is None or match[1].decode(errors="replace") == JOURNAL_SCHEMA:
@@ -280,7 +280,7 @@ def _other_version(schema: object) -> tuple[str, str]:
 
 
 def _resembles(first: bytes, begin: bytes, *, torn: bool) -> bool:
-    """Whether `first` (cut short if `torn`) starts with `begin`; up to `MAX_CHANGED_BYTES` bytes may differ."""
+    """Whether `first` (incomplete if `torn`) starts with `begin`; up to `MAX_CHANGED_BYTES` bytes may differ."""
     begin = begin[: len(first)] if torn else begin
     same = sum(a == b for a, b in zip(first, begin, strict=False))
     return same >= len(begin) - MAX_CHANGED_BYTES

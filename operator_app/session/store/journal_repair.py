@@ -75,7 +75,7 @@ class RepairResult:
 
 
 def repair_journal(folder: Path) -> RepairResult:
-    """Repair the journal of a session if it is damaged.
+    """Repair the journal of a session if it is damaged, and return the result.
 
     Raises JournalError if it is not a journal, has an unknown version, is in use, or cannot be written.
     """
@@ -215,7 +215,7 @@ def _event_hint(line: bytes) -> str:
 
 
 def _without_invalid(lines: list[RepairedLine]) -> tuple[RepairedLine, ...]:
-    """Mark as lost the lines whose checksum is valid but whose data no session can use."""
+    """Return the lines; a line with a valid checksum, but data that no session can use, is marked as lost."""
     counted = Counter(
         joints
         for line in lines

@@ -106,7 +106,7 @@ class SessionState:
     order
         Order number among the sessions in the same folder, from 1; 0 in journals of earlier versions.
     after
-        In journals of earlier versions, if the clock was set back: the session opened before this one.
+        Session opened before this one, in journals of earlier versions if the clock was set back; otherwise empty.
     imported
         File from which the poses were read; empty if an arm captured them.
     sources
@@ -115,14 +115,14 @@ class SessionState:
         Serial numbers (1018h) of the nodes that captured the poses, by node.
     start_rad, home_rad
         Joint angles (n,) when the drives were first enabled, and centre of the drive box: the procedure's home or, in
-        journals of earlier versions, the start. None before.
+        journals of earlier versions, the start. Both are None until then.
     modes
         Mode of each joint as last confirmed by its drive; empty until set.
     poses, undone
         Captured poses, including excluded ones, and the poses removed by undo.
     visited, skipped_waypoints
-        Waypoints of the plan that were captured or skipped, and those skipped, which are tried again after resuming,
-        with the reason of each.
+        Waypoints of the plan that were captured or skipped, and the reason for each skipped one. Skipped waypoints are
+        tried again after resuming.
     captured
         Number of captures, including undone ones: the next pose has number captured + 1.
     drives, drive_sets
@@ -137,12 +137,12 @@ class SessionState:
     missed_repeat
         Why the last attempt to measure the first pose again failed; empty if it did not fail.
     sensor_jump
-        Text of the last sensor fault; captures are refused until the first pose was measured again and agrees with its
-        first reading. Empty: no such fault.
+        Text of the last sensor fault; captures are refused until the first pose has been measured again and agrees with
+        its first reading. Empty if there is no such fault.
     verifications
         Number of verifications with new poses.
     solved, solved_utc, exported
-        Summaries and time of the calibration and summary of its export; empty until there is one.
+        Summary and time of the calibration, and summary of its export; each is empty before it exists.
     solution, checks
         Records (`operator_app.calibration.serialization`) of the last calibration and of its cross-validation; empty
         until there is one, and in journals of earlier versions.
@@ -253,7 +253,7 @@ class SessionState:
         )
 
     def required_poses(self, capture: CapturePlan) -> int:
-        """Return the number of used poses, over all placements, with which the current placement is complete.
+        """Return the number of used poses of all placements at which the current placement is complete.
 
         In a planned capture, the poses chosen by the plan are required in addition to the explored poses.
         """

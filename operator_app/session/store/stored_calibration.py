@@ -48,9 +48,9 @@ def session_calibration(
 ) -> StoredCalibration:
     """Return the calibration of the used poses.
 
-    `procedure` has the arm that was connected. `estimator` and `unsensed_joints` are by default those of the journal's
-    calibration or, if there is none, of the procedure. Raises SessionError, SolverError or FixtureError if there is no
-    pose, or a new solution fails.
+    `procedure` must contain the arm that was connected. `estimator` and `unsensed_joints` are by default those of the
+    journal's calibration or, if there is none, of the procedure. Raises SessionError, SolverError or FixtureError if
+    there is no pose, or a new solution fails.
     """
     if not state.used_poses:
         raise SessionError("no pose of this session is in use", "capture poses first")
@@ -112,7 +112,7 @@ def solve(
 def with_checks(
     calibration: StoredCalibration, state: SessionState, procedure: Procedure
 ) -> StoredCalibration:
-    """Return the calibration with its cross-validation, computed again if the calibration was."""
+    """Return the calibration with its cross-validation, which is computed again if the calibration was."""
     if not calibration.recalculated_because:
         return calibration
     fixture = procedure.fixture.fixture
@@ -180,7 +180,7 @@ def _is_consistent(estimate: Estimate | None, poses: int) -> bool:
 
 
 NO_WAY_BACK = "no way back to it is planned from here"
-"""Reason in the journal: a planned capture has no path to its first pose, and resuming does not change that."""
+"""Reason recorded if a planned capture has no path back to its first pose; resuming does not change that."""
 
 
 def missing_repeat_notices(state: SessionState) -> tuple[Finding, ...]:

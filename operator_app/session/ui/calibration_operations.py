@@ -68,7 +68,7 @@ class CalibrationOperations(Listener):
     # -- quality of the poses ------------------------------------------------------------------------
 
     def refresh(self) -> None:
-        """Publish the session's state and the quality of its poses; the quality reuses earlier results."""
+        """Publish the session's state and the quality of its poses; earlier results of the quality are reused."""
         session, state = self._session, self._session.state
         used = state.used_poses
         if not used:

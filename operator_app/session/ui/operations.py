@@ -35,7 +35,7 @@ class _Edit:
 
 
 class Operations(CalibrationOperations):
-    """The operations of the seven steps. Publishes their progress."""
+    """The operations of the seven steps; they publish their progress."""
 
     def __init__(self, session: Session, runner: Runner) -> None:
         super().__init__(session, runner)

@@ -29,9 +29,9 @@ if TYPE_CHECKING:
     from operator_app.session.ui.supervisor import Motion
 
 STALE_S = 0.1
-"""Older data are marked as stale and not used."""
+"""Data older than this are marked as stale and not used."""
 LOST_S = 1.0
-"""If the arm sends no data for longer, an alarm is raised and the arm is stopped."""
+"""If the arm sends no data for longer than this, an alarm is raised and the arm is stopped."""
 HUNG_S = 10.0
 """Limit that replaces `LOST_S` while the host is late."""
 
@@ -75,7 +75,7 @@ class TaskKind(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Message:
-    """A message, `number` from 1; `time`: UTC, HH:MM:SS; `resolving_tasks`: tasks that resolve an alarm."""
+    """A message, numbered from 1. `time`: UTC, HH:MM:SS. `resolving_tasks`: tasks that resolve it, for an alarm."""
 
     number: int
     time: str
@@ -110,8 +110,8 @@ class StopReport:
     """A software STOP.
 
     `asked_s`: time of the request (monotonic clock). `acknowledged_after_s`: time from the request until no drive was
-    in state Operation enabled; None as long as any drive is. `drives_stopped`: number of drives in other states.
-    `problem`: why STOP could not be sent; empty if it was sent.
+    in state Operation enabled; None as long as a drive is in this state. `drives_stopped`: number of drives in any
+    other state. `problem`: why STOP could not be sent; empty if it was sent.
     """
 
     asked_s: float
@@ -139,13 +139,13 @@ class SessionSnapshot:
     arm
         Latest snapshot of the arm; None before there is one.
     data, oldest_s, stale_joints
-        Age of the data: state, age of the oldest joint data (s), joints with data older than `STALE_S`.
+        State of the data, age of the oldest joint data (s), and joints with data older than `STALE_S`.
     motion
         Motion of the joints; None without fresh data.
     simulated, bus
         Whether no real arm can move; name of the bus in messages.
     unstopped_joints
-        Joints whose drives still report that they are enabled `UNSTOPPED_S` after STOP.
+        Joints whose drives report, `UNSTOPPED_S` after STOP, that they are still enabled.
     stop_tested, ticked
         Confirmations of the operator in this run: test of the hardware stop; items of the check list (from 0).
     selected_joints

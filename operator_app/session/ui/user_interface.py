@@ -1,4 +1,4 @@
-"""Actions, and the interface to actions that the terminal app and plain mode implement.
+"""Actions, and the interface that the terminal app and plain mode implement for them.
 
 The guard of an action is checked when the action is chosen, and again when its question is answered.
 """
@@ -95,7 +95,7 @@ class UserInterface(Protocol):
         """Return the number of the selected pose; None if no pose is selected."""
 
     def item(self, s: SessionSnapshot) -> int | None:
-        """Return the index (from 0) of the item to tick: the selected or the first unticked item, or None."""
+        """Return the index (from 0) of the item to tick: the selected item, else the first unticked item, else None."""
 
     def alarm(self, s: SessionSnapshot) -> ShownAlarm | None:
         """Return the alarm that is shown; None if no alarm is shown."""

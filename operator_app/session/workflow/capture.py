@@ -93,7 +93,7 @@ def take_poses(
             drift_check.repeat_first_pose_and_come_back()
     elif missing and drift_check.last_repeat_differs():
         drift_check.repeat_first_pose_and_come_back(suspect=True)
-        # If the first pose could not be measured again, the earlier difference counts.
+        # If the first pose could not be measured again now, the earlier repeat decides.
         check_repeat(session.state, session.procedure, refuse=True)
     if planned is None:
         if not session.state.repeated_since_capture:
@@ -117,7 +117,7 @@ def go_home_if_outside(session: Session, listener: Listener) -> None:
 
 
 def outlier_warning(session: Session) -> str:
-    """Return a warning if the last pose does not fit the earlier ones; "" if it does, or is the last required."""
+    """Return a warning if the last pose does not fit the earlier ones; "" if it does, or is the last required pose."""
     state, unsensed = session.state, session.procedure.unsensed_joints
     if len(state.used_poses) >= state.required_poses(session.procedure.capture):
         return ""
@@ -192,7 +192,7 @@ class _DriftCheck:
     def repeat_first_pose_and_come_back(self, *, suspect: bool = False) -> None:
         """Repeat the first pose, then move the arm back to where it was.
 
-        `suspect`: the pose just captured may be an outlier; then a shift of the first pose raises GuardError.
+        `suspect`: whether the pose just captured may be an outlier; if so, a shift of the first pose raises GuardError.
         """
         drive_selection.retrace(self.session, self.repeat_first_pose(suspect=suspect))
 
@@ -207,10 +207,10 @@ class _DriftCheck:
     def _repeat(
         self, first: CapturedPose, *, suspect: bool = False, speed_rad_per_s: float | None = None
     ) -> Sequence[Mapping[int, float]]:
-        """Move to the pose `first`, measure it again and compare the readings; record if it could not be measured.
+        """Move to the pose `first`, measure it again and compare the readings; if that is not possible, record why.
 
-        Returns the drives' angles (rad) at the start of each move, for the way back. Raises GuardError if readings
-        after a resume, or with an outlier suspected (`suspect`), show a shift.
+        Returns the drives' angles (rad) at the start of each move, for the way back. Raises GuardError if the readings
+        show a shift, and the session was resumed or an outlier is suspected (`suspect`).
         """
         session, report = self.session, self.listener.report
         self.listener.going(None)

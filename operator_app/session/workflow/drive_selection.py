@@ -163,7 +163,7 @@ def require_in_box(session: Session) -> None:
 
 
 def go_home(session: Session) -> str:
-    """Move the drive joints straight home at 5 deg/s; return a message. Raises GuardError if stopped."""
+    """Move the drive joints straight home at 5 deg/s; return a message. Raises GuardError if the arm is stopped."""
     require_no_reset_counter(session)
     box = drive_box(session)
     targets = dict(zip(box.joints, box.centre_rad, strict=True))
@@ -226,7 +226,7 @@ STANDS_STILL_RAD = float(np.deg2rad(0.2))
 def reach(
     session: Session, targets_rad: Mapping[int, float], *, speed_rad_per_s: float | None = None
 ) -> MoveResult:
-    """Move to these angles (rad) and return the result; if stopped on the way, move back.
+    """Move to these angles (rad) and return the result; if the arm is stopped on the way, move it back.
 
     Raises GuardError if overload prevents the start.
     """

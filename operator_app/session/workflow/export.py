@@ -37,12 +37,11 @@ def export(
 ) -> Exported:
     """Write the session's files and, if `upload_too`, upload the parameters; if None, the procedure decides.
 
-    A calibration that was not accepted needs a reason, `forced`, which is written to the journal and the file; raises
-    GuardError without one. Raises ConnectAgainError if a joint's counter was reset, so that the home offsets to be
-    uploaded do not suit it, and JournalLostError if the journal was changed (nothing was exported); JournalError if
-    the journal cannot be written (the message states what was uploaded), and UploadUnknown or SessionError, after
-    recording it, if the controller may hold all or part of the parameters. A KeyboardInterrupt during the upload gets
-    that as a note.
+    A calibration that was not accepted needs a reason, `forced`, which is written to the journal and the file. Nothing
+    is exported, and an error is raised, without that reason (GuardError), if a joint's counter was reset before an
+    upload (ConnectAgainError), or if the journal was changed (JournalLostError). Raises JournalError if the journal
+    cannot be written; the message states what was uploaded. If the controller may hold all or part of the parameters,
+    records that and raises UploadUnknown or SessionError; a KeyboardInterrupt during the upload gets a note of it.
     """
     forced = export_reason(solution, forced, stated_by="--force REASON")
     uploads = session.procedure.upload if upload_too is None else upload_too

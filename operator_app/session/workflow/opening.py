@@ -153,7 +153,7 @@ def open_session(rig: Rig, *, clock: Clock = utc_now) -> Session:
 
 
 def remove_if_empty(session: Session) -> bool:
-    """Remove the folder of a session that never connected, and new parents; return whether it is gone."""
+    """Remove the folder of a session that never connected, with its new parents; return whether the folder is gone."""
     journal = session.journal
     if journal.loss is not None:
         # The folder may belong to another program now.

@@ -107,7 +107,7 @@ class PlannedCapture:
 
         Calls `after_pose` after each pose, before the campaign may change its plan, while a path back is still known.
         Raises GuardError if, during exploration, the arm was moved out of its box or does not return to its last
-        position, and Cancelled if the operator ended a move; `ready` and `run` continue later.
+        position, and Cancelled if the operator ended a move; call `ready` and `run` again to continue.
         """
         session = self._session
         if self._ended is not None:

@@ -36,7 +36,7 @@ from solver.arrays import FloatArray
 from solver.chain.sensors import Encoder
 
 READINGS = 3
-"""Number of readings of a pose, if its samples spread, before that is an error."""
+"""Number of times that a pose is read before the spread of its samples is an error."""
 READING_TIMEOUT_S = 60.0
 """Timeout of one measurement, during which a person may have to turn the target towards the instrument."""
 LINE_POLL_S = 0.1
@@ -217,7 +217,7 @@ class PoseReader:
     def _spread_text(self, reading: Reading) -> str:
         """Return text on a joint whose samples spread by more than its encoder's noise; "" if there is none.
 
-        One reading does not tell an RVDT's noise from motion.
+        RVDTs are not tested, because one reading does not tell their noise from motion.
         """
         unsensed = self._logbook.procedure.unsensed_joints
         for j, joint in enumerate(self._logbook.model.joints, 1):

@@ -134,7 +134,7 @@ class Session(Logbook):
         return checks
 
     def require_fixture(self) -> tuple[SetupCheck, ...]:
-        """Like `check_fixture`; raises FixtureRefusedError if a check refuses."""
+        """Check the fixture as `check_fixture` does; raises FixtureRefusedError if a check refuses it."""
         checks = self.check_fixture()
         refused = tuple(c for c in checks if c.severity is Severity.REFUSED)
         if refused:
@@ -145,7 +145,7 @@ class Session(Logbook):
 
     @cached_property
     def mobility(self) -> int:
-        """Number of joints in position mode: degrees of freedom of the chain; for an open arm, all joints."""
+        """Number of joints to put into position mode: the chain's degrees of freedom; for an open arm, all joints."""
         if not self.fixture.holds_hand:
             return self.model.joint_count
         loop = self.fixture.model(self.model)
@@ -262,7 +262,7 @@ class Session(Logbook):
     # -- end -------------------------------------------------------------------------------------
 
     def release_holding(self) -> None:
-        """Release the arm, which then holds its position; `held`: whether the arm confirmed that it holds.
+        """Release the arm, which then holds its position; set `held` to whether the arm confirmed that it holds.
 
         First records data that only the arm object has: why the arm was stopped, and the host latency.
         """

@@ -159,7 +159,7 @@ class FixtureView(StepView):
     VIEWS = (("placement", "checklist"), ("checks",), ("fixture-arm",))
 
     def show(self, s: SessionSnapshot) -> None:
-        """Show a snapshot; on a large terminal, placement and check list take their rows, the checks all others."""
+        """Show a snapshot; on a large terminal, placement and check list get all their rows, the checks the rest."""
         for panel in (self.query_one(PlacementPanel), self.query_one(ChecklistPanel)):
             rows = len(panel.all_rows(s, panel.content_size.width))
             panel.styles.height = None if self.compact else rows + FRAME_ROWS

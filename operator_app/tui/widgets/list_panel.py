@@ -47,7 +47,7 @@ class ListPanel(Lines):
 
 
 class TablePanel(ListPanel):
-    """A table from `_table`, which subclasses override; no row is marked, `cursor`: first visible row."""
+    """A table from `_table`, which subclasses override. No row is marked; `cursor` is the first visible row."""
 
     def _table(self, s: SessionSnapshot) -> FactTable | None:
         return None
@@ -73,7 +73,7 @@ _SENSORS: Mapping[type[Sensor], str] = {Encoder: "enc", Rvdt: "RVDT", NoSensor: 
 
 
 class JointTable(ListPanel):
-    """List with one row for each joint; `show_selected`: also show mark, sensor and requested mode."""
+    """List with one row per joint; with `show_selected`, mark, sensor and requested mode replace speed and state."""
 
     TITLE = "Joints"
     HELP = (

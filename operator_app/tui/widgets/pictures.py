@@ -225,7 +225,7 @@ def _points(model: ClosureModel, x: FloatArray, q: FloatArray) -> FloatArray:
 
 
 def _box(model: ClosureModel, x: FloatArray, q: FloatArray, s: SessionSnapshot) -> FloatArray:
-    """Return the lowest and highest screen coordinates (2, 2), m, of the arm over the planned poses."""
+    """Return the lowest and highest screen coordinates (2, 2), m, of the arm at `q` and at the planned poses."""
     poses = [q] if s.forecast is None else [q, *s.forecast.q_rad[s.forecast.reachable][:40]]
     points = np.concatenate([_points(model, x, pose) for pose in poses]) @ _VIEW.T
     low, high = points.min(axis=0), points.max(axis=0)

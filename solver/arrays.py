@@ -21,7 +21,7 @@ IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
 BLOCK_POSES = 1024
-"""Poses computed at a time: kinematics and Jacobian of this many fit in a core's cache."""
+"""Number of poses computed at a time: their kinematics and Jacobian fit in a core's cache."""
 
 
 def frozen(values: Sequence[float] | FloatArray) -> FloatArray:

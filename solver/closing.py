@@ -66,7 +66,7 @@ class ReducedEquations:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Rates:
-    """Negative derivatives of the unsensed angles by parameters, joint angles and displacements.
+    """Negative derivatives of the unsensed angles with respect to parameters, joint angles and displacements.
 
     `closed`: ``N+ (c - J_q e)`` (m, U), where e are the joint corrections at which the loops were linearised. `by_x`,
     `by_q`, `down`: ``N+ C`` (m, U, P), ``N+ J_q`` (m, U, n) and ``N+`` (m, U, k).
@@ -178,7 +178,7 @@ def newton_step(error: LoopError, sigma: FloatArray) -> tuple[FloatArray, FloatA
     # Pivots no larger than a ridge at the level of rounding show a rank deficiency.
     ridge = SINGULAR**2 * largest + TINY
     pivots = np.diagonal(np.linalg.cholesky(V + ridge[..., None, None] * unit), axis1=-2, axis2=-1)
-    # Rounding errors grow towards the last pivot, which is 20 ridges with an exactly stretched arm.
+    # Rounding errors grow towards the last pivot: for an exactly stretched arm it is as large as 20 ridges.
     weak = (pivots**2).min(-1, initial=np.inf) < 1000.0 * ridge
     dq = -(Bt @ np.linalg.solve(V + (ridge * weak)[..., None, None] * unit, w))[..., 0]
     if weak.any() and sigma.any():

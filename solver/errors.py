@@ -77,7 +77,7 @@ class PosesDoNotFitError(SolverError):
 
 
 class TooFewPosesError(SolverError):
-    """Fewer equations than unknowns, or no degree of freedom left to test the fit."""
+    """There are fewer equations than unknowns, or no degree of freedom is left to test the fit."""
 
     code = "TOO_FEW_POSES"
 

@@ -1,4 +1,4 @@
-"""Selects the drive joints, with reasons, from the rankings of `solver.design` and from measured trials."""
+"""Selects the drive joints by the rankings of `solver.design` and by measured trials, and states the reasons."""
 
 from __future__ import annotations
 
@@ -189,7 +189,7 @@ def _joint_out_of_range(arm: ArmModel, manifold: Manifold) -> str:
 
 
 def _usable(prediction: DrivePrediction, unsensed_joints: tuple[int, ...]) -> list[RankedDrives]:
-    """Return the sets usable at the pose and over the region, best first, if possible without inexact joints."""
+    """Return the sets usable at the pose and over the region, best first; without inexact joints if possible."""
     usable_now = {r.drives for r in prediction.here if r.usable}
     usable = [
         r

@@ -85,7 +85,7 @@ def waypoints(box: Box, *, poses: int, seed: int) -> tuple[Mapping[int, float], 
     """Return the targets (joint number: rad) of the drive joints, in visiting order.
 
     There are three targets per requested pose, as some may be unreachable. A resumed session gets the same plan.
-    Cached, because each visit needs all waypoints.
+    The result is cached, because each visit needs all waypoints.
     """
     low, high = np.array(box.lower_rad), np.array(box.upper_rad)
     start = np.random.default_rng(seed).random(len(low))

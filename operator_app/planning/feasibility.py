@@ -34,8 +34,8 @@ class Feasibility:
 
     `parameters`: unknowns of the calibration, without those that cannot be identified in the fixture's placement.
     `mobility`: number of drive joints; None if no pose closes. `home_to_closed_rad` (n,): nearest closed pose minus
-    home; None for an open arm, or if no pose closes. `choice`: drive joints; None for an open arm, or if `refusal` is
-    the reason why no joints can drive. `identifiability`: from poses over the whole reachable region, if there is one.
+    home; None for an open arm, or if no pose closes. `choice`: drive joints; None for an open arm, or if no joints can
+    drive for the reason `refusal`. `identifiability`: from poses over the whole reachable region; None without poses.
     """
 
     parameters: tuple[Parameter, ...]

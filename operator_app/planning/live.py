@@ -106,7 +106,7 @@ def _with_one_more(
     if len(q) < before.needed or not (due or at_once):
         return quality
     model = model.at_poses(np.arange(len(q)))
-    # From the nominal values, not from the last estimate: an early estimate may be inaccurate.
+    # The fit starts at the nominal values, not at the last estimate: an early estimate may be inaccurate.
     estimate = estimate_paper(model, q)
     identified = identifiability(model, estimate.x, q, sigma_rad=arm.sigma_rad())
     return replace(
@@ -127,9 +127,9 @@ LEGS = 24
 class Forecast:
     """Predicted poses of a plan.
 
-    `q_rad` (w, n): joint angles at every waypoint. `reachable` (w,): whether the loop closes there with every joint
-    inside its range. `scaled_condition_number`: scaled condition number of the planned number of reachable poses; inf
-    if these poses do not determine all parameters.
+    `q_rad` (w, n): joint angles at every waypoint. `reachable` (w,): whether the loop closes at each waypoint with
+    every joint inside its range. `scaled_condition_number`: that of the first reachable poses, as many as are
+    requested; inf if these poses do not determine all parameters.
     """
 
     q_rad: FloatArray
@@ -207,7 +207,7 @@ def most_informative(
 ) -> int | None:
     """Return the waypoint among `open_waypoints` that adds most information to the poses `taken_rad` (m, n).
 
-    None if none of these waypoints is reachable, or no pose is taken.
+    The result is None if none of these waypoints is reachable, or no pose is taken.
     """
     candidates = [k for k in open_waypoints if forecast.reachable[k]]
     if not candidates or not len(taken_rad):

@@ -1,7 +1,7 @@
 """Proposes home poses, and fixtures from measured lines and points.
 
-In a good home pose every joint moves if the closed chain moves; if the arm is stretched, some joints do not. Uses
-nominal geometry.
+In a good home pose every joint moves if the closed chain moves; if the arm is stretched, some joints do not move. The
+proposals use nominal geometry.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ AXES = frozen(np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 1.0], [1.0,
 def bent_home(arm: ArmModel) -> FloatArray | None:
     """Return a pose (n,), rad, rounded to whole degrees, in which all joints can move in a hinge.
 
-    None if the arm's home is good enough, or no such pose was found.
+    The result is None if the arm's home is good enough, or if no such pose was found.
     """
     q = np.concatenate((arm.home_rad[None], _drawn(arm)))
     score = np.mean([_least_motion(_in_a_hinge(arm, q, axis)) for axis in AXES], axis=0)

@@ -52,8 +52,8 @@ class Remedy:
 class Published:
     """The reproduced results.
 
-    `solution`: by the paper's estimator, with all sources of error. `printed`: values (rad, m) in table 2 of the paper,
-    by parameter. `shares`, `remedies`: sources of error and remedies in the order of section 4.
+    `solution`: result of the paper's estimator, with all sources of error. `printed`: values (rad, m) in table 2 of the
+    paper, by parameter. `shares`, `remedies`: sources of error and remedies in the order of section 4.
     """
 
     solution: Solution

@@ -48,7 +48,7 @@ class SimulatedPoses:
 def simulated_poses(
     arm: ArmModel, fixture: FixtureSpec, *, poses: int, samples: int = 32, seed: int = 0
 ) -> SimulatedPoses:
-    """Draw an arm and a placement at random, and simulate readings at `poses` closed poses, reproducibly by `seed`.
+    """Draw an arm and a placement at random (`seed`), and simulate readings at `poses` closed poses.
 
     Raises `SessionError` if the fixture leaves the chain open, or no drawn placement allows that many poses.
     """
@@ -117,7 +117,7 @@ def _moving(
 def _sensor(arm: ArmModel, joint: int, rng: np.random.Generator) -> JointSensor | None:
     """Return the simulated sensor of a joint (0-based), with the largest specified linearity deviation.
 
-    None if the joint has no sensor.
+    The result is None if the joint has no sensor.
     """
     stated, curve = arm.joints[joint], None
     sensor = stated.sensor

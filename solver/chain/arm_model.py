@@ -74,9 +74,9 @@ class ArmModel:
     masses
         Masses of the links; None if they are not stated.
     hayati_rows
-        Rows that join parallel axes: they have beta_j in place of s_j, because s_j is not unique there.
+        Rows that join parallel axes: they have beta_j in place of s_j, because s_j is not unique for them.
     assumed
-        Default values of the error model, used because the arm's file states none, as ``key: value``.
+        Default values of the error model, each as ``key: value``, that are used because the arm's file states none.
     """
 
     name: str
@@ -138,7 +138,7 @@ class ArmModel:
         return np.array([joint.sensor.linearity_rad for joint in self.joints])
 
     def gain_rad(self) -> FloatArray:
-        """Standard deviation due to each RVDT's gain error, as rms over full scale, (n,); 0 for other sensors."""
+        """Deviation, rms over full scale, for one sigma of each RVDT's gain error, (n,); 0 for other sensors."""
         return np.array([joint.sensor.gain_rad for joint in self.joints])
 
     @property
@@ -153,7 +153,7 @@ class ArmModel:
 
     @property
     def accuracy_rad(self) -> FloatArray:
-        """Standard deviation of each encoder's errors of period 1 and 1/2 turn, shape (n,); 0 for other sensors."""
+        """Standard deviation of each encoder's errors of period one and half a turn, (n,); 0 for other sensors."""
         return np.array([joint.sensor.accuracy_rad for joint in self.joints])
 
     @property

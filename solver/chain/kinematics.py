@@ -76,7 +76,7 @@ class Frames:
     axes_of
         (links + 1, 3, 3, ...): the axes x, y and z of every frame, then the three components of each axis.
     origin_of
-        (links + 1, 3, ...), m.
+        (links + 1, 3, ...): origins, m.
     normal_of
         (links + 1, 3, ...): axis of a_j and alpha_j, which is x_j before the rotation by beta_j; None if no link has
         a beta.

@@ -90,7 +90,7 @@ def is_entry(name: str) -> bool:
 def nominal_vector(
     parameters: Iterable[Parameter], known: Mapping[str, float] = MappingProxyType({})
 ) -> FloatArray:
-    """Values (P,), rad and m: those `known` by name, nominal otherwise."""
+    """Values (P,), rad and m: those in `known` (by name), and nominal values for all other parameters."""
     return np.array([known.get(p.name, p.nominal) for p in parameters])
 
 

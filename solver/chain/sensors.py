@@ -25,10 +25,10 @@ def _variance_of_mean(resolution_rad: float, noise_counts: float, samples: int) 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Encoder:
-    """Incremental encoder: `counts_per_rev` counts, noise in counts (rms).
+    """Incremental encoder with `counts_per_rev` counts per turn and `noise_counts` counts of noise (rms).
 
     `accuracy_rad`: one standard deviation of each of the two scale errors, of period one turn (eccentric disc) and half
-    a turn (oval disc); they are systematic, so not part of `sigma_rad`.
+    a turn (oval disc). These errors are systematic and not part of `sigma_rad`.
     """
 
     linearity_rad: ClassVar[float] = 0.0

@@ -100,7 +100,7 @@ def torque_rates(arm: Frames, down: FloatArray) -> FloatArray:
     Returns
     -------
     Array (..., n, n, 4), or (d, ..., n, n, 4): joint, link, then mass (N m / kg) and the three components
-    of the first moment (N m / kg m). Zero for links before the joint.
+    of the first moment (N m / kg m). Elements for links before the joint are zero.
     """
     axes, origins = arm.axes, arm.origins_m
     z, x, p = axes[..., :-1, :, 2], arm.normals[..., 1:, :], origins[..., :-1, :]

@@ -93,7 +93,7 @@ def path_watch(trace_rad: FloatArray | None, ranges: Ranges) -> Callable[[FloatA
 def moves_along(
     route: Sequence[Leg], drives: tuple[int, ...], goal: str, *, of: str = ""
 ) -> list[GoTo | ChangeDrives]:
-    """Return moves and drive changes along a route, from the present `drives`; `goal`, `of`: parts of the reasons."""
+    """Return moves and drive changes along a route, from the present `drives`; `goal`, `of`: words for the reasons."""
     moves: list[GoTo | ChangeDrives] = []
     for leg in route:
         if leg.drives != drives:

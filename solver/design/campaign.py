@@ -246,7 +246,7 @@ class Campaign:
         target = self._visits.popleft()
         route = self._route(plan, target)
         if route is None:
-            # The other poses may still be reached; a later plan replaces this one by a pose away from it.
+            # The other poses may still be reached; a later plan replaces this pose by one at a distance from it.
             self._unreached.append(plan.manifold.q[target])
             if len(self._unreached) > MOST_UNREACHED:
                 self._finish(

@@ -113,7 +113,7 @@ def choose_poses(
     for start in range(1 + restarts):
         chosen, current = [], M.copy()
         if start > 0:
-            # Half at random, the rest greedily: another local optimum, and a good one.
+            # Half of the poses are chosen at random and the rest greedily: this leads to another good local optimum.
             chosen = search.random_start(count // 2, rng)
             current += summed_information(search.root, chosen)
         search.fill(current, chosen, count)

@@ -33,8 +33,8 @@ class RankedDrives:
     `leverage`: smallest singular value of the drives' share in the self-motion, from 0 at a singularity to 1 if the
     drives determine all motion; over a region, the median over the poses that the set reaches. `passive_conditioning`:
     smallest singular value of the passive joints' closure Jacobian, over a region the median; None after trials.
-    `fastest_passive`: largest ratio of a passive joint's speed to the drives' speed. `fastest_joint`: this passive
-    joint. `still`: passive joints that hardly move. `reach`: share of the region's poses that can be reached from pose
+    `fastest_passive`: largest ratio of a passive joint's speed to the drives' speed. `fastest_joint`: joint with this
+    ratio. `still`: passive joints that hardly move. `reach`: share of the region's poses that can be reached from pose
     0; None if the ranking is not over a region. `reasons`: the most important first. `sarcal plan --json` has all
     fields.
     """
@@ -77,8 +77,8 @@ class DriveTrial:
     """Measured trial motions of one drive set.
 
     `drives`: joints (1-based) in position mode. `commanded_rad` (w, d): commanded displacement of the drives in each
-    trial motion; the motions separate the drives. `moved_rad` (w, n): measured displacement of every joint. `stopped`:
-    why the trial ended early, as text; empty if it did not end early.
+    trial motion, of rank d. `moved_rad` (w, n): measured displacement of every joint. `stopped`: why the trial ended
+    early, as text; empty if it did not end early.
     """
 
     drives: tuple[int, ...]
@@ -88,7 +88,7 @@ class DriveTrial:
 
 
 def rank_by_trial(trials: Sequence[DriveTrial]) -> tuple[RankedDrives, ...]:
-    """Rank drive sets by the measured motion of the chain (paper, section 3), best first. Uses no model."""
+    """Rank drive sets by the measured motion of the chain (paper, section 3), best first, without a model."""
     return _sorted(map(_ranked_by_trial, trials))
 
 
@@ -107,10 +107,10 @@ def _ranked(
 
 
 def _ranked_by_trial(trial: DriveTrial) -> RankedDrives:
-    # Motion of every joint per motion of each drive (n, d).
+    # Motion of every joint per motion of each drive, (n, d).
     measured = np.linalg.lstsq(trial.commanded_rad, trial.moved_rad, rcond=None)[0].T
     followed = float(np.diagonal(measured[[j - 1 for j in trial.drives]]).min())
-    # All joints move by R d when the drives move by d: at least 1 / sigma_max(R) of the whole motion.
+    # All joints move by R d when the drives move by d, so |d| is at least 1 / sigma_max(R) of the whole motion.
     leverage = min(float(1.0 / np.linalg.svd(measured, compute_uv=False)[0]), 1.0)
     stopped = trial.stopped
     if not stopped and followed < 0.8:

@@ -25,7 +25,7 @@ RAY_STEP_RAD = float(np.deg2rad(4.0))
 REACH_RAD = float(np.deg2rad(28.0))
 """Length of a ray."""
 CAPTURE_EVERY = 3
-"""Steps between captured poses; with a single drive, every step is captured."""
+"""Number of steps from one captured pose to the next; with a single drive, every step is captured."""
 RAY_MARGIN_RAD = float(np.deg2rad(5.0))
 """Smallest allowed distance of every joint from the ends of its range."""
 MOST_RATE = 2.5
@@ -141,7 +141,7 @@ class Explorer:
         self.failure = f"the arm does not return to the start: {self._stopped or 'it stopped'}"
 
     def _ahead(self, move: FloatArray, rates: FloatArray, growth: float, *, trusted: bool) -> str:
-        """Reason not to make the step `move` (d,), rad; "" if none. `trusted`: whether `rates` (n, d) are learnt."""
+        """Reason not to make the step `move` (d,), rad, or "". `trusted`: whether `rates` (n, d) are learnt."""
         change = rates @ move
         # Until the rates are learnt, assume the largest allowed rate.
         slack = RAY_MARGIN_RAD + 0.3 * np.abs(change)

@@ -132,8 +132,8 @@ def _wave(
     if degrees == 1:
         directions = np.broadcast_to([[[1.0], [-1.0]]], (poses, 2, 1))
     elif degrees == 2:
-        # Six around one is the densest packing; the phase is random so that rows do not line up.
-        # A second ring, shorter and between, finds the way through necks narrower than a step.
+        # Twelve directions from a random phase, so that rows do not line up.
+        # A second ring of shorter steps, in directions between these, finds the way through necks narrower than a step.
         turn = np.arange(12) * (np.pi / 6.0)
         angle = rng.uniform(0.0, np.pi / 3.0, (poses, 1)) + np.concatenate(
             (turn, turn + np.pi / 12.0)
@@ -162,7 +162,7 @@ def _far_from(others: FloatArray, points: FloatArray, distance: float) -> BoolAr
 
 
 def _spread(points: FloatArray, distance: float) -> IntArray:
-    """Indices of points of which no two are within `distance`; of two nearer points the earlier is kept."""
+    """Indices of points of which no two are within `distance`; of two points nearer than that, the earlier is kept."""
     dropped = np.zeros(len(points), dtype=np.bool_)
     if len(points):
         pairs = _tree(points).query_pairs(distance, output_type="ndarray")

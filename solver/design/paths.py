@@ -99,7 +99,7 @@ class PathGraph:
         size, layers, count = self.manifold.size, len(self.drive_sets), len(sources)
         nodes = np.concatenate([np.asarray(sources) + k * size for k in range(layers)])
         between = dijkstra(self._graph, directed=False, indices=nodes)[:, nodes]
-        # Any drives may start; the graph adds the cost of a change where the path needs one.
+        # A path may start with any drives; the graph adds the cost of a change where the path needs one.
         return np.asarray(between.reshape(layers, count, layers, count).min(axis=(0, 2)))
 
     def route(
@@ -107,7 +107,7 @@ class PathGraph:
     ) -> tuple[Leg, ...] | None:
         """Find a path, check along its whole length that it is safe inside `ranges`, and return its legs.
 
-        None if no path passes the check. `drives`: drive joints at pose `source`.
+        The result is None if no path passes the check. `drives`: drive joints at pose `source`.
         """
         for _ in range(ATTEMPTS):
             nodes = self._search(source, target, drives)
@@ -124,7 +124,7 @@ class PathGraph:
         i, j = self.manifold.neighbours.T
         motion, drives = self.manifold.motion, self.drive_sets[layer]
         volume = np.linalg.det(motion.tangent[:, [j - 1 for j in drives]])
-        # Without a singularity between, transport of the tangent keeps the sign of the drives' rows.
+        # With no singularity between two poses, transport of the tangent keeps the sign of the drives' determinant.
         carried = np.linalg.det(np.swapaxes(motion.tangent[i], -1, -2) @ motion.tangent[j])
         usable = self._allowed & (self._leverage[layer] >= self._least)
         usable &= np.linalg.norm(motion.rates(drives), axis=-1).max(-1) <= self._most
@@ -181,7 +181,7 @@ class PathGraph:
         return tuple(legs)
 
     def _leg(self, ranges: Ranges, layer: int, poses: list[int]) -> Leg | None:
-        """Join poses by few safe straight moves. If a pose has no safe move, remove the next edge and return None."""
+        """Join poses by few safe straight moves. If a pose has none, remove the edge after it and return None."""
         drives = self.drive_sets[layer]
         columns = [j - 1 for j in drives]
         q, u = self.manifold.q[poses], self.manifold.u[poses]

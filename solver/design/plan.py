@@ -238,7 +238,7 @@ def information_of(
 def _estimated_variances(
     task: PlanningTask, model: ClosureModel, x: FloatArray, readings: FloatArray
 ) -> Mapping[str, float] | None:
-    """Return the variances of the errors of captured readings (c, n), by component; None without a fit to them."""
+    """Return the variances of the errors of captured readings (c, n), by component; None if no fit is possible."""
     if not len(readings):
         return None
     errors = replace(task.errors_at(readings), prior=task.prior)
@@ -269,7 +269,7 @@ def _trusted(
     sets: tuple[tuple[int, ...], ...],
     covariance: FloatArray,
 ) -> BoolArray:
-    """Whether the angles of the free joints are predicted reliably (m,) with the best of the drive `sets`."""
+    """Whether the free joints' angles at each pose (m,) are predicted reliably with the best of the drive `sets`."""
     reduced = reduced_equations(manifold.model.loop(manifold.x, manifold.q, manifold.u))
     sigmas = [prediction_sigma(reduced.A, reduced.B, covariance, drives) for drives in sets]
     sigma = np.min(sigmas, axis=0)

@@ -55,7 +55,7 @@ def pose_information(
     errors: ErrorModel,
     variances: Mapping[str, float] | None = None,
 ) -> PoseInformation:
-    """Return the information matrix of the parameters of `model` that have no tolerance, from the poses under `errors`.
+    """Return each pose's information about the parameters of `model` without a tolerance, for the errors `errors`.
 
     Raises `ValueError` if a closure component has no noise at all (exact joints and a stiff fixture).
 

@@ -1,7 +1,7 @@
 """Decides when to stop taking poses: the precision is reached, or no further pose helps.
 
-Every pose reduces noise a little, so a forecast decides whether poses help. Each remaining pose is taken as the best
-for the parameter that is then worst; no pose helps if this neither reaches nor noticeably approaches the request.
+Every pose reduces noise a little, so a forecast decides whether more poses help. In the forecast, each pose is the best
+one for the parameter that is then worst. Poses help if the forecast reaches or noticeably approaches the request.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ def stop_decision(
     """Decide whether to stop, from the information so far (N, N) and the requested standard deviations.
 
     `candidates`: information of the candidate poses; same unknowns as `information`. `requested`: requested standard
-    deviations by name, rad and m; other parameters are not checked. `ValueError` for an unknown name. `poses_left`:
+    deviations by name, rad and m; other parameters are not checked; an unknown name raises `ValueError`. `poses_left`:
     number of poses that may still be taken. `allowed` (m,): candidates that can be reached.
     """
     unknown = sorted(set(requested) - set(candidates.parameters))

@@ -148,7 +148,7 @@ def step_threshold(poses: int, dof: int, false_alarm: float) -> float:
         head = half * math.log(x) - 0.5 * x - half * math.log(2.0) - float(gammaln(half))
         return head + math.log(max((1.0 - dof / x) * span + 4.0 / x, 1e-300))
 
-    # The threshold is between that for one pose and that for all poses as if independent.
+    # The threshold is at least that for one pose and at most that for independent poses.
     low = float(chdtri(dof, false_alarm))
     high = float(chdtri(dof, false_alarm / poses))
     target = math.log(false_alarm / AT_POSES)

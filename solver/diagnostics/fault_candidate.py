@@ -36,7 +36,7 @@ class Cause(Enum):
 
 
 class PeakDeviation(NamedTuple):
-    """Largest deviation of a sensor over the poses and its sigma, rad; `from_line`: whether from the best-fit line."""
+    """Largest deviation of a sensor over the poses and its sigma, rad; `from_line`: whether without the gain error."""
 
     peak: float
     sd: float
@@ -68,8 +68,8 @@ class Candidate:
     a cause if its rms is at least `least`.
     `most_stated`: largest deviation that the files state, or 0. If not 0, only a deviation that exceeds it by
     `CERTAIN_SIGMAS` standard deviations counts as a cause.
-    `measured`: the sensor's linearity deviation from loops that do not use its readings, a more accurate value; None
-    if not determined.
+    `measured`: the sensor's linearity deviation, more accurate because it is from loops that do not use the sensor's
+    readings; None if not determined.
     `lines`: (m, 2), orthonormal: the constant and the straight line of a sensor's offset and gain.
     `entries`: names of the parameters whose values changed, one per column; empty if none changed.
     """

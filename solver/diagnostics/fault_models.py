@@ -104,7 +104,7 @@ class FaultModels:
 
     def persistent_faults(self) -> Iterator[Candidate]:
         """Yield the causes that act in all poses, or in a run of them."""
-        # Noise of one sensor, perhaps defective; or of all, if the arm was not at rest.
+        # One sensor is noisy because it is defective, or all are because the arm was not at rest.
         for j in self.sensed:
             yield self._independent(Cause.READING, str(j), (j,), most=300.0)
         yield self._independent(Cause.SCATTER, "all joints", self.sensed, most=15.0)
@@ -162,7 +162,7 @@ class FaultModels:
         if not isinstance(sensor, Rvdt):
             return None
         half, middle = 0.5 * sensor.full_scale_rad, self.arm.joints[j - 1].middle_rad
-        # A line of any slope, expected half as large as the bow and the S.
+        # The line may have any slope; its expected size is half that of the bow and the S.
         shapes = SensorCurve(
             joint=j, middle_rad=middle, half_scale_rad=half, gain=0.5 / half
         ).basis(turn)

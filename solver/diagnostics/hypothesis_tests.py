@@ -94,7 +94,7 @@ def pull_tests(
     stated: LinearFit, false_alarm: float = FALSE_ALARM_PROBABILITY
 ) -> list[HypothesisTest]:
     """Test the largest pull (deviation in sigmas) of the toleranced entries, and the sum of squares of these pulls."""
-    # These are the first of all effects.
+    # Entries of the maker's table are the first of all effects.
     listed = [n for g in stated.design.groups if g.source in ENTRIES for n in g.names]
     own = np.flatnonzero([n in stated.design.errors.tolerance for n in listed])
     covariance = stated.pull_covariance(own)

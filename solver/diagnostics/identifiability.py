@@ -1,4 +1,4 @@
-"""Identifiability of a pose set: rank, condition number and the unidentifiable directions by name.
+"""Identifiability of a pose set: rank, condition number, and names of the unidentifiable directions.
 
 The Jacobian is evaluated on poses that close exactly. Away from the closed loops, sensor noise fills its null space,
 and an unidentifiable parameter merely looks badly conditioned.
@@ -43,11 +43,11 @@ class Identifiability:
 
     `rank`: number of parameters, or combinations of them, that the poses determine: all but the `directions`.
     `scaled_condition_number`: ratio of largest to smallest singular value with unit columns (paper: below 100 is
-    acceptable); inf if rank-deficient.
+    acceptable); inf if the smallest is zero.
     `condition_number`: ratio of largest to smallest singular value without column scaling (1 m : 1 rad).
     `observability`: observability indices O1..O5 of the literature, for the scaled Jacobian of m poses.
-    `directions`: the unidentifiable directions, by name. Empty when the rank is full.
-    `weakest`: the weakest direction that is still determined, by name.
+    `directions`: the unidentifiable directions; () if the rank is full.
+    `weakest`: the weakest of the directions that are still determined.
     `trend`: pairs of a number k and the scaled condition number of the first k poses, at the same parameters; without
     the k for which the rank is not full.
     """
@@ -118,7 +118,7 @@ def condition_at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> 
 def well_conditioned_at_readings(paper: Estimate, q: FloatArray) -> bool:
     """Whether the readings `q` (m, n) show, without closing the loops, that all directions are identifiable.
 
-    Uses the covariance of `paper`, the paper's estimate, which is the inverse normal matrix times a factor.
+    The test uses the covariance of `paper`, the paper's estimate: the inverse normal matrix times a factor.
     """
     sd = paper.standard_deviation
     if not (sd > 0.0).all() or _immobile(np.ptp(q, axis=0)):

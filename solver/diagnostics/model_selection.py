@@ -77,8 +77,8 @@ def evidence(
 ) -> Evidence | None:
     """Compute the evidence of columns G (m, r, c), with coefficients of expected magnitude `expected_size` (c,).
 
-    None if the fit already contains all of these columns. `own`: poses (p,) that have columns G (p, r, c) and
-    coefficients (p * c,) of their own. `most`: largest multiple of `expected_size` to try.
+    The result is None if the fit already contains all of these columns. `own`: poses (p,) that have columns G (p, r, c)
+    and coefficients (p * c,) of their own. `most`: largest multiple of `expected_size` to try.
     """
     if own is not None:
         return _evidence_of_own(residuals, own, G, expected_size, most)
@@ -203,7 +203,7 @@ def _choose(
     directions: tuple[UnidentifiableDirection, ...],
     fixture: set[str],
 ) -> int:
-    """Index of the parameter to fix: an immobile joint's offset, else the least determined entry, the arm's first."""
+    """Index of the parameter to fix: an immobile joint's offset, else the arm's (else fixture's) weakest entry."""
     for direction in directions:
         for joint in direction.immobile_joints:
             if f"theta_off_{joint}" in direction.parameters:

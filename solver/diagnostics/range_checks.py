@@ -111,7 +111,7 @@ def mistakes(arm: ArmModel, q: FloatArray) -> Iterator[Mistake]:
             q_rad=wrapped,
         )
     for j in range(n):
-        # Sign reversed about zero, or about the middle of its range.
+        # The sign is reversed about zero, or about the middle of the joint's range.
         for centre in {0.0, 2.0 * arm.joints[j].middle_rad}:
             turned = q.copy()
             turned[:, j] = centre - q[:, j]
@@ -137,7 +137,7 @@ def _joints(columns: Sequence[int]) -> str:
 
 
 def _like_radians(arm: ArmModel, q: FloatArray) -> list[int]:
-    """Joints (0-based) whose readings are small and, taken as radians, move and lie in their range."""
+    """Joints (0-based) whose readings are small and, if taken as radians, vary and lie inside the joint's range."""
     as_degrees = np.rad2deg(q)
     inside = 10 * (_outside(arm, as_degrees) > 0.0).sum(axis=0) <= len(q)
     small = (np.abs(q) < np.deg2rad(2.0 * np.pi)).all(axis=0)

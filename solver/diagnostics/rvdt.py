@@ -160,7 +160,7 @@ def _undecidable(reading: FloatArray, measured: LoopAngle, sensor: Rvdt) -> str:
 
 
 def undecided(joint: int, sensor: Rvdt, reason: str, noise: SingleNoise | None) -> RvdtVerdict:
-    """Return the verdict "curve not determined by these poses", with the reason, and the noise if known."""
+    """Return the verdict "curve not determined by these poses", with the reason, and with the noise if it is known."""
     noisy = noise is not None and _too_noisy(noise, sensor)
     verdict = Soundness.OUT_OF_SPECIFICATION if noisy else Soundness.CANNOT_DECIDE
     noise_texts = [] if noise is None else _noise_words(noise, sensor)
@@ -227,7 +227,6 @@ def _verdict(joint: int, sensor: Rvdt, figures: RvdtFigures, share: float) -> Rv
 
 
 def _noise_words(noise: SingleNoise, sensor: Rvdt) -> list[str]:
-    """Return the clauses that state the noise and its remedy."""
     allowed = f"specification {sensor.noise_lsb:g} LSB"
     noisy = _too_noisy(noise, sensor)
     if noise.determined or noisy:

@@ -24,7 +24,7 @@ class SmoothCurve:
     `residual`: (m,): points minus curve.
     `dof`: number of points minus number of coefficients.
     `line_probability`: probability of so much improvement over a straight line if the points lie on a straight line (F
-    test, times the number of degrees from which this one was chosen); 1 if the curve is a straight line.
+    test, times the number of degrees that were compared); 1 if the curve is a straight line.
     """
 
     low: float
@@ -54,13 +54,13 @@ def fit_curve(abscissa: FloatArray, values: FloatArray, least_degree: int = 1) -
 
     A higher degree must improve on the best lower degree by more than the standard error of the improvement, so that
     noise is not fitted. The chosen curve as a whole is tested against a straight line. At least `2 * POINTS_PER_TERM`
-    points are needed, over some range.
+    points, not all at one abscissa, are needed.
     """
     from scipy.special import fdtrc
 
     m = len(abscissa)
     low, high = float(abscissa.min()), float(abscissa.max())
-    # Degrees are nested: each adds one direction to those of the last.
+    # Degrees are nested: each adds one direction to those of the degree below.
     most = min(MAX_DEGREE, m // POINTS_PER_TERM - 1)
     nested = _basis(abscissa, low, high, most)
     Q, R = np.linalg.qr(nested)

@@ -5,8 +5,8 @@ At the solution of a calibration the misclosures of all poses are
     w_i = -A_i dx + Z_i b + f_i,    f_i ~ N(0, V_i),    b ~ N(0, I),
 
 with dx the parameters (those with a prior are among b) and V_i, Z_i at given variances. In coordinates
-whitened by V_i, P = I - U U' projects out everything that dx and b explain. For further columns G the
-score is G'Pw, its covariance G'PG, and chi2 falls by s'(G'PG)^-1 s if they are fitted (Rao 1948): no refit is needed.
+whitened by V_i, P = I - U U' projects out everything that dx and b explain. For further columns G the score s is
+G'Pw, its covariance G'PG, and chi2 falls by s'(G'PG)^-1 s if they are fitted (Rao 1948): no refit is needed.
 
 Columns that act in one pose each (`OwnColumns`) are block diagonal. With T = G'G in whitened coordinates and W the
 projection of G on the fitted columns, C = G'PG = T - W W', and the matrix inversion lemma needs only a matrix of the

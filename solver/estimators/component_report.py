@@ -50,14 +50,14 @@ class ComplianceTest:
 
 
 LEAST_LEFT = 1e-12
-"""Estimating the other variances as well leaves a share of a variance's information; a share below this is rounding."""
+"""Share of a variance's information that is left if the other variances are estimated too; less is due to rounding."""
 
 MOST_CERTAIN = 1e6
 """Largest ratio of a variance to its standard error that `interval` uses."""
 
 
 def components(design: LinearModel, v: FloatArray, error: FloatArray) -> tuple[Component, ...]:
-    """Report noise and linearity of RVDTs, and fixture noise, from variances `v` (K,) and their standard `error`."""
+    """Report noise and linearity of RVDTs, and fixture noise, from variances `v` and standard errors `error` (K,)."""
     out = []
     for k, c in enumerate(design.components):
         kind = c.name.split("_")[0]
@@ -88,7 +88,7 @@ def compliance_test(stated: LinearFit, design: LinearModel) -> ComplianceTest | 
 def standard_errors(information: FloatArray, v: FloatArray, floor: FloatArray) -> FloatArray:
     """Standard errors (K,) of variances `v` (K,), from the likelihood's `information` (K, K).
 
-    A variance at its floor counts as known in the errors of the others; its own error includes their uncertainty.
+    For the other variances' errors, a variance at its floor counts as known; its own error includes their uncertainty.
     """
     inner = v > floor * (1.0 + 1e-9)
     size = np.sqrt(np.maximum(np.diagonal(information), 1e-300))
@@ -114,7 +114,7 @@ def interval(variance: float, error: float) -> tuple[float, float]:
 
     degrees = 2.0 * min(variance / max(error, 1e-300), MOST_CERTAIN) ** 2
     if degrees < 1.0:
-        # Nearly zero: the lower end is zero, and chi2's upper end would tend to infinity.
+        # The variance is nearly zero: the lower end is zero, and chi2's upper end would tend to infinity.
         return 0.0, variance + NORMAL_95 * error
     # chdtri takes the probability above.
     low, high = chdtri(degrees, (0.025, 0.975))

@@ -58,8 +58,8 @@ class ErrorModel:
     give_rad, give_m
         Standard deviation of the fixture's deflection along each closure component; None without a fixture.
     tolerance, prior
-        By name, standard deviations (rad, m) of the maker's table entries that are corrected within this tolerance, and
-        of the identified parameters whose uncertainty a file states.
+        Standard deviations (rad, m), by name, of the maker's table entries that are corrected within this tolerance,
+        and of the identified parameters whose uncertainty a file states.
     distances
         Measured distances between points of the loop.
     discrepancy

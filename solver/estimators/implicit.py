@@ -206,7 +206,7 @@ def estimate_implicit(
     fit = fit_implicit(model, q, noise, x0, progress=progress)
     x = nearest_equivalent(model, fit.x, nominal)
     if np.abs(wrap_angles(model.parameters, x - fit.x)).max(initial=0.0) > SAME_DESCRIPTION:
-        # An equivalent parameter vector has another covariance: continue there.
+        # An equivalent parameter vector has another covariance: continue from that vector.
         fit = fit_implicit(model, q, noise, x)
     else:
         fit = replace(fit, x=x)

@@ -48,7 +48,7 @@ SPECIFICATION_DOF = 4
 and these imply little about the magnitude of the others."""
 
 DEFLECTION_RAISE_LIMIT = 5e-4
-"""Start of the search for a deflection that is not stated (rad, m)."""
+"""Deflection (rad, m) to which any step may raise the estimate; also a start of the search if the misfit is large."""
 
 LARGEST_SCALE = 10.0
 """Largest errors of lengths, twists and encoders, play and sag, in units of the stated errors. Larger errors are a
@@ -66,11 +66,11 @@ as the repeatable part (smooth in the pose, or on one side of a joint). The data
 well and the repeatable part poorly, so each part has its own scale."""
 
 UNMODELLED = "unmodelled"
-"""Component of the part of sag and deflection that the columns of these effects leave out. It acts like noise, at most
-as large as stated; how much smaller, the scatter of the poses shows."""
+"""Component of the part of sag and deflection that the columns of these effects leave out. It acts like noise and is at
+most as large as stated; the scatter of the poses shows how much smaller it is."""
 
 LEAST_UNMODELLED = 0.1
-"""Smallest variance of this part, as a share of the stated one: what is smooth in the pose hardly scatters."""
+"""Smallest variance of the unmodelled part, as a share of the stated: what is smooth in the pose hardly scatters."""
 
 FIXTURE_NOISE = ("fixture_rad", "fixture_m")
 """Components of the part of a fixture's deflection that does not repeat: rotation, translation."""
@@ -112,7 +112,7 @@ class VarianceComponent:
 
 
 _OF_RVDTS = {"rvdt": "noise", "curve": "curve", "gain": "gain"}
-"""Sources that are components of an RVDT."""
+"""Sources of error of an RVDT, by the first part of the component's name."""
 
 _SOURCES = {
     **dict.fromkeys((*FIXTURE_NOISE, "compliance", "smooth_give"), "fixture_give"),
@@ -403,7 +403,7 @@ class Layout:
         return np.array([c.stated for c in self.components])
 
     def variances_by_name(self, named: Mapping[str, float]) -> FloatArray:
-        """Return `named` variances, within their bounds, as (K,); start values for components without one."""
+        """Return variances (K,) within their bounds: those in `named`, and start values for the other components."""
         v = np.array([named.get(c.name, c.start) for c in self.components])
         return np.asarray(np.clip(v, self.floors, self.ceilings))
 

@@ -33,7 +33,7 @@ LEAST_STEP = 1e-13
 """Largest component of a step (rad, m) that counts as converged."""
 
 BLOCK_ROWS = 2048
-"""Rows of a block: with some tens of columns it fits in a core's cache."""
+"""Number of rows of a block: with some tens of columns the block fits in a core's cache."""
 
 Progress = Callable[[int, float], None]
 """Called after each iteration with its number and the cost; may raise to cancel."""
@@ -147,7 +147,7 @@ class Fit:
 
 
 def column_scale(J: FloatArray) -> FloatArray:
-    """Column norms (P,), or 1 for a column that is zero up to rounding; the other columns of ``J / scale`` are unit."""
+    """Column norms (P,), or 1 for a column that is zero up to rounding; other columns of ``J / scale`` have norm 1."""
     norms = np.linalg.norm(J, axis=0)
     return np.where(norms > UNSEEN * norms.max(initial=0.0), norms, 1.0)
 

@@ -21,8 +21,8 @@ SMALL = 64
 """Number of rows below which a matrix is not divided further."""
 
 np.empty(2 << 20)
-"""Allocated and freed once: from then on glibc keeps free blocks up to this size, instead of returning the matrices of
-every iteration to the system and having them zeroed again. Other C libraries are not affected."""
+"""This array is allocated and freed once: from then on glibc keeps free blocks up to this size, instead of returning
+the matrices of every iteration to the system and having them zeroed again. Other C libraries are not affected."""
 
 LEAST_PULL_INFORMATION = 1e-6
 """An effect's pull is meaningful only if the poses determine at least this share of the effect's prior variance."""
@@ -252,7 +252,7 @@ class LinearFit:
         return np.asarray(-self._gain() @ MG)
 
     def held_out_chi2(self, *parts: IntArray) -> list[tuple[float, int]]:
-        """Misfit of each group of poses (indices (k,)) to its prediction from all others: chi2, degrees of freedom.
+        """Misfit of each group of poses (indices (k,)) to its prediction from all others: chi2 and degrees of freedom.
 
         No refit is needed: with the projector P and a group's rows F, chi2 is ``(P w)_F' P_FF^-1 (P w)_F``.
         """

@@ -280,7 +280,7 @@ def _load_deflection(
         across.reshape(len(first), k, -1)[of_centres].reshape(-1, across.shape[-1])
     )
     good = values > SMALLEST * values[-1]
-    # Keep the largest, whose eigenvectors come last.
+    # Keep the eigenvectors of the largest eigenvalues, which come last.
     count = min(columns, int(good.sum()))
     root = vectors[:, : -count - 1 : -1] / np.sqrt(values[: -count - 1 : -1])
     deflection = np.zeros((m, k, columns))

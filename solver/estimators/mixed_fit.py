@@ -77,7 +77,7 @@ CURVATURE_SHARE = 3.0
 """Error of a Newton step as a share of the step, per rad or m of its largest component: the error is quadratic."""
 
 LEAST_MOTION_SHARE, TINY = 1e-3, 1e-200
-"""Directions of a loop with less than this share of the joints' effect stay open; `TINY` avoids a division by zero."""
+"""Directions in which the joints move a loop by less than this share stay open; `TINY` avoids a division by zero."""
 
 POSES_FOR_VARIANCES = 600
 """Number of poses that estimate the variances if there are more than twice as many; all poses would improve the

@@ -23,7 +23,7 @@ TINY = 1e-300
 """Lower limit of a logarithm's argument."""
 
 AT_BOUND = 1e-9
-"""Share of a bound by which a variance may differ from it and still be at the bound."""
+"""A variance counts as at its bound if it differs from the bound by no more than this share of the bound."""
 
 LARGEST_VARIANCE_RATIO = 6.0
 """Largest factor by which a variance changes in one step."""
@@ -32,7 +32,7 @@ OVERSHOOT_SHARE = 0.5
 """A step has overshot if the slope at its end is below minus this share of the slope at its start."""
 
 LEAST_SHARE = 0.1
-"""A step that was shortened to less than this share is not shortened further."""
+"""A step that was shortened to less than this share of Newton's step is not shortened further."""
 
 LIKELIHOOD_FALL = 3.0
 """Largest fall of the log-likelihood that relinearisation explains; after an iteration with a larger fall the step is
@@ -49,7 +49,7 @@ SCALE_SD = float(np.log(2.0))
 
 SCALE_CORRELATION = 0.5
 """Correlation of the logarithms of two scales of one group (`_scale_groups`): a file with a margin in one stated size
-usually has it in all. Half of the variance is common, so sources that the poses hardly determine follow the others."""
+usually has one in all. Half of the variance is common, so sources that the poses hardly determine follow the others."""
 
 LARGEST_COMMON = 3.0 * SCALE_SD
 """Largest deviation of a scale's logarithm that is evidence about the others: an absent source (an eighth of the size
@@ -170,10 +170,10 @@ def _scale_prior(design: Layout, t: FloatArray) -> tuple[FloatArray, FloatArray,
 
 
 def _scale_groups(design: Layout) -> FloatArray:
-    """Groups of correlated scales (groups, K), 1 or 0: links; then joints, sensors and fixture.
+    """Groups of correlated scales, (groups, K), each 1 or 0: lengths and twists; then joints, sensors and fixture.
 
     Joints and a fixture that are better than stated do not make the lengths and twists of the maker's table more
-    certain. The scale of the fixture's placement is independent of both.
+    certain. The scale of the fixture's placement is independent of both groups.
     """
     names = np.array(list(design.index), dtype=str)
     of_links = np.isin(names, (LENGTHS, TWISTS))
@@ -242,7 +242,7 @@ def step(fit: LinearFit, derivatives: Derivatives) -> ScoringStep:
         return np.where(scaled, 0.5 * np.log(np.maximum(bound, TINY) / v), bound - v) * size
 
     def bounded(metric: FloatArray) -> FloatArray:
-        """Solve for the change; set variances that would leave their bounds to these, and solve again for the rest."""
+        """Solve for the change; set variances that would leave their bounds to the bounds, and solve for the rest."""
         change, free = np.zeros(len(v)), moving.copy()
         ridged = metric + 1e-9 * np.eye(len(v))
         while free.any():
@@ -277,7 +277,7 @@ class VarianceSearch:
     If a variance leaves its floor, the curvature changes quickly, and plain steps may oscillate forever. The slope at a
     step's end, which is calculated anyway, locates the maximum along the step; the next iteration starts there.
 
-    `fast`: whether steps shrink so fast that all further ones are negligible; as given until two steps can be compared.
+    `fast`: whether steps shrink so fast that all further steps are negligible; as given until two steps are known.
     `slope_left`: expected slope of the log-likelihood along the step after the next variances.
     """
 

@@ -167,7 +167,7 @@ def shapes_of_sag(
     loads = errors.loads.joints
     columns, expected = loads.columns, loads.expected
     if not errors.signed:
-        # The same second moments about zero.
+        # With the expected value as a further column, the second moments about zero stay the same.
         columns, expected = np.concatenate((columns, expected[..., None]), axis=-1), nothing
     modelled = np.sqrt(1.0 - UNMODELLED_SHARE)
     missed = (1.0 - UNMODELLED_SHARE) * loads.missed + UNMODELLED_SHARE

@@ -50,12 +50,12 @@ class VarianceComponents:
     noise
         Noise of each pose's readings, without effects, and of the fixture's deflection, at the estimated variances.
     curves_rad
-        By joint, for each sensor with a curve: predicted deviation of its readings (m,), rad, including play and sag.
-    repeatability
+        Predicted deviation (m,), rad, of the readings of each joint whose sensor has a curve; includes play and sag.
+        repeatability
         Covariance (P, P) of the parameters from noise alone: the scatter if the same poses were taken again.
     budget
-        By source, contribution to the variance of every parameter (P,); the sum of all is the variance of the estimate.
-    signed
+        Contribution of each source to the variance of every parameter (P,); the sum of all is the estimate's variance.
+        signed
         Whether joints are taken to sag in the direction of gravity; False if the readings contradict this.
     """
 
@@ -197,7 +197,7 @@ def settle(
     fitted = fit_mixed(design, x0, near=near, variances=v, progress=progress)
     x = _near(model, errors, nearest_equivalent(model, fitted.x, nominal), nominal)
     if np.abs(x - fitted.x).max() > EQUAL:
-        # An equivalent parameter vector has another covariance: continue there.
+        # An equivalent parameter vector has another covariance: continue from that vector.
         fitted = fit_mixed(fitted.fit.design, x, variances=v)
     return fitted, order
 

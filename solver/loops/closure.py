@@ -29,8 +29,8 @@ class LoopError:
     """Closure error of every pose, with the unsensed angles as explicit variables.
 
     `residual`: c (..., m, k): rotation vector (rad), then position (m), of the end point in the fixture's frame; zero
-    if the loop closes. `jac_x`, `jac_q`, `jac_u`: exact derivatives of c with respect to the parameters (the paper's
-    C = dc/dphi, (..., m, k, P)), the joint angles (..., m, k, n) and the unsensed angles (..., m, k, U).
+    if the loop closes. `jac_x` (..., m, k, P), `jac_q` (..., m, k, n), `jac_u` (..., m, k, U): exact derivatives of c
+    with respect to the parameters (the paper's C = dc/dphi), the joint angles and the unsensed angles.
     """
 
     residual: FloatArray
@@ -44,9 +44,9 @@ class ReducedError:
     """Closure error with the unsensed angles eliminated, as the paper minimises it.
 
     `residual`: (..., m, r) in the fixture frame; for a hinge dx, dy (rad), then x, y, z (m) of eq. 13. The first
-    `rotation_rows` of the r rows are rotations. `jac_x`: its exact derivative with respect to the parameters (..., m,
-    r, P), the paper's C for these rows. `flipped`: (..., m) bool, poses on the other branch of the elimination (tool
-    upside down on the hinge).
+    `rotation_rows` of the r rows are rotations. `jac_x` (..., m, r, P): exact derivative of `residual` with respect to
+    the parameters, the paper's C for these rows. `flipped`: (..., m) bool, poses on the other branch of the elimination
+    (tool upside down on the hinge).
     """
 
     residual: FloatArray
@@ -182,8 +182,7 @@ class ClosureModel(ABC):
     def reduced(self, x: FloatArray, q: FloatArray, *, rates: bool = True) -> ReducedError:
         """Closure error with the hinge's angle eliminated; the loop error itself if no angle is unsensed.
 
-        Without `rates` the Jacobian has no columns. Raises `ValueError` if arm joints are unsensed: use
-        `loop`.
+        Without `rates` the Jacobian has no columns. Raises `ValueError` if arm joints are unsensed: use `loop`.
         """
         if self.unsensed_joints:
             raise ValueError(
@@ -218,7 +217,7 @@ class ClosureModel(ABC):
     ) -> tuple[FloatArray, FloatArray]:
         """Axes (m, 3, 3) of the fixture's two halves, on the table and on the tool, in the frame of the closure error.
 
-        Only for a loop of one placement; identity for a half that does not turn in that frame.
+        The loop must be of one placement. The axes of a half that does not turn in that frame are the identity.
         """
         still = np.broadcast_to(np.eye(3), (len(q), 3, 3))
         return still, still

@@ -1,6 +1,6 @@
 """The loop of a fixture that is itself a D-H link of the chain: rigid or hinge (paper, section 2.3).
 
-Follows the paper's eqs. 8 to 13.
+The equations are the paper's eqs. 8 to 13.
 """
 
 from __future__ import annotations
@@ -113,8 +113,8 @@ class DhLoop(ArmLoop):
     def equivalents(self, x: FloatArray) -> FloatArray:
         """Up to eight equivalent parameter vectors of a hinge loop; for a rigid loop only `x` itself.
 
-        They result from (a_0, alpha_0, theta_off_1) -> (-a_0, -alpha_0, theta_off_1 + pi), the same at link n, and
-        reversal of the hinge axis: (s_0, alpha_0, alpha_n) -> (-s_0, alpha_0 + pi, alpha_n - pi).
+        They result from three changes: (a_0, alpha_0, theta_off_1) -> (-a_0, -alpha_0, theta_off_1 + pi); the same at
+        link n; reversal of the hinge axis, (s_0, alpha_0, alpha_n) -> (-s_0, alpha_0 + pi, alpha_n - pi).
         A change is used only if all entries in it are unknowns.
         """
         candidates = [np.asarray(x, dtype=np.float64)]

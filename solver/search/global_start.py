@@ -137,7 +137,7 @@ Search = Callable[[ClosureModel, FloatArray], list[tuple[FloatArray, int]]]
 def _solve(
     model: ClosureModel, sensed: ClosureModel, q: FloatArray, search: Search
 ) -> tuple[LocalMinimum, ...]:
-    """Search, refine on all of `q`, and separate distinct solutions."""
+    """Search, refine the minima on all poses `q`, and return the distinct solutions, the best first."""
     nominal = nominal_vector(sensed.parameters)
     names = [p.name for p in sensed.parameters]
     columns = [names.index(p.name) for p in model.parameters]

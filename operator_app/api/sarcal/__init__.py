@@ -17,7 +17,7 @@ Functions, in the order of use, and what each returns::
     load_poses, poses_of     Poses: readings of a CSV file or data frame, or of an array
     plan                     Plan: the most informative poses, before any is measured
     simulate                 Simulation: readings of a simulated arm, with its true values
-    calibrate                Result: values, sigmas, intervals, verdict, fk, export; Table by its table()
+    calibrate                Result: values, sigmas, intervals, verdict, fk, export; its table() returns a Table
     verify                   Verification: a Result tested with new poses
     compare                  Comparison: what drifted between two Results
     load_result              Result of an earlier session

@@ -43,7 +43,7 @@ class ConnectedArm:
 
     @property
     def drives(self) -> tuple[int, ...]:
-        """Joints (from 1) in position mode: in a closed chain the procedure's or the best set, else all joints."""
+        """Joints (from 1) in position mode: all for an open arm, else the procedure's set, or the best one."""
         fixture = self.procedure.fixture.fixture
         if not fixture.holds_hand:
             return tuple(range(1, self.n + 1))

@@ -60,7 +60,7 @@ def calibrate(
     Returns
     -------
     Result
-        Returned even if the calibration is not accepted, see `Result.accepted` and `Result.reasons`.
+        A calibration that is not accepted is returned too; see `Result.accepted` and `Result.reasons`.
 
     Raises
     ------
@@ -116,7 +116,7 @@ def calibrate(
 
 
 SESSIONS = Path("sessions")
-"""Folder that contains the sessions that are given by name."""
+"""Folder in which a session that is given by name is sought."""
 
 
 @one_blas_thread

@@ -159,8 +159,8 @@ def one_blas_thread(function: Callable[P, R]) -> Callable[P, R]:
     """Return a function that runs `function` with one BLAS thread.
 
     Matrices here have some tens of rows: several threads wait for each other and, on busy cores, take seconds
-    instead of a third of a second. The limit applies to the whole process until `function` returns. Of calls that
-    overlap in several threads only the first sets and removes it: the others would restore what the first had set.
+    instead of a third of a second. The limit applies to the whole process until `function` returns. If calls in several
+    threads overlap, only the first sets and removes the limit: the others would restore the first's limit.
     """
 
     @wraps(function)

@@ -86,7 +86,7 @@ class Fixture:
     Attributes
     ----------
     name, kind
-        Name shown to the operator; ``hinge``, ``ball``, ``rigid`` or ``measured``.
+        Name shown to the operator; kind: ``hinge``, ``ball``, ``rigid`` or ``measured``.
     source_file
         File from which the fixture was read; ``packaged:...`` for a built-in fixture.
 

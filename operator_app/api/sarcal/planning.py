@@ -148,9 +148,9 @@ def simulate(
 ) -> Simulation:
     """Draw the true parameters of an arm and its mounting at random, and return simulated readings.
 
-    Standard deviations: for offsets the tolerance in the arm file, or 2 deg if there is none; for lengths and twists
-    their stated tolerances. The placement deviates by at most half its stated tolerance. Sensors have their stated
-    resolution and noise, and RVDTs the largest linearity deviation within specification. Not included: encoder
+    The standard deviation of an offset is the tolerance in the arm file, or 2 deg if there is none; that of a length or
+    twist is its stated tolerance. The placement deviates by at most half its stated tolerance. Sensors have their
+    stated resolution and noise, and RVDTs the largest linearity deviation within specification. Not included: encoder
     scale errors, backlash, sag and compliance, which ``sarcal run`` simulates.
 
     Parameters

@@ -36,7 +36,7 @@ class Poses:
     Attributes
     ----------
     source
-        Origin of the poses, as text, such as the path of a file.
+        Text that states the origin of the poses, such as the path of a file.
 
     Examples
     --------
@@ -267,7 +267,7 @@ def _csv_of(frame: Any) -> bytes:
 def _cell(value: Any, *, whole_number: bool) -> str:
     """Return a value as text, with as many digits as are needed to read the same double.
 
-    With `whole_number`, 32.0 is written as 32: pandas makes floats of whole numbers, such as of a column with gaps.
+    With `whole_number`, 32.0 is written as 32: pandas turns whole numbers into floats, e.g. in a column with gaps.
     """
     plain = value.item() if hasattr(value, "item") else value
     if whole_number and isinstance(plain, float) and plain.is_integer():

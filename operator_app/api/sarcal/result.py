@@ -186,8 +186,8 @@ class Result:
 
         The base frame is that of the arm file. Entries of link 1 that depend on the mounting (`to_json`, ``side``:
         ``ground``), such as ``s_1`` with a hinge, do not move this frame, whatever their calibrated values. If the
-        fixture was remounted, the tool is that of the last placement. Where readings were not used, the offset is the
-        mean over the poses of the angle from the loop minus the reading.
+        fixture was remounted, the tool is that of the last placement. If a joint's readings were not used, its offset
+        is the mean, over the poses, of the angle from the loop minus the reading.
 
         Parameters
         ----------
@@ -198,8 +198,8 @@ class Result:
             is along its axis); ``flange``: frame n of the arm's own D-H table, as in an exported URDF, which stays
             valid in another mounting.
         corrections
-            Use the identified table and the corrections of the readings (`Result.corrections`) instead. This is more
-            accurate, but the controller has to apply the corrections.
+            Use, instead of the best table, the identified table and the corrections of the readings
+            (`Result.corrections`). The result is more accurate, but the controller has to apply the corrections.
 
         Returns
         -------
@@ -216,9 +216,9 @@ class Result:
     def tip_sigma(self, q_rad: ArrayLike) -> FloatArray:
         """Return the standard deviation of the tip position from `fk`, m.
 
-        This is the root of the sum of the variances of x, y and z, from the covariance of the parameters and, where
-        readings were not used, from their scatter about the angles from the loop. Other errors of the readings are not
-        included.
+        This is the root of the sum of the variances of x, y and z, from the covariance of the parameters and, for a
+        joint whose readings were not used, from the readings' scatter about the angles from the loops. Other errors of
+        the readings are not included.
 
         Parameters
         ----------
@@ -303,7 +303,7 @@ class Result:
             Path whose ending selects the format: ``.yaml`` parameters file, ``.json`` everything, ``.csv`` one row per
             parameter, ``.urdf`` the arm without its mounting, ``.mat`` MATLAB.
         force
-            Reason for using a calibration that is not accepted, written into the file; not used if it is accepted.
+            Reason, written into the file, for using a calibration that is not accepted; ignored if it is accepted.
         into
             Your own URDF, xacro with literal numbers or UR ``default_kinematics.yaml``: the output is that file with
             only the joint origins changed, whatever the ending.

@@ -26,7 +26,7 @@ class Table:
     Attributes
     ----------
     name, title
-        Name by which `Result.table` finds the table, and heading.
+        Name by which `Result.table` finds the table; heading of the table.
 
     Examples
     --------

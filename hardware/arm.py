@@ -68,10 +68,10 @@ class ArmIdentity:
     speaks
         Protocol of the arm's nodes, as text for the operator.
     by_hand
-        Whether a person, not drives, moves the arm. Then no hardware stop is required, and `ArmInterface.move` waits
+        Whether a person, not drives, moves the arm. If so, no hardware stop is required, and `ArmInterface.move` waits
         until the person has moved the joints to their targets.
     unwatching
-        Joints whose drives do not report that they monitor the operator's heartbeat and act on its loss.
+        Joints whose drives do not report both that they monitor the operator's heartbeat and that they act on its loss.
     configured, zeroed
         Sentences on what was written into drives. `configured` has all of them. `zeroed` has only those on torques and
         offsets that were set to 0: a communication reset may not restore their former values.
@@ -99,9 +99,9 @@ class ArmIdentity:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fault:
-    """An emergency message; `joint` is None for the supervisor.
+    """An emergency message, or a fault without message; `joint` is None for the supervisor.
 
-    Code 0 means that no message came when a drive left *operation enabled* or stopped following its target.
+    Code 0 means that a drive left *operation enabled*, or stopped following its target, and sent no message.
     """
 
     node: int
@@ -113,9 +113,9 @@ class Fault:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointState:
-    """State of one joint, latched on the last SYNC that the joint answered, `age_s` ago.
+    """State of one joint, latched on the last SYNC that the joint answered; the answer came `age_s` ago.
 
-    `mode` is the drive's 6061h; None if it is neither position nor free.
+    `mode` is the mode that the drive reports in 6061h; None if that is neither position nor free.
     """
 
     joint: int
@@ -130,14 +130,14 @@ class JointState:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HostLatency:
-    """Host latencies above the reporting limit: their number, the last and the longest, s."""
+    """Number of host latencies above the reporting limit, with the last and the longest of them, s."""
 
     times: int = 0
     last_s: float = 0.0
     longest_s: float = 0.0
 
     def with_event(self, by_s: float, *, new: bool) -> HostLatency:
-        """Return a copy: with one more latency `by_s` if `new`, else with the last raised to `by_s`."""
+        """Return a copy: if `new`, it has one more latency, `by_s`; else its last latency is at least `by_s`."""
         last_s = by_s if new else max(by_s, self.last_s)
         longest_s = max(last_s, self.longest_s)
         return HostLatency(times=self.times + new, last_s=last_s, longest_s=longest_s)
@@ -157,7 +157,7 @@ class ArmSnapshot:
     token
         Number of the node in control; 0 if none.
     stopped, stopped_for
-        Whether STOP is latched; the reason if no person pressed STOP, otherwise empty.
+        Whether STOP is latched, and why; the reason is empty if a person pressed STOP.
     late_s
         Part of the oldest joint state's age that is host latency, s.
     lateness
@@ -218,7 +218,7 @@ class UploadReceipt:
 
 
 Watch = Callable[[ArmSnapshot], str | None]
-"""Called on every SYNC of a move; a returned sentence ends the move (the arm holds), None continues it."""
+"""Function called on every SYNC of a move: None continues the move; a sentence ends the move, and the arm holds."""
 
 
 class ArmInterface(Protocol):
@@ -229,7 +229,7 @@ class ArmInterface(Protocol):
     """
 
     def connect(self) -> ArmIdentity:
-        """Find the arm's nodes, check that they agree with the arm file, start heartbeats and SYNC."""
+        """Find the arm's nodes, check that they agree with the arm file, and start heartbeats and SYNC."""
 
     def snapshot(self) -> ArmSnapshot:
         """Return the latest state; never blocks."""
@@ -238,7 +238,7 @@ class ArmInterface(Protocol):
         """Take the control token and enable all drives in position mode at their current positions."""
 
     def set_modes(self, modes: Sequence[JointMode]) -> None:
-        """Set one mode per joint; return when every drive reports its mode (6061h), or raise an error."""
+        """Set one mode per joint; return when every drive reports the requested mode (6061h), or raise an error."""
 
     def move(
         self,
@@ -275,7 +275,7 @@ class ArmInterface(Protocol):
         """Read the controller's active parameter document; empty if there is none."""
 
     def close(self) -> bool:
-        """Hold the arm, switch its drives off, release control, stop heartbeats. May be called twice.
+        """Hold the arm, switch its drives off, release control and stop the heartbeats. May be called twice.
 
         Returns true if no drive follows commands, so that the arm may be touched; false if the arm did not answer or
         a drive still follows commands.
@@ -293,6 +293,6 @@ class PowerReporting(Protocol):
 
 @runtime_checkable
 class Recordable(Protocol):
-    """An arm that records its bus to the file `record_to` from the next connection on, unless None."""
+    """An arm that records its bus, from the next connection on, to the file `record_to`; None means no recording."""
 
     record_to: Path | None

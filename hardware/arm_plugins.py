@@ -75,7 +75,7 @@ def offered_names() -> tuple[str, ...]:
 
 
 def offer(name: str) -> ArmOffer | None:
-    """Return the offered arm of this name, or None. Raises `BusError` if there are two, or if loading fails."""
+    """Return the arm offered as `name`, or None. Raises `BusError` if two packages offer it, or if loading fails."""
     if name in can.VALID_INTERFACES:
         return None
     points = {

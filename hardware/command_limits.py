@@ -79,7 +79,7 @@ def refuse_command(
 
 
 def refuse_target(limits: JointLimits, target_counts: float, previous_counts: float) -> str:
-    """Return why a target, sent one control period after the previous one, is refused; empty if it is allowed.
+    """Return why a target, sent one control period after the previous target, is refused; empty if it is allowed.
 
     A joint that is outside its range may only move towards the range.
     """

@@ -104,7 +104,7 @@ class WrongArm(HardwareError):
 
 
 class ProfileRemedy(Enum):
-    """End of the remedy for an object that differs: how a bus profile can accept the object."""
+    """Last part of a remedy text for an object that differs: how a bus profile can accept the object."""
 
     NONE = " (no bus profile can accept another value)"
     HEARTBEAT_PERIOD = ", or allow that period in a bus profile (heartbeat: slowest_ms)"
@@ -225,7 +225,7 @@ class ControlDenied(HardwareError):
 
 
 class ModeNotReached(HardwareError):
-    """A drive did not report the requested mode or (`not_following`) that it follows its target."""
+    """A drive did not report the requested mode or, if `not_following`, did not report that it follows its target."""
 
     def __init__(
         self, joint: int, wanted: str, actual: str, *, not_following: bool = False
@@ -243,7 +243,7 @@ class ModeNotReached(HardwareError):
 
 
 class DriveFault(HardwareError):
-    """A drive `tripped`, or only reported an error. `code`: error code (CiA 402) of its emergency message."""
+    """A drive tripped or, if not `tripped`, only reported an error; `code` is the CiA 402 code of its emergency."""
 
     def __init__(self, joint: int, code: int, text: str, *, tripped: bool = True) -> None:
         self.joint, self.code = joint, code
@@ -257,7 +257,7 @@ class DriveFault(HardwareError):
 class DriveDropout(DriveFault):
     """A drive left *operation enabled*, or stopped following its target, without a command or an emergency.
 
-    `conditions`: what its statusword states about the cause (`hardware.canopen.cia402.conditions`).
+    `conditions`: what the drive's statusword states about the cause (`hardware.canopen.cia402.conditions`).
     """
 
     def __init__(
@@ -287,7 +287,7 @@ class NodeRestarted(BusError):
 
 
 class SensorFault(HardwareError):
-    """A joint's reading has been wrong since `since_sync` (if known): it jumped, or (`stuck`) does not change."""
+    """A joint's reading has been wrong since `since_sync` (if known): it jumped or, if `stuck`, does not change."""
 
     def __init__(
         self, joint: int, text: str, since_sync: int | None = None, *, stuck: bool = False
@@ -297,7 +297,7 @@ class SensorFault(HardwareError):
 
 
 class DriveDiverged(SensorFault):
-    """Uncommanded motion: a joint left its target, or (`stopped`) moved after a stop; its drive reports no fault."""
+    """Uncommanded motion: a joint left its target or, if `stopped`, moved after a stop; its drive reports no fault."""
 
     def __init__(
         self,
@@ -367,7 +367,7 @@ class CommandRefused(HardwareError):
 
 
 class DriveNotReady(CommandRefused):
-    """A drive is in a `state` that a command does not permit; other drives may have been commanded.
+    """A drive is in a `state` in which a command is not permitted; other drives may have been commanded.
 
     `failed`: what could not be done; `conditions` as in `DriveDropout`.
     """

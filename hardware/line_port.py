@@ -31,7 +31,7 @@ CHUNK_BYTES = 64 * 1024
 KEPT_BYTES = 1024 * 1024
 """Largest number of bytes that are buffered; if more arrive unread, all are dropped."""
 IN_TRANSIT = 16 * 1024 * 1024
-"""Largest number of bytes that a connection buffers; bytes beyond it were sent after the question."""
+"""Largest number of bytes that a connection buffers; bytes beyond that number were sent after `forget` began."""
 
 
 class LineStream:
@@ -57,7 +57,7 @@ class LineStream:
             self._drop()
 
     def line(self, wait_s: float, name: str) -> str | None:
-        """Return the next whole line; None on time-out. At end of file, `EOFError` with the last discarded line."""
+        """Return the next whole line, None on time-out; raise `EOFError` with the last discarded line at the end."""
         with self._news:
             self._news.wait_for(
                 lambda: self._ended or self._unended >= LONGEST or b"\n" in self._came, wait_s
@@ -138,9 +138,9 @@ FILE_POLL_S = 0.05
 
 
 class LinePort(ABC):
-    """Source of an instrument's lines; `name` as in the option ``--tracker``.
+    """Source of an instrument's lines; `name` is the value of the option ``--tracker``.
 
-    Calls come from one thread; errors are `InstrumentError`.
+    All calls must come from one thread; they raise `InstrumentError` on failure.
     """
 
     def __init__(self, name: str) -> None:
@@ -159,7 +159,7 @@ class LinePort(ABC):
         """Return the next whole line since `ask`; None if there is none within `wait_s`."""
 
     def close(self) -> None:  # noqa: B027 - most have nothing to close
-        """Close. May be called twice."""
+        """Close the source. May be called twice."""
 
 
 class CalledLines(LinePort):
@@ -287,7 +287,7 @@ class GrowingFile(LinePort):
         return header.decode(errors="replace").strip("\r\n\ufeff")
 
     def ask(self, question: str) -> None:
-        """Make `line` start at the present end of the file or, if the row there is incomplete, after that row."""
+        """Make `line` start at the present end of the file or, if the last row is incomplete, after that row."""
         self._at = self._size()
         self._skip_next = False
         if self._at:

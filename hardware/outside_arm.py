@@ -40,7 +40,7 @@ from hardware.monitors.admission import admit_move
 
 
 class OutsideArm:
-    """An `ArmInterface` that wraps the arm returned by `make`, which `connect` calls.
+    """An `ArmInterface` that wraps the arm of another package; `connect` calls `make` to make that arm.
 
     The ranges and speeds of the joints in `description` are the limits. `keeps_parameters`: whether the arm stores a
     parameter document, according to its `ArmOffer`. `record_to`: file to record the next connection to, or None.
@@ -112,7 +112,7 @@ class OutsideArm:
         self._in_control = True
 
     def set_modes(self, modes: Sequence[JointMode]) -> None:
-        """Set one mode per joint and check that the arm reports them."""
+        """Set one mode per joint and check that the arm reports these modes."""
         if len(modes) != len(self._limits):
             raise ValueError(f"{len(self._limits)} joints need one mode each, not {len(modes)}")
         self._require_no_stop()
@@ -240,9 +240,9 @@ class OutsideArm:
 
     @contextmanager
     def _command(self, own: Sequence[BaseException] = ()) -> Iterator[None]:
-        """Refuse a command while STOP is latched, and translate its errors except those in `own`.
+        """Refuse a command while STOP is latched; translate the command's errors, except those in `own`.
 
-        If STOP is pressed during the command, which may undo it, send STOP once more and raise `StopLatched`.
+        If STOP is pressed during the command, the command may undo it: send STOP once more and raise `StopLatched`.
         """
         self._require_no_stop()
         try:

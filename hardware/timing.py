@@ -46,8 +46,8 @@ class Timing:
     """Time-out of a joint's answer to SYNC, by pace; longer in fast forward, where waiting takes no simulated time."""
     min_misses: int = 3
     lost_after_s: float = 1.0
-    """A joint is lost once it has not answered `min_misses` consecutive SYNCs and has been silent for this time, s.
-    Until then a move waits."""
+    """A joint is lost once it has missed `min_misses` consecutive SYNCs and has been silent for this time, s. Until
+    then a move waits for its answers."""
     idle_poll_s: float = 0.002
     """First wait for a task when the loop is idle; later waits are longer."""
     speed: float = 1.0
@@ -118,12 +118,12 @@ class LatencyMonitor:
     """Accumulates host latency; the receiving thread calls it for every poll of the bus.
 
     On a busy computer the receiving thread may be suspended for a second while frames wait in a queue. That time does
-    not count as silence of the arm, and a frame's age counts from its arrival, as stamped by the stamping clock. That
-    clock may be stepped during operation, so a frame's age is limited to the time since the queue was last empty. A
+    not count as silence of the arm, and a frame's age counts from the time of arrival in its stamp. The stamping clock
+    may be set during operation, so a frame's age is limited to the time since the queue was last empty. A
     frame without a usable stamp counts as having arrived when it is read.
 
-    `clock` returns monotonic time, `stamps` the time of the clock that stamps frames, s; `stamps` is None if that clock
-    is not this computer's. `arm_waits`: whether simulated time stops while the host is busy
+    `clock` returns monotonic time, s; `stamps` returns the time, s, of the clock that stamps frames, and is None if
+    that clock is not this computer's. `arm_waits`: whether simulated time stops while the host is busy
     (`Pace.FAST_FORWARD`), so that there is no latency.
     """
 

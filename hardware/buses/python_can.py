@@ -1,4 +1,4 @@
-"""Settings of a CAN bus and of its arm; opens the bus through python-can.
+"""Settings of a CAN bus and of its arm, and functions that open the bus through python-can.
 
 Settings use python-can's names and sources, in order of precedence: command-line options (``-i/--interface -c/--channel
 -b/--bitrate``), the environment (``CAN_INTERFACE``, ``CAN_CHANNEL``, ``CAN_BITRATE``, ``CAN_CONFIG``) and ``can.conf``;
@@ -195,7 +195,7 @@ def _open(settings: BusSettings, extra: dict[str, Any]) -> can.BusABC:
 
 
 def _named_in(settings: BusSettings) -> str:
-    """Return a sentence that names the file that sets the interface; empty if no file does."""
+    """Return a sentence on the file that names the interface; empty if no file does."""
     if not settings.named_in:
         return ""
     return f" The interface {settings.interface} is named in {settings.named_in}."

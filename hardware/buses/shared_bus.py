@@ -27,7 +27,7 @@ _WRITE_ERRORS = (OSError, ValueError, struct.error)
 
 
 class Recording:
-    """Writes frames to a file in the order of their time stamps; any thread may call.
+    """Writes frames to a file in the order of their time stamps; its methods may be called from any thread.
 
     A received frame may have waited in a queue, so each frame is held back until `REORDER_S` after its stamp. The
     format is that of the suffix of `path` (``.blf``, ``.asc``, ``.log``, ...). An existing file is kept, and a numbered

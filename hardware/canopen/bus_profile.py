@@ -33,14 +33,14 @@ DEFAULT_ENABLING_TIMEOUT_S: Final = 0.5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PdoKind:
-    """RPDOs or TPDOs of a drive; the indices and the identifier are those of the first PDO."""
+    """RPDOs or TPDOs of a drive; `communication`, `mapping` and `cob_id` are those of the first PDO."""
 
     name: str
     communication: int
     mapping: int
     cob_id: int
     transmission_types: tuple[int, ...]
-    """Transmission types allowed; a drive is set to the last."""
+    """Transmission types allowed; a drive with another type is set to the last of them."""
     transmission: str
     carried: tuple[int, ...]
     """Objects that the PDOs of a joint carry together."""
@@ -99,7 +99,7 @@ class JointProfile:
     zero_counts: int = 0
     """Value of 6064h (actual position) at sensor coordinate 0."""
     rated_torque_nm: float | None = None
-    """Torque that 6077h reports as 1000 per mille; None: it is read from 6076h (rated torque)."""
+    """Torque that 6077h reports as 1000 per mille; if None, it is read from 6076h (rated torque)."""
 
     @property
     def pdos(self) -> tuple[tuple[PdoKind, tuple[Pdo, ...]], ...]:
@@ -156,7 +156,7 @@ class BusProfile:
         return device_type & self.device_type_mask == self.device_type & self.device_type_mask
 
     def mode_of(self, code: int) -> JointMode | None:
-        """Return the joint mode of a 6061h value; None if it is neither position nor free."""
+        """Return the joint mode of a 6061h value; None if the value stands for neither position nor free."""
         return next((mode for mode, known in self.mode_codes.items() if known == code), None)
 
     def who(self, node: int) -> str:
@@ -166,7 +166,7 @@ class BusProfile:
 
 
 def format_map(entries: Iterable[Entry]) -> str:
-    """Format a PDO map: ``6041h(16) + 6064h(32)``."""
+    """Format a PDO map, e.g. ``6041h(16) + 6064h(32)``."""
     return " + ".join(map(format_entry, entries)) or "nothing"
 
 

@@ -93,7 +93,7 @@ class TargetState(Enum):
     DISABLED = "disabled"
     """*Switch on disabled*; a fault stays a fault."""
     ENABLED = "enabled"
-    """*Operation enabled*; never resets a fault."""
+    """*Operation enabled*; a fault is not reset."""
     STOPPED = "stopped"
     """Quick stop."""
     FAULT_CLEARED = "fault cleared"
@@ -190,9 +190,9 @@ _SERVO_BITS: Final = (
 
 
 def conditions(status: int) -> str:
-    """Return the bits of a statusword that explain why its drive is disabled or does not follow.
+    """Return the bits of a statusword that explain why the drive is disabled or does not follow.
 
-    The text is in parentheses, with a leading space; empty if no bit explains it.
+    The result is text in parentheses with a leading space; it is empty if no bit is an explanation.
     """
     enabled = state_of(status) is DriveState.OPERATION_ENABLED
     stated = [

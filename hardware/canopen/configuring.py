@@ -71,7 +71,7 @@ def zero_residual_torques(access: ObjectAccess, profile: BusProfile) -> Iterator
     """Require that no drive adds a torque or an offset to its commands.
 
     If the profile configures drives, objects that are not 0 are set to 0: yields one sentence for each, or raises
-    `ZeroingFailed` if a drive refuses. Otherwise raises `MappingMismatch`, which names every object that is not 0.
+    `ZeroingFailed` if a drive refuses. Otherwise raises `MappingMismatch` if any object is not 0, and names them.
     """
     nonzero = [each for joint in profile.joints for each in _nonzero_objects(access, joint)]
     if nonzero and not profile.configures_pdos:
@@ -128,7 +128,7 @@ def plan_changes(access: ObjectAccess, profile: BusProfile) -> tuple[PdoChange, 
 def _change(
     access: ObjectAccess, profile: BusProfile, node: int, kind: PdoKind, pdo: Pdo
 ) -> PdoChange | str | None:
-    """Return the change that sets up a PDO; None if unnecessary, a sentence if the PDO is absent."""
+    """Return the change that sets up a PDO; None if no change is needed, a sentence if the PDO is absent."""
     communication, mapping = kind.records(pdo.number)
     cob_id = maps.read_number(access, node, communication, 1)
     entries = maps.read_map(access, node, mapping)

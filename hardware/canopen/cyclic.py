@@ -23,7 +23,7 @@ _LETTERS: Final = {8: "b", 16: "h", 32: "i", 64: "q"}
 _UNSIGNED: Final = (*FEEDBACK_OBJECTS[:1], CONTROLWORD)
 
 MAX_LATE_SYNCS: Final = 100
-"""Upper limit of `Sample.overdue`: age, SYNCs, of answers that a busy computer delivers late."""
+"""Upper limit of `Sample.overdue`: largest age, in SYNCs, of answers that a busy computer delivers late."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +52,7 @@ class Sample:
     missing: tuple[int, ...] = ()
     """Joints that did not answer this SYNC in time, or answered twice."""
     overdue: tuple[int, ...] = ()
-    """Number of earlier SYNCs that each joint has not answered, i.e. the largest age of its values. Empty: all 0."""
+    """Number of earlier SYNCs that each joint has not answered: the largest age of its values. If empty, all are 0."""
 
     @property
     def complete(self) -> bool:

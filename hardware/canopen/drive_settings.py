@@ -174,7 +174,7 @@ def check_operator_monitoring(access: ObjectAccess, profile: BusProfile) -> tupl
     """Check that drives monitor the operator's heartbeat (1016h).
 
     Returns the joints whose drives have no 1016h, or take no action after the time-out (6007h = 0). Raises
-    `MappingMismatch` for drives whose 1016h has no time-out for that heartbeat, or one above the limit.
+    `MappingMismatch` for drives whose 1016h has no time-out for that heartbeat, or a time-out above the limit.
     """
     differences = {node: operator_monitoring_differences(access, node) for node in profile.drives}
     if wrong := [text for texts in differences.values() for text in texts or ()]:

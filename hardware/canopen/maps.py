@@ -145,7 +145,7 @@ def read_records(access: ObjectAccess, node: int, kind: PdoKind) -> Iterator[tup
 def conflicting_pdos(
     access: ObjectAccess, node: int, profile: BusProfile, joint: JointProfile
 ) -> Iterator[tuple[PdoKind, int, int]]:
-    """Yield valid PDOs that the profile does not use, but whose identifiers other frames of the arm have.
+    """Yield the valid PDOs that the profile does not use and that have the identifier of another frame of the arm.
 
     A drive with such a PDO could obey another drive's commands. Each is yielded as kind, number and COB-ID.
     """
@@ -205,7 +205,7 @@ def read_number(access: ObjectAccess, node: int, index: int, sub: int) -> int | 
 def read_if_present(
     read: Callable[[int, int, int], Value], node: int, index: int, sub: int = 0
 ) -> Value | None:
-    """Return what `read` returns; None if the node refuses because it lacks the object (`_NO_INDEX`)."""
+    """Return what `read` returns; None if the node refuses as for an object that it lacks (`ABSENT`, `_NO_INDEX`)."""
     try:
         return read(node, index, sub)
     except SdoRefused as refusal:

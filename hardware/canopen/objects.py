@@ -80,7 +80,7 @@ CONTROL_PERIOD_S: Final = 0.01
 # ---- PDOs --------------------------------------------------------------------------------------
 TPDO_EVERY_SYNC: Final = 1
 EMCY: Final = struct.Struct("<HB5s")
-"""Error code, error register 1001h, five bytes of the maker (unused here)."""
+"""Layout of an emergency message: error code, error register 1001h, five bytes of the maker (unused here)."""
 
 # ---- CiA 301 objects ---------------------------------------------------------------------------
 DEVICE_TYPE: Final = 0x1000
@@ -234,7 +234,7 @@ class EmergencyCode(IntEnum):
     text: str
 
     def __new__(cls, code: int, text: str) -> Self:
-        """Return the member of a code."""
+        """Return the member with this code and text."""
         member = int.__new__(cls, code)
         member._value_, member.text = code, text
         return member

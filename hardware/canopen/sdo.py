@@ -38,7 +38,7 @@ refused; if 10 % are lost, every connection is."""
 MAX_OBJECT_BYTES, MAX_DOCUMENT_BYTES = 4096, 256 * 1024
 """Largest number of bytes read from an object, and from a parameter document (2000h)."""
 MIN_READ_BYTES_PER_S = 1000.0
-"""A read ends after the time that its largest number of bytes takes at this rate, plus one answer's time-out."""
+"""A read ends after the time that `max_bytes` bytes take at this rate, plus the time-out of one answer."""
 UNIQUENESS_REQUESTS, DUPLICATE_FRACTION = 20, 0.75
 """Number of test requests to a node. If at least the fraction DUPLICATE_FRACTION is answered twice, two devices have
 the node's number. If every tenth frame is doubled in each direction, a single device reaches this fraction with a

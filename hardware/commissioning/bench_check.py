@@ -1,4 +1,4 @@
-"""Acceptance check of an arm on the bench in a safe order; asks before anything moves.
+"""Acceptance check of an arm on the bench, in a safe order; the check asks before anything moves.
 
 Requirements are in `clauses` and `checks`. A failure in the read-only stage `look` ends the check after that stage; a
 failure in a later stage ends the check at once.
@@ -36,15 +36,15 @@ class Stage(Enum):
     LOOK = "look"
     """No drive is enabled."""
     HOLD = "hold"
-    """Drives on without motion; commands that must be refused; STOP."""
+    """Drives are enabled without motion; commands are sent that must be refused; STOP is tested."""
     MOVE = "move"
-    """One joint at a time, there and back: halted, interrupted and stopped on the way."""
+    """One joint at a time moves to a target and back; it is halted, interrupted and stopped on the way."""
     FREE = "free"
-    """One joint at a time in free mode."""
+    """One joint at a time is set to free mode."""
     LEAVE = "leave"
     """The arm is released as at the end of a session, and connected again."""
     SILENCE = "silence"
-    """Loss of the operator's heartbeat, as when this program is killed."""
+    """The operator's heartbeat is ended, as when this program is killed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

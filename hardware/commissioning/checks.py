@@ -46,7 +46,7 @@ ENOUGH: Final = "that is enough"
 
 @dataclass(slots=True)
 class MidwayWatch:
-    """A watch that calls `act` one time, when the joint has moved by `after_rad` (to `at_rad`)."""
+    """A watch that calls `act` once, when the joint has moved by `after_rad`; `at_rad` is the joint's position then."""
 
     joint: int
     after_rad: float
@@ -111,7 +111,7 @@ def goes(turn: Turn) -> Iterator[Clause]:
 
 
 def halts(turn: Turn) -> Iterator[Clause]:
-    """Check that a watch ends the move with its reason."""
+    """Check that a watch ends the move, and that the move returns the reason given by the watch."""
     watch = turn.midway_watch(lambda: ENOUGH)
     outcome = turn.go(watch)
     halted = not outcome.reached and outcome.reason == ENOUGH
@@ -211,7 +211,7 @@ def drive_settings(facts: Sequence[DriveFacts]) -> Iterator[Clause]:
 
 
 def _guard(drive: DriveFacts) -> Clause:
-    """Check a drive's operator time-out; undecided between the advised limit and the limit of a run."""
+    """Check a drive's operator time-out; the clause is undecided between the advised limit and the limit of a run."""
     guard = drive.operator_timeout_s
     if guard is None:
         text = "1016h: the drive does not monitor this program's heartbeat, and keeps moving if this program dies"

@@ -1,6 +1,6 @@
 """Requirements on any arm at rest, each tested by one function.
 
-Used by `sarcal arm-check` and by the contract test for arms of other packages (`sarcal.arm_contract`).
+`sarcal arm-check` and the contract test for arms of other packages (`sarcal.arm_contract`) use these functions.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ BENCH: Final = Bounds(samples=100, still_rad=math.radians(0.1), near_rad=math.ra
 
 
 def nothing_wrong(name: str, wrong: str, otherwise: str) -> Clause:
-    """Return the result of a check: failed with the text `wrong`, or passed if `wrong` is empty."""
+    """Return the result of a check: failed with text `wrong` or, if `wrong` is empty, passed with text `otherwise`."""
     return Clause(name, not wrong, wrong or otherwise)
 
 

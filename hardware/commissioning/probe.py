@@ -33,7 +33,7 @@ from hardware.errors import BusError, HardwareError, SdoRefused
 from hardware.monitors.node_monitor import describe_master_frame
 
 LISTEN_S: Final = 1.2
-"""Time in which an operator sends several heartbeats, and the slowest node allowed sends one."""
+"""Time in which an operator sends several heartbeats, and the slowest allowed node sends one heartbeat."""
 ANSWERS_S: Final = 0.6
 NODES: Final = range(1, 127)
 MAX_NAMED: Final = 6

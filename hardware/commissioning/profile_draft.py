@@ -37,7 +37,7 @@ def draft(nodes: Sequence[FoundNode], *, name: str, configure: bool = False) -> 
     """Return a profile of the drives among `nodes`, in the same order; `DraftRefused` if none is possible.
 
     The profile uses the drives' current PDOs. With `configure` it uses new PDO maps, filled with the objects needed,
-    and CiA 301's identifiers, to be written into the drives at every connection.
+    and CiA 301's identifiers; both are written into the drives at every connection.
     """
     drives = [node for node in nodes if node.drive]
     if not drives:

@@ -70,7 +70,7 @@ class CanopenArm(ConnectableArm):
     def set_modes(self, modes: Sequence[JointMode]) -> None:
         """Set one mode per joint; return when 6061h of every drive confirms it.
 
-        Raises `ModeNotReached` for the first joint whose drive does not confirm its mode or follow its target.
+        Raises `ModeNotReached` for the first joint whose drive does not report the mode, or that it follows its target.
         """
         if len(modes) != self.joints:
             raise ValueError(f"{self.joints} joints need one mode each, not {len(modes)}")
@@ -177,7 +177,7 @@ class CanopenArm(ConnectableArm):
         return uploading.upload(link, document)
 
     def active_parameters(self) -> bytes:
-        """Read the controller's active parameter document; empty if there is none, or no supervisor."""
+        """Read the controller's active parameter document; empty if there is no document or no supervisor."""
         supervisor = self._link.profile.supervisor
         if supervisor is None:
             return b""
@@ -195,7 +195,7 @@ class CanopenArm(ConnectableArm):
 
     @staticmethod
     def _raise_for_drives(link: Connection, joints: tuple[int, ...], required: str) -> None:
-        """Raise an error for the first of `joints`, which could not be brought into the `required` state."""
+        """Raise an error for the first of `joints`, all of which could not be brought into the `required` state."""
         for joint in joints:
             status = link.loop.sample.statuswords[joint - 1]
             state = state_of(status)

@@ -1,4 +1,4 @@
-"""Opens at most one connection to an arm, and releases the arm: holds it, and switches its drives off.
+"""Opens at most one connection to an arm, and releases the arm, i.e. holds it and switches its drives off.
 
 STOP reaches the arm at any moment, also while connecting and closing. A release relies only on what the drives
 report: a drive may ignore a command.
@@ -86,7 +86,7 @@ class ConnectableArm:
         self._takes_over = True
 
     def connect(self) -> ArmIdentity:
-        """Find the nodes, check that they are the expected arm, start heartbeats and SYNC.
+        """Find the nodes, check that they are the expected arm, and start heartbeats and SYNC.
 
         A STOP latched before the call remains latched; a STOP pressed during the call cancels the connection.
         After an error, the connection is closed again.
@@ -109,7 +109,7 @@ class ConnectableArm:
             self._connecting, self._opening = False, None
 
     def close(self) -> bool:
-        """Hold the arm, switch its drives off, release control, end heartbeats and recording.
+        """Hold the arm, switch its drives off, release control, and end heartbeats and recording.
 
         May be called twice, by any thread. Returns false if the arm did not answer or a drive still follows commands.
         """
@@ -128,8 +128,8 @@ class ConnectableArm:
     def stop(self) -> None:
         """Send quick stop to all drives and latch STOP. May be called from any thread; waits for no lock and no queue.
 
-        Also ends a connection attempt. Raises `BusError` if no arm is connected, or if a frame could not be sent; all
-        other frames were sent.
+        STOP also ends a connection attempt. Raises `BusError` if no arm is connected, or if a frame could not be sent;
+        all other frames were sent.
         """
         # In this order: a connection is `_opening` until it is `_connection`.
         connecting, link = self._connecting, self._opening or self._connection
@@ -161,7 +161,7 @@ class ConnectableArm:
         return Connection(self.on_bus, record_to=record_to, latch=self._latch, clock=self._clock)
 
     def _release(self, link: Connection) -> None:
-        """Have the arm hold, switch its drives off, verify that, release the token and end the connection."""
+        """Hold the arm, switch its drives off, check that they are off, release the token and end the connection."""
         try:
             if not link.in_control:
                 # An earlier or another program may have left drives with power.
@@ -196,7 +196,7 @@ def release_arm(loop: ControlLoop) -> Sample | None:
     if not loop.latch.latched:
         ignored += (errors.Stopped,)
     try:
-        with contextlib.suppress(errors.Stopped):  # by the latch: only quick stop is sent then
+        with contextlib.suppress(errors.Stopped):  # for the latch: then only quick stop is sent
             if loop.commands is not None:
                 loop.run(motion_steps.hold_all(loop), despite=ignored)
             loop.run(motion_steps.drive_to(loop, TargetState.DISABLED), despite=ignored)

@@ -37,7 +37,7 @@ from hardware.monitors.dropout import Dropout
 from hardware.monitors.joint_monitor import ENCODER_COUNTS, RVDT_COUNTS, JointMonitor, stop_error
 
 POSITION_RECHECKS: Final = 3
-"""Number of further comparisons if positions by PDO and SDO differ although the maps agree."""
+"""Number of further comparisons if the positions read by PDO and by SDO differ although the maps agree."""
 
 
 class Connection:
@@ -60,7 +60,7 @@ class Connection:
         self.modes: tuple[JointMode | None, ...] = (None,) * len(profile.joints)
         """6061h of each drive as last read; None if it is neither position nor free."""
         self.token = 0
-        """Holder of the control token as last read or written; OPERATOR_NODE may also be an earlier operator."""
+        """Holder of the control token as last read or written; OPERATOR_NODE may also stand for an earlier operator."""
         self.in_control = self.took_control = False
         """Whether this program is in control now, and whether it was at any time in this connection."""
         self._late_before_control = 0
@@ -175,8 +175,8 @@ class Connection:
     def may_repeat(self, error: errors.HardwareError) -> bool:
         """Whether to repeat a step after this error.
 
-        False if the arm is silent, or if control lapsed for a reason other than host latency; after host latency,
-        control is requested again.
+        The result is false if the arm is silent, or if control lapsed for a reason other than host latency. If control
+        lapsed because of host latency, control is requested again.
         """
         if self.is_lost():
             return False

@@ -34,7 +34,7 @@ SWITCH_INTERVAL_S = 0.0005
 FRAMES_AT_A_TIME = 200
 """Limit of the frames handled in a row, so that SYNC is not delayed on a bus where a frame is always waiting."""
 MAX_SAMPLE_AGE_S = 0.1
-"""A sample older than this is taken again before the next command. Without host latency it is a few ms old."""
+"""A sample older than this is taken again before the next command. Without host latency, samples are a few ms old."""
 IDLE_GROWTH, MAX_IDLE_POLL_S = 1.1, 0.02
 """A new task does not wake the loop while the loop waits for a frame. Each idle wait is a tenth longer than the last,
 up to MAX_IDLE_POLL_S, so that a task waits for at most about a tenth of the preceding idle time."""
@@ -119,7 +119,7 @@ class ControlLoop:
             self._thread.join(5.0)
 
     def run(self, steps: Steps[Result], *, despite: tuple[type[HardwareError], ...] = ()) -> Result:
-        """Run steps and return their result, or raise the error that ended them; not for the loop's own thread.
+        """Run steps for a caller in another thread; return their result, or raise the error that ended them.
 
         Alarms of the types in `despite` are ignored. On Ctrl-C the arm is first brought to rest.
         """

@@ -44,7 +44,7 @@ STANDSTILL_SYNCS = 10
 """A move waits during incomplete samples. After this many in a row it starts again from rest; after fewer, as when
 single frames are lost, it continues at its speed."""
 ARRIVAL_SYNCS = 200
-"""SYNCs after the last target of a move for its joints to arrive; a joint that does not follow is detected sooner."""
+"""SYNCs allowed for joints to arrive after the last target of a move; failure to follow is detected sooner."""
 TRANSITION_SYNCS = 50
 """SYNCs allowed for a drive to pass through its whole state machine."""
 MODE_SYNCS = 5
@@ -112,7 +112,7 @@ def drive_to(
 
 
 def reset(loop: ControlLoop, *, press: object | None) -> Steps[tuple[int, ...]]:
-    """Release this press of STOP and clear drive faults; return the joints not disabled in time.
+    """Release `press` of STOP and clear drive faults; return the joints whose drives were not disabled in time.
 
     Raises `Stopped`, and changes nothing, if STOP was pressed after `press`.
     """
@@ -162,7 +162,7 @@ def move(
     """Move joints along a straight line in joint space, so that all arrive together.
 
     The move waits while samples are incomplete, and at its end for the joints to arrive. A non-empty result of `watch`
-    ends the move, as its reason. On an alarm other than STOP, the joints first come to rest along the line, then the
+    ends the move and is its reason. On an alarm other than STOP, the joints first come to rest along the line, then the
     alarm is raised; if a drive trips, all others hold their positions.
     """
     loop, scales = link.loop, link.scales
@@ -224,7 +224,7 @@ def move(
 
 
 def _arrive(link: Connection) -> Steps[str]:
-    """Wait for the joints in position mode to reach their targets; return why one does not, or empty."""
+    """Wait for the joints in position mode to reach their targets; return why one does not; empty if all do."""
     loop, commands = link.loop, _last_commands(link.loop)
     away = loop.watch.following.away(loop.sample, commands)
     for _ in range(ARRIVAL_SYNCS):
@@ -251,7 +251,7 @@ def incomplete_samples(sample: Sample) -> errors.BusError:
 def hold_all(loop: ControlLoop) -> Steps[None]:
     """Put all joints into position mode: free joints at their positions, the others at their last targets.
 
-    A joint that answers none of `HOLD_SYNCS` SYNCs stays free: to hold an old position, it would jump.
+    A joint that answers none of `HOLD_SYNCS` SYNCs stays free, because it would jump to an old position.
     """
     sample = yield None
     for _ in range(HOLD_SYNCS):

@@ -36,7 +36,7 @@ class CommandSender:
         self._sent: list[Setpoint | None] = [None] * len(self._frames)
 
     def send(self, commands: Setpoints, sync_count: int, *, moving: bool) -> None:
-        """Send changed commands; also repeat one command, each joint's in turn, since a frame may have been lost."""
+        """Send changed commands; also repeat the command of one joint, in turn, since a frame may have been lost."""
         repeated = sync_count % len(self._frames)
         dropout = self._watch.dropout
         for joint, joint_command in enumerate(commands):
@@ -75,8 +75,8 @@ class CommandSender:
 DUPLICATE_SYNCS = 10
 """Number of surplus answers that show two devices with the node number of a joint; fewer may be doubled frames."""
 SURPLUS_DECAY = 0.75
-"""Reduction of that number by a sample with one answer. A second device that answers every other SYNC is found after
-0.8 s; with 10 % of all frames doubled, a joint has one false alarm in thousands of hours."""
+"""Reduction of the number of surplus answers by a sample with one answer. A second device that answers every other SYNC
+is found after 0.8 s; with 10 % of all frames doubled, a joint has one false alarm in thousands of hours."""
 
 SPEED_SYNCS = 5
 """Speeds are means over this many control periods."""
@@ -128,13 +128,13 @@ class Sampler:
         self.waiting = 0
         """Number of joints whose answer to the current SYNC is still expected."""
         self.answered_late = False
-        """Whether a joint answered after the previous sample closed: this one may hold answers to an earlier SYNC."""
+        """Whether a joint answered after the previous sample closed: that sample may hold answers to earlier SYNCs."""
 
     def open(self) -> None:
         """Begin a sample, just before its SYNC is sent."""
         self.answered_late = self._received != self._closed
-        # A second answer may come after its sample was closed, or after the next SYNC, and then counts in that sample.
-        # So the surplus of answers is accumulated, and reduced for each sample with one answer.
+        # A second answer may come after its sample was closed and, if it comes after the next SYNC, counts in the next
+        # sample. So the surplus of answers is accumulated, and reduced for each sample with one answer.
         for at, received in enumerate(self._received):
             answers = max(received)
             # A delayed node delivers overdue answers later, all at once or one by one: they are no surplus.

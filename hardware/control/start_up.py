@@ -36,7 +36,7 @@ from hardware.monitors.node_monitor import NMT_NAMES, nmt_state_name
 from hardware.timing import Pace
 
 MARGIN: Final = 1.5
-"""Factor on a stated time-out, for reaction time and late answers."""
+"""Factor by which a stated time-out is extended, for reaction time and late answers."""
 POLLS: Final = 10
 """Number of readings of the drives' states within `Timing.operator_timeout_s`."""
 
@@ -116,7 +116,7 @@ class StartUp:
         )
         loop.nodes.boot_expected = False
         if missing and not profile.configures_pdos:
-            # The present nodes may show that the arm is set up differently: report both.
+            # The present nodes may show a different set-up: report it together with the missing nodes.
             check_mapping(access, profile, missing)
         self._require(missing, NmtCommand.RESET_COMMUNICATION)
         identity = identifying.read_identity(access, profile, self._link.on_bus.description)
@@ -184,7 +184,7 @@ class StartUp:
         self._link.found_powered = {profile.joint_of[n]: state for n, state in enabled.items()}
 
     def _listen(self, for_s: float) -> None:
-        """Listen for `for_s` s; raise an error on hearing another operator or master."""
+        """Listen for `for_s` s; raise an error if another operator or master is heard."""
         nodes = self._loop.nodes
         if nodes.wait_for(lambda: nodes.other_operator_at_s is not None, for_s):
             raise errors.ControlDenied(objects.OPERATOR_NODE)
@@ -239,7 +239,7 @@ class StartUp:
         return unwatching
 
     def _raise_if_cancelled(self) -> None:
-        """Raise if STOP was pressed since the start-up began, or the control loop has ended."""
+        """Raise an error if STOP was pressed since the start-up began, or if the control loop has failed."""
         failure = self._loop.failure
         if failure is not None:
             raise failure
@@ -266,7 +266,7 @@ class StartUp:
         return missing
 
     def _require(self, missing: tuple[int, ...], command: NmtCommand) -> None:
-        """Raise an error for nodes that have not complied with an NMT command: `NodeMissing` if they do not answer."""
+        """Raise `NodeMissing` or `NodeNotStarted` for the `missing` nodes, which have not complied with `command`."""
         nodes = self._loop.nodes
         answering = _read_all(self._access, [(node, objects.DEVICE_TYPE) for node in missing])
         self._raise_if_cancelled()

@@ -27,7 +27,7 @@ class _Press:
 class StopLatch:
     """Latch of STOP, which outlives a connection. A reset releases only the press given to `release`.
 
-    Lock-free: pressing and releasing write one attribute each, so that no press is lost.
+    It has no lock: pressing and releasing write one attribute each, so that no press is lost.
     """
 
     def __init__(self) -> None:
@@ -64,9 +64,9 @@ class StopLatch:
 class StopLine:
     """Sends quick stop to all drives.
 
-    `bus` is a handle used for STOP only; `close` shuts it down. None if the adapter can be opened only once: STOP then
-    uses the shared handle without taking its lock. The shared bus `spare` sends the frames that `bus` does not accept,
-    and records all frames that are sent.
+    `bus` is a handle used for STOP only; `close` shuts it down. If the adapter can be opened only once, `bus` is None,
+    and STOP uses the shared handle without taking its lock. The shared bus `spare` sends the frames that `bus` does not
+    accept, and records all frames that are sent.
     """
 
     def __init__(

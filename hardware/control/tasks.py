@@ -1,8 +1,8 @@
 """Steps that the control loop runs for a caller in another thread, and their result.
 
 The loop takes no lock that Ctrl-C in the caller's thread can leave locked: conditions and futures have such locks;
-`TimedQueue`, based on a queue in C, has none. `Thread.is_alive` is not used either: up to Python 3.12, Ctrl-C in it can
-make it return false from then on.
+`TimedQueue`, based on a queue in C, has none. `Thread.is_alive` is not used either: up to Python 3.12, Ctrl-C during a
+call can make all later calls return false.
 """
 
 from __future__ import annotations

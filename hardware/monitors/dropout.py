@@ -35,7 +35,7 @@ NOT_FOLLOWING_SYNCS: Final = 50
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Dropout:
-    """Uncommanded `status` of a drive; *operation enabled* means that the drive stopped following."""
+    """Uncommanded `status` of a drive; if its state is *operation enabled*, the drive has stopped following."""
 
     joint: int
     status: int
@@ -60,7 +60,7 @@ class Dropout:
 
 @dataclass(slots=True)
 class _Joint:
-    """Number of SYNCs, since the command to enable, with the drive in each condition."""
+    """Number of SYNCs since the command to enable, by condition of the drive."""
 
     enabled_syncs: int = 0
     disabled_syncs: int = 0
@@ -107,7 +107,7 @@ class DropoutMonitor:
     def command(self, joint: int, command: Setpoint) -> Setpoint | None:
         """Return the command to send to a joint: after a dropout, one that does not enable the drive.
 
-        None (send nothing) while a dropout of this joint is suspected: a command might enable the drive again.
+        The result is None (send nothing) while a dropout of this joint is suspected: a command might enable the drive.
         """
         if command.controlword != CONTROLWORD_ENABLE_OPERATION:
             return command

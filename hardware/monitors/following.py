@@ -31,7 +31,7 @@ LAG_SYNCS: Final = 20
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Divergence:
-    """A joint that is `counts` from its target or (`stopped`) rest position, since SYNC `sync_count`.
+    """A joint that, since SYNC `sync_count`, is `counts` from its target or, if `stopped`, from its rest position.
 
     `angle_rad` is the same distance as an angle; None if it is not computed yet.
     """
@@ -46,8 +46,8 @@ class Divergence:
 class FollowingMonitor:
     """Compares samples with commands; `windows_counts` has each joint's window (empty: no check).
 
-    A joint must stay within its window of the range of its latest targets: those of `LAG_SYNCS` SYNCs, plus one for
-    each SYNC that the joint has not answered yet.
+    A joint may leave the range of its latest targets by no more than its window. The latest targets are those of
+    `LAG_SYNCS` SYNCs, plus one more for each SYNC that the joint has not answered yet.
     """
 
     def __init__(self, windows_counts: Sequence[float] = ()) -> None:

@@ -27,11 +27,10 @@ from hardware.monitors.node_monitor import NodeMonitor
 WINDOW_SAMPLES = 6
 """Consecutive samples used; the increment tested is the middle one."""
 ENCODER_COUNTS = 4.0
-"""Jump threshold of encoders at rest. Rounding of the six readings changes the tested value by less than three counts.
-"""
+"""Jump threshold of encoders at rest. Rounding of the six readings changes the tested value by less than 3 counts."""
 RVDT_COUNTS = 64.0
-"""Jump threshold of RVDTs at rest: 1.9 deg with 12 bits over 120 deg. If the noise is two counts, it is 12 sigma of the
-tested value."""
+"""Jump threshold of RVDTs at rest: 1.9 deg with 12 bits over 120 deg. With two counts of noise, the threshold is
+12 sigma of the tested value."""
 COUPLED_FRACTION, COUPLED_NOISE = 0.1, 0.6
 """A real jerk moves another joint by more than COUPLED_FRACTION of the jump plus COUPLED_NOISE of that joint's
 threshold."""
@@ -177,7 +176,7 @@ class JointMonitor:
             if self.divergence is None:
                 angle_rad = divergence.counts / self._counts_per_rad[divergence.joint - 1]
                 self.divergence = replace(divergence, angle_rad=angle_rad)
-            # All of them: the drive of the first may not obey.
+            # All of these joints: the drive of the first may not obey.
             self.switched_off |= {divergence.joint}
         return self.switched_off != before
 
@@ -189,7 +188,7 @@ class JointMonitor:
 
 
 def stop_error(cause: Divergence | None) -> errors.HardwareError:
-    """Return the error for a latched STOP; `cause` is the uncommanded motion behind it, or None."""
+    """Return the error for a latched STOP; `cause` is the uncommanded motion that caused STOP, or None."""
     if cause is None:
         return errors.StopLatched("STOP is latched: reset it before anything moves again")
     return errors.DriveDiverged(

@@ -47,7 +47,7 @@ def nmt_state_name(state: int) -> str:
 
 
 def describe_master_frame(profile: BusProfile, identifier: int, data: bytes) -> str:
-    """Describe a frame that only a master sends, with its identifier; empty for a frame that the nodes send.
+    """Return a text, with the identifier, on a frame that only a master sends; empty for frames that nodes send.
 
     TPDOs of the profile count as frames of the nodes, whatever their identifiers.
     """

@@ -80,7 +80,7 @@ class LinearityDeviation:
         )
 
     def peak_rad(self) -> float:
-        """Return the largest absolute deviation over full scale, rad: at an end, or where the slope vanishes."""
+        """Return the largest absolute deviation over full scale, rad; it lies at an end or where the slope vanishes."""
         series = np.zeros(LEGENDRE_DEGREES[-1] + 1)
         series[list(LEGENDRE_DEGREES)] = self.coefficients_rad
         roots = legendre.legroots(legendre.legder(series)) if np.any(series) else np.zeros(0)
@@ -108,7 +108,7 @@ class JointSensor:
         return 0.0 if self.curve is None else self.curve.deviation_rad(angle_rad - self.zero_rad)
 
     def counts(self, angle_rad: float, standard_normal: float) -> int:
-        """Return the counts at a true angle in sensor coordinates; `standard_normal` scales the noise."""
+        """Return the counts at a true angle in sensor coordinates, with noise `standard_normal` * `noise_counts`."""
         reading = (angle_rad + self.deviation_rad(angle_rad)) / self.resolution_rad
         count = round(reading + self.noise_counts * standard_normal)
         return int(min(max(count, self.lowest_counts), self.highest_counts))
@@ -123,7 +123,7 @@ def converter_ends(joint: Joint, rvdt: Rvdt) -> tuple[int, int]:
 def joint_sensor(
     joint: Joint, *, with_noise: bool, curve: LinearityDeviation | None
 ) -> JointSensor:
-    """Return the sensor of an arm file's joint; `curve` is for an RVDT. `ValueError` without a sensor."""
+    """Return the sensor of an arm file's joint; `curve` is for an RVDT. Raises `ValueError` without a sensor."""
     match joint.sensor:
         case Encoder() as encoder:
             return JointSensor(
@@ -162,7 +162,7 @@ class AxisSettings:
     limits
         Command limits; the speed limit is the overspeed trip level as well.
     max_torque_nm, following_window_counts
-        Trip levels of torque (also the rated torque) and of the following error (6065h).
+        Trip level of torque (also the rated torque), and trip level of the following error (6065h).
     max_speed_counts_per_s; increments, revolutions
         Values of 607Fh and 608Fh.
     sensor_kind, full_scale_microdeg, converter_bits
@@ -170,7 +170,7 @@ class AxisSettings:
     lowest_counts, highest_counts
         Ends of an RVDT's converter, at which the sensor counts as failed; infinite for an encoder.
     mode_switch_cycles, trip_cycles
-        Control periods from a new 6060h to the new 6061h, and above a trip level until the drive trips.
+        Control periods from a new 6060h to the new 6061h, and from excess torque or following error to the trip.
     """
 
     mode_switch_cycles = trip_cycles = 3
@@ -203,5 +203,5 @@ class AxisSettings:
 
 
 def arm_axes(arm: ArmModel) -> tuple[AxisSettings, ...]:
-    """Return the settings of all drives of an arm, joint 1 first; `ValueError` as `AxisSettings`."""
+    """Return the settings of all drives of an arm, joint 1 first; raises `ValueError` as `AxisSettings` does."""
     return tuple(AxisSettings(number, joint) for number, joint in enumerate(arm.joints, start=1))

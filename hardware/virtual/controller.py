@@ -40,7 +40,7 @@ _POLL_S = 0.02
 _SHORT_POLL_S = 0.002
 """Longest wait for a frame while frames are delayed by a fault."""
 _CATCH_UP_FRAMES = 1000
-"""Frames handled before a heartbeat counts as lost: it may be behind them in the queue."""
+"""Number of queued frames handled before a heartbeat counts as lost: the heartbeat may be behind them."""
 _NODE_BITS = 0x7F
 STORM = 50
 """Number of emergencies sent on every SYNC in an emergency storm."""
@@ -51,9 +51,9 @@ _STORM_EMERGENCY = objects.EMCY.pack(0x1000, objects.ErrorBit.GENERIC, bytes(5))
 class VirtualController:
     """Simulated controller on one bus: a drive node for each of `axes`, and a supervisor.
 
-    `bus` is open, and is not closed here; its filters are set. `axes`: see `hardware.virtual.axis.arm_axes`. By default
-    `validate` refuses all parameter documents, and `store` is in memory. `heartbeat_timeout_s`: silence after which the
-    operator counts as lost. `attended`: the operator is in this process and calls `attend` while it waits for frames.
+    `bus` is open; the controller sets its filters, and does not close it. `axes`: see `hardware.virtual.axis.arm_axes`.
+    By default `validate` refuses all documents, and `store` is in memory. `heartbeat_timeout_s`: silence after which
+    the operator is lost. `attended`: the operator is in this process and calls `attend` while it waits for frames.
 
     Attributes
     ----------
@@ -157,7 +157,7 @@ class VirtualController:
             raise self.failure
 
     def post(self, action: Callable[[], object]) -> None:
-        """Run an action in the control loop: immediately if called from the loop itself."""
+        """Run an action in the control loop; if the loop itself calls `post`, the action runs immediately."""
         if threading.get_ident() == self._in_turn:
             action()
         else:

@@ -16,7 +16,7 @@ BABBLE_ID = 0x7EE
 """Identifier not used by the arm."""
 
 LATE_S = (0.005, 0.05)
-"""Range of the delay of late frames."""
+"""Range of the delay of late frames, s."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,7 +35,7 @@ NO_FRAME_FAULTS = FrameFaults()
 
 
 class FaultyWire:
-    """One direction of a bus; reproducible for a seed, except for the times at which late frames arrive.
+    """One direction of a bus. Its faults are reproducible for a seed, except for the times at which late frames arrive.
 
     `delays`: whether frames may be late.
     """
@@ -91,7 +91,7 @@ class FaultyWire:
 
 
 DIVERGENCE_STEP_COUNTS, DIVERGENCE_COUNTS = 20, 5556
-"""Growth of a divergence per control period, and final value of a divergence: 5 deg with 400,000 counts per turn."""
+"""Growth of a divergence per control period, and its final value, which is 5 deg with 400,000 counts per turn."""
 
 
 @dataclass(slots=True)
@@ -101,11 +101,11 @@ class Disturbances:
     Attributes
     ----------
     cut_since_s
-        For each node whose cable is cut: time of the cut (the controller's clock).
+        Time of the cut (the controller's clock), by node, of each node whose cable is cut.
     heartbeat_period_s
         Changed heartbeat periods, by node.
     lost_tpdos
-        Number of TPDO1 that are still to be lost, by joint.
+        Number of TPDO1 still to be lost, by joint.
     frozen_counts
         Constant reading of a stuck sensor, by joint.
     lost_counts
@@ -113,7 +113,7 @@ class Disturbances:
     ripple_counts
         Standard deviation of the noise added to a sensor's readings, by joint.
     diverged_counts
-        Distance of a joint from its drive's target, which grows every control period.
+        Distance of a joint from its drive's target, by joint; the distance grows every control period.
     blocked, sagging
         Joints that do not move in free mode, and joints that do not hold in position mode.
     off_until_s
@@ -160,7 +160,7 @@ class Disturbances:
         return True
 
     def read(self, joint: int, counts: int) -> int:
-        """Return the reading of a joint's sensor in place of the correct `counts`."""
+        """Return the reading of a joint's sensor, with its faults, where `counts` would be correct."""
         if joint in self.frozen_counts:
             return self.frozen_counts[joint]
         ripple = self.ripple_counts.get(joint, 0.0)

@@ -1,7 +1,7 @@
 """Behaviour of one drive: states, modes, limits, trips.
 
 Time is counted in control periods: `command` returns the joint's command for the next period, `read` takes in the
-sensors at the end of that period.
+sensor values at the end of that period.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ class Drive:
             self._switching_for = 0
 
     def obey_target(self, target_counts: int) -> None:
-        """Act on 607Ah if enabled, in position mode and under control."""
+        """Act on 607Ah if the drive is enabled, in position mode and under control."""
         if self.ignores_targets or not (self._is_servo_on and self.in_control):
             return
         if target_counts == self.target_counts:
@@ -101,14 +101,14 @@ class Drive:
             self._begin(EmergencyCode.REFERENCE_LIMIT)
 
     def quick_stop(self) -> None:
-        """If enabled, stop and hold; no controlword is needed."""
+        """If the drive is enabled, stop and hold without a controlword."""
         after = cia402.after_event(self.state, DriveEvent.QUICK_STOP)
         if after is not self.state:
             self.state = after
             self._hold()
 
     def lose_heartbeat(self) -> None:
-        """Hold in fault until the fault is reset and the drive is enabled again."""
+        """Go to fault; a drive with power holds its position until the fault is reset."""
         if self.ignores_heartbeat:
             return
         if self.state in cia402.POWERED_STATES:
@@ -138,7 +138,7 @@ class Drive:
         return self._command
 
     def read(self, counts: int, torque_nm: float, speed_rad_per_s: float) -> None:
-        """Take in sensor values after a control period; switch modes, check for faults."""
+        """Take in sensor values after a control period; then switch modes and check for faults."""
         self.finish_reaction()
         if self.loses_enable and self.state is DriveState.OPERATION_ENABLED:
             self.loses_enable, self.state, self._command = False, DriveState.SWITCHED_ON, None

@@ -25,15 +25,15 @@ _REGISTER: Final = {
     EmergencyCode.EXTERNAL_STOP_SECOND: ErrorBit.MANUFACTURER,
 }
 RPDO1: Final = pdo_struct(JOINT_PRODUCT, objects.RPDO1_MAP)
-"""Controlword, target position in counts, mode: acted on when received."""
+"""Layout of RPDO1, which is acted on when received: controlword, target position in counts, mode."""
 TPDO1: Final = pdo_struct(JOINT_PRODUCT, objects.TPDO1_MAP)
-"""Statusword, position in counts, torque in per mille of rated torque: sent on every SYNC."""
+"""Layout of TPDO1, which is sent on every SYNC: statusword, position in counts, torque in per mille of rated torque."""
 _HIGHEST_I16: Final = 2**15 - 1
 _HIGHEST_I32: Final = 2**31 - 1
 
 
 class DriveNode(VirtualNode):
-    """Node of one joint, with its number. `reports_speed`: TPDO1 carries 606Ch in place of 6064h."""
+    """Node of one joint; the node has the joint's number. `reports_speed`: TPDO1 carries 606Ch in place of 6064h."""
 
     def __init__(
         self, axis: AxisSettings, network: ControllerNetwork, *, serial_number: int
@@ -50,14 +50,14 @@ class DriveNode(VirtualNode):
         self._serve_objects()
 
     def on_rpdo1(self, data: bytes | bytearray) -> None:
-        """Act on an RPDO1; ignored if of a wrong length or outside *operational*."""
+        """Act on an RPDO1; ignore it if its length is wrong or the node is not *operational*."""
         if len(data) != RPDO1.size or self.state is not NmtState.OPERATIONAL:
             return
         with self.lock:
             self.drive.obey(*RPDO1.unpack(data))
 
     def tpdo1(self) -> bytes | None:
-        """Return the data of TPDO1; None outside *operational*."""
+        """Return the data of TPDO1; None if the node is not *operational*."""
         if self.state is not NmtState.OPERATIONAL:
             return None
         word = cia402.statusword(self.drive.state, self.drive.flags)
@@ -81,7 +81,7 @@ class DriveNode(VirtualNode):
         return register
 
     def _speed(self) -> int:
-        """606Ch, counts/s."""
+        """Return 606Ch (actual speed), counts/s."""
         return round(self.drive.speed_rad_per_s * self.axis.scale.counts_per_rad)
 
     def _torque_per_mille(self) -> int:
@@ -150,7 +150,7 @@ class DriveGroup:
             self.quick_stop()
 
     def _command_of(self, node: DriveNode) -> JointCommand:
-        """Return a drive's command, with the mode or target that active faults give it."""
+        """Return a drive's command; active faults may change its mode or target."""
         command, faults = node.drive.command(), self._disturbances
         if command.mode is JointMode.FREE and node.number in faults.blocked:
             return replace(command, mode=None)

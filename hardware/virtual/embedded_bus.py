@@ -16,7 +16,7 @@ from hardware.timed_queue import TimedQueue
 from hardware.virtual.controller import VirtualController
 
 _SENT = can.Message()
-"""Put into a queue to wake a waiting reader, after a frame was sent that the arm may answer."""
+"""Marker put into a reader's queue to wake the reader after a frame was sent that the arm may answer."""
 
 
 class EmbeddedBus(VirtualBus):
@@ -82,8 +82,8 @@ class EmbeddedBus(VirtualBus):
 class AttendingBus(EmbeddedBus):
     """Embedded bus on which a reader runs the virtual arm while it waits for a frame.
 
-    `attend` (`VirtualController.attend`) is called when a frame is waited for and none is queued; a reader that
-    waits while another thread sends is woken.
+    While a reader waits and no frame is queued, `attend` (`VirtualController.attend`) is called. A reader that waits
+    while another thread sends a frame is woken.
     """
 
     def __init__(self, channel: str, attend: Callable[[], None], **kwargs: Any) -> None:
@@ -117,5 +117,5 @@ class AttendingBus(EmbeddedBus):
 
 
 def attended_openers(controller: VirtualController) -> BusOpeners:
-    """Return the bus openers for an operator in the process of a controller made with `attended`."""
+    """Return the bus openers for an operator in the same process as `controller`, which was made with `attended`."""
     return BusOpeners(main=lambda settings: AttendingBus(settings.channel, controller.attend))

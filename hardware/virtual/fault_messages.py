@@ -89,8 +89,8 @@ _DIVERGED = (
     "reset (R, or `sarcal reset`) and go on: the first pose is measured again before anything else."
 )
 _COUNT_LOSS = ("joint {joint} jumped", "joint {joint} has shifted by")
-"""Messages on lost counts. The second appears when the first pose is repeated: in position mode the drive moves the
-joint by the lost counts."""
+"""Messages on lost counts. The second message appears when the first pose is repeated: in position mode the drive moves
+the joint by the lost counts."""
 _COUNT_LOSS_KEPT = (
     f"{ALL_POSES}; if a joint in position mode is reported when the first pose is repeated, none since then (a shift "
     "of 1 deg: at the next pose, from the 11th on; a smaller one: at the end, and the verdict refuses to mix the poses)"
@@ -154,7 +154,7 @@ FAULTS: Mapping[str, FaultDescription] = {
         "`sarcal monitor` counts them by identifier; take that node off the bus.",
     ),
     "bus-flicker": FaultDescription("the bus fails for 0.2 s", _CABLE, texts=_BAD_FRAMES),
-    # Not reported if the bus is back while the nodes are awaited: they get the command again.
+    # Not reported if the bus is back while the program waits for the nodes: it repeats the NMT command.
     "bus-off": FaultDescription(
         "the bus fails for 3 s (bus-off, or a plug pulled and put back)",
         f"{_CABLE} The drives hold until then; `sarcal reset` clears their 8130h.",

@@ -31,9 +31,9 @@ FaultAction = Callable[["VirtualController", int], object]
 
 
 def inject(arm: VirtualController, kind: str, joint: int) -> None:
-    """Inject a fault of `FAULT_KINDS`, from any thread; takes effect in the controller's loop, in order.
+    """Inject a fault of `FAULT_KINDS`; may be called from any thread. The control loop injects faults in order.
 
-    KeyError if there is no such fault, ValueError if there is no such joint.
+    Raises `KeyError` if there is no such fault, `ValueError` if there is no such joint.
     """
     act = FAULT_KINDS[kind]
     if not 1 <= joint <= len(arm.drives):
@@ -103,7 +103,7 @@ def _slow_heartbeat(arm: VirtualController, joint: int) -> None:
 
 
 def _swap_tpdo_id(arm: VirtualController, joint: int) -> None:
-    """Make a joint send its TPDO1 with the identifier of the next joint (the last joint: of the first joint)."""
+    """Make a joint send its TPDO1 with the identifier of the next joint; the last joint uses that of the first."""
     arm.drives[joint - 1].tpdo1_id = objects.COB_TPDO1 + joint % len(arm.drives) + 1
 
 
@@ -115,7 +115,7 @@ def _report_speed(arm: VirtualController, joint: int) -> None:
 
 
 def _restart_node(arm: VirtualController, joint: int) -> None:
-    """Power-cycle one drive, which then starts by itself with its counter at zero."""
+    """Power-cycle one drive; it then starts by itself, and its counter reads zero."""
     node = arm.drives[joint - 1]
     with node.lock:
         lose_counts(arm, joint, -node.drive.counts)

@@ -19,7 +19,7 @@ _CYCLIC = np.array([0, 1, 2, 0, 1])
 class ChainPoint:
     """Evaluates ``A_0(theta_0) A_1 ... A_n`` at one pose; every call of `at` overwrites the previous result.
 
-    This class has no closure error, as for an open arm; subclasses add it.
+    This class is for an open arm and has no closure error; subclasses add one.
 
     Attributes
     ----------
@@ -89,7 +89,7 @@ class ChainPoint:
 
 
 class LoopPoint(ChainPoint):
-    """Frame n constrained to frame -1; error: rotation vector (rad), then position (m).
+    """Chain with frame n constrained to frame -1; the error is a rotation vector (rad), then a position (m).
 
     If `hinge` is false, theta_0 must stay 0.
     """
@@ -124,7 +124,7 @@ class LoopPoint(ChainPoint):
 
 
 class BallPoint(ChainPoint):
-    """Point `tip_m` (3,) of the last link constrained to `ground_m` (3,) of the base; error: ball minus socket, m.
+    """Chain with point `tip_m` (3,) of the last link held at `ground_m` (3,) of the base; error: ball minus socket, m.
 
     Frame -1 is the base: row 0 of the table is zero, and theta_0 stays zero.
     """

@@ -125,7 +125,7 @@ class VirtualNode:
         self.error_register = ErrorBit(0)
 
     def left_operational(self) -> None:
-        """Called when the node leaves *operational*: no more PDOs."""
+        """Called when the node leaves *operational*; from then on it exchanges no PDOs."""
 
     def send_emergency(self, code: EmergencyCode, register: ErrorBit) -> None:
         """Send EMCY for an error, or for its end (`NONE`), and update 1001h and 1003h."""

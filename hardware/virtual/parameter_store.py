@@ -49,7 +49,7 @@ class Disk:
 
 
 class FolderDisk(Disk):
-    """A folder on disk, created if missing. `OSError` if it cannot be written."""
+    """A folder on disk, created if missing. Raises `OSError` if it cannot be written."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -112,7 +112,7 @@ class ParameterStore:
         return Slot.B if self.active is Slot.A else Slot.A
 
     def state(self, slot: Slot) -> SlotState:
-        """Return whether a slot is empty, or its document intact or damaged."""
+        """Return whether a slot is empty or, if it is not, whether its document is intact or damaged."""
         stored = self._disk.read(_FILE[slot])
         if stored is None:
             return SlotState.EMPTY

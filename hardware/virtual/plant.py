@@ -26,7 +26,7 @@ from solver.arrays import FloatArray, frozen
 from solver.chain.arm_model import ArmModel
 
 CONVERGED_RAD = 1e-9
-"""Newton's method stops after a step this small; as it converges fast, the next step would be far smaller."""
+"""Newton's method stops after a step this small: it converges fast, so the next step would be far smaller."""
 MAX_NEWTON_STEPS = 12
 RESTING_RAD = 1e-13
 """Under unchanged commands, increments below this (far less than a count) are neglected: the chain is at rest."""
@@ -66,7 +66,7 @@ class Loads:
             object.__setattr__(self, name, frozen(getattr(self, name)))
 
     def of(self, arm: ArmModel) -> Loads:
-        """Return loads for another arm, with friction, if any, in proportion to each drive's torque.
+        """Return loads for another arm; friction, if there is any, is in proportion to each drive's torque.
 
         If the number of joints differs, the largest mass is placed at mid-arm and near the wrist. Masses are reduced in
         proportion to the weakest drive: in a closed chain any drive may have to carry them.
@@ -132,7 +132,7 @@ class Plant:
 
     @property
     def closure_error(self) -> FloatArray:
-        """Deflection of the fixture, (k,): the rotation vector (rad) if it is constrained, then the position (m)."""
+        """Deflection of the fixture, (k,): rotation vector (rad) if rotations are constrained, then position (m)."""
         return self._point.error + self._slip
 
     def slip(self, slip_m: float) -> None:
@@ -226,7 +226,7 @@ class Plant:
         self._angles = angles
 
     def _rub(self, increment: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return dry friction (n + 1,), N m, elastic until sliding, and its slope over `increment`, N m/rad."""
+        """Return the dry friction (n + 1,), N m, and its derivative by `increment`, N m/rad; elastic until sliding."""
         deflection = (self._bristle + increment) / PRESLIDING_RAD
         slope = np.where(np.abs(deflection) < 1.0, self._friction / PRESLIDING_RAD, 0.0)
         return self._friction * np.clip(deflection, -1.0, 1.0), slope

@@ -60,7 +60,7 @@ STIFF = Loads(
     friction_nm=frozen(np.zeros(7)),
     payload_kg=frozen([0.0, 0.0, 1.0, 0.0, 1.0, 0.0, 0.0]),
 )
-"""Deflection below a hundredth of an encoder count; the light load makes an arm sag if too few drives are on."""
+"""A fixture that deflects by less than 0.01 encoder count; the light load makes an arm sag if too few drives are on."""
 
 COMPLIANT = Loads(
     fixture_n_per_m=2.5e4,
@@ -75,8 +75,8 @@ COMPLIANT = Loads(
 class Scenario:
     """Description of a virtual arm in its fixture, from which `build` makes a plant.
 
-    The same name and seed give the same arm and noise. `specimen`: seed of the arm's errors (linearity, lengths); None:
-    `seed` is used for them, too. `truth`: geometry without the errors of the fixed lengths. `lengths`: smallest and
+    The same name and seed give the same arm and noise. `specimen`: seed of the arm's errors (linearity, lengths);
+    if it is None, `seed` is used. `truth`: geometry without the errors of the fixed lengths. `lengths`: smallest and
     largest magnitude of these errors, m. `linearity_of_full_scale`: peak linearity deviation of every RVDT, fraction of
     full scale. `placement`: number of this mounting of the fixture, from 1; each mounting has different noise.
     """
@@ -171,7 +171,7 @@ def scenario(name: str, seed: int = 0) -> Scenario:
 
 
 def scenario_of(name: str, seed: int, stated: SpecimenFiles, placement: int = 1) -> Scenario:
-    """Return the scenario for an arm and a fixture, with the paper's arm if the files allow it.
+    """Return the scenario for an arm and a fixture; its truth is the paper's arm if the files allow it.
 
     Otherwise the truth is drawn by seed within the tolerances of the files, including (except in ``exact``) lengths and
     twists that the calibration does not identify. From the second `placement` on, the fixture is drawn again and the

@@ -26,7 +26,7 @@ _BLOCK_END: Final = struct.Struct("<BH5x")
 _BLOCK_TAKEN: Final = sdo.RESPONSE_BLOCK_DOWNLOAD | sdo.BLOCK_TRANSFER_RESPONSE
 _END_OF_BLOCKS: Final = sdo.REQUEST_BLOCK_DOWNLOAD | sdo.END_BLOCK_TRANSFER
 _SPECIFIER, _SUBCOMMAND = 0xE0, 0x03
-"""Bits of a first byte: its command specifier, and the subcommand of a block transfer."""
+"""Masks of a frame's first byte: the command specifier, and the subcommand of a block transfer."""
 LONGEST_DOCUMENT: Final = 256 * 1024
 """Largest number of bytes that a client may send in one transfer."""
 _BLOCK_SEGMENTS: Final = 127
@@ -35,7 +35,7 @@ _BLOCK_SEGMENTS: Final = 127
 _SEGMENT_HEADS: Final = frozenset({*range(0x20), *range(0x60, 0x80)})
 _BLOCK_UPLOAD_HEADS: Final = frozenset(head for head in range(0xA0, 0xC0) if head & 3)
 _BLOCK_DOWNLOAD_HEADS: Final = frozenset(range(0x100)) - {sdo.RESPONSE_ABORTED}
-"""First bytes of the frames that continue a transfer; others begin a new one."""
+"""First bytes of the frames that continue a transfer of each kind; any other first byte begins a new transfer."""
 
 Steps = Generator[list[bytes], bytes, tuple[list[bytes], bytes | None]]
 """Steps of a transfer: the generator yields the answers to a frame and receives the client's next frame.
@@ -126,7 +126,7 @@ class NodeSdoServer:
         return _block_upload(request, document), _BLOCK_UPLOAD_HEADS
 
     def _write(self, index: int, subindex: int, data: bytes, answers: list[bytes]) -> list[bytes]:
-        """Write data received to the node; return the answers, none yet if the node defers them."""
+        """Write received data to the node; return the answers, or an empty list if the node defers them."""
         try:
             self._node.write_object(index, subindex, data)
         except Deferred:

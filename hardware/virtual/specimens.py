@@ -26,7 +26,7 @@ from solver.loops.open_arm import MeasuredClosure
 from solver.loops.point import PointClosure
 
 SPECIMEN_OFFSET_RAD = float(np.deg2rad(3.0))
-"""Largest difference of true offsets from the arm file's."""
+"""Largest difference of true offsets from those of the arm file."""
 OFFSET_TOLERANCE_RAD = float(np.deg2rad(10.0))
 """Largest difference between true and stated offsets at which a file may still describe an arm."""
 NEAR_HOME_RAD = float(np.deg2rad(15.0))
@@ -94,9 +94,9 @@ def _first_that_closes(
 
 
 def _arm_differences(arm: ArmModel, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-    """Draw an arm's differences from its file, rad and m: free entries (5, n), maker's s to beta (4, n).
+    """Draw an arm's differences from its file, rad and m: free entries (5, n), the maker's s, a, alpha, beta (4, n).
 
-    All are drawn first, needed or not, so that a seed always gives the same arm.
+    All differences are drawn, whether needed or not, so that a seed always gives the same arm.
     """
     n, hayati = arm.joint_count, [row - 1 for row in arm.hayati_rows]
     stated = np.array([arm.length_tolerance_m, arm.length_tolerance_m, arm.twist_tolerance_rad])
@@ -158,9 +158,9 @@ def files_allow(stated: SpecimenFiles, truth: Truth, home_rad: FloatArray) -> bo
 
 
 def open_truth(stated: SpecimenFiles, truth: Truth, rng: np.random.Generator) -> Truth:
-    """Return the arm of `truth` without its fixture, with a target; the instrument's placement is drawn at random.
+    """Return the arm of `truth` with a target in place of its fixture; the instrument's placement is drawn at random.
 
-    Entries that cannot be separated from base and target placements are nominal.
+    Entries that cannot be separated from the placements of base and target are nominal.
     """
     model = stated.fixture.model(stated.arm)
     if not isinstance(model, MeasuredClosure):

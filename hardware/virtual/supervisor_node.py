@@ -80,7 +80,7 @@ class SupervisorNode(VirtualNode):
         self.load()
 
     def power_up(self) -> None:
-        """Power up: no node in control, nothing staged, home offsets from the active slot."""
+        """Power up with no node in control, nothing staged, and the home offsets of the active slot."""
         super().power_up()
         self._refusal = ""
         self.end_control()

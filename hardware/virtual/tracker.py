@@ -46,7 +46,7 @@ class SimulatedTracker:
         self._one_at_a_time = threading.Lock()
 
     def measured(self) -> FloatArray:
-        """Return the measured position (3,), m; for a full pose (6,), with the rotation vector, rad."""
+        """Return the measured position (3,), m; for a full pose, position and rotation vector (rad), shape (6,)."""
         with self._one_at_a_time:
             draw = self._noise * self._rng.standard_normal(6)
         q_rad = self._plant.true_angles_rad[1:] - self._plant.truth.offsets_rad
@@ -72,9 +72,9 @@ class SimulatedTracker:
 HOST, TRACKER_PORT = "127.0.0.1", 7327
 """Default address and TCP port of the simulated tracker, which only this machine can reach."""
 LONGEST_QUESTION = 4096
-"""Largest length of a question, characters; a longer question closes the connection."""
+"""Largest length of a question, bytes; a longer question closes the connection."""
 CLIENTS = 16
-"""Simultaneous clients, one thread each; a further one gets an error and is disconnected."""
+"""Largest number of simultaneous clients, one thread each; a further client gets an error and is disconnected."""
 
 
 class _Server(socketserver.ThreadingTCPServer):
@@ -108,7 +108,7 @@ class _Server(socketserver.ThreadingTCPServer):
 def serve_tracker(answer: Callable[[str], str], port: int = TRACKER_PORT) -> Iterator[int]:
     """Context in which every line received on `port` (0: any free port) is answered; yields the port number.
 
-    Raises `InstrumentError` if another program listens there.
+    Raises `InstrumentError` if another program listens on that port.
     """
 
     class Handler(socketserver.StreamRequestHandler):

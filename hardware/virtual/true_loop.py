@@ -45,7 +45,7 @@ class Truth:
         return self.table.theta_off_rad[1:]
 
     def named(self) -> dict[str, float]:
-        """Return the true values (rad, m) by parameter name; for points, the position only."""
+        """Return the true values (rad, m) by parameter name; of base, tip and ground, only positions are included."""
         stacked, points = self.table.stacked(), dict[str, FloatArray]()
         match self.loop:
             case PointClosure(tip_m=tip, ground_m=ground):
@@ -140,7 +140,7 @@ SMALLEST_CROSSING_RAD = float(np.deg2rad(20.0))
 
 # Motion that a `wild` truth must allow, relative to home, without a singularity.
 WILD_DRIVES = [0, 4]
-"""The two drive joints (indices from 0), which must cover the angles from LOWEST_RAD to HIGHEST_RAD from home."""
+"""The two driven joints (indices from 0); relative to home, they must cover LOWEST_RAD to HIGHEST_RAD."""
 LOWEST_RAD, HIGHEST_RAD = frozen(np.deg2rad([-30.0, -70.0])), frozen(np.deg2rad([48.0, 0.0]))
 ROOM_RAD = frozen(np.deg2rad([72.0] * 5 + [57.0] * 2))
 """Largest distance of each joint from home while the drives cover their ranges."""

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 from fixtures.measured import Measured
 from operator_app.commands.options import given_joints, tolerance_m
 from operator_app.config.arm_file import load_arm
-from operator_app.config.poses_file import LoadedPoses
 from operator_app.config.procedure import DEFAULT_PROFILE, Procedure
 from operator_app.config.profile_file import load_profile
 from operator_app.config.user_settings import usual_bus, valid_settings
@@ -85,9 +84,3 @@ def require_instrument(args: argparse.Namespace, procedure: Procedure) -> None:
             f"--tracker: the fixture of {procedure.name} is of kind {procedure.fixture.kind}, not an instrument; leave "
             "it out"
         )
-
-
-def print_warnings(file: str, loaded: LoadedPoses) -> None:
-    """Print the warnings about a poses file."""
-    for warning in loaded.warnings:
-        say(f"sarcal: {file}: {warning.text}", err=True)

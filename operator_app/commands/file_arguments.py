@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from operator_app.commands.options import (
     ARM_AND_FIXTURE,
@@ -14,6 +15,10 @@ from operator_app.commands.options import (
     pose_count,
     shared,
 )
+from operator_app.safe_output import say
+
+if TYPE_CHECKING:
+    from operator_app.config.poses_file import LoadedPoses
 
 PLANNED_POSES = 12
 """Number of poses to plan if the procedure's own capture is not planned."""
@@ -270,3 +275,9 @@ solve = declaration(
     ),
     shared("--estimator, --unsensed JOINTS, --length-tolerance MM, --json"),
 )
+
+
+def print_warnings(file: str, loaded: LoadedPoses) -> None:
+    """Print the warnings about a poses file."""
+    for warning in loaded.warnings:
+        say(f"sarcal: {file}: {warning.text}", err=True)

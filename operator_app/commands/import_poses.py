@@ -10,7 +10,7 @@ import numpy as np
 
 from fixtures.measured import Measured
 from operator_app.calibration.experiment import EndpointMissingError
-from operator_app.commands.choices import print_warnings
+from operator_app.commands.file_arguments import print_warnings
 from operator_app.commands.options import tolerance_m, unsensed_joints
 from operator_app.config.arm_file import parse_arm
 from operator_app.config.dwells import (

@@ -11,7 +11,7 @@ from operator_app.calibration.cross_validation import check
 from operator_app.calibration.experiment import EndpointMissingError, Experiment, pick_placements
 from operator_app.calibration.result import Solution
 from operator_app.calibration.rvdt import ReadingTable, corrected_poses
-from operator_app.commands.choices import print_warnings
+from operator_app.commands.file_arguments import print_warnings
 from operator_app.commands.options import parse_numbers, tolerance_m, unsensed_joints
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture

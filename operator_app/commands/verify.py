@@ -15,10 +15,10 @@ from operator_app.calibration.verification import NoTestError, VerificationResul
 from operator_app.commands.bus_arguments import NEW_POSES
 from operator_app.commands.choices import (
     choices_from,
-    print_warnings,
     recording,
     require_instrument,
 )
+from operator_app.commands.file_arguments import print_warnings
 from operator_app.composition import unattended
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.poses_file import load_poses

@@ -39,10 +39,9 @@ sensor readings: joint angle = reading + theta_off.
 
 **Stability.** The names in ``sarcal.__all__``, their parameters and the attributes in their docstrings are this
 program's interface. They change only in a major release (before 1.0: a minor release), after a release that gave a
-`DeprecationWarning`. The same holds for the keys of `Result.to_json`, which are those of
-``sarcal solve --json``. Estimates may change in their last digits: a better error model moves them within their sigmas.
-Everything else that can be imported (``operator_app``, ``hardware``, ``fixtures``, ``solver``) may change with any
-release.
+`DeprecationWarning`. The same holds for the keys of `Result.to_json`, which are those of ``sarcal solve --json``.
+Estimates may change in their last digits: a better error model moves them within their sigmas. Everything else that can
+be imported (``operator_app``, ``hardware``, ``fixtures``, ``solver``) may change with any release.
 """
 
 from importlib import import_module

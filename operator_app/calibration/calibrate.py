@@ -31,6 +31,7 @@ from operator_app.calibration.experiment import (
     in_order,
     placement_checks,
     refuse_placement,
+    with_angles_of_unsensed,
 )
 from operator_app.calibration.findings import left_out_poses, pose_labels
 from operator_app.calibration.instrument_registration import with_registered_instrument
@@ -107,7 +108,7 @@ def calibrate(
     unsensed = tuple(sorted({*unsensed_joints, *arm.unsensed_joints}))
     if estimator == "paper" and unsensed:
         raise ValueError("the paper's estimator needs every joint sensed (eqs. 10-13)")
-    poses = averaged_at_rest(arm, poses)
+    poses = with_angles_of_unsensed(arm, fixture, averaged_at_rest(arm, poses))
     experiment = Experiment(
         arm=arm.with_length_tolerance(length_tolerance_m),
         # The instrument's placements that no file states are estimated from the poses.

@@ -8,7 +8,7 @@ import numpy as np
 
 from fixtures.base import EndpointConstraint
 from operator_app.calibration.error_model import averaged_at_rest, distinct_poses
-from operator_app.calibration.experiment import Experiment
+from operator_app.calibration.experiment import Experiment, with_angles_of_unsensed
 from operator_app.calibration.instrument_registration import with_calibrated_places
 from operator_app.calibration.prediction import errors_as_calibrated
 from operator_app.calibration.result import Solution
@@ -41,7 +41,7 @@ class Checks:
 
 def check(solution: Solution, arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet) -> Checks:
     """Check a solution with its own poses; the result is empty for the paper's estimator or too few poses."""
-    poses = averaged_at_rest(arm, poses)
+    poses = with_angles_of_unsensed(arm, fixture, averaged_at_rest(arm, poses))
     kept = ~np.isin(np.arange(len(poses)), solution.dropped_flipped)
     used, _ = distinct_poses(poses, kept)
     if len(used) < 2 * FOLDS or solution.estimate.corrections is None:

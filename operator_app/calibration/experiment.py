@@ -24,6 +24,9 @@ from solver.loops.closure import ClosureModel
 from solver.loops.placements import place
 from solver.search.global_start import GlobalStart, global_start
 
+STARTS = 36
+"""Number of angles that are tried for a joint without a sensor."""
+
 
 class EndpointMissingError(SolverError):
     """The fixture is an instrument, and its measurements (if `orientation`, only their orientations) are missing."""
@@ -69,6 +72,30 @@ class Experiment:
         if len(poses.placements) == 1:
             return model
         return place(model, poses.placement, same_hand=fixture.stays_on_hand)
+
+
+def with_angles_of_unsensed(arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet) -> PoseSet:
+    """Return the poses with angles at which their loops close best, for the joints without a sensor.
+
+    A poses file has a number for such a joint too. The number may be anything, and from an angle far off a loop closes
+    wrongly or not at all. Each pose gets, of `STARTS` angles in the joint's range, that of the smallest closure error
+    (1 m : 1 rad) at the nominal parameters. With an instrument, whose base may be unknown, the poses are unchanged.
+    """
+    if not arm.unsensed_joints or isinstance(fixture, Measured):
+        return poses
+    model = Experiment(arm=arm, fixture=fixture, poses=poses, unsensed=arm.unsensed_joints).loop()
+    x, q = nominal_vector(model.parameters), poses.q_rad.copy()
+    lower, upper = arm.lower_rad, arm.upper_rad
+    blind = [j - 1 for j in arm.unsensed_joints]
+    q[:, blind] = 0.5 * (lower + upper)[blind]
+    for j in blind:
+        angles, errors = np.linspace(lower[j], upper[j], STARTS), []
+        for angle in angles:
+            q[:, j] = angle
+            error = model.loop(x, q, model.initial_unsensed(x, q)).residual
+            errors.append(np.linalg.norm(error, axis=-1))
+        q[:, j] = angles[np.argmin(errors, axis=0)]
+    return replace(poses, q_rad=q)
 
 
 class IdentifiableLoops(NamedTuple):

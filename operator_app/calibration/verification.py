@@ -15,7 +15,7 @@ from operator_app.calibration.calibrated_arm import (
     with_estimated_place,
 )
 from operator_app.calibration.error_model import freed, noise_model
-from operator_app.calibration.experiment import Experiment
+from operator_app.calibration.experiment import Experiment, with_angles_of_unsensed
 from operator_app.calibration.instrument_registration import (
     endpoints_at_nominal_base,
     with_calibrated_places,
@@ -158,6 +158,7 @@ def verify_poses(
     `ValueError` if the parameters are not those of this loop (another fixture, or another number of placements).
     """
     fixture = with_calibrated_places(fixture, solution.model)
+    poses, made_from = (with_angles_of_unsensed(arm, fixture, p) for p in (poses, made_from))
     calibrated = made_from.placements
     same = len(poses.placements) == 1 and not elsewhere
     fixed = fixed_calibration(solution, poses.placements[0] if same else None)

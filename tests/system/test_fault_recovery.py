@@ -39,9 +39,9 @@ def resume_command(folder: Path) -> str:
     return f"sarcal run --resume {Path('sessions') / folder.name}"
 
 
-def run_until_fault(root: Path, bus: tuple[str, ...], *, poses: int = 40) -> tuple[str, Path]:
+def run_until_fault(root: Path, bus: tuple[str, ...]) -> tuple[str, Path]:
     """Return error messages and session folder of a run that ends with exit code 3."""
-    errors = finished(start(root, "run", "hinge", *bus, "--poses", str(poses)), 3).err
+    errors = finished(start(root, "run", "hinge", *bus, "--poses", "40"), 3).err
     return errors, only_session(root)
 
 
@@ -154,28 +154,6 @@ def test_arm_check_without_answer_reports_that_nothing_was_enabled(run_command, 
     assert "no answer from nodes" in report
     assert "held" not in report
     assert "Nothing was enabled: there is no connection to the arm." in report
-
-
-def test_automatic_stop_is_reported_after_its_cause(tmp_path, bus):
-    fault = ("--fault", "stray", "--fault-joint", "5", "--fault-sync", "500")
-    with controller(tmp_path, *bus, *fault):
-        errors, folder = run_until_fault(tmp_path, bus)
-    assert errors.index("oint 5 is +") < errors.index("the arm has been stopped")
-    assert "STOP is latched" not in errors
-    assert resume_command(folder) in errors
-    (fault,) = event_data(folder, "sensor_fault")
-    assert fault["joint"] == 5
-
-
-def test_drive_disabled_at_the_drive_is_enabled_only_on_resuming(tmp_path, bus):
-    fault = ("--fault", "lost-enable", "--fault-joint", "3", "--fault-sync", "700")
-    with controller(tmp_path, *bus, *fault):
-        errors, folder = run_until_fault(tmp_path, bus, poses=6)
-        assert "joint 3: the drive is in state switched on; it was enabled" in errors
-        assert "Find out why the drive of joint 3 dropped out." in errors
-        assert f"Go on with: {resume_command(folder)}" in errors
-        resumed = finished(start(tmp_path, "run", "--resume", str(folder), "--json"), 0, 4)
-    assert resumed.json["poses"] == 6
 
 
 def test_probe_and_monitor_report_bus_traffic(tmp_path, bus):

@@ -110,19 +110,6 @@ def test_enter_before_the_first_screen_connects(terminal):
     t.until("Enter Fixture")
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
-def test_signal_during_capture_closes_the_journal(terminal, tmp_path, number):
-    t = terminal()
-    start_capture(t)
-    t.kill(number)
-    assert t.exit_code() == 130
-    events = read_journal(only_session(tmp_path)).events
-    assert events[-1].name == "closed"
-    assert events[-1].data["reason"] == number.name
-    assert "sessions" in t.screen()
-    assert "--resume" in t.screen()
-
-
 def assert_journal_closed(root: Path) -> None:
     journal = read_journal(only_session(root))
     assert not journal.torn

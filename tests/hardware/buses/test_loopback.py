@@ -3,7 +3,6 @@
 import importlib.metadata
 import os
 import random
-import select
 import socket
 
 import can
@@ -124,13 +123,6 @@ def test_fd_frame_is_refused(bus):
     frame = can.Message(arbitration_id=1, is_fd=True, data=bytes(64), is_extended_id=False)
     with pytest.raises(can.CanOperationError, match="FD"):
         bus.send(frame)
-
-
-def test_bus_is_readable_in_select_when_a_frame_arrives(bus, channel):
-    assert select.select([bus], [], [], 0.0)[0] == []
-    with loopback.LoopbackBus(channel) as peer:
-        peer.send(can.Message(arbitration_id=2, is_extended_id=False))
-    assert select.select([bus.fileno()], [], [], 60.0)[0] == [bus.fileno()]
 
 
 def test_closed_bus_raises(channel):

@@ -159,17 +159,6 @@ def test_nothing_is_written_to_another_arm(foreign, connect):
     assert not any(node.written for node in foreign.nodes)
 
 
-def test_read_only_drive_connects_with_equal_maps_only():
-    """The fake drives refuse every write."""
-    bus = FakeArmBus()
-    arm = make(bus, profile=replace(sarcos(), configures_pdos=True))
-    assert arm.connect().configured == ()
-    arm.close()
-    bus.objects[5, 0x1800, 2] = b"\xff"
-    with pytest.raises(errors.PdoSetupFailed, match="node 5 refused 1800h sub 1"):
-        arm.connect()
-
-
 def test_nonzero_target_torque_is_set_to_zero(foreign, connect):
     foreign.nodes[1].set_data(0x6071, 0, MINUS_50)
     arm = connect(profile())

@@ -160,8 +160,10 @@ def test_invalid_options_are_refused_and_nothing_is_written(typed, expected, run
     assert not list(Path().iterdir())
 
 
+# Without "./", the last two name a shipped arm and a home folder.
 @pytest.mark.parametrize(
-    "file", ["arm.yaml", "a #x.yaml", r"a\1 #x.yaml", r"C:\gx.yaml", "'a': b.yaml", "é, ☃.yaml"]
+    "file",
+    ["arm.yaml", "a #x.yaml", r"a\1 #x", r"C:\gx", "'a': b", "é, ☃.yaml", "./ur5e", "./~root"],
 )
 def test_copied_procedure_refers_to_the_given_arm_file(file):
     assert main(["new", "arm", "--from", "franka_panda", "--name", "mine", "-o", file]) == 0
@@ -170,15 +172,6 @@ def test_copied_procedure_refers_to_the_given_arm_file(file):
     assert yaml.safe_load(Path("go.yaml").read_text())["arm"] == file
     if file == "arm.yaml":
         assert "\narm: arm.yaml\n" in Path("go.yaml").read_text()
-
-
-@pytest.mark.parametrize("file", ["ur5e", "~root"])
-def test_copied_procedure_refers_to_a_file_named_like_another_one_as_a_path(file):
-    assert main(["new", "arm", "--from", "franka_panda", "--name", "mine", "-o", f"./{file}"]) == 0
-    options = ["--arm", f"./{file}", "-o", "go.yaml"]
-    assert main(["new", "procedure", "--from", "hinge", *options]) == 0
-    assert load_procedure("go.yaml").arm.name == "mine"
-    assert yaml.safe_load(Path("go.yaml").read_text())["arm"] == f"./{file}"
 
 
 def test_command_advised_for_a_fixture_out_of_reach_can_be_run(run_command):

@@ -11,9 +11,7 @@ import pytest
 from hardware.arm import HostLatency, JointMode
 from operator_app.calibration.result import Solution
 from operator_app.errors import JournalLostError
-from operator_app.headless.console import ConsoleListener
 from operator_app.headless.procedure_run import run
-from operator_app.session.store.folders import find_session
 from operator_app.session.store.journal import JOURNAL_NAME, Journal, read_journal
 from operator_app.session.store.state import SessionState
 from operator_app.session.ui.snapshot import Level, TaskKind
@@ -201,29 +199,6 @@ def test_changed_journal_prevents_solution_and_upload(make_session, after):
     assert not (session.journal.path.parent / "parameters.yaml").exists()
     assert is_held(session)
     assert len(close_and_resume(session, error.value).used_poses) == 8
-
-
-@pytest.mark.campaign
-def test_run_reports_the_loss_and_how_to_resume(tmp_path, run_command, monkeypatch):
-    root = tmp_path / "sessions"
-    pose_captured = ConsoleListener.pose_captured
-
-    def move_folder(self: ConsoleListener, state: SessionState, total: int) -> None:
-        pose_captured(self, state, total)
-        if len(state.used_poses) == 3:
-            (folder,) = root.iterdir()
-            folder.rename(tmp_path / "elsewhere")
-
-    monkeypatch.setattr(ConsoleListener, "pose_captured", move_folder)
-    words = ["run", "hinge", "--scenario", "exact", "--poses", "8", "--sessions", str(root)]
-    stderr = run_command(2, *words).err
-    (rescued,) = root.glob("*-rescued")
-    assert "the arm is held" in stderr
-    assert f"--resume {rescued}" in stderr
-    assert "Traceback" not in stderr
-    monkeypatch.setattr(ConsoleListener, "pose_captured", pose_captured)
-    assert find_session(root, "latest") == rescued
-    run_command(0, "run", "--resume", rescued, "--poses", "8", "--sessions", root)
 
 
 def test_app_raises_an_alarm_and_holds_the_arm(source):

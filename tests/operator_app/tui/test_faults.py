@@ -25,33 +25,6 @@ async def test_failed_connection_names_a_remedy_and_can_be_retried(drive, source
         assert d.s.alarms == ()
 
 
-@pytest.mark.campaign
-async def test_silent_bus_stops_arm_and_task_and_is_reported(drive, source):
-    source.pace_s = 0.002
-    async with drive(step=Step.CAPTURE) as d:
-        await d.press("a")
-        await d.until(lambda: len(d.s.state.poses) >= 1, "one pose")
-        source.arm.stop_answering_since(1.2)
-        await d.until(lambda: d.s.data is DataState.LOST, "lost")
-        await d.until(lambda: bool(source.arm.stops), "quick stop sent")
-        await d.idle()
-        assert "LOST" in d.text("#strip")
-        assert any("no data from the arm" in m.text for m in d.s.messages)
-        captured = len(d.s.state.poses)
-        await d.press("enter")
-        assert d.app.step is Step.CONNECT
-        source.arm.answer_again()
-        source.arm.reset_stop()
-        await d.until(lambda: d.s.data is DataState.FRESH, "fresh again")
-        # A controller that restarted has lost the modes: they are set again before anything moves.
-        await d.press("4")
-        await d.until(lambda: "apply the modes again" in d.hint)
-        await d.to_step(Step.CAPTURE)
-        await d.run("a")
-        assert len(d.s.state.used_poses) == d.s.required_poses > captured
-        assert [p.number for p in d.s.state.poses] == list(range(1, d.s.required_poses + 1))
-
-
 async def test_lost_arm_can_be_reconnected(drive, source):
     async with drive(step=Step.CAPTURE) as d:
         await d.press("1")

@@ -58,18 +58,6 @@ def covariance(left: WhitenedResiduals) -> np.ndarray:
     return left.to_x @ left.to_x.T
 
 
-def test_scores_equal_the_explicit_projector():
-    w, A, V, G = problem(1)
-    left = fit_residuals(w, A, V)
-    P = projector(dense(V), A.reshape(-1, UNKNOWNS))
-    s, C = left.score(G)
-    flat, y = G.reshape(-1, 3), w.reshape(-1)
-    np.testing.assert_allclose(s, flat.T @ P @ y, rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(C, flat.T @ P @ flat, rtol=1e-9, atol=1e-9)
-    assert left.chi2 == pytest.approx(y @ P @ y)
-    assert left.dof == POSES * ROWS - UNKNOWNS
-
-
 def test_random_effects_and_priors_are_in_the_covariance():
     w, A, V, G = problem(2)
     rng = np.random.default_rng(3)

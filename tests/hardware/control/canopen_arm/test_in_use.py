@@ -205,12 +205,6 @@ def test_token_of_predecessor_grants_no_control(arm, bus):
     assert not [data for i, data in bus.sent[since:] if 0x200 < i < 0x280 or i == 0x610]
 
 
-def test_token_with_live_holder_denies_control(bus):
-    bus.token = 99
-    bus.other_master = ((0x700 + 99, b"\x05"),)
-    assert refused(bus, ControlDenied).holder == 99
-
-
 def test_disabled_arm_is_read_once_before_reset(arm, bus):
     arm.connect()
     before = [data[1:4] for identifier, data in bus.sent[: 7 + 1] if 0x600 < identifier < 0x680]

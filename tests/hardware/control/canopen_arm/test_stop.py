@@ -12,7 +12,7 @@ from hardware.control import motion_steps
 from hardware.control.stop_line import StopLatch
 from hardware.errors import BusError, CommandRefused, Stopped
 from tests.hardware.control.canopen_arm.conftest import PER_RAD, drive, make, short_timing
-from tests.hardware.fake_arm import JOINTS, capture_for_ever
+from tests.hardware.fake_arm import JOINTS
 
 
 def test_stop_during_transmission_overrides_late_setpoint(driven, bus):
@@ -112,16 +112,6 @@ def test_emergency_received_during_reset_is_cleared(driven, bus):
     bus.at(1, lambda: bus.trip(3, 0x7305))
     driven.reset_stop()
     assert (bus.statuses, driven.snapshot().faults) == ({0x40}, ())
-    driven.take_control()
-
-
-def test_external_stop_lasts_until_reset(driven, bus):
-    bus.emergency(16, 0x5441)
-    with pytest.raises(Stopped, match="external stop"):
-        capture_for_ever(driven)
-    assert driven.snapshot().faults
-    driven.reset_stop()
-    assert driven.snapshot().faults == ()
     driven.take_control()
 
 

@@ -9,7 +9,6 @@ import can
 import pytest
 
 from hardware import errors
-from hardware.buses.python_can import BusSettings
 from hardware.control.control_loop import MAX_IDLE_POLL_S
 from hardware.monitors.node_monitor import NodeMonitor
 from hardware.timing import Timing
@@ -186,16 +185,6 @@ def test_idle_loop_polls_less_often_until_next_task(connected):
     arm.capture(2)
     wait_for(lambda: waits_s[-1:] == [MAX_IDLE_POLL_S])
     assert timing.idle_poll_s in waits_s, "the next task may follow at once"
-
-
-def test_stop_works_with_a_single_adapter_handle(connected, bus):
-    def fail_to_open(_: BusSettings) -> can.BusABC:
-        raise errors.BusError("the adapter is in use")
-
-    arm = connected(stop_opener=fail_to_open)
-    arm.take_control()
-    arm.stop()
-    assert bus.statuses == {0x07}
 
 
 def test_repeated_emergency_is_one_fault():

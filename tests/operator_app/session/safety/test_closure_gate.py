@@ -21,7 +21,6 @@ from tests.oracles.plant_sessions import (
     MakeSession,
     left_session,
     short_procedure,
-    take_poses_until,
 )
 from tests.oracles.wrong_zero import ShiftedCounterArm
 
@@ -133,13 +132,6 @@ def test_impossible_reading_is_refused_after_any_number_of_poses(
     assert len(event_data(folder, "standing")) == len(before) + entries
     assert refused["probability"] < 1e-4
     assert session_state(read_journal(folder)).captured == poses
-
-
-def test_sound_arm_resumes_after_few_poses(make_session, tmp_path):
-    arm = arm_after(tmp_path / "session", 2)
-    session = make_session(PROCEDURE, arm=arm, resume=True, connect=True)
-    take_poses_until(session, 3)
-    assert len(session.state.poses) == 3
 
 
 def test_counter_at_zero_outside_the_box_is_refused_if_tolerances_are_wide(make_session):

@@ -366,14 +366,6 @@ def test_step_of_a_driven_joint_is_reported_at_the_next_pose(begin, name, after)
     assert len(session.state.poses) == after + 1
 
 
-def test_sound_arm_repeats_no_pose(begin):
-    session, listener = begin(16, {})
-    with pytest.raises(Cancelled):
-        take_poses(session, listener, (1, 5))
-    assert session.state.readings == ()
-    assert listener.reports == []
-
-
 @PROCEDURES
 def test_single_outlier_costs_one_repeat_only(begin, name, after):
     """The counts are back before the first pose is repeated."""

@@ -137,9 +137,3 @@ def test_report_from_before_stop_is_no_alarm():
     alarms_after(runner, supervisor, 0.0)
     assert alarms_after(runner, supervisor, 0.8, age_s=0.4) == []
     assert len(alarms_after(runner, supervisor, 0.8, age_s=0.4)) == 1
-
-
-def test_drives_that_stop_in_time_are_no_alarm():
-    runner, supervisor = supervised(not_stopped())
-    for by_s in (0.0, 0.6, 5.0):
-        assert alarms_after(runner, supervisor, by_s) == []

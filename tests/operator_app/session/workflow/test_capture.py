@@ -5,9 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fixtures.rigid import Rigid
-from operator_app.calibration.experiment import FixtureRefusedError
-from operator_app.config.fixture_file import load_fixture
 from operator_app.config.parameters_file import load_parameters
 from operator_app.config.poses_file import load_poses
 from operator_app.errors import GuardError
@@ -79,16 +76,6 @@ def test_unknown_joint_missing_modes_and_too_few_poses_are_refused(make_session)
         waypoints_of(session)
     with pytest.raises(TooFewPosesError, match="at least 3 poses"):
         run(session, Listener())
-
-
-def test_rigid_fixture_is_refused_for_the_elbow_before_any_motion(make_session):
-    fixture = load_fixture("rigid")
-    assert isinstance(fixture.fixture, Rigid)
-    procedure = replace(short_procedure(3), fixture=fixture, position_joints=(1,))
-    session = make_session(procedure, connect=True)
-    with pytest.raises(FixtureRefusedError, match="joint 4 does not move"):
-        session.require_fixture()
-    assert session.state.modes == ()
 
 
 @pytest.mark.sample(2)

@@ -51,7 +51,7 @@ def connect(session: Session, listener: Listener, *, measuring: bool = True) -> 
         joints = sorted({f.joint for f in faults if f.joint is not None})
         session.record("reset", {"joints": joints, "code": int(EmergencyCode.HEARTBEAT_LOST)})
         listener.report(
-            "Reset the drives, which had tripped on a lost operator heartbeat (8130h), as after a killed program. "
+            "The drives had tripped on a lost operator heartbeat (8130h), as after a killed program, and were reset. "
             "Nothing has moved."
         )
     return identity

@@ -13,10 +13,11 @@ from operator_app.calibration.experiment import FixtureRefusedError
 from operator_app.calibration.notices import outliers_still_used
 from operator_app.config.poses_file import load_poses
 from solver.chain.arm_model import RowTolerance
-from solver.chain.sensors import Encoder
+from solver.chain.sensors import Encoder, NoSensor
 from solver.closing import close_loops
 from solver.diagnostics.range_checks import ReadingsOutOfRangeError
-from tests.oracles.as_shipped import ARM, HINGE, displaced
+from tests.oracles.as_shipped import ARM, HINGE, displaced, poses_of
+from tests.oracles.shop_floor import session
 
 
 @pytest.fixture
@@ -158,3 +159,16 @@ def test_offset_far_beyond_its_tolerance_is_mentioned(poses):
 def test_text_names_five_of_many_outliers_and_counts_the_rest():
     (notice,) = outliers_still_used(tuple(str(k) for k in range(1, 513)))
     assert "poses 1, 2, 3, 4, 5 and 507 more" in notice.text
+
+
+def test_the_number_of_a_joint_without_a_sensor_has_no_effect():
+    joints = (*ARM.joints[:6], replace(ARM.joints[6], sensor=NoSensor()))
+    free = tuple(entry for entry in ARM.free if entry.name != "theta_off_7")
+    arm, poses = replace(ARM, joints=joints, free=free), poses_of(session(1))
+    solutions = []
+    for angle_rad in (0.0, 1.6):
+        q = poses.q_rad.copy()
+        q[:, 6] = angle_rad
+        solutions.append(calibrate(arm, HINGE, replace(poses, q_rad=q)))
+    assert all(s.accepted for s in solutions)
+    np.testing.assert_array_equal(*(s.estimate.x for s in solutions))

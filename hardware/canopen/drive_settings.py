@@ -189,7 +189,7 @@ def check_operator_monitoring(access: ObjectAccess, profile: BusProfile) -> tupl
 def operator_monitoring_differences(
     access: ObjectAccess, node: int
 ) -> tuple[ObjectMismatch, ...] | None:
-    """Return why a drive does not monitor the operator's heartbeat; empty if it does, None without 1016h."""
+    """Return why a drive does not monitor the operator's heartbeat; empty if it does, None if there is no 1016h."""
     watched = _heartbeat_consumers(access, node)
     if watched is None:
         return None

@@ -120,7 +120,7 @@ def _read_problem(node: FoundNode) -> str:
 
 
 def _frames(node: FoundNode, kind: PdoKind) -> list[tuple[Entry, ...]]:
-    """Return the PDO maps that carry the needed objects, each of at most 8 bytes."""
+    """Return PDO maps of at most 8 bytes each that carry the needed objects."""
     frames, free_bits = list[tuple[Entry, ...]](), 0
     for index in kind.carried:
         entry = (index, 0, node.widths.get(index, 0))

@@ -95,7 +95,7 @@ class ControlLoop:
 
     @property
     def view(self) -> CyclicView:
-        """The latest sample, with the time and the accumulated host latency at each joint's answer."""
+        """The latest sample, with the time and the accumulated host latency when each joint answered."""
         return self._sampler.view
 
     def start(self) -> None:

@@ -80,7 +80,7 @@ class EmbeddedBus(VirtualBus):
 
 
 class AttendingBus(EmbeddedBus):
-    """Embedded bus on which a reader runs the virtual arm while it waits for a frame.
+    """Embedded bus whose readers run the virtual arm while they wait for a frame.
 
     While a reader waits and no frame is queued, `attend` (`VirtualController.attend`) is called. A reader that waits
     while another thread sends a frame is woken.

@@ -47,7 +47,7 @@ class SpecimenFiles:
 
 
 def draw_truth(stated: SpecimenFiles, rng: np.random.Generator, *, maker_errors: bool) -> Truth:
-    """Draw a truth that closes near the arm's home; `ValueError` if no plant can be built from these files.
+    """Draw true values with which the loop closes near the arm's home; raises `ValueError` if there are none.
 
     `maker_errors`: whether lengths and twists that the calibration does not identify have errors too.
     """

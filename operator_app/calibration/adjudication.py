@@ -334,7 +334,7 @@ def _single_cause(diagnosis: Diagnosis) -> bool:
 
 
 def _blocking_when_probable(causes: tuple[Finding, ...]) -> tuple[Finding, ...]:
-    """Return the causes, of which those with a probability above 0.5 block acceptance."""
+    """Return all causes; those with a probability above 0.5 are made blocking."""
     return tuple(replace(c, blocking=c.blocking or c.probability > 0.5) for c in causes)
 
 

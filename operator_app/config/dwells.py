@@ -135,7 +135,7 @@ def _dwell(
     ends: tuple[int, int],
     spread_rad: float,
 ) -> Dwell | RefusedDwell:
-    """Return the dwell between two indices (both included), cut to exclude motion at either end, or its refusal."""
+    """Return the dwell between two indices (both included) without motion at either end, or the reason for none."""
     at_rest = q_rad[ends[0] : ends[1] + 1]
     away = np.abs(at_rest - np.median(at_rest, axis=0))
     noise = 1.4826 * np.median(away, axis=0)

@@ -43,7 +43,7 @@ LARGEST_DEG = 3600.0
 
 
 def refuse(text: str, remedy: str = "") -> PydanticCustomError:
-    """Return the error with which a schema refuses a value, with a text for the operator."""
+    """Return the error that a schema raises to refuse a value; `text` and `remedy` are for the operator."""
     return PydanticCustomError("refused", "{what}", {"what": text, "remedy": remedy})
 
 

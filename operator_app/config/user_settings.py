@@ -58,7 +58,7 @@ def settings_path() -> Path:
 
 
 def load_settings() -> UserSettings:
-    """Return the user's settings, all None without a file; raises ConfigError if the file is invalid."""
+    """Return the user's settings, all of them None if there is no file; raises ConfigError if the file is invalid."""
     data = settings_bytes()
     return parse_settings(data, str(settings_path())) if data is not None else UserSettings()
 

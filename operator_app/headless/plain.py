@@ -231,7 +231,7 @@ class Plain:
         return None if row is None else user_interface.ShownAlarm(number=row, all_visible=True)
 
     def open(self, make: Callable[[], Runner]) -> None:
-        """Open another session; write why if that fails."""
+        """Open another session; show the reason if that fails."""
         try:
             self.runner = make()
         except EXPECTED as error:

@@ -69,8 +69,8 @@ REMEDIES: Mapping[type, str] = {
     errors.MappingMismatch: "Nothing was enabled and nothing moves",
     errors.MappingChanged: "This pose was not captured; the earlier poses passed this check and are kept",
     errors.PdoSetupFailed: "Nothing was enabled and nothing moves",
-    errors.SdoRefused: "The manual of that node states what this object is and when it is refused: set it up with "
-    "its maker's tool, then connect again",
+    errors.SdoRefused: "See the manual of that node for what this object is and when it is refused. Set the node up "
+    "with its maker's tool, then connect again",
     errors.ControlDenied: "Ask the other operator to give up control, then connect again",
     errors.DuplicateNodeId: "Until then this program moves nothing and captures nothing",
     errors.OtherMaster: "Until then this program moves nothing and captures nothing; the other program may still "

@@ -189,7 +189,7 @@ def _joint_out_of_range(arm: ArmModel, manifold: Manifold) -> str:
 
 
 def _usable(prediction: DrivePrediction, unsensed_joints: tuple[int, ...]) -> list[RankedDrives]:
-    """Return the sets usable at the pose and over the region, best first; without inexact joints if possible."""
+    """Return the drive sets usable at the pose and in the region, best first; inexact joints only if necessary."""
     usable_now = {r.drives for r in prediction.here if r.usable}
     usable = [
         r

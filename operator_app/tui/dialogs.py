@@ -85,7 +85,7 @@ class Ask(Dialog[Typed]):
     FOCUS = "Input"
 
     def body(self) -> ComposeResult:
-        """Yield an input line and the line for instructions or a refusal."""
+        """Yield an input field, and the line that shows instructions or a refusal."""
         yield Input(value=sanitized(self._question.value), id="answer", compact=True)
         yield Static(self._plain("Enter accepts, Esc cancels"), id="said")
 

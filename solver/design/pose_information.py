@@ -1,8 +1,8 @@
 """Information of a pose about the parameters, for thousands of candidate poses at once.
 
-A closed pose adds ``A' V^-1 A`` to the Fisher information, in the estimators' linearisation (method, section 3). The
-rows also have columns for effects of stated errors (lengths, twists, encoders, play, sag, compliance): effects that a
-thousand similar poses determine no better than one pose does (method, section 10).
+A closed pose adds ``A' V^-1 A`` to the Fisher information, in the estimators' linearisation (method, section 3). `A`
+also has columns for the effects of stated errors (lengths, twists, encoders, play, sag, compliance). A thousand similar
+poses determine these effects no better than one pose does (method, section 10).
 """
 
 from __future__ import annotations

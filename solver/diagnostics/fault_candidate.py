@@ -1,4 +1,4 @@
-"""Possible faults of arm, fixture or readings: the derivatives of the misclosures, and the expected magnitudes."""
+"""Possible faults of arm, fixture or readings, each with derivatives of the misclosures and an expected magnitude."""
 
 from __future__ import annotations
 

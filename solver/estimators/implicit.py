@@ -232,7 +232,7 @@ def estimate_implicit(
 def linearise(
     error: LoopError, e: FloatArray, variance: FloatArray, deflection_variance: FloatArray
 ) -> LinearisedPoses:
-    """Return the reduced system, with covariances, of loops linearised at corrections `e` (m, n)."""
+    """Linearise the loops at corrections `e` (m, n); return the reduced system with its covariances."""
     reduced = reduced_equations(error)
     E, B = reduced.E, reduced.B
     Bt, Et = np.swapaxes(B, -1, -2), np.swapaxes(E, -1, -2)

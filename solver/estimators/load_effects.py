@@ -178,7 +178,8 @@ def load_basis(
 ) -> LoadBasis:
     """Return the effects of load at joint angles `q` (m, n) and unsensed angles `u` (m, U), rad.
 
-    `x`: parameters (P,), near the truth. `stated_deflection`: rad and m, whose ratio weights moments against forces.
+    `x`: parameters (P,), near the truth. `stated_deflection`: rotation (rad) and translation (m); their ratio weights
+    moments against forces.
     Each placement has its own `deflection_columns` columns.
     """
     m, k = len(q), model.components

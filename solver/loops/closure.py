@@ -103,7 +103,7 @@ def closure_sigmas(residual: FloatArray, rotation_rows: int) -> ClosureSigmas:
 
 
 class ConstrainedPart(Enum):
-    """Part of the tool that a fixture constrains."""
+    """The part of the tool that is constrained by a fixture."""
 
     POINT = "point"
     AXIS = "axis"

@@ -118,7 +118,7 @@ def _minima(
 def _minimised(
     problem: BatchProblem, x0: FloatArray, progress: Progress | None
 ) -> tuple[FloatArray, FloatArray]:
-    """Minimise the sum of squares from every row of `x0` (S, K); return the last unknowns (S, K) and sums (S,)."""
+    """Minimise the sum of squares, from each row of `x0` (S, K); return the final unknowns (S, K) and sums (S,)."""
     survivors = max(FEWEST_SURVIVORS, int(SURVIVING_SHARE * len(x0)))
     x = np.array(x0, dtype=np.float64)
     r, J = problem(x)

@@ -378,7 +378,7 @@ class Result:
 
     @cached_property
     def _state_source(self) -> Journalled | ImportedSession:
-        """The session that the result was read from, or that `save` would write."""
+        """The state of the session from which the result was read, or which `save` would write."""
         origin = self._origin
         return origin if isinstance(origin, Journalled) else self._session(origin)
 

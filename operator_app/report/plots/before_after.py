@@ -40,7 +40,7 @@ class Pair:
 
 
 def hand_pair(solution: Solution, arm: ArmModel) -> Pair | None:
-    """Return pictures of the tool position error over the joint ranges, before and after; None if not computed."""
+    """Return pictures of the tool position error over the joint ranges before and after calibration, or None."""
     accuracy = solution.accuracy
     if accuracy is None:
         return None

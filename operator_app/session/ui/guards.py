@@ -27,7 +27,7 @@ Guard = Callable[[SessionSnapshot], str]
 
 
 def all_of(*guards: Guard) -> Guard:
-    """Return a guard with the reason of the first of `guards` that refuses; "" if none refuses."""
+    """Return a guard that gives the reason of the first of `guards` to refuse; its reason is "" if none refuses."""
     return lambda s: next(filter(None, (guard(s) for guard in guards)), "")
 
 
@@ -218,7 +218,7 @@ def lacks_drift_check(s: SessionSnapshot) -> bool:
 
 
 def moves_real_arm(s: SessionSnapshot) -> bool:
-    """Whether the drives of a real arm move it: it is neither simulated nor moved by hand."""
+    """Whether the arm is real and moved by its drives, i.e. neither simulated nor moved by hand."""
     return not s.simulated and not (s.identity is not None and s.identity.by_hand)
 
 

@@ -319,10 +319,15 @@ def _poorly_determined(case: _Case) -> tuple[Finding, ...]:
         return ()
     group = stated.poses.placement[case.fit.order]
     fit = expected_fit(model, design.q, design.errors, nominal, group=group)
-    expected = replace(case.fit.estimate, covariance=fit.covariance).given(case.known.by_files)
+    expected = replace(case.fit.estimate, covariance=fit.covariance)
+    if case.gross:
+        # A gross misfit has another cause, unless sigmas that the files do not limit make any solution useless.
+        expected = expected.given(case.known.by_files)
     sd = expected.standard_deviation
     causes = acceptance.little_motion(expected.parameters, sd, case.known.judged)
-    return tuple(cause for cause in causes if cause.blocking)
+    if case.gross:
+        return tuple(cause for cause in causes if cause.blocking)
+    return tuple(replace(cause, blocking=True) for cause in causes)
 
 
 def _single_cause(diagnosis: Diagnosis) -> bool:

@@ -113,22 +113,28 @@ def cost_of(alternative: Experiment) -> float:
     return tried(lambda: start(alternative)[1], np.inf)
 
 
-def solved(alternative: Experiment) -> tuple[float, int]:
-    """Return chi2/dof of an alternative at stated variances, and its dof; (inf, 0) if it cannot be solved."""
-    found = tried(lambda: fitted(alternative), None)
+def solved(alternative: Experiment, *, anywhere: bool = False) -> tuple[float, int]:
+    """Return chi2/dof of an alternative at stated variances, and its dof; (inf, 0) if it cannot be solved.
+
+    `anywhere`: as for `fitted`.
+    """
+    found = tried(lambda: fitted(alternative, anywhere=anywhere), None)
     if found is None:
         return np.inf, 0
     return found.fit.chi2 / max(found.fit.dof, 1), found.fit.dof
 
 
-def fitted(alternative: Experiment) -> MixedFit:
-    """Return the fit of an alternative at stated variances; raises an error if it cannot be solved."""
+def fitted(alternative: Experiment, *, anywhere: bool = False) -> MixedFit:
+    """Return the fit of an alternative at stated variances; raises an error if it cannot be solved.
+
+    `anywhere`: whether the distance of the fixture from its stated place adds nothing to chi2, as for the stated model.
+    Otherwise, of two alternatives that fit, the one that leaves the fixture in its place has the smaller chi2.
+    """
     arm, poses = alternative.arm, alternative.poses
     x, _ = start(alternative)
     hard = alternative.loop()
     model, tolerance = free_within_tolerance(hard, arm)
-    # As for the stated model, the distance of the fixture from its stated place does not add to chi2.
-    placed = {*hard.ground_side, *hard.hand_side}
+    placed = {*hard.ground_side, *hard.hand_side} if anywhere else set()
     priors = stated_priors(hard, arm, alternative.fixture)
     prior = {name: sd for name, sd in priors.items() if name not in placed}
     errors = error_model(alternative, tolerance=tolerance, prior=prior)

@@ -150,7 +150,7 @@ def poses_in_radians(stated: Experiment, scale: float) -> tuple[Finding, ...]:
     if np.abs(q_rad).max() > LARGEST_IN_RADIANS or not mostly_in_range(stated.arm, mistake.q_rad):
         return ()
     finding, alternative = _corrected(stated, mistake)
-    ratio, _ = solved(_refitted(alternative, alternative.poses))
+    ratio, _ = solved(_refitted(alternative, alternative.poses), anywhere=True)
     return _named([(finding, 0.0)]) if limits.ALTERNATIVE_CHI2_RATIO * ratio < scale else ()
 
 
@@ -207,7 +207,7 @@ def refuted_distances(stated: Experiment) -> tuple[Finding, ...]:
     if not known or not isinstance(stated.fixture, Ball):
         return ()
     alone = replace(stated, fixture=replace(stated.fixture, distances=()))
-    found = tried(lambda: fitted(alone), None)
+    found = tried(lambda: fitted(alone, anywhere=True), None)
     if found is None or not _as_stated(found.fit.chi2, found.fit.dof):
         return ()
     fit, x, placements = found.fit, found.x, stated.poses.placements

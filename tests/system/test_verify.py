@@ -59,4 +59,6 @@ def test_poses_after_a_step_change_of_a_joint_are_named(sessions, tmp_path, run_
     assert "check pose" in answer.out
     assert answer.err == ""
     save_poses(file, replace(stepped, q_rad=np.deg2rad(stepped.q_rad)))
-    assert f"sarcal: {file}: no joint angle" in run_command(4, *command).err
+    refusal = run_command(2, *command).err
+    assert f"sarcal: {file}: no joint angle" in refusal
+    assert "in range if taken as radians" in refusal

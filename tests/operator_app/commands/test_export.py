@@ -44,7 +44,9 @@ def test_upload_is_journalled_with_its_reason(tmp_path, run_command):
     assert result["uploaded"]["sha256"] == hashlib.sha256(copy.read_bytes()).hexdigest()
     events = read_journal(folder).events
     assert [e.name for e in events].count("control") == 1, "an upload enables no drive"
-    solved, exported = [e for e in events if e.name in ("solved", "exported")][-2:]
+    # The outcome is recorded as unknown before the upload, and again after it.
+    solved, begun, exported = [e for e in events if e.name in ("solved", "exported")][-3:]
+    assert "unknown" in begun.data
     assert solved.data["estimator"] == "paper"
     assert session_state(read_journal(folder)).solution == solved.data["record"]
     document = load_parameters(copy)

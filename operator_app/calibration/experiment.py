@@ -24,7 +24,7 @@ from solver.loops.closure import ClosureModel
 from solver.loops.placements import place
 from solver.search.global_start import GlobalStart, global_start
 
-STARTS = 36
+ANGLES_TRIED = 36
 """Number of angles that are tried for a joint without a sensor."""
 
 
@@ -78,7 +78,7 @@ def with_angles_of_unsensed(arm: ArmModel, fixture: EndpointConstraint, poses: P
     """Return the poses with angles at which their loops close best, for the joints without a sensor.
 
     A poses file has a number for such a joint too. The number may be anything, and from an angle far off a loop closes
-    wrongly or not at all. Each pose gets, of `STARTS` angles in the joint's range, that of the smallest closure error
+    wrongly or not at all. Each pose gets, of `ANGLES_TRIED` angles in the joint's range, that of the smallest closure error
     (1 m : 1 rad) at the nominal parameters. With an instrument, whose base may be unknown, the poses are unchanged.
     """
     if not arm.unsensed_joints or isinstance(fixture, Measured):
@@ -89,7 +89,7 @@ def with_angles_of_unsensed(arm: ArmModel, fixture: EndpointConstraint, poses: P
     blind = [j - 1 for j in arm.unsensed_joints]
     q[:, blind] = 0.5 * (lower + upper)[blind]
     for j in blind:
-        angles, errors = np.linspace(lower[j], upper[j], STARTS), []
+        angles, errors = np.linspace(lower[j], upper[j], ANGLES_TRIED), []
         for angle in angles:
             q[:, j] = angle
             error = model.loop(x, q, model.initial_unsensed(x, q)).residual

@@ -78,8 +78,8 @@ def with_angles_of_unsensed(arm: ArmModel, fixture: EndpointConstraint, poses: P
     """Return the poses with angles at which their loops close best, for the joints without a sensor.
 
     A poses file has a number for such a joint too. The number may be anything, and from an angle far off a loop closes
-    wrongly or not at all. Each pose gets, of `ANGLES_TRIED` angles in the joint's range, that of the smallest closure error
-    (1 m : 1 rad) at the nominal parameters. With an instrument, whose base may be unknown, the poses are unchanged.
+    wrongly or not at all. Each pose gets, of `ANGLES_TRIED` angles in the joint's range, that of the smallest closure
+    error (1 m : 1 rad) at the nominal parameters. With an instrument, whose base may be unknown, nothing is changed.
     """
     if not arm.unsensed_joints or isinstance(fixture, Measured):
         return poses

@@ -50,9 +50,7 @@ def execute(args: argparse.Namespace) -> int:
     if args.procedure is None:
         names = args.arm or "sarcos_dextrous", args.fixture or "hinge"
         arm, fixture = load_arm(names[0]), load_fixture(names[1])
-        run = "open_loop --go-home" if fixture.kind == "measured" else fixture.kind
-        if names[0] != "sarcos_dextrous" or names[1] not in builtin_names("fixture"):
-            run, new = "PROCEDURE", f" (sarcal new procedure --arm {names[0]} --fixture {names[1]})"
+        run, new = procedure_of(*names, kind=fixture.kind)
     elif args.arm or args.fixture:
         raise UsageError("--procedure names arm and fixture: leave --arm and --fixture out")
     else:
@@ -95,6 +93,14 @@ def execute(args: argparse.Namespace) -> int:
             f"The bus can no longer be used: {failure}. Check adapter and interface, and start again."
         ) from failure
     raise failure
+
+
+def procedure_of(arm: str, fixture: str, *, kind: str) -> tuple[str, str]:
+    """Return the argument of `sarcal run` for an arm in a fixture, and how to make a procedure if none is built in."""
+    if arm != "sarcos_dextrous" or fixture not in builtin_names("fixture"):
+        made_by = f"sarcal new procedure --arm {arm} --fixture {fixture}"
+        return "PROCEDURE", f" (to make PROCEDURE: {made_by})"
+    return "open_loop --go-home" if kind == "measured" else kind, ""
 
 
 def script_of(args: argparse.Namespace, joints: int) -> list[ScriptedFault]:

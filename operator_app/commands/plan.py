@@ -32,7 +32,7 @@ def execute(args: argparse.Namespace) -> int:
     if args.tries is not None and args.tries < 1:
         raise UsageError("--tries: must be at least 1")
     if args.tries is not None and not args.advise:
-        raise UsageError("--tries: is for --advise; add it, or leave --tries out")
+        raise UsageError("--tries is used only with --advise: add --advise, or leave --tries out")
     procedure, known_rad, basis = _of_session(args) if args.session else _of_files(args)
     capture = procedure.capture
     poses = args.poses or (capture.poses if capture.strategy == "planned" else PLANNED_POSES)

@@ -270,18 +270,10 @@ def visit(session: Session, index: int) -> bool:
     return outcome.reached
 
 
-def _main_reason(session: Session) -> str:
-    """Return text on the most frequent reason for skipping a waypoint; "" if none was skipped.
-
-    Reasons with the same first three words, such as "joint 7 needed", are the same but for their figures.
-    """
+def _last_reason(session: Session) -> str:
+    """Return text on why the last skipped waypoint was skipped; "" if none was skipped."""
     reasons = [reason for reason in session.state.skipped_waypoints.values() if reason]
-    if not reasons:
-        return ""
-    kinds = [reason.split()[:3] for reason in reasons]
-    times = [kinds.count(kind) for kind in kinds]
-    most = max(times)
-    return f"; {most} of {len(reasons)} waypoints were skipped because {reasons[times.index(most)]}"
+    return f"; the last waypoint was skipped because {reasons[-1]}" if reasons else ""
 
 
 def explore(session: Session, listener: Listener, after_pose: Callable[[], None]) -> None:
@@ -291,7 +283,7 @@ def explore(session: Session, listener: Listener, after_pose: Callable[[], None]
         waypoint = session.state.next_waypoint
         if waypoint >= len(plan):
             raise GuardError(
-                f"only {count} of {total} poses could be reached{_main_reason(session)}",
+                f"only {count} of {total} poses could be reached{_last_reason(session)}",
                 "drive another pair of joints, widen the exploration ranges, mount the hinge elsewhere, or "
                 "calibrate from these poses",
             )

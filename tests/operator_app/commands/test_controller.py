@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from hardware.virtual.fault_messages import FAULTS
-from operator_app.commands.controller import script_of
+from operator_app.commands.controller import procedure_of, script_of
 from operator_app.commands.table import parser_of
 from operator_app.errors import SessionError
 from operator_app.virtual_arms import slots_in
@@ -31,6 +31,18 @@ def test_state_folder_is_created_empty(tmp_path):
     assert list((tmp_path / "a" / "b").iterdir()) == []
     with pytest.raises(SessionError, match="null"):
         slots_in(Path("x\0y"))
+
+
+def test_the_command_to_run_needs_a_procedure_of_this_arm_in_this_fixture():
+    assert procedure_of("sarcos_dextrous", "tracker", kind="measured") == (
+        "open_loop --go-home",
+        "",
+    )
+    assert procedure_of("sarcos_dextrous", "hinge", kind="hinge") == ("hinge", "")
+    for names in (("ur5e", "hinge"), ("sarcos_dextrous", "my_hinge.yaml")):
+        run, advice = procedure_of(*names, kind="hinge")
+        assert run == "PROCEDURE"
+        assert "sarcal new procedure --arm {} --fixture {}".format(*names) in advice
 
 
 def requested_syncs(*words: str) -> list[int]:

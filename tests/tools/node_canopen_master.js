@@ -151,20 +151,6 @@ async function main() {
     await write(SUPERVISOR, 0x2010, OPERATOR, DataType.UNSIGNED32);
     replies.token = await read(SUPERVISOR, 0x2010, 0, DataType.UNSIGNED32);
 
-    // Block transfer of more than three blocks of 127 segments, in both directions.
-    const document = Buffer.from(Array.from({ length: 3000 }, (_, k) => 32 + k % 90));
-    const block = { serverId: SUPERVISOR, index: 0x2000, timeout: PATIENCE_MS, blockTransfer: true };
-    replies.blocks = 'the same';
-    try {
-        await master.sdo.download({ ...block, data: document, blockInterval: 0 });
-        const received = await master.sdo.upload(block);
-        if (!document.equals(received))
-            replies.blocks = `${received.length} bytes, others than were sent`;
-    } catch (error) {
-        replies.blocks = error.message;
-    }
-    await write(SUPERVISOR, 0x2002, 3, DataType.UNSIGNED8);
-
     const start = replies.first[JOINT - 1][1];
     replies.enabling = [];
     for (const controlword of [0x06, 0x07, 0x0F])

@@ -4,13 +4,11 @@ Joints are numbered from 1. Angles are sensor coordinates (the measured theta of
 continuous and never wrapped; counts are the drive's 6064h.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import Protocol, Self, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -136,11 +134,11 @@ class HostLatency:
     last_s: float = 0.0
     longest_s: float = 0.0
 
-    def with_event(self, by_s: float, *, new: bool) -> HostLatency:
+    def with_event(self, by_s: float, *, new: bool) -> Self:
         """Return a copy: if `new`, it has one more latency, `by_s`; else its last latency is at least `by_s`."""
         last_s = by_s if new else max(by_s, self.last_s)
         longest_s = max(last_s, self.longest_s)
-        return HostLatency(times=self.times + new, last_s=last_s, longest_s=longest_s)
+        return replace(self, times=self.times + new, last_s=last_s, longest_s=longest_s)
 
 
 NO_LATENCY = HostLatency()

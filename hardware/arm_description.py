@@ -1,7 +1,5 @@
 """Description of the arm that is expected on the bus: joints, limits, sensors, and the scale of their counts."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

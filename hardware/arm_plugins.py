@@ -9,8 +9,6 @@ a package offers an arm that is selected with ``-i my_arm -c CHANNEL``. If the n
 that interface is used.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.metadata import entry_points

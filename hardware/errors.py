@@ -1,7 +1,5 @@
 """Errors of the arm and the bus, with details as attributes."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -159,7 +157,6 @@ class MappingChanged(HardwareError):
 
 
 def _remedies(differences: Sequence[ObjectMismatch]) -> Iterator[str]:
-    """Yield the remedies for these differences, grouped by whether and how a bus profile can accept them."""
     described = [each for each in differences if each.remedy is ProfileRemedy.DESCRIBE_PDO]
     for kind in (ProfileRemedy.NONE, ProfileRemedy.HEARTBEAT_PERIOD, ProfileRemedy.SEND_ZERO):
         if objects := sorted({each.object for each in differences if each.remedy is kind}):

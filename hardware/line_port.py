@@ -4,8 +4,6 @@ Each measurement starts with a question to the instrument. Lines received before
 and are discarded. Over TCP the question is sent as a line; an instrument may ignore it.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import select
@@ -244,7 +242,6 @@ class StdinLines(LinePort):
 
     @cached_property
     def _stream(self) -> LineStream:
-        """The line reader; its thread starts on first use."""
         return LineStream(self._descriptor)
 
     def open(self) -> str:

@@ -4,8 +4,6 @@ Commands that the limits refuse do not reach the arm, and nothing moves while ST
 command is sent again after the command. Exceptions and invalid readings become errors that name the package.
 """
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -14,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from hardware import errors
 from hardware.arm import (
     ArmIdentity,
     ArmInterface,
@@ -26,17 +25,8 @@ from hardware.arm import (
     Watch,
 )
 from hardware.arm_description import ArmDescription
-from hardware.command_limits import arm_limits
+from hardware.command_limits import admit_move, arm_limits
 from hardware.control.stop_line import StopLatch
-from hardware.errors import (
-    BusError,
-    CommandRefused,
-    HardwareError,
-    ModeNotReached,
-    StopLatched,
-    Stopped,
-)
-from hardware.monitors.admission import admit_move
 
 
 class OutsideArm:
@@ -93,7 +83,7 @@ class OutsideArm:
             try:
                 with self._translated_errors():
                     self._left_held = arm.close()
-            except HardwareError:
+            except errors.HardwareError:
                 pass
             finally:
                 # Not before: STOP needs the arm until it is closed.
@@ -117,14 +107,14 @@ class OutsideArm:
             raise ValueError(f"{len(self._limits)} joints need one mode each, not {len(modes)}")
         self._require_no_stop()
         if not self._in_control:
-            raise CommandRefused("the drives are not under control: take control first")
+            raise errors.CommandRefused("the drives are not under control: take control first")
         with self._command():
             self._connected.set_modes(modes)
         joints = self._checked_snapshot(self._connected).joints
         for joint, requested in zip(joints, modes, strict=True):
             if joint.mode is not requested:
                 actual = "no mode" if joint.mode is None else joint.mode.value
-                raise ModeNotReached(joint.joint, requested.value, actual)
+                raise errors.ModeNotReached(joint.joint, requested.value, actual)
 
     def move(
         self,
@@ -192,7 +182,7 @@ class OutsideArm:
         with self._translated_errors():
             self._connected.reset_stop()
         if not self._latch.release(press):
-            raise Stopped("STOP was pressed again during the reset: it stays latched")
+            raise errors.Stopped("STOP was pressed again during the reset: it stays latched")
 
     def upload_parameters(self, document: bytes) -> UploadReceipt:
         """Upload to a controller that keeps parameters; no drive has to be enabled."""
@@ -207,16 +197,15 @@ class OutsideArm:
     @property
     def _connected(self) -> ArmInterface:
         if self._arm is None:
-            raise BusError("The arm is not connected.")
+            raise errors.BusError("The arm is not connected.")
         return self._arm
 
     def _checked_snapshot(self, arm: ArmInterface) -> ArmSnapshot:
-        """Return the snapshot of `arm` after checking that every joint has a finite position."""
         n = len(self._description.joints)
         with self._translated_errors():
             snapshot = arm.snapshot()
             if [joint.joint for joint in snapshot.joints] != list(range(1, n + 1)):
-                raise BusError(
+                raise errors.BusError(
                     f"{self._name} has {len(snapshot.joints)} joints, and {self._description.model} has {n}: name "
                     "the arm file that describes it"
                 )
@@ -224,16 +213,15 @@ class OutsideArm:
         return snapshot
 
     def _require_numbers(self, what: str, values: Sequence[float] | FloatArray) -> None:
-        """Raise `BusError` unless there is one finite number for each joint."""
         n, numbers = len(self._description.joints), np.asarray(values, dtype=float)
         if numbers.shape != (n,):
-            raise BusError(
+            raise errors.BusError(
                 f"{self._name}: {what} has shape {numbers.shape} instead of one value for each of {n} joints. "
                 "Report this to the author of the arm's package. Nothing was captured"
             )
         for number, value in enumerate(numbers, 1):
             if not np.isfinite(value):
-                raise BusError(
+                raise errors.BusError(
                     f"{self._name}: {what} of joint {number} is {value}. Check the joint's sensor, or report this to "
                     "the author of the arm's package. Nothing was captured"
                 )
@@ -252,23 +240,22 @@ class OutsideArm:
             if self._latch.latched:
                 with self._translated_errors():
                     self._connected.stop()
-                raise StopLatched("STOP was pressed: reset it before anything moves again")
+                raise errors.StopLatched("STOP was pressed: reset it before anything moves again")
 
     def _require_no_stop(self) -> None:
         if self._latch.latched:
-            raise StopLatched("STOP is latched: reset it before anything moves again")
+            raise errors.StopLatched("STOP is latched: reset it before anything moves again")
 
     @contextmanager
     def _translated_errors(self, own: Sequence[BaseException] = ()) -> Iterator[None]:
-        """Pass on `HardwareError` and the errors in `own`; turn all other exceptions into `BusError`."""
         try:
             yield
-        except HardwareError:
+        except errors.HardwareError:
             raise
         except Exception as error:
             if error in own:
                 raise
-            raise BusError(
+            raise errors.BusError(
                 f"{self._name} failed ({type(error).__name__}: {error}). Report this to the author of the arm's "
                 "package. Nothing has been captured since the failure"
             ) from error

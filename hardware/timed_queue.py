@@ -1,7 +1,5 @@
 """A queue between threads; a wait ends at its time-out, even on a busy computer."""
 
-from __future__ import annotations
-
 from contextlib import suppress
 from queue import Empty, SimpleQueue
 from typing import TypeVar

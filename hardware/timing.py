@@ -4,8 +4,6 @@
 joints have answered the previous SYNC; a run on a seeded virtual arm is then reproducible.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Callable, Iterator, Mapping

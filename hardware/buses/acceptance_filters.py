@@ -4,8 +4,6 @@ Adapters, kernels and the loopback bus drop frames that no filter passes, so tha
 none of these can filter, every frame is received, and unknown frames are ignored.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Iterable
 

@@ -7,8 +7,6 @@ A channel may have any name, which is hashed to a multicast group and, because n
 every datagram. Only classic frames are supported: CANopen uses no others.
 """
 
-from __future__ import annotations
-
 import contextlib
 import ctypes
 import hashlib
@@ -20,7 +18,7 @@ import time
 from typing import Any
 
 import can
-from can.typechecking import AutoDetectedConfig, CanFilters
+from can.typechecking import CanFilters
 
 DEFAULT_CHANNEL = "sarcal"
 MULTICAST_PORT = 43_117
@@ -124,8 +122,7 @@ def filter_program(filters: CanFilters) -> bytes:
 class LoopbackBus(can.BusABC):
     """python-can bus between processes of one machine; on Linux the kernel applies the filters.
 
-    `receive_own_messages`: also deliver this bus object's own frames to itself, with ``is_rx`` false; `send_only`:
-    receive nothing, so that no queue of unread frames fills for a handle that only sends.
+    `receive_own_messages`: also deliver this bus object's own frames to itself, with ``is_rx`` false.
     """
 
     def __init__(
@@ -133,7 +130,6 @@ class LoopbackBus(can.BusABC):
         channel: str | int = DEFAULT_CHANNEL,
         *,
         receive_own_messages: bool = False,
-        send_only: bool = False,
         can_filters: CanFilters | None = None,
         **kwargs: Any,
     ) -> None:
@@ -153,7 +149,7 @@ class LoopbackBus(can.BusABC):
                     for _ in range(2)
                 )
                 _set_up_sender(self._sender)
-                _set_up_receiver(self._receiver, None if send_only else self._group[0])
+                _set_up_receiver(self._receiver, self._group[0])
                 closing.pop_all()  # keep them open
         except OSError as error:
             raise can.CanInitializationError(
@@ -185,7 +181,6 @@ class LoopbackBus(can.BusABC):
             ) from error
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
-        """Return (frame, false); (None, false) after `timeout` s or a datagram for another bus object."""
         self._check_open()
         try:
             try:
@@ -242,13 +237,8 @@ class LoopbackBus(can.BusABC):
         if self._is_shutdown:
             raise can.CanOperationError("this loopback bus has been shut down")
 
-    @staticmethod
-    def _detect_available_configs() -> list[AutoDetectedConfig]:
-        return [{"interface": "loopback", "channel": DEFAULT_CHANNEL}]
-
 
 def _arrival_s(ancillary: list[tuple[int, int, bytes]]) -> float:
-    """Return the kernel's time stamp of arrival, or the current time if there is none."""
     for level, kind, value in ancillary:
         if level == socket.SOL_SOCKET and kind == _SO_TIMESTAMPNS and len(value) >= 16:
             seconds, nanoseconds = struct.unpack_from("@qq", value)
@@ -273,12 +263,9 @@ def enlarge_receive_buffer(receiver: socket.socket) -> None:
             receiver.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, RECEIVE_BUFFER_BYTES)
 
 
-def _set_up_receiver(receiver: socket.socket, group: str | None) -> None:
-    """Have a socket receive `group` on the loopback interface only, or nothing if `group` is None."""
+def _set_up_receiver(receiver: socket.socket, group: str) -> None:
+    """Have a socket receive `group` on the loopback interface only."""
     receiver.setblocking(False)
-    if group is None:
-        receiver.bind((HOST, 0))
-        return
     receiver.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     enlarge_receive_buffer(receiver)
     if _IS_LINUX:

@@ -6,8 +6,6 @@ by default the interface is ``virtual``. The interface may also be the name of a
 (`hardware.arm_plugins`). Such an arm has a channel but no CAN bus.
 """
 
-from __future__ import annotations
-
 import errno
 import logging
 import socket
@@ -18,7 +16,6 @@ from types import MappingProxyType
 from typing import Any
 
 import can
-from can.interfaces import virtual
 from can.interfaces.socketcan import SocketcanBus
 from can.util import load_config, load_environment_config, load_file_config
 
@@ -34,8 +31,9 @@ for _library in ("can", "canopen"):
     logging.getLogger(_library).addHandler(logging.NullHandler())
 
 DEFAULT_INTERFACE = "virtual"
-_SERIAL = frozenset({"slcan", "serial", "robotell", "seeedstudio"})
-"""Adapters on a serial line: opening or closing a second handle closes the first handle as well."""
+_OPENED_ONCE = frozenset({"virtual", "slcan", "serial", "robotell", "seeedstudio"})
+"""The in-process bus, which queues frames for every handle, and adapters on a serial line, where opening or closing a
+second handle closes the first handle as well."""
 _HOST_STAMPED = frozenset({"socketcan", "loopback", "udp_multicast", "virtual"})
 """Interfaces whose frames this computer stamps on arrival, with its time of day."""
 _OWN_CHANNEL = frozenset({"virtual", "loopback"})
@@ -138,36 +136,8 @@ def bus_settings(
     )
 
 
-def open_bus(settings: BusSettings) -> can.BusABC:
-    """Open a bus for sending and receiving; raises `BusError` with the remedy."""
-    return _open(settings, {})
-
-
-def open_sender(settings: BusSettings) -> can.BusABC:
-    """Open a second handle, for STOP, that only sends; raises `BusError` with the remedy."""
-    match settings.interface:
-        case "virtual":
-            return _VirtualSender(settings.channel)
-        case "loopback":
-            return _open(settings, {"send_only": True})
-        case serial if serial in _SERIAL:
-            raise BusError(f"An adapter on a serial line can be opened only once: {settings}.")
-        case _:
-            # A filter that matches nothing: standard identifiers end at 7FFh.
-            nothing = [{"can_id": 0x1FFFFFFF, "can_mask": 0x1FFFFFFF, "extended": False}]
-            return _open(settings, {"can_filters": nothing})
-
-
-def stamping_clock(settings: BusSettings) -> Callable[[], float] | None:
-    """Return the clock of this computer that stamps frames on arrival; None if the interface has no such stamps.
-
-    The clock of an adapter (kvaser, pcan, vector, gs_usb) is not used: in an hour it drifts by more than the age limit
-    of a sample. The stamps of a serial adapter are not used either: its frames are stamped only when they are read.
-    """
-    return time.time if settings.interface in _HOST_STAMPED else None
-
-
-def _open(settings: BusSettings, extra: dict[str, Any]) -> can.BusABC:
+def open_bus(settings: BusSettings, **extra: Any) -> can.BusABC:
+    """Open a bus with python-can's options `extra`; raises `BusError` with the remedy."""
     if settings.interface not in can.VALID_INTERFACES and settings.interface in offered_names():
         raise BusError(
             f"{settings.interface} is an arm of an installed package, not a CAN bus. Name an interface of "
@@ -194,8 +164,25 @@ def _open(settings: BusSettings, extra: dict[str, Any]) -> can.BusABC:
     return bus
 
 
+def open_sender(settings: BusSettings) -> can.BusABC:
+    """Open a second handle, for STOP, that only sends; raises `BusError` if that is not possible."""
+    if settings.interface in _OPENED_ONCE:
+        raise BusError(f"The bus {settings} is opened only once.")
+    # A filter that matches nothing: standard identifiers end at 7FFh.
+    nothing = [{"can_id": 0x1FFFFFFF, "can_mask": 0x1FFFFFFF, "extended": False}]
+    return open_bus(settings, can_filters=nothing)
+
+
+def stamping_clock(settings: BusSettings) -> Callable[[], float] | None:
+    """Return the clock of this computer that stamps frames on arrival; None if the interface has no such stamps.
+
+    The clock of an adapter (kvaser, pcan, vector, gs_usb) is not used: in an hour it drifts by more than the age limit
+    of a sample. The stamps of a serial adapter are not used either: its frames are stamped only when they are read.
+    """
+    return time.time if settings.interface in _HOST_STAMPED else None
+
+
 def _named_in(settings: BusSettings) -> str:
-    """Return a sentence on the file that names the interface; empty if no file does."""
     if not settings.named_in:
         return ""
     return f" The interface {settings.interface} is named in {settings.named_in}."
@@ -234,22 +221,6 @@ def describe_failure(settings: BusSettings, error: Exception) -> str:
     return (
         f"The bus {settings} cannot be opened: {reason}. Check the interface and the channel name."
     )
-
-
-class _VirtualSender(virtual.VirtualBus):
-    """In-process handle that receives nothing: its queue is not registered on the channel."""
-
-    def __init__(self, channel: str) -> None:
-        super().__init__(channel=channel)
-        with virtual.channels_lock:
-            self.channel.remove(self.queue)
-
-    def shutdown(self) -> None:
-        """Close the handle. Safe to call twice."""
-        with virtual.channels_lock:
-            if self._open:
-                self.channel.append(self.queue)  # the base class removes it
-            super().shutdown()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

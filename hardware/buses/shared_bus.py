@@ -1,7 +1,5 @@
 """A bus handle shared by threads; recording of a bus to a file, also while another program uses it."""
 
-from __future__ import annotations
-
 import errno
 import heapq
 import itertools
@@ -98,7 +96,6 @@ class Recording:
 
 
 def _unused(path: Path) -> Path:
-    """Return `path` if no such file exists, otherwise `path` with the first free number added."""
     candidate, k = path, 2
     while os.path.lexists(candidate):
         candidate, k = path.with_name(f"{path.stem}-{k}{path.suffix}"), k + 1

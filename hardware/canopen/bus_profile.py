@@ -4,8 +4,6 @@ SYNC, EMCY, SDO and heartbeats use CiA 301's predefined connection set. The driv
 and compared with every drive, or written into it, before anything is enabled.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType

@@ -8,8 +8,6 @@ implemented: the standard advises against it, and a command sent before STOP cou
 of bit 7 resets a fault.
 """
 
-from __future__ import annotations
-
 from enum import Enum, IntEnum
 from functools import lru_cache
 from types import MappingProxyType

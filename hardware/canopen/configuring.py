@@ -6,8 +6,6 @@ PDOs; `hardware.canopen.maps` compares the PDOs after writing. Torques and offse
 in free mode a joint obeys target torque and torque offset, which the RPDOs need not carry.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass

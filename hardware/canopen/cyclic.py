@@ -1,7 +1,5 @@
 """Setpoints and samples of one SYNC on the operator's side, and the frames that carry them."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass

@@ -1,11 +1,9 @@
 """Reads the set-up of a drive by SDO: its PDOs, heartbeats, windows, quick stop, and descriptive objects."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from hardware.arm_description import JointScale
 from hardware.canopen import objects
@@ -18,10 +16,8 @@ from hardware.canopen.bus_profile import (
     PdoKind,
 )
 from hardware.canopen.maps import IDENTIFIER, NOT_VALID, read_map, read_number, read_records
+from hardware.canopen.sdo import ObjectAccess
 from hardware.errors import MappingMismatch, ObjectMismatch, ProfileRemedy, SdoRefused
-
-if TYPE_CHECKING:
-    from hardware.canopen.sdo import ObjectAccess
 
 DESCRIPTION_OBJECTS: Final = (
     objects.POSITION_LIMITS,
@@ -138,7 +134,6 @@ def _operator_timeout_ms(entry: int) -> int:
 
 
 def _heartbeat_consumers(access: ObjectAccess, node: int) -> tuple[int, ...] | None:
-    """Read the entries of 1016h; None if the object is absent."""
     count = read_number(access, node, objects.HEARTBEAT_CONSUMER, 0)
     if count is None:
         return None

@@ -1,7 +1,5 @@
 """Identifies the nodes by SDO and compares the arm on the bus with the arm file."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 
@@ -158,33 +156,29 @@ def _sensor_differences(
     drive: JointProfile,
     compared: frozenset[int],
 ) -> Iterator[str]:
-    node, kind = drive.node, None
+    node, is_encoder = drive.node, isinstance(sensor, EncoderDescription)
     if objects.SENSOR in compared:
-        kind = access.read_unsigned(node, objects.SENSOR, objects.SENSOR_KIND)
+        expected = SensorKind.ENCODER if is_encoder else SensorKind.RVDT
+        if (kind := access.read_unsigned(node, objects.SENSOR, objects.SENSOR_KIND)) != expected:
+            name = "an encoder" if is_encoder else "an RVDT"
+            yield f"has sensor kind {kind}, expected {name} ({expected:d})"
+            return
     if isinstance(sensor, EncoderDescription):
-        if kind not in (None, SensorKind.ENCODER):
-            yield f"has sensor kind {kind}, expected an encoder ({SensorKind.ENCODER:d})"
-            return
-        if objects.ENCODER_RESOLUTION not in compared:
-            return
-        per_rev = sensor.counts_per_rev if drive.counts_per_rev is None else drive.counts_per_rev
-        resolution = objects.ENCODER_RESOLUTION
-        counts, turns = (access.read_unsigned(node, resolution, sub) for sub in (1, 2))
-        if counts != per_rev * turns:
-            per_turns = "turn" if turns == 1 else f"{turns} turns"
-            yield f"has an encoder of {counts} counts per {per_turns}, expected {per_rev} per turn"
-        return
-    if kind is None:
-        return
-    if kind != SensorKind.RVDT:
-        yield f"has sensor kind {kind}, expected an RVDT ({SensorKind.RVDT:d})"
-        return
-    bits = access.read_unsigned(node, objects.SENSOR, objects.SENSOR_BITS)
-    full_scale = access.read_unsigned(node, objects.SENSOR, objects.SENSOR_FULL_SCALE)
-    if bits != sensor.bits:
-        yield f"has a converter of {bits} bits, expected {sensor.bits}"
-    if abs(full_scale - sensor.full_scale_microdegrees) > 1:
-        yield (
-            f"has an RVDT of {full_scale * 1e-6:.6f} deg full scale, expected "
-            f"{sensor.full_scale_microdegrees * 1e-6:.6f} deg"
-        )
+        if objects.ENCODER_RESOLUTION in compared:
+            per_rev = drive.counts_per_rev
+            per_rev = sensor.counts_per_rev if per_rev is None else per_rev
+            resolution = objects.ENCODER_RESOLUTION
+            counts, turns = (access.read_unsigned(node, resolution, sub) for sub in (1, 2))
+            if counts != per_rev * turns:
+                per = "turn" if turns == 1 else f"{turns} turns"
+                yield f"has an encoder of {counts} counts per {per}, expected {per_rev} per turn"
+    elif objects.SENSOR in compared:
+        bits = access.read_unsigned(node, objects.SENSOR, objects.SENSOR_BITS)
+        full_scale = access.read_unsigned(node, objects.SENSOR, objects.SENSOR_FULL_SCALE)
+        if bits != sensor.bits:
+            yield f"has a converter of {bits} bits, expected {sensor.bits}"
+        if abs(full_scale - sensor.full_scale_microdegrees) > 1:
+            yield (
+                f"has an RVDT of {full_scale * 1e-6:.6f} deg full scale, expected "
+                f"{sensor.full_scale_microdegrees * 1e-6:.6f} deg"
+            )

@@ -4,20 +4,16 @@ A drive that sends its velocity where its position is expected answers every SYN
 would be wrong. So all PDOs are compared; afterwards the first position by PDO is compared with 6064h by SDO.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
+from hardware.arm_description import JointScale
 from hardware.canopen import objects
 from hardware.canopen.bus_profile import TPDO, BusProfile, Entry, JointProfile, PdoKind, format_map
 from hardware.canopen.objects import Abort
+from hardware.canopen.sdo import ObjectAccess
 from hardware.errors import MappingMismatch, ObjectMismatch, ProfileRemedy, SdoRefused
-
-if TYPE_CHECKING:
-    from hardware.arm_description import JointScale
-    from hardware.canopen.sdo import ObjectAccess
 
 POSITION_AGREEMENT_RAD = 0.01
 """Largest allowed difference of positions by PDO and SDO; covers RVDT noise, and creep between the two readings."""

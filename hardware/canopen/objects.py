@@ -6,8 +6,6 @@ Positions are counts in sensor coordinates (the measured theta). 607Ch holds the
 the same counts: it is stored and read back, but never shifts 6064h.
 """
 
-from __future__ import annotations
-
 import struct
 from enum import IntEnum, IntFlag
 from typing import Final, Self

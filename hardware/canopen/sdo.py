@@ -1,7 +1,5 @@
 """Object access by SDO: one transfer at a time per node, from any thread except the receiving thread."""
 
-from __future__ import annotations
-
 import io
 import struct
 import threading
@@ -15,15 +13,8 @@ import canopen
 from canopen.sdo.client import SdoClient, WritableStream
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
+from hardware import errors
 from hardware.canopen.objects import COB_SDO_FROM_SERVER, COB_SDO_TO_SERVER, DEVICE_TYPE
-from hardware.errors import (
-    BusError,
-    DuplicateNodeId,
-    EndlessAnswer,
-    FramesLost,
-    HardwareError,
-    SdoRefused,
-)
 from hardware.timed_queue import TimedQueue
 
 ANSWER_TIMEOUT_S = 1.0
@@ -75,7 +66,6 @@ class _Client(SdoClient):
         self._responses: TimedQueue[bytes] = TimedQueue()
 
     def download(self, index: int, subindex: int, data: bytes, force_segment: bool = False) -> None:  # noqa: FBT001, FBT002
-        """Write an object's bytes, in segments if there are more than four."""
         stream: Any = _WriteStream(self, index, subindex, len(data), force_segment)  # type: ignore[no-untyped-call]
         rest = memoryview(data)
         while True:  # an empty value takes one write
@@ -148,8 +138,10 @@ class ObjectAccess:
         if duplicates := tuple(node for node, n in answers if n > 1.5 * requests[node]):
             raise self._duplicate_error(duplicates)
 
-    def _duplicate_error(self, nodes: tuple[int, ...]) -> DuplicateNodeId:
-        return DuplicateNodeId(nodes, asked_by_others=self._asked_by_others.issuperset(nodes))
+    def _duplicate_error(self, nodes: tuple[int, ...]) -> errors.DuplicateNodeId:
+        return errors.DuplicateNodeId(
+            nodes, asked_by_others=self._asked_by_others.issuperset(nodes)
+        )
 
     def require_unique_nodes(self) -> None:
         """Test the nodes that sent surplus answers since the last call; raises `DuplicateNodeId`.
@@ -161,7 +153,7 @@ class ObjectAccess:
         before = self._surplus()
         for node in suspects:
             for _ in range(UNIQUENESS_REQUESTS):
-                with suppress(BusError, SdoRefused, DuplicateNodeId):
+                with suppress(errors.BusError, errors.SdoRefused, errors.DuplicateNodeId):
                     self.read_once(node, DEVICE_TYPE)
         if suspects:
             self._pause.wait(_IN_TRANSIT_S)
@@ -180,12 +172,12 @@ class ObjectAccess:
         """Read an object's bytes, in up to `READ_ATTEMPTS` attempts."""
         for _ in range(READ_ATTEMPTS - 1):
             # Frames may be lost or doubled; reading again changes nothing.
-            with suppress(DuplicateNodeId):
+            with suppress(errors.DuplicateNodeId):
                 try:
                     return self.read_once(node, index, subindex, max_bytes=max_bytes)
-                except EndlessAnswer:
+                except errors.EndlessAnswer:
                     raise
-                except BusError:
+                except errors.BusError:
                     self._unanswered[node] += 1
                     self._require_answers()
             # Without this pause, a late answer would be taken for the answer to the next request.
@@ -198,7 +190,7 @@ class ObjectAccess:
         unanswered = {n: (k, requests[n]) for n, k in counts if self._answered[n]}
         lost = sum(count for count, _ in unanswered.values())
         if lost >= MIN_UNANSWERED and lost > MAX_UNANSWERED_FRACTION * requests.total():
-            raise FramesLost(unanswered)
+            raise errors.FramesLost(unanswered)
 
     def read_once(
         self, node: int, index: int, subindex: int = 0, *, max_bytes: int = MAX_OBJECT_BYTES
@@ -214,9 +206,11 @@ class ObjectAccess:
                     data += segment
                     taken_s = self._clock() - began_s
                     if len(data) > max_bytes or taken_s > limit_s:
-                        raise EndlessAnswer(node, index, subindex, len(data), max_bytes, limit_s)
+                        raise errors.EndlessAnswer(
+                            node, index, subindex, len(data), max_bytes, limit_s
+                        )
                     self.raise_if_cancelled()
-            except HardwareError:
+            except errors.HardwareError:
                 client.abort()
                 raise
             return data
@@ -274,18 +268,18 @@ class ObjectAccess:
 
     def _translated(
         self, node: int, index: int, subindex: int, error: SdoAbortedError | SdoCommunicationError
-    ) -> HardwareError:
+    ) -> errors.HardwareError:
         if self._answered[node] > self._network.asked[node]:
             return self._duplicate_error((node,))
         if isinstance(error, SdoAbortedError):
             text = str(error).partition(",")[2].strip() or "refused"
-            return SdoRefused(node, index, subindex, error.code, text)
+            return errors.SdoRefused(node, index, subindex, error.code, text)
         remedy = "Check its power and the bus."
         if self._answered[node]:
             remedy = (
                 f"It has answered {self._answered[node]} of {self._network.asked[node]} requests: the bus loses "
                 "frames, or the node has failed. Check cable, connectors, terminators and the node's power."
             )
-        return BusError(
+        return errors.BusError(
             f"Node {node} does not answer when asked for {index:04X}h sub {subindex} ({error}). {remedy}"
         )

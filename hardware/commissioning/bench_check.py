@@ -4,8 +4,6 @@ Requirements are in `clauses` and `checks`. A failure in the read-only stage `lo
 failure in a later stage ends the check at once.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
@@ -16,16 +14,7 @@ from typing import Final
 from hardware.arm import ArmIdentity, ArmInterface, JointMode
 from hardware.arm_description import ArmDescription
 from hardware.commissioning import checks, clauses
-from hardware.commissioning.clauses import (
-    BENCH,
-    SCATTER_RAD,
-    Ask,
-    Bounds,
-    Clause,
-    declined,
-    deg,
-    position_rad,
-)
+from hardware.commissioning.clauses import Ask, Bounds, Clause
 from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import HardwareError
 
@@ -78,7 +67,7 @@ class Bench:
     speed_rad_per_s: float
     interrupt: Callable[[], None] | None = None
     """Function that simulates Ctrl-C; None if that is not possible."""
-    bounds: Bounds = BENCH
+    bounds: Bounds = clauses.BENCH
 
     @property
     def joints(self) -> int:
@@ -132,10 +121,10 @@ def _look(bench: Bench, identity: ArmIdentity) -> Iterator[Clause]:
         yield from checks.keeps_time(arm, bench.bounds)
     yield from clauses.reads(arm, n, bench.bounds)
     for joint, sd in enumerate(arm.capture(bench.bounds.samples).sd_rad.tolist(), 1):
-        text = f"the reading scatters by {deg(sd)} over {bench.bounds.samples} SYNCs"
-        yield Clause("quiet", sd <= SCATTER_RAD, text, joint)
+        text = f"the reading scatters by {clauses.deg(sd)} over {bench.bounds.samples} SYNCs"
+        yield Clause("quiet", sd <= clauses.SCATTER_RAD, text, joint)
     yield from clauses.settles(arm, n, bench.bounds)
-    go = partial(arm.move, {1: position_rad(arm, 1)}, speed_rad_per_s=bench.speed_rad_per_s)
+    go = partial(arm.move, {1: clauses.position_rad(arm, 1)}, speed_rad_per_s=bench.speed_rad_per_s)
     yield clauses.is_refused("no control", "a move before control is taken", go)
     text = "the arm stores no parameters"
     if parameter_bytes := len(arm.active_parameters()):
@@ -164,7 +153,7 @@ def _hold(bench: Bench, identity: ArmIdentity) -> Iterator[Clause]:
     ):
         yield from clauses.keeps_its_document(arm)
     else:
-        yield declined()
+        yield clauses.declined()
     begun = time.monotonic()
     arm.stop()
     seconds, wrong = clauses.seconds_to_stop(arm, begun)
@@ -187,17 +176,16 @@ def _move(bench: Bench, identity: ArmIdentity) -> Iterator[Clause]:
 
 
 def _turn(bench: Bench, joint: int) -> Iterator[Clause]:
-    """Move a joint to its test target and back, twice; halt, interrupt and stop it on the way."""
     arm, speed, bounds = bench.arm, bench.speed_rad_per_s, bench.moving
     start = arm.capture(bench.bounds.samples).mean_rad
     home, ends = float(start[joint - 1]), bench.description.joints[joint - 1]
     up = ends.upper_rad - home >= home - ends.lower_rad  # where more of the range is left
     way = bench.step_rad if up else -bench.step_rad
     if not bench.ask(
-        f"Joint {joint} will turn by {deg(way, sign=True)} and back, twice, at {deg(speed)}/s, and be halted, "
-        "interrupted and stopped on the way. Turn it?"
+        f"Joint {joint} will turn by {clauses.deg(way, sign=True)} and back, twice, at {clauses.deg(speed)}/s, and be "
+        "halted, interrupted and stopped on the way. Turn it?"
     ):
-        yield declined(joint)
+        yield clauses.declined(joint)
         return
     back = checks.Turn(
         arm=arm,
@@ -235,16 +223,16 @@ def _free(bench: Bench, _: ArmIdentity) -> Iterator[Clause]:
             f"Joint {joint} will be set to free mode: it yields to a push, and to its weight. Support the arm. "
             "Free it?"
         ):
-            yield declined(joint)
+            yield clauses.declined(joint)
             continue
         modes = [JointMode.POSITION] * bench.joints
         modes[joint - 1] = JointMode.FREE
         arm.set_modes(modes)
-        before = position_rad(arm, joint)
+        before = clauses.position_rad(arm, joint)
         yield Clause("frees", True, "the drive reports free mode", joint)
         yield clauses.refuses_to_move_free(arm, joint, bench.speed_rad_per_s)
         arm.hold()
-        moved = deg(position_rad(arm, joint) - before, sign=True)
+        moved = clauses.deg(clauses.position_rad(arm, joint) - before, sign=True)
         text = f"the drive reports position mode again; in free mode the joint moved by {moved}"
         yield Clause("takes up", True, text, joint)
 
@@ -254,7 +242,7 @@ def _leave(bench: Bench, identity: ArmIdentity) -> Iterator[Clause]:
         "The arm will be released and connected again, as between two sessions. Its drives are switched off, and a "
         "joint without a brake may sink: support the arm. Release it?"
     ):
-        yield declined()
+        yield clauses.declined()
         return
     before = bench.arm.capture(bench.bounds.samples).mean_rad
     yield from clauses.leaves_and_returns(bench.arm, identity)

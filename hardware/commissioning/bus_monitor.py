@@ -1,7 +1,5 @@
 """Describes the traffic on a bus in sentences; sends nothing."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Iterator

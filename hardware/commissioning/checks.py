@@ -3,8 +3,6 @@
 `sarcal arm-check` and the contract test for arms of other packages use these checks and those of `clauses`.
 """
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -14,26 +12,10 @@ from typing import Final
 import numpy as np
 
 from hardware.arm import ArmInterface, ArmSnapshot, DriveState, MoveResult, Watch
+from hardware.canopen import objects
 from hardware.canopen.drive_settings import NO_FOLLOWING_WINDOW, DriveFacts
-from hardware.canopen.objects import (
-    ADVISED_OPERATOR_TIMEOUT_S,
-    CONTROL_PERIOD_S,
-    MAX_OPERATOR_TIMEOUT_S,
-)
-from hardware.commissioning.clauses import (
-    Ask,
-    Bounds,
-    Clause,
-    declined,
-    deg,
-    enabled_joints,
-    is_still,
-    joints_words,
-    nothing_wrong,
-    resets_unmoved,
-    seconds_to_stop,
-    stays_stopped,
-)
+from hardware.commissioning import clauses
+from hardware.commissioning.clauses import Ask, Bounds, Clause, deg
 from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import BusError, ControlDenied, HardwareError, OtherMaster, Stopped
 from hardware.timing import Pace
@@ -133,14 +115,14 @@ def is_interrupted(turn: Turn, interrupt: Callable[[], None]) -> Iterator[Clause
             raise
         interrupted = True
     snapshot = turn.arm.snapshot()
-    enabled = len(enabled_joints(turn.arm)) == len(snapshot.joints)
+    enabled = len(clauses.enabled_joints(turn.arm)) == len(snapshot.joints)
     text = "the move was not interrupted"
     if interrupted:
         text = f"{turn.overtravel(watch)}; the drives are {'on' if enabled else 'off'}"
     passed = interrupted and enabled and not snapshot.moving
     yield Clause("Ctrl-C", passed, text, turn.joint)
     before = turn.arm.capture(turn.bounds.samples).mean_rad
-    yield is_still("held", before, turn.arm, turn.bounds)
+    yield clauses.is_still("held", before, turn.arm, turn.bounds)
 
 
 def is_stopped(turn: Turn) -> Iterator[Clause]:
@@ -158,7 +140,7 @@ def is_stopped(turn: Turn) -> Iterator[Clause]:
         stopped = False
     except Stopped:
         stopped = True
-    _, still_enabled = seconds_to_stop(arm, time.monotonic())
+    _, still_enabled = clauses.seconds_to_stop(arm, time.monotonic())
     rests = arm.snapshot().positions_rad  # a stopped arm cannot take a reading
     gone = abs(float(rests[joint - 1]) - watch.start_rad)
     at = 0.0 if watch.at_rad is None else abs(watch.at_rad - watch.start_rad)
@@ -169,8 +151,8 @@ def is_stopped(turn: Turn) -> Iterator[Clause]:
     elif still_enabled:
         text = still_enabled
     yield Clause("STOP on the way", stopped and not still_enabled and near, text, joint)
-    yield from stays_stopped(arm, joint, turn.speed_rad_per_s)
-    yield from resets_unmoved(arm, rests, bounds)
+    yield from clauses.stays_stopped(arm, joint, turn.speed_rad_per_s)
+    yield from clauses.resets_unmoved(arm, rests, bounds)
 
 
 def moved_alone(before: np.ndarray, after: np.ndarray, joint: int, bounds: Bounds) -> Clause:
@@ -225,11 +207,11 @@ def _guard(drive: DriveFacts) -> Clause:
     text = (
         f"1016h: the drive is set to react {guard:.2f} s after the last heartbeat of this program"
     )
-    if guard > MAX_OPERATOR_TIMEOUT_S:
-        text += f"; a run requires at most {MAX_OPERATOR_TIMEOUT_S:g} s"
+    if guard > objects.MAX_OPERATOR_TIMEOUT_S:
+        text += f"; a run requires at most {objects.MAX_OPERATOR_TIMEOUT_S:g} s"
         return Clause("guard", False, text, drive.joint)
-    if guard > ADVISED_OPERATOR_TIMEOUT_S:
-        limit = f"advised: at most {ADVISED_OPERATOR_TIMEOUT_S:g} s"
+    if guard > objects.ADVISED_OPERATOR_TIMEOUT_S:
+        limit = f"advised: at most {objects.ADVISED_OPERATOR_TIMEOUT_S:g} s"
         text += f", and keeps moving until then if this program dies ({limit})"
         return Clause("guard", None, text, drive.joint)
     return Clause("guard", True, text, drive.joint)
@@ -242,8 +224,8 @@ def keeps_time(arm: CanopenArm, bounds: Bounds) -> Iterator[Clause]:
     before, begun = arm.snapshot().sync_count, time.monotonic()
     arm.capture(bounds.samples)
     mean_s = (time.monotonic() - begun) / max(arm.snapshot().sync_count - before, 1)
-    within = abs(mean_s - CONTROL_PERIOD_S) <= PERIOD_TOLERANCE * CONTROL_PERIOD_S
-    text = f"a SYNC every {1e3 * mean_s:.2f} ms, configured {1e3 * CONTROL_PERIOD_S:g} ms"
+    within = abs(mean_s - objects.CONTROL_PERIOD_S) <= PERIOD_TOLERANCE * objects.CONTROL_PERIOD_S
+    text = f"a SYNC every {1e3 * mean_s:.2f} ms, configured {1e3 * objects.CONTROL_PERIOD_S:g} ms"
     late = ": this computer is too busy, or its adapter too slow"
     yield Clause("period", True, text) if within else Clause("period", None, text + late)
 
@@ -284,7 +266,7 @@ def stops_alone(arm: CanopenArm, ask: Ask, bounds: Bounds) -> Iterator[Clause]:
         f"This program will fall silent for {2 * longest:.1f} s while the drives are enabled, as if it were "
         "killed. The drives should stop and hold by themselves. Keep clear. Fall silent?"
     ):
-        yield declined()
+        yield clauses.declined()
         return
     arm.take_control()
     before = arm.capture(bounds.samples).mean_rad
@@ -297,9 +279,9 @@ def stops_alone(arm: CanopenArm, ask: Ask, bounds: Bounds) -> Iterator[Clause]:
     faults = arm.snapshot().faults
     arm.reset_stop()  # the drives have tripped, and a tripped arm cannot take a reading
     reasons = sorted({f"{fault.text} ({fault.code:04X}h)" for fault in faults})
-    wrong = joints_words(
+    wrong = clauses.joints_words(
         on, f"was still enabled {2 * longest:.1f} s after this program fell silent"
     )
     fine = f"no drive stayed enabled; faults: {', '.join(reasons) or 'none'}"
-    yield nothing_wrong("stops alone", wrong, fine)
-    yield is_still("held alone", before, arm, bounds)
+    yield clauses.nothing_wrong("stops alone", wrong, fine)
+    yield clauses.is_still("held alone", before, arm, bounds)

@@ -3,8 +3,6 @@
 `sarcal arm-check` and the contract test for arms of other packages (`sarcal.arm_contract`) use these functions.
 """
 
-from __future__ import annotations
-
 import math
 import threading
 import time

@@ -4,8 +4,6 @@ The probe listens first, and sends nothing if another master is heard. Otherwise
 node number, then identity and set-up of the nodes that answer.
 """
 
-from __future__ import annotations
-
 import threading
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -19,15 +17,9 @@ from canopen.sdo import constants as sdo
 
 from hardware.buses.python_can import BusSettings, open_bus
 from hardware.buses.shared_bus import SharedBus
-from hardware.canopen import maps, objects
+from hardware.canopen import drive_settings, maps, objects
 from hardware.canopen.bus_profile import COMMAND_OBJECTS, FEEDBACK_OBJECTS, BusProfile
-from hardware.canopen.drive_settings import (
-    DESCRIPTION_OBJECTS,
-    DrivePdo,
-    ignores_operator_timeout,
-    operator_monitoring_differences,
-    read_pdos,
-)
+from hardware.canopen.drive_settings import DrivePdo
 from hardware.canopen.sdo import ObjectAccess
 from hardware.errors import BusError, HardwareError, SdoRefused
 from hardware.monitors.node_monitor import describe_master_frame
@@ -106,7 +98,6 @@ class _Listener:
         self._thread.start()
 
     def listen(self, seconds: float) -> None:
-        """Wait for this time while the thread goes on receiving."""
         self._closing.wait(seconds)
 
     def wait_for_answers(self, quiet_s: float) -> None:
@@ -121,14 +112,12 @@ class _Listener:
                 return
 
     def take_masters(self) -> str:
-        """Describe the frames of other masters since the last call; empty if there were none."""
         masters, self.masters = self.masters, Counter()
         listed = [f"{text}{f', {n} times' if n > 1 else ''}" for text, n in list(masters.items())]
         more = f"; and {len(listed) - MAX_NAMED} more" if len(listed) > MAX_NAMED else ""
         return "; ".join(listed[:MAX_NAMED]) + more
 
     def close(self) -> None:
-        """End the thread."""
         self._closing.set()
         self._thread.join(5.0)
 
@@ -226,7 +215,6 @@ def _read_node(
 
 
 def _ask(access: ObjectAccess, profile: BusProfile, node_found: FoundNode) -> None:
-    """Read the identity of a node and, if it is a drive, its set-up."""
     node = node_found.node
     with suppress(SdoRefused):
         node_found.device_name = access.read_text(node, objects.DEVICE_NAME)
@@ -242,16 +230,18 @@ def _ask(access: ObjectAccess, profile: BusProfile, node_found: FoundNode) -> No
     else:
         unknown = f"node {node}: a drive that is not in the bus profile {profile.name}"
         node_found.problems = (unknown,)
-    monitoring = operator_monitoring_differences(access, node)
+    monitoring = drive_settings.operator_monitoring_differences(access, node)
     node_found.problems += tuple(map(str, monitoring or ()))
     if monitoring is None:
         node_found.notes = (NO_OPERATOR_MONITORING.format(node, "has no 1016h"),)
-    elif ignores_operator_timeout(access, node):
+    elif drive_settings.ignores_operator_timeout(access, node):
         takes_no_action = "takes no action after a heartbeat time-out (6007h = 0)"
         node_found.notes = (NO_OPERATOR_MONITORING.format(node, takes_no_action),)
-    node_found.pdos = read_pdos(access, node)
+    node_found.pdos = drive_settings.read_pdos(access, node)
     node_found.described = tuple(
-        index for index in DESCRIPTION_OBJECTS if _read(access, node, index, 1) is not None
+        index
+        for index in drive_settings.DESCRIPTION_OBJECTS
+        if _read(access, node, index, 1) is not None
     )
     mapped = {i: _read(access, node, i) for i in (*COMMAND_OBJECTS, *FEEDBACK_OBJECTS)}
     node_found.widths = {i: 8 * len(data) for i, data in mapped.items() if data is not None}

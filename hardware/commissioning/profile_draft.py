@@ -1,7 +1,5 @@
 """Drafts a bus profile from the nodes found on a bus."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from typing import Final
 
@@ -81,7 +79,6 @@ def _carried(pdo: DrivePdo | Pdo) -> set[int]:
 
 
 def _unusable(pdo: DrivePdo) -> str:
-    """Return why a PDO cannot be used; empty if it can."""
     kind = pdo.kind
     if pdo.transmission not in kind.transmission_types:
         required = f"{' or '.join(map(str, kind.transmission_types))} ({kind.transmission})"
@@ -96,7 +93,6 @@ def _unusable(pdo: DrivePdo) -> str:
 
 
 def _obstacles(node: FoundNode) -> Iterator[str]:
-    """Yield the reasons why a drive cannot be commanded with its current PDOs."""
     if not any(pdo.valid for pdo in node.pdos):
         yield _read_problem(node)
         return
@@ -120,7 +116,6 @@ def _read_problem(node: FoundNode) -> str:
 
 
 def _frames(node: FoundNode, kind: PdoKind) -> list[tuple[Entry, ...]]:
-    """Return PDO maps of at most 8 bytes each that carry the needed objects."""
     frames, free_bits = list[tuple[Entry, ...]](), 0
     for index in kind.carried:
         entry = (index, 0, node.widths.get(index, 0))
@@ -145,7 +140,6 @@ def _set_up(node: FoundNode, kind: PdoKind) -> tuple[Pdo, ...]:
 
 
 def _configuration_obstacles(node: FoundNode) -> Iterator[str]:
-    """Yield the reasons why a drive's PDOs cannot be set up."""
     if not node.widths:
         yield _read_problem(node)
         return

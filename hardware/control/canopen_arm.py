@@ -1,7 +1,5 @@
 """An arm on CANopen: the `hardware.arm.ArmInterface` protocol on one bus."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Final
 
@@ -15,22 +13,15 @@ from hardware.arm import (
     UploadReceipt,
     Watch,
 )
+from hardware.canopen import objects
 from hardware.canopen.cia402 import CLOSED_LOOP_STATES, TargetState, conditions, state_of
 from hardware.canopen.cyclic import Sample
 from hardware.canopen.drive_settings import DriveFacts, read_drive_facts
-from hardware.canopen.objects import (
-    CONTROL_PERIOD_S,
-    DOCUMENT,
-    ERROR_CODE,
-    OPERATOR_NODE,
-    Abort,
-    emergency_text,
-)
 from hardware.canopen.sdo import MAX_DOCUMENT_BYTES
+from hardware.command_limits import admit_move, not_enabled
 from hardware.control import motion_steps, uploading
 from hardware.control.connectable_arm import ConnectableArm, release_arm
 from hardware.control.connection import Connection
-from hardware.monitors.admission import admit_move, not_enabled
 from hardware.monitors.joint_monitor import stop_error
 
 MODE_ATTEMPTS: Final = 6
@@ -51,10 +42,10 @@ class CanopenArm(ConnectableArm):
         link, loop = self._link, self._link.loop
         self._raise_if_stopped(link)
         if link.other_operator():
-            raise errors.ControlDenied(OPERATOR_NODE)
+            raise errors.ControlDenied(objects.OPERATOR_NODE)
         link.take_token()
         timeout_s = link.profile.enabling_timeout_s
-        syncs = round(timeout_s / CONTROL_PERIOD_S)
+        syncs = round(timeout_s / objects.CONTROL_PERIOD_S)
         try:
             not_reached = loop.run(motion_steps.drive_to(loop, TargetState.ENABLED, syncs))
             link.read_modes()
@@ -182,9 +173,11 @@ class CanopenArm(ConnectableArm):
         if supervisor is None:
             return b""
         try:
-            return self._link.access.read(supervisor, DOCUMENT, max_bytes=MAX_DOCUMENT_BYTES)
+            return self._link.access.read(
+                supervisor, objects.DOCUMENT, max_bytes=MAX_DOCUMENT_BYTES
+            )
         except errors.SdoRefused as refused:
-            if refused.code == Abort.NO_DATA:
+            if refused.code == objects.Abort.NO_DATA:
                 return b""
             raise
 
@@ -200,8 +193,8 @@ class CanopenArm(ConnectableArm):
             status = link.loop.sample.statuswords[joint - 1]
             state = state_of(status)
             if state is DriveState.FAULT:
-                code = link.access.read_unsigned(link.profile.drives[joint - 1], ERROR_CODE)
-                raise errors.DriveFault(joint, code, emergency_text(code))
+                code = link.access.read_unsigned(link.profile.drives[joint - 1], objects.ERROR_CODE)
+                raise errors.DriveFault(joint, code, objects.emergency_text(code))
             failed = f" cannot be {required}"
             raise errors.DriveNotReady(
                 joint, state.value, failed=failed, conditions=conditions(status)
@@ -209,7 +202,6 @@ class CanopenArm(ConnectableArm):
 
 
 def _power_after(sample: Sample | None) -> str:
-    """Return a sentence on the drives' power after switch-off, from the last sample (None: no answer)."""
     if sample is None:
         return "Drives may still have power, since the arm does not answer: use the hardware stop"
     powered = sample.joints_in(CLOSED_LOOP_STATES)

@@ -4,8 +4,6 @@ STOP reaches the arm at any moment, also while connecting and closing. A release
 report: a drive may ignore a command.
 """
 
-from __future__ import annotations
-
 import contextlib
 import threading
 import time
@@ -20,10 +18,9 @@ from hardware.canopen.cyclic import Sample
 from hardware.canopen.objects import STATUSWORD
 from hardware.control import motion_steps
 from hardware.control.connection import Connection
-from hardware.control.control_loop import ControlLoop
+from hardware.control.control_loop import ControlLoop, Steps
 from hardware.control.start_up import StartUp
 from hardware.control.stop_line import StopLatch
-from hardware.control.tasks import Steps
 
 _IGNORED_ALARMS: tuple[type[errors.HardwareError], ...] = (
     errors.DriveFault,
@@ -64,7 +61,6 @@ class ConnectableArm:
 
     @property
     def _link(self) -> Connection:
-        """The open connection; `BusError` if there is none."""
         link = self._connection
         if link is None:
             raise errors.BusError("The arm is not connected.")
@@ -161,7 +157,6 @@ class ConnectableArm:
         return Connection(self.on_bus, record_to=record_to, latch=self._latch, clock=self._clock)
 
     def _release(self, link: Connection) -> None:
-        """Hold the arm, switch its drives off, check that they are off, release the token and end the connection."""
         try:
             if not link.in_control:
                 # An earlier or another program may have left drives with power.

@@ -1,7 +1,5 @@
 """An open connection to the arm: bus handles, control loop, object access, control token, snapshot."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -16,24 +14,17 @@ from hardware.arm_description import EncoderDescription
 from hardware.buses.acceptance_filters import operator_filters, set_hardware_filters
 from hardware.buses.python_can import ArmOnBus, stamping_clock
 from hardware.buses.shared_bus import SharedBus
+from hardware.canopen import objects
 from hardware.canopen.cia402 import state_of
 from hardware.canopen.cyclic import Sample, Setpoints, frames_of
 from hardware.canopen.identifying import scales_of
 from hardware.canopen.maps import POSITION_AGREEMENT_RAD, check_mapping, check_positions
-from hardware.canopen.objects import (
-    CONTROL_PERIOD_S,
-    MODE_DISPLAY,
-    OPERATOR_NODE,
-    TOKEN,
-    Abort,
-)
 from hardware.canopen.sdo import ObjectAccess
-from hardware.command_limits import arm_limits
+from hardware.command_limits import admit, arm_limits
 from hardware.control import motion_steps, uploading
 from hardware.control.control_loop import ControlLoop
 from hardware.control.stop_line import StopLatch, StopLine
-from hardware.monitors.admission import admit
-from hardware.monitors.dropout import Dropout
+from hardware.monitors.following import Dropout
 from hardware.monitors.joint_monitor import ENCODER_COUNTS, RVDT_COUNTS, JointMonitor, stop_error
 
 POSITION_RECHECKS: Final = 3
@@ -154,7 +145,7 @@ class Connection:
     def read_modes(self) -> None:
         """Read 6061h of every drive; `DuplicateNodeId` if a node answers twice."""
         self.modes = tuple(
-            self.profile.mode_of(self.access.read_signed(node, MODE_DISPLAY))
+            self.profile.mode_of(self.access.read_signed(node, objects.MODE_DISPLAY))
             for node in self.profile.drives
         )
         self.access.require_unique_nodes()
@@ -164,13 +155,13 @@ class Connection:
         supervisor = self.profile.supervisor
         if supervisor is not None:
             try:
-                self.access.write_unsigned(supervisor, TOKEN, 0, OPERATOR_NODE, 4)
+                self.access.write_unsigned(supervisor, objects.TOKEN, 0, objects.OPERATOR_NODE, 4)
             except errors.SdoRefused as refused:
-                self.token = self.access.read_unsigned(supervisor, TOKEN)
+                self.token = self.access.read_unsigned(supervisor, objects.TOKEN)
                 reason = uploading.refusal(self.access, supervisor)
                 raise errors.ControlDenied(self.token, reason) from refused
         self._late_before_control = self.loop.latency.lateness.times
-        self.token, self.in_control, self.took_control = OPERATOR_NODE, True, True
+        self.token, self.in_control, self.took_control = objects.OPERATOR_NODE, True, True
 
     def may_repeat(self, error: errors.HardwareError) -> bool:
         """Whether to repeat a step after this error.
@@ -181,19 +172,19 @@ class Connection:
         if self.is_lost():
             return False
         supervisor = self.profile.supervisor
-        lapsed = isinstance(error, errors.SdoRefused) and error.code == Abort.LOCAL_CONTROL
+        lapsed = isinstance(error, errors.SdoRefused) and error.code == objects.Abort.LOCAL_CONTROL
         if not lapsed or not supervisor:
             return True
         if not self.in_control or not self._late_since_control():
             return False
         with suppress(errors.SdoRefused, errors.BusError):  # the next attempt requests it again
-            self.access.write_unsigned(supervisor, TOKEN, 0, OPERATOR_NODE, 4)
+            self.access.write_unsigned(supervisor, objects.TOKEN, 0, objects.OPERATOR_NODE, 4)
         return True
 
     def explain(self, error: errors.HardwareError) -> errors.HardwareError:
         """Return `HostLatencyExceeded` if host latency since control was taken explains `error`; otherwise `error`."""
         late = self._late_since_control()
-        refused = isinstance(error, errors.SdoRefused) and error.code != Abort.LOCAL_CONTROL
+        refused = isinstance(error, errors.SdoRefused) and error.code != objects.Abort.LOCAL_CONTROL
         if not late or refused or isinstance(error, errors.DuplicateNodeId | errors.FramesLost):
             return error
         return errors.HostLatencyExceeded(late, self.loop.latency.lateness.last_s)
@@ -204,7 +195,7 @@ class Connection:
     def release_token(self) -> None:
         """Release the control token."""
         if self.profile.supervisor is not None:
-            self.access.write_unsigned(self.profile.supervisor, TOKEN, 0, 0, 4)
+            self.access.write_unsigned(self.profile.supervisor, objects.TOKEN, 0, 0, 4)
         self.token, self.in_control = 0, False
 
     def send_quick_stops(self) -> None:
@@ -219,7 +210,7 @@ class Connection:
         now_s = self._clock()
         listened_s = loop.latency.listened_s
         sample, earlier = view.sample, view.earlier
-        elapsed_s = max(sample.sync_count - earlier.sync_count, 1) * CONTROL_PERIOD_S
+        elapsed_s = max(sample.sync_count - earlier.sync_count, 1) * objects.CONTROL_PERIOD_S
         joints = tuple(
             JointState(
                 joint=joint + 1,
@@ -249,7 +240,6 @@ class Connection:
         )
 
     def _fault(self, dropout: Dropout) -> Fault:
-        """Return the fault to report for a drive that dropped out and sent no emergency."""
         joint, text = dropout.joint, f"the drive is in state {dropout.state.value}"
         if dropout.not_following:
             text = "the drive does not follow its target"

@@ -1,19 +1,25 @@
 """The thread for the cyclic traffic (SYNC, commands, samples, heartbeat), which receives all frames.
 
-Motions are given as steps (`hardware.control.tasks.Steps`), one motion at a time; rates and time-outs are in
+Motions are given as steps (`Steps`) by a caller in another thread, one motion at a time; rates and time-outs are in
 `hardware.timing`. A sample is closed when all joints have answered, or when their time-out has passed and the queue is
 empty, so that the next SYNC does not overtake a late answer.
 
 STOP sets `latch` and sends its own frames. The loop itself stops the arm only after uncommanded motion.
-"""
 
-from __future__ import annotations
+The loop takes no lock that Ctrl-C in the caller's thread can leave locked: conditions and futures have such locks;
+`TimedQueue`, based on a queue in C, has none. `Thread.is_alive` is not used either: up to Python 3.12, Ctrl-C during a
+call can make all later calls return false.
+"""
 
 import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Generator
+from contextlib import suppress
+from dataclasses import dataclass, field
+from queue import Empty
+from typing import Any, TypeVar
 
 from hardware.arm import DriveState
 from hardware.buses.shared_bus import SharedBus
@@ -23,10 +29,10 @@ from hardware.canopen.cyclic import Abandoned, Sample, Setpoints, frames_of
 from hardware.canopen.objects import NmtState
 from hardware.control.sampling import CommandSender, CyclicView, Sampler
 from hardware.control.stop_line import StopLatch
-from hardware.control.tasks import LoopTask, Result, Steps
 from hardware.errors import BusError, HardwareError
 from hardware.monitors.joint_monitor import JointMonitor, alarms
 from hardware.monitors.node_monitor import NodeMonitor
+from hardware.timed_queue import TimedQueue
 from hardware.timing import LatencyMonitor, Pace, Timing, raise_loop_priority
 
 SWITCH_INTERVAL_S = 0.0005
@@ -40,6 +46,55 @@ IDLE_GROWTH, MAX_IDLE_POLL_S = 1.1, 0.02
 up to MAX_IDLE_POLL_S, so that a task waits for at most about a tenth of the preceding idle time."""
 SYNCS_AFTER_STOP = 20
 """Number of SYNCs sent after STOP in fast forward, so that the drives come to rest."""
+
+
+Result = TypeVar("Result")
+Steps = Generator[Setpoints | None, Sample, Result]
+"""Generator that yields commands for the next SYNC, or None to repeat the last commands; receives the sample of that
+SYNC; and returns a result."""
+
+_ALIVE_POLL_S = 0.2
+"""Period at which a waiting caller checks that the loop runs."""
+
+
+@dataclass(slots=True, eq=False)
+class LoopTask:
+    """Steps to run; `despite`: alarms to ignore; `abandoned`: whether the caller was interrupted.
+
+    When `finished`, the steps have ended with a `result`, or with an `error`.
+    """
+
+    steps: Steps[Any]
+    despite: tuple[type[HardwareError], ...] = ()
+    abandoned: bool = False
+    finished: bool = False
+    result: Any = None
+    error: BaseException | None = None
+    _started: bool = False
+    _wake: TimedQueue[None] = field(default_factory=TimedQueue)
+
+    def advance(self, sample: Sample) -> Setpoints | None:
+        """Run the steps up to the next SYNC and return the commands; raises `StopIteration` when the steps end."""
+        if self._started:
+            return self.steps.send(sample)
+        self._started = True
+        return next(self.steps)
+
+    def finish(self, *, result: Any = None, error: BaseException | None = None) -> None:
+        """Pass the result or error to the caller."""
+        self.steps.close()
+        self.result, self.error = result, error
+        self.finished = True
+        self._wake.put(None)
+
+    def wait(self, may_finish: Callable[[], bool]) -> bool:
+        """Wait until `finish` was called; return false if `may_finish` returns false before that."""
+        while not self.finished:
+            with suppress(Empty):
+                self._wake.get(timeout=_ALIVE_POLL_S)
+            if not may_finish():
+                break
+        return self.finished
 
 
 class ControlLoop:
@@ -180,7 +235,6 @@ class ControlLoop:
                 self._tasks.popleft().finish(error=self._closed_error())
 
     def _work(self) -> None:
-        """Advance the task by one step, else run one SYNC or receive a frame; then send the heartbeat if due."""
         if self._tasks and not self._must_resample():
             self._idle_poll_s = self._timing.idle_poll_s
             self._advance()
@@ -215,7 +269,6 @@ class ControlLoop:
         return False
 
     def _advance(self) -> None:
-        """Run the first task's next step and send its SYNC, or finish the task."""
         try:
             commands = self._tasks[0].advance(self.sample)
             if commands is not None:
@@ -231,7 +284,6 @@ class ControlLoop:
         self._cycle()
 
     def _cycle(self) -> None:
-        """Send commands and SYNC, wait for the answers, and check the sample."""
         if self._pace is Pace.REAL_TIME:
             self._wait_for_tick()
         self._drain()  # late and duplicate answers
@@ -273,7 +325,6 @@ class ControlLoop:
             self._beat()
 
     def _receive_one(self, timeout_s: float) -> bool:
-        """Receive and handle one frame; false if there was none."""
         asked_s = self._clock()
         message = self._wire.receive(timeout_s)
         if message is None:

@@ -1,7 +1,7 @@
 """Motions and readings as steps, SYNC by SYNC: enable, change modes, move, hold, reset, settle, read.
 
-Each function is a generator (`hardware.control.tasks.Steps`): it yields the commands of the next SYNC, receives the
-sample of that SYNC, and returns a result. If it ends early, joints in position mode stay at their last targets.
+Each function is a generator (`hardware.control.control_loop.Steps`): it yields the commands of the next SYNC, receives
+the sample of that SYNC, and returns a result. If it ends early, joints in position mode stay at their last targets.
 
 State and position of a joint in `Sample.missing` are old, so no command is derived from them.
 """
@@ -18,22 +18,12 @@ import numpy as np
 
 from hardware import errors
 from hardware.arm import DriveState, JointMode, MoveResult, Reading, Watch
-from hardware.canopen.cia402 import (
-    CLOSED_LOOP_STATES,
-    CONTROLWORD_DISABLE_VOLTAGE,
-    CONTROLWORD_ENABLE_OPERATION,
-    StatusBit,
-    TargetState,
-    next_controlword,
-    reached,
-    state_of,
-)
+from hardware.canopen import cia402
 from hardware.canopen.cyclic import Sample, Setpoint, Setpoints
 from hardware.canopen.objects import CYCLIC_POSITION, MODE_CODE
-from hardware.control.control_loop import ControlLoop
-from hardware.control.tasks import Steps
+from hardware.command_limits import not_enabled
+from hardware.control.control_loop import ControlLoop, Steps
 from hardware.control.trajectory import StraightMove
-from hardware.monitors.admission import not_enabled
 
 if TYPE_CHECKING:
     from hardware.control.connection import Connection
@@ -55,8 +45,8 @@ HOLD_SYNCS = 10
 def not_following(sample: Sample, modes: Sequence[JointMode]) -> int | None:
     """Return the first enabled joint in position mode that does not report bit 12 (follows), or None."""
     for joint, (status, mode) in enumerate(zip(sample.statuswords, modes, strict=True), 1):
-        enabled = state_of(status) is DriveState.OPERATION_ENABLED
-        if mode is JointMode.POSITION and enabled and not status & StatusBit.FOLLOWS_COMMAND:
+        enabled = cia402.state_of(status) is DriveState.OPERATION_ENABLED
+        if mode is JointMode.POSITION and enabled and not status & cia402.StatusBit.FOLLOWS_COMMAND:
             return joint
     return None
 
@@ -73,7 +63,7 @@ def first_complete_sample(loop: ControlLoop, *, at_least: int = 2) -> Steps[Samp
 
 
 def drive_to(
-    loop: ControlLoop, target: TargetState, syncs: int = TRANSITION_SYNCS
+    loop: ControlLoop, target: cia402.TargetState, syncs: int = TRANSITION_SYNCS
 ) -> Steps[tuple[int, ...]]:
     """Bring all drives to a state within `syncs` SYNCs, in position mode at their current positions.
 
@@ -81,15 +71,15 @@ def drive_to(
     the state keeps its controlword; if it leaves the state again, that is an alarm. A joint that does not answer is
     not enabled, but is switched off in its last mode. Returns the joints that did not reach the state in time.
     """
-    if target is TargetState.ENABLED:
+    if target is cia402.TargetState.ENABLED:
         sample = yield from first_complete_sample(loop, at_least=1)
     else:
         sample = yield None
     before = loop.commands
     commands = [
-        replace(before[at], controlword=CONTROLWORD_DISABLE_VOLTAGE)
+        replace(before[at], controlword=cia402.CONTROLWORD_DISABLE_VOLTAGE)
         if before is not None and at + 1 in sample.missing
-        else Setpoint(CONTROLWORD_DISABLE_VOLTAGE, counts, CYCLIC_POSITION)
+        else Setpoint(cia402.CONTROLWORD_DISABLE_VOLTAGE, counts, CYCLIC_POSITION)
         for at, counts in enumerate(sample.counts)
     ]
     done = [False] * len(commands)
@@ -99,11 +89,11 @@ def drive_to(
             if at + 1 in sample.missing:
                 continue
             word, position = commands[at].controlword, commands[at].target_counts
-            if state_of(status) not in CLOSED_LOOP_STATES:
+            if cia402.state_of(status) not in cia402.CLOSED_LOOP_STATES:
                 position = sample.counts[at]
             if not done[at]:
-                word = next_controlword(status, target, previous=word)
-                done[at] = reached(state_of(status), target)
+                word = cia402.next_controlword(status, target, previous=word)
+                done[at] = cia402.reached(cia402.state_of(status), target)
             commands[at] = Setpoint(word, position, CYCLIC_POSITION)
         sample = yield tuple(commands)
         if not not_reached(sample, target):
@@ -121,7 +111,7 @@ def reset(loop: ControlLoop, *, press: object | None) -> Steps[tuple[int, ...]]:
     loop.commands = None  # old commands must not be sent again
     loop.nodes.forget_faults()
     loop.watch.reset()
-    return (yield from drive_to(loop, TargetState.FAULT_CLEARED))
+    return (yield from drive_to(loop, cia402.TargetState.FAULT_CLEARED))
 
 
 def change_modes(loop: ControlLoop, modes: Sequence[JointMode]) -> Steps[None]:
@@ -143,10 +133,13 @@ def change_modes(loop: ControlLoop, modes: Sequence[JointMode]) -> Steps[None]:
             if at + 1 in sample.missing:
                 continue
             if mode != CYCLIC_POSITION:
-                commands[at] = Setpoint(CONTROLWORD_ENABLE_OPERATION, sample.counts[at], mode)
+                commands[at] = Setpoint(
+                    cia402.CONTROLWORD_ENABLE_OPERATION, sample.counts[at], mode
+                )
             elif entering[at] and (
                 # In free mode bit 12 may mean that the torque is followed.
-                command.mode != mode or not sample.statuswords[at] & StatusBit.FOLLOWS_COMMAND
+                command.mode != mode
+                or not sample.statuswords[at] & cia402.StatusBit.FOLLOWS_COMMAND
             ):
                 commands[at] = replace(command, target_counts=sample.counts[at], mode=mode)
         sample = yield tuple(commands)
@@ -182,7 +175,7 @@ def move(
             if sample.complete or path.braking:
                 point = path.next().tolist()
                 for joint, angle in zip(joints, point, strict=True):
-                    state = state_of(sample.statuswords[joint - 1])
+                    state = cia402.state_of(sample.statuswords[joint - 1])
                     # A tripped drive gets no further targets.
                     if state is DriveState.OPERATION_ENABLED:
                         target = scales[joint - 1].to_counts(angle)
@@ -296,10 +289,10 @@ def _higher_priority(
     return alarm if tripped and not explained else ending
 
 
-def not_reached(sample: Sample, target: TargetState) -> tuple[int, ...]:
+def not_reached(sample: Sample, target: cia402.TargetState) -> tuple[int, ...]:
     """Return the joints whose drives do not fulfil the request `target`."""
-    states = enumerate(map(state_of, sample.statuswords), 1)
-    return tuple(joint for joint, state in states if not reached(state, target))
+    states = enumerate(map(cia402.state_of, sample.statuswords), 1)
+    return tuple(joint for joint, state in states if not cia402.reached(state, target))
 
 
 SYNCS_PER_SAMPLE, EXTRA_SYNCS = 20, 100

@@ -1,7 +1,5 @@
 """Traffic of each SYNC: sends commands or quick stop, and collects the answers in a sample."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

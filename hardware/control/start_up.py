@@ -5,8 +5,6 @@ reset the communication of the arm's nodes only, and wait for every boot-up; com
 description; start the heartbeat, the nodes (NMT) and SYNC.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -16,22 +14,16 @@ from typing import Final
 
 from hardware import errors
 from hardware.arm import ArmIdentity, DriveState
-from hardware.canopen import identifying, objects
+from hardware.canopen import drive_settings, identifying, objects
 from hardware.canopen.cia402 import POWERED_STATES, state_of
 from hardware.canopen.configuring import configure, zero_residual_torques
 from hardware.canopen.cyclic import Sample
-from hardware.canopen.drive_settings import (
-    check_operator_monitoring,
-    following_windows_counts,
-    heartbeat_timeout_s,
-    operator_timeout_s,
-)
 from hardware.canopen.maps import check_communication, check_mapping, check_positions
 from hardware.canopen.objects import NmtCommand, NmtState
 from hardware.canopen.sdo import ObjectAccess
 from hardware.control import motion_steps
 from hardware.control.connection import Connection
-from hardware.control.tasks import Steps
+from hardware.control.control_loop import Steps
 from hardware.monitors.node_monitor import NMT_NAMES, nmt_state_name
 from hardware.timing import Pace
 
@@ -73,7 +65,9 @@ def _stated_timeout_s(access: ObjectAccess, nodes: Iterable[int]) -> float:
     timeout_s = 0.0
     for node in nodes:
         with suppress(errors.BusError):
-            timeout_s = max(timeout_s, MARGIN * (operator_timeout_s(access, node) or 0.0))
+            timeout_s = max(
+                timeout_s, MARGIN * (drive_settings.operator_timeout_s(access, node) or 0.0)
+            )
     return timeout_s
 
 
@@ -230,16 +224,17 @@ class StartUp:
         """Check the arm except for its PDOs; set heartbeat time-out, following windows and rated torques."""
         access, profile, loop, link = self._access, self._profile, self._loop, self._link
         identifying.check_arm(access, identity, link.on_bus.description, profile)
-        timeout_s = heartbeat_timeout_s(access, profile, loop.nodes.heartbeat_timeout_s)
+        timeout_s = drive_settings.heartbeat_timeout_s(
+            access, profile, loop.nodes.heartbeat_timeout_s
+        )
         loop.nodes.heartbeat_timeout_s = timeout_s
-        unwatching = check_operator_monitoring(access, profile)
-        windows_counts = following_windows_counts(access, profile, link.scales)
+        unwatching = drive_settings.check_operator_monitoring(access, profile)
+        windows_counts = drive_settings.following_windows_counts(access, profile, link.scales)
         loop.watch.set_following_windows(windows_counts, link.scales)
         link.rated_torques_nm = identifying.read_rated_torques_nm(access, profile)
         return unwatching
 
     def _raise_if_cancelled(self) -> None:
-        """Raise an error if STOP was pressed since the start-up began, or if the control loop has failed."""
         failure = self._loop.failure
         if failure is not None:
             raise failure
@@ -266,7 +261,6 @@ class StartUp:
         return missing
 
     def _require(self, missing: tuple[int, ...], command: NmtCommand) -> None:
-        """Raise `NodeMissing` or `NodeNotStarted` for the `missing` nodes, which have not complied with `command`."""
         nodes = self._loop.nodes
         answering = _read_all(self._access, [(node, objects.DEVICE_TYPE) for node in missing])
         self._raise_if_cancelled()

@@ -1,7 +1,5 @@
 """STOP: its latch, and its separate path to the drives through a second handle on the bus, without locks."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -108,7 +106,6 @@ class StopLine:
             raise BusError(f"STOP could not be sent: {text}. Use the emergency stop.") from failure
 
     def _send_one(self, message: can.Message) -> Exception | None:
-        """Send a frame through the first handle that accepts it; return the last error if no handle does."""
         problem: Exception | None = None
         for way in self._ways:
             try:

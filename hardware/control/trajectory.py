@@ -5,8 +5,6 @@ follows a trapezoidal profile. A moving average over `SMOOTHING_PERIODS` positio
 the line and come to rest exactly at its end.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 

@@ -91,7 +91,6 @@ class _Attempt:
         return not isinstance(error, errors.DuplicateNodeId | errors.FramesLost)
 
     def stage(self) -> None:
-        """Write, stage and compare the document, unless it is still staged because a commit was not carried out."""
         if self.commit_pending():
             return
         self.commit_sent = False
@@ -100,7 +99,6 @@ class _Attempt:
         self._compare()
 
     def commit(self) -> None:
-        """Activate the staged document and check that it is active."""
         try:
             self.commit_sent = True
             self._access.command(self._supervisor, objects.COMMAND, 0, ParameterCommand.COMMIT)
@@ -114,19 +112,16 @@ class _Attempt:
             )
 
     def committed(self) -> bool:
-        """Whether a commit was sent, and the document is active."""
         return (
             self.commit_sent and not self.commit_pending() and self._read_sha256() == self._sha256
         )
 
     def commit_pending(self) -> bool:
-        """Whether a commit was sent, and the document is still staged."""
         return self.commit_sent and bool(
             self._access.read_unsigned(self._supervisor, objects.SLOTS, objects.SLOTS_STAGED)
         )
 
     def receipt(self, drives: Sequence[int]) -> UploadReceipt:
-        """Read back the active document's digest, and the home offsets of the drives."""
         sha256 = self._read_sha256()
         active = self._access.read_unsigned(self._supervisor, objects.SLOTS, objects.SLOTS_ACTIVE)
         return UploadReceipt(
@@ -139,7 +134,6 @@ class _Attempt:
         )
 
     def _compare(self) -> None:
-        """Compare the staged document with the one sent, by bytes and digest; discard it if they differ."""
         document = self._document
         staged = self._access.read(self._supervisor, objects.DOCUMENT, max_bytes=MAX_DOCUMENT_BYTES)
         sha256, length = self._read_sha256(), self._read_length()

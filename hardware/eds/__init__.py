@@ -3,8 +3,6 @@
 `hardware.canopen.objects` names the indices used in code; a test compares the two.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Mapping
 from functools import cache

@@ -5,8 +5,6 @@ the two after. A single outlying increment in one joint alone, with no other out
 noise nor motion, because no joint of a closed chain moves alone: counts were lost or a coupling slipped.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -20,8 +18,12 @@ from hardware.arm_description import JointScale
 from hardware.canopen.cia402 import conditions, state_of
 from hardware.canopen.cyclic import Sample, Setpoints
 from hardware.canopen.objects import OPERATOR_NODE, EmergencyCode
-from hardware.monitors.dropout import DropoutMonitor
-from hardware.monitors.following import Divergence, FollowingMonitor, StandstillMonitor
+from hardware.monitors.following import (
+    Divergence,
+    DropoutMonitor,
+    FollowingMonitor,
+    StandstillMonitor,
+)
 from hardware.monitors.node_monitor import NodeMonitor
 
 WINDOW_SAMPLES = 6

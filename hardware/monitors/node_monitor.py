@@ -4,8 +4,6 @@ The receiving thread updates the state; any thread may read the public attribute
 (`hardware.timing`).
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from typing import Final
@@ -15,13 +13,6 @@ from hardware.canopen import objects
 from hardware.canopen.bus_profile import BusProfile
 from hardware.canopen.cia402 import CONTROLWORD_QUICK_STOP
 from hardware.canopen.cyclic import frames_of, unpack_emergency
-from hardware.canopen.objects import (
-    EmergencyCode,
-    NmtCommand,
-    NmtState,
-    emergency_text,
-    node_of,
-)
 
 _RPDOS: Final = tuple(objects.COB_RPDO1 + at * objects.COB_NEXT_PDO for at in range(4))
 """Base identifiers of RPDO1..4 in CiA 301's predefined connection set."""
@@ -33,7 +24,7 @@ _CONTINUED_BLOCK: Final = {5: 0x03, 6: 0x01}
 
 NMT_NAMES: Final = {
     command.value: command.name.lower().replace("_", " ").replace("pre op", "pre-op")
-    for command in NmtCommand
+    for command in objects.NmtCommand
 }
 """Names of NMT commands for messages."""
 
@@ -41,7 +32,7 @@ NMT_NAMES: Final = {
 def nmt_state_name(state: int) -> str:
     """Return the name of an NMT state for messages."""
     try:
-        return NmtState(state).name.lower().replace("_", "-")
+        return objects.NmtState(state).name.lower().replace("_", "-")
     except ValueError:
         return f"NMT state {state}"
 
@@ -58,7 +49,7 @@ def describe_master_frame(profile: BusProfile, identifier: int, data: bytes) -> 
         return f"a SYNC {cob_id}"
     if identifier == objects.COB_HEARTBEAT + objects.OPERATOR_NODE:
         return f"the heartbeat of an operator, node {objects.OPERATOR_NODE} {cob_id}"
-    if node := node_of(identifier, objects.COB_SDO_TO_SERVER):
+    if node := objects.node_of(identifier, objects.COB_SDO_TO_SERVER):
         return f"{_describe_sdo(data)} node {node} {cob_id}"
     for joint, drive in enumerate(profile.joints, 1):
         if any(pdo.cob_id == identifier for pdo in drive.answers):
@@ -66,7 +57,7 @@ def describe_master_frame(profile: BusProfile, identifier: int, data: bytes) -> 
         if any(pdo.cob_id == identifier for pdo in drive.commands):
             return f"a command to joint {joint} {cob_id}"
     for number, base in enumerate(_RPDOS, 1):
-        if node := node_of(identifier, base):
+        if node := objects.node_of(identifier, base):
             return f"a command to node {node}, RPDO{number} {cob_id}"
     return ""
 
@@ -143,10 +134,10 @@ class NodeMonitor:
 
     def note(self, identifier: int, data: bytes | bytearray, sync_count: int) -> None:
         """Take in a heartbeat or an emergency; ignore other frames."""
-        if node := node_of(identifier, objects.COB_HEARTBEAT):
+        if node := objects.node_of(identifier, objects.COB_HEARTBEAT):
             if len(data) == 1:
                 self._heartbeat(node, data[0] & 0x7F)
-        elif node := node_of(identifier, objects.COB_EMCY):
+        elif node := objects.node_of(identifier, objects.COB_EMCY):
             code, register = unpack_emergency(data) or (None, 0)
             if code is not None:
                 self._emergency(node, code, register, sync_count)
@@ -183,7 +174,7 @@ class NodeMonitor:
 
     def is_operational(self, node: int) -> bool:
         """Whether a node's last heartbeat reports *operational*."""
-        return self.nmt_state.get(node) == NmtState.OPERATIONAL
+        return self.nmt_state.get(node) == objects.NmtState.OPERATIONAL
 
     def not_operational(self) -> tuple[int, ...]:
         """Return the nodes whose last heartbeat reports an NMT state other than *operational*."""
@@ -195,7 +186,7 @@ class NodeMonitor:
         return tuple(
             fault.joint
             for fault in self.faults
-            if fault.joint is not None and fault.code == EmergencyCode.REFERENCE_LIMIT
+            if fault.joint is not None and fault.code == objects.EmergencyCode.REFERENCE_LIMIT
         )
 
     def other_operator(self, limit_s: float) -> bool:
@@ -220,7 +211,7 @@ class NodeMonitor:
             self.foreign_nodes |= {node}
         else:
             self.heard_at_s[node] = self._clock()
-            if state == NmtState.BOOT_UP and self.nmt_state.get(node) != state:
+            if state == objects.NmtState.BOOT_UP and self.nmt_state.get(node) != state:
                 self.booted.add(node)
                 if not self.boot_expected:
                     self.restarted |= {node}
@@ -235,7 +226,7 @@ class NodeMonitor:
             return
         if any((fault.node, fault.code) == (node, code) for fault in self.faults):
             return  # a repetition
-        joint, text = self.profile.joint_of.get(node), emergency_text(code)
+        joint, text = self.profile.joint_of.get(node), objects.emergency_text(code)
         fault = Fault(node=node, joint=joint, code=code, text=text, sync_count=sync_count)
         self.faults = (*self.faults, fault)
 

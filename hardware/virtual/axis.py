@@ -4,11 +4,10 @@ Sensors return counts at a true angle, relative to sensor coordinate zero. An RV
 of its joint's range; its converter saturates at the ends of full scale.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from typing import Self
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -58,9 +57,7 @@ class LinearityDeviation:
     half_scale_rad: float
 
     @classmethod
-    def drawn(
-        cls, rng: np.random.Generator, *, full_scale_rad: float, peak: float
-    ) -> LinearityDeviation:
+    def drawn(cls, rng: np.random.Generator, *, full_scale_rad: float, peak: float) -> Self:
         """Draw a random shape, weaker in high degrees, with peak deviation `peak` (fraction of full scale)."""
         shape = rng.choice((-1.0, 1.0), 4) * rng.uniform(0.4, 1.0, 4) * (1.0, 1.0, 0.4, 0.2)
         unit = cls(coefficients_rad=tuple(shape.tolist()), half_scale_rad=0.5 * full_scale_rad)
@@ -153,29 +150,14 @@ _MILLIONTHS = 1_000_000
 
 
 class AxisSettings:
-    """Settings of the drive of joint `number`; `ValueError` for a joint without a sensor or without a node.
-
-    Attributes
-    ----------
-    joint
-        1-based number; also the node number.
-    limits
-        Command limits; the speed limit is the overspeed trip level as well.
-    max_torque_nm, following_window_counts
-        Trip level of torque (also the rated torque), and trip level of the following error (6065h).
-    max_speed_counts_per_s; increments, revolutions
-        Values of 607Fh and 608Fh.
-    sensor_kind, full_scale_microdeg, converter_bits
-        Values of 2100h.
-    lowest_counts, highest_counts
-        Ends of an RVDT's converter, at which the sensor counts as failed; infinite for an encoder.
-    mode_switch_cycles, trip_cycles
-        Control periods from a new 6060h to the new 6061h, and from excess torque or following error to the trip.
-    """
+    """Settings of the drive of joint `number`; `ValueError` for a joint without a sensor or without a node."""
 
     mode_switch_cycles = trip_cycles = 3
+    """Control periods from a new 6060h to the new 6061h, and from excess torque or following error to the trip."""
 
     def __init__(self, number: int, joint: Joint) -> None:
+        self.joint = joint_node(number)
+        """1-based number; also the node number."""
         match joint.sensor:
             case Encoder(counts_per_rev=counts_per_rev):
                 per_rad, per_turn = counts_per_rev / math.tau, Fraction(counts_per_rev)
@@ -190,16 +172,20 @@ class AxisSettings:
                 per_turn = Fraction(360 * _MILLIONTHS * 2**rvdt.bits, self.full_scale_microdeg)
             case NoSensor():
                 raise ValueError(f"joint {joint.name!r} has no sensor for a drive to report")
+        """2100h, and the ends of an RVDT's converter, at which the sensor counts as failed; infinite for an encoder."""
         self.scale = scale = JointScale(counts_per_rad=per_rad)
-        self.joint, self.max_torque_nm = joint_node(number), joint.max_torque_nm
         ends_rad = joint.lower_rad, joint.upper_rad
         self.limits = joint_limits(number, scale, ends_rad, joint.max_speed_rad_per_s)
+        """Command limits; the speed limit is the overspeed trip level as well."""
+        self.max_torque_nm = joint.max_torque_nm
+        """Trip level of torque; also the rated torque."""
         self.following_window_counts = max(1, scale.to_counts(FOLLOWING_WINDOW_RAD))
         self.max_speed_counts_per_s = round(joint.max_speed_rad_per_s * scale.counts_per_rad)
         self.home_offset_limit_counts = round(HOME_OFFSET_LIMIT_RAD * scale.counts_per_rad)
         if per_turn.numerator > _LARGEST_U32:
             per_turn = per_turn.limit_denominator(10_000)
         self.increments, self.revolutions = per_turn.numerator, per_turn.denominator
+        """6065h, at which the drive trips; 607Fh; largest 607Ch; 608Fh."""
 
 
 def arm_axes(arm: ArmModel) -> tuple[AxisSettings, ...]:

@@ -8,8 +8,6 @@ If operator and arm are in one process, the operator's thread handles the frames
 monitored; when the heartbeat is lost, all drives hold and raise 8130h, and the token lapses.
 """
 
-from __future__ import annotations
-
 import math
 import queue
 import struct
@@ -54,19 +52,6 @@ class VirtualController:
     `bus` is open; the controller sets its filters, and does not close it. `axes`: see `hardware.virtual.axis.arm_axes`.
     By default `validate` refuses all documents, and `store` is in memory. `heartbeat_timeout_s`: silence after which
     the operator is lost. `attended`: the operator is in this process and calls `attend` while it waits for frames.
-
-    Attributes
-    ----------
-    drives, supervisor
-        The nodes; threads other than the control loop must hold a node's `lock` to use it.
-    sync_count
-        SYNCs answered so far.
-    running
-        The control loop hangs while this event is not set.
-    tracker
-        Tracker of an open arm; the tracker is not on the bus. None with a fixture.
-    failure
-        Error that ended the control loop; None if there is none. The context manager raises it on exit.
     """
 
     def __init__(
@@ -89,8 +74,11 @@ class VirtualController:
         self._script = sorted(script, key=lambda fault: fault.at_sync, reverse=True)
         self.disturbances: Disturbances = Disturbances()
         self.sync_count = 0
+        """SYNCs answered so far."""
         self.tracker: SimulatedTracker | None = None
+        """Tracker of an open arm; the tracker is not on the bus. None with a fixture."""
         self.failure: Exception | None = None
+        """Error that ended the control loop; None if there is none. The context manager raises it on exit."""
         self._latency = LatencyMonitor(clock)
         self._heard_s: dict[int, float] = {}
         self._posted: queue.SimpleQueue[Callable[[], object]] = queue.SimpleQueue()
@@ -99,6 +87,7 @@ class VirtualController:
         self._turns = threading.Lock()
         self._in_turn: int | None = None
         self.running: threading.Event = threading.Event()
+        """The control loop hangs while this event is not set."""
         self.running.set()
         self._next_beat_s = 0.0
         serial = arm.number % 1_000_000 * 100
@@ -106,6 +95,7 @@ class VirtualController:
         self.drives = tuple(
             DriveNode(axis, network, serial_number=serial + axis.joint) for axis in axes
         )
+        """Drive nodes; threads other than the control loop must hold a node's `lock` to use it."""
         self.group = DriveGroup(self.drives, plant, self.disturbances)
         self.plant: Plant = plant
         self.supervisor = SupervisorNode(
@@ -205,7 +195,6 @@ class VirtualController:
             self.failure = error
 
     def _turn(self, message: can.Message | None) -> None:
-        """Handle a frame, if there is one, then timed duties and posted actions."""
         self._in_turn = threading.get_ident()
         self._latency.frame_read()
         if message is not None:
@@ -216,7 +205,6 @@ class VirtualController:
         self._in_turn = None
 
     def _receive(self, message: can.Message) -> None:
-        """Pass a frame through the simulated wire, and handle the frames that arrive at the arm."""
         for passed in self.disturbances.wire_in.passed(message):
             self._take_in(passed)
 

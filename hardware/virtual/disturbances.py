@@ -1,7 +1,5 @@
 """Active faults of the virtual arm and of its bus, read on every SYNC."""
 
-from __future__ import annotations
-
 import heapq
 import math
 import time
@@ -96,49 +94,35 @@ DIVERGENCE_STEP_COUNTS, DIVERGENCE_COUNTS = 20, 5556
 
 @dataclass(slots=True)
 class Disturbances:
-    """Active faults, by node or joint.
-
-    Attributes
-    ----------
-    cut_since_s
-        Time of the cut (the controller's clock), by node, of each node whose cable is cut.
-    heartbeat_period_s
-        Changed heartbeat periods, by node.
-    lost_tpdos
-        Number of TPDO1 still to be lost, by joint.
-    frozen_counts
-        Constant reading of a stuck sensor, by joint.
-    lost_counts
-        Offset of a sensor's readings, by joint; the drive follows the changed readings.
-    ripple_counts
-        Standard deviation of the noise added to a sensor's readings, by joint.
-    diverged_counts
-        Distance of a joint from its drive's target, by joint; the distance grows every control period.
-    blocked, sagging
-        Joints that do not move in free mode, and joints that do not hold in position mode.
-    off_until_s
-        Time until which no frame passes (the controller's clock); None if frames pass.
-    wire_out, wire_in
-        Directions from and to the arm, with their faults.
-    """
+    """Active faults, by node or joint."""
 
     cut_since_s: dict[int, float] = field(default_factory=dict)
+    """Time of the cut (the controller's clock), by node, of each node whose cable is cut."""
     no_heartbeat: set[int] = field(default_factory=set)
     heartbeat_period_s: dict[int, float] = field(default_factory=dict)
+    """Changed heartbeat periods, by node."""
     lost_tpdos: dict[int, int] = field(default_factory=dict)
+    """Number of TPDO1 still to be lost, by joint."""
     doubled_tpdos: set[int] = field(default_factory=set)
     frozen_counts: dict[int, int] = field(default_factory=dict)
+    """Constant reading of a stuck sensor, by joint."""
     lost_counts: dict[int, int] = field(default_factory=dict)
+    """Offset of a sensor's readings, by joint; the drive follows the changed readings."""
     diverged_counts: dict[int, int] = field(default_factory=dict)
+    """Distance of a joint from its drive's target, by joint; the distance grows every control period."""
     ripple_counts: dict[int, float] = field(default_factory=dict)
+    """Standard deviation of the noise added to a sensor's readings, by joint."""
     blocked: set[int] = field(default_factory=set)
     sagging: set[int] = field(default_factory=set)
+    """Joints that do not move in free mode (`blocked`), and joints that do not hold in position mode."""
     storming: set[int] = field(default_factory=set)
     stalled_sdo: set[int] = field(default_factory=set)
     refused_sdo: set[int] = field(default_factory=set)
     off_until_s: float | None = None
+    """Time until which no frame passes (the controller's clock); None if frames pass."""
     wire_out: FaultyWire = field(default_factory=FaultyWire)
     wire_in: FaultyWire = field(default_factory=FaultyWire)
+    """Directions from and to the arm, with their faults."""
     _next_beat_s: dict[int, float] = field(default_factory=dict)
     _rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
 

@@ -4,8 +4,6 @@ Time is counted in control periods: `command` returns the joint's command for th
 sensor values at the end of that period.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from hardware.arm import DriveState, JointMode

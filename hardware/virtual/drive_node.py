@@ -3,8 +3,6 @@
 TPDO1 and RPDO1 are packed by `struct`, for speed, in the layout that the EDS file defines.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
@@ -150,7 +148,6 @@ class DriveGroup:
             self.quick_stop()
 
     def _command_of(self, node: DriveNode) -> JointCommand:
-        """Return a drive's command; active faults may change its mode or target."""
         command, faults = node.drive.command(), self._disturbances
         if command.mode is JointMode.FREE and node.number in faults.blocked:
             return replace(command, mode=None)

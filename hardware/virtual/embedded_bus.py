@@ -1,7 +1,5 @@
 """The bus between an operator and the virtual arm in the same process."""
 
-from __future__ import annotations
-
 import queue
 import time
 from collections.abc import Callable

@@ -3,8 +3,6 @@
 `sarcal controller --fault help` prints `FAULTS`, and the fault campaign tests them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass
 from enum import StrEnum
@@ -33,28 +31,20 @@ ALL_POSES = "every pose accepted before"
 
 @dataclass(frozen=True, slots=True)
 class FaultDescription:
-    """One fault: what fails, and what the operator does about it.
-
-    Attributes
-    ----------
-    texts
-        Parts of possible messages to the operator; ``{joint}`` is the joint at fault.
-    arm, kept
-        Reaction of the arm when the fault is reported, and what remains of the session.
-    at_connect
-        Whether the fault shows while the arm is being connected, so that it must be injected before that.
-    always_reported
-        Whether every session with this fault shows one of these messages.
-    """
+    """One fault: what fails, and what the operator does about it."""
 
     broken: str
     remedy: str
     _: KW_ONLY
     texts: tuple[str, ...] = ()
+    """Parts of possible messages to the operator; ``{joint}`` is the joint at fault."""
     arm: ArmReaction = ArmReaction.STANDS
     kept: str = ALL_POSES
+    """Reaction of the arm when the fault is reported, and what remains of the session."""
     at_connect: bool = False
+    """Whether the fault shows while the arm is being connected, so that it must be injected before that."""
     always_reported: bool = False
+    """Whether every session with this fault shows one of these messages."""
 
     def symptom(self) -> str:
         """Return what the operator sees, as text."""

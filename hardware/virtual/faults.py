@@ -72,18 +72,14 @@ def _leave_bus(seconds: float) -> FaultAction:
 
 
 def _add(faulty: str) -> FaultAction:
-    """Return the action that adds the joint to a set of `Disturbances`."""
     return lambda arm, joint: getattr(arm.disturbances, faulty).add(joint)
 
 
 def _set_of_joint(faulty: str, value: float) -> FaultAction:
-    """Return the action that sets the joint's value in a mapping of `Disturbances`."""
     return lambda arm, joint: getattr(arm.disturbances, faulty).update({joint: value})
 
 
 def _flag(name: str) -> FaultAction:
-    """Return the action that sets a flag of the joint's `Drive`."""
-
     def act(arm: VirtualController, joint: int) -> None:
         node = arm.drives[joint - 1]
         with node.lock:

@@ -4,8 +4,6 @@
 heartbeats, so that they stop when the loop hangs.
 """
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable
 from functools import partial

@@ -5,8 +5,6 @@ pointer to the active slot changes in the same way. A power cut leaves the activ
 each slot detects other damage. The operator program supplies the schema of documents as `Validate`.
 """
 
-from __future__ import annotations
-
 import errno
 import hashlib
 import math

@@ -10,10 +10,9 @@ with e the closure error, K and k the stiffness of fixture and servos, d the dam
 drives move the arm; with one drive the arm sags, and a third drive with an inconsistent target builds up torque.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Self
 
 import numpy as np
 from scipy.linalg.lapack import dposv
@@ -65,7 +64,7 @@ class Loads:
         for name in ("friction_nm", "payload_kg", "down"):
             object.__setattr__(self, name, frozen(getattr(self, name)))
 
-    def of(self, arm: ArmModel) -> Loads:
+    def of(self, arm: ArmModel) -> Self:
         """Return loads for another arm; friction, if there is any, is in proportion to each drive's torque.
 
         If the number of joints differs, the largest mass is placed at mid-arm and near the wrist. Masses are reduced in

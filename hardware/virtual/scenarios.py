@@ -7,32 +7,18 @@ Each of the paper's three error sources (section 4: RVDTs, fixed lengths, fixtur
 errors are drawn from separate streams, so that switching one off does not change the others.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from enum import IntEnum
 
 import numpy as np
 
 from fixtures.measured import Measured
-from hardware.virtual import SCENARIOS
+from hardware.virtual import SCENARIOS, specimens, true_loop
 from hardware.virtual.axis import LinearityDeviation, joint_sensor
 from hardware.virtual.plant import Loads, Plant
-from hardware.virtual.specimens import (
-    SpecimenFiles,
-    draw_truth,
-    files_allow,
-    open_truth,
-    remount_truth,
-)
+from hardware.virtual.specimens import SpecimenFiles
 from hardware.virtual.tracker import SimulatedTracker
-from hardware.virtual.true_loop import (
-    PAPER_HOME_RAD,
-    Truth,
-    draw_wild_loop,
-    paper_loop,
-    with_length_errors,
-)
+from hardware.virtual.true_loop import Truth
 from solver.arrays import frozen
 from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import Encoder, Rvdt
@@ -103,7 +89,7 @@ class Scenario:
         """Return the true geometry, including the length errors."""
         if self.lengths is None:
             return self.truth
-        return with_length_errors(self.truth, self.lengths, self._rng(_Stream.LENGTHS))
+        return true_loop.with_length_errors(self.truth, self.lengths, self._rng(_Stream.LENGTHS))
 
     def curves(self, arm: ArmModel) -> tuple[LinearityDeviation | None, ...]:
         """Return each joint's linearity deviation; None for an encoder, or if this scenario has no such deviations."""
@@ -154,7 +140,7 @@ def scenario(name: str, seed: int = 0) -> Scenario:
     """Return a scenario by name; `ValueError` for an unknown name or a negative seed."""
     if seed < 0:
         raise ValueError("a seed must be a whole number of at least 0")
-    paper = Scenario(name=name, seed=seed, truth=paper_loop())
+    paper = Scenario(name=name, seed=seed, truth=true_loop.paper_loop())
     match name:
         case "exact":
             return replace(paper, encoders_only=True, noise=False)
@@ -164,7 +150,7 @@ def scenario(name: str, seed: int = 0) -> Scenario:
             curved = replace(paper, specimen=8, linearity_of_full_scale=0.019)
             return replace(curved, lengths=(0.001, 0.002), loads=COMPLIANT)
         case "wild":
-            truth = draw_wild_loop(np.random.default_rng([seed, int(_Stream.WILD)]))
+            truth = true_loop.draw_wild_loop(np.random.default_rng([seed, int(_Stream.WILD)]))
             return replace(paper, truth=truth, linearity_of_full_scale=0.02)
         case _:
             raise ValueError(f"no scenario {name!r}; there are {', '.join(SCENARIOS)}")
@@ -181,15 +167,17 @@ def scenario_of(name: str, seed: int, stated: SpecimenFiles, placement: int = 1)
     """
     mounted = scenario(name, seed)
     rng = np.random.default_rng([seed, int(_Stream.SPECIMEN)])
-    if not files_allow(stated, paper_loop(), PAPER_HOME_RAD):
-        truth = draw_truth(stated, rng, maker_errors=name != "exact" and mounted.lengths is None)
+    if not specimens.files_allow(stated, true_loop.paper_loop(), true_loop.PAPER_HOME_RAD):
+        truth = specimens.draw_truth(
+            stated, rng, maker_errors=name != "exact" and mounted.lengths is None
+        )
         loads = mounted.loads.of(stated.arm)
         mounted = replace(mounted, truth=truth, specimen=None, loads=loads)
     elif not stated.fixture.holds_hand:
         # The same arm as in the hinge, without the hinge.
-        mounted = replace(mounted, truth=open_truth(stated, mounted.truth, rng))
+        mounted = replace(mounted, truth=specimens.open_truth(stated, mounted.truth, rng))
     if placement == 1:
         return mounted
     rng = np.random.default_rng([seed, int(_Stream.MOUNTING), placement])
-    truth = remount_truth(stated, mounted.truth, rng)
+    truth = specimens.remount_truth(stated, mounted.truth, rng)
     return replace(mounted, truth=truth, placement=placement)

@@ -5,8 +5,6 @@ the maker's lengths and twists with the standard deviations of the arm file. Fre
 observable keep their nominal values.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 

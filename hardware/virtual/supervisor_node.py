@@ -4,8 +4,6 @@ Checking and storing a document take longer than a control period, so both run i
 request is answered afterwards.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -158,7 +156,6 @@ class SupervisorNode(VirtualNode):
             raise SdoAbortedError(sdo.ABORT_APPLICATION_DEVICE_STATE)
 
     def _carry_out(self, work: Callable[[], None]) -> None:
-        """Carry out a command outside the control loop, then answer."""
         abort: int | None = sdo.ABORT_GENERAL_ERROR
         try:
             work()

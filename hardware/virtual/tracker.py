@@ -4,8 +4,6 @@ The answer to ``{"measure": "12"}`` is ``{"pose": "12", "x_m": ..., ..., "rz_deg
 tracker's own frame, and orientation as a rotation vector.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import socketserver
@@ -87,7 +85,6 @@ class _Server(socketserver.ThreadingTCPServer):
         self._places = threading.BoundedSemaphore(CLIENTS)
 
     def process_request(self, request: Any, client_address: Any) -> None:
-        """Start a thread for the client; if `CLIENTS` clients are connected, send an error and disconnect."""
         if self._places.acquire(blocking=False):
             super().process_request(request, client_address)
             return
@@ -97,7 +94,6 @@ class _Server(socketserver.ThreadingTCPServer):
         self.shutdown_request(request)
 
     def process_request_thread(self, request: Any, client_address: Any) -> None:
-        """Serve the client, then free its place."""
         try:
             super().process_request_thread(request, client_address)
         finally:

@@ -7,6 +7,7 @@ import can
 import pytest
 
 from hardware.buses.python_can import open_bus, open_sender
+from hardware.errors import BusError
 
 PATIENCE_S = 60.0
 """Longest delay of a frame on a busy machine."""
@@ -109,6 +110,10 @@ def test_recv_on_empty_bus_returns_at_timeout(opener):
 
 
 def test_sender_handle_receives_nothing_and_second_shutdown_is_harmless(opener, settings):
+    if settings.interface == "virtual":  # it would queue frames for a handle that only sends
+        with pytest.raises(BusError, match="opened only once"):
+            open_sender(settings)
+        return
     bus, other, sender = opener(), opener(), open_sender(settings)
     bus.send(FRAMES["standard-8"])
     sender.send(FRAMES["standard-2"])

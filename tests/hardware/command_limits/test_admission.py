@@ -6,9 +6,8 @@ import pytest
 from hardware.arm import DriveState, JointMode
 from hardware.arm_description import JointScale
 from hardware.canopen.cyclic import Setpoint
-from hardware.command_limits import JointLimits
+from hardware.command_limits import JointLimits, admit, admit_move, not_enabled
 from hardware.errors import CommandRefused, StopLatched
-from hardware.monitors.admission import admit, admit_move, not_enabled
 from tests.oracles.samples import sample
 
 

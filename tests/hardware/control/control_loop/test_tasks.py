@@ -10,7 +10,7 @@ import pytest
 
 from hardware.canopen.sdo import ObjectAccess
 from hardware.control import motion_steps, tasks
-from hardware.control.tasks import LoopTask, Steps
+from hardware.control.control_loop import LoopTask, Steps
 from hardware.errors import HardwareError
 from tests.hardware.control.canopen_arm.conftest import make
 from tests.hardware.fake_arm import FakeArmBus

@@ -2,7 +2,12 @@ import pytest
 
 from hardware.arm import DriveState
 from hardware.canopen.cyclic import Setpoint
-from hardware.monitors.dropout import CONFIRMED_SYNCS, NOT_FOLLOWING_SYNCS, Dropout, DropoutMonitor
+from hardware.monitors.following import (
+    CONFIRMED_SYNCS,
+    NOT_FOLLOWING_SYNCS,
+    Dropout,
+    DropoutMonitor,
+)
 from tests.oracles.samples import sample
 
 FOLLOWS, NOT_FOLLOWING, LIMITED, FOLLOWING_ERROR = 0x1627, 0x0627, 0x0E27, 0x3627

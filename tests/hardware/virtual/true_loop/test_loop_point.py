@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from hardware.virtual.loop_point import LoopPoint
-from hardware.virtual.true_loop import PAPER_HOME_RAD, Truth, hinge_truth, paper_loop
+from hardware.virtual.true_loop import PAPER_HOME_RAD, LoopPoint, Truth, hinge_truth, paper_loop
 from solver.chain.kinematics import DhTable
 from solver.loops.dh import DhLoop
 from solver.loops.point import PointClosure

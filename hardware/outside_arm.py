@@ -103,8 +103,6 @@ class OutsideArm:
 
     def set_modes(self, modes: Sequence[JointMode]) -> None:
         """Set one mode per joint and check that the arm reports these modes."""
-        if len(modes) != len(self._limits):
-            raise ValueError(f"{len(self._limits)} joints need one mode each, not {len(modes)}")
         self._require_no_stop()
         if not self._in_control:
             raise errors.CommandRefused("the drives are not under control: take control first")
@@ -147,8 +145,6 @@ class OutsideArm:
 
     def settle(self, *, window: int, spread_rad: Sequence[float], timeout_syncs: int) -> bool:
         """Wait until each joint's last `window` positions span no more than `spread_rad`; false on time-out."""
-        if len(spread_rad) != len(self._limits) or window < 1:
-            raise ValueError("settling needs one spread per joint and a window of at least 1")
         with self._translated_errors():
             return self._connected.settle(
                 window=window, spread_rad=spread_rad, timeout_syncs=timeout_syncs
@@ -156,8 +152,6 @@ class OutsideArm:
 
     def capture(self, samples: int) -> Reading:
         """Return the average of `samples` samples."""
-        if samples < 1:
-            raise ValueError("a reading needs at least one sample")
         with self._translated_errors():
             reading = self._connected.capture(samples)
             for what in ("mean_counts", "mean_rad", "sd_rad"):

@@ -5,7 +5,6 @@ joints have answered the previous SYNC; a run on a seeded virtual arm is then re
 """
 
 import os
-import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
@@ -78,32 +77,26 @@ def real_time_priority() -> Iterator[None]:
     scheduling; other users need an rtprio limit (``ulimit -r``, limits.conf). Real-time threads get at most 95 % of a
     processor.
     """
-    if sys.platform != "linux":
-        yield
-        return
     before, with_ = os.sched_getscheduler(0), os.sched_getparam(0)
-    try:
+    with suppress(OSError):  # not allowed
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(PRIORITY))
-    except OSError:
-        yield
-        return
     try:
         yield
     finally:
-        os.sched_setscheduler(0, before, with_)
+        with suppress(OSError):
+            os.sched_setscheduler(0, before, with_)
 
 
 def raise_loop_priority() -> None:
     """Give this thread priority over the program's other threads, if this thread has real-time scheduling."""
-    if sys.platform == "linux" and os.sched_getscheduler(0) == os.SCHED_RR:
+    if os.sched_getscheduler(0) == os.SCHED_RR:
         with suppress(OSError):
             os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(LOOP_PRIORITY))
 
 
 def normal_priority() -> None:
     """Give this process ordinary scheduling."""
-    if sys.platform == "linux":
-        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
 MAX_POLL_GAP_S = 0.1

@@ -25,12 +25,12 @@ from hardware.arm_description import (
     RvdtDescription,
 )
 from hardware.arm_plugins import ArmOffer, ArmOrder, offer
-from hardware.buses.python_can import ArmOnBus, BusOpeners, BusSettings
+from hardware.buses.python_can import ArmOnBus, BusSettings, open_bus
 from hardware.control.canopen_arm import CanopenArm
 from hardware.outside_arm import OutsideArm
 from hardware.timing import Pace, Timing, real_time_priority
 from hardware.virtual.controller import VirtualController
-from hardware.virtual.embedded_bus import attended_openers
+from hardware.virtual.embedded_bus import attended_opener
 from operator_app.config.procedure import Procedure
 from operator_app.effective_procedure import effective_procedure, named_scenario, session_bus
 from operator_app.errors import SessionError
@@ -144,9 +144,9 @@ def open_arm(
                     attended=True,
                 )
             )
-            openers = attended_openers(controller)
+            opener = attended_opener(controller)
         else:
-            openers = BusOpeners()
+            opener = open_bus
             stack.enter_context(real_time_priority())
         on_bus = ArmOnBus(
             describe(procedure.arm),
@@ -154,7 +154,7 @@ def open_arm(
             procedure.profile,
             pace=pace or (Pace.FAST_FORWARD if embedded else Pace.REAL_TIME),
             timing=_timing(procedure, speed=speed, embedded=embedded),
-            openers=openers,
+            open_main=opener,
         )
         arm = CanopenArm(on_bus, record_to=record_to)
         stack.callback(_print_recording_problem, arm)

@@ -16,7 +16,6 @@ from hardware.virtual.embedded_bus import EmbeddedBus
 from hardware.virtual.faults import ScriptedFault
 from hardware.virtual.parameter_store import FolderDisk, ParameterStore, ValidatedParameters
 from hardware.virtual.scenarios import Scenario, scenario_of
-from hardware.virtual.specimens import SpecimenFiles
 from hardware.virtual.supervisor_node import ArmLabel
 from hardware.virtual.tracker import SimulatedTracker
 from operator_app.config.errors import ConfigError
@@ -39,15 +38,9 @@ def virtual_arm(
 
     Raises `SessionError` if no virtual arm can be built from these files.
     """
-    stated = SpecimenFiles(
-        arm=arm,
-        fixture=fixture.fixture,
-        tolerance_m=fixture.fixture.tolerance.position_m,
-        tolerance_rad=fixture.fixture.tolerance.orientation_rad,
-    )
     named = named_scenario(choices)
     try:
-        return scenario_of(named.name, named.seed, stated, placement)
+        return scenario_of(named.name, named.seed, arm, fixture.fixture, placement)
     except ValueError as error:
         raise SessionError(
             f"no virtual arm can be built from {arm.name} in {fixture.name}: {error}",

@@ -13,7 +13,6 @@ import hashlib
 import select
 import socket
 import struct
-import sys
 import time
 from typing import Any
 
@@ -31,7 +30,6 @@ _SO_DETACH_FILTER = 27
 _SO_RCVBUFFORCE = 33
 _SO_TIMESTAMPNS = 35
 _IP_MULTICAST_ALL = 49
-_IS_LINUX = sys.platform == "linux"
 _ANCILLARY_BYTES = 128
 
 _MAGIC = b"CANo"
@@ -120,25 +118,18 @@ def filter_program(filters: CanFilters) -> bytes:
 
 
 class LoopbackBus(can.BusABC):
-    """python-can bus between processes of one machine; on Linux the kernel applies the filters.
-
-    `receive_own_messages`: also deliver this bus object's own frames to itself, with ``is_rx`` false.
-    """
+    """python-can bus between processes of one machine; the kernel applies the filters."""
 
     def __init__(
         self,
         channel: str | int = DEFAULT_CHANNEL,
         *,
-        receive_own_messages: bool = False,
         can_filters: CanFilters | None = None,
         **kwargs: Any,
     ) -> None:
-        if not hasattr(socket.socket, "recvmsg"):
-            raise can.CanInterfaceNotImplementedError("loopback needs a POSIX system")
         name = str(channel or DEFAULT_CHANNEL)
         self.channel = name
         self.channel_info = f"loopback channel {name}"
-        self.receive_own_messages = receive_own_messages
         self._can_protocol = can.CanProtocol.CAN_20
         self._tag = channel_tag(name)
         self._group = (channel_group(name), MULTICAST_PORT)
@@ -197,22 +188,17 @@ class LoopbackBus(can.BusABC):
                 f"cannot receive on {self.channel_info}: {error.strerror}", error.errno
             ) from error
         datagram, ancillary, _, sender = received
-        own = sender == self._own_address
-        if own and not self.receive_own_messages:
-            return None, False
-        message = decode_frame(datagram, self._tag) if sender[0] == HOST else None
+        from_other = sender[0] == HOST and sender != self._own_address
+        message = decode_frame(datagram, self._tag) if from_other else None
         if message is None:
             return None, False
         message.timestamp = _arrival_s(ancillary)
         message.channel = self.channel
-        message.is_rx = not own
         return message, False
 
     def _apply_filters(self, filters: CanFilters | None) -> None:
         """Set the filters in the kernel; if the kernel cannot filter, python-can filters the frames."""
         self._is_filtered = False  # read by python-can
-        if not _IS_LINUX:
-            return
         with contextlib.suppress(OSError):  # too many filters, or not allowed
             if not filters:
                 self._receiver.setsockopt(socket.SOL_SOCKET, _SO_DETACH_FILTER, 0)
@@ -258,22 +244,17 @@ def _set_up_sender(sender: socket.socket) -> None:
 def enlarge_receive_buffer(receiver: socket.socket) -> None:
     """Enlarge the kernel's queue of unread frames; only root can exceed net.core.rmem_max."""
     receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
-    if _IS_LINUX:
-        with contextlib.suppress(PermissionError):
-            receiver.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, RECEIVE_BUFFER_BYTES)
+    with contextlib.suppress(PermissionError):
+        receiver.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, RECEIVE_BUFFER_BYTES)
 
 
 def _set_up_receiver(receiver: socket.socket, group: str) -> None:
-    """Have a socket receive `group` on the loopback interface only."""
     receiver.setblocking(False)
     receiver.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     enlarge_receive_buffer(receiver)
-    if _IS_LINUX:
-        receiver.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
-        # Otherwise the socket would also receive groups that other programs joined on other interfaces.
-        receiver.setsockopt(socket.IPPROTO_IP, _IP_MULTICAST_ALL, 0)
-    else:
-        receiver.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
+    receiver.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
+    # Otherwise the socket would also receive groups that other programs joined on other interfaces.
+    receiver.setsockopt(socket.IPPROTO_IP, _IP_MULTICAST_ALL, 0)
     receiver.bind((group, MULTICAST_PORT))
     membership = socket.inet_aton(group) + socket.inet_aton(HOST)
     receiver.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, membership)

@@ -223,14 +223,6 @@ def describe_failure(settings: BusSettings, error: Exception) -> str:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BusOpeners:
-    """Functions that open the two handles on a bus: the main one, and the one that sends STOP."""
-
-    main: Callable[[BusSettings], can.BusABC] = open_bus
-    stop: Callable[[BusSettings], can.BusABC] = open_sender
-
-
 @dataclass(frozen=True, slots=True)
 class ArmOnBus:
     """The expected arm, its bus, and how its nodes are set up and timed.
@@ -244,4 +236,6 @@ class ArmOnBus:
     _: KW_ONLY
     pace: Pace = Pace.REAL_TIME
     timing: Timing = field(default_factory=Timing)
-    openers: BusOpeners = field(default_factory=BusOpeners)
+    open_main: Callable[[BusSettings], can.BusABC] = open_bus
+    open_stop: Callable[[BusSettings], can.BusABC] = open_sender
+    """Functions that open the two handles on the bus: the main one, and the one that sends STOP."""

@@ -6,19 +6,14 @@ from dataclasses import dataclass
 from typing import Final
 
 from hardware.arm import DriveState
-from hardware.canopen.bus_profile import (
-    COMMAND_OBJECTS,
-    FEEDBACK_OBJECTS,
-    BusProfile,
-    JointProfile,
-    Pdo,
-)
+from hardware.canopen import bus_profile
+from hardware.canopen.bus_profile import BusProfile, JointProfile, Pdo
 from hardware.canopen.cia402 import state_of
 from hardware.canopen.objects import CONTROLWORD, EMCY, JOINT_MODE, MODE, TARGET_POSITION
 from hardware.errors import HardwareError
 
 _LETTERS: Final = {8: "b", 16: "h", 32: "i", 64: "q"}
-_UNSIGNED: Final = (*FEEDBACK_OBJECTS[:1], CONTROLWORD)
+_UNSIGNED: Final = (*bus_profile.FEEDBACK_OBJECTS[:1], CONTROLWORD)
 
 MAX_LATE_SYNCS: Final = 100
 """Upper limit of `Sample.overdue`: largest age, in SYNCs, of answers that a busy computer delivers late."""
@@ -97,13 +92,15 @@ class JointFrames:
     """The frames of one joint: its TPDOs (`answers`) and RPDOs (`commands`) by identifier."""
 
     def __init__(self, profile: BusProfile, joint: JointProfile) -> None:
-        self.answers = {pdo.cob_id: PdoFields(pdo, FEEDBACK_OBJECTS) for pdo in joint.answers}
+        self.answers = {
+            pdo.cob_id: PdoFields(pdo, bus_profile.FEEDBACK_OBJECTS) for pdo in joint.answers
+        }
         # A drive acts on each frame on receipt: the target must come before the mode that uses it.
         order = sorted(
             joint.commands,
             key=lambda pdo: (TARGET_POSITION not in pdo.carried, MODE not in pdo.carried),
         )
-        self.commands = {pdo.cob_id: PdoFields(pdo, COMMAND_OBJECTS) for pdo in order}
+        self.commands = {pdo.cob_id: PdoFields(pdo, bus_profile.COMMAND_OBJECTS) for pdo in order}
         self._controlling = {p.cob_id for p in joint.commands if CONTROLWORD in p.carried}
         self._codes = {code: profile.mode_codes[mode] for code, mode in JOINT_MODE.items()}
         self._modes = {theirs: ours for ours, theirs in self._codes.items()}

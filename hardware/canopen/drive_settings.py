@@ -1,23 +1,20 @@
 """Reads the set-up of a drive by SDO: its PDOs, heartbeats, windows, quick stop, and descriptive objects."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from hardware.arm_description import JointScale
-from hardware.canopen import objects
-from hardware.canopen.bus_profile import (
-    MAX_HEARTBEAT_MS,
-    RPDO,
-    TPDO,
-    BusProfile,
-    Entry,
-    PdoKind,
-)
+from hardware.canopen import bus_profile, objects
+from hardware.canopen.bus_profile import RPDO, TPDO, BusProfile, Entry, PdoKind
 from hardware.canopen.maps import IDENTIFIER, NOT_VALID, read_map, read_number, read_records
-from hardware.canopen.sdo import ObjectAccess
 from hardware.errors import MappingMismatch, ObjectMismatch, ProfileRemedy, SdoRefused
+
+if TYPE_CHECKING:
+    from hardware.canopen.sdo import ObjectAccess
 
 DESCRIPTION_OBJECTS: Final = (
     objects.POSITION_LIMITS,
@@ -155,7 +152,7 @@ def heartbeat_timeout_s(access: ObjectAccess, profile: BusProfile, min_s: float)
             continue
         longest_s = max(longest_s, 1e-3 * period_ms)
         if not 0 < period_ms <= profile.slowest_heartbeat_ms:
-            allowable = 0 < period_ms <= MAX_HEARTBEAT_MS
+            allowable = 0 < period_ms <= bus_profile.MAX_HEARTBEAT_MS
             remedy = ProfileRemedy.HEARTBEAT_PERIOD if allowable else ProfileRemedy.NONE
             expected = f"a heartbeat every 1 .. {profile.slowest_heartbeat_ms} ms"
             place = node, objects.HEARTBEAT_PRODUCER, 0

@@ -4,16 +4,20 @@ A drive that sends its velocity where its position is expected answers every SYN
 would be wrong. So all PDOs are compared; afterwards the first position by PDO is compared with 6064h by SDO.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from hardware.arm_description import JointScale
 from hardware.canopen import objects
 from hardware.canopen.bus_profile import TPDO, BusProfile, Entry, JointProfile, PdoKind, format_map
 from hardware.canopen.objects import Abort
-from hardware.canopen.sdo import ObjectAccess
 from hardware.errors import MappingMismatch, ObjectMismatch, ProfileRemedy, SdoRefused
+
+if TYPE_CHECKING:
+    from hardware.canopen.sdo import ObjectAccess
 
 POSITION_AGREEMENT_RAD = 0.01
 """Largest allowed difference of positions by PDO and SDO; covers RVDT noise, and creep between the two readings."""
@@ -184,7 +188,6 @@ def read_map(access: ObjectAccess, node: int, index: int) -> tuple[Entry, ...] |
 def _cob_id(
     access: ObjectAccess, node: int, index: int, sub: int, expected: int, *, refused: int
 ) -> Iterator[ObjectMismatch]:
-    """Yield a mismatch if a COB-ID is not the expected one, or if its flag bit `refused` is set."""
     value = read_number(access, node, index, sub)
     if value is None or value & (IDENTIFIER | EXTENDED | refused) != expected:
         actual = _number(value, "03X")

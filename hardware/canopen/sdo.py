@@ -254,7 +254,6 @@ class ObjectAccess:
         self._exclusive(node, index, subindex, download)
 
     def _exclusive(self, node: int, index: int, subindex: int, access: Callable[[Any], Any]) -> Any:
-        """Run an access, only one at a time per node, and translate its errors; Ctrl-C aborts the transfer."""
         with self._locks[node]:
             self.raise_if_cancelled()
             try:

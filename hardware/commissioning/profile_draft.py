@@ -3,19 +3,8 @@
 from collections.abc import Iterator, Sequence
 from typing import Final
 
-from hardware.canopen.bus_profile import (
-    COMMAND_OBJECTS,
-    FEEDBACK_OBJECTS,
-    FIELD_BITS,
-    RPDO,
-    TPDO,
-    ZERO_OBJECTS,
-    BusProfile,
-    Entry,
-    JointProfile,
-    Pdo,
-    PdoKind,
-)
+from hardware.canopen import bus_profile
+from hardware.canopen.bus_profile import RPDO, TPDO, BusProfile, Entry, JointProfile, Pdo, PdoKind
 from hardware.canopen.drive_settings import DrivePdo
 from hardware.canopen.objects import COB_NEXT_PDO
 from hardware.commissioning.probe import FoundNode
@@ -75,7 +64,9 @@ def _current(node: FoundNode, kind: PdoKind) -> tuple[Pdo, ...]:
 
 
 def _carried(pdo: DrivePdo | Pdo) -> set[int]:
-    return {index for index, sub, bits in pdo.entries if sub == 0 and bits in FIELD_BITS}
+    return {
+        index for index, sub, bits in pdo.entries if sub == 0 and bits in bus_profile.FIELD_BITS
+    }
 
 
 def _unusable(pdo: DrivePdo) -> str:
@@ -86,7 +77,7 @@ def _unusable(pdo: DrivePdo) -> str:
     if any(bits % 8 for _, _, bits in pdo.entries):
         return "maps parts of bytes"
     if kind is RPDO:
-        allowed = {*COMMAND_OBJECTS, *ZERO_OBJECTS}
+        allowed = {*bus_profile.COMMAND_OBJECTS, *bus_profile.ZERO_OBJECTS}
         if others := [index for index, _, _ in pdo.entries if index not in allowed]:
             return f"carries {others[0]:04X}h, which this program cannot command"
     return ""
@@ -143,8 +134,10 @@ def _configuration_obstacles(node: FoundNode) -> Iterator[str]:
     if not node.widths:
         yield _read_problem(node)
         return
-    needed_objects = (*COMMAND_OBJECTS, *FEEDBACK_OBJECTS)
-    absent = [index for index in needed_objects if node.widths.get(index) not in FIELD_BITS]
+    needed_objects = (*bus_profile.COMMAND_OBJECTS, *bus_profile.FEEDBACK_OBJECTS)
+    absent = [
+        index for index in needed_objects if node.widths.get(index) not in bus_profile.FIELD_BITS
+    ]
     yield from (f"node {node.node}: {index:04X}h cannot be read" for index in absent)
     if absent:  # how many frames are needed is not known
         return

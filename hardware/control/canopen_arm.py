@@ -63,8 +63,6 @@ class CanopenArm(ConnectableArm):
 
         Raises `ModeNotReached` for the first joint whose drive does not report the mode, or that it follows its target.
         """
-        if len(modes) != self.joints:
-            raise ValueError(f"{self.joints} joints need one mode each, not {len(modes)}")
         self._set_modes(modes)
         joint = motion_steps.not_following(self._link.loop.sample, modes)
         if joint is not None:
@@ -115,8 +113,6 @@ class CanopenArm(ConnectableArm):
 
     def settle(self, *, window: int, spread_rad: Sequence[float], timeout_syncs: int) -> bool:
         """Wait until each joint's last `window` positions span no more than `spread_rad`; false on time-out."""
-        if len(spread_rad) != self.joints or window < 1:
-            raise ValueError("settling needs one spread per joint and a window of at least 1")
         link = self._link
         steps = motion_steps.settle(link, window, spread_rad, timeout_syncs)
         return link.loop.run(steps)
@@ -188,7 +184,6 @@ class CanopenArm(ConnectableArm):
 
     @staticmethod
     def _raise_for_drives(link: Connection, joints: tuple[int, ...], required: str) -> None:
-        """Raise an error for the first of `joints`, all of which could not be brought into the `required` state."""
         for joint in joints:
             status = link.loop.sample.statuswords[joint - 1]
             state = state_of(status)

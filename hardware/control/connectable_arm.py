@@ -204,7 +204,6 @@ def release_arm(loop: ControlLoop) -> Sample | None:
 
 
 def _wait_until_off(loop: ControlLoop) -> Steps[Sample]:
-    """Run at most 50 SYNC cycles, until the drives report that they are off or, if STOP is latched, stopped."""
     sample = yield None
     for _ in range(motion_steps.TRANSITION_SYNCS):
         motion_steps.raise_alarm(loop)

@@ -60,14 +60,14 @@ class Connection:
         """State, by joint, of each drive that had power before the start-up although no operator was heard."""
         self.rated_torques_nm: tuple[float, ...] = (0.0,) * len(profile.joints)
         """Torques of joints 1..n at 1000 per mille in 6077h, N m."""
-        bus = on_bus.openers.main(settings)
+        bus = on_bus.open_main(settings)
         if record_to is None:  # a recording needs all frames
             set_hardware_filters(bus, operator_filters(profile))
         self.wire = SharedBus(bus, record_to=record_to, send_timeout_s=timing.tick_s)
         second: can.BusABC | None = None
         try:
             with suppress(errors.BusError):  # the adapter can be opened only once
-                second = on_bus.openers.stop(settings)
+                second = on_bus.open_stop(settings)
             self.stop_line = StopLine(second, self.wire, frames_of(profile))
         except BaseException:
             self.wire.close()

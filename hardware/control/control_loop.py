@@ -11,7 +11,6 @@ The loop takes no lock that Ctrl-C in the caller's thread can leave locked: cond
 call can make all later calls return false.
 """
 
-import sys
 import threading
 import time
 from collections import deque
@@ -35,8 +34,6 @@ from hardware.monitors.node_monitor import NodeMonitor
 from hardware.timed_queue import TimedQueue
 from hardware.timing import LatencyMonitor, Pace, Timing, raise_loop_priority
 
-SWITCH_INTERVAL_S = 0.0005
-"""Python's thread switch interval. With the default of 5 ms, a busy thread could delay a SYNC by 5 ms."""
 FRAMES_AT_A_TIME = 200
 """Limit of the frames handled in a row, so that SYNC is not delayed on a bus where a frame is always waiting."""
 MAX_SAMPLE_AGE_S = 0.1
@@ -155,7 +152,6 @@ class ControlLoop:
 
     def start(self) -> None:
         """Start receiving; sends nothing yet."""
-        sys.setswitchinterval(min(sys.getswitchinterval(), SWITCH_INTERVAL_S))
         self._running = True
         self._thread.start()
 

@@ -73,16 +73,11 @@ class Trapezoid:
 
 
 class StraightMove:
-    """Targets of a straight synchronised move between joint angles of shape (n,), one vector per control period.
-
-    Raises `ValueError` if the speed is not positive or the vectors do not match.
-    """
+    """Targets of a straight synchronised move between joint angles of shape (n,), one vector per control period."""
 
     def __init__(
         self, start_rad: FloatArray, end_rad: FloatArray, *, speed_rad_per_s: float
     ) -> None:
-        if speed_rad_per_s <= 0:
-            raise ValueError("the speed must be positive")
         self._speed = speed_rad_per_s
         self._target = np.array(start_rad, dtype=np.float64)
         self._end = np.asarray(end_rad, dtype=np.float64)

@@ -129,7 +129,6 @@ class _StoppedJoint:
     last_travel_counts: float = math.inf
 
     def brake(self, counts: int) -> None:
-        """Take in a position of the braking joint, which counts as at rest once it no longer slows down."""
         if self.stopped_syncs == 0:
             self.at_rest = False
             self.stretch_start_counts, self.last_travel_counts = counts, math.inf

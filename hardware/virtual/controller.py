@@ -28,7 +28,7 @@ from hardware.virtual.disturbances import Disturbances
 from hardware.virtual.drive_node import DriveGroup, DriveNode
 from hardware.virtual.faults import ScriptedFault, inject
 from hardware.virtual.node import ControllerNetwork, VirtualNode
-from hardware.virtual.parameter_store import ParameterStore, Validate, refuse_documents
+from hardware.virtual.parameter_store import ParameterStore, Validate
 from hardware.virtual.plant import Plant
 from hardware.virtual.supervisor_node import ArmLabel, SupervisorNode
 from hardware.virtual.tracker import SimulatedTracker
@@ -50,8 +50,8 @@ class VirtualController:
     """Simulated controller on one bus: a drive node for each of `axes`, and a supervisor.
 
     `bus` is open; the controller sets its filters, and does not close it. `axes`: see `hardware.virtual.axis.arm_axes`.
-    By default `validate` refuses all documents, and `store` is in memory. `heartbeat_timeout_s`: silence after which
-    the operator is lost. `attended`: the operator is in this process and calls `attend` while it waits for frames.
+    By default `store` is in memory. `heartbeat_timeout_s`: silence after which the operator is lost. `attended`: the
+    operator is in this process and calls `attend` while it waits for frames.
     """
 
     def __init__(
@@ -61,7 +61,7 @@ class VirtualController:
         *,
         axes: Sequence[AxisSettings],
         arm: ArmLabel,
-        validate: Validate = refuse_documents,
+        validate: Validate,
         store: ParameterStore | None = None,
         heartbeat_timeout_s: float = HEARTBEAT_TIMEOUT_S,
         clock: Callable[[], float] = time.monotonic,

@@ -211,7 +211,6 @@ class Drive:
             self.trip(code)
 
     def _reset(self) -> bool:
-        """Clear all errors; return false, and clear none, if the cause of an error persists."""
         persists = {
             EmergencyCode.EXTERNAL_STOP: self.external_stop,
             EmergencyCode.SENSOR: self.sensor_failed,

@@ -9,7 +9,7 @@ from typing import Any, cast
 import can
 from can.interfaces.virtual import VirtualBus, channels_lock
 
-from hardware.buses.python_can import BusOpeners
+from hardware.buses.python_can import BusSettings
 from hardware.timed_queue import TimedQueue
 from hardware.virtual.controller import VirtualController
 
@@ -55,8 +55,8 @@ class EmbeddedBus(VirtualBus):
             if message is not None and self._is_passed(message):
                 return message
             if until is not None:
-                timeout = until - time.monotonic()
-                if timeout <= 0.0 and message is None:
+                timeout = max(0.0, until - time.monotonic())
+                if timeout == 0.0 and message is None:
                     return None
 
     def _is_passed(self, message: can.Message) -> bool:
@@ -66,15 +66,6 @@ class EmbeddedBus(VirtualBus):
         if passes is None:
             passes = self._passes[message.arbitration_id] = self._matches_filters(message)
         return passes
-
-    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
-        self._check_if_open()
-        try:
-            if timeout is not None and timeout <= 0.0:
-                return self.queue.get_nowait(), False
-            return self.queue.get(timeout=timeout), False
-        except queue.Empty:
-            return None, False
 
 
 class AttendingBus(EmbeddedBus):
@@ -114,6 +105,6 @@ class AttendingBus(EmbeddedBus):
             self._awaited = False
 
 
-def attended_openers(controller: VirtualController) -> BusOpeners:
-    """Return the bus openers for an operator in the same process as `controller`, which was made with `attended`."""
-    return BusOpeners(main=lambda settings: AttendingBus(settings.channel, controller.attend))
+def attended_opener(controller: VirtualController) -> Callable[[BusSettings], can.BusABC]:
+    """Return the bus opener for an operator in the same process as `controller`, which was made with `attended`."""
+    return lambda settings: AttendingBus(settings.channel, controller.attend)

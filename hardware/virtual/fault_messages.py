@@ -362,12 +362,10 @@ FAULTS: Mapping[str, FaultDescription] = {
 
 
 OPERATOR_SIDE: Mapping[str, FaultDescription] = {
-    # tests/system/test_fault_recovery.py, test_freeze_of_0_3_s_trips_no_drive_and_loses_no_pose
     "frozen for 0.3 s": FaultDescription(
         "the operator's program freezes for less than the drives' heartbeat time-out (0.5 s)",
         "Nothing.",
     ),
-    # tests/system/test_fault_recovery.py, test_resume_succeeds_after_frozen_operator_trips_drives
     "frozen for longer": FaultDescription(
         "the operator's program freezes for longer than the drives' heartbeat time-out (0.5 s)",
         "Go on as the last line says: `sarcal run --resume` resets and compares the arm first.",
@@ -375,7 +373,6 @@ OPERATOR_SIDE: Mapping[str, FaultDescription] = {
         arm=ArmReaction.HOLDS,
         always_reported=True,
     ),
-    # tests/system/test_kills.py and tests/oracles/killing.py
     "killed": FaultDescription(
         "the operator's program, or its computer, dies",
         "Start it again with `--resume latest`: every accepted pose is on disk.",
@@ -383,27 +380,22 @@ OPERATOR_SIDE: Mapping[str, FaultDescription] = {
         arm=ArmReaction.HOLDS,
         always_reported=True,
     ),
-    # tests/operator_app/session/store/test_journal.py
     "disk full": FaultDescription(
         "the journal cannot be written",
         "Free disk space, then go on: a pose that was not written was not accepted.",
         texts=("cannot write",),
         always_reported=True,
     ),
-    # tests/system/test_fault_campaign.py, test_changes_of_the_wall_clock_lose_no_pose
     "clock set back": FaultDescription(
         "somebody sets the computer's clock",
         "Nothing: poses count in the order in which they were taken.",
     ),
-    # tests/system/test_busy_bus.py, tests/benchmarks/busy_bus.py
     "busy computer": FaultDescription(
         "other programs take the processor",
         "End them, or give `sarcal` real-time priority.",
         texts=("operator's heartbeat lost",),
         arm=ArmReaction.HOLDS,
     ),
-    # tests/contracts/arm/test_contract.py, two operators exclude each other;
-    # tests/hardware/control/canopen_arm/test_watching.py
     "second operator": FaultDescription(
         "another program wants to command the arm",
         "End one of the two.",

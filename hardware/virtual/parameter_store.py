@@ -129,10 +129,8 @@ class ParameterStore:
         return slot
 
     def roll_back(self) -> Slot:
-        """Make the spare slot active and return it; `ValueError` if it has no intact document."""
+        """Make the spare slot, which must have an intact document, active and return it."""
         slot = self.spare
-        if self.state(slot) is not SlotState.WHOLE:
-            raise ValueError(f"slot {slot.name} holds no whole document")
         self._replace(_POINTER, slot.name.encode())
         return slot
 
@@ -161,11 +159,6 @@ class ValidatedParameters:
 
 Validate = Callable[[bytes], ValidatedParameters]
 """Parses a document; raises `ValueError` with the reason for the operator."""
-
-
-def refuse_documents(_document: bytes) -> ValidatedParameters:
-    """Refuse every document; used as `Validate` of a controller that has no schema."""
-    raise ValueError("this controller was started without a parameter schema and takes no document")
 
 
 def refusal_reason(

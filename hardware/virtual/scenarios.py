@@ -12,11 +12,11 @@ from enum import IntEnum
 
 import numpy as np
 
+from fixtures.base import EndpointConstraint
 from fixtures.measured import Measured
 from hardware.virtual import SCENARIOS, specimens, true_loop
 from hardware.virtual.axis import LinearityDeviation, joint_sensor
 from hardware.virtual.plant import Loads, Plant
-from hardware.virtual.specimens import SpecimenFiles
 from hardware.virtual.tracker import SimulatedTracker
 from hardware.virtual.true_loop import Truth
 from solver.arrays import frozen
@@ -29,8 +29,6 @@ ENCODER_COUNTS_PER_REV = 400_000
 
 
 class _Stream(IntEnum):
-    """Independent random streams of one seed."""
-
     LENGTHS = 0
     CURVES = 1
     NOISE = 2
@@ -105,9 +103,6 @@ class Scenario:
     def build(self, arm: ArmModel) -> Plant:
         """Make the plant, at rest at the closed pose nearest to home; `ValueError` if the loop does not close."""
         carried, truth = self.arm(arm), self.true_loop()
-        if carried.joint_count != truth.joint_count:
-            joints = f"{truth.joint_count} joints, the arm file {carried.joint_count}"
-            raise ValueError(f"scenario {self.name!r} has {joints}")
         sensors = [
             joint_sensor(joint, with_noise=self.noise, curve=curve)
             for joint, curve in zip(carried.joints, self.curves(arm), strict=True)
@@ -156,7 +151,9 @@ def scenario(name: str, seed: int = 0) -> Scenario:
             raise ValueError(f"no scenario {name!r}; there are {', '.join(SCENARIOS)}")
 
 
-def scenario_of(name: str, seed: int, stated: SpecimenFiles, placement: int = 1) -> Scenario:
+def scenario_of(
+    name: str, seed: int, arm: ArmModel, fixture: EndpointConstraint, placement: int = 1
+) -> Scenario:
     """Return the scenario for an arm and a fixture; its truth is the paper's arm if the files allow it.
 
     Otherwise the truth is drawn by seed within the tolerances of the files, including (except in ``exact``) lengths and
@@ -167,17 +164,17 @@ def scenario_of(name: str, seed: int, stated: SpecimenFiles, placement: int = 1)
     """
     mounted = scenario(name, seed)
     rng = np.random.default_rng([seed, int(_Stream.SPECIMEN)])
-    if not specimens.files_allow(stated, true_loop.paper_loop(), true_loop.PAPER_HOME_RAD):
+    if not specimens.files_allow(arm, fixture, true_loop.paper_loop(), true_loop.PAPER_HOME_RAD):
         truth = specimens.draw_truth(
-            stated, rng, maker_errors=name != "exact" and mounted.lengths is None
+            arm, fixture, rng, maker_errors=name != "exact" and mounted.lengths is None
         )
-        loads = mounted.loads.of(stated.arm)
+        loads = mounted.loads.of(arm)
         mounted = replace(mounted, truth=truth, specimen=None, loads=loads)
-    elif not stated.fixture.holds_hand:
+    elif not fixture.holds_hand:
         # The same arm as in the hinge, without the hinge.
-        mounted = replace(mounted, truth=specimens.open_truth(stated, mounted.truth, rng))
+        mounted = replace(mounted, truth=specimens.open_truth(arm, fixture, mounted.truth, rng))
     if placement == 1:
         return mounted
     rng = np.random.default_rng([seed, int(_Stream.MOUNTING), placement])
-    truth = specimens.remount_truth(stated, mounted.truth, rng)
+    truth = specimens.remount_truth(arm, fixture, mounted.truth, rng)
     return replace(mounted, truth=truth, placement=placement)

@@ -6,7 +6,6 @@ observable keep their nominal values.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -34,23 +33,14 @@ RANGE_MARGIN_RAD = float(np.deg2rad(3.0))
 MAX_DRAWS = 200
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SpecimenFiles:
-    """The arm and fixture files that a specimen deviates from, within their tolerances."""
-
-    arm: ArmModel
-    fixture: EndpointConstraint
-    tolerance_m: float
-    tolerance_rad: float
-
-
-def draw_truth(stated: SpecimenFiles, rng: np.random.Generator, *, maker_errors: bool) -> Truth:
+def draw_truth(
+    arm: ArmModel, fixture: EndpointConstraint, rng: np.random.Generator, *, maker_errors: bool
+) -> Truth:
     """Draw true values with which the loop closes near the arm's home; raises `ValueError` if there are none.
 
     `maker_errors`: whether lengths and twists that the calibration does not identify have errors too.
     """
-    arm, kind = stated.arm, stated.fixture.kind
-    model = stated.fixture.model(arm)
+    kind, model = fixture.kind, fixture.model(arm)
     if not isinstance(model, DhLoop | PointClosure | MeasuredClosure):
         raise ValueError(f"a {kind} fixture cannot be simulated")  # noqa: TRY004
     nominal = nominal_vector(model.parameters)
@@ -66,9 +56,9 @@ def draw_truth(stated: SpecimenFiles, rng: np.random.Generator, *, maker_errors:
     for k, entry in enumerate(model.entries):
         if entry.kind is DhKind.THETA_OFF or entry.name not in of_fixture:
             errors[k] = free[entry.kind, entry.row - 1]
-    observable = _observable(stated, model, nominal, home_pose)
+    observable = _observable(arm, fixture, model, nominal, home_pose)
     placed = (
-        nominal + observable * (errors + _placement_errors(model, stated, rng))
+        nominal + observable * (errors + _placement_errors(model, fixture, rng))
         for _ in range(MAX_DRAWS)
     )
     return _first_that_closes(
@@ -83,7 +73,6 @@ def draw_truth(stated: SpecimenFiles, rng: np.random.Generator, *, maker_errors:
 def _first_that_closes(
     drawn: Iterable[Truth], arm: ArmModel, home_pose: FloatArray, otherwise: str
 ) -> Truth:
-    """Return the first truth in which the arm closes near `home_pose` (n,); `ValueError` if there is none."""
     for truth in drawn:
         pose = _pose(truth, arm, arm.home_rad)
         if pose is not None and np.abs(pose - home_pose).max() < NEAR_HOME_RAD:
@@ -110,22 +99,26 @@ def _arm_differences(arm: ArmModel, rng: np.random.Generator) -> tuple[FloatArra
     return free, maker
 
 
-def _observable(stated: SpecimenFiles, model: ArmLoop, x: FloatArray, q: FloatArray) -> FloatArray:
+def _observable(
+    arm: ArmModel, fixture: EndpointConstraint, model: ArmLoop, x: FloatArray, q: FloatArray
+) -> FloatArray:
     """Return 1 for each observable unknown of `model`, otherwise 0, shape (P,)."""
     still: set[str] = set()
-    if stated.fixture.holds_hand:
+    if fixture.holds_hand:
         still = {f"theta_off_{j}" for j in mobility(model, x, q).immobile_joints}
-    hidden = {check.entry for check in stated.fixture.placement_checks(stated.arm, model, x)}
+    hidden = {check.entry for check in fixture.placement_checks(arm, model, x)}
     return np.array([0.0 if p.name in still | hidden else 1.0 for p in model.parameters])
 
 
-def files_allow(stated: SpecimenFiles, truth: Truth, home_rad: FloatArray) -> bool:
+def files_allow(
+    arm: ArmModel, fixture: EndpointConstraint, truth: Truth, home_rad: FloatArray
+) -> bool:
     """Whether the files can describe the arm and hinge of `truth`, whose loop closes at `home_rad` (n,).
 
     Free entries may differ by their tolerance (offsets by `OFFSET_TOLERANCE_RAD`), other entries by five stated
     standard deviations. For an open arm the hinge and the entries that depend on mounting are not compared.
     """
-    arm, model = stated.arm, stated.fixture.model(stated.arm)
+    model = fixture.model(arm)
     if model.joint_count != truth.joint_count:
         return False
     # Last axis: D-H rows 0 (the fixture) to n.
@@ -145,7 +138,8 @@ def files_allow(stated: SpecimenFiles, truth: Truth, home_rad: FloatArray) -> bo
             return False
         difference = model.table.stacked() - truth.table.stacked()
         for entry in model.entries:
-            angle = stated.tolerance_rad if entry.kind.is_angle else stated.tolerance_m
+            limits = fixture.tolerance
+            angle = limits.orientation_rad if entry.kind.is_angle else limits.position_m
             is_offset = entry.kind is DhKind.THETA_OFF
             allowed[entry.kind, entry.row] = OFFSET_TOLERANCE_RAD if is_offset else angle
     else:
@@ -155,46 +149,48 @@ def files_allow(stated: SpecimenFiles, truth: Truth, home_rad: FloatArray) -> bo
     return bool(np.all(np.abs(difference) <= allowed + 1e-9))
 
 
-def open_truth(stated: SpecimenFiles, truth: Truth, rng: np.random.Generator) -> Truth:
+def open_truth(
+    arm: ArmModel, fixture: EndpointConstraint, truth: Truth, rng: np.random.Generator
+) -> Truth:
     """Return the arm of `truth` with a target in place of its fixture; the instrument's placement is drawn at random.
 
     Entries that cannot be separated from the placements of base and target are nominal.
     """
-    model = stated.fixture.model(stated.arm)
+    model = fixture.model(arm)
     if not isinstance(model, MeasuredClosure):
-        raise ValueError(f"a {stated.fixture.kind} fixture constrains the tool")  # noqa: TRY004
-    rows, nominal = truth.table.stacked()[:, 1:].copy(), stated.arm.table.stacked()
-    for name in mounted_entries(stated.arm.joint_count):
+        raise ValueError(f"a {fixture.kind} fixture constrains the tool")  # noqa: TRY004
+    rows, nominal = truth.table.stacked()[:, 1:].copy(), arm.table.stacked()
+    for name in mounted_entries(arm.joint_count):
         entry = DhEntry.parse(name)
         rows[entry.kind, entry.row - 1] = nominal[entry.kind, entry.row - 1]
     target_model = model.without([entry.name for entry in model.entries])
     placed = nominal_vector(target_model.parameters)
-    return _truth(target_model, placed + _placement_errors(target_model, stated, rng), rows)
+    return _truth(target_model, placed + _placement_errors(target_model, fixture, rng), rows)
 
 
-def remount_truth(stated: SpecimenFiles, truth: Truth, rng: np.random.Generator) -> Truth:
+def remount_truth(
+    arm: ArmModel, fixture: EndpointConstraint, truth: Truth, rng: np.random.Generator
+) -> Truth:
     """Return the truth of the same arm and fixture, mounted again within the tolerance of the fixture file.
 
     The fixture's placement on the table changes and, unless the fixture stays on the tool, its placement on the tool.
     theta_off of the first or last joint, which is measured from the fixture, changes too. `ValueError` if no drawn
     placement lets the arm close near home.
     """
-    arm, model = stated.arm, stated.fixture.model(stated.arm)
+    model = fixture.model(arm)
     if not isinstance(model, DhLoop | PointClosure):
-        raise ValueError(f"a {stated.fixture.kind} fixture is not remounted")  # noqa: TRY004
-    sides = {*model.ground_side, *(() if stated.fixture.stays_on_hand else model.hand_side)}
+        raise ValueError(f"a {fixture.kind} fixture is not remounted")  # noqa: TRY004
+    sides = {*model.ground_side, *(() if fixture.stays_on_hand else model.hand_side)}
     rows = truth.table.stacked()[:, -arm.joint_count :]
     named, nominal = truth.named(), nominal_vector(model.parameters)
     true = np.array([named[p.name] for p in model.parameters])
-    size = np.array(
-        [stated.tolerance_rad if p.is_angle else stated.tolerance_m for p in model.parameters]
-    )
+    size = _tolerances(model, fixture)
     offset = np.array([p.name.startswith("theta_off_") for p in model.parameters])
     centre = np.where(offset, true, nominal)
     home_pose = _pose(truth, arm, arm.home_rad)
     if home_pose is None:
         raise ValueError("in its first placement, this arm does not close near its home_deg")
-    observable = _observable(stated, model, nominal, home_pose) > 0.0
+    observable = _observable(arm, fixture, model, nominal, home_pose) > 0.0
     new = observable & np.array([p.name in sides for p in model.parameters])
     drawn = (centre + size * _clipped_normal(rng, (len(size),)) for _ in range(MAX_DRAWS))
     return _first_that_closes(
@@ -206,17 +202,20 @@ def remount_truth(stated: SpecimenFiles, truth: Truth, rng: np.random.Generator)
     )
 
 
+def _tolerances(model: ArmLoop, fixture: EndpointConstraint) -> FloatArray:
+    limits = fixture.tolerance
+    angles = [p.is_angle for p in model.parameters]
+    return np.where(angles, limits.orientation_rad, limits.position_m)
+
+
 def _placement_errors(
-    model: ArmLoop, stated: SpecimenFiles, rng: np.random.Generator
+    model: ArmLoop, fixture: EndpointConstraint, rng: np.random.Generator
 ) -> FloatArray:
     """Draw the errors (P,) of a loop's unknowns that belong to the fixture; 0 for unknowns of the arm."""
     offsets = {entry.name for entry in model.entries if entry.kind is DhKind.THETA_OFF}
     placed = {*model.ground_side, *model.hand_side} - offsets
-    size = [
-        (stated.tolerance_rad if p.is_angle else stated.tolerance_m) * (p.name in placed)
-        for p in model.parameters
-    ]
-    return np.array(size) * _clipped_normal(rng, (len(size),))
+    size = _tolerances(model, fixture) * [p.name in placed for p in model.parameters]
+    return size * _clipped_normal(rng, size.shape)
 
 
 def _clipped_normal(rng: np.random.Generator, shape: tuple[int, ...]) -> FloatArray:

@@ -13,14 +13,10 @@ from canopen.sdo.exceptions import SdoAbortedError
 
 from hardware.canopen import objects
 from hardware.canopen.objects import EmergencyCode, ErrorBit, ParameterCommand, Slot
+from hardware.virtual import parameter_store
 from hardware.virtual.drive_node import DriveGroup
 from hardware.virtual.node import ControllerNetwork, Value, VirtualNode
-from hardware.virtual.parameter_store import (
-    ParameterStore,
-    Validate,
-    ValidatedParameters,
-    refusal_reason,
-)
+from hardware.virtual.parameter_store import ParameterStore, Validate, ValidatedParameters
 from hardware.virtual.sdo_server import Deferred
 
 
@@ -215,7 +211,7 @@ class SupervisorNode(VirtualNode):
             parameters = self._validate(document)
         except ValueError as error:
             raise _Refused(str(error) or "the document is not valid") from error
-        text = refusal_reason(parameters, self._axes, self.arm.serial_number)
+        text = parameter_store.refusal_reason(parameters, self._axes, self.arm.serial_number)
         if text is not None:
             raise _Refused(text)
         return parameters

@@ -51,13 +51,6 @@ def test_frame_reaches_all_other_handles_but_not_its_own(opener):
     assert buses[1].recv(0.0) is None
 
 
-def test_own_frames_are_received_on_request(opener):
-    bus = opener(receive_own_messages=True)
-    bus.send(FRAMES["standard-8"])
-    echo = bus.recv(PATIENCE_S)
-    assert not echo.is_rx
-
-
 def test_burst_arrives_complete_and_in_order(opener):
     sender, receiver = opener(), opener()
     count = 200  # a socketcan receive buffer of default size holds a few hundred

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from fixtures.measured import Measured
 from hardware.buses.python_can import BusSettings
 from hardware.virtual.controller import VirtualController
-from hardware.virtual.embedded_bus import attended_openers
+from hardware.virtual.embedded_bus import attended_opener
 from operator_app.calibration.result import Solution
 from operator_app.calibration.verification import VerificationResult
 from operator_app.effective_procedure import effective_procedure
@@ -52,9 +52,9 @@ class Bench:
         else:
             opening = resume(str(earlier), Choices(), root=self.root)
         opening = replace(opening, procedure=effective_procedure(opening))
-        procedure, openers = opening.procedure, attended_openers(self.controller)
+        procedure, opener = opening.procedure, attended_opener(self.controller)
         arm = fast_arm(
-            procedure.arm, self.settings, procedure.profile, patience_s=PATIENCE_S, openers=openers
+            procedure.arm, self.settings, procedure.profile, patience_s=PATIENCE_S, open_main=opener
         )
         fixture = procedure.fixture.fixture
         instrument = None

@@ -18,7 +18,7 @@ import can
 import numpy as np
 
 from hardware.arm import JointMode
-from hardware.buses.python_can import BusOpeners, BusSettings, open_bus
+from hardware.buses.python_can import BusSettings, open_bus
 from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import HardwareError
 from hardware.virtual.scenarios import scenario
@@ -183,7 +183,7 @@ class FuzzedOperator:
             return self.mutator
 
         waits = {"patience_s": 5.0, "lost_after_s": 0.2, "answers_s": 0.05, "sdo_timeout_s": 0.05}
-        self.arm = fast_arm(arm_file, settings, openers=BusOpeners(main=open_main), **waits)
+        self.arm = fast_arm(arm_file, settings, open_main=open_main, **waits)
         self._stack.callback(self.arm.close)
         return self.arm
 

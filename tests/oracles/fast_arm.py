@@ -1,9 +1,12 @@
 """An arm on a bus in fast-forward: the next SYNC follows the last answer."""
 
+from collections.abc import Callable
 from typing import Any
 
+import can
+
 from hardware.arm_description import ArmDescription
-from hardware.buses.python_can import ArmOnBus, BusOpeners, BusSettings
+from hardware.buses.python_can import ArmOnBus, BusSettings, open_bus
 from hardware.canopen.bus_profile import BusProfile
 from hardware.control.canopen_arm import CanopenArm
 from hardware.timing import Pace, Timing
@@ -20,7 +23,7 @@ def fast_arm(
     patience_s: float,
     answers_s: float | None = None,
     pace: Pace = Pace.FAST_FORWARD,
-    openers: BusOpeners | None = None,
+    open_main: Callable[[BusSettings], can.BusABC] = open_bus,
     **waits: Any,
 ) -> CanopenArm:
     """The arm, not connected; `patience_s` is its timeout, `answers_s` that of the answers to a SYNC."""
@@ -33,6 +36,6 @@ def fast_arm(
         profile or sarcos(),
         pace=pace,
         timing=Timing(**waits),
-        openers=openers or BusOpeners(),
+        open_main=open_main,
     )
     return CanopenArm(on_bus)

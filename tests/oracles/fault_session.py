@@ -18,7 +18,7 @@ import numpy as np
 from hardware.arm import DriveState, JointMode
 from hardware.buses.python_can import BusSettings
 from hardware.virtual.controller import VirtualController
-from hardware.virtual.embedded_bus import attended_openers
+from hardware.virtual.embedded_bus import attended_opener
 from hardware.virtual.fault_messages import FAULTS, ArmReaction
 from hardware.virtual.faults import ScriptedFault, inject
 from hardware.virtual.plant import Plant
@@ -155,14 +155,13 @@ def run_session_with_fault(
         script=script,
         attended=True,
     ) as controller:
-        openers = attended_openers(controller)
         arm = fast_arm(
             procedure.arm,
             settings,
             patience_s=PATIENCE_S,
             answers_s=0.05,
             sdo_timeout_s=PATIENCE_S,
-            openers=openers,
+            open_main=attended_opener(controller),
         )
         if kind and not at_sync:
             inject(controller, kind, joint)

@@ -8,25 +8,14 @@ from canopen import SdoAbortedError
 from hardware.arm import JointMode
 from hardware.virtual.axis import JointCommand
 from hardware.virtual.plant import Plant
-from hardware.virtual.specimens import SpecimenFiles
 from operator_app.config.arm_file import load_arm
-from operator_app.config.fixture_file import load_fixture
 from solver.arrays import FloatArray
-from solver.chain.arm_model import ArmModel
 from tests.oracles.virtual_rig import Rig, rig
 
 SARCOS = load_arm("sarcos_dextrous")
 BLOCKED = [JointCommand(mode=None, target_rad=0.0)] * 7
 """Commands with all valves closed."""
 NODES = (*range(1, 8), 16)
-
-
-def specimen_files(fixture: str, arm: ArmModel | None = None, **other: float) -> SpecimenFiles:
-    """What the files of a fixture and an arm (default: the packaged one) state."""
-    placed = load_fixture(fixture).fixture
-    limits = placed.tolerance
-    stated = {"tolerance_m": limits.position_m, "tolerance_rad": limits.orientation_rad}
-    return SpecimenFiles(arm=arm or SARCOS, fixture=placed, **(stated | other))
 
 
 def commands(targets_rad: Mapping[int, float]) -> list[JointCommand]:

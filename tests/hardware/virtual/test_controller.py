@@ -11,7 +11,7 @@ from hardware.virtual.axis import JointCommand, PlantReading
 from hardware.virtual.controller import VirtualController
 from tests.hardware.control.canopen_arm.conftest import wait_for
 from tests.hardware.virtual.conftest import NODES, wait_for_heartbeats
-from tests.oracles.virtual_rig import ARM, TrivialPlant, axes, rig
+from tests.oracles.virtual_rig import ARM, TrivialPlant, axes, parse, rig
 
 STATE = 0x006F
 
@@ -150,7 +150,7 @@ def test_second_close_is_safe_and_bus_stays_open(arm):
 def test_closed_bus_is_reported_as_the_failure():
     bus = can.Bus("goes-away", interface="virtual")
     plant = TrivialPlant([a.scale.counts_per_rad for a in axes()])
-    controller = VirtualController(bus, plant, axes=axes(), arm=ARM)
+    controller = VirtualController(bus, plant, axes=axes(), arm=ARM, validate=parse)
     controller.start()
     bus.shutdown()
     wait_for(lambda: controller.failure is not None)

@@ -12,9 +12,9 @@ from hardware.canopen.objects import COB_SYNC, COB_TPDO1
 from hardware.virtual import controller as controller_module
 from hardware.virtual.axis import JointCommand, PlantReading
 from hardware.virtual.controller import VirtualController
-from hardware.virtual.embedded_bus import EmbeddedBus, attended_openers
+from hardware.virtual.embedded_bus import EmbeddedBus, attended_opener
 from tests.hardware.control.canopen_arm.conftest import wait_for
-from tests.oracles.virtual_rig import ARM, TrivialPlant, axes
+from tests.oracles.virtual_rig import ARM, TrivialPlant, axes, parse
 
 JOINTS = 7
 SETTINGS = BusSettings(channel="attended-openers")
@@ -49,7 +49,9 @@ def idle_thread(monkeypatch):
 @pytest.fixture
 def controller(plant):
     with open_bus(SETTINGS) as bus:
-        controller = VirtualController(bus, plant, axes=axes(), arm=ARM, attended=True)
+        controller = VirtualController(
+            bus, plant, axes=axes(), arm=ARM, validate=parse, attended=True
+        )
         controller.start()
         yield controller
         controller.close()
@@ -57,7 +59,7 @@ def controller(plant):
 
 @pytest.fixture
 def bus(controller):
-    with attended_openers(controller).main(SETTINGS) as bus:
+    with attended_opener(controller)(SETTINGS) as bus:
         bus.send(can.Message(arbitration_id=0, data=[1, 0], is_extended_id=False))
         yield bus
 

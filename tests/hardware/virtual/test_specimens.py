@@ -13,40 +13,40 @@ from operator_app.config.fixture_file import load_fixture
 from solver.chain.parameters import DhEntry, DhKind
 from solver.loops.dh import DhLoop
 from solver.loops.point import PointClosure
-from tests.hardware.virtual.conftest import SARCOS, commands, sensed_rad, specimen_files
+from tests.hardware.virtual.conftest import SARCOS, commands, sensed_rad
 
+HINGE, RIGID = (load_fixture(name).fixture for name in ("hinge", "rigid"))
 LONGER = replace(SARCOS, table=replace(SARCOS.table, s_m=SARCOS.table.s_m + 0.02 * np.eye(7)[2]))
 
 
 @pytest.mark.parametrize("fixture", ["hinge", "rigid", "sarcos_ball"])
 def test_remounting_changes_the_fixture_and_not_the_arm(fixture):
-    files = specimen_files(fixture)
-    scenarios = [scenario_of("datasheet", 3, files, mounting) for mounting in (1, 2, 2, 3)]
+    placed = load_fixture(fixture).fixture
+    scenarios = [scenario_of("datasheet", 3, SARCOS, placed, number) for number in (1, 2, 2, 3)]
     one, two, same, _ = (each.true_loop() for each in scenarios)
     assert max(np.abs(each.build(SARCOS).closure_error).max() for each in scenarios) < 1e-9
     assert np.array_equal(two.table.stacked(), same.table.stacked())
-    model = files.fixture.model(files.arm)
-    mounted = {*model.ground_side, *(() if files.fixture.stays_on_hand else model.hand_side)}
+    model, limits = placed.model(SARCOS), placed.tolerance
+    mounted = {*model.ground_side, *(() if placed.stays_on_hand else model.hand_side)}
     change = two.table.stacked() - one.table.stacked()
     for kind in DhKind:
         for row in range(8):
             name = DhEntry(kind, row).name
-            limit = 2.0 * (files.tolerance_rad if kind.is_angle else files.tolerance_m)
+            limit = 2.0 * (limits.orientation_rad if kind.is_angle else limits.position_m)
             size = abs(float(change[kind, row]))
             assert size <= limit if name in mounted else size == 0.0, name
     if isinstance(one.loop, PointClosure) and isinstance(two.loop, PointClosure):
         assert np.array_equal(one.loop.tip_m, two.loop.tip_m)
         moved_m = np.abs(one.loop.ground_m - two.loop.ground_m).max()
-        assert 1e-4 < moved_m < 2.0 * files.tolerance_m
+        assert 1e-4 < moved_m < 2.0 * limits.position_m
     else:
         assert np.abs(change[DhKind.S]).max() > 1e-4
 
 
 def test_deviations_of_all_parameters_are_within_their_tolerances():
-    files = specimen_files("rigid")
-    nominal = files.fixture.model(files.arm).table.stacked()  # type: ignore[attr-defined]
+    nominal, limits = RIGID.model(SARCOS).table.stacked(), RIGID.tolerance
     deviations = -nominal + [
-        draw_truth(files, np.random.default_rng(seed), maker_errors=True).table.stacked()
+        draw_truth(SARCOS, RIGID, np.random.default_rng(seed), maker_errors=True).table.stacked()
         for seed in range(40)
     ]
     offsets = np.rad2deg(np.abs(deviations[:, DhKind.THETA_OFF, 1:]))
@@ -57,7 +57,7 @@ def test_deviations_of_all_parameters_are_within_their_tolerances():
     for name in ("a_0", "s_0", "alpha_0", "s_1"):
         entry = DhEntry.parse(name)
         largest = np.abs(deviations[:, entry.kind, entry.row]).max()
-        limit = files.tolerance_rad if entry.kind.is_angle else files.tolerance_m
+        limit = limits.orientation_rad if entry.kind.is_angle else limits.position_m
         assert 0.4 * limit < largest <= limit, name
     # Errors of the maker's table: about 0.5 mm and 0.1 deg.
     assert 0.4e-3 < deviations[:, DhKind.A, 1:].std() < 0.6e-3
@@ -65,9 +65,8 @@ def test_deviations_of_all_parameters_are_within_their_tolerances():
 
 
 def test_without_maker_errors_the_table_is_nominal():
-    truth = draw_truth(
-        specimen_files("sarcos_ball"), np.random.default_rng(0), maker_errors=False
-    ).table.stacked()
+    ball = load_fixture("sarcos_ball").fixture
+    truth = draw_truth(SARCOS, ball, np.random.default_rng(0), maker_errors=False).table.stacked()
     assert not truth[:, 0].any()
     nominal = truth[:, 1:] == SARCOS.table.stacked()
     assert nominal[DhKind.S :].all()
@@ -76,27 +75,25 @@ def test_without_maker_errors_the_table_is_nominal():
 
 
 def test_paper_arm_is_used_only_for_files_that_allow_it():
-    assert files_allow(specimen_files("hinge"), paper_loop(), PAPER_HOME_RAD)
-    for other in (
-        specimen_files("rigid"),
-        specimen_files("hinge", tolerance_m=1e-3),
-        specimen_files("hinge", LONGER),
-    ):
-        assert not files_allow(other, paper_loop(), PAPER_HOME_RAD)
-    truth = scenario_of("exact", 0, specimen_files("hinge", LONGER)).truth
+    assert files_allow(SARCOS, HINGE, paper_loop(), PAPER_HOME_RAD)
+    exact = replace(HINGE, tolerance=replace(HINGE.tolerance, position_m=1e-3))
+    for arm, fixture in ((SARCOS, RIGID), (SARCOS, exact), (LONGER, HINGE)):
+        assert not files_allow(arm, fixture, paper_loop(), PAPER_HOME_RAD)
+    truth = scenario_of("exact", 0, LONGER, HINGE).truth
     assert isinstance(truth.loop, DhLoop)
     assert truth.table.s_m[3] == pytest.approx(0.375)
-    table = scenario_of("exact", 0, specimen_files("hinge")).truth.table.stacked()
+    table = scenario_of("exact", 0, SARCOS, HINGE).truth.table.stacked()
     assert np.array_equal(table, paper_loop().table.stacked())
 
 
 @pytest.mark.parametrize("scenario", ["exact", "datasheet", "as_reported"])
 def test_seed_gives_one_arm_for_all_fixtures(scenario):
     """Except for the mounting (zero of joint 1, last row) and the offset of an elbow that does not move."""
-    fixtures = ("hinge", "sarcos_ball", "rigid", "tracker", "hinge")
+    names = ("hinge", "sarcos_ball", "rigid", "tracker", "hinge")
+    fixtures = [load_fixture(name).fixture for name in names]
     hinge, ball, rigid, tracker, other = (
-        scenario_of(scenario, seed, specimen_files(f, LONGER)).true_loop().table.stacked()[:, 2:-1]
-        for f, seed in zip(fixtures, (5, 5, 5, 5, 6), strict=True)
+        scenario_of(scenario, seed, LONGER, fixture).true_loop().table.stacked()[:, 2:-1]
+        for fixture, seed in zip(fixtures, (5, 5, 5, 5, 6), strict=True)
     )
     assert np.array_equal(hinge, ball)
     assert np.array_equal(hinge, tracker)
@@ -110,9 +107,9 @@ def test_seed_gives_one_arm_for_all_fixtures(scenario):
 def test_fixture_load_on_a_small_arm_is_within_its_torque_limits():
     """The load for an arm of 100 Nm took 7 of the 12 Nm of a Panda's wrist, and tripped it during moves."""
     panda = load_arm("franka_panda")
-    files = specimen_files("ball", panda)
+    ball = load_fixture("ball").fixture
     for seed in range(3):
-        plant = scenario_of("as_reported", seed, files).build(panda)
+        plant = scenario_of("as_reported", seed, panda, ball).build(panda)
         start = sensed_rad(plant)
         for _ in range(60):
             reading = plant.step(commands({j: start[j - 1] for j in (1, 5, 6, 7)}))
@@ -121,21 +118,19 @@ def test_fixture_load_on_a_small_arm_is_within_its_torque_limits():
 
 
 def test_fixture_out_of_reach_is_refused():
-    far = replace(
-        specimen_files("hinge"), fixture=replace(load_fixture("hinge").fixture, a_0_m=2.5)
-    )
+    far = replace(HINGE, a_0_m=2.5)
     with pytest.raises(ValueError, match="no pose near the arm's home_deg"):
-        draw_truth(far, np.random.default_rng(0), maker_errors=False)
+        draw_truth(SARCOS, far, np.random.default_rng(0), maker_errors=False)
 
 
 def test_parallel_axes_get_a_twist_about_y_in_place_of_an_offset():
     parallel = replace(SARCOS, hayati_rows=(3,))
     plain, twisted = (
-        draw_truth(specimen_files("hinge", arm), np.random.default_rng(5), maker_errors=True)
+        draw_truth(arm, HINGE, np.random.default_rng(5), maker_errors=True)
         for arm in (SARCOS, parallel)
     )
     assert not plain.table.beta_rad.any()
     assert np.flatnonzero(twisted.table.beta_rad).tolist() == [3]
     assert abs(np.rad2deg(twisted.table.beta_rad[3])) < 0.5
     assert twisted.table.s_m[3] == SARCOS.table.s_m[2] != plain.table.s_m[3]
-    assert files_allow(specimen_files("hinge", parallel), twisted, parallel.home_rad)
+    assert files_allow(parallel, HINGE, twisted, parallel.home_rad)

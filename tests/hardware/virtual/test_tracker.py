@@ -8,14 +8,14 @@ from scipy.spatial.transform import Rotation
 
 from hardware.virtual.scenarios import scenario_of
 from operator_app.config.fixture_file import load_fixture
-from tests.hardware.virtual.conftest import SARCOS, commands, sensed_rad, specimen_files
+from tests.hardware.virtual.conftest import SARCOS, commands, sensed_rad
 from tests.oracles.loop_oracle import product
 
 INSTRUMENT = load_fixture("tracker").fixture
 
 
 def test_tracker_measures_the_pose_of_the_matrices():
-    chosen = scenario_of("exact", 1, specimen_files("tracker"))
+    chosen = scenario_of("exact", 1, SARCOS, INSTRUMENT)
     plant, truth = chosen.build(SARCOS), chosen.true_loop()
     tracker = chosen.tracker(plant, INSTRUMENT)
     loop = truth.loop
@@ -35,7 +35,7 @@ def test_tracker_measures_the_pose_of_the_matrices():
 
 
 def test_tracker_noise_has_the_sigmas_of_the_fixture_file():
-    chosen = scenario_of("datasheet", 1, specimen_files("tracker"))
+    chosen = scenario_of("datasheet", 1, SARCOS, INSTRUMENT)
     tracker = chosen.tracker(chosen.build(SARCOS), INSTRUMENT)
     poses = np.array([tracker.measured() for _ in range(200)])
     rotations = Rotation.from_rotvec(poses[:, 3:])
@@ -46,7 +46,7 @@ def test_tracker_noise_has_the_sigmas_of_the_fixture_file():
 
 
 def test_free_joint_of_the_open_arm_sags():
-    plant = scenario_of("exact", 1, specimen_files("tracker")).build(SARCOS)
+    plant = scenario_of("exact", 1, SARCOS, INSTRUMENT).build(SARCOS)
     start = plant.true_angles_rad[1:]
     targets = dict(enumerate(sensed_rad(plant), 1))
     for _ in range(30):

@@ -9,7 +9,7 @@ import pytest
 
 from hardware.arm import JointMode
 from hardware.arm_description import EncoderDescription, RvdtDescription
-from hardware.buses.python_can import ArmOnBus, BusOpeners, BusSettings
+from hardware.buses.python_can import ArmOnBus, BusSettings
 from hardware.control.canopen_arm import CanopenArm
 from hardware.timing import Pace, Timing
 from tests.hardware.fake_arm import COUNTS_PER_REV, JOINTS, FakeArmBus
@@ -39,7 +39,8 @@ def make(bus: FakeArmBus, **options: Any) -> CanopenArm:
         options.pop("profile", sarcos()),
         pace=options.pop("pace", Pace.FAST_FORWARD),
         timing=options.pop("timing", short_timing(heartbeat_timeout_s=0.35)),
-        openers=BusOpeners(main=opener, stop=stop_opener),
+        open_main=opener,
+        open_stop=stop_opener,
     )
     return CanopenArm(on_bus, **options)
 

@@ -9,7 +9,7 @@ from collections.abc import Callable
 import pytest
 
 from hardware.canopen.sdo import ObjectAccess
-from hardware.control import motion_steps, tasks
+from hardware.control import control_loop, motion_steps
 from hardware.control.control_loop import LoopTask, Steps
 from hardware.errors import HardwareError
 from tests.hardware.control.canopen_arm.conftest import make
@@ -63,7 +63,7 @@ def ended() -> bool:
 
 
 def test_interrupted_wait_for_a_task_does_not_block_its_end(monkeypatch):
-    monkeypatch.setattr(tasks, "_ALIVE_POLL_S", 1e-3)
+    monkeypatch.setattr(control_loop, "_ALIVE_POLL_S", 1e-3)
     for opcode in itertools.count(1):
         task = LoopTask(_ for _ in ())
         if not interrupted_at(opcode, lambda task=task: task.wait(ended)):  # after one poll
@@ -74,7 +74,7 @@ def test_interrupted_wait_for_a_task_does_not_block_its_end(monkeypatch):
 
 
 def test_interrupted_command_ends_at_rest_and_the_connection_stays(monkeypatch):
-    monkeypatch.setattr(tasks, "_ALIVE_POLL_S", 1e-4)
+    monkeypatch.setattr(control_loop, "_ALIVE_POLL_S", 1e-4)
     bus = FakeArmBus()
     arm = make(bus)
     arm.connect()

@@ -45,6 +45,15 @@ class CheckFinding(Clause):
 
 STOP: Final = "STOP"
 """Name of the clause that must pass before drives are enabled again."""
+NOT_TESTED: Final = {
+    "overload": "more joints in position mode than the mobility, with a fixture: they would overload each other",
+    "faults": "count loss, nodes that restart or answer twice, modes refused: the virtual arm simulates all "
+    "(sarcal controller --fault help)",
+    "upload": "upload of a document and reading it back: it would replace the arm's own; `sarcal export --upload` "
+    "reads back every upload",
+    "closed chain": "two joints that move the others through a fixture: none on the bench; the first run tests this",
+}
+"""Requirements that cannot be tested on a bench, and why."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,8 +98,12 @@ def check(bench: Bench, *, last: Stage) -> Iterator[CheckFinding]:
             passed = False
             yield CheckFinding("no error", False, str(error), stage=stage)
         # Drives are not enabled without a tested STOP.
-        if not passed or stage is last or (stage is Stage.HOLD and STOP not in names):
+        if not passed or (stage is Stage.HOLD and STOP not in names):
             return
+        if stage is last:
+            break
+    for name, reason in NOT_TESTED.items() if last is Stage.SILENCE else ():
+        yield CheckFinding(name, None, f"not on a bench: {reason}", stage=Stage.SILENCE)
 
 
 def _look(bench: Bench, identity: ArmIdentity) -> Iterator[Clause]:

@@ -111,7 +111,6 @@ def _finding(x: Explanation, diagnosis: Diagnosis, labels: tuple[str, ...]) -> F
 
 
 def _refuses(cause: Candidate, evidence: Evidence, estimate: Estimate, impact: float) -> bool:
-    """Whether a cause blocks: a frozen reading, or a change above `REFUSING_SHIFT_SIGMAS` sigmas."""
     if cause.cause is Cause.FROZEN or impact > limits.REFUSING_SHIFT_SIGMAS:
         return True
     # If the cause changed a value, the old and the new value have to agree within the stated uncertainty.

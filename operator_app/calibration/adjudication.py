@@ -96,17 +96,14 @@ class _Case:
 
     @property
     def estimate(self) -> Estimate:
-        """The estimate to be adjudicated."""
         return self.known.paper or self.fit.estimate
 
     @property
     def model(self) -> ClosureModel:
-        """The closure model of the fit."""
         return self.fit.linear.design.model
 
     @property
     def chi2_per_dof(self) -> float:
-        """chi2/dof at stated variances."""
         return self.diagnosis.stated_chi2_per_dof
 
     @property
@@ -122,7 +119,6 @@ class _Case:
         return best.candidate.subject if best is not None and best.candidate.cause in causes else ""
 
     def alternatives(self, *, near: bool = False, of_files: bool = False) -> tuple[Finding, ...]:
-        """Alternative models that explain the misfit."""
         dof = self.diagnosis.residuals.dof
         return turned_zero(self.stated, self.fit.estimate) or find_alternatives(
             self.stated, scale=self.chi2_per_dof, dof=dof, near=near, of_files=of_files
@@ -264,7 +260,6 @@ def _wrong_distances(case: _Case, margin: float, *, again: bool = True) -> tuple
 
 
 def _begins_with_a_placement(case: _Case) -> bool:
-    """Whether the best explanation is a step at the first pose of a placement."""
     best, placement = case.diagnosis.best, case.stated.poses.placement
     if best is None or best.candidate.cause not in (Cause.SLIPPED, Cause.LOST_COUNTS):
         return False
@@ -339,7 +334,6 @@ def _single_cause(diagnosis: Diagnosis) -> bool:
 
 
 def _blocking_when_probable(causes: tuple[Finding, ...]) -> tuple[Finding, ...]:
-    """Return all causes; those with a probability above 0.5 are made blocking."""
     return tuple(replace(c, blocking=c.blocking or c.probability > 0.5) for c in causes)
 
 
@@ -361,7 +355,6 @@ def _exceeded_specifications(fit: LinearFit, diagnosis: Diagnosis) -> tuple[Find
 
 
 def _screening_causes(poses: PoseSet, known: PriorInformation) -> tuple[Finding, ...]:
-    """Return the causes that need no test: left-out poses, readings out of range, a second solution."""
     many = known.flipped > limits.FLIPPED_SHARE_REFUSED * len(poses)
     return (
         *(replace(f, blocking=many) for f in known.left_out),

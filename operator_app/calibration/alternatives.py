@@ -287,7 +287,6 @@ def _same_loop(stated: Experiment) -> Iterator[Alternative]:
 
 
 def _corrected(stated: Experiment, mistake: Mistake) -> Alternative:
-    """Return the alternative without a mistake in the readings."""
     finding = Finding(
         FindingKind.READING_MISTAKE, names=(mistake.code,), reported=(mistake.text, mistake.remedy)
     )
@@ -365,7 +364,6 @@ def _frozen(stated: Experiment) -> Iterator[Alternative]:
 
 
 def _frozen_in_all_poses(stated: Experiment) -> Iterator[Alternative]:
-    """Yield alternatives in which a sensor reads the same in all poses, so that its readings are not used."""
     poses = stated.poses
     for j in range(1, poses.joint_count + 1):
         if constant_reading_runs(poses.q_rad, j, 0.0) == [(0, len(poses))]:
@@ -374,7 +372,6 @@ def _frozen_in_all_poses(stated: Experiment) -> Iterator[Alternative]:
 
 
 def _without_each_reading(stated: Experiment) -> Iterator[Alternative]:
-    """Yield alternatives in which one sensor's readings are useless in all poses."""
     for j in range(1, stated.poses.joint_count + 1):
         if j not in stated.unsensed:
             sensor = sensor_name(j, stated.arm)
@@ -410,7 +407,6 @@ def _shifted(blind: Experiment, unsensed: tuple[int, ...]) -> list[tuple[Finding
 def _closest(
     alternatives: Iterable[Alternative], deadline: float, *, below: float
 ) -> list[Alternative]:
-    """Return the `SOLVED_ALTERNATIVES` alternatives of smallest cost, none with a cost above `below`."""
     costs: list[tuple[float, Alternative]] = []
     for finding, alternative in alternatives:
         if thread_time() > deadline:

@@ -193,7 +193,6 @@ def _not_compared(
     *,
     remounted: bool,
 ) -> list[tuple[str, str]]:
-    """Return the entries that only one calibration has or whose mounting has changed, each with this reason."""
     first, second = ([e.entry for e in d.calibrated] for d in (before, after))
     listed = [(name, "identified in A only") for name in first if name not in second]
     listed += [(name, "identified in B only") for name in second if name not in first]
@@ -309,7 +308,6 @@ def notices(
 
 
 def _changed_constants(a: ParametersDocument, b: ParametersDocument) -> list[Finding]:
-    """Return findings of entries that were fixed in both calibrations, at different values."""
     identified = {e.entry for e in (*a.calibrated, *b.calibrated)}
     one, other = a.table.stacked(), b.table.stacked()
     findings = []

@@ -88,7 +88,6 @@ def stated_distances(experiment: Experiment) -> tuple[KnownDistance, ...]:
 
 
 def _socket(number: int) -> Names:
-    """Return the loop's names of the coordinates of a socket."""
     x, y, z = (f"{name}[{number}]" for name in GROUND)
     return x, y, z
 

@@ -186,7 +186,6 @@ def _between(first: int, labels: tuple[str, ...]) -> tuple[str, str]:
 
 
 def _reading_noise(joint: int, evidence: Evidence, faults: FaultModels) -> Finding:
-    """Return the finding that a joint's readings (means of samples) scatter from pose to pose."""
     arm, sd = faults.arm, _rms(evidence.b)
     shares = [float(np.median(a.share)) for a in faults.design.errors.analogue if a.joint == joint]
     samples = round(1.0 / shares[0]) if shares else 1

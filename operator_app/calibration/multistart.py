@@ -200,7 +200,6 @@ def best_about_nominal(hard: ClosureModel, q: FloatArray) -> FloatArray:
 
 
 def _fits(hard: ClosureModel, problem: Problem) -> list[Fit]:
-    """Solutions from the nominal values and from starts around them."""
     nominal = nominal_vector(hard.parameters)
     angles = np.array([p.is_angle for p in hard.parameters])
     rng = np.random.default_rng(0)

@@ -126,7 +126,6 @@ def _of_readings(
 def _of_parameters(
     solution: Solution, accuracy: HandAccuracy, arm: ArmModel, as_stated: tuple[str, ...]
 ) -> Iterator[Finding]:
-    """Notices about dropped, fixed and mainly stated parameters, and about further solutions."""
     rates = {h.name: h.rate_m_per_rad for h in accuracy.holds_for}
     if solution.held:
         yield Finding(K.FIXED_UNSEEN, names=solution.held, figures=rates)
@@ -172,7 +171,6 @@ def _offsets_beyond_tolerance(estimate: Estimate, arm: ArmModel) -> Iterator[Fin
 
 
 def _of_the_fit(solution: Solution, same: tuple[Finding, ...], *, sound: bool) -> Iterator[Finding]:
-    """Notices about placements and, if the fit is `sound`, about compliance and outliers."""
     compliance = None if solution.components is None else solution.components.compliance
     if sound and compliance is not None and compliance.deflects and not solution.tolerated:
         # Errors of link lengths may appear as compliance.

@@ -33,9 +33,8 @@ from solver.diagnostics.rvdt import (
 )
 from solver.diagnostics.rvdt_response import SingleNoise, single_noise
 from solver.diagnostics.stated_sizes import sensor_noise_with_estimated_motion
-from solver.estimators.component_report import Component, components
 from solver.estimators.mixed_fit import FitStart
-from solver.estimators.variance_components import Calibrated
+from solver.estimators.variance_components import Calibrated, Component, components
 from solver.loops.closure import ClosureModel
 
 

@@ -89,7 +89,6 @@ def _encoded(value: object) -> Any:
 
 
 def _decoded(hint: Any, data: Any) -> Any:
-    """Read `data` as the declared type of a field."""
     origin, arguments = get_origin(hint), get_args(hint)
     if origin in (Union, types.UnionType):
         if data is None:

@@ -442,7 +442,6 @@ def require_new(new: PoseSet, made_from: PoseSet, fixture: EndpointConstraint) -
 def _require_poses_at_a_place(
     new: PoseSet, made_from: PoseSet, fixture: EndpointConstraint
 ) -> None:
-    """Raise `NoTestError` if every new pose is alone in a new socket, or if a new station has too few poses."""
     if not is_elsewhere(new, made_from, fixture):
         return
     others = [k for k in new.placements if k not in made_from.placements]

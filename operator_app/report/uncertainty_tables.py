@@ -24,8 +24,7 @@ from operator_app.units import (
     significant,
 )
 from solver.chain.parameters import DhKind
-from solver.estimators.component_report import NORMAL_95
-from solver.estimators.variance_components import VarianceComponents
+from solver.estimators.variance_components import NORMAL_95, VarianceComponents
 from solver.posterior.corrections import ReadingCorrection
 
 SMALLEST_P = 1e-12

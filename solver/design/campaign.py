@@ -188,7 +188,6 @@ class Campaign:
         return max(float(np.abs(step).max(initial=0.0)) for step in newton_step(error, still))
 
     def _try_plan(self) -> bool:
-        """Make a plan from the arm's present pose; False if no plan can be made (yet)."""
         if self.estimate is None:
             return False
         remaining = self.poses - self._taken
@@ -312,7 +311,6 @@ class Campaign:
         )
 
     def _plan_around_stop(self, action: GoTo, stopped: str) -> None:
-        """Go back along the same path; then plan around the place where the move was stopped."""
         self._queue.clear()
         self._blocked.append(self._q.copy())
         self.plan = None

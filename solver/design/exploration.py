@@ -79,7 +79,6 @@ class Explorer:
         self._moved, self._q, self._stopped = q_rad - self._q, np.array(q_rad), stopped
 
     def _plan_rays(self) -> list[_Ray]:
-        """Plan trial motions of each drive, then rays: first along single drives, then diagonal."""
         count = len(self.drives)
         unit = np.eye(count)
         wiggles = [_Ray(direction=s * e, steps=1) for e in unit for s in (1.0, -1.0)]

@@ -17,12 +17,16 @@ import numpy as np
 from solver.arrays import BoolArray, FloatArray
 from solver.chain.parameters import DhEntry, nominal_vector
 from solver.closing import close_loops, reduced_equations
-from solver.design.d_optimal import TooFewCandidatesError, choose_poses
+from solver.design.d_optimal import (
+    PoseInformation,
+    TooFewCandidatesError,
+    choose_poses,
+    pose_information,
+)
 from solver.design.drive_joints import RankedDrives, rank_over_region
 from solver.design.manifold import Manifold, candidate_poses
 from solver.design.motion import LIMITS, MotionLimits, Ranges
 from solver.design.paths import PathGraph
-from solver.design.pose_information import PoseInformation, pose_information
 from solver.design.stop_rule import standard_deviations
 from solver.diagnostics.identifiability import Identifiability, identifiability_of_jacobian
 from solver.errors import SolverError
@@ -186,7 +190,6 @@ def _choose(
     allowed: BoolArray,
     count: int,
 ) -> tuple[int, ...]:
-    """Choose poses by D-optimality, with a smaller least distance if too few candidates are far apart."""
     choose = partial(
         choose_poses,
         information.root,

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver.arrays import BoolArray, FloatArray
-from solver.design.pose_information import PoseInformation
+from solver.design.d_optimal import PoseInformation
 from solver.estimators.least_squares import column_scale
 
 UNDETERMINED_SHARE = 1e-12

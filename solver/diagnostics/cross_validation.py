@@ -84,9 +84,9 @@ def verify(
     adjusted = adjust_poses(model, x, q, noise)
     system = adjusted.system
     m, r, P = system.A.shape
-    S = system.V + system.A @ covariance @ np.swapaxes(system.A, -1, -2)
+    S = adjusted.V + system.A @ covariance @ np.swapaxes(system.A, -1, -2)
     pose_chi2 = np.einsum("mr,mr->m", system.w, np.linalg.solve(S, system.w[..., None])[..., 0])
-    L = np.linalg.cholesky(system.V)
+    L = np.linalg.cholesky(adjusted.V)
     w = np.linalg.solve(L, system.w[..., None]).reshape(-1)
     shared = np.linalg.solve(L, system.A).reshape(m * r, P) @ covariance_root(covariance)
     inside = np.linalg.solve(np.eye(P) + shared.T @ shared, shared.T @ w)

@@ -198,7 +198,6 @@ def _explanations(
 def _with_cause(
     residuals: WhitenedResiduals, cause: Candidate, sd: FloatArray
 ) -> WhitenedResiduals:
-    """Return the residuals after `cause` is added to the model, with prior standard deviations `sd`."""
     if cause.own is None:
         return residuals.with_columns(cause.columns, sd)
     own = cause.columns * sd.reshape(len(cause.own), 1, -1)
@@ -230,7 +229,6 @@ def _changes(
 
 
 def _ranked(residuals: WhitenedResiduals, candidates: Iterable[Candidate]) -> CauseRanking:
-    """Rank the candidates by their probabilities, in comparison with no fault and with an unknown fault."""
     listed = [
         (c, e)
         for c in candidates

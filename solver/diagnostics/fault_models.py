@@ -142,7 +142,6 @@ class FaultModels:
                 yield self._along(Cause.SCALE, j, (turn - turn.mean())[:, None], SCALE)
 
     def _frozen(self) -> Iterator[Candidate]:
-        """Yield a candidate for each run of poses in which a sensor reads the same while other joints move."""
         tolerance = 3.0 * np.maximum(self.arm.sigma_rad(), 1e-6)
         for j in self.sensed:
             for first, last in constant_reading_runs(self.readings, j, float(tolerance[j - 1])):
@@ -179,7 +178,6 @@ class FaultModels:
         )
 
     def _smooth(self) -> Iterator[Candidate]:
-        """Yield candidates for each joint: errors of its reading that are functions of its angle or of the pose."""
         for j in self.sensed:
             joint, turn = self.arm.joints[j - 1], self.readings[:, j - 1]
             if (curve := self.linearity_curve(j)) is not None:
@@ -192,7 +190,6 @@ class FaultModels:
                 yield self._along(Cause.SAG, j, phi, most=30.0, least=2.0 * joint.sag_rad)
 
     def _entries(self) -> Iterator[Candidate]:
-        """Yield a candidate for each toleranced entry of the maker's table: an error beyond its tolerance."""
         design = self.design
         for k, sd in zip(design.soft_index, design.soft_sd, strict=True):
             parameter = design.model.parameters[k]
@@ -207,7 +204,6 @@ class FaultModels:
                 )
 
     def _fixture(self) -> Iterator[Candidate]:
-        """Yield candidates for a compliant fixture: deflections random in each pose, or smooth in the pose."""
         if not self.design.deflecting_rows:
             return
         Et = np.swapaxes(self.system.E, -1, -2)

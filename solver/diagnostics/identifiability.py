@@ -251,7 +251,6 @@ def _direction(
 
 
 def _immobile_words(joints: tuple[int, ...], spans_rad: FloatArray) -> str:
-    """Return a clause that states that joints do not move, or how little."""
     several = len(joints) > 1
     which = f"joint{'s' * several} {' and '.join(map(str, joints))}"
     most = float(np.rad2deg(max(spans_rad[j - 1] for j in joints)))

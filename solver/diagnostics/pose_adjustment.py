@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver.arrays import BoolArray, FloatArray
-from solver.closing import close_loops, left_inverse, unsensed_step
+from solver.closing import ReducedEquations, close_loops, left_inverse, unsensed_step
 from solver.diagnostics.statistics import covariance_root
-from solver.estimators.implicit import LinearisedPoses, NoiseModel, linearise
+from solver.estimators.implicit import NoiseModel, linearise
 from solver.loops.closure import ClosureModel, LoopError
 
 STEP_TOLERANCE = 1e-9
@@ -23,15 +23,16 @@ MAX_ITERATIONS = 40
 class AdjustedPoses:
     """Poses adjusted to fixed parameters.
 
-    `error`, `system`: the loops' errors and the reduced linear system of all poses, at the start of the last,
-    negligibly small step.
+    `error`, `system`, `V`: the loops' errors, the reduced equations of all poses, and the covariances (m, r, r) of
+    their misclosures, at the start of the last, negligibly small step.
     `corrections`: joint corrections (m, n), rad: adjusted minus measured.
     `unsensed`: unsensed angles (m, U), rad.
     `converged`: whether each pose's loop was closed (m,).
     """
 
     error: LoopError
-    system: LinearisedPoses
+    system: ReducedEquations
+    V: FloatArray
     corrections: FloatArray
     unsensed: FloatArray
     converged: BoolArray
@@ -58,8 +59,8 @@ def adjust_poses(
     step_size = open_by = np.full(len(q), np.inf)
     for _ in range(MAX_ITERATIONS):
         error = model.loop(x, q + e, u)
-        system = linearise(error, e, variance, deflection_variance)
-        multipliers = np.linalg.solve(system.V, system.w[..., None])
+        system, V = linearise(error, e, variance, deflection_variance)
+        multipliers = np.linalg.solve(V, system.w[..., None])
         e_new = -variance * (np.swapaxes(system.B, -1, -2) @ multipliers)[..., 0]
         slack = -deflection_variance[-error.residual.shape[-1] :] * (system.E @ multipliers)[..., 0]
         du = unsensed_step(error, (error.jac_q @ (e_new - e)[..., None])[..., 0] + slack)
@@ -77,8 +78,9 @@ def adjust_poses(
         if bool(np.all(open_by < STEP_TOLERANCE)):
             break
     return AdjustedPoses(
-        error=error, system=system, corrections=e, unsensed=u, converged=open_by < STEP_TOLERANCE
-    )
+        error=error, system=system, V=V,
+        corrections=e, unsensed=u, converged=open_by < STEP_TOLERANCE,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -129,7 +131,7 @@ def loop_angles(
     inverse = left_inverse(error.jac_u)
     SE = S @ system.E
     # The part of the noise known from the pose's other equations is removed.
-    gain = np.swapaxes(np.linalg.solve(system.V, np.swapaxes(SE, -1, -2)), -1, -2)
+    gain = np.swapaxes(np.linalg.solve(adjusted.V, np.swapaxes(SE, -1, -2)), -1, -2)
     S_left = S - gain @ np.swapaxes(SE, -1, -2)
     spread = inverse @ S_left @ np.swapaxes(inverse, -1, -2)
     rates = -inverse @ (error.jac_x - gain @ system.A)

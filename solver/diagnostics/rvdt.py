@@ -17,12 +17,11 @@ from solver.diagnostics import limits
 from solver.diagnostics.fault_candidate import PeakDeviation
 from solver.diagnostics.pose_adjustment import LoopAngle, loop_angles
 from solver.diagnostics.rvdt_response import RvdtFigures, SingleNoise, measure, sensor_angle
-from solver.estimators.component_report import compliance_test
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.layout import Layout
 from solver.estimators.linear_fit import LinearFit
 from solver.estimators.mixed_fit import FitStart
-from solver.estimators.variance_components import noise_left, settle
+from solver.estimators.variance_components import compliance_test, noise_left, settle
 from solver.loops.closure import ClosureModel
 
 NOISY = "check its plug, screen and excitation, or average more samples per pose"
@@ -141,7 +140,6 @@ def _without_compliance(
 
 
 def _undecidable(reading: FloatArray, measured: LoopAngle, sensor: Rvdt) -> str:
-    """Reason why these poses cannot determine the curve; empty if they can."""
     if len(reading) < limits.RVDT_LEAST_POSES:
         return f"{len(reading)} poses are too few, {limits.RVDT_LEAST_POSES} are needed"
     span = float(np.ptp(reading) / sensor.full_scale_rad)
@@ -175,7 +173,6 @@ def undecided(joint: int, sensor: Rvdt, reason: str, noise: SingleNoise | None) 
 
 
 def _too_noisy(noise: SingleNoise, sensor: Rvdt) -> bool:
-    """Whether the noise of a single reading certainly exceeds the sensor's specification."""
     return noise.low > limits.RVDT_NOISE_RATIO * sensor.noise_lsb
 
 

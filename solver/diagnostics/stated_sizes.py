@@ -11,10 +11,10 @@ import numpy as np
 
 from solver.arrays import FloatArray
 from solver.diagnostics.limits import FALSE_ALARM_PROBABILITY, MOTION_NOISE_LEAST_SHARE
-from solver.estimators.component_report import MOST_CERTAIN, NORMAL_95, standard_errors
 from solver.estimators.layout import FIXTURE_NOISE
 from solver.estimators.linear_fit import LinearFit
 from solver.estimators.scoring import Derivatives, scale_spread, with_priors
+from solver.estimators.variance_components import MOST_CERTAIN, NORMAL_95, standard_errors
 
 MOTION_NOISE = (FIXTURE_NOISE, ("joint_play",))
 """Components of motion noise: first those of the fixture, then those of the joints."""

@@ -92,7 +92,6 @@ def covariance(one: FixtureLoads, two: FixtureLoads, s: FloatArray) -> FloatArra
 
 
 def _transposed(turn: FloatArray | None) -> FloatArray | None:
-    """Transpose rotations (m, k, k), which inverts them; None (no rotation) stays None."""
     return None if turn is None else np.swapaxes(turn, -1, -2)
 
 

@@ -72,16 +72,6 @@ class ParameterPrior:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LinearisedPoses(ReducedEquations):
-    """The reduced linear system of all poses at one iterate (see the module's derivation).
-
-    `V`: covariance of the misclosures w, ``B S B' + F`` (m, r, r).
-    """
-
-    V: FloatArray
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class ImplicitFit:
     """Result of the implicit iteration.
 
@@ -231,16 +221,15 @@ def estimate_implicit(
 
 def linearise(
     error: LoopError, e: FloatArray, variance: FloatArray, deflection_variance: FloatArray
-) -> LinearisedPoses:
-    """Linearise the loops at corrections `e` (m, n); return the reduced system with its covariances."""
+) -> tuple[ReducedEquations, FloatArray]:
+    """Linearise the loops at corrections `e` (m, n); return equations and covariances ``B S B' + F`` (m, r, r)."""
     reduced = reduced_equations(error)
     E, B = reduced.E, reduced.B
     Bt, Et = np.swapaxes(B, -1, -2), np.swapaxes(E, -1, -2)
     V = B @ (variance[..., :, None] * Bt)
     if deflection_variance.any():
         V = V + Et @ (deflection_variance[..., -E.shape[-2] :, None] * E)
-    w = reduced.w - (B @ e[..., None])[..., 0]
-    return LinearisedPoses(w=w, A=reduced.A, B=B, V=V, E=E)
+    return replace(reduced, w=reduced.w - (B @ e[..., None])[..., 0]), V
 
 
 def whitener(V: FloatArray) -> FloatArray:
@@ -270,8 +259,8 @@ class _Block:
     def of(cls, error: LoopError, e: FloatArray, variance: FloatArray, noise: NoiseModel) -> _Block:
         """Return loops linearised at corrections e (m, n), whose joint readings have variances `variance` (m, n)."""
         deflection_variance = noise.deflection_variance
-        system = linearise(error, e, variance, deflection_variance)
-        whiten = whitener(system.V)
+        system, V = linearise(error, e, variance, deflection_variance)
+        whiten = whitener(V)
         return cls(
             w=(whiten @ system.w[..., None])[..., 0],
             A=whiten @ system.A,

@@ -226,7 +226,6 @@ class Layout:
         self.variance_rates = np.repeat(rates, wide, axis=0)
 
     def _set_smooth_functions(self, like: Layout | None) -> None:
-        """Set the functions smooth over all poses, for sag and deflection; by default those of `like`."""
         self.sag_basis = self.deflection_basis = _NOTHING
         if like is not None:
             self.sag_basis, self.deflection_basis = like.sag_basis, like.deflection_basis
@@ -244,7 +243,6 @@ class Layout:
         return len(self.components) - 1
 
     def _group(self, source: str, names: Iterable[str], component: VarianceComponent) -> None:
-        """Add columns scaled by a component of their own."""
         rates = ((self._component(component), 1.0),)
         self.groups.append(Group(source=source, names=tuple(names), rates=rates))
 

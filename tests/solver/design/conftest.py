@@ -9,7 +9,6 @@ from solver.design import d_optimal
 from solver.design.manifold import grow_manifold
 from solver.design.motion import Ranges
 from solver.design.plan import PlanningTask, information_of
-from solver.design.pose_information import pose_information
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.implicit import NoiseModel
 from tests.oracles.loop_oracle import paper_truth
@@ -104,4 +103,4 @@ def task(loop):
 @pytest.fixture(scope="session")
 def pose_data(loop, x, region):
     errors = of_noise(SIGMA)(region.q)
-    return pose_information(loop, x, region.q, region.q, region.u, errors)
+    return d_optimal.pose_information(loop, x, region.q, region.q, region.u, errors)

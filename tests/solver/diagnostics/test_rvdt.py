@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from solver.diagnostics.rvdt_response import noise_of_spread, spread_of
-from solver.diagnostics.smooth_curve import fit_curve
+from solver.diagnostics.rvdt_response import fit_curve, noise_of_spread, spread_of
 
 
 def test_noise_does_not_raise_the_degree_of_the_curve():

@@ -52,31 +52,19 @@ class RowTolerance:
 class ArmModel:
     """A serial arm of n revolute joints.
 
-    Attributes
-    ----------
-    name
-        Model name, e.g. ``sarcos_dextrous``.
-    table
-        Nominal D-H rows 1..n (`links` == n). Entries that a fixture determines (s_1, a_n, s_n, alpha_n) may have any
-        value here: the fixture's nominal placement replaces them.
-    joints
-        Joints 1..n.
-    free
-        Entries of `table` that calibration identifies by default, in addition to the fixture's unknowns.
-    home_rad
-        Pose the arm starts from, sensor coordinates, shape (n,).
-    tolerances
-        Tolerances of rows 1..n.
-    offset_tolerance_rad
-        Standard uncertainty of the nominal offsets; None if it is not known.
-    down
-        Unit vector along gravity in frame 0, the arm's base.
-    masses
-        Masses of the links; None if they are not stated.
-    hayati_rows
-        Rows that join parallel axes: they have beta_j in place of s_j, because s_j is not unique for them.
-    assumed
-        Default values of the error model, each as ``key: value``, that are used because the arm's file states none.
+    `name`: model name, e.g. ``sarcos_dextrous``.
+    `table`: nominal D-H rows 1..n (`links` == n). Entries that a fixture determines (s_1, a_n, s_n, alpha_n) may have
+    any value here: the fixture's nominal placement replaces them.
+    `joints`: joints 1..n.
+    `free`: entries of `table` that calibration identifies by default, in addition to the fixture's unknowns.
+    `home_rad`: pose the arm starts from, sensor coordinates, shape (n,).
+    `tolerances`: tolerances of rows 1..n.
+    `offset_tolerance_rad`: standard uncertainty of the nominal offsets; None if it is not known.
+    `down`: unit vector along gravity in frame 0, the arm's base.
+    `masses`: masses of the links; None if they are not stated.
+    `hayati_rows`: rows that join parallel axes: they have beta_j in place of s_j, because s_j is not unique for them.
+    `assumed`: default values of the error model, each as ``key: value``, that are used because the arm's file states
+    none.
     """
 
     name: str

@@ -71,15 +71,10 @@ class Frames:
     Poses are last in memory: every step along a chain is then one pass over contiguous numbers, several times as fast
     as over (..., 3, 3). The properties are views with the poses first.
 
-    Attributes
-    ----------
-    axes_of
-        (links + 1, 3, 3, ...): the axes x, y and z of every frame, then the three components of each axis.
-    origin_of
-        (links + 1, 3, ...): origins, m.
-    normal_of
-        (links + 1, 3, ...): axis of a_j and alpha_j, which is x_j before the rotation by beta_j; None if no link has
-        a beta.
+    `axes_of`: (links + 1, 3, 3, ...): the axes x, y and z of every frame, then the three components of each axis.
+    `origin_of`: (links + 1, 3, ...): origins, m.
+    `normal_of`: (links + 1, 3, ...): axis of a_j and alpha_j, which is x_j before the rotation by beta_j; None if no
+    link has a beta.
     """
 
     axes_of: FloatArray
@@ -205,15 +200,10 @@ def jacobian(frames: Frames, entries: Entries) -> FloatArray:
 
 
 def screws(frames: Frames, entries: Entries) -> FloatArray:
-    """Screw of the last frame for each of the D-H entries.
+    """Screw of the last frame for each of the D-H entries, in the chain's first frame.
 
-    Returns
-    -------
-    Array of shape (C, 6, ...): the infinitesimal rotation (rad), then the translation (m), of the end
-    point, expressed in the chain's first frame.
+    The result is (C, 6, ...): the infinitesimal rotation (rad), then the translation (m), of the end point.
 
-    Notes
-    -----
     theta_j: (z_{j-1}, z_{j-1} x (p_e - p_{j-1})); s_j: (0, z_{j-1}); a_j: (0, x_j);
     alpha_j: (x_j, x_j x (p_e - p_j)); beta_j: (y_j, y_j x (p_e - p_j)). The x_j of a_j and alpha_j is the axis before
     the rotation by beta_j.

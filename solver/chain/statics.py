@@ -95,12 +95,8 @@ def torque_rates(arm: Frames, down: FloatArray) -> FloatArray:
     """Gravity's torque about every joint per unit of every link's mass and first moment.
 
     `arm`: frames 0..n of links 1..n, in frame 0. `down`: unit vector along gravity in frame 0, (3,); or several,
-    (d, 3).
-
-    Returns
-    -------
-    Array (..., n, n, 4), or (d, ..., n, n, 4): joint, link, then mass (N m / kg) and the three components
-    of the first moment (N m / kg m). Elements for links before the joint are zero.
+    (d, 3). The result is (..., n, n, 4), or (d, ..., n, n, 4): joint, link, then mass (N m / kg) and the three
+    components of the first moment (N m / kg m). Elements for links before the joint are zero.
     """
     axes, origins = arm.axes, arm.origins_m
     z, x, p = axes[..., :-1, :, 2], arm.normals[..., 1:, :], origins[..., :-1, :]

@@ -47,27 +47,17 @@ MOST_UNCERTAIN_RAD = float(np.deg2rad(3.0))
 class PlanningTask:
     """Inputs that are the same for every plan.
 
-    Attributes
-    ----------
-    model
-        The loop with all joints sensed.
-    margin_rad
-        Least distance of planned poses and paths from the ends of the ranges, scalar or (n,).
-    errors_at
-        Function from readings (m, n) to the stated errors of these poses, the same as in the final calibration.
-    toleranced
-        Entries of the arm's table that are corrected within their tolerances.
-    prior
-        Standard deviations (rad, m) of parameters before any pose, by name.
-    parameters
-        Names of the parameters to be determined; the others count as known. None: all.
-    drive_sets
-        Sets of drive joints to plan with, beginning with the set in use. None: the best of all sets.
-    pose_leverage
-        Least leverage of the drives at a planned pose. It is larger than along a path, because the weight of the free
-        joints must not deflect the fixture there.
-    candidates
-        Number of poses to choose from.
+    `model`: the loop with all joints sensed.
+    `margin_rad`: least distance of planned poses and paths from the ends of the ranges, scalar or (n,).
+    `errors_at`: function from readings (m, n) to the stated errors of these poses, the same as in the final
+    calibration.
+    `toleranced`: entries of the arm's table that are corrected within their tolerances.
+    `prior`: standard deviations (rad, m) of parameters before any pose, by name.
+    `parameters`: names of the parameters to be determined; the others count as known. None: all.
+    `drive_sets`: sets of drive joints to plan with, beginning with the set in use. None: the best of all sets.
+    `pose_leverage`: least leverage of the drives at a planned pose. It is larger than along a path, because the weight
+    of the free joints must not deflect the fixture there.
+    `candidates`: number of poses to choose from.
     """
 
     model: ClosureModel
@@ -287,13 +277,9 @@ MOST_SWEEPS = 50
 
 
 def visiting_order(distances: FloatArray) -> tuple[int, ...]:
-    """Short open tour through all points from point 0, by nearest neighbour and 2-opt.
+    """Order points 1..k-1 into a short open tour from point 0, by nearest neighbour and 2-opt.
 
     `distances` (k, k): symmetric; inf where there is no path.
-
-    Returns
-    -------
-    Points 1..k-1 in visiting order.
     """
     size = len(distances)
     # The open end is a point at distance 0 from all others.

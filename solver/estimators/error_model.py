@@ -45,31 +45,20 @@ class AnalogueReading:
 class ErrorModel:
     """Error model of m readings of n joints.
 
-    Attributes
-    ----------
-    joint_variance
-        (m, n), rad^2: variance of each mean reading from resolution and stated noise. For joints in `analogue` (sensors
-        whose noise is estimated), only the part that is not estimated with the noise of the sensor.
-    endpoint_variance
-        (6,), rad^2 then m^2: variance of an instrument that measures the end point.
-    accuracy_rad, backlash_rad, sag_rad
-        (n,): standard deviations of each joint's encoder errors (of period one and half a turn), play, and twist under
-        load.
-    give_rad, give_m
-        Standard deviation of the fixture's deflection along each closure component; None without a fixture.
-    tolerance, prior
-        Standard deviations (rad, m), by name, of the maker's table entries that are corrected within this tolerance,
-        and of the identified parameters whose uncertainty a file states.
-    distances
-        Measured distances between points of the loop.
-    discrepancy
-        Whether a smooth misfit without a stated source is estimated.
-    loads
-        Effects of gravity if masses are stated; None: sag and compliance are smooth functions of the pose.
-    approach
-        (m, n): direction in which every joint approached the pose, 1 or -1; 0 if unknown.
-    signed
-        Whether joints are expected to sag in the direction of gravity; otherwise either side is equally likely.
+    `joint_variance`: (m, n), rad^2: variance of each mean reading from resolution and stated noise. For joints in
+    `analogue` (sensors whose noise is estimated), only the part that is not estimated with the noise of the sensor.
+    `endpoint_variance`: (6,), rad^2 then m^2: variance of an instrument that measures the end point.
+    `accuracy_rad`, `backlash_rad`, `sag_rad`: (n,): standard deviations of each joint's encoder errors (of period one
+    and half a turn), play, and twist under load.
+    `give_rad`, `give_m`: standard deviation of the fixture's deflection along each closure component; None without a
+    fixture.
+    `tolerance`, `prior`: standard deviations (rad, m), by name, of the maker's table entries that are corrected within
+    this tolerance, and of the identified parameters whose uncertainty a file states.
+    `distances`: measured distances between points of the loop.
+    `discrepancy`: whether a smooth misfit without a stated source is estimated.
+    `loads`: effects of gravity if masses are stated; None: sag and compliance are smooth functions of the pose.
+    `approach`: (m, n): direction in which every joint approached the pose, 1 or -1; 0 if unknown.
+    `signed`: whether joints are expected to sag in the direction of gravity; otherwise either side is equally likely.
     """
 
     joint_variance: FloatArray

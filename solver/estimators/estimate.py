@@ -28,22 +28,17 @@ from solver.loops.closure import (
 class Estimate:
     """Identified parameters and how well they are known.
 
-    Attributes
-    ----------
-    x, covariance
-        Values (P,) of `parameters`, rad and m, and their covariance (P, P) under the estimator's own noise model. Among
-        equivalent vectors, `x` is the nearest to the nominal values. Angles are in (-pi, pi], or within half a turn of
-        their nominal values if they have a prior.
-    residual, rotation_rows
-        Reduced closure error (m, r) at the *measured* joints; the first `rotation_rows` rows are rad, the others m.
-    sigmas, flipped
-        sigma_pos and sigma_ori, calculated from `residual`; indices of poses on the flipped branch of the hinge.
-    dof
-        Degrees of freedom: equations minus parameters.
-    chi2, pose_chi2
-        Weighted sum of squared residuals, and each pose's share of it (m,); None without a noise model.
-    corrections
-        Joint corrections (m, n), rad, adjusted minus measured; None without a noise model.
+    `x`, `covariance`: values (P,) of `parameters`, rad and m, and their covariance (P, P) under the estimator's own
+    noise model. Among equivalent vectors, `x` is the nearest to the nominal values. Angles are in (-pi, pi], or within
+    half a turn of their nominal values if they have a prior.
+    `residual`, `rotation_rows`: reduced closure error (m, r) at the *measured* joints; the first `rotation_rows` rows
+    are rad, the others m.
+    `sigmas`, `flipped`: sigma_pos and sigma_ori, calculated from `residual`; indices of poses on the flipped branch of
+    the hinge.
+    `dof`: degrees of freedom: equations minus parameters.
+    `chi2`, `pose_chi2`: weighted sum of squared residuals, and each pose's share of it (m,); None without a noise
+    model.
+    `corrections`: joint corrections (m, n), rad, adjusted minus measured; None without a noise model.
     """
 
     estimator: Literal["paper", "implicit"]

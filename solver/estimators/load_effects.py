@@ -86,17 +86,12 @@ class JointLoads:
 class LoadBasis:
     """Effects of load at m poses; coefficients ~ N(0, 1), columns of mean square 1 over the poses.
 
-    Attributes
-    ----------
-    joints
-        Effects on the joints.
-    all_deflections, rows
-        (M, k, c) deflection along the closure components in units of the stated deflection, and the index (m,) of each
-        pose in this array. It is by far the largest array, and is shared by every selection of poses.
-    deflection_missed
-        (m, k) variance of the deflection that these columns leave out.
-    gravity
-        Twists and sides as functions of gravity's torque, for other poses.
+    `joints`: effects on the joints.
+    `all_deflections`, `rows`: (M, k, c) deflection along the closure components in units of the stated deflection, and
+    the index (m,) of each pose in this array. It is by far the largest array, and is shared by every selection of
+    poses.
+    `deflection_missed`: (m, k) variance of the deflection that these columns leave out.
+    `gravity`: twists and sides as functions of gravity's torque, for other poses.
     """
 
     joints: JointLoads

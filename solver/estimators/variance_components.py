@@ -72,22 +72,18 @@ class ComplianceTest:
 class VarianceComponents:
     """Results of a fit in addition to the parameters.
 
-    Attributes
-    ----------
-    components, variances
-        Standard deviations of RVDTs and fixture with intervals; every estimated variance by component name.
-    compliance
-        Test whether the fixture is more compliant than stated; None if it was not made.
-    noise
-        Noise of each pose's readings, without effects, and of the fixture's deflection, at the estimated variances.
-    curves_rad
-        Predicted deviation (m,), rad, of the readings of each joint whose sensor has a curve; includes play and sag.
-        repeatability
-        Covariance (P, P) of the parameters from noise alone: the scatter if the same poses were taken again.
-    budget
-        Contribution of each source to the variance of every parameter (P,); the sum of all is the estimate's variance.
-        signed
-        Whether joints are taken to sag in the direction of gravity; False if the readings contradict this.
+    `components`, `variances`: standard deviations of RVDTs and fixture with intervals; every estimated variance by
+    component name.
+    `compliance`: test whether the fixture is more compliant than stated; None if it was not made.
+    `noise`: noise of each pose's readings, without effects, and of the fixture's deflection, at the estimated
+    variances.
+    `curves_rad`: predicted deviation (m,), rad, of the readings of each joint whose sensor has a curve; includes play
+    and sag.
+    `repeatability`: covariance (P, P) of the parameters from noise alone: the scatter if the same poses were taken
+    again.
+    `budget`: contribution of each source to the variance of every parameter (P,); the sum of all is the estimate's
+    variance.
+    `signed`: whether joints are taken to sag in the direction of gravity; False if the readings contradict this.
     """
 
     components: tuple[Component, ...]

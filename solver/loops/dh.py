@@ -195,10 +195,7 @@ def _swing(
         d(i f n) = f (n_z w - w_z n) + i g Im(n* w) n,   g = 1 + n_z (n_z - f) / sine^2.
 
     `n`, `nz`: components of the vector (...): x + iy, and z. `w`, `wz`: angular increments (C, ...) likewise, rad.
-
-    Returns
-    -------
-    The swing (...), rad: angle between z and the vector, along z x n; and the swing's rate for each w (C, ...).
+    Returns the swing (...), rad: angle between z and the vector, along z x n; and the swing's rate for each w (C, ...).
     """
     sine = np.abs(n)
     # Below this the quotients lose digits and their series are exact to double precision.

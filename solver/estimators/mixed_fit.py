@@ -89,14 +89,13 @@ class MixedFit:
     """Result of the iteration, with the poses in the order given; `fit`: the linear fit at the solution.
 
     `x`: parameters (P,). `corrections`, `unsensed`: joint corrections e (m, n) and unsensed angles (m, U), rad.
-    `shift`: part of the corrections that the effects predict (m, n), rad. `final_derivatives`: derivatives of the
-    likelihood at the solution, from the poses that determined the variances; None if the variances were given.
+    `final_derivatives`: derivatives of the likelihood at the solution, from the poses that determined the variances;
+    None if the variances were given.
     """
 
     x: FloatArray
     corrections: FloatArray
     unsensed: FloatArray
-    shift: FloatArray
     fit: LinearFit
     final_derivatives: Derivatives | None
     iterations: int
@@ -215,9 +214,8 @@ def _iterate(
             linearisation = Linearisation(design, state)
             fit = LinearFit(design, linearisation, mean)
             state, _, _ = _advance(design, linearisation, fit)
-    shift, _ = design.effects_at(fit.b, design.q + state.e)
     return MixedFit(
-        x=state.x, corrections=state.e, unsensed=state.u, shift=shift, fit=fit, final_derivatives=derivatives,
+        x=state.x, corrections=state.e, unsensed=state.u, fit=fit, final_derivatives=derivatives,
         iterations=iterations, converged=converged,
     )  # fmt: skip
 

@@ -77,8 +77,6 @@ class VarianceComponents:
     `compliance`: test whether the fixture is more compliant than stated; None if it was not made.
     `noise`: noise of each pose's readings, without effects, and of the fixture's deflection, at the estimated
     variances.
-    `curves_rad`: predicted deviation (m,), rad, of the readings of each joint whose sensor has a curve; includes play
-    and sag.
     `repeatability`: covariance (P, P) of the parameters from noise alone: the scatter if the same poses were taken
     again.
     `budget`: contribution of each source to the variance of every parameter (P,); the sum of all is the estimate's
@@ -89,7 +87,6 @@ class VarianceComponents:
     components: tuple[Component, ...]
     compliance: ComplianceTest | None = field(metadata={"record": "flexure"})
     noise: NoiseModel
-    curves_rad: dict[int, FloatArray]
     repeatability: FloatArray
     budget: dict[str, FloatArray]
     variances: Mapping[str, float] = field(default_factory=dict)
@@ -97,11 +94,7 @@ class VarianceComponents:
 
     def at_poses(self, poses: IntArray) -> VarianceComponents:
         """Return the results with the per-pose values of some poses only."""
-        return replace(
-            self,
-            noise=select_poses(self.noise, poses, "joint_variance"),
-            curves_rad={j: curve[poses] for j, curve in self.curves_rad.items()},
-        )
+        return replace(self, noise=select_poses(self.noise, poses, "joint_variance"))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -272,7 +265,6 @@ def _report(fitted: MixedFit, back: IntArray) -> VarianceComponents:
         components=components(design, fit.v, error),
         compliance=compliance_test(fit.stated, design),
         noise=noise_left(fitted, back),
-        curves_rad={c.joint: -fitted.shift[back, c.joint - 1] for c in design.errors.curves},
         repeatability=fit.repeatability,
         budget=fit.budget(),
         variances={c.name: float(v) for c, v in zip(design.components, fit.v, strict=True)},

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
+from types import MappingProxyType
 
 import numpy as np
 
@@ -19,8 +20,6 @@ from solver.diagnostics.fault_candidate import Candidate, Cause
 from solver.diagnostics.hypothesis_tests import HypothesisTest
 from solver.diagnostics.model_selection import Evidence
 from solver.estimators.estimate import Estimate
-
-NOTHING_KNOWN: Mapping[str, float] = {}
 
 
 class Verdict(Enum):
@@ -193,7 +192,7 @@ def little_motion(
     parameters: tuple[Parameter, ...],
     standard_deviation: FloatArray,
     judged: tuple[str, ...],
-    known: Mapping[str, float] = NOTHING_KNOWN,
+    known: Mapping[str, float] = MappingProxyType({}),
     narrows: Callable[[str], str] | None = None,
 ) -> tuple[Finding, ...]:
     """Return a finding if the poses differ so little that some parameters have large standard deviations.

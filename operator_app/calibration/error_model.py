@@ -6,6 +6,7 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 from datetime import datetime
 from itertools import pairwise
+from types import MappingProxyType
 
 import numpy as np
 
@@ -37,15 +38,13 @@ reading's standard deviations."""
 MOVED_M = 1e-3
 """Larger differences of an instrument's positions are motion, whatever the joints read."""
 
-NOTHING: Mapping[str, float] = {}
-
 
 def error_model(
     experiment: Experiment,
     kept: BoolArray | IntArray | slice = slice(None),
     *,
-    tolerance: Mapping[str, float] = NOTHING,
-    prior: Mapping[str, float] = NOTHING,
+    tolerance: Mapping[str, float] = MappingProxyType({}),
+    prior: Mapping[str, float] = MappingProxyType({}),
 ) -> ErrorModel:
     """Return the stated errors of the `kept` poses; `tolerance`, `prior`: standard deviations (rad, m) by name."""
     arm, fixture, poses = experiment.arm, experiment.fixture, experiment.poses

@@ -139,9 +139,7 @@ def local_minimum_causes(
     )
     if not better and not near_nominal:
         # The poses determine where the fixture is, so that this is only a note (`fixture_elsewhere`).
-        far = [item for item in far if item[0].name not in of_fixture(model)]
-        if not far:
-            return ()
+        return far_from_files(model, estimate, judged)
     times = float(np.sqrt(own / max(best, 1e-300)))
     return (_implausible(far[0], times if better else None),)
 

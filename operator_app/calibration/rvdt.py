@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from operator_app.calibration.error_model import free_within_tolerance
-from operator_app.calibration.experiment import Experiment, in_order
+from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.findings import moved_while_read
 from operator_app.calibration.result import Solution
 from operator_app.calibration.tool_accuracy import MeasuredOffset
@@ -18,7 +18,7 @@ from operator_app.messages.finding import Finding, FindingKind
 from operator_app.units import joints_named
 from solver.arrays import BoolArray, FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
-from solver.chain.parameters import DhEntry, DhKind, wrap_angle
+from solver.chain.parameters import wrap_angle
 from solver.chain.poses import PoseSet, back_to_caller
 from solver.chain.sensors import NoSensor, Rvdt
 from solver.closing import close_loops
@@ -33,7 +33,6 @@ from solver.diagnostics.rvdt import (
 )
 from solver.diagnostics.rvdt_response import SingleNoise, single_noise
 from solver.diagnostics.stated_sizes import sensor_noise_with_estimated_motion
-from solver.estimators.mixed_fit import FitStart
 from solver.estimators.variance_components import Calibrated, Component, components
 from solver.loops.closure import ClosureModel
 
@@ -88,38 +87,7 @@ def check_rvdts(
         prior={p.name: errors.prior[p.name] for p in model.parameters if p.name in errors.prior},
     )
     return rvdt_verdicts(
-        model,
-        arm,
-        q,
-        errors,
-        noise=noise,
-        samples=poses.sample_counts[distinct],
-        variances=calibrated.components.variances,
-        x0=in_order(model, calibrated.linear.design.model, calibrated.estimate.x),
-        near=_beside(calibrated, model, q),
-    )
-
-
-def _beside(calibrated: Calibrated, model: ClosureModel, q: FloatArray) -> FitStart:
-    """Return, from the fit `calibrated`, the start of a fit of `model`, which has more unsensed joints."""
-    estimate, had = calibrated.estimate, calibrated.linear.design.model.unsensed_joints
-    corrections = np.zeros_like(q) if estimate.corrections is None else estimate.corrections.copy()
-    own = calibrated.unsensed.shape[-1] - len(had)
-    known = estimate.values_by_name
-    nominal = model.arm_rows()[DhKind.THETA_OFF].tolist()
-    angles = [calibrated.unsensed[:, :own]]
-    for j in model.unsensed_joints:
-        if j in had:
-            angles.append(calibrated.linear.design.model.angle_of(calibrated.unsensed, j)[:, None])
-        else:
-            offset = known.get(DhEntry(DhKind.THETA_OFF, j).name, nominal[j - 1])
-            at = q[:, j - 1] + corrections[:, j - 1] + offset
-            angles.append(at[:, None])
-            corrections[:, j - 1] = 0.0
-    return FitStart(
-        corrections=corrections,
-        unsensed=np.concatenate(angles, axis=-1),
-        layout=calibrated.linear.design,
+        model, arm, q, errors, calibrated, noise=noise, samples=poses.sample_counts[distinct]
     )
 
 

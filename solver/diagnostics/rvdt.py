@@ -10,7 +10,7 @@ import numpy as np
 
 from solver.arrays import FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
-from solver.chain.parameters import nominal_vector, wrap_angle
+from solver.chain.parameters import DhEntry, DhKind, nominal_vector, wrap_angle
 from solver.chain.poses import back_to_caller
 from solver.chain.sensors import Rvdt
 from solver.diagnostics import limits
@@ -21,7 +21,7 @@ from solver.estimators.error_model import ErrorModel
 from solver.estimators.layout import Layout
 from solver.estimators.linear_fit import LinearFit
 from solver.estimators.mixed_fit import FitStart
-from solver.estimators.variance_components import compliance_test, noise_left, settle
+from solver.estimators.variance_components import Calibrated, compliance_test, noise_left, settle
 from solver.loops.closure import ClosureModel
 
 NOISY = "check its plug, screen and excitation, or average more samples per pose"
@@ -64,12 +64,10 @@ def rvdt_verdicts(
     arm: ArmModel,
     q: FloatArray,
     errors: ErrorModel,
+    calibrated: Calibrated,
     *,
     noise: Mapping[int, SingleNoise],
     samples: IntArray,
-    variances: Mapping[str, float],
-    x0: FloatArray | None = None,
-    near: FitStart | None = None,
 ) -> tuple[RvdtVerdict, ...]:
     """Test every RVDT among the unsensed joints of `model` with readings `q` (m, n), rad.
 
@@ -77,20 +75,23 @@ def rvdt_verdicts(
 
     `model`: one placement's loop with the RVDT joints unsensed, so that their readings are not used.
     `errors`: stated errors of all other sources, which would otherwise look like noise of the RVDT.
+    `calibrated`: fit of these poses with the readings. It is the start, and states the variances of the other sources.
+    A variance below its start value is replaced by the start value, because part of this source may have been
+    attributed to the sensor.
     `noise`: noise of single readings by joint (1-based), if known.
     `samples`: number of readings averaged at each pose (m,).
-    `variances`: variances of the other sources by component, from a fit with the readings. A variance below its start
-    value is replaced by the start value, because part of this source may have been attributed to the sensor.
-    `x0`, `near`: start: parameters (P,) and the other unknowns of a fit with the readings.
     """
     unsensed = {j: arm.joints[j - 1].sensor for j in model.unsensed_joints}
     sensors = {j: sensor for j, sensor in unsensed.items() if isinstance(sensor, Rvdt)}
 
     def at_least_stated(design: Layout) -> FloatArray:
         start = design.start_variances()
+        variances = calibrated.components.variances
         known = (variances.get(component.name, 0.0) for component in design.components)
         return np.maximum(start, list(known))
 
+    x0 = nominal_vector(model.parameters, calibrated.estimate.values_by_name)
+    near = _beside(calibrated, model, q)
     fitted, order = settle(model, q, errors, x0=x0, near=near, variances=at_least_stated)
     back = back_to_caller(order)
     angles = {
@@ -124,6 +125,29 @@ def rvdt_verdicts(
         share = _share(sensed, known, q, joint, figures)
         verdicts.append(_verdict(joint, sensor, figures, share))
     return tuple(verdicts)
+
+
+def _beside(calibrated: Calibrated, model: ClosureModel, q: FloatArray) -> FitStart:
+    """Return, from the fit `calibrated`, the start of a fit of `model`, which has more unsensed joints."""
+    estimate, had = calibrated.estimate, calibrated.linear.design.model.unsensed_joints
+    corrections = np.zeros_like(q) if estimate.corrections is None else estimate.corrections.copy()
+    own = calibrated.unsensed.shape[-1] - len(had)
+    known = estimate.values_by_name
+    nominal = model.arm_rows()[DhKind.THETA_OFF].tolist()
+    angles = [calibrated.unsensed[:, :own]]
+    for j in model.unsensed_joints:
+        if j in had:
+            angles.append(calibrated.linear.design.model.angle_of(calibrated.unsensed, j)[:, None])
+        else:
+            offset = known.get(DhEntry(DhKind.THETA_OFF, j).name, nominal[j - 1])
+            at = q[:, j - 1] + corrections[:, j - 1] + offset
+            angles.append(at[:, None])
+            corrections[:, j - 1] = 0.0
+    return FitStart(
+        corrections=corrections,
+        unsensed=np.concatenate(angles, axis=-1),
+        layout=calibrated.linear.design,
+    )
 
 
 def _without_compliance(

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from solver.arrays import FloatArray
-
-if TYPE_CHECKING:
-    from solver.chain.arm_model import ArmModel
 
 DITHER = 0.5
 """Smallest noise (rms, in counts) with which the rounding errors of repeated readings average out."""
@@ -206,18 +203,3 @@ def rms_per_amplitude() -> float:
     """Expected rms over full scale of the polynomials when their coefficients have standard deviation 1."""
     degrees = np.arange(LOWEST, LOWEST + len(SHAPE_WEIGHTS))
     return float(np.sqrt((np.array(SHAPE_WEIGHTS) ** 2 / (2.0 * degrees + 1.0)).sum()))
-
-
-def curves_of(arm: ArmModel, *, unsensed_joints: tuple[int, ...] = ()) -> tuple[SensorCurve, ...]:
-    """Return a curve for each RVDT of `arm` whose reading is used."""
-    return tuple(
-        SensorCurve(
-            joint=j,
-            middle_rad=joint.middle_rad,
-            half_scale_rad=0.5 * joint.sensor.full_scale_rad,
-            gain=joint.sensor.gain,
-            bent=joint.sensor.linearity > 0.0,
-        )
-        for j, joint in enumerate(arm.joints, 1)
-        if isinstance(joint.sensor, Rvdt) and j not in unsensed_joints
-    )

@@ -14,7 +14,7 @@ import numpy as np
 from solver.arrays import FloatArray, IntArray, select_poses
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import Parameter
-from solver.chain.sensors import DITHER, Rvdt, SensorCurve, curves_of
+from solver.chain.sensors import DITHER, Rvdt, SensorCurve
 from solver.estimators.load_effects import LoadBasis
 
 SD_OF_PEAK = 0.5
@@ -104,10 +104,17 @@ def stated_errors(
     """
     variance = variance_of_means(arm, samples)
     analogue = []
-    for curve in curves_of(arm, unsensed_joints=unsensed_joints):
-        j, sensor = curve.joint, arm.joints[curve.joint - 1].sensor
-        if not isinstance(sensor, Rvdt):
+    for j, joint in enumerate(arm.joints, 1):
+        sensor = joint.sensor
+        if not isinstance(sensor, Rvdt) or j in unsensed_joints:
             continue
+        curve = SensorCurve(
+            joint=j,
+            middle_rad=joint.middle_rad,
+            half_scale_rad=0.5 * sensor.full_scale_rad,
+            gain=sensor.gain,
+            bent=sensor.linearity > 0.0,
+        )
         rounding = sensor.resolution_rad**2 / 12.0
         dithered = sensor.noise_lsb >= DITHER
         # Rounding averages out only if noise dithers it.

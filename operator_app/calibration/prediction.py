@@ -25,7 +25,6 @@ from solver.chain.poses import PoseSet, canonical_order
 from solver.diagnostics.cross_validation import (
     NOT_KNOWN,
     CommonShift,
-    FixedParameters,
     predicted_residuals,
 )
 from solver.diagnostics.limits import STATED_VARIANCE_SHARE
@@ -104,7 +103,7 @@ def predict_new_poses(
         at = equations.state.x if isinstance(equations, Linearisation) else fitted.x
         hard = design.hard_index
         covariance = _covariance(solution.estimate, [column[k] for k in hard])
-        known = FixedParameters(x=(x0 - at)[hard], covariance=covariance)
+        known = (x0 - at)[hard], covariance
     residuals = predicted_residuals(fit, later, known)
     unknown = len([p for p in model.parameters if p.name in start])
     if not np.isfinite(residuals.chi2):

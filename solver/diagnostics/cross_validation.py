@@ -164,14 +164,6 @@ SEEN = 1e-9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FixedParameters:
-    """Values of the h parameters without a prior: steps `x` (h,) from the linearisation point, covariance (h, h)."""
-
-    x: FloatArray
-    covariance: FloatArray
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class CommonShift:
     """A shift of one subject, common to all later poses.
 
@@ -189,11 +181,12 @@ class CommonShift:
 
 
 def predicted_residuals(
-    fit: LinearFit, later: BoolArray, given: FixedParameters | None = None
+    fit: LinearFit, later: BoolArray, given: tuple[FloatArray, FloatArray] | None = None
 ) -> WhitenedResiduals:
     """Return the residuals of the `later` poses (mask (m,)) against their prediction from the other poses of `fit`.
 
-    With `given`, the prediction uses these parameters instead of the other poses.
+    With `given`, the prediction uses values of the h parameters without a prior, instead of the other poses: steps (h,)
+    from the linearisation point, and their covariance (h, h).
     """
     width, hard = fit.design.width, fit.design.hard
     gram, right = np.zeros((width, width)), np.zeros(width)
@@ -211,8 +204,8 @@ def predicted_residuals(
         coefficients = -(half @ (half.T @ right))
     else:
         half, coefficients = np.eye(width), np.zeros(width)
-        half[:hard, :hard] = covariance_root(given.covariance)
-        coefficients[:hard] = given.x
+        half[:hard, :hard] = covariance_root(given[1])
+        coefficients[:hard] = given[0]
     m, r = w.shape
     columns = M.reshape(m * r, width)
     N, y = columns @ half, w.reshape(-1) + columns @ coefficients

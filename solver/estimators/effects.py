@@ -166,7 +166,8 @@ class LinearModel(Layout):
             along_rows = slice(n + rows.start, n + rows.stop)
             add("fixture_give", along_rows, rate, UNMODELLED)
         if self.loaded is not None:
-            add("fixture_give", closure, self.loaded.missed(poses), UNMODELLED)
+            missed = self.loaded.missed_variance(self.deflection, poses)
+            add("fixture_give", closure, missed, UNMODELLED)
         for name, rows in zip(FIXTURE_NOISE, (slice(n, n + 3), slice(-3, None)), strict=True):
             if name in self.index:
                 add("fixture_give", rows, 1.0, name)
@@ -196,7 +197,8 @@ class LinearModel(Layout):
         for (rows, _), g in zip(self.deflecting_rows, groups, strict=False):
             variance[6 - self.rows :][rows] += g.variance(v)
         if self.loaded is not None:
-            squares = [(self.loaded.columns(poses) ** 2).sum((0, 2)) for poses in self.parts()]
+            shapes = (self.loaded.modelled_deflection(self.deflection, s) for s in self.parts())
+            squares = [(shape**2).sum((0, 2)) for shape in shapes]
             variance[6 - self.rows :] += v[self.index["compliance"]] * sum(squares) / len(self.q)
         return variance
 
@@ -235,7 +237,8 @@ class LinearModel(Layout):
             np.multiply(Ew[..., rows, None], sized, out=columns)
             at = end
         if self.loaded is not None:
-            effects[..., at:] = Ew @ (self.loaded.columns(poses) * root[at:])
+            by_load = self.loaded.modelled_deflection(self.deflection, poses)
+            effects[..., at:] = Ew @ (by_load * root[at:])
         w = (L_inverse @ system.w[..., None])[..., 0]
         return Whitened(poses=poses, M=M, w=w, L_inverse=L_inverse, C=C, noise=noise)
 
@@ -256,7 +259,8 @@ class LinearModel(Layout):
             at += 3 * k
         if self.loaded is not None:
             for poses in self.parts():
-                deflection[poses] += self.loaded.columns(poses) @ b[at:]
+                by_load = self.loaded.modelled_deflection(self.deflection, poses)
+                deflection[poses] += by_load @ b[at:]
         return shift, deflection
 
 

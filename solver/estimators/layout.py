@@ -17,11 +17,10 @@ from solver.arrays import BoolArray, FloatArray, IntArray
 from solver.chain.parameters import DhKind, Parameter, nominal_vector
 from solver.chain.sensors import LOWEST
 from solver.estimators.error_model import ErrorModel
+from solver.estimators.load_effects import UNMODELLED_SHARE
 from solver.estimators.shapes import (
-    UNMODELLED_SHARE,
     PoseBasis,
     Shapes,
-    deflection_under_load,
     pose_process,
     shapes_of_sag,
     sides_of_play,
@@ -145,7 +144,8 @@ class Layout:
     `like` is a layout of the same poses, whose smooth functions are reused. `floors`, `ceilings`, `raise_limits`,
     `test_floors` and `scaled` (K,) have one value per component. `index`: index of each component by name. `column`
     (P,): column of each parameter; the parameters without a prior come first. `expected` (m, n), rad: expected play and
-    sag.
+    sag. `deflection` (k,), rad and m: stated deflection of the fixture. `loaded`: effects of load on it; None if they
+    are unknown or zero.
     """
 
     def __init__(
@@ -196,9 +196,9 @@ class Layout:
             for rows, stated in blocks[: self.rows // 3]
             if stated > 0.0 or errors.discrepancy
         ]
-        self.loaded = deflection_under_load(
-            errors, np.repeat((turn_rad, shift_m), (self.rows - 3, 3))
-        )
+        self.deflection = np.repeat((turn_rad, shift_m), (self.rows - 3, 3))
+        deflects = self.deflection.any() and errors.loads and errors.loads.all_deflections.any()
+        self.loaded = errors.loads if deflects else None
         self.components: list[VarianceComponent] = []
         self.groups: list[Group] = []
         self._set_smooth_functions(like)
@@ -378,7 +378,7 @@ class Layout:
                 Group(source="fixture_give", names=tuple(names), rates=rates, fixed=1e-18)
             )
         if self.loaded is not None:
-            names = [f"load{i}" for i in range(self.loaded.loads.all_deflections.shape[-1])]
+            names = [f"load{i}" for i in range(self.loaded.all_deflections.shape[-1])]
             self._group("fixture_give", names, VarianceComponent(name="compliance"))
 
     @property

@@ -42,6 +42,9 @@ from solver.estimators.compliance import (
 )
 from solver.loops.closure import ClosureModel
 
+UNMODELLED_SHARE = 0.15
+"""Share of the variance of a stated sag or deflection that the stated loads do not explain."""
+
 FRICTION_M = 0.1
 """Friction torque of a free joint per force at the fixture, N m/N."""
 
@@ -103,6 +106,16 @@ class LoadBasis:
     def deflection_at(self, poses: slice = slice(None)) -> FloatArray:
         """Deflection (m, k, c) at a slice of these poses."""
         return np.asarray(self.all_deflections[self.rows[poses]])
+
+    def modelled_deflection(self, stated: FloatArray, poses: slice) -> FloatArray:
+        """Deflection (m, k, c), rad or m, per unit of each coefficient; `stated` (k,): stated deflection, rad or m."""
+        # To save memory, the large array is scaled for some poses at a time.
+        scale = np.sqrt(1.0 - UNMODELLED_SHARE) * stated
+        return np.asarray(scale[:, None] * self.deflection_at(poses))
+
+    def missed_variance(self, stated: FloatArray, poses: slice) -> FloatArray:
+        """Variance (m, k), rad^2 or m^2, that the modelled deflection leaves out."""
+        return np.asarray((1.0 - UNMODELLED_SHARE) * stated**2 * self.deflection_missed[poses])
 
     def at_poses(self, poses: IntArray) -> LoadBasis:
         """Return the effects at a selection of poses."""

@@ -18,10 +18,7 @@ import numpy as np
 from solver.arrays import FloatArray, IntArray, pose_slices
 from solver.chain.sensors import WAVES, SensorCurve, encoder_waves
 from solver.estimators.error_model import ErrorModel
-from solver.estimators.load_effects import LoadBasis, farthest
-
-UNMODELLED_SHARE = 0.15
-"""Share of the variance of a stated sag or deflection that the stated loads do not explain."""
+from solver.estimators.load_effects import UNMODELLED_SHARE, farthest
 
 BY_APPROACH = 0.5
 """Probability that play follows the direction of approach; otherwise it follows the load."""
@@ -229,33 +226,3 @@ class JointShapes:
         shapes += [np.zeros((m, curve.width)) for curve, _ in self._curves]
         shapes += [effect.columns[poses].reshape(m, -1) for effect in self._effects]
         return np.concatenate(shapes, axis=-1)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class LoadedDeflection:
-    """Deflection of a fixture under load, without the share `UNMODELLED_SHARE`.
-
-    `sizes` (k,): stated standard deviation of each closure component, rad and m. To save memory, the large arrays of
-    shapes are scaled for some poses at a time.
-    """
-
-    loads: LoadBasis
-    sizes: FloatArray
-
-    def columns(self, poses: slice) -> FloatArray:
-        """Return the shapes (m, k, c): each closure component's deflection, rad or m, per unit of each coefficient."""
-        scale = np.sqrt(1.0 - UNMODELLED_SHARE) * self.sizes
-        return np.asarray(scale[:, None] * self.loads.deflection_at(poses))
-
-    def missed(self, poses: slice) -> FloatArray:
-        """Variance (m, k) that these shapes leave out."""
-        return np.asarray(
-            (1.0 - UNMODELLED_SHARE) * self.sizes**2 * self.loads.deflection_missed[poses]
-        )
-
-
-def deflection_under_load(errors: ErrorModel, sizes: FloatArray) -> LoadedDeflection | None:
-    """Return the deflection under load; None if loads are unknown or zero, or `sizes` (k,) are all zero."""
-    if errors.loads is None or not sizes.any() or not errors.loads.all_deflections.any():
-        return None
-    return LoadedDeflection(loads=errors.loads, sizes=sizes)

@@ -24,7 +24,8 @@ from solver.chain.parameters import DhKind
 from solver.chain.sensors import SATURATION, WAVES, encoder_waves, powers_of
 from solver.chain.statics import LinkMasses, torque_rates
 from solver.estimators.linear_fit import LinearFit
-from solver.estimators.shapes import UNMODELLED_SHARE, JointShapes
+from solver.estimators.load_effects import UNMODELLED_SHARE
+from solver.estimators.shapes import JointShapes
 
 LEAST_RAD = 1e-9
 """Smaller corrections are left out."""

@@ -402,17 +402,17 @@ def require_calibrated_placement(
         raise NoTestError(
             "new poses must be of one placement that was calibrated, or of all of them"
         )
+    remedy = (
+        f"take new poses in placement {known[0]}, or correct the column placement if they are of it"
+    )
+    if isinstance(fixture, Measured):
+        remedy = (
+            "the fixture file's base_known fixes the instrument's station; calibrate without it to test with "
+            "another"
+        )
     raise NoTestError(
         f"the new poses are of placement {missing[0]}, which was not calibrated (calibrated: "
-        f"{', '.join(map(str, known))}): {_remedy(fixture, known)}"
-    )
-
-
-def _remedy(fixture: EndpointConstraint, known: tuple[int, ...]) -> str:
-    if isinstance(fixture, Measured):
-        return "the fixture file's base_known fixes the instrument's station; calibrate without it to test with another"
-    return (
-        f"take new poses in placement {known[0]}, or correct the column placement if they are of it"
+        f"{', '.join(map(str, known))}): {remedy}"
     )
 
 

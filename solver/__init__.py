@@ -5,11 +5,11 @@ Functions for the equations of the paper (Giugovaz and Hollerbach); phi is ``x``
     eqs. 1, 2      p_c, R_c of the chain           solver.chain.kinematics.forward
     (section 2.1)  theta' = theta + theta_off      solver.loops.arm_loop.ArmLoop.frames
     (section 2.1)  screws: dx for every entry      solver.chain.kinematics.jacobian
-    eqs. 3, 4      x_c = f(theta, phi), open arm   solver.loops.open_arm.MeasuredClosure.predicted
+    eqs. 3, 4      x_c = f(theta, phi), open arm   solver.loops.endpoints.MeasuredClosure.predicted
     eq. 5          dX = C dphi, all poses          solver.estimators.paper.closure_problem
     eq. 6          dphi = (C'C)^-1 C' dX           solver.estimators.least_squares.Triangle.step
     (section 2.1)  phi = phi_0 + dphi, repeated    solver.estimators.least_squares.solve_damped
-    eq. 7          dx = (dr, dp), measured         solver.loops.open_arm.MeasuredClosure.loop
+    eq. 7          dx = (dr, dp), measured         solver.loops.endpoints.MeasuredClosure.loop
     eqs. 8, 9, 10  closure of a loop, frame -1     solver.loops.dh.DhLoop.loop
     eqs. 11, 12    theta_0 of the hinge            solver.loops.dh.DhLoop.initial_unsensed
     eq. 13         (dx, dy, dp), hinge eliminated  solver.loops.dh.DhLoop.reduced

@@ -30,7 +30,6 @@ operator_app/tui/test_snapshots.py
 operator_app/tui/test_stop.py
 operator_app/tui/test_full_session.py
 solver/estimators/test_mixed_model.py
-solver/loops/test_endpoints.py
 """
 """Files on several modules of their folder. The list may only get shorter."""
 

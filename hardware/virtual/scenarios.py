@@ -22,7 +22,7 @@ from hardware.virtual.true_loop import Truth
 from solver.arrays import frozen
 from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import Encoder, Rvdt
-from solver.loops.open_arm import MeasuredClosure
+from solver.loops.endpoints import MeasuredClosure
 
 ENCODER_COUNTS_PER_REV = 400_000
 """Counts of the encoders of the paper's arm (section 3); scenario `exact` has such encoders on the wrist too."""

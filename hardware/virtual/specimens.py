@@ -19,8 +19,7 @@ from solver.chain.parameters import DhEntry, DhKind, nominal_vector
 from solver.chain.rotations import rotation_matrix
 from solver.loops.arm_loop import ArmLoop
 from solver.loops.dh import DhLoop
-from solver.loops.open_arm import MeasuredClosure
-from solver.loops.point import PointClosure
+from solver.loops.endpoints import MeasuredClosure, PointClosure
 
 SPECIMEN_OFFSET_RAD = float(np.deg2rad(3.0))
 """Largest difference of true offsets from those of the arm file."""

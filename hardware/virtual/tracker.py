@@ -19,7 +19,7 @@ from hardware.errors import InstrumentError
 from hardware.virtual.plant import Plant
 from solver.arrays import FloatArray
 from solver.chain.rotations import rotation_matrix, rotation_vector
-from solver.loops.open_arm import MeasuredClosure
+from solver.loops.endpoints import MeasuredClosure
 
 ENDPOINT_FIELDS = ("x_m", "y_m", "z_m", "rx_deg", "ry_deg", "rz_deg")
 

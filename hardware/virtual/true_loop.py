@@ -14,8 +14,7 @@ from solver.chain.kinematics import DhTable
 from solver.chain.parameters import DhEntry, DhKind, nominal_vector, wrap_angle
 from solver.closing import close_loops
 from solver.loops.dh import DhLoop
-from solver.loops.open_arm import MeasuredClosure
-from solver.loops.point import PointClosure
+from solver.loops.endpoints import MeasuredClosure, PointClosure
 
 _CYCLIC = np.array([0, 1, 2, 0, 1])
 

@@ -26,8 +26,7 @@ from solver.estimators.estimate import closure_at_readings
 from solver.estimators.linear_fit import LinearFit
 from solver.estimators.variance_components import Calibrated
 from solver.loops.closure import ClosureModel, ClosureSigmas
-from solver.loops.open_arm import MeasuredClosure
-from solver.loops.point import TIP, PointClosure
+from solver.loops.endpoints import TIP, MeasuredClosure, PointClosure
 from solver.posterior.best_table import (
     BestTable,
     best_table,

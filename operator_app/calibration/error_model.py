@@ -30,7 +30,7 @@ from solver.estimators.error_model import (
 from solver.estimators.implicit import NoiseModel
 from solver.estimators.load_effects import LoadBasis, load_basis
 from solver.loops.closure import ClosureModel, unsensed_at_readings
-from solver.loops.point import GROUND
+from solver.loops.endpoints import GROUND
 
 MOVED_RAD, MOVED_SIGMAS = np.deg2rad(0.05), 4.0
 """A joint has moved between two poses if its readings differ by more than MOVED_RAD and by more than MOVED_SIGMAS of a

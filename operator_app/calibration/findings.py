@@ -19,7 +19,7 @@ from solver.diagnostics.model_selection import Evidence
 from solver.diagnostics.range_checks import RangeFinding, ReadingFault, rows_in_radians
 from solver.diagnostics.stated_sizes import ExceededSpecification
 from solver.estimators.effects import LinearModel
-from solver.loops.open_arm import MeasuredClosure
+from solver.loops.endpoints import MeasuredClosure
 
 RESTARTED_RAD = np.deg2rad(5.0)
 """A larger step is not a count loss but a restarted node, which counts from another zero."""

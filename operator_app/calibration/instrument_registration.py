@@ -20,7 +20,7 @@ from solver.chain.rotations import nearest_rotation, rotation_matrix, rotation_v
 from solver.diagnostics.limits import FAR_FROM_NOMINAL_M, FAR_FROM_NOMINAL_RAD
 from solver.estimators.paper import estimate_paper
 from solver.loops.closure import ClosureModel, poses_needed
-from solver.loops.open_arm import MeasuredClosure
+from solver.loops.endpoints import MeasuredClosure
 from solver.loops.placements import Placements
 
 REGISTRATION_STEPS, LARGEST_STEP_RAD, NO_STEP = 25, 0.5, 1e-6

@@ -19,8 +19,7 @@ from solver.estimators.least_squares import Fit, Problem, Progress, solve_damped
 from solver.estimators.paper import closure_problem
 from solver.estimators.variance_components import Calibrated, estimate_with_errors
 from solver.loops.closure import ClosureModel
-from solver.loops.open_arm import BASE, TIP_POINT, TIP_TURN
-from solver.loops.point import GROUND
+from solver.loops.endpoints import BASE, GROUND, TIP, TIP_TURN
 
 SCREENING_POSES = 600
 """The best of several starts is found with at most this many poses, chosen evenly from all poses."""
@@ -176,7 +175,7 @@ def of_fixture(model: ClosureModel) -> set[str]:
     sides = {
         name
         for name in (*model.ground_side, *model.hand_side)
-        if name.partition("[")[0] not in {*BASE, *TIP_POINT, *TIP_TURN}
+        if name.partition("[")[0] not in {*BASE, *TIP, *TIP_TURN}
     }
     return {name for name in sides if not name.endswith("]") or name.endswith("[1]")}
 

@@ -25,8 +25,8 @@ from solver.estimators.error_model import distance_and_rates
 from solver.estimators.estimate import Estimate
 from solver.estimators.linear_fit import LinearFit
 from solver.loops.closure import ClosureModel
+from solver.loops.endpoints import GROUND, PointClosure
 from solver.loops.placements import Placements
-from solver.loops.point import GROUND, PointClosure
 
 SINGULAR_DISTANCE = 1e-10
 """If an eigenvalue of a correlation matrix is below this share of the largest, its direction is left out of chi2."""

@@ -21,9 +21,8 @@ import numpy as np
 
 from solver.loops.closure import ClosureModel
 from solver.loops.dh import DhLoop
-from solver.loops.open_arm import MeasuredClosure
+from solver.loops.endpoints import MeasuredClosure, PointClosure
 from solver.loops.placements import Placements
-from solver.loops.point import PointClosure
 
 VERSION = 1
 

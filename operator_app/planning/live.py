@@ -24,7 +24,7 @@ from solver.diagnostics.identifiability import identifiability
 from solver.estimators.estimate import closure_at_readings
 from solver.estimators.paper import estimate_paper
 from solver.loops.closure import ClosureModel, poses_needed
-from solver.loops.open_arm import MeasuredClosure
+from solver.loops.endpoints import MeasuredClosure
 
 EACH_UP_TO = 100
 """Up to this number of poses, the parameters are estimated after each pose."""

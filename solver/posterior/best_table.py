@@ -22,7 +22,7 @@ import numpy as np
 from solver.arrays import FloatArray, even_points
 from solver.chain.kinematics import DhTable
 from solver.chain.parameters import DhEntry, DhKind, nominal_vector
-from solver.loops.point import TIP, PointClosure
+from solver.loops.endpoints import TIP, PointClosure
 from solver.posterior.corrections import CorrectionShapes, JointCorrections
 
 CLOSE_M = 1e-4

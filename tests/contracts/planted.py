@@ -19,7 +19,7 @@ from solver.closing import close_loops
 from solver.diagnostics.model_selection import drop_unidentifiable
 from solver.loops.closure import ClosureModel
 from solver.loops.endpoint_geometry import Line
-from solver.loops.open_arm import MeasuredClosure
+from solver.loops.endpoints import MeasuredClosure
 
 EXAMPLE_TIP_M = (0.03, 0.02, 0.05)
 

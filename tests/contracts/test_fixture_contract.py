@@ -12,7 +12,7 @@ from solver.diagnostics.model_selection import drop_unidentifiable
 from solver.estimators.implicit import NoiseModel, estimate_implicit
 from solver.estimators.paper import estimate_paper
 from solver.loops.closure import ClosureModel
-from solver.loops.open_arm import MeasuredClosure
+from solver.loops.endpoints import MeasuredClosure
 from solver.loops.placements import place
 from tests.contracts.planted import ARMS, FIXTURES, Case, case, closed_poses, observed, perturbed
 

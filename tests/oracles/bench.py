@@ -26,7 +26,7 @@ from operator_app.session.workflow.opening import Choices, Rig, begin, open_sess
 from operator_app.session.workflow.session import Session
 from operator_app.virtual_arms import run_controller, virtual_arm, virtual_instrument
 from solver.loops.closure import ClosureModel
-from solver.loops.open_arm import MeasuredClosure
+from solver.loops.endpoints import MeasuredClosure
 from tests.oracles.fast_arm import fast_arm
 from tests.oracles.planted_values import planted_values
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from hardware.virtual.true_loop import Truth
 from solver.chain.parameters import DhEntry
-from solver.loops.point import PointClosure
+from solver.loops.endpoints import PointClosure
 
 
 def planted_values(truth: Truth, *, si: bool = False) -> dict[str, float]:

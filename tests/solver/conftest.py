@@ -11,7 +11,7 @@ from solver.chain.kinematics import DhTable
 from solver.chain.parameters import DhEntry
 from solver.chain.sensors import Encoder, Rvdt
 from solver.loops.dh import DhLoop
-from solver.loops.point import PointClosure
+from solver.loops.endpoints import PointClosure
 from tests.oracles.loop_oracle import Truth, paper_truth
 from tests.oracles.shop_floor import PARAMETERS as NAMES
 

@@ -14,7 +14,7 @@ from operator_app.units import ANGLE, LENGTH, Figure, Quantity, places_to_show, 
 from solver.chain.parameters import DhEntry, is_entry
 from solver.diagnostics.control_chart import BASELINE, RECENT, ChartSignal
 from solver.diagnostics.limits import CONTROL_CHART_FALSE_ALARM_PROBABILITY
-from solver.loops.open_arm import MeasuredClosure
+from solver.loops.endpoints import MeasuredClosure
 
 TITLES = {
     Side.ARM: "Offsets of the arm",

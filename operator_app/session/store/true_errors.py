@@ -19,7 +19,7 @@ from operator_app.calibration.tool_accuracy import TrueErrors
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import DhEntry, DhKind
 from solver.diagnostics.statistics import intervals
-from solver.loops.point import TIP
+from solver.loops.endpoints import TIP
 
 Truths = Callable[[int], Mapping[str, float]]
 """Function of the number of a placement (from 1); returns the true value, rad or m, of each unknown by name."""

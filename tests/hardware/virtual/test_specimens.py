@@ -12,7 +12,7 @@ from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from solver.chain.parameters import DhEntry, DhKind
 from solver.loops.dh import DhLoop
-from solver.loops.point import PointClosure
+from solver.loops.endpoints import PointClosure
 from tests.hardware.virtual.conftest import SARCOS, commands, sensed_rad
 
 HINGE, RIGID = (load_fixture(name).fixture for name in ("hinge", "rigid"))

@@ -6,7 +6,7 @@ import pytest
 from hardware.virtual.true_loop import PAPER_HOME_RAD, LoopPoint, Truth, hinge_truth, paper_loop
 from solver.chain.kinematics import DhTable
 from solver.loops.dh import DhLoop
-from solver.loops.point import PointClosure
+from solver.loops.endpoints import PointClosure
 
 
 def general_loop(kind: str = "hinge") -> Truth:

@@ -6,8 +6,8 @@ from solver.chain.kinematics import DhTable
 from solver.chain.parameters import DhKind
 from solver.diagnostics.model_selection import drop_unidentifiable
 from solver.estimators.paper import estimate_paper
+from solver.loops.endpoints import PointClosure
 from solver.loops.placements import place
-from solver.loops.point import PointClosure
 from tests.oracles.panda import A_M, ALPHA_RAD, S_M, panda_readings, scatter_mm
 from tests.solver.conftest import entries, tip_position
 

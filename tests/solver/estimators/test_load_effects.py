@@ -18,8 +18,8 @@ from solver.estimators.compliance import (
 )
 from solver.estimators.load_effects import LoadBasis, driven_sets, load_basis, wrench_of
 from solver.loops.dh import DhLoop
+from solver.loops.endpoints import PointClosure
 from solver.loops.placements import place
-from solver.loops.point import PointClosure
 from tests.oracles.loop_oracle import paper_truth
 from tests.oracles.pinocchio_chain import PinocchioGravity
 from tests.oracles.simulated_loops import Simulation

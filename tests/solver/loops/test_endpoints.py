@@ -11,7 +11,7 @@ from solver.chain.parameters import nominal_vector
 from solver.chain.rotations import rotation_matrix
 from solver.estimators.implicit import NoiseModel, estimate_implicit
 from solver.loops.endpoint_geometry import constrained_frame_entries
-from solver.loops.point import PointClosure
+from solver.loops.endpoints import PointClosure
 from tests.contracts.planted import measured
 from tests.oracles.loop_oracle import Truth, paper_truth, product
 from tests.solver.conftest import entries, paper_arm, tip_position

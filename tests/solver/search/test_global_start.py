@@ -12,9 +12,8 @@ from solver.estimators.least_squares import solve_damped
 from solver.estimators.paper import closure_problem
 from solver.loops.closure import nearest_equivalent
 from solver.loops.dh import DhLoop
-from solver.loops.open_arm import BASE, TIP_POINT, MeasuredClosure
+from solver.loops.endpoints import BASE, TIP, MeasuredClosure, PointClosure
 from solver.loops.placements import place
-from solver.loops.point import PointClosure
 from solver.search.global_start import CLOSED, global_start
 from tests.oracles.loop_oracle import paper_truth
 from tests.oracles.shop_floor_chain import Loop, nominal_chain
@@ -157,7 +156,7 @@ def test_measured_endpoint_parameters_are_searched_together():
         base_rotation=np.eye(3),
         tip_m=np.zeros(3),
         tip_rotation=np.eye(3),
-        own=BASE + TIP_POINT,
+        own=BASE + TIP,
         full_pose=False,
     )
     q = rng.uniform(-1.2, 1.2, (25, 7))

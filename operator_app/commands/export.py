@@ -6,8 +6,8 @@ import argparse
 import sys
 from dataclasses import asdict
 
-from operator_app.commands.bus_arguments import FORMATS
 from operator_app.commands.choices import choices_from, recording
+from operator_app.commands.options import FORMATS
 from operator_app.config.atomic import write_atomically
 from operator_app.config.parameters_file import format_parameters
 from operator_app.config.resources import DESCRIPTION_LIMIT_BYTES, read_limited

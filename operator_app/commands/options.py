@@ -1,4 +1,4 @@
-"""Options shared by several commands."""
+"""Options shared by several commands; how options are declared, and how their values are read."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import os
 import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from textwrap import dedent
 from typing import Any
 
 from hardware.virtual import DEFAULT_SCENARIO, SCENARIOS
@@ -14,6 +15,9 @@ from operator_app.exit_codes import UsageError
 
 MOST_POSES = 100_000
 """Largest number of poses in a poses file or a procedure."""
+STAGES = ("look", "hold", "move", "free", "leave", "silence")
+"""Names of `hardware.commissioning.bench_check.Stage`; copied, so that --help does not load the bus."""
+FORMATS = ("yaml", "json", "csv", "urdf", "mat")
 
 
 def pose_count(text: str) -> int:
@@ -52,35 +56,46 @@ def placement_count(text: str) -> int:
     return count
 
 
-SHARED = {
-    "session SESSION": "session folder, its name or latest",
-    "--json": "print one JSON object on stdout",
-    "--estimator": "implicit weights every joint by its sensor (default); paper is the published unweighted least "
-    "squares",
-    "--unsensed JOINTS": "joints whose readings are not to be used, e.g. 6,7",
-    "--length-tolerance MM": "standard deviation of the link lengths, e.g. 1.5; default: as in the arm file",
-    "--force REASON": "export a calibration even if it is not accepted; the reason is kept in the journal and in the "
-    "parameters",
-    "--go-home": "agree that an arm outside the procedure's box of drive angles goes home by itself, straight and at "
-    "5 deg/s; without this option such an arm is not moved. Stand clear",
-    "--plan": "how poses are chosen: explore visits a box of drive angles in a fixed order; planned explores "
-    "first, calibrates, and captures the 12 (or --poses) most informative poses",
-    "--tracker PORT": "port of the instrument that measures an open arm: tcp:HOST:PORT, file:PATH (a growing CSV "
-    "file) or stdin; one JSON object per line, with x_m, y_m, z_m and the orientation of the target. Default: as in "
-    "the procedure; an embedded virtual arm has its own tracker",
-    "--sessions DIR": "folder that holds the session folders (default ./sessions)",
-    "--record": "record the bus to bus.blf in the session folder (bus-2.blf beside an earlier one)",
-    "--record FILE": "record the bus (.blf, .asc, .log)",
-}
-"""Help of arguments and options that several commands have, by usage."""
 ARGUMENTS: Mapping[str, Mapping[str, Any]] = {
     "--estimator": {"choices": ("implicit", "paper")},
-    "--length-tolerance MM": {"type": float},
     "--plan": {"choices": ("explore", "planned")},
+    "--scenario": {"choices": SCENARIOS},
+    "--through": {"choices": STAGES, "default": STAGES[-1]},
+    "--format": {"choices": FORMATS},
+    "--kind": {"choices": ("hinge", "ball")},
+    "--from NAME": {"dest": "packaged"},
+    "--poses N": {"type": pose_count},
+    "--placements N": {"type": placement_count},
+    "--placement K": {"type": placement_count, "default": 1},
     "--sessions DIR": {"type": a_path, "default": Path("sessions")},
+    "--state DIR": {"type": a_path},
     "--record FILE": {"type": a_path},
+    "--draft FILE": {"type": a_path},
+    "--into FILE": {"type": a_path},
+    "--files FOLDER": {"type": a_path},
+    "--plots FOLDER": {"type": a_path},
+    "-o --output FILE": {"type": a_path},
+    "-o --output DIR": {"type": a_path, "default": Path()},
+    "-b --bitrate BITRATE": {"type": int},
+    "--seed SEED": {"type": int},
+    "--tries N": {"type": int},
+    "--tracker-port N": {"type": int},
+    "--fault-joint J": {"type": int, "default": 3},
+    "--fault-sync N": {"type": int},
+    "--speed N": {"type": float, "default": 1.0},
+    "--speed DEG_PER_S": {"type": float, "default": 1.0},
+    "--step DEG": {"type": float, "default": 1.0},
+    "--seconds S": {"type": float},
+    "--dwell-s S": {"type": float},
+    "--spread-deg DEG": {"type": float},
+    "--length-tolerance MM": {"type": float},
+    "--tolerance-mm MM": {"type": float},
+    "--tolerance-deg DEG": {"type": float},
+    "--level P": {"type": float, "default": 0.01},
+    "--every DAYS": {"type": float},
+    "--instrument FIXTURE": {"default": "tracker"},
 }
-"""Further arguments to argparse for some of these options."""
+"""Further arguments to argparse for some options, by usage."""
 
 Declaration = Callable[[argparse._ActionsContainer], object]  # noqa: SLF001 - no public name
 """Adds one or more arguments and options to a parser."""
@@ -90,8 +105,9 @@ def option(usage: str, description: str, **more: Any) -> Declaration:
     """Return the declaration of an option (``-o --output FILE``) or an argument (``poses+ FILE``).
 
     An option without a metavar (and without `choices`) is a switch; other options and arguments take, by default, text
-    that must not be empty. `more`: further arguments to argparse.
+    that must not be empty. `more`: further arguments to argparse, in addition to those in `ARGUMENTS`.
     """
+    more = {**ARGUMENTS.get(usage, {}), **more}
     names = usage.split()
     if not usage.startswith("-"):
         metavar, name = names[1:], names[0].rstrip("?*+")
@@ -104,73 +120,101 @@ def option(usage: str, description: str, **more: Any) -> Declaration:
     return lambda parser: parser.add_argument(*names, help=description, **more)
 
 
-def declaration(*parts: Declaration) -> Declaration:
-    """Return the declaration of all parts."""
+def descriptions(text: str) -> dict[str, str]:
+    """Return the description of each option in `text`, by usage.
+
+    An option begins with its usage and two spaces; the other lines of its description are indented.
+    """
+    options = (entry.split("  ", 1) for entry in re.split(r"\n(?! )", dedent(text).strip()))
+    return {usage: " ".join(description.split()) for usage, description in options}
+
+
+def declaration(*parts: str | Declaration) -> Declaration:
+    """Return the declaration of all parts; a text declares the options that it describes."""
 
     def declare(parser: argparse._ActionsContainer) -> None:
         for part in parts:
+            if isinstance(part, str):
+                part = declaration(*(option(*item) for item in descriptions(part).items()))  # noqa: PLW2901
             part(parser)
 
     return declare
 
 
-def group(title: str, *parts: Declaration) -> Declaration:
+def group(title: str, *parts: str | Declaration) -> Declaration:
     """Return the declaration of options under a title."""
     return lambda parser: declaration(*parts)(parser.add_argument_group(title))
 
 
-def one_of(*parts: Declaration) -> Declaration:
+def one_of(*parts: str | Declaration) -> Declaration:
     """Return the declaration of options that exclude each other."""
     return lambda parser: declaration(*parts)(parser.add_mutually_exclusive_group())
 
 
+# -- options that several commands have ------------------------------------------------------------
+
+SHARED = descriptions(
+    """
+    session SESSION  session folder, its name or latest
+    --json  print one JSON object on stdout
+    --estimator  implicit weights every joint by its sensor (default); paper is the published
+        unweighted least squares
+    --unsensed JOINTS  joints whose readings are not to be used, e.g. 6,7
+    --length-tolerance MM  standard deviation of the link lengths, e.g. 1.5; default: as in the arm file
+    --force REASON  export a calibration even if it is not accepted; the reason is kept in the
+        journal and in the parameters
+    --go-home  agree that an arm outside the procedure's box of drive angles goes home by itself,
+        straight and at 5 deg/s; without this option such an arm is not moved. Stand clear
+    --plan  how poses are chosen: explore visits a box of drive angles in a fixed order; planned
+        explores first, calibrates, and captures the 12 (or --poses) most informative poses
+    --tracker PORT  port of the instrument that measures an open arm: tcp:HOST:PORT, file:PATH (a
+        growing CSV file) or stdin; one JSON object per line, with x_m, y_m, z_m and the orientation
+        of the target. Default: as in the procedure; an embedded virtual arm has its own tracker
+    --sessions DIR  folder that holds the session folders (default ./sessions)
+    --record  record the bus to bus.blf in the session folder (bus-2.blf beside an earlier one)
+    --record FILE  record the bus (.blf, .asc, .log)
+    """
+)
+"""Description of arguments and options that several commands have, by usage."""
+
+
 def shared(usages: str) -> Declaration:
     """Return the declaration of shared options; `usages` are keys of `SHARED`, separated by commas."""
-    return declaration(*(option(u, SHARED[u], **ARGUMENTS.get(u, {})) for u in usages.split(", ")))
+    return declaration(*(option(usage, SHARED[usage]) for usage in usages.split(", ")))
 
 
-_BUS = (
-    option(
-        "-i --interface INTERFACE",
-        "virtual (default, embedded controller), loopback, socketcan, ...",
-    ),
-    option("-c --channel CHANNEL", "e.g. can0, vcan0; for loopback any name"),
-    option("-b --bitrate BITRATE", "bit/s, e.g. 1000000", type=int),
-)
-_PROFILE = option(
-    "--profile P",
-    "set-up of the arm's nodes: bus profile file or built-in name (default sarcos, or "
-    "that of the procedure); sarcal probe --draft writes one",
-)
 _BUS_TITLE = "bus (python-can's names; also CAN_INTERFACE and can.conf)"
-BUS, BUS_WITHOUT_PROFILE = group(_BUS_TITLE, *_BUS, _PROFILE), group(_BUS_TITLE, *_BUS)
+_BUS = """
+    -i --interface INTERFACE  virtual (default, embedded controller), loopback, socketcan, ...
+    -c --channel CHANNEL  e.g. can0, vcan0; for loopback any name
+    -b --bitrate BITRATE  bit/s, e.g. 1000000
+    """
+_PROFILE = """
+    --profile P  set-up of the arm's nodes: bus profile file or built-in name (default sarcos, or that
+        of the procedure); sarcal probe --draft writes one
+    """
+BUS, BUS_WITHOUT_PROFILE = group(_BUS_TITLE, _BUS, _PROFILE), group(_BUS_TITLE, _BUS)
 VIRTUAL_ARM = group(
     "virtual arm",
-    option(
-        "--scenario",
-        "what is wrong with the virtual arm: exact (nothing), datasheet (sensors at their "
-        "specification), as_reported (the paper's three error sources), wild (another arm and "
-        f"hinge for every seed); default {DEFAULT_SCENARIO}",
-        choices=SCENARIOS,
-    ),
-    option("--seed SEED", "seed of the virtual arm's errors (default 0)", type=int),
+    f"""
+    --scenario  what is wrong with the virtual arm: exact (nothing), datasheet (sensors at their
+        specification), as_reported (the paper's three error sources), wild (another arm and hinge
+        for every seed); default {DEFAULT_SCENARIO}
+    --seed SEED  seed of the virtual arm's errors (default 0)
+    """,
 )
 ARM_BUS = declaration(BUS, VIRTUAL_ARM)
 """The bus of a real or virtual arm."""
 ARM_AND_FIXTURE = declaration(
     option("--arm ARM", "arm file or built-in name", default="sarcos_dextrous"),
     option("--fixture FIXTURE", "fixture file or built-in name", default="hinge"),
-    option(
-        "--drop-unidentifiable",
-        "fix unidentifiable parameters at their nominal values, instead of refusing",
-    ),
+    """
+    --drop-unidentifiable  fix unidentifiable parameters at their nominal values, instead of refusing
+    """,
 )
 """Arm and fixture of a command with a file of poses."""
 SESSION_OR_ARM = declaration(
-    option(
-        "session? SESSION",
-        "session (folder, name or latest) whose arm file and bus are used",
-    ),
+    "session? SESSION  session (folder, name or latest) whose arm file and bus are used",
     option(
         "--arm ARM",
         "arm file or built-in name, where no session is named (default sarcos_dextrous)",
@@ -179,6 +223,8 @@ SESSION_OR_ARM = declaration(
     shared("--sessions DIR"),
 )
 """The arm of a command without poses: a session's arm, or that of an arm file."""
+
+# -- values ----------------------------------------------------------------------------------------
 
 
 def tolerance_m(args: argparse.Namespace) -> float | None:

@@ -181,7 +181,6 @@ def object_with(checks: Mapping[str, Check]) -> Check:
 
 
 def _quoted(value: Any) -> str:
-    """Return a value as text for a message, shortened to 40 characters."""
     match value:
         case None:
             return "null"
@@ -246,7 +245,7 @@ MEASURED_POSE: Mapping[str, Check] = {
 PER_JOINT = ("start_rad", "mean_rad", "sd_rad", "modes", "at_rad", "q_rad")
 
 EVENTS: Mapping[str, Mapping[str, Check]] = {
-    "opened": {"sources": mapping_of(text, text), "settings": SETTINGS, "after?": text},
+    "opened": {"sources": mapping_of(text, text), "settings": SETTINGS},
     "resumed": {"settings": SETTINGS},
     "imported": {"file": text, "serial_number": text},
     "connected": {

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -102,7 +101,7 @@ def documents_of(state: SessionState) -> tuple[str, str]:
 
 
 def list_sessions(root: Path) -> tuple[SessionEntry, ...]:
-    """Return all sessions below `root` in the order of opening, even if the clock was set back."""
+    """Return all sessions below `root` in the order of opening, which does not depend on the clock."""
     try:
         folders = sorted(p for p in root.iterdir() if os.path.lexists(p / JOURNAL_NAME))
     except FileNotFoundError:
@@ -111,30 +110,7 @@ def list_sessions(root: Path) -> tuple[SessionEntry, ...]:
         raise SessionError(
             f"cannot read {root}: {error.strerror}", "name another folder with --sessions"
         ) from error
-    entries = [read_session(folder) for folder in folders]
-    times = _opening_times(entries)
-    entries.sort(key=lambda e: (e.state.order if e.state else 0, *times[e.folder.name], e.folder))
-    return tuple(entries)
-
-
-def _opening_times(entries: Sequence[SessionEntry]) -> dict[str, tuple[str, int]]:
-    """Return (time of opening, sequence number) by folder name, to sort sessions whose journals have no `order`.
-
-    A session whose time is not later than that of the session opened before it (`state.after`), because the clock was
-    set back, gets the time of that session, and a sequence number larger by 1. All others have the sequence number 0.
-    """
-    states = {entry.folder.name: entry.state for entry in entries}
-    times: dict[str, tuple[str, int]] = {}
-    for entry in entries:
-        chain, name = list[str](), entry.folder.name
-        while name in states and name not in times and name not in chain:
-            chain.append(name)
-            state = states[name]
-            name = state.after if state else ""
-        before = times.get(name, ("", 0))
-        for name in reversed(chain):
-            state = states[name]
-            own = state.opened_utc if state else ""
-            before = (before[0], before[1] + 1) if before[0] >= own > "" else (own, 0)
-            times[name] = before
-    return times
+    unread = SessionState()
+    opened = [(e.state or unread, e) for e in map(read_session, folders)]
+    opened.sort(key=lambda o: (o[0].order, o[0].opened_utc, o[1].folder))
+    return tuple(entry for _, entry in opened)

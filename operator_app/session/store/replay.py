@@ -40,7 +40,6 @@ def apply(state: SessionState, event: JournalEvent) -> SessionState:
                 state,
                 opened_utc=utc,
                 order=order_of(data),
-                after=data.get("after", ""),
                 sources=dict(data["sources"]),
                 settings=dict(data["settings"]),
             )
@@ -115,7 +114,6 @@ def _measured(data: Mapping[str, Any], utc: str) -> dict[str, Any]:
 
 
 def _undone(state: SessionState, number: int, *, back: bool) -> SessionState:
-    """Return the state after a pose was undone or, if `back`, restored."""
     numbers = {p.number for p in state.undone} - {number} | (set() if back else {number})
     every = sorted((*state.poses, *state.undone), key=lambda p: p.number)
     undone = tuple(p for p in every if p.number in numbers)
@@ -124,7 +122,6 @@ def _undone(state: SessionState, number: int, *, back: bool) -> SessionState:
 
 
 def _apply_planning(state: SessionState, event: JournalEvent) -> SessionState:
-    """Return the state after an event of a planned capture or of a new placement."""
     name, data = event.name, event.data
     match name:
         case "remounting":
@@ -145,7 +142,6 @@ def _apply_planning(state: SessionState, event: JournalEvent) -> SessionState:
 
 
 def _apply_results(state: SessionState, event: JournalEvent) -> SessionState:
-    """Return the state after a result, a check reading or a fault."""
     data, utc = event.data, event.utc
     match event.name:
         case "solved":
@@ -199,7 +195,6 @@ def _with_skipped_open(state: SessionState) -> SessionState:
 
 
 def _in_new_placement(state: SessionState, placement: int, *, mounted: bool) -> SessionState:
-    """Return the state in a new placement of the fixture, with start, home, modes and waypoints unknown."""
     return replace(
         state,
         placement=placement,
@@ -215,7 +210,6 @@ def _in_new_placement(state: SessionState, placement: int, *, mounted: bool) -> 
 
 
 def _with_other_poses(state: SessionState, poses: tuple[CapturedPose, ...]) -> SessionState:
-    """Return the state with these poses, and without the results from the previous poses."""
     campaign = replace(state.campaign, ended={})
     return replace(state, poses=poses, campaign=campaign, **UNSOLVED)
 

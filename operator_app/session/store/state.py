@@ -105,8 +105,6 @@ class SessionState:
     ----------
     order
         Order number among the sessions in the same folder, from 1; 0 in journals of earlier versions.
-    after
-        Session opened before this one, in journals of earlier versions if the clock was set back; otherwise empty.
     imported
         File from which the poses were read; empty if an arm captured them.
     sources
@@ -152,7 +150,6 @@ class SessionState:
 
     opened_utc: str = ""
     order: int = 0
-    after: str = ""
     imported: str = ""
     missed_repeat: str = ""
     sources: Mapping[str, str] = field(default_factory=dict)

@@ -13,7 +13,7 @@ import unicodedata
 from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, TextIO
+from typing import TextIO
 
 MARK = "\ufffd"
 """Character shown instead of each character that is not allowed, so that columns keep their width."""
@@ -46,9 +46,11 @@ def say(text: str = "", *, err: bool = False, streaming: bool = False) -> None:
     closed pipe raises `BrokenPipeError`. Raises `OSError` if stdout cannot be written, e.g. to a full disk.
     """
     if err:
-        stderr = Stderr()
-        stderr.write(_shown(text, stderr.encoding or "utf-8"))
-        stderr.flush()
+        try:
+            sys.stderr.write(_shown(text, sys.stderr.encoding or "utf-8"))
+            sys.stderr.flush()
+        except OSError:
+            silence(sys.stderr)
         return
     try:
         sys.stdout.write(_shown(text, sys.stdout.encoding or "utf-8"))
@@ -56,35 +58,6 @@ def say(text: str = "", *, err: bool = False, streaming: bool = False) -> None:
         silence(sys.stdout)
         if streaming:
             raise
-
-
-class Stderr:
-    """Stderr for progress; write errors are ignored."""
-
-    @property
-    def _stream(self) -> TextIO:
-        # A progress bar may have replaced sys.stderr.
-        stream: TextIO = getattr(sys.stderr, "rich_proxied_file", sys.stderr)
-        return stream
-
-    def __getattr__(self, name: str) -> Any:
-        """Return an attribute of the underlying stream, such as `isatty`."""
-        return getattr(self._stream, name)
-
-    def write(self, text: str) -> int:
-        """Write text; ignore errors."""
-        try:
-            return self._stream.write(text)
-        except OSError:
-            silence(self._stream)
-            return len(text)
-
-    def flush(self) -> None:
-        """Flush; ignore errors."""
-        try:
-            self._stream.flush()
-        except OSError:
-            silence(self._stream)
 
 
 def silence(stream: TextIO) -> None:

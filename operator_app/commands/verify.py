@@ -95,7 +95,6 @@ def _from_file(file: str, joint_count: int) -> PoseSet:
 def _open_loop(
     args: argparse.Namespace, opening: Opening, solution: Solution, count: int | None
 ) -> ExitCode:
-    """Verify the calibration with an instrument's endpoints, measured now or read from a file."""
     if solution.model.dh_table(solution.estimate.x) is None:
         raise UsageError(
             "--open-loop verifies a calibration of one placement of a hinge or rigid fixture; "
@@ -156,7 +155,6 @@ def _open_arm(
         take_poses(session, listener, drives_of(session), homing=args.go_home)
         session.arm.hold()
         poses = session.state.pose_set()
-    listener.close()
     folder = session.journal.path.parent  # another program may have taken the name
     say(f"Captured {len(poses)} poses of the open arm, kept in {folder}", err=True)
     return instrument, poses
@@ -165,7 +163,6 @@ def _open_arm(
 def _on_the_arm(
     opening: Opening, solution: Solution, count: int, *, homing: bool, record_to: Path | None
 ) -> tuple[VerificationResult, PoseSet]:
-    """Capture `count` poses that differ from the session's poses, and verify the calibration with them."""
     if count < 1:
         raise UsageError("--poses: must be at least 1")
     with unattended(opening, record_to=record_to) as session:

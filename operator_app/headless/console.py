@@ -1,11 +1,6 @@
-"""Progress of `sarcal run` on stderr: messages, a progress bar, and a report if the run is interrupted."""
+"""Progress of `sarcal run` on stderr: messages, and a report if the run is interrupted."""
 
 from __future__ import annotations
-
-from typing import IO, cast
-
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from fixtures.base import SetupCheck
 from hardware import errors
@@ -15,7 +10,7 @@ from operator_app.calibration.result import Solution
 from operator_app.composition import CutShort
 from operator_app.messages.errors import stopped_words, trip_cause_remedy, words
 from operator_app.planning.drives import DriveChoice
-from operator_app.safe_output import Stderr, sanitized
+from operator_app.safe_output import sanitized, say
 from operator_app.session.safety.latency import lateness_text
 from operator_app.session.store.folders import read_session
 from operator_app.session.store.state import SessionState
@@ -25,18 +20,15 @@ from operator_app.units import joints_named, names, others_free, plural
 
 
 class ConsoleListener(Listener):
-    """Writes the progress of a run to stderr; shows a progress bar if stderr is a terminal."""
+    """Writes the progress of a run to stderr."""
 
     def __init__(self) -> None:
-        self._stderr = Stderr()
-        self._console = Console(file=cast("IO[str]", self._stderr), highlight=False, soft_wrap=True)
-        self._progress: Progress | None = None
         self._joints = 0
         self._late_times = 0
 
     def report(self, text: str) -> None:
         """Write one line."""
-        self._console.print(sanitized(text), markup=False)
+        say(sanitized(text), err=True)
 
     def resumed(self, session: Session) -> None:
         """Report the number of poses of a resumed session."""
@@ -47,7 +39,6 @@ class ConsoleListener(Listener):
 
     def cut_short(self, cut: CutShort) -> None:
         """Report what has been saved of a run that ended early, and how to continue."""
-        self.close()
         for line in cut_short_lines(cut):
             self.report(line)
 
@@ -77,41 +68,17 @@ class ConsoleListener(Listener):
         self.report(f"{driven} in position mode{others}; read back from the drives.")
 
     def pose_captured(self, state: SessionState, total: int) -> None:
-        """Advance the bar or, without a terminal, report the pose; report new delays of this computer."""
+        """Report the pose, and new delays of this computer."""
         if new := state.late.times - self._late_times:
             self._late_times = state.late.times
             self.report(f"Warning: {lateness_text(state.late, new)}.")
-        if not self._stderr.isatty():
-            # Write a line for each pose into a file or pipe.
-            self.report(f"Pose {state.captured} captured ({len(state.used_poses)} of {total}).")
-            return
-        if self._progress is None:
-            self._progress = Progress(
-                TextColumn("Capturing poses"),
-                BarColumn(),
-                MofNCompleteColumn(),
-                TimeRemainingColumn(),
-                console=self._console,
-            )
-            self._progress.start()
-            self._progress.add_task("poses", total=total)
-        # The total of a planned capture grows during the exploration.
-        self._progress.update(
-            self._progress.task_ids[0], completed=len(state.used_poses), total=total
-        )
+        self.report(f"Pose {state.captured} captured ({len(state.used_poses)} of {total}).")
 
     def solved(self, solution: Solution) -> None:
-        """Remove the bar and report the calibration."""
-        self.close()
+        """Report the calibration."""
         self.report(
             f"Solved from {solution.poses} poses in {solution.estimate.iterations} iterations."
         )
-
-    def close(self) -> None:
-        """Remove the bar. May be called twice."""
-        if self._progress is not None:
-            self._progress.stop()
-            self._progress = None
 
 
 def cut_short_lines(cut: CutShort) -> list[str]:

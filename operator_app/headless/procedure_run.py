@@ -85,7 +85,6 @@ def run(
 
 
 def _advice(session: Session, solution: Solution, end: Finished | None) -> str:
-    """Return text on a hinge placement that would improve the imprecise parameters; "" if not needed."""
     if end is None or not end.weak or session.fixture.kind != "hinge":
         return ""
     try:
@@ -116,7 +115,6 @@ def next_placement(
     `drives_off`: whether this program has just released the arm, and the drives confirmed that they are off. For an arm
     simulated by this program there is nothing to confirm. Raises `SessionError` if the mounting was not confirmed.
     """
-    listener.close()
     # Take the bus from the journal, since the options may leave it to the environment.
     opening = resume(str(opening.folder), opening.choices, root=root)
     number, placements = opening.state.placement + 1, opening.procedure.placements
@@ -147,10 +145,7 @@ def require_mounted(opening: Opening, listener: ConsoleListener) -> None:
 def _confirm(
     opening: Opening, listener: ConsoleListener, number: int, lines: tuple[str, ...]
 ) -> None:
-    """Write `lines`, and wait for the confirming word; text typed earlier is ignored.
-
-    Raises SessionError if the input ends without this word.
-    """
+    """Write `lines`, and wait for the confirming word; text typed earlier is ignored."""
     try:
         for line in lines:
             listener.report(line)

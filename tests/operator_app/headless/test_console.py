@@ -22,7 +22,7 @@ def test_simulated_nodes_are_reported_as_simulated(second_name, nodes, capsys):
     assert capsys.readouterr().err == f"Connected to an_arm, serial A-1: {nodes}\n"
 
 
-def test_each_pose_is_one_line_if_stderr_is_no_terminal(capsys):
+def test_each_pose_is_one_line(capsys):
     listener = ConsoleListener()
     for captured in (1, 2):
         listener.pose_captured(SessionState(captured=captured), 16)

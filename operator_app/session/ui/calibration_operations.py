@@ -30,7 +30,7 @@ from operator_app.session.store.solver_process import SolvingProcess
 from operator_app.session.store.state import SessionState
 from operator_app.session.ui.snapshot import DiffRow, Level
 from operator_app.session.workflow.capture import verify
-from operator_app.session.workflow.export import export, recorded_export
+from operator_app.session.workflow.export import export
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
 from operator_app.units import SIGMA_POS
@@ -143,15 +143,13 @@ class CalibrationOperations(Listener):
     # -- calibration ---------------------------------------------------------------------------------
 
     def show_recorded_calibration(self) -> None:
-        """Publish the recorded calibration and export of a resumed session, if there are any."""
+        """Publish the recorded calibration of a resumed session, if there is one."""
         known = self._session.recorded_calibration()
         if self.solution is None and known is not None:
-            self.solution, active = known.solution, self._active_parameters()
-            exported = recorded_export(self._session, active)
-            receipt = None if exported is None else exported.receipt
-            self._publish(cross_checks=known.checks, written=exported, receipt=receipt)
+            self.solution = known.solution
+            self._publish(cross_checks=known.checks)
             if known.solution.accepted:
-                self._compare(active)
+                self._compare()
 
     def calibrate(self, estimator: str, unsensed_joints: tuple[int, ...]) -> None:
         """Calibrate in a separate process and publish each iteration; cancelling ends the process immediately."""
@@ -178,16 +176,13 @@ class CalibrationOperations(Listener):
             checks = self._session.check(solution, solver)
         self._publish(cross_checks=checks)
         if solution.accepted:
-            self._compare(self._active_parameters())
+            self._compare()
 
-    def _active_parameters(self) -> bytes:
-        """Return the controller's active document; empty without a connected arm or a document."""
-        session = self._session
-        return session.arm.active_parameters() if session.identity is not None else b""
-
-    def _compare(self, active_document: bytes) -> None:
+    def _compare(self) -> None:
+        """Publish the differences from the document that is active in the controller, if there is one."""
         session, solution = self._session, self._current_solution()
-        active = parse_parameters(active_document, "active parameters") if active_document else None
+        document = session.arm.active_parameters() if session.identity is not None else b""
+        active = parse_parameters(document, "active parameters") if document else None
         self._publish(diff=diff_rows(session.document(solution), active))
 
     def write(self, *, upload: bool = False, forced: str = "") -> None:
@@ -208,7 +203,7 @@ class CalibrationOperations(Listener):
             self.report(f"written: {exported.parameters}")
         else:
             self._publish(receipt=receipt)
-            self._compare(self._active_parameters())
+            self._compare()
             self.report(
                 f"uploaded to slot {receipt.slot} and read back: the same {receipt.length} bytes"
             )

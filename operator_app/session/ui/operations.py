@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from operator_app.errors import GuardError
 from operator_app.messages.errors import configured_words, unwatching_words
-from operator_app.session.store.state import CapturedPose, SessionState
+from operator_app.session.store.state import SessionState
 from operator_app.session.ui.calibration_operations import CalibrationOperations
 from operator_app.session.ui.snapshot import Level
 from operator_app.session.workflow import drive_selection
@@ -28,9 +30,11 @@ TEST_WIGGLE_RAD = float(np.deg2rad(2.0))
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Edit:
-    """A pose as it was before it was edited or removed, and the number of captures until then."""
+    """A change of a pose, the calls that undo and redo it, and the number of captures until then."""
 
-    before: CapturedPose
+    pose: int
+    undo: Callable[[], object]
+    redo: Callable[[], object]
     captured: int
 
 
@@ -190,67 +194,56 @@ class Operations(CalibrationOperations):
 
     def undo(self) -> None:
         """Undo the last exclusion or note or, if there is none, remove the last pose."""
-        if self._edits and self._edits[-1].captured == self._session.state.captured:
-            pose = self._edits.pop().before
-            self._save_before_edit(self._undone, pose.number)
-            self._restore(pose)
-            self.refresh()
-            self.report(f"the last change of pose {pose.number} is undone")
-            return
-        self._edits.clear()
-        pose = self._session.undo()
-        self._undone.append(_Edit(before=pose, captured=self._session.state.captured))
+        session = self._session
+        if self._edits and self._edits[-1].captured == session.state.captured:
+            edit = self._edits.pop()
+            edit.undo()
+            message = f"the last change of pose {edit.pose} is undone"
+        else:
+            self._edits.clear()
+            number = session.undo().number
+            restore = partial(session.restore, number)
+            edit = _Edit(
+                pose=number, undo=session.undo, redo=restore, captured=session.state.captured
+            )
+            message = f"pose {number} is removed"
+        self._undone.append(edit)
         self.refresh()
-        self.report(f"pose {pose.number} is removed")
+        self.report(message)
 
     def redo(self) -> None:
         """Redo the last undone change; raises GuardError if there is none, or poses were changed since."""
         if not self._undone or self._undone[-1].captured != self._session.state.captured:
             raise GuardError("There is nothing to redo", "Undo a change first (u)")
-        pose = self._undone.pop().before
-        self._save_before_edit(self._edits, pose.number)
-        self._restore(pose)
+        edit = self._undone.pop()
+        edit.redo()
+        self._edits.append(edit)
         self.refresh()
-        self.report(f"the change of pose {pose.number} is redone")
+        self.report(f"the change of pose {edit.pose} is redone")
 
     def exclude(self, number: int) -> None:
         """Exclude a pose, or include it again."""
-        self._undone.clear()
-        pose = self._save_before_edit(self._edits, number)
-        if pose is not None and pose.excluded:
-            self._session.include(number)
-            self.report(f"pose {number} is included again")
-        else:
-            self._session.exclude(number, "by the operator")
-            self.report(f"pose {number} excluded: it stays in the journal")
-        self.refresh()
+        session, pose = self._session, self._session.state.pose(number)
+        reason = "" if pose is None else pose.excluded
+        include = partial(session.include, number)
+        exclude = partial(session.exclude, number, reason or "by the operator")
+        self._edit(number, *((include, exclude) if reason else (exclude, include)))
+        now = "included again" if reason else "excluded: it stays in the journal"
+        self.report(f"pose {number} {now}")
 
     def note(self, number: int, text: str) -> None:
         """Attach a note to a pose."""
+        pose = self._session.state.pose(number)
+        before = "" if pose is None else pose.note
+        note = partial(self._session.note, number)
+        self._edit(number, partial(note, text), partial(note, before))
+
+    def _edit(self, pose: int, do: Callable[[], object], undo: Callable[[], object]) -> None:
+        do()
+        captured = self._session.state.captured
+        self._edits.append(_Edit(pose=pose, undo=undo, redo=do, captured=captured))
         self._undone.clear()
-        self._save_before_edit(self._edits, number)
-        self._session.note(number, text)
         self.refresh()
-
-    def _save_before_edit(self, edits: list[_Edit], number: int) -> CapturedPose | None:
-        """Append pose `number`, as it is before the edit, to `edits` and return it; None if there is none."""
-        state = self._session.state
-        pose = state.pose(number)
-        if pose is not None:
-            edits.append(_Edit(before=pose, captured=state.captured))
-        return pose
-
-    def _restore(self, pose: CapturedPose) -> None:
-        now = self._session.state.pose(pose.number)
-        if now is None:
-            self._session.restore(pose.number)
-            return
-        if now.note != pose.note:
-            self._session.note(pose.number, pose.note)
-        if now.excluded and not pose.excluded:
-            self._session.include(pose.number)
-        elif pose.excluded and not now.excluded:
-            self._session.exclude(pose.number, pose.excluded)
 
     # -- 7 Export ----------------------------------------------------------------------------------
 

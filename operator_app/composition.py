@@ -175,7 +175,6 @@ def open_arm(
 def _outside_arm(
     offer: ArmOffer, opening: Opening, bus: BusSettings, record_to: Path | None
 ) -> OutsideArm:
-    """Return an arm of another package; when it is closed, it holds its position."""
     if record_to is not None and not offer.records:
         raise SessionError(
             f"the arm {bus.interface!r} cannot record its bus",

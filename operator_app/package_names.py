@@ -60,7 +60,6 @@ def require_own_names() -> None:
 
 
 def _owners(name: str, location: Path) -> list[str]:
-    """Return the distributions, other than sarcal, that installed this file."""
     from importlib.metadata import files, packages_distributions
 
     others = {d for d in packages_distributions().get(name, []) if d != "sarcal"}

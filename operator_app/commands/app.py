@@ -62,7 +62,6 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _report_end(made: Sequence[Sessions], reason: str, *, plain: bool) -> int:
-    """Report the final state of arm and session; return the exit code."""
     for sessions in made:
         if sessions.lost is not None:
             say(f"sarcal: {sessions.lost}", err=True)

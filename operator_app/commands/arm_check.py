@@ -79,7 +79,6 @@ def _left(findings: Sequence[CheckFinding], problem: DrivesNotOffError | None) -
 
 
 def _ask(question: str) -> bool:
-    """Ask a question on the terminal; the end of input counts as no."""
     say(f"{question} [y/N] ", err=True)
     sys.stderr.flush()
     return sys.stdin.readline().strip().lower() in ("y", "yes")

@@ -139,7 +139,6 @@ def command_section(name: str, shared: dict[str, list[tuple[str, str]]] | None =
 
 
 def _form(action: argparse.Action) -> str:
-    """Return all forms of an option, such as ``-o FILE``, ``--output FILE``."""
     if action.choices is not None and action.metavar is None:
         value = f"{{{','.join(map(str, action.choices))}}}"
     else:

@@ -20,7 +20,6 @@ LONGEST_DAYS = 36500.0
 
 
 def _only_serial(root: Path) -> str:
-    """Return the arm's serial number if all sessions are of the same arm; else raises UsageError."""
     states = [entry.state for entry in list_sessions(root)]
     serials = sorted(
         {s.serial_number for s in states if s is not None} - {"", UNKNOWN_SERIAL_NUMBER}

@@ -156,7 +156,6 @@ def _poses(
 
 
 def _joined(parts: list[Any]) -> Any:
-    """Return the arrays concatenated; None if any of them is None."""
     return None if any(part is None for part in parts) else np.concatenate(parts)
 
 

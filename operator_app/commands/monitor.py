@@ -53,7 +53,6 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _say(args: argparse.Namespace, sentences: Iterable[str]) -> None:
-    """Print events, one per line; with --json to stderr."""
     for sentence in sentences:
         time_utc = f"{datetime.now(UTC):%H:%M:%S}"
         say(f"{time_utc}  {sentence}", err=args.json, streaming=True)

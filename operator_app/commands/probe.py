@@ -92,7 +92,6 @@ def probe_json(result: Probe) -> dict[str, Any]:
 
 
 def _report_no_nodes(result: Probe, bus: str) -> bool:
-    """Return whether no nodes were probed; if so, print why."""
     if result.busy:
         heard = ", ".join(map(str, result.heard)) or "none"
         say(

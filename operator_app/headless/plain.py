@@ -105,7 +105,6 @@ class Plain:
                 chosen.do()
 
     def _one_of(self, items: list[_Item], prompt: str) -> _Item | None:
-        """List the items, ask for a number, and return the item with this number; None if there is no such item."""
         numbered = {str(number): item for number, item in enumerate(items, 1)}
         for number, item in numbered.items():
             closed = f" (closed: {item.missing})" if item.missing else ""
@@ -117,7 +116,6 @@ class Plain:
         return None
 
     def _items(self, s: SessionSnapshot) -> list[_Item]:
-        """Return the menu items: actions of the step, steps to go to, actions of all steps, and Quit."""
         own, common = action_table.prompts(self._step)
         items = [item for action in own for item in self._lines(action, s)]
         if self._step is Step.RESULTS:

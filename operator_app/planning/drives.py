@@ -177,7 +177,6 @@ def named_drives(prediction: DrivePrediction, drives: tuple[int, ...], kind: str
 
 
 def _joint_out_of_range(arm: ArmModel, manifold: Manifold) -> str:
-    """Return the reason why the arm can hardly move, as the end of a sentence."""
     over = np.maximum(arm.lower_rad - manifold.q[0], manifold.q[0] - arm.upper_rad)
     joint = int(np.argmax(over))
     if over[joint] <= 0.0:
@@ -200,7 +199,6 @@ def _usable(prediction: DrivePrediction, unsensed_joints: tuple[int, ...]) -> li
 
 
 def _against_here(prediction: DrivePrediction, best: RankedDrives) -> tuple[str, ...]:
-    """Return a text that compares the chosen drive joints with the best ones at the current pose."""
     first = prediction.here[0]
     if first.drives == best.drives:
         return ("also best at the present pose",)
@@ -215,8 +213,6 @@ def _against_here(prediction: DrivePrediction, best: RankedDrives) -> tuple[str,
 def _with_complementary_sets(
     manifold: Manifold, drives: tuple[int, ...], usable: list[tuple[int, ...]]
 ) -> tuple[tuple[int, ...], ...]:
-    """Return `drives`, followed by the sets that reach further poses."""
-
     def reach(*sets: tuple[int, ...]) -> float:
         return float(PathGraph(manifold, sets, LIMITS).reachable(0).mean())
 

@@ -115,10 +115,7 @@ def _moving(
 
 
 def _sensor(arm: ArmModel, joint: int, rng: np.random.Generator) -> JointSensor | None:
-    """Return the simulated sensor of a joint (0-based), with the largest specified linearity deviation.
-
-    The result is None if the joint has no sensor.
-    """
+    """Return the sensor of a joint (0-based), with the largest specified linearity deviation; None without a sensor."""
     stated, curve = arm.joints[joint], None
     sensor = stated.sensor
     if isinstance(sensor, NoSensor):

@@ -242,7 +242,6 @@ def _refusal(
 
 
 def _cause_text(near: Innovation | None) -> str:
-    """Return text that names the joint whose shift alone explains the closure error, or the general cause."""
     from scipy.special import chdtrc
 
     if near is not None and near.dof > 1:

@@ -113,7 +113,6 @@ class SensorFaults:
         return self._poses_with_same_reading(joint) if same else ()
 
     def _poses_with_same_reading(self, joint: int) -> tuple[int, ...]:
-        """Return the numbers of the last pose and of the consecutive poses before it with the same reading."""
         poses, near = self._logbook.state.poses_here, _resolution_rad(self._logbook.model, joint)
         alike = takewhile(
             lambda pose: abs(pose.mean_rad[joint - 1] - poses[-1].mean_rad[joint - 1]) <= near,

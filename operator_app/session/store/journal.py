@@ -196,7 +196,6 @@ class Journal:
     # -- lost ------------------------------------------------------------------------------------
 
     def _file_problem(self) -> str:
-        """Return text that states what another program did to the file; "" if the file is as expected."""
         try:
             on_disk, opened = self.path.stat(), os.fstat(self._descriptor)
         except (FileNotFoundError, NotADirectoryError):
@@ -213,7 +212,6 @@ class Journal:
         return ""
 
     def _changed_line(self) -> str:
-        """Return text on the first line changed since it was read or written, or on a read error; else ""."""
         position = 0
         for number, line in enumerate(self._lines, 1):
             try:

@@ -206,7 +206,6 @@ def _with_bit_restored(line: bytes, before: str) -> bytes | None:
 
 
 def _event_hint(line: bytes) -> str:
-    """Return text with the event and pose number of a lost line; "" if the event cannot be read."""
     name, number = EVENT_NAME.search(line), POSE_NUMBER.search(line)
     if name is None:
         return ""

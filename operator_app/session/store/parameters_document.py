@@ -120,7 +120,6 @@ def _budget(solution: Solution, listed: Mapping[str, int]) -> Mapping[str, Mappi
 
 
 def _several(model: ClosureModel) -> tuple[records.DocumentWarning, ...]:
-    """Return a warning that names the placement in the document, if there are several placements."""
     if not isinstance(model, Placements):
         return ()
     text = (
@@ -131,10 +130,7 @@ def _several(model: ClosureModel) -> tuple[records.DocumentWarning, ...]:
 
 
 def _table_of(model: ClosureModel, x: FloatArray, kind: str) -> DhTable:
-    """Return the identified D-H rows 0..n; row 0 is zero if the fixture is not a D-H link.
-
-    Raises SessionError if several placements have no common table.
-    """
+    """Return the identified D-H rows 0..n; row 0 is zero if the fixture is not a D-H link."""
     table = model.dh_table(x)
     if table is not None:
         return table

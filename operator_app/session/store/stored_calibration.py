@@ -166,7 +166,6 @@ def journal_calibration(state: SessionState) -> StoredCalibration | str:
 
 
 def _is_consistent(estimate: Estimate | None, poses: int) -> bool:
-    """Whether the shapes of an estimate's arrays match its number of parameters and the number of poses."""
     if estimate is None:
         return True
     count = len(estimate.parameters)

@@ -65,7 +65,6 @@ def apply_modes(context: ActionContext) -> None:
 
 
 def _modes_text(s: SessionSnapshot) -> str:
-    """Return text that names the joints in position mode, and warns about free joints."""
     free = len(s.selected_joints) < s.procedure.arm.joint_count
     return _selected_text(s, "in") + (" (they yield when pushed)" if free else "")
 
@@ -251,7 +250,6 @@ def resume(context: ActionContext) -> None:
 
 
 def _in_a_line(entry: SessionEntry) -> str:
-    """Return text with the number of poses and the stage of a session, or why its journal cannot be read."""
     if entry.state is None:
         return f"cannot be read: {entry.problem}"
     state = entry.state
@@ -270,7 +268,6 @@ def procedure(context: ActionContext) -> None:
 
 
 def _held(s: SessionSnapshot) -> str:
-    """Return the clause that the arm is held; "" if no arm is connected."""
     return ", the arm is held" if s.connected else ""
 
 

@@ -314,7 +314,6 @@ def stops_on_any_key(task: RunningTask | None) -> bool:
 
 
 def _not_ready(s: SessionSnapshot) -> str:
-    """Return which drives are not enabled or, if all are, which is not in its confirmed mode."""
     if s.arm is None:
         return "there is no data from the drives"
     others = [j.drive for j in s.arm.joints if j.drive is not DriveState.OPERATION_ENABLED]

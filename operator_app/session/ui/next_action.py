@@ -49,7 +49,6 @@ def next_action(step: Step, s: SessionSnapshot) -> NextAction:
 
 
 def _faults(faults: Mapping[int, str]) -> str:
-    """Return which drives are in fault, with the codes if there are any, and how to reset them."""
     what = "; ".join(sorted({text for text in faults.values() if text}))
     known = f" ({what})" if what else ""
     which, them = f"{len(faults)} drives are", "them"

@@ -249,7 +249,6 @@ class Runner:
 
     @contextmanager
     def _supervised(self) -> Iterator[None]:
-        """Stop the arm if an unexpected exception ends the thread, and keep the exception as `defect`."""
         try:
             yield
         except BaseException as error:  # noqa: BLE001 - kept for the screen to raise
@@ -301,7 +300,6 @@ class Runner:
             self.publish(lambda s: replace(s, task=None))
 
     def _recover(self) -> None:
-        """Publish the state after a task that did not succeed."""
         try:
             self.operations.refresh()
         except EXPECTED as error:

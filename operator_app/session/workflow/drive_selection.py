@@ -271,7 +271,6 @@ def visit(session: Session, index: int) -> bool:
 
 
 def _last_reason(session: Session) -> str:
-    """Return text on why the last skipped waypoint was skipped; "" if none was skipped."""
     reasons = [reason for reason in session.state.skipped_waypoints.values() if reason]
     return f"; the last waypoint was skipped because {reasons[-1]}" if reasons else ""
 

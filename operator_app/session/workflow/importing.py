@@ -152,7 +152,6 @@ class ImportedSession:
 
 
 def _numbered(poses: PoseSet) -> PoseSet:
-    """Return the poses numbered from 1, with their original names in the notes."""
     numbers = tuple(str(k) for k in range(1, len(poses) + 1))
     if poses.label == numbers:
         return poses
@@ -186,7 +185,6 @@ def _pose(poses: PoseSet, k: int) -> dict[str, Any]:
 def _procedure(
     name: str, slowest_deg_per_s: float, poses: int, options: CalibrationOptions
 ) -> bytes:
-    """Return the contents of a procedure file for these poses."""
     name = re.sub(r"[^A-Za-z0-9_-]+", "-", name).strip("-")[:48]
     if not re.match(r"[A-Za-z]", name):
         name = f"poses-{name}".rstrip("-")
@@ -264,7 +262,6 @@ def replace_session(
 
 
 def _contents(events: Sequence[JournalEvent]) -> list[Any]:
-    """Return the arm file, serial number, fixture file and poses of a session, for comparison."""
     contents: list[Any] = []
     for event in events:
         match event.name:

@@ -246,7 +246,6 @@ def resume(reference: str, choices: Choices, *, root: Path) -> Opening:
 
 
 def _with_choices(procedure: Procedure, choices: Choices) -> Procedure:
-    """Return the procedure with these choices applied; raises SessionError if it does not allow them."""
     capture, plan = procedure.capture, choices.plan
     if plan == "planned" and capture.strategy == "explore":
         # A planned capture needs fewer poses than an explored one.

@@ -172,7 +172,6 @@ class PlannedCapture:
 
     @contextmanager
     def _planning(self) -> Iterator[None]:
-        """Report to the listener that poses are being planned and nothing moves."""
         self._listener.planning(active=True)
         try:
             yield
@@ -227,7 +226,6 @@ class PlannedCapture:
         self._moved = False
 
     def _report_plan(self, campaign: Campaign, *, after_exploring: bool) -> None:
-        """Report a new plan to the operator; `after_exploring`: whether the arm explored until then."""
         if campaign.plan is None or campaign.estimate is None:
             return
         count = len(campaign.readings_rad)

@@ -28,8 +28,6 @@ def execute(args: argparse.Namespace) -> int:
         raise UsageError(
             "--tracker stdin: standard input is the keyboard here; use tcp:HOST:PORT or file:PATH"
         )
-    if not 0.01 <= args.speed <= 50.0:
-        raise UsageError("--speed: between 0.01 and 50 times real time")
     if not args.plain and os.environ.get("TERM") == "dumb":
         # Such a terminal passes on whole lines only: a single key, such as the space bar for STOP, would not arrive.
         raise UsageError("the terminal app cannot run in this terminal (TERM=dumb): use --plain")

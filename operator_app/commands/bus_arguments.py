@@ -10,6 +10,7 @@ from operator_app.commands.options import (
     BUS_WITHOUT_PROFILE,
     SESSION_OR_ARM,
     VIRTUAL_ARM,
+    between,
     declaration,
     group,
     option,
@@ -60,15 +61,6 @@ def controller(parser: argparse.ArgumentParser) -> None:
     default_s, most_s = objects.HEARTBEAT_TIMEOUT_S, objects.MAX_OPERATOR_TIMEOUT_S
     at_connect = [kind for kind, fault_words in FAULTS.items() if fault_words.at_connect]
 
-    def patience_s(text: str) -> float:
-        try:
-            value = float(text)
-        except ValueError:
-            value = 0.0
-        if not 0.1 <= value <= most_s:
-            raise argparse.ArgumentTypeError(f"{text} is not a time from 0.1 to {most_s:g} s")
-        return value
-
     declaration(
         """
         --arm ARM  arm file or built-in name (default sarcos_dextrous)
@@ -86,7 +78,7 @@ def controller(parser: argparse.ArgumentParser) -> None:
             "time in s without the operator's heartbeat after which the drives trip (1016h): default "
             f"{default_s:g}, at most {most_s:g}; a busy machine may need more than the default. `sarcal "
             f"arm-check` accepts at most {objects.ADVISED_OPERATOR_TIMEOUT_S:g}",
-            type=patience_s,
+            type=between(0.1, most_s, "s"),
         ),
         group(
             "injected faults, to see how they appear to an operator",

@@ -52,8 +52,6 @@ def recording(args: argparse.Namespace, opening: Opening) -> Path | None:
 
 def choices_from(args: argparse.Namespace, *, journal: bool = True) -> Choices:
     """Return the choices made by these options; if `journal`, with the operator's name from the user settings."""
-    if args.seed is not None and args.seed < 0:
-        raise UsageError("--seed: must be a whole number of at least 0")
     if args.channel is not None and not (args.channel.isprintable() and len(args.channel) <= 255):
         raise UsageError("--channel: a bus name has at most 255 printable characters, e.g. can0")
     operator = None

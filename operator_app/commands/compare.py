@@ -13,8 +13,6 @@ from operator_app.safe_output import as_json, say
 
 def execute(args: argparse.Namespace) -> int:
     """Compare the calibrations and print the result."""
-    if not 0.0 < args.level < 1.0:
-        raise UsageError(f"--level {args.level:g}: a probability is between 0 and 1, e.g. 0.01")
     before = parameters_at(args.a, args.sessions)
     after = parameters_at(args.b, args.sessions)
     try:

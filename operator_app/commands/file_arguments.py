@@ -11,6 +11,7 @@ from operator_app.commands.options import (
     one_of,
     option,
     shared,
+    whole,
 )
 from operator_app.safe_output import say
 
@@ -188,7 +189,8 @@ report = declaration(
 )
 
 reproduce = declaration(
-    option("--poses N", "how many poses (default 40)", default=40), shared("--json")
+    option("--poses N", "how many poses (default 40)", type=whole(8, 120), default=40),
+    shared("--json"),
 )
 
 session = declaration(

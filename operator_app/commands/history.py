@@ -16,8 +16,6 @@ from operator_app.safe_output import as_json, say
 from operator_app.session.store.folders import list_sessions
 from operator_app.session.workflow.importing import UNKNOWN_SERIAL_NUMBER
 
-LONGEST_DAYS = 36500.0
-
 
 def _only_serial(root: Path) -> str:
     states = [entry.state for entry in list_sessions(root)]
@@ -37,8 +35,6 @@ def _only_serial(root: Path) -> str:
 
 def execute(args: argparse.Namespace) -> int:
     """Read the sessions and print the history."""
-    if args.every is not None and not 0.0 < args.every <= LONGEST_DAYS:
-        raise UsageError(f"--every {args.every:g}: days, more than 0 and at most {LONGEST_DAYS:g}")
     if args.serial == UNKNOWN_SERIAL_NUMBER:
         raise UsageError(
             "sessions without a serial number may be from several arms; import with --serial"

@@ -170,10 +170,6 @@ def _recorded(
     """Return the poses of a recording, one for each dwell, and the JSON data of the recording."""
     dwell_s = DWELL_S if args.dwell_s is None else args.dwell_s
     spread_deg = DWELL_SPREAD_DEG if args.spread_deg is None else args.spread_deg
-    if not 0.01 <= dwell_s <= 3600.0:
-        raise UsageError(f"--dwell-s {dwell_s:g}: seconds, 0.01 to 3600")
-    if not 1e-4 <= spread_deg <= 5.0:
-        raise UsageError(f"--spread-deg {spread_deg:g}: degrees, 0.0001 to 5")
     if args.placement:
         raise UsageError(
             "--placement is for logs with a row for each pose; give a recording for each placement"

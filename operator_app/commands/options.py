@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import re
 from collections.abc import Callable, Mapping
@@ -20,12 +21,32 @@ STAGES = ("look", "hold", "move", "free", "leave", "silence")
 FORMATS = ("yaml", "json", "csv", "urdf", "mat")
 
 
-def pose_count(text: str) -> int:
-    """Parse ``--poses``; commands check the lower limit."""
-    count = int(text) if re.fullmatch(r"[-+]?\d{1,18}", text) else MOST_POSES + 1
-    if count > MOST_POSES:
-        raise argparse.ArgumentTypeError(f"{text} is not a whole number up to {MOST_POSES}")
-    return count
+def whole(least: int, most: int = 10**18) -> Callable[[str], int]:
+    """Return a parser of whole numbers from `least` to `most`."""
+
+    def parse(text: str) -> int:
+        value = int(text) if re.fullmatch(r"\d{1,18}", text) else -1
+        if not least <= value <= most:
+            raise argparse.ArgumentTypeError(f"{text} is not a whole number from {least} to {most}")
+        return value
+
+    return parse
+
+
+def between(least: float, most: float, unit: str = "") -> Callable[[str], float]:
+    """Return a parser of numbers from `least` to `most`, except 0."""
+
+    def parse(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = 0.0
+        if value == 0.0 or not least <= value <= most:
+            limits = f"between {least:g} and {most:g} {unit}".rstrip()
+            raise argparse.ArgumentTypeError(f"{text} is not a number {limits}")
+        return value
+
+    return parse
 
 
 def a_name(text: str) -> str:
@@ -48,14 +69,6 @@ def a_path(text: str) -> Path:
     return Path(path)
 
 
-def placement_count(text: str) -> int:
-    """Parse ``--placements`` and ``--placement``."""
-    count = int(text) if re.fullmatch(r"\d{1,4}", text) else 0
-    if count < 1:
-        raise argparse.ArgumentTypeError(f"{text} is not a whole number of at least 1")
-    return count
-
-
 ARGUMENTS: Mapping[str, Mapping[str, Any]] = {
     "--estimator": {"choices": ("implicit", "paper")},
     "--plan": {"choices": ("explore", "planned")},
@@ -64,9 +77,9 @@ ARGUMENTS: Mapping[str, Mapping[str, Any]] = {
     "--format": {"choices": FORMATS},
     "--kind": {"choices": ("hinge", "ball")},
     "--from NAME": {"dest": "packaged"},
-    "--poses N": {"type": pose_count},
-    "--placements N": {"type": placement_count},
-    "--placement K": {"type": placement_count, "default": 1},
+    "--poses N": {"type": whole(1, MOST_POSES)},
+    "--placements N": {"type": whole(1)},
+    "--placement K": {"type": whole(1, 9999), "default": 1},
     "--sessions DIR": {"type": a_path, "default": Path("sessions")},
     "--state DIR": {"type": a_path},
     "--record FILE": {"type": a_path},
@@ -77,22 +90,22 @@ ARGUMENTS: Mapping[str, Mapping[str, Any]] = {
     "-o --output FILE": {"type": a_path},
     "-o --output DIR": {"type": a_path, "default": Path()},
     "-b --bitrate BITRATE": {"type": int},
-    "--seed SEED": {"type": int},
-    "--tries N": {"type": int},
-    "--tracker-port N": {"type": int},
+    "--seed SEED": {"type": whole(0)},
+    "--tries N": {"type": whole(1)},
+    "--tracker-port N": {"type": whole(0, 65535)},
     "--fault-joint J": {"type": int, "default": 3},
-    "--fault-sync N": {"type": int},
-    "--speed N": {"type": float, "default": 1.0},
-    "--speed DEG_PER_S": {"type": float, "default": 1.0},
-    "--step DEG": {"type": float, "default": 1.0},
-    "--seconds S": {"type": float},
-    "--dwell-s S": {"type": float},
-    "--spread-deg DEG": {"type": float},
-    "--length-tolerance MM": {"type": float},
+    "--fault-sync N": {"type": whole(0)},
+    "--speed N": {"type": between(0.01, 50.0), "default": 1.0},
+    "--speed DEG_PER_S": {"type": between(0.05, 10.0, "deg/s"), "default": 1.0},
+    "--step DEG": {"type": between(0.05, 10.0, "deg"), "default": 1.0},
+    "--seconds S": {"type": between(0.0, 1e7, "s")},
+    "--dwell-s S": {"type": between(0.01, 3600.0, "s")},
+    "--spread-deg DEG": {"type": between(1e-4, 5.0, "deg")},
+    "--length-tolerance MM": {"type": between(0.0, 100.0, "mm")},
     "--tolerance-mm MM": {"type": float},
     "--tolerance-deg DEG": {"type": float},
-    "--level P": {"type": float, "default": 0.01},
-    "--every DAYS": {"type": float},
+    "--level P": {"type": between(0.0, math.nextafter(1.0, 0.0)), "default": 0.01},
+    "--every DAYS": {"type": between(0.0, 36500.0, "days")},
     "--instrument FIXTURE": {"default": "tracker"},
 }
 """Further arguments to argparse for some options, by usage."""
@@ -228,13 +241,8 @@ SESSION_OR_ARM = declaration(
 
 
 def tolerance_m(args: argparse.Namespace) -> float | None:
-    """Return ``--length-tolerance`` in metres; raises UsageError if it is out of range."""
-    tolerance_mm: float | None = args.length_tolerance
-    if tolerance_mm is None:
-        return None
-    if not 0.0 < tolerance_mm <= 100.0:
-        raise UsageError("--length-tolerance: millimetres, more than 0 and at most 100")
-    return tolerance_mm / 1e3
+    """Return ``--length-tolerance`` in metres."""
+    return None if args.length_tolerance is None else args.length_tolerance / 1e3
 
 
 def given_joints(text: str | None) -> tuple[int, ...] | None:

@@ -27,10 +27,6 @@ from solver.arrays import FloatArray
 
 def execute(args: argparse.Namespace) -> int:
     """Plan the poses and print the plan."""
-    if args.poses is not None and args.poses < 1:
-        raise UsageError("--poses: must be at least 1")
-    if args.tries is not None and args.tries < 1:
-        raise UsageError("--tries: must be at least 1")
     if args.tries is not None and not args.advise:
         raise UsageError("--tries is used only with --advise: add --advise, or leave --tries out")
     procedure, known_rad, basis = _of_session(args) if args.session else _of_files(args)

@@ -163,8 +163,6 @@ def _open_arm(
 def _on_the_arm(
     opening: Opening, solution: Solution, count: int, *, homing: bool, record_to: Path | None
 ) -> tuple[VerificationResult, PoseSet]:
-    if count < 1:
-        raise UsageError("--poses: must be at least 1")
     with unattended(opening, record_to=record_to) as session:
         connect(session, Listener())
         session.set_modes(drives_of(session))

@@ -74,7 +74,7 @@ def test_documents_that_cannot_be_compared_are_refused(tmp_path, run_command):
         ([one, other], "SDA-0002"),
         ([one, str(broken)], "c.yaml"),
         ([one, str(tmp_path / "none")], "is not a session"),
-        ([one, one, "--level", "2"], "--level 2: a probability is between 0 and 1"),
+        ([one, one, "--level", "2"], "--level: 2 is not a number between 0 and 1"),
         *(([one, one, "--level", level], "between 0 and 1") for level in ("0", "1", "nan")),
     ):
         answer = run_command(2, "compare", *arguments)

@@ -170,6 +170,6 @@ def test_invalid_argument_is_one_error(sessions, tmp_path, history):
         (["SDA-9"], sessions, "erial numbers there: SDA-7, SDA-8"),
         (["SDA-9"], tmp_path / "none", "erial numbers there: none"),
         (["unstated"], sessions, "import with --serial"),
-        ([SERIAL, "--every", "0"], sessions, "--every 0: days"),
+        ([SERIAL, "--every", "0"], sessions, "--every: 0 is not a number between 0 and 36500 days"),
     ):
         assert message in history(2, root, *arguments).err

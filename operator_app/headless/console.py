@@ -2,28 +2,24 @@
 
 from __future__ import annotations
 
-from fixtures.base import SetupCheck
 from hardware import errors
-from hardware.arm import ArmIdentity
 from hardware.canopen.objects import EmergencyCode
 from operator_app.calibration.result import Solution
 from operator_app.composition import CutShort
 from operator_app.messages.errors import stopped_words, trip_cause_remedy, words
-from operator_app.planning.drives import DriveChoice
 from operator_app.safe_output import sanitized, say
 from operator_app.session.safety.latency import lateness_text
 from operator_app.session.store.folders import read_session
 from operator_app.session.store.state import SessionState
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
-from operator_app.units import joints_named, names, others_free, plural
+from operator_app.units import plural
 
 
 class ConsoleListener(Listener):
     """Writes the progress of a run to stderr."""
 
     def __init__(self) -> None:
-        self._joints = 0
         self._late_times = 0
 
     def report(self, text: str) -> None:
@@ -41,31 +37,6 @@ class ConsoleListener(Listener):
         """Report what has been saved of a run that ended early, and how to continue."""
         for line in cut_short_lines(cut):
             self.report(line)
-
-    def connected(self, identity: ArmIdentity) -> None:
-        """Report model, serial number and nodes of the arm."""
-        self._joints = sum(node.role.startswith("joint") for node in identity.nodes)
-        simulated = "simulated " if identity.simulated else ""
-        self.report(
-            f"Connected to {identity.model}, serial {identity.serial_number}: "
-            f"{plural(len(identity.nodes), f'{simulated}{identity.speaks} node')}."
-        )
-
-    def fixture_checked(self, checks: tuple[SetupCheck, ...]) -> None:
-        """Report the set-up checks."""
-        for check in checks:
-            remedy = f": {check.remedy}" if check.remedy else ""
-            self.report(f"Fixture {check.severity.value}: {check.text}{remedy}")
-
-    def drives_chosen(self, choice: DriveChoice) -> None:
-        """Report the drive joints and the reasons for the choice."""
-        self.report(f"Drive joints: {names(choice.drives)} ({'; '.join(choice.reasons)}).")
-
-    def modes_set(self, position_joints: tuple[int, ...]) -> None:
-        """Report the joints in position mode."""
-        driven = joints_named(position_joints).capitalize()
-        others = others_free(len(position_joints), self._joints)
-        self.report(f"{driven} in position mode{others}; read back from the drives.")
 
     def pose_captured(self, state: SessionState, total: int) -> None:
         """Report the pose, and new delays of this computer."""

@@ -169,6 +169,13 @@ def unwatching_words(identity: ArmIdentity) -> str:
     )
 
 
+def connected_words(identity: ArmIdentity) -> str:
+    """Return model, serial number and nodes of a connected arm."""
+    kind = f"{'simulated ' if identity.simulated else ''}{identity.speaks} node"
+    nodes = plural(len(identity.nodes), kind)
+    return f"Connected to {identity.model}, serial {identity.serial_number}: {nodes}"
+
+
 def configured_words(identity: ArmIdentity) -> str:
     """Return the sentence on drive objects that were changed as the bus profile requires; "" if none were."""
     zeroed = identity.zeroed

@@ -16,8 +16,8 @@ from hardware.virtual.controller import VirtualController
 from hardware.virtual.embedded_bus import attended_opener
 from operator_app.calibration.result import Solution
 from operator_app.calibration.verification import VerificationResult
+from operator_app.commands.run import RunResult, run
 from operator_app.effective_procedure import effective_procedure
-from operator_app.headless.procedure_run import RunResult, run
 from operator_app.session.store.stored_calibration import session_calibration
 from operator_app.session.workflow.capture import verify
 from operator_app.session.workflow.drive_selection import drives_of

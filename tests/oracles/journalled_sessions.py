@@ -3,8 +3,8 @@
 from dataclasses import replace
 from pathlib import Path
 
+from operator_app.commands.run import run
 from operator_app.effective_procedure import effective_procedure
-from operator_app.headless.procedure_run import run
 from operator_app.session.store.journal import JOURNAL_NAME, Clock, utc_now
 from operator_app.session.ui.operations import Operations
 from operator_app.session.ui.snapshot import Change, Level, SessionSnapshot

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from hardware.virtual.faults import lose_counts
+from operator_app.commands.run import run
 from operator_app.errors import GuardError
-from operator_app.headless.procedure_run import run
 from operator_app.session.workflow import drive_selection
 from operator_app.session.workflow.capture import take_poses
 from operator_app.session.workflow.listener import Listener

@@ -12,9 +12,9 @@ from hardware.arm import JointMode
 from hardware.buses.python_can import BusSettings, open_bus
 from hardware.virtual.axis import JointCommand, arm_axes
 from hardware.virtual.scenarios import scenario
+from operator_app.commands.run import RunResult, run
 from operator_app.config.arm_file import load_arm
 from operator_app.effective_procedure import effective_procedure
-from operator_app.headless.procedure_run import RunResult, run
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.opening import Choices, Rig, begin, open_session
 from operator_app.session.workflow.session import Session

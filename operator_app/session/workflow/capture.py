@@ -15,7 +15,7 @@ from operator_app.calibration.prior import is_unpredicted
 from operator_app.calibration.result import Solution
 from operator_app.calibration.verification import VerificationResult, verify_poses
 from operator_app.errors import GuardError
-from operator_app.messages.errors import configured_words, unwatching_words
+from operator_app.messages.errors import configured_words, connected_words, unwatching_words
 from operator_app.planning.live import is_path_clear
 from operator_app.session.safety.resume_checks import SHIFT_RAD
 from operator_app.session.safety.return_check import agreement, check_repeat
@@ -25,7 +25,7 @@ from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.planned_capture import PlannedCapture
 from operator_app.session.workflow.pose_reading import TargetLostError
 from operator_app.session.workflow.session import Session
-from operator_app.units import REACH
+from operator_app.units import REACH, joints_named, others_free
 from solver.chain.poses import PoseSet
 from solver.design.actions import Finished
 from solver.loops.placements import Placements
@@ -41,9 +41,9 @@ def connect(session: Session, listener: Listener, *, measuring: bool = True) -> 
     """
     session.instruct = listener.report
     identity = session.connect(measuring=measuring)
-    listener.connected(identity)
-    for text in filter(None, (configured_words(identity), unwatching_words(identity))):
-        listener.report(f"{text}.")
+    for words in (connected_words, configured_words, unwatching_words):
+        if text := words(identity):
+            listener.report(f"{text}.")
     faults = session.arm.snapshot().faults
     # With any other fault nothing is reset, since the cause of that fault may be in the arm.
     if faults and all(f.code == EmergencyCode.HEARTBEAT_LOST for f in faults):
@@ -77,7 +77,9 @@ def take_poses(
         joints = planned.ready()
     if drives is not None or joints != session.state.position_joints:
         session.set_modes(joints)
-        listener.modes_set(joints)
+        driven = joints_named(joints).capitalize()
+        others = others_free(len(joints), session.model.joint_count)
+        listener.report(f"{driven} in position mode{others}; read back from the drives.")
     if homing and (planned is None or not planned.continues_in_place):
         go_home_if_outside(session, listener)
     drift_check = _DriftCheck(session, listener, planned)

@@ -20,7 +20,7 @@ from operator_app.session.store.logbook import Logbook
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.pose_reading import TargetLostError
 from operator_app.session.workflow.session import Session
-from operator_app.units import REACH
+from operator_app.units import REACH, names
 from solver.arrays import FloatArray
 from solver.chain.parameters import nominal_vector
 from solver.chain.sensors import Encoder
@@ -40,7 +40,7 @@ def drives_of(session: Session, listener: Listener | None = None) -> tuple[int, 
         return session.state.drives
     choice = choose(session)
     if listener is not None:
-        listener.drives_chosen(choice)
+        listener.report(f"Drive joints: {names(choice.drives)} ({'; '.join(choice.reasons)}).")
     return choice.drives
 
 

@@ -2,28 +2,13 @@
 
 from __future__ import annotations
 
-from fixtures.base import SetupCheck
-from hardware.arm import ArmIdentity
 from operator_app.calibration.result import Solution
-from operator_app.planning.drives import DriveChoice
 from operator_app.session.store.state import SessionState
 from solver.design.actions import GoTo
 
 
 class Listener:
     """Base class of listeners; the methods are called in the thread of the session and do nothing by default."""
-
-    def connected(self, identity: ArmIdentity) -> None:
-        """The arm is connected and identified."""
-
-    def fixture_checked(self, checks: tuple[SetupCheck, ...]) -> None:
-        """The fixture has been checked."""
-
-    def drives_chosen(self, choice: DriveChoice) -> None:
-        """The drive joints have been chosen."""
-
-    def modes_set(self, position_joints: tuple[int, ...]) -> None:
-        """All drives have confirmed their modes."""
 
     def going(self, move: GoTo | None) -> None:
         """The arm is about to move; `move` is the move of a planned capture, None for any other motion."""

@@ -4,6 +4,7 @@ import pytest
 
 from hardware.arm import ArmIdentity
 from operator_app.headless.console import ConsoleListener
+from operator_app.messages.errors import connected_words
 from operator_app.session.store.state import SessionState
 from tests.oracles.plant_arm import node
 
@@ -11,15 +12,14 @@ from tests.oracles.plant_arm import node
 @pytest.mark.parametrize(
     ("second_name", "nodes"),
     [
-        ("sarcal virtual supervisor", "2 simulated CANopen nodes."),
-        ("a drive", "2 CANopen nodes."),
+        ("sarcal virtual supervisor", "2 simulated CANopen nodes"),
+        ("a drive", "2 CANopen nodes"),
     ],
 )
-def test_simulated_nodes_are_reported_as_simulated(second_name, nodes, capsys):
+def test_simulated_nodes_are_reported_as_simulated(second_name, nodes):
     identities = (node(1, 1, "sarcal virtual joint drive"), node(2, 2, second_name))
     arm = ArmIdentity(model="an_arm", serial_number="A-1", nodes=identities)
-    ConsoleListener().connected(arm)
-    assert capsys.readouterr().err == f"Connected to an_arm, serial A-1: {nodes}\n"
+    assert connected_words(arm) == f"Connected to an_arm, serial A-1: {nodes}"
 
 
 def test_each_pose_is_one_line(capsys):

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from operator_app.headless.procedure_run import run
+from operator_app.commands.run import run
 from operator_app.report.html.page import report_html
 from operator_app.report.subject import Subject, subject_of_session
 from operator_app.session.store.journal import JournalEvent, read_journal

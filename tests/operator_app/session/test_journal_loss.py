@@ -10,8 +10,8 @@ import pytest
 
 from hardware.arm import HostLatency, JointMode
 from operator_app.calibration.result import Solution
+from operator_app.commands.run import run
 from operator_app.errors import JournalLostError
-from operator_app.headless.procedure_run import run
 from operator_app.session.store.journal import JOURNAL_NAME, Journal, read_journal
 from operator_app.session.store.state import SessionState
 from operator_app.session.ui.snapshot import Level, TaskKind

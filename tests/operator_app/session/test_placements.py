@@ -9,10 +9,10 @@ from typing import Any
 import pytest
 
 from hardware.control.canopen_arm import CanopenArm
+from operator_app.commands.run import next_placement, remounting_lines, require_mounted
 from operator_app.errors import DrivesNotOffError, GuardError, SessionError
 from operator_app.exit_codes import exit_code
 from operator_app.headless.console import ConsoleListener
-from operator_app.headless.procedure_run import next_placement, require_mounted, words
 from operator_app.session.store.journal import JOURNAL_NAME, read_journal
 from operator_app.session.store.replay import replay, session_state
 from operator_app.session.store.state import SessionState
@@ -114,7 +114,7 @@ def test_next_placement_is_due_once_the_first_is_complete(write_session, events,
 def test_operator_must_confirm_the_next_placement(write_session, type_lines, approve):
     folder = write_session()
     opening = resume_in(folder)
-    approve(" ".join(words(opening, drives_off=True)))
+    approve(" ".join(remounting_lines(opening, drives_off=True)))
     # The bus comes from the journal if not from the command line. Lines typed before the question do not count.
     for text, asked in (
         ("", opening),

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from operator_app.commands.run import run
 from operator_app.config.parameters_file import load_parameters
 from operator_app.config.poses_file import load_poses
 from operator_app.errors import GuardError
-from operator_app.headless.procedure_run import run
 from operator_app.session.ui.operations import Operations
 from operator_app.session.ui.snapshot import Level
 from operator_app.session.workflow.capture import connect, verify
@@ -39,9 +39,9 @@ def test_changed_drive_settings_are_reported_and_journalled(make_session, identi
     session.arm.connect = lambda: replace(connect_arm(), **identity)
     listener, publisher = RecordingListener(), Quiet(session)
     connect(session, listener)
-    approve(listener.reports[0])
+    approve(listener.reports[1])
     Operations(session, publisher).connect()
-    assert (level, listener.reports[0].removesuffix(".")) in publisher.messages
+    assert (level, listener.reports[1].removesuffix(".")) in publisher.messages
     journalled = [data.get("configured", []) for data in event_data(session, "connected")]
     assert journalled == [list(identity.get("configured", ()))] * 2
 

@@ -7,10 +7,10 @@ from dataclasses import replace
 import pytest
 
 from hardware.errors import BusError, UploadRefused, UploadUnknown
+from operator_app.commands.run import run
 from operator_app.config.parameters_file import load_parameters
 from operator_app.config.poses_file import load_poses
 from operator_app.errors import ConnectAgainError, GuardError, JournalError
-from operator_app.headless.procedure_run import run
 from operator_app.report.results.session import session_text
 from operator_app.session.workflow.export import export
 from operator_app.session.workflow.listener import Listener

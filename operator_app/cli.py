@@ -13,15 +13,15 @@ import os
 import re
 import sys
 from collections.abc import Sequence
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from operator_app.commands.table import APP, COMMANDS, complete, declare, module, words_to_complete
 from operator_app.package_names import ForeignPackageError, require_own_names
 from operator_app.safe_output import open_closed_streams, sanitized, say, silence
 from operator_app.signals import INTERRUPTED, ProcessEnd, ending_signals_interrupt, interrupted
 
-NUMBERS = re.compile(r"-[\d.][\d.eE+-]*(,[\d.eE+-]+)+")
-OPTION = re.compile(r"--[a-z-]+")
+NUMBERS = re.compile(r"-[\d.][\d.eE+-]*(,[\d.eE+-]+)*")
+"""Pattern of the values that begin with a minus sign, such as ``-60,0,80``."""
 
 DESCRIPTION = """\
 Calibrate a redundant arm without an external measuring device: the tool is bolted to the table
@@ -109,7 +109,7 @@ def _dispatch(argv: Sequence[str]) -> int:
             chosen = sub
     if completing is not None:
         complete(parser, chosen)
-    args = parser.parse_args(_with_their_options(argv))
+    args = parser.parse_args(argv)
 
     from operator_app.config.errors import ConfigError
     from operator_app.exit_codes import EXPECTED_ERRORS, exit_code
@@ -130,17 +130,6 @@ def _dispatch(argv: Sequence[str]) -> int:
     return code
 
 
-def _with_their_options(arguments: Sequence[str]) -> list[str]:
-    """Join an option and a value such as ``-60,0,80`` into one word, since argparse reads the value as an option."""
-    joined: list[str] = []
-    for word in arguments:
-        if NUMBERS.fullmatch(word) and joined and OPTION.fullmatch(joined[-1]):
-            joined[-1] = f"{joined[-1]}={word}"
-        else:
-            joined.append(word)
-    return joined
-
-
 ALSO_CALLED = {
     "calibrate": "solve (from a file of poses) or run (with an arm)",
     "list": "session list",
@@ -151,6 +140,11 @@ ALSO_CALLED = {
 
 class _Parser(argparse.ArgumentParser):
     """Parser whose error messages suggest a command for an unknown one and contain no control characters."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options)
+        # Otherwise argparse takes lists of numbers that begin with a minus sign for options.
+        self._negative_number_matcher = NUMBERS
 
     def error(self, message: str) -> NoReturn:
         if unknown := re.match(r"argument COMMAND: invalid choice: '(.*?)'", message):

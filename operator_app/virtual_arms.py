@@ -118,11 +118,8 @@ def slots_in(folder: Path | None) -> ParameterStore:
             store.state(slot)
         _ = store.active
     except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-        file = error.filename if isinstance(error, OSError) else None
-        at = f": {file}" if file is not None and str(file) != str(folder) else ""
         raise SessionError(
-            f"parameters cannot be stored in {folder} ({reason}{at})",
+            f"parameters cannot be stored in {folder} ({error})",
             "name a writable folder, or leave --state out to keep them in memory",
         ) from error
     return store

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
+from functools import reduce
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +12,7 @@ import numpy as np
 
 from fixtures.measured import Measured
 from operator_app.calibration.experiment import EndpointMissingError
+from operator_app.calibration.prediction import concatenated_poses
 from operator_app.commands.file_arguments import print_warnings
 from operator_app.commands.options import tolerance_m, unsensed_joints
 from operator_app.config.arm_file import parse_arm
@@ -140,23 +143,13 @@ def _poses(
             raise UsageError(
                 f"{file}: its measured endpoints have other columns than those of {args.poses[0]}; import it alone"
             )
-    together = PoseSet(
+    together = replace(
+        reduce(concatenated_poses, pose_sets),
         placement=np.repeat(np.arange(1, len(pose_sets) + 1), [len(p) for p in pose_sets]),
         label=tuple(label for p in pose_sets for label in p.label),
-        q_rad=np.concatenate([p.q_rad for p in pose_sets]),
-        samples=_joined([p.samples for p in pose_sets]),
-        sd_rad=_joined([p.sd_rad for p in pose_sets]),
-        endpoint=_joined([p.endpoint for p in pose_sets]),
-        utc=None
-        if any(p.utc is None for p in pose_sets)
-        else tuple(utc for p in pose_sets for utc in p.utc or ()),
         notes=tuple(note for p in pose_sets for note in p.notes or ("",) * len(p)),
     )
     return together, recording_data
-
-
-def _joined(parts: list[Any]) -> Any:
-    return None if any(part is None for part in parts) else np.concatenate(parts)
 
 
 def _recorded(

@@ -39,7 +39,6 @@ from operator_app.session.store.state import SessionState
 TAIL = len(',"sum":"0123456789abcdef"}')
 MAX_BIT_SEARCH_BYTES = 40_000
 """Longest line, in bytes, in which a flipped bit is searched for; the search takes a few seconds."""
-NEWLINE = 0x0A
 BITS = tuple(1 << k for k in range(8))
 EVENT_NAME = re.compile(rb'"event":"([a-z_]{1,40})"')
 POSE_NUMBER = re.compile(rb'"number":(\d{1,9})[,}]')
@@ -109,17 +108,13 @@ def repair_journal(folder: Path) -> RepairResult:
 
 def examine_lines(raw: bytes) -> tuple[tuple[RepairedLine, ...], bool]:
     """Examine every line of a journal; return the results and whether the last line is incomplete."""
-    *physical, rest = raw.split(b"\n")
-    if rest:
-        physical.append(rest)
+    *complete, rest = raw.split(b"\n")
     results: list[RepairedLine] = []
     known: str | None = ""
     torn = False
-    while physical:
-        number = len(results) + 1
-        line = physical.pop(0)
-        proof = None if known is None else _recover(line, known, physical)
-        if proof is None and rest and not physical:
+    for number, line in enumerate([*complete, *([rest] if rest else [])], 1):
+        proof = None if known is None else _recover(line, known)
+        if proof is None and number > len(complete):
             torn = True
             break
         if proof is None:
@@ -148,31 +143,21 @@ def examine_lines(raw: bytes) -> tuple[tuple[RepairedLine, ...], bool]:
 # -- one line ------------------------------------------------------------------------------------
 
 
-def _recover(line: bytes, before: str, after: list[bytes]) -> tuple[bytes, str, str] | None:
+def _recover(line: bytes, before: str) -> tuple[bytes, str, str] | None:
     """Return the original line, its checksum, and text on what was restored; None if the line is lost.
 
-    `before`: checksum of the previous line. `after`: the lines that follow; if a damaged newline has split or joined
-    lines, this list is corrected.
+    `before`: checksum of the previous line.
     """
     chain = _checksum_if_stated(line, before)
     if chain is not None:
-        completed = _with_checksum(line, chain)
+        completed = line[:-TAIL] + f',"sum":"{chain}"}}'.encode()
         exact = completed == line
         return completed, chain, "" if exact else "restored: only the checksum was damaged"
-    restored = "restored: the checksum matches with one bit flipped back"
-    for k, byte in enumerate(line):
-        if byte ^ NEWLINE in BITS and (chain := _checksum_if_stated(line[:k], before)) is not None:
-            if line[k + 1 :]:
-                after.insert(0, line[k + 1 :])
-            return _with_checksum(line[:k], chain), chain, restored
-    if after:
-        for bit in BITS:
-            joined = line + bytes((NEWLINE ^ bit,)) + after[0]
-            if (chain := _checksum_if_stated(joined, before)) is not None:
-                after.pop(0)
-                return _with_checksum(joined, chain), chain, restored
     mended = _with_bit_restored(line, before)
-    return None if mended is None else (mended, mended[-TAIL + 8 : -2].decode(), restored)
+    if mended is None:
+        return None
+    restored = "restored: the checksum matches with one bit flipped back"
+    return mended, mended[-TAIL + 8 : -2].decode(), restored
 
 
 def _checksum_if_stated(line: bytes, before: str) -> str | None:
@@ -182,10 +167,6 @@ def _checksum_if_stated(line: bytes, before: str) -> str | None:
     expected = checksum(before, line[:-TAIL] + b"}")
     end = f',"sum":"{expected}"}}'.encode()
     return expected if sum(a != b for a, b in zip(line[-TAIL:], end, strict=True)) <= 1 else None
-
-
-def _with_checksum(line: bytes, chain: str) -> bytes:
-    return line[:-TAIL] + f',"sum":"{chain}"}}'.encode()
 
 
 def _with_bit_restored(line: bytes, before: str) -> bytes | None:

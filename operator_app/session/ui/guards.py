@@ -9,7 +9,6 @@ from collections.abc import Callable, Mapping
 
 from fixtures.base import Severity
 from hardware.arm import DriveState
-from operator_app.config.procedure import MOST_PLACEMENTS
 from operator_app.messages.errors import drive_words
 from operator_app.planning import drives
 from operator_app.session.ui.snapshot import (
@@ -20,6 +19,7 @@ from operator_app.session.ui.snapshot import (
     TaskKind,
 )
 from operator_app.session.ui.steps import Step
+from operator_app.session.workflow.remounting import mounting_problem
 from operator_app.units import DATA_AGE, SILENCE, plural
 from solver.loops.closure import poses_needed
 
@@ -152,11 +152,6 @@ def may_use_data(s: SessionSnapshot) -> str:
 may_check_fixture = all_of(idle, may_use_data)
 
 
-def may_tick_all(s: SessionSnapshot) -> str:
-    """With a real arm, the items of the check list must be ticked one at a time."""
-    return "" if s.simulated else "on a real arm the items are checked and ticked one at a time"
-
-
 def may_suggest(s: SessionSnapshot) -> str:
     """Suggesting drive joints needs their ranking, which is made after connecting."""
     return "" if s.ranked else "no ranking yet: connect first (step 1)"
@@ -226,12 +221,8 @@ def may_remount(s: SessionSnapshot) -> str:
     """Remounting needs a fixture, an explored capture, and all poses of the current placement."""
     if missing := idle(s):
         return missing
-    if not s.procedure.fixture.fixture.holds_hand:
-        return "there is no fixture to remount: an instrument measures the tool"
-    if s.procedure.capture.strategy == "planned":
-        return "a planned capture has one placement of the fixture"
-    if s.state.placement >= MOST_PLACEMENTS:
-        return f"at most {MOST_PLACEMENTS} placements are possible"
+    if problem := mounting_problem(s.procedure, s.state.placement + 1):
+        return problem.happened
     if s.state.sensor_jump:
         return s.state.sensor_jump
     poses_left = s.procedure.capture.poses - len(s.state.poses_here)

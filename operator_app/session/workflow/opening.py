@@ -25,7 +25,7 @@ from operator_app.session.store.journal_format import JOURNAL_NAME
 from operator_app.session.store.replay import session_state
 from operator_app.session.store.state import SessionState
 from operator_app.session.store.stored_calibration import require_estimator_for
-from operator_app.session.workflow.remounting import require_mountable
+from operator_app.session.workflow.remounting import mounting_problem
 from solver.estimators.estimate import require_enough_poses
 
 if TYPE_CHECKING:
@@ -263,7 +263,9 @@ def _with_choices(procedure: Procedure, choices: Choices) -> Procedure:
     own: dict[str, Any] = {k: v for k in names if (v := getattr(choices, k)) is not None}
     procedure = replace(procedure, capture=capture, **own)
     if choices.placements is not None:
-        procedure = replace(procedure, placements=require_mountable(procedure, choices.placements))
+        if problem := mounting_problem(procedure, choices.placements):
+            raise problem
+        procedure = replace(procedure, placements=choices.placements)
     # Without these checks, a capture could end without a calibration.
     n = procedure.arm.joint_count
     wrong = [j for j in procedure.unsensed_joints if j > n]

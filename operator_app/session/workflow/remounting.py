@@ -41,21 +41,21 @@ def record_in(folder: Path, event: Literal["remounting", "remounted"], placement
         journal.append(event, {"placement": placement})
 
 
-def require_mountable(procedure: Procedure, count: int) -> int:
-    """Return `count`; raise SessionError if the procedure does not allow so many placements."""
+def mounting_problem(procedure: Procedure, count: int) -> SessionError | None:
+    """Return the error if the procedure does not allow `count` placements; None if it does."""
     if not 1 <= count <= MOST_PLACEMENTS:
-        raise SessionError(f"{count} placements were requested", f"request 1 to {MOST_PLACEMENTS}")
+        return SessionError(f"{count} placements were requested", f"request 1 to {MOST_PLACEMENTS}")
     if count > 1 and not procedure.fixture.fixture.holds_hand:
-        raise SessionError(
+        return SessionError(
             f"{procedure.fixture.name} is an instrument: there is no fixture to remount",
             "leave --placements out",
         )
     if count > 1 and procedure.capture.strategy == "planned":
-        raise SessionError(
+        return SessionError(
             "a planned capture has one placement of the fixture",
             "capture explored poses (--plan explore) with --placements",
         )
-    return count
+    return None
 
 
 def remounting_steps(procedure: Procedure) -> tuple[str, ...]:

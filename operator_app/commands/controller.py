@@ -120,7 +120,6 @@ def script_of(args: argparse.Namespace, joints: int) -> list[ScriptedFault]:
 
 @contextmanager
 def _recorded(settings: BusSettings, path: Path | None) -> Iterator[None]:
-    """Context that records the bus if `path` is given, from the first boot-up message to the last frame."""
     if path is None:
         yield
         return

@@ -101,7 +101,6 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _converted(args: argparse.Namespace, what: Calibration, kind: str) -> tuple[str, bytes]:
-    """Return the default file name and the contents of an export in a format other than yaml."""
     if args.into is None:
         return EXPORT_FILES[kind], in_format(what, kind)
     data = read_limited(args.into, str(args.into), limit=DESCRIPTION_LIMIT_BYTES)
@@ -110,7 +109,6 @@ def _converted(args: argparse.Namespace, what: Calibration, kind: str) -> tuple[
 
 
 def _format(args: argparse.Namespace) -> str:
-    """Return the export format according to --into, --format or the ending of the file name."""
     option: str | None = args.format
     if args.into is not None:
         if option not in (None, "urdf"):

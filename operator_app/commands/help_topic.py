@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import shutil
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,12 +17,13 @@ from operator_app.manual.pages import (
     NoSuchTopicError,
     files_on,
     made_by_code,
-    table,
 )
 from operator_app.safe_output import say
 
 WIDEST = 100
 """Longest line, in characters."""
+HELP_WIDTH = 78
+"""Longest line, in characters, of the help of a command, which cannot be folded again."""
 
 
 def execute(args: argparse.Namespace) -> int:
@@ -92,9 +94,6 @@ def _contents() -> str:
     return "\n".join([*lines, ""])
 
 
-OWN = ("positional arguments", "options")
-"""Option groups made by argparse; other groups are common to several commands and are shown once."""
-
 INTRODUCTION = """\
 # Commands
 
@@ -105,59 +104,18 @@ same as this page; what a command returns is on the page of [exit codes](exit-co
 
 def commands_page() -> str:
     """Return the page of `sarcal` without a command, and of all commands."""
-    shared: dict[str, list[tuple[str, str]]] = {}
-    blocks = [INTRODUCTION, *(command_section(name, shared) for name in (APP, *COMMANDS))]
-    for title, rows in shared.items():
-        blocks += [f"## {_capital(title)}", table(("option", "meaning"), rows)]
-    return "\n\n".join(blocks) + "\n"
+    return "\n\n".join([INTRODUCTION, *map(command_section, (APP, *COMMANDS))]) + "\n"
 
 
-def command_section(name: str, shared: dict[str, list[tuple[str, str]]] | None = None) -> str:
-    """Return summary and options of one command; if `shared` is given, shared options are collected there instead."""
+def command_section(name: str) -> str:
+    """Return summary and help of one command."""
     parser = parser_of(name)
-    blocks = [f"## {parser.prog}", f"{_capital(COMMANDS.get(name, 'open the terminal app'))}."]
-    also = []
-    for group in parser._action_groups:  # noqa: SLF001 - argparse has no public list
-        rows = [
-            (_form(action), (action.help or "") % {**vars(action), "prog": parser.prog})
-            for action in group._group_actions  # noqa: SLF001 - as above
-            if action.dest != "help" and action.help is not argparse.SUPPRESS
-        ]
-        title = group.title or ""
-        if not rows:
-            continue
-        if title in OWN or shared is None:
-            head = "argument" if title == OWN[0] else "option"
-            blocks.append(table((head, "meaning"), rows))
-        else:
-            known = shared.setdefault(title, [])
-            known += [row for row in rows if row not in known]
-            also.append(f"[{title}](#{_anchor(title)})")
-    if also:
-        blocks.append(f"Further options: {', '.join(also)}.")
-    return "\n\n".join(blocks)
-
-
-def _form(action: argparse.Action) -> str:
-    if action.choices is not None and action.metavar is None:
-        value = f"{{{','.join(map(str, action.choices))}}}"
-    else:
-        metavar = action.metavar if isinstance(action.metavar, str) else ""
-        value = metavar or (action.dest.upper() if action.option_strings else action.dest)
-    if not action.option_strings:
-        return f"`[{value}]`" if action.nargs in ("?", "*") else f"`{value}`"
-    argument = "" if action.nargs == 0 else f" {value}"
-    return ", ".join(f"`{name}{argument}`" for name in action.option_strings)
-
-
-def _anchor(title: str) -> str:
-    """Return the anchor of a heading, as Markdown's table of contents makes it."""
-    letters = "".join(c for c in title.lower() if c.isalnum() or c in " -_")
-    return "-".join(letters.split())
-
-
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]
+    parser.formatter_class = partial(argparse.HelpFormatter, width=HELP_WIDTH)
+    # From Python 3.14 on, the help for a terminal is coloured.
+    parser.color = False  # type: ignore[attr-defined,unused-ignore]
+    summary = COMMANDS.get(name, "open the terminal app")
+    summary = summary[:1].upper() + summary[1:]
+    return f"## {parser.prog}\n\n{summary}.\n\n```text\n{parser.format_help()}```"
 
 
 def on_config(config: Any) -> Any:

@@ -160,7 +160,6 @@ def _recorded(
     *,
     instrument: bool,
 ) -> tuple[PoseSet, dict[str, Any]]:
-    """Return the poses of a recording, one for each dwell, and the JSON data of the recording."""
     dwell_s = DWELL_S if args.dwell_s is None else args.dwell_s
     spread_deg = DWELL_SPREAD_DEG if args.spread_deg is None else args.spread_deg
     if args.placement:

@@ -204,7 +204,6 @@ def _procedure(args: argparse.Namespace) -> int:
 def _copy(
     args: argparse.Namespace, parse: Callable[[bytes, str], object], *, refers: Sequence[str] = ()
 ) -> int:
-    """Copy a built-in file under another name; options in `refers`, if given, replace its references."""
     name = _named(args.name or f"my_{args.packaged}")
     instead = {k: _reference(args, name, v) for k in refers if (v := getattr(args, k))}
     content = copied(args.what, args.packaged, name=name, **instead)
@@ -218,7 +217,6 @@ def _typed(option: str) -> str:
 
 
 def _named(text: str) -> str:
-    """Return a valid name made from `text`; raises UsageError if the name does not begin with a letter."""
     name = re.sub(r"[^A-Za-z0-9_.-]+", "_", text).strip("_.-")[:64]
     if not re.match(r"[A-Za-z]", name):
         raise UsageError(f"--name: {name!r} does not begin with a letter; use another")
@@ -273,7 +271,6 @@ def _line(args: argparse.Namespace, side: str) -> Line:
 
 
 def _vector(args: argparse.Namespace, option: str) -> FloatArray:
-    """Parse the value ``X,Y,Z`` of an option into an array (3,)."""
     text = getattr(args, option)
     if not text:
         raise UsageError(

@@ -143,6 +143,5 @@ def _draft(args: argparse.Namespace, result: Probe) -> int:
 
 
 def _name(file: Path) -> str:
-    """Return a valid profile name made from the file name."""
     name = re.sub(r"[^A-Za-z0-9_.-]", "_", file.stem)[:64]
     return name if re.match(r"[A-Za-z]", name) else f"profile_{name}"[:64]

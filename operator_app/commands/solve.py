@@ -103,7 +103,6 @@ def _test_poses(
     poses: PoseSet,
     solution: Solution,
 ) -> PoseSet:
-    """Return the poses of ``--test``; raises UsageError if they cannot test `solution`, made from `poses`."""
     loaded = load_poses(args.test, joint_count=arm.joint_count)
     print_warnings(args.test, loaded)
     new = loaded.poses

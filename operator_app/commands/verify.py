@@ -118,7 +118,6 @@ def _open_loop(
 def _open_arm(
     args: argparse.Namespace, calibrated: Opening, count: int | None
 ) -> tuple[Measured, PoseSet]:
-    """Capture poses of the open arm in a new session, on the bus of `calibrated`; return instrument and poses."""
     choices = replace(
         calibrated.choices,
         poses=OPEN_POSES if count is None else count,

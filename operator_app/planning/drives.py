@@ -152,7 +152,7 @@ def choose_drives(
     return DriveChoice(
         drives=best.drives,
         sets=_with_complementary_sets(prediction.manifold, best.drives, [r.drives for r in usable]),
-        reasons=(*best.reasons, *tested, *_against_here(prediction, best)),
+        reasons=(*best.reasons, *tested),
         prediction=prediction,
         trial=trial,
     )
@@ -196,18 +196,6 @@ def _usable(prediction: DrivePrediction, unsensed_joints: tuple[int, ...]) -> li
         if r.usable and r.drives in usable_now and not set(r.drives) & set(unsensed_joints)
     ]
     return [r for r in usable if not set(r.drives) & prediction.inexact] or usable
-
-
-def _against_here(prediction: DrivePrediction, best: RankedDrives) -> tuple[str, ...]:
-    first = prediction.here[0]
-    if first.drives == best.drives:
-        return ("also best at the present pose",)
-    same = (r for r in prediction.region if r.drives == first.drives)
-    reach = next((f"{r.reach:.0%}" for r in same if r.reach), "less")
-    move, reaches = ("move", "reach") if len(first.drives) > 1 else ("moves", "reaches")
-    return (
-        f"{joints_named(first.drives)} {move} the arm more at the present pose, but {reaches} {reach}",
-    )
 
 
 def _with_complementary_sets(

@@ -107,7 +107,6 @@ def parameters_document(
 
 
 def _budget(solution: Solution, listed: Mapping[str, int]) -> Mapping[str, Mapping[str, float]]:
-    """Return shares of variance by parameter and source; omits lengths that are free only within tolerance."""
     if solution.components is None:
         return {}
     estimate = solution.estimate

@@ -297,13 +297,12 @@ def _path_watch(campaign: Campaign, move: GoTo) -> Watch:
 
 
 def _end_from_journal(data: Mapping[str, Any]) -> Finished:
-    """Return the recorded end of a campaign; the journal does not contain the forecast of weak parameters."""
     weak = tuple(
         WeakParameter(
             name=w["name"],
             sigma=math.inf if w["sigma"] is None else w["sigma"],
             requested=w["requested"],
-            forecast=math.nan,
+            forecast=math.nan,  # not in the journal
         )
         for w in data["weak"]
     )

@@ -6,9 +6,8 @@ from hardware import errors
 from hardware.canopen.objects import EmergencyCode
 from operator_app.calibration.result import Solution
 from operator_app.composition import CutShort
-from operator_app.messages.errors import stopped_words, trip_cause_remedy, words
+from operator_app.messages.errors import lateness_words, stopped_words, trip_cause_remedy, words
 from operator_app.safe_output import sanitized, say
-from operator_app.session.safety.latency import lateness_text
 from operator_app.session.store.folders import read_session
 from operator_app.session.store.state import SessionState
 from operator_app.session.workflow.listener import Listener
@@ -42,7 +41,7 @@ class ConsoleListener(Listener):
         """Report the pose, and new delays of this computer."""
         if new := state.late.times - self._late_times:
             self._late_times = state.late.times
-            self.report(f"Warning: {lateness_text(state.late, new)}.")
+            self.report(f"Warning: {lateness_words(state.late, new)}.")
         self.report(f"Pose {state.captured} captured ({len(state.used_poses)} of {total}).")
 
     def solved(self, solution: Solution) -> None:

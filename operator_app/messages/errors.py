@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 
 from fixtures.errors import FixtureError
 from hardware import errors
-from hardware.arm import ArmIdentity, DriveState
+from hardware.arm import ArmIdentity, DriveState, HostLatency
 from hardware.canopen.objects import STOP_CONTACTS, EmergencyCode
 from operator_app.config.errors import ConfigError, WriteError
 from operator_app.config.procedure import Procedure
@@ -190,6 +190,21 @@ def configured_words(identity: ArmIdentity) -> str:
     if not parts:
         return ""
     return f"Changed in the drives: {' '.join(parts)} The session's journal lists all changes"
+
+
+def lateness_words(late: HostLatency, times: int) -> str:
+    """Return the message about the last `times` delays of this computer (host latency).
+
+    It is distinguished from an arm that does not answer, because the remedies differ.
+    """
+    how = f"by {late.last_s:.1f} s"
+    if times > 1:
+        how = f"{times} times, the last time {how}"
+    return (
+        f"this computer was late {how}: it was too busy, or sarcal was suspended (Ctrl+Z), and no new targets were "
+        "sent. The session goes on, unless drives missed the heartbeat (8130h). End other programs on this computer, "
+        "and do not suspend sarcal"
+    )
 
 
 def by_hand_words(targets_rad: Mapping[int, float]) -> str:

@@ -1,1 +1,1 @@
-"""Checks before and during motion: preflight, resume, closure, sensor faults, latency."""
+"""Checks before and during motion: preflight, resume, closure, sensor faults."""

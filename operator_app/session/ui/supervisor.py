@@ -13,10 +13,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hardware.arm import ArmSnapshot, DriveState
+from hardware.arm import NO_LATENCY, ArmSnapshot, DriveState, HostLatency
 from operator_app.config.procedure import CapturePlan
-from operator_app.messages.errors import stopped_words, unstopped_words
-from operator_app.session.safety.latency import LatenessReporter
+from operator_app.messages.errors import lateness_words, stopped_words, unstopped_words
 from operator_app.session.ui.snapshot import (
     ARM_RECOVERY,
     LOST_S,
@@ -109,6 +108,26 @@ class MotionMonitor:
         t = t - t.mean()
         square = float(t @ t)
         return t @ (q - q.mean(axis=0)) / square if square > 0.0 else np.zeros(q.shape[1])
+
+
+LATENESS_INTERVAL_S = 30.0
+"""Shortest time between two messages about host latency."""
+
+
+class LatenessReporter:
+    """Makes the messages about new delays of one connection."""
+
+    def __init__(self) -> None:
+        self._reported = NO_LATENCY
+        self._reported_at_s = -LATENESS_INTERVAL_S
+
+    def new_text(self, lateness: HostLatency, now_s: float) -> str:
+        """Return a message about new delays; "" if none are new, or the last message is too recent."""
+        new = lateness.times - self._reported.times
+        if new == 0 or now_s - self._reported_at_s < LATENESS_INTERVAL_S:
+            return ""
+        self._reported, self._reported_at_s = lateness, now_s
+        return lateness_words(lateness, new)
 
 
 UNSTOPPED_S = 0.5

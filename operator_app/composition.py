@@ -32,7 +32,6 @@ from hardware.timing import Pace, Timing, real_time_priority
 from hardware.virtual.controller import VirtualController
 from hardware.virtual.embedded_bus import attended_opener
 from operator_app.config.procedure import Procedure
-from operator_app.effective_procedure import effective_procedure, named_scenario, session_bus
 from operator_app.errors import SessionError
 from operator_app.exit_codes import UsageError
 from operator_app.safe_output import say
@@ -101,8 +100,8 @@ def open_arm(
             "calibrate the arm in a session of its own: sarcal run",
         )
     prepare_real_time()
-    procedure = effective_procedure(opening)
-    bus = settings = session_bus(opening.choices, procedure)
+    procedure = opening.effective_procedure
+    bus = settings = opening.choices.bus(procedure)
     stated = opening.choices
     if (
         bus.interface == "virtual"
@@ -283,7 +282,7 @@ def _timing(procedure: Procedure, *, speed: float, embedded: bool) -> Timing:
 def _completed(choices: Choices, bus: BusSettings, *, embedded: bool) -> Choices:
     if not embedded:
         return replace(choices, interface=bus.interface, channel=bus.channel, bitrate=bus.bitrate)
-    chosen = named_scenario(choices)
+    chosen = choices.virtual_arm
     return replace(choices, interface="virtual", scenario=chosen.name, seed=chosen.seed)
 
 

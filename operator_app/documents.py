@@ -9,7 +9,6 @@ from pathlib import Path
 from operator_app.calibration import history
 from operator_app.config.parameters_file import ParametersDocument, load_parameters
 from operator_app.config.resources import exists, expanded
-from operator_app.effective_procedure import effective_procedure
 from operator_app.errors import SessionError
 from operator_app.session.store import folders
 from operator_app.session.store.journal import read_journal
@@ -112,5 +111,5 @@ def arm_history(
 def _document(
     folder: Path, state: SessionState, calibration: StoredCalibration
 ) -> ParametersDocument:
-    procedure = effective_procedure(resume(str(folder), Choices(), root=folder.parent))
+    procedure = resume(str(folder), Choices(), root=folder.parent).effective_procedure
     return parameters_document(calibration.solution, state, procedure)

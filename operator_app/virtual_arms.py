@@ -21,7 +21,6 @@ from hardware.virtual.tracker import SimulatedTracker
 from operator_app.config.errors import ConfigError
 from operator_app.config.fixture_file import FixtureSpec
 from operator_app.config.parameters_file import parse_parameters
-from operator_app.effective_procedure import named_scenario
 from operator_app.errors import SessionError
 from operator_app.session.workflow.opening import Choices
 from operator_app.session.workflow.pose_reading import Instrument
@@ -38,7 +37,7 @@ def virtual_arm(
 
     Raises `SessionError` if no virtual arm can be built from these files.
     """
-    named = named_scenario(choices)
+    named = choices.virtual_arm
     try:
         return scenario_of(named.name, named.seed, arm, fixture.fixture, placement)
     except ValueError as error:

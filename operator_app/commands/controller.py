@@ -25,7 +25,6 @@ from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.procedure_file import load_procedure
 from operator_app.config.resources import builtin_names
-from operator_app.effective_procedure import named_scenario
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import say
 from operator_app.virtual_arms import run_controller
@@ -72,7 +71,7 @@ def execute(args: argparse.Namespace) -> int:
         ) as controller,
         _tracker(controller.tracker, args.tracker_port) as tracker,
     ):
-        chosen = named_scenario(choices)
+        chosen = choices.virtual_arm
         again = f", placement {args.placement}" if args.placement > 1 else ""
         say(
             f"Virtual {arm.name} in {fixture.name} (scenario {chosen.name}, seed {chosen.seed}{again}) on "

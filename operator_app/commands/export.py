@@ -11,7 +11,6 @@ from operator_app.commands.options import FORMATS
 from operator_app.config.atomic import write_atomically
 from operator_app.config.parameters_file import format_parameters
 from operator_app.config.resources import DESCRIPTION_LIMIT_BYTES, read_limited
-from operator_app.effective_procedure import effective_procedure
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.report.exports import EXPORT_FILES, Calibration, in_format, into_description
 from operator_app.safe_output import as_json, say
@@ -34,7 +33,7 @@ def execute(args: argparse.Namespace) -> int:
     state = opening.state
     if not state.used_poses:
         raise UsageError(f"{opening.folder} has no pose yet: nothing to export.")
-    procedure = effective_procedure(opening)
+    procedure = opening.effective_procedure
     calibration = session_calibration(
         state, procedure, estimator=chosen.estimator, unsensed_joints=chosen.unsensed_joints
     )

@@ -14,7 +14,6 @@ from operator_app.config.fixture_file import load_fixture
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
 from operator_app.config.resources import resolve
-from operator_app.effective_procedure import effective_procedure
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.planning.advice import PlacementReport, advise
 from operator_app.planning.preview import Preview, preview
@@ -105,7 +104,7 @@ def _of_session(args: argparse.Namespace) -> tuple[Procedure, FloatArray | None,
         raise UsageError(
             f"{opening.folder} has no pose yet: plan from nominal geometry, without --session"
         )
-    procedure = effective_procedure(opening)
+    procedure = opening.effective_procedure
     if procedure.position_joints is None and state.drives:
         procedure = replace(procedure, position_joints=state.drives)
     readings = state.pose_set().q_rad

@@ -8,7 +8,6 @@ from pathlib import Path
 
 from operator_app.commands.options import given_joints, unsensed_joints
 from operator_app.config.atomic import write_atomically
-from operator_app.effective_procedure import effective_procedure
 from operator_app.exit_codes import ExitCode
 from operator_app.report.html.page import REPORT_NAME, report_html
 from operator_app.report.plots.figure_files import save_figures
@@ -26,7 +25,7 @@ from solver.errors import UnidentifiableError
 def execute(args: argparse.Namespace) -> int:
     """Read the session's calibration and show it."""
     opening = resume(args.session, Choices(), root=args.sessions)
-    procedure = effective_procedure(opening)
+    procedure = opening.effective_procedure
     unsensed = unsensed_joints(args, procedure.arm.joint_count)
     contents = read_journal(opening.folder)
     state = session_state(contents)

@@ -22,7 +22,6 @@ from operator_app.commands.file_arguments import print_warnings
 from operator_app.composition import unattended
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.poses_file import load_poses
-from operator_app.effective_procedure import effective_procedure
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.headless.console import ConsoleListener
 from operator_app.report.results.verification import (
@@ -50,7 +49,7 @@ def execute(args: argparse.Namespace) -> int:
     state = opening.state
     if not state.used_poses:
         raise UsageError(f"{opening.folder} has no pose yet: there is no calibration to verify")
-    procedure = effective_procedure(opening)
+    procedure = opening.effective_procedure
     arm, fixture = procedure.arm, procedure.fixture.fixture
     solution = session_calibration(state, procedure).solution
     if args.csv:
@@ -100,7 +99,7 @@ def _open_loop(
             "--open-loop verifies a calibration of one placement of a hinge or rigid fixture; "
             f"for this one take new poses in the fixture: sarcal verify {args.session} [POSES.csv]"
         )
-    arm = effective_procedure(opening).arm
+    arm = opening.effective_procedure.arm
     if args.csv:
         instrument = load_fixture(args.instrument).fixture
         if not isinstance(instrument, Measured):

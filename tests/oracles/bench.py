@@ -17,7 +17,6 @@ from hardware.virtual.embedded_bus import attended_opener
 from operator_app.calibration.result import Solution
 from operator_app.calibration.verification import VerificationResult
 from operator_app.commands.run import RunResult, run
-from operator_app.effective_procedure import effective_procedure
 from operator_app.session.store.stored_calibration import session_calibration
 from operator_app.session.workflow.capture import verify
 from operator_app.session.workflow.drive_selection import drives_of
@@ -51,7 +50,7 @@ class Bench:
             opening = replace(opening, folder=self.root / f"session-{self._count}")
         else:
             opening = resume(str(earlier), Choices(), root=self.root)
-        opening = replace(opening, procedure=effective_procedure(opening))
+        opening = replace(opening, procedure=opening.effective_procedure)
         procedure, opener = opening.procedure, attended_opener(self.controller)
         arm = fast_arm(
             procedure.arm, self.settings, procedure.profile, patience_s=PATIENCE_S, open_main=opener

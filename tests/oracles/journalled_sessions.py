@@ -4,7 +4,6 @@ from dataclasses import replace
 from pathlib import Path
 
 from operator_app.commands.run import run
-from operator_app.effective_procedure import effective_procedure
 from operator_app.session.store.journal import JOURNAL_NAME, Clock, utc_now
 from operator_app.session.ui.operations import Operations
 from operator_app.session.ui.snapshot import Change, Level, SessionSnapshot
@@ -55,7 +54,7 @@ def resume_on_plant(folder: Path, clock: Clock = utc_now, **chosen: object) -> S
 
 
 def _session(opening: Opening, clock: Clock) -> Session:
-    procedure = effective_procedure(opening)
+    procedure = opening.effective_procedure
     rig = Rig(
         arm=PlantArm(procedure, SCENARIO),
         opening=replace(opening, procedure=procedure),

@@ -14,7 +14,6 @@ from hardware.virtual.axis import JointCommand, arm_axes
 from hardware.virtual.scenarios import scenario
 from operator_app.commands.run import RunResult, run
 from operator_app.config.arm_file import load_arm
-from operator_app.effective_procedure import effective_procedure
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.opening import Choices, Rig, begin, open_session
 from operator_app.session.workflow.session import Session
@@ -100,7 +99,7 @@ def calibrate(settings: BusSettings) -> tuple[RunResult, Session]:
         profile="acme.yaml",
     )
     opening = begin("hinge", choices, root=Path("sessions"))
-    procedure = replace(effective_procedure(opening), upload=False)
+    procedure = replace(opening.effective_procedure, upload=False)
     timeouts = {"patience_s": 10.0, "answers_s": 5.0, "sdo_timeout_s": 5.0}
     arm = fast_arm(procedure.arm, settings, procedure.profile, **timeouts)
     rig = Rig(arm=arm, opening=replace(opening, procedure=procedure), simulated=False)

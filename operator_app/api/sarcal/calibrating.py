@@ -8,7 +8,6 @@ from typing import Any, Literal, get_args
 
 from operator_app.calibration.calibrate import calibrate as solve
 from operator_app.calibration.cross_validation import check
-from operator_app.effective_procedure import effective_procedure
 from operator_app.messages.finding import Finding, FindingKind
 from operator_app.session.store.stored_calibration import session_calibration
 from operator_app.session.workflow.importing import CalibrationOptions
@@ -156,7 +155,7 @@ def load_result(session: str | PathLike[str]) -> Result:
     if not isinstance(session, str | PathLike):
         raise TypeError(f"session={shown(session)}: give the folder of a session, or its name")
     opening = resume(fspath(session), Choices(), root=SESSIONS)
-    state, procedure = opening.state, effective_procedure(opening)
+    state, procedure = opening.state, opening.effective_procedure
     calibration = session_calibration(state, procedure)
     _, arm, fixture, _ = procedure.sources
     return Result(

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from hardware.arm import Recordable
+from hardware.virtual import DEFAULT_SCENARIO
 from operator_app.config.procedure import MOST_POSES
 from operator_app.config.procedure_file import parse_procedure
 from operator_app.config.profile_file import parse_profile
@@ -30,6 +31,8 @@ from solver.estimators.estimate import require_enough_poses
 
 if TYPE_CHECKING:
     from hardware.arm import ArmInterface
+    from hardware.buses.python_can import BusSettings
+    from hardware.virtual.scenarios import Scenario
     from operator_app.config.procedure import Procedure
     from operator_app.session.store.true_errors import Truths
     from operator_app.session.workflow.pose_reading import Instrument
@@ -74,6 +77,29 @@ class Choices:
         own = asdict(self)
         return replace(earlier, **{name: value for name, value in own.items() if value is not None})
 
+    @property
+    def virtual_arm(self) -> Scenario:
+        """The scenario that these choices name, or the default scenario."""
+        from hardware.virtual.scenarios import scenario
+
+        return scenario(self.scenario or DEFAULT_SCENARIO, self.seed or 0)
+
+    def bus(self, procedure: Procedure) -> BusSettings:
+        """Return the bus that one of these states first: choices, procedure, environment, can.conf, user settings."""
+        from hardware.buses.python_can import bus_settings
+        from operator_app.config.user_settings import usual_bus
+
+        from_file, interface = procedure.bus, self.interface
+        if interface is None and from_file.interface != "virtual":
+            interface = from_file.interface
+        return bus_settings(
+            interface,
+            self.channel or from_file.channel,
+            self.bitrate or from_file.bitrate,
+            # --scenario and --seed select the virtual arm.
+            otherwise=None if self.scenario or self.seed is not None else usual_bus(interface),
+        )
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Opening:
@@ -87,6 +113,18 @@ class Opening:
     procedure: Procedure
     choices: Choices
     state: SessionState = field(default_factory=SessionState)
+
+    @property
+    def effective_procedure(self) -> Procedure:
+        """The procedure; a scenario, if there is one, determines the sensors of the arm."""
+        procedure, choices = self.procedure, self.choices
+        if self.state.imported:
+            return procedure
+        # The journal states the bus: a report must not depend on whether that bus is available here.
+        interface = choices.interface or choices.bus(procedure).interface
+        if interface != "virtual" and choices.scenario is None:
+            return procedure
+        return replace(procedure, arm=choices.virtual_arm.arm(procedure.arm))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

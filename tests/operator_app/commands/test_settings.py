@@ -12,7 +12,6 @@ from operator_app.commands.choices import choices_from, opening_from
 from operator_app.commands.table import parser_of
 from operator_app.composition import unattended
 from operator_app.config.user_settings import load_settings, usual_bus
-from operator_app.effective_procedure import effective_procedure, session_bus
 from operator_app.session.store.journal import read_journal
 from operator_app.session.workflow.opening import begin
 
@@ -65,8 +64,8 @@ def test_virtual_options_take_precedence_over_the_bus_setting(file, tmp_path, op
     choices = choices_from(parser_of("run").parse_args(["hinge", *options]))
     assert choices.operator == "R. Hand"
     opening = begin("hinge", choices, root=tmp_path)
-    assert (session_bus(choices, opening.procedure).interface == "virtual") is virtual
-    assert effective_procedure(opening).arm.joint_count == 7
+    assert (choices.bus(opening.procedure).interface == "virtual") is virtual
+    assert opening.effective_procedure.arm.joint_count == 7
 
 
 def test_a_bus_without_an_interface_is_not_the_simulated_arm(file, run_command):
@@ -83,7 +82,7 @@ def test_virtual_of_a_procedure_uses_the_bus_setting(file, tmp_path, run_command
     choices = choices_from(parser_of("run").parse_args(["go.yaml"]))
     opening = begin("go.yaml", choices, root=tmp_path)
     assert opening.procedure.bus.interface == "virtual"
-    assert session_bus(choices, opening.procedure).interface == "socketcan"
+    assert choices.bus(opening.procedure).interface == "socketcan"
 
 
 def test_operator_is_journalled(file, tmp_path):
@@ -168,12 +167,12 @@ def test_invalid_file_is_a_warning_with_a_given_bus(invalid_file, tmp_path, monk
     assert "`sarcal settings` shows what is wrong" in message
     assert choices.operator is None
     opening = begin("hinge", choices, root=tmp_path)
-    assert session_bus(choices, opening.procedure).interface == "virtual"
+    assert choices.bus(opening.procedure).interface == "virtual"
     assert main(["reset"]) == 2
     reset = opening_from(parser_of("reset").parse_args(["-i", "loopback"]))
-    assert session_bus(reset.choices, reset.procedure).interface == "loopback"
+    assert reset.choices.bus(reset.procedure).interface == "loopback"
     monkeypatch.setenv("CAN_INTERFACE", "loopback")
-    assert session_bus(replace(choices, interface=None), opening.procedure).interface == "loopback"
+    assert replace(choices, interface=None).bus(opening.procedure).interface == "loopback"
     capsys.readouterr()
     # A controller has no operator, and needs no warning.
     choices_from(parser_of("controller").parse_args([]), journal=False)

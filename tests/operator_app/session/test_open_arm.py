@@ -10,7 +10,6 @@ import pytest
 from fixtures.measured import Measured
 from hardware.errors import InstrumentError
 from hardware.line_port import CalledLines
-from operator_app.effective_procedure import effective_procedure
 from operator_app.errors import GuardError, SessionError
 from operator_app.session.ui.operations import Operations
 from operator_app.session.workflow.capture import take_poses
@@ -36,7 +35,7 @@ class Tracked:
         self.session = self._opened(self.opening)
 
     def _opened(self, opening) -> Session:
-        procedure = effective_procedure(opening)
+        procedure = opening.effective_procedure
         fixture = procedure.fixture.fixture
         assert isinstance(fixture, Measured)
         chosen = virtual_arm(procedure.arm, procedure.fixture, opening.choices)
@@ -165,7 +164,7 @@ def test_an_arm_that_moves_during_a_measurement_gives_no_pose(tracked):
 
 def test_without_a_port_the_remedy_names_the_option(tmp_path):
     opening = begin("open_loop", Choices(interface="virtual"), root=tmp_path)
-    procedure = effective_procedure(opening)
+    procedure = opening.effective_procedure
     chosen = virtual_arm(procedure.arm, procedure.fixture, opening.choices)
     session = open_session(
         Rig(arm=PlantArm(procedure, chosen), opening=opening, simulated=True, instrument=None)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fixtures.measured import Measured
-from operator_app.commands.options import given_joints, tolerance_m
+from operator_app.commands.options import tolerance_m
 from operator_app.config.arm_file import load_arm
 from operator_app.config.procedure import DEFAULT_PROFILE, Procedure
 from operator_app.config.profile_file import load_profile
@@ -62,7 +62,7 @@ def choices_from(args: argparse.Namespace, *, journal: bool = True) -> Choices:
             say(f"sarcal: {wrong}.", err=True)
     as_typed = ("poses", "plan", "estimator", "profile", "tracker", "placements")
     return Choices(
-        unsensed_joints=given_joints(getattr(args, "unsensed", None)),
+        unsensed_joints=getattr(args, "unsensed", None),
         length_tolerance_m=tolerance_m(args) if hasattr(args, "length_tolerance") else None,
         upload=False if getattr(args, "no_upload", False) else None,
         interface=args.interface,

@@ -49,6 +49,17 @@ def between(least: float, most: float, unit: str = "") -> Callable[[str], float]
     return parse
 
 
+def numbers(text: str) -> tuple[int, ...]:
+    """Parse text such as ``6,7`` into ascending numbers of joints or placements."""
+    if re.fullmatch(r"\d+(,\d+)*", text.replace(" ", "")) and "0" in re.split("[ ,]+", text):
+        raise argparse.ArgumentTypeError(f"{text!r}: joints and placements are numbered from 1")
+    if not re.fullmatch(r"[1-9]\d{0,8}(,[1-9]\d{0,8})*", text.replace(" ", "")):
+        raise argparse.ArgumentTypeError(
+            f"{text[:40]!r}: write numbers separated by commas, e.g. 6,7"
+        )
+    return tuple(sorted({int(part) for part in text.replace(" ", "").split(",")}))
+
+
 def a_name(text: str) -> str:
     """Parse a text option that must not be empty."""
     if not text.strip():
@@ -78,6 +89,8 @@ ARGUMENTS: Mapping[str, Mapping[str, Any]] = {
     "--kind": {"choices": ("hinge", "ball")},
     "--from NAME": {"dest": "packaged"},
     "--poses N": {"type": whole(1, MOST_POSES)},
+    "--unsensed JOINTS": {"type": numbers},
+    "--placements NUMBERS": {"type": numbers},
     "--placements N": {"type": whole(1)},
     "--placement K": {"type": whole(1, 9999), "default": 1},
     "--sessions DIR": {"type": a_path, "default": Path("sessions")},
@@ -245,23 +258,9 @@ def tolerance_m(args: argparse.Namespace) -> float | None:
     return None if args.length_tolerance is None else args.length_tolerance / 1e3
 
 
-def given_joints(text: str | None) -> tuple[int, ...] | None:
-    """Parse ``--unsensed``; returns None if it is absent."""
-    return None if text is None else parse_numbers(text, "--unsensed")
-
-
-def parse_numbers(text: str, option: str) -> tuple[int, ...]:
-    """Parse text such as ``6,7`` into ascending numbers; raises UsageError for other text."""
-    if re.fullmatch(r"\d+(,\d+)*", text.replace(" ", "")) and "0" in re.split("[ ,]+", text):
-        raise UsageError(f"{option} {text!r}: joints and placements are numbered from 1")
-    if not re.fullmatch(r"[1-9]\d{0,8}(,[1-9]\d{0,8})*", text.replace(" ", "")):
-        raise UsageError(f"{option} {text[:40]!r}: write numbers separated by commas, e.g. 6,7")
-    return tuple(sorted({int(part) for part in text.replace(" ", "").split(",")}))
-
-
 def unsensed_joints(args: argparse.Namespace, joint_count: int) -> tuple[int, ...] | None:
     """Return ``--unsensed``, None if absent; raises UsageError if a number exceeds the arm's joints."""
-    joints = given_joints(args.unsensed)
+    joints: tuple[int, ...] | None = args.unsensed
     wrong = [j for j in joints or () if j > joint_count]
     if wrong:
         raise UsageError(f"--unsensed: there is no joint {wrong[0]}; the arm has {joint_count}")

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from fixtures.base import Severity
 from operator_app.commands.file_arguments import PLANNED_POSES, TRIES
-from operator_app.commands.options import given_joints, unsensed_joints
+from operator_app.commands.options import unsensed_joints
 from operator_app.config.arm_file import parse_arm
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.procedure import Procedure
@@ -97,8 +97,7 @@ def _of_session(args: argparse.Namespace) -> tuple[Procedure, FloatArray | None,
         raise UsageError(
             "--session: a session states procedure, arm and fixture; leave those options out"
         )
-    joints = given_joints(args.unsensed)
-    opening = resume(args.session, Choices(unsensed_joints=joints), root=args.sessions)
+    opening = resume(args.session, Choices(unsensed_joints=args.unsensed), root=args.sessions)
     state = opening.state
     if not state.used_poses:
         raise UsageError(

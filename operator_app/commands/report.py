@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from operator_app.commands.options import given_joints, unsensed_joints
+from operator_app.commands.options import unsensed_joints
 from operator_app.config.atomic import write_atomically
 from operator_app.exit_codes import ExitCode
 from operator_app.report.html.page import REPORT_NAME, report_html
@@ -51,11 +51,8 @@ def execute(args: argparse.Namespace) -> int:
     if not (args.json or args.text or args.plots):
         _write(args, report_html(subject), folder)
     elif unidentifiable is not None and args.json:
-        estimator, joints = args.estimator, given_joints(args.unsensed)
-        data = unidentifiable_json(
-            unidentifiable, procedure, folder, state, estimator=estimator, unsensed_joints=joints
-        )
-        say(as_json(data))
+        options = {"estimator": args.estimator, "unsensed_joints": unsensed}
+        say(as_json(unidentifiable_json(unidentifiable, procedure, folder, state, **options)))
     elif unidentifiable is not None:
         say(unidentifiable_text(unidentifiable))
     elif args.plots:

@@ -12,7 +12,7 @@ from operator_app.calibration.experiment import EndpointMissingError, Experiment
 from operator_app.calibration.result import Solution
 from operator_app.calibration.rvdt import ReadingTable, corrected_poses
 from operator_app.commands.file_arguments import print_warnings
-from operator_app.commands.options import parse_numbers, tolerance_m, unsensed_joints
+from operator_app.commands.options import tolerance_m, unsensed_joints
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.parameters_file import load_parameters
@@ -42,7 +42,7 @@ def execute(args: argparse.Namespace) -> int:
     poses = loaded.poses
     if args.placements:
         try:
-            poses = pick_placements(poses, parse_numbers(args.placements, "--placements"))
+            poses = pick_placements(poses, args.placements)
         except ValueError as error:
             raise UsageError(f"--placements: {error}") from error
     table_of, tables = _tables(args, arm)

@@ -27,7 +27,7 @@ from operator_app.session.safety.resume_checks import (
 )
 from operator_app.session.store.logbook import Logbook
 from operator_app.session.store.state import SessionState
-from operator_app.units import REACH, WHOLE_DEGREES
+from operator_app.units import REACH, WHOLE_DEGREES, joints_named, names
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 
@@ -128,7 +128,7 @@ def check_closure_without_poses(
     if reset:
         where = zero_position(arm, reading.mean_rad, list(reset))
         remedy = (
-            f"home joint {' and '.join(map(str, reset))}, then connect again. If it really is {where}, move it by "
+            f"home {joints_named(list(reset))}, then connect again. If it really is {where}, move it by "
             f"hand by {WHOLE_DEGREES(2.0 * MAX_SAG_RAD).with_unit} while its drives are off"
         )
         raise ConnectAgainError(_reset_text(reset, where), remedy, probability=probability)
@@ -186,16 +186,10 @@ def _reset_among(
 
 
 def _reset_text(reset: dict[int, float], where: str) -> str:
-    if len(reset) == 1:
-        ((joint, near),) = reset.items()
-        return (
-            f"the counter of joint {joint} is {where}, and the loop does not close with this reading; it closes "
-            f"with joint {joint} near {REACH(near).with_unit}. The counter was reset, as after a loss of power"
-        )
-    instead = " and ".join(f"joint {j} near {REACH(near).with_unit}" for j, near in reset.items())
+    instead = names(f"joint {j} near {REACH(near).with_unit}" for j, near in reset.items())
     return (
-        f"the counters of joints {' and '.join(map(str, reset))} are {where}, and the loop does not close with "
-        f"these readings; it closes with {instead}. The counters were reset, as after a loss of power"
+        f"the counter of {joints_named(list(reset))} is {where}, and the loop does not close with this reading; it "
+        f"closes with {instead}. The counter was reset, as after a loss of power"
     )
 
 

@@ -27,13 +27,7 @@ def parameters_at(reference: str, root: Path) -> ParametersDocument:
     where = expanded(reference)
     if exists(where) and where.is_file():
         return load_parameters(reference)
-    try:
-        folder = folders.find_session(root, reference)
-    except SessionError:
-        # The folder may contain only a parameters file, without a journal.
-        folder = where
-        if not exists(where / folders.PARAMETERS_NAME):
-            raise
+    folder = folders.find_session(root, reference)
     state = folders.read_session(folder).state
     calibration = None if state is None else journal_calibration(state)
     if state is not None and isinstance(calibration, StoredCalibration):

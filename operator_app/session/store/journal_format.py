@@ -33,8 +33,6 @@ CHECKSUM = re.compile(rb',"sum":"([0-9a-f]{16})"\}')
 """Pattern of the checksum at the end of a line."""
 JOURNAL_VERSION = re.compile(r"sarcal/journal/([1-9][0-9]{0,8})")
 BEGINNINGS = (b'{"schema":"sarcal/journal/', b'{"seq":1,"utc":"')
-MAX_CHANGED_BYTES = 3
-"""Number of bytes in which a damaged first line may differ from one of `BEGINNINGS`."""
 LONE_SURROGATE = re.compile("[\ud800-\udfff]")
 
 
@@ -244,8 +242,11 @@ def require_own_format(complete: list[bytes], rest: bytes, path: Path) -> None:
             f"{path} is empty: the session ended before its first entry was written",
             "delete the folder, or restore the file from a copy",
         )
-    if any(_resembles(first, begin, torn=not complete) for begin in BEGINNINGS) or any(
-        CHECKSUM.search(line) for line in complete[:100]
+    torn = not complete and any(begin.startswith(first) for begin in BEGINNINGS)
+    if (
+        torn
+        or first.startswith(BEGINNINGS)
+        or any(CHECKSUM.search(line) for line in complete[:100])
     ):
         _require_version(first, path)
         return
@@ -277,13 +278,6 @@ def _other_version(schema: object) -> tuple[str, str]:
             "read it with the version of sarcal that wrote it, or a newer one",
         )
     return "is not a journal: its schema is unknown", "move it away, or name another session"
-
-
-def _resembles(first: bytes, begin: bytes, *, torn: bool) -> bool:
-    """Whether `first` (incomplete if `torn`) starts with `begin`; up to `MAX_CHANGED_BYTES` bytes may differ."""
-    begin = begin[: len(first)] if torn else begin
-    same = sum(a == b for a, b in zip(first, begin, strict=False))
-    return same >= len(begin) - MAX_CHANGED_BYTES
 
 
 def _reject_constant(text: str) -> NoReturn:

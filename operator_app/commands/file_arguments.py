@@ -17,6 +17,7 @@ from operator_app.safe_output import say
 
 if TYPE_CHECKING:
     from operator_app.config.poses_file import LoadedPoses
+    from solver.chain.poses import PoseSet
 
 PLANNED_POSES = 12
 """Number of poses to plan if the procedure's own capture is not planned."""
@@ -228,7 +229,8 @@ solve = declaration(
 )
 
 
-def print_warnings(file: str, loaded: LoadedPoses) -> None:
-    """Print the warnings about a poses file."""
+def poses_with_warnings(file: str, loaded: LoadedPoses) -> PoseSet:
+    """Print the warnings about a poses file, and return its poses."""
     for warning in loaded.warnings:
         say(f"sarcal: {file}: {warning.text}", err=True)
+    return loaded.poses

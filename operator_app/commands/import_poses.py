@@ -13,7 +13,7 @@ import numpy as np
 from fixtures.measured import Measured
 from operator_app.calibration.experiment import EndpointMissingError
 from operator_app.calibration.prediction import concatenated_poses
-from operator_app.commands.file_arguments import print_warnings
+from operator_app.commands.file_arguments import poses_with_warnings
 from operator_app.commands.options import tolerance_m, unsensed_joints
 from operator_app.config.arm_file import parse_arm
 from operator_app.config.dwells import (
@@ -124,8 +124,7 @@ def _poses(
             joints=joints,
             instrument=instrument,
         )
-        print_warnings(file, read)
-        pose_sets.append(read.poses)
+        pose_sets.append(poses_with_warnings(file, read))
     recording_data = {"recordings": recordings} if recordings else {}
     if len(pose_sets) == 1:
         return pose_sets[0], recording_data

@@ -167,7 +167,9 @@ def run(
         return None
     known = session.recorded_calibration()
     solution = session.calibrate(solver=solver) if known is None else known.solution
-    listener.solved(solution)
+    listener.report(
+        f"Solved from {solution.poses} poses in {solution.estimate.iterations} iterations."
+    )
     checks = None if known is None else known.checks
     if checks is None:
         checks = session.check(solution, solver)

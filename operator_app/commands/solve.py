@@ -11,7 +11,7 @@ from operator_app.calibration.cross_validation import check
 from operator_app.calibration.experiment import EndpointMissingError, Experiment, pick_placements
 from operator_app.calibration.result import Solution
 from operator_app.calibration.rvdt import ReadingTable, corrected_poses
-from operator_app.commands.file_arguments import print_warnings
+from operator_app.commands.file_arguments import poses_with_warnings
 from operator_app.commands.options import tolerance_m, unsensed_joints
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
@@ -103,9 +103,7 @@ def _test_poses(
     poses: PoseSet,
     solution: Solution,
 ) -> PoseSet:
-    loaded = load_poses(args.test, joint_count=arm.joint_count)
-    print_warnings(args.test, loaded)
-    new = loaded.poses
+    new = poses_with_warnings(args.test, load_poses(args.test, joint_count=arm.joint_count))
     elsewhere = verification.may_be_elsewhere(fixture)
     if not elsewhere and (len(new.placements) > 1 or len(poses.placements) > 1):
         raise UsageError("--test: both files must be from the same single placement")

@@ -18,7 +18,7 @@ from operator_app.commands.choices import (
     recording,
     require_instrument,
 )
-from operator_app.commands.file_arguments import print_warnings
+from operator_app.commands.file_arguments import poses_with_warnings
 from operator_app.composition import unattended
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.poses_file import load_poses
@@ -60,7 +60,7 @@ def execute(args: argparse.Namespace) -> int:
         return _open_loop(args, opening, solution, requested)
     require_instrument(args, procedure)
     if args.csv:
-        poses = _from_file(args.csv, arm.joint_count)
+        poses = poses_with_warnings(args.csv, load_poses(args.csv, joint_count=arm.joint_count))
         try:
             verdict = verify_new_poses(
                 arm, fixture, solution, made_from=state.pose_set(), new=poses
@@ -85,12 +85,6 @@ def execute(args: argparse.Namespace) -> int:
     return ExitCode.ACCEPTED if verdict.holds else ExitCode.NOT_ACCEPTED
 
 
-def _from_file(file: str, joint_count: int) -> PoseSet:
-    read = load_poses(file, joint_count=joint_count)
-    print_warnings(file, read)
-    return read.poses
-
-
 def _open_loop(
     args: argparse.Namespace, opening: Opening, solution: Solution, count: int | None
 ) -> ExitCode:
@@ -106,7 +100,7 @@ def _open_loop(
             raise UsageError(
                 f"--instrument: {args.instrument!r} is a fixture of kind {instrument.kind}, not an instrument"
             )
-        poses = _from_file(args.csv, arm.joint_count)
+        poses = poses_with_warnings(args.csv, load_poses(args.csv, joint_count=arm.joint_count))
     else:
         instrument, poses = _open_arm(args, opening, count)
     check = check_open_loop(arm, instrument, poses, solution)

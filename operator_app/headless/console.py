@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from hardware import errors
 from hardware.canopen.objects import EmergencyCode
-from operator_app.calibration.result import Solution
 from operator_app.composition import CutShort
 from operator_app.messages.errors import lateness_words, stopped_words, trip_cause_remedy, words
 from operator_app.safe_output import sanitized, say
@@ -43,12 +42,6 @@ class ConsoleListener(Listener):
             self._late_times = state.late.times
             self.report(f"Warning: {lateness_words(state.late, new)}.")
         self.report(f"Pose {state.captured} captured ({len(state.used_poses)} of {total}).")
-
-    def solved(self, solution: Solution) -> None:
-        """Report the calibration."""
-        self.report(
-            f"Solved from {solution.poses} poses in {solution.estimate.iterations} iterations."
-        )
 
 
 def cut_short_lines(cut: CutShort) -> list[str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from operator_app.calibration.result import Solution
 from operator_app.session.store.state import SessionState
 from solver.design.actions import GoTo
 
@@ -24,6 +23,3 @@ class Listener:
 
     def report(self, text: str) -> None:
         """Show a message to the operator."""
-
-    def solved(self, solution: Solution) -> None:
-        """The calibration is done."""

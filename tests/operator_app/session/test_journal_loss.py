@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 
 from hardware.arm import HostLatency, JointMode
-from operator_app.calibration.result import Solution
 from operator_app.commands.run import run
 from operator_app.errors import JournalLostError
 from operator_app.session.store.journal import JOURNAL_NAME, Journal, read_journal
@@ -166,17 +165,18 @@ class JournalChanger(Listener):
     """Changes one digit of the journal in place: after the last pose, or after the solution."""
 
     def __init__(self, session: Session, after: str) -> None:
-        self._path, self._after = session.journal.path, after
+        self._session, self._path, self._after = session, session.journal.path, after
         self.solutions = 0
 
     def pose_captured(self, state: SessionState, total: int) -> None:
         if self._after == "poses" and len(state.used_poses) == total:
             self._change()
 
-    def solved(self, solution: Solution) -> None:
-        self.solutions += 1
-        if self._after == "solution":
-            self._change()
+    def report(self, text: str) -> None:
+        if self._session.state.solved:
+            self.solutions += 1
+            if self._after == "solution":
+                self._change()
 
     def _change(self) -> None:
         raw = self._path.read_bytes()

@@ -30,7 +30,7 @@ from operator_app.session.store.solver_process import SolvingProcess
 from operator_app.session.store.state import SessionState
 from operator_app.session.ui.snapshot import DiffRow, Level
 from operator_app.session.workflow.capture import verify
-from operator_app.session.workflow.export import export
+from operator_app.session.workflow.export import export, recorded_export
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
 from operator_app.units import SIGMA_POS
@@ -143,11 +143,13 @@ class CalibrationOperations(Listener):
     # -- calibration ---------------------------------------------------------------------------------
 
     def show_recorded_calibration(self) -> None:
-        """Publish the recorded calibration of a resumed session, if there is one."""
+        """Publish the recorded calibration and export of a resumed session, if there are any."""
         known = self._session.recorded_calibration()
         if self.solution is None and known is not None:
-            self.solution = known.solution
-            self._publish(cross_checks=known.checks)
+            self.solution, active = known.solution, self._active_document()
+            exported = recorded_export(self._session, active)
+            receipt = None if exported is None else exported.receipt
+            self._publish(cross_checks=known.checks, written=exported, receipt=receipt)
             if known.solution.accepted:
                 self._compare()
 
@@ -181,9 +183,14 @@ class CalibrationOperations(Listener):
     def _compare(self) -> None:
         """Publish the differences from the document that is active in the controller, if there is one."""
         session, solution = self._session, self._current_solution()
-        document = session.arm.active_parameters() if session.identity is not None else b""
+        document = self._active_document()
         active = parse_parameters(document, "active parameters") if document else None
         self._publish(diff=diff_rows(session.document(solution), active))
+
+    def _active_document(self) -> bytes:
+        """Return the controller's active document; empty without a connected arm or a document."""
+        session = self._session
+        return session.arm.active_parameters() if session.identity is not None else b""
 
     def write(self, *, upload: bool = False, forced: str = "") -> None:
         """Write parameters.yaml and poses.csv; if `upload`, also upload the parameters and read them back.

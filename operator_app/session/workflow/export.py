@@ -59,7 +59,7 @@ def export(
     write_atomically(path, data)
     record: dict[str, Any] = {
         "file": PARAMETERS_NAME,
-        "sha256": hashlib.sha256(data).hexdigest(),
+        "sha256": _sha256(data),
         "uploaded": None,
         "forced": forced,
     }
@@ -87,6 +87,29 @@ def export(
     done = f"the parameters were uploaded to slot {receipt.slot} and read back" if receipt else ""
     _record_export(session, record, report=done)
     return Exported(parameters=path, sha256=record["sha256"], receipt=receipt)
+
+
+def recorded_export(session: Session, active_document: bytes) -> Exported | None:
+    """Return the session's recorded export; None if there is none, or if parameters.yaml was changed since.
+
+    Its `receipt` is None unless the controller's `active_document` is the document that was uploaded.
+    """
+    exported, path = session.state.exported, session.journal.path.with_name(PARAMETERS_NAME)
+    if not exported or not path.exists() or _sha256(path.read_bytes()) != exported.get("sha256"):
+        return None
+    receipt, uploaded = None, exported["uploaded"]
+    if uploaded and _sha256(active_document) == exported["sha256"]:
+        receipt = UploadReceipt(
+            slot=uploaded["slot"],
+            sha256=uploaded["sha256"],
+            length=uploaded["length"],
+            home_offset_counts=tuple(uploaded.get("home_offset_counts", ())),
+        )
+    return Exported(parameters=path, sha256=exported["sha256"], receipt=receipt)
+
+
+def _sha256(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
 
 
 def _record_export(session: Session, exported: Mapping[str, Any], *, report: str) -> None:

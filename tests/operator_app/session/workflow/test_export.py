@@ -12,9 +12,11 @@ from operator_app.config.parameters_file import load_parameters
 from operator_app.config.poses_file import load_poses
 from operator_app.errors import ConnectAgainError, GuardError, JournalError
 from operator_app.report.results.session import session_text
-from operator_app.session.workflow.export import export
+from operator_app.session.ui.operations import Operations
+from operator_app.session.workflow.export import export, recorded_export
 from operator_app.session.workflow.listener import Listener
 from tests.oracles.journal_events import journal_events
+from tests.oracles.journalled_sessions import Quiet
 from tests.oracles.plant_sessions import short_procedure
 
 
@@ -116,3 +118,24 @@ def test_reason_for_an_accepted_calibration_is_not_recorded(make_session):
     assert session.state.exported["forced"] == ""
     codes = [w.code for w in load_parameters(result.exported.parameters).warnings]
     assert "FORCED" not in codes
+
+
+def test_resuming_shows_the_export_if_file_and_controller_still_have_it(make_session):
+    procedure = short_procedure(5)
+    session = make_session(procedure)
+    run(session, Listener(), forced="a test of the export")
+    session.close("done")
+
+    resumed = make_session(procedure, arm=session.arm, resume=True)
+    publisher = Quiet(resumed)
+    Operations(resumed, publisher).connect()
+    exported, receipt = publisher.shown.written, publisher.shown.receipt
+    assert exported.parameters.name == "parameters.yaml"
+    assert receipt.length == len(exported.parameters.read_bytes())
+    resumed.close("done")
+
+    other_controller = make_session(procedure, resume=True, connect=True)
+    export_there = recorded_export(other_controller, other_controller.arm.active_parameters())
+    assert export_there.receipt is None
+    exported.parameters.write_text("changed")
+    assert recorded_export(other_controller, b"") is None

@@ -25,6 +25,14 @@ from hardware.control.connection import Connection
 from hardware.monitors.joint_monitor import stop_error
 
 MODE_ATTEMPTS: Final = 6
+_NO_REASON_AGAINST_UPLOAD: Final = (
+    errors.Stopped,
+    errors.DriveFault,
+    errors.TargetRefused,
+    errors.ControlDenied,
+)
+"""Alarms despite which parameters may be uploaded: the counters of the joints are as before. That another node has
+control is reported by the upload itself."""
 
 
 class CanopenArm(ConnectableArm):
@@ -151,10 +159,12 @@ class CanopenArm(ConnectableArm):
     def upload_parameters(self, document: bytes) -> UploadReceipt:
         """Stage, read back and commit a document, and read the home offsets back.
 
-        The drives may be off; control is taken if no other node has it. Raises the errors of
-        `hardware.control.uploading.upload`.
+        The drives may be off, stopped or in fault; control is taken if no other node has it. Before anything is sent,
+        raises the alarm that makes the home offsets doubtful, such as a drive that has restarted or has lost counts,
+        later the errors of `hardware.control.uploading.upload`.
         """
         link = self._link
+        link.loop.run(motion_steps.check_alarms(link.loop), despite=_NO_REASON_AGAINST_UPLOAD)
         if not link.in_control:
             if link.token or link.other_operator():
                 raise errors.CommandRefused(

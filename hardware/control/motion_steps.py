@@ -266,6 +266,12 @@ def raise_alarm(loop: ControlLoop) -> None:
         raise alarm
 
 
+def check_alarms(loop: ControlLoop) -> Steps[None]:
+    """Raise the alarm that requires the steps to end, if there is one; command nothing."""
+    raise_alarm(loop)
+    yield from ()
+
+
 def _last_commands(loop: ControlLoop) -> Setpoints:
     if loop.commands is None:
         raise errors.CommandRefused("the drives are not enabled: take control first")

@@ -1,3 +1,4 @@
+import contextlib
 import hashlib
 import struct
 import time
@@ -41,6 +42,26 @@ def test_upload_is_staged_verified_and_committed_without_enabling_drives(arm, bu
     assert receipt.home_offset_counts == tuple(-11 * j for j in range(1, JOINTS + 1))
     assert arm.active_parameters() == DOCUMENT
     assert {j.drive for j in arm.snapshot().joints} == {DriveState.SWITCH_ON_DISABLED}
+
+
+@pytest.mark.parametrize(
+    ("frames", "error"),
+    [
+        ([(0x703, b"\x00"), (0x703, b"\x05")], errors.NodeRestarted),
+        ([(0x000, b"\x81\x03")], errors.OtherMaster),
+        ([(0x083, b"\x11\x86\x20" + bytes(5))], None),  # a drive in fault still has its counter
+    ],
+    ids=["restart", "other master", "fault"],
+)
+def test_upload_is_refused_if_a_counter_may_have_been_reset(arm, bus, frames, error):
+    for frame in frames:
+        bus.inject(*frame)
+    with contextlib.suppress(errors.HardwareError):
+        arm.capture(1)  # reads the frames
+    with pytest.raises(error) if error else contextlib.nullcontext():
+        arm.upload_parameters(DOCUMENT)
+    assert bus.document == (OLD_DOCUMENT if error else DOCUMENT)
+    assert error is None or bus.token == 0
 
 
 @pytest.mark.parametrize("document", [b"", b"abc", b"abcd", b"abcdefg", bytes(range(256))])

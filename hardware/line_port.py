@@ -138,8 +138,11 @@ FILE_POLL_S = 0.05
 class LinePort(ABC):
     """Source of an instrument's lines; `name` is the value of the option ``--tracker``.
 
-    All calls must come from one thread; they raise `InstrumentError` on failure.
+    `sends_questions`: whether the instrument receives the questions. All calls must come from one thread; they raise
+    `InstrumentError` on failure.
     """
+
+    sends_questions = True
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -236,6 +239,8 @@ class TcpLines(LinePort):
 class StdinLines(LinePort):
     """Lines that another program writes to standard input; the reading thread ends with this program."""
 
+    sends_questions = False
+
     def __init__(self, descriptor: int = 0) -> None:
         super().__init__("stdin")
         self._descriptor = descriptor
@@ -266,6 +271,8 @@ class StdinLines(LinePort):
 
 class GrowingFile(LinePort):
     """Lines that another program appends to a file, below a header line; the file is opened for every poll."""
+
+    sends_questions = False
 
     def __init__(self, path: Path) -> None:
         super().__init__(f"file:{path}")

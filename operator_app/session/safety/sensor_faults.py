@@ -12,7 +12,9 @@ from hardware.arm import ArmInterface, Reading
 from hardware.canopen.objects import EmergencyCode
 from hardware.errors import DriveDiverged, DriveFault, SensorFault
 from operator_app.calibration.failure_analysis import turned_unread
+from operator_app.errors import GuardError
 from operator_app.session.store.logbook import Logbook
+from operator_app.session.store.state import SessionState
 from operator_app.units import WHOLE_DEGREES
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
@@ -20,6 +22,16 @@ from solver.chain.sensors import NoSensor, Rvdt
 
 TURNED_RAD = float(np.deg2rad(2.0))
 """Smallest turn, computed from the other joints, at which a constant reading means a stuck sensor."""
+
+
+def require_no_sensor_fault(state: SessionState, refusal: str) -> None:
+    """Raise GuardError, with the text `refusal`, after a sensor fault until the first pose was measured again."""
+    if state.sensor_jump:
+        raise GuardError(
+            f"{refusal}: {state.sensor_jump}",
+            "use the automatic capture, which measures the first pose again and goes on if it is unchanged; "
+            "otherwise start a new session",
+        )
 
 
 class SensorFaults:

@@ -206,10 +206,11 @@ def may_run_automatically(s: SessionSnapshot) -> str:
 
 
 def lacks_drift_check(s: SessionSnapshot) -> bool:
-    """Whether an explored capture has all its poses, but no pose has been measured again since."""
+    """Whether a complete capture still needs a repeated pose: an explored one at its end, any after a sensor fault."""
     complete = len(s.state.used_poses) >= s.required_poses > 0
     explored = s.procedure.capture.strategy != "planned"
-    return complete and explored and not s.state.repeated_since_capture
+    unrepeated = explored and not s.state.repeated_since_capture
+    return complete and (unrepeated or bool(s.state.sensor_jump))
 
 
 def moves_real_arm(s: SessionSnapshot) -> bool:

@@ -83,12 +83,14 @@ def take_poses(
     if homing and (planned is None or not planned.continues_in_place):
         go_home_if_outside(session, listener)
     drift_check = _DriftCheck(session, listener, planned)
-    # If all poses are captured, later shifts do not affect the calibration.
+    # If all poses are captured, later shifts do not affect the calibration; but after a sensor fault this check comes
+    # first in any case.
     captured = len(session.state.poses_here)
     missing = (
         captured < session.procedure.capture.poses if planned is None else not planned.complete
     )
-    if session.state.resumed and session.state.poses_here and missing:
+    due = missing or bool(session.state.sensor_jump)
+    if session.state.resumed and session.state.poses_here and due:
         if planned is None:
             drift_check.repeat_nearest_pose_if_unresolved()
         if session.state.resumed:  # no pose has been repeated yet

@@ -17,7 +17,6 @@ from operator_app.config.parameters_file import format_parameters
 from operator_app.config.poses_file import save_poses
 from operator_app.errors import JournalError, SessionError
 from operator_app.messages.errors import words
-from operator_app.session.safety.resume_checks import check_counters
 from operator_app.session.store.folders import PARAMETERS_NAME, POSES_NAME
 from operator_app.session.store.parameters_document import export_reason
 from operator_app.session.workflow.session import Session
@@ -46,7 +45,7 @@ def export(
     forced = export_reason(solution, forced, stated_by="--force REASON")
     uploads = session.procedure.upload if upload_too is None else upload_too
     if uploads:
-        check_counters(session.model, session.arm.snapshot().positions_rad)
+        session.require_counters_of_poses()
     if to_dict(solution) != session.state.solution:
         # The recorded solution was made with other options: record the exported solution.
         session.record_solution(solution)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import re
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -29,7 +30,7 @@ from operator_app.config.measured_endpoints import (
 from operator_app.config.quantities import degrees_for_file
 from operator_app.config.resources import expanded
 from operator_app.errors import Cancelled, GuardError, SessionError
-from operator_app.session.safety.sensor_faults import SensorFaults
+from operator_app.session.safety.sensor_faults import SensorFaults, require_no_sensor_fault
 from operator_app.session.store.logbook import Logbook
 from operator_app.units import SCATTER
 from solver.arrays import FloatArray
@@ -65,6 +66,7 @@ class Instrument:
     ) -> None:
         self._port, self._full, self._patience_s = port, full_pose, patience_s
         self._heading = ""
+        self._unanswered: Counter[str] = Counter()
 
     def open(self) -> None:
         """Open the port; raises InstrumentError."""
@@ -84,11 +86,18 @@ class Instrument:
     ) -> FloatArray | None:
         """Measure the target at the pose with this name.
 
+        If an earlier question for this pose was not answered, as after a timeout, this question has another name, so
+        that a late answer to the earlier one is ignored: the arm may have moved since.
+
         Returns position (3,), m, or position and rotation vector (6,), m and rad; None if cancelled. Raises
         InstrumentError if the instrument does not answer or its line cannot be used, and TargetLostError if it does
         not see the target.
         """
         port = self._port
+        asked, before = pose, self._unanswered[pose]
+        if port.sends_questions and before:
+            pose = f"{pose} attempt {before + 1}"
+        self._unanswered[asked] += 1
         port.ask(json.dumps({"measure": pose}))
         until_s = time.monotonic() + self._patience_s
         other = ""
@@ -104,6 +113,7 @@ class Instrument:
                 if left_s <= 0.0:
                     raise self._silent(pose, other)
                 continue
+            self._unanswered[asked] = before
             if endpoint.lost:
                 raise TargetLostError(endpoint.lost)
             if self._full and len(endpoint.endpoint) == 3:
@@ -234,12 +244,8 @@ class PoseReader:
     def keep(self, name: str, data: Mapping[str, Any], cancelled: Callable[[], bool]) -> None:
         """Measure a pose and record it as an event with this name and these data."""
         logbook = self._logbook
-        if name == "pose" and logbook.state.sensor_jump:
-            raise GuardError(
-                f"captures are refused: {logbook.state.sensor_jump}",
-                "use the automatic capture, which measures the first pose again and goes on if it is unchanged; "
-                "otherwise start a new session",
-            )
+        if name == "pose":
+            require_no_sensor_fault(logbook.state, "captures are refused")
         reading = self.read()
         self.record_latency()
         self.sensor_faults.require_no_stuck_sensor(reading)

@@ -40,7 +40,8 @@ from operator_app.planning.drives import modes_problem
 from operator_app.planning.exploration import range_watch
 from operator_app.planning.task import fixed_parameter_checks
 from operator_app.session.safety.preflight import require_plausible_readings
-from operator_app.session.safety.resume_checks import check_identity
+from operator_app.session.safety.resume_checks import check_counters, check_identity
+from operator_app.session.safety.sensor_faults import require_no_sensor_fault
 from operator_app.session.store.journal import Clock, Journal, utc_now
 from operator_app.session.store.logbook import Logbook
 from operator_app.session.store.state import CapturedPose, CheckReading
@@ -72,7 +73,7 @@ class Session(Logbook):
         self.identity: ArmIdentity | None = None
         self.cancelled: Callable[[], bool] = lambda: False
         self.instruct: Callable[[str], None] = lambda _: None
-        self._readings_checked = False
+        self._connected = self._reconnected = self._readings_checked = False
         self.unresolved_joints: tuple[int, ...] = ()
         self.held = False
         self._powered: tuple[int, ...] = ()
@@ -93,7 +94,8 @@ class Session(Logbook):
         if measuring:
             self.reader.open_instrument()
         identity = self.arm.connect()
-        self._readings_checked = False
+        self._reconnected = self._reconnected or self._connected
+        self._connected, self._readings_checked = True, False
         self.reader.recorded_latency = NO_LATENCY
         try:
             check_identity(self.state, identity)
@@ -184,17 +186,32 @@ class Session(Logbook):
         The first call after connecting refuses implausible readings before it enables the drives.
         """
         self.require_journal()
-        if not self._readings_checked:
-            reading = self.arm.capture(self.procedure.capture.samples_per_pose)
-            what = f"standing {self.state.captured}"
-            self.unresolved_joints = require_plausible_readings(
-                self, reading, lambda: self.reader.endpoint(what, reading, self.cancelled)
-            )
-            self._readings_checked = True
+        self._check_readings()
         self.arm.take_control()
         start = self.arm.capture(self.procedure.capture.samples_per_pose).mean_rad
         home = self.model.home_rad.tolist()
         self.record("control", {"start_rad": start.tolist(), "home_rad": home})
+
+    def _check_readings(self) -> None:
+        """Refuse implausible readings, once for each connection."""
+        if self._readings_checked:
+            return
+        reading = self.arm.capture(self.procedure.capture.samples_per_pose)
+        what = f"standing {self.state.captured}"
+        self.unresolved_joints = require_plausible_readings(
+            self, reading, lambda: self.reader.endpoint(what, reading, self.cancelled)
+        )
+        self._readings_checked = True
+
+    def require_counters_of_poses(self) -> None:
+        """Raise GuardError before an upload if the joints' counters may not be those that the poses were read with.
+
+        After a lost connection, the readings are compared with the poses, as before the drives are enabled.
+        """
+        check_counters(self.model, self.arm.snapshot().positions_rad)
+        require_no_sensor_fault(self.state, "an upload is refused")
+        if self._reconnected:
+            self._check_readings()
 
     # -- 4 Capture -------------------------------------------------------------------------------
 

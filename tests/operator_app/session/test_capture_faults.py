@@ -15,7 +15,7 @@ from hardware.arm import ArmSnapshot, JointMode, MoveResult, Reading
 from hardware.errors import DriveDiverged, SensorFault
 from hardware.virtual.scenarios import scenario
 from operator_app.config.procedure import Procedure
-from operator_app.errors import Cancelled, GuardError, SessionError
+from operator_app.errors import Cancelled, ClosureRefusedError, GuardError, SessionError
 from operator_app.session.workflow.capture import take_poses
 from operator_app.session.workflow.drive_selection import HOMING_SPEED_RAD_PER_S
 from operator_app.session.workflow.listener import Listener
@@ -130,6 +130,31 @@ def test_pose_captured_during_a_jump_is_excluded(session):
         session.go_to({1: 0.0})
     assert session.state.used_poses == ()
     assert "joint 4 read wrong at that time" in session.state.poses[0].excluded
+
+
+def test_upload_after_a_sensor_fault_needs_the_first_pose_repeated(session):
+    take_poses(session, Listener(), (1, 5))
+    session.require_counters_of_poses()
+    session.arm.jumps_at_capture = session.arm.captures + 1
+    with pytest.raises(SensorFault):
+        session.take_check_reading("verification")
+    with pytest.raises(GuardError, match="upload is refused: joint 3 jumped"):
+        session.require_counters_of_poses()
+
+    take_poses(session, Listener())
+    session.require_counters_of_poses()
+
+
+def test_upload_after_a_lost_connection_compares_the_readings_with_the_poses(session):
+    take_poses(session, Listener(), (1, 5))
+    session.release_holding()
+    session.connect()
+    session.require_counters_of_poses()
+    session.release_holding()
+    session.connect()
+    session.arm.off_rad[2] = 0.3  # its drive has restarted
+    with pytest.raises(ClosureRefusedError, match="loop does not close"):
+        session.require_counters_of_poses()
 
 
 def test_arm_that_cannot_start_to_move_skips_no_waypoint(session):

@@ -155,6 +155,7 @@ def test_unmet_conditions_are_reported(guard, name, change, approve):
         ("may_capture", "modes", None),
         ("may_move", "modes", None),
         ("may_run_automatically", "capturing", None),
+        ("may_run_automatically", "captured", slipped),  # to measure the first pose again
         ("may_edit_pose", "capturing", None),
         ("may_calibrate", "captured", None),
         ("may_write", "solved", None),

@@ -1,6 +1,7 @@
 """An arm on CANopen: the `hardware.arm.ArmInterface` protocol on one bus."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from typing import Final
 
 from hardware import errors
@@ -70,8 +71,15 @@ class CanopenArm(ConnectableArm):
         """Set one mode per joint; return when 6061h of every drive confirms it.
 
         Raises `ModeNotReached` for the first joint whose drive does not report the mode, or that it follows its target.
+        If a drive does not report the mode, all other joints are held in position mode, because too few joints in
+        position mode would let the arm sag.
         """
-        self._set_modes(modes)
+        try:
+            self._set_modes(modes)
+        except errors.ModeNotReached:
+            with suppress(errors.HardwareError):
+                self.hold()
+            raise
         joint = motion_steps.not_following(self._link.loop.sample, modes)
         if joint is not None:
             actual = "it, but not that it follows its target (6041h, bit 12)"

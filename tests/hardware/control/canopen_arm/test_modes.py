@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hardware import errors
-from tests.hardware.control.canopen_arm.conftest import PER_RAD, POSITION, TWO_DRIVEN
+from tests.hardware.control.canopen_arm.conftest import FREE, PER_RAD, POSITION, TWO_DRIVEN
 from tests.hardware.fake_arm import JOINTS, FakeArmBus
 from tests.oracles.profiles import sarcos
 
@@ -154,6 +154,16 @@ def test_unreached_mode_raises_mode_not_reached(arm, bus):
     with pytest.raises(errors.ModeNotReached) as error:
         arm.set_modes(TWO_DRIVEN)
     assert (error.value.joint, error.value.wanted, error.value.actual) == (3, "free", "position")
+
+
+def test_refused_position_mode_leaves_all_other_joints_held(driven, bus):
+    """Otherwise fewer joints than the chain needs would hold it, and the arm would sag."""
+    bus.drives[4].follows_mode = False
+    other_pair = [POSITION if joint in (4, 6) else FREE for joint in range(1, JOINTS + 1)]
+    with pytest.raises(errors.ModeNotReached) as error:
+        driven.set_modes(other_pair)
+    assert (error.value.joint, error.value.wanted) == (4, "position")
+    assert [drive.mode for drive in bus.drives.values()] == [8, 8, 8, 10, 8, 8, 8]
 
 
 def test_hold_sets_position_mode_and_current_position(driven, bus):

@@ -15,7 +15,7 @@ from operator_app.session.store.state import SessionState
 from operator_app.session.ui.calibration_operations import CalibrationOperations
 from operator_app.session.ui.snapshot import Level
 from operator_app.session.workflow import drive_selection
-from operator_app.session.workflow.capture import outlier_warning, take_poses
+from operator_app.session.workflow.capture import outlier_warning, place_warning, take_poses
 from operator_app.session.workflow.session import Session
 from operator_app.units import MOVED, READING_SD, names, others_free
 from solver.chain.parameters import nominal_vector
@@ -169,6 +169,8 @@ class Operations(CalibrationOperations):
         """Capture a pose at the current position."""
         self._session.capture(waypoint)
         self.pose_captured(self._session.state)
+        if text := place_warning(self._session):
+            self.report(text, Level.WARNING)
         if suspect := outlier_warning(self._session):
             # A planned capture that makes a new plan has no path back to the first pose.
             if self._session.procedure.capture.strategy != "planned":

@@ -8,6 +8,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from hardware.arm import ArmIdentity
 from hardware.canopen.objects import EmergencyCode
 from operator_app.calibration.experiment import Experiment
@@ -25,8 +27,9 @@ from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.planned_capture import PlannedCapture
 from operator_app.session.workflow.pose_reading import TargetLostError
 from operator_app.session.workflow.session import Session
-from operator_app.units import REACH, joints_named, others_free
+from operator_app.units import REACH, SPAN, joints_named, others_free
 from solver.chain.poses import PoseSet
+from solver.chain.sensors import NoSensor
 from solver.design.actions import Finished
 from solver.loops.placements import Placements
 
@@ -134,6 +137,32 @@ def outlier_warning(session: Session) -> str:
         f"Pose {state.poses_here[-1].number} does not fit the poses before it: a joint or the fixture may have "
         "shifted."
     )
+
+
+SAME_PLACE_RAD = float(np.deg2rad(0.2))
+"""Poses whose joints all differ by less count as one place; the noise of a mean reading is below a third of this."""
+
+
+def place_warning(session: Session) -> str:
+    """Return a warning if a joint of the last pose is outside its range, or the pose repeats another; "" if neither."""
+    *earlier, last = session.state.poses_here
+    for j, (joint, q) in enumerate(
+        zip(session.model.joints, last.mean_rad.tolist(), strict=True), 1
+    ):
+        unread = isinstance(joint.sensor, NoSensor) or j in session.procedure.unsensed_joints
+        if not (unread or joint.lower_rad <= q <= joint.upper_rad):
+            return (
+                f"Pose {last.number}: joint {j} reads {REACH(q).with_unit}, outside its range "
+                f"{SPAN(joint.lower_rad).shown} .. {SPAN(joint.upper_rad).with_unit}. Undo the pose, and check the "
+                "counter and the range of that joint."
+            )
+    for pose in earlier:
+        if np.abs(pose.mean_rad - last.mean_rad).max() < SAME_PLACE_RAD:
+            return (
+                f"Pose {last.number} is at the place of pose {pose.number} and determines nothing new. Undo it, and "
+                "move the arm before the next capture."
+            )
+    return ""
 
 
 @dataclass(frozen=True, slots=True)

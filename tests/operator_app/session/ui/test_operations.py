@@ -81,3 +81,22 @@ def test_edits_and_poses_are_undone_in_reverse_order_and_redone(make_session):
         assert session.state.poses == poses
     with pytest.raises(GuardError, match="nothing to redo"):
         work.redo()
+
+
+def test_capture_by_hand_warns_of_a_repeated_place_and_of_a_reading_outside_its_range(make_session):
+    session = make_session(short_procedure(8))
+    publisher = Publisher(session)
+    work = Operations(session, publisher)
+    work.connect()
+    work.set_modes((1, 5))
+    work.capture(0)
+    assert all(level is Level.INFO for level, _ in publisher.messages)
+    work.capture(0)
+    assert publisher.messages[-1][0] is Level.WARNING
+    assert "Pose 2 is at the place of pose 1" in publisher.messages[-1][1]
+
+    joint = session.model.joints[6]
+    session.arm.off_rad[6] = joint.upper_rad + 0.1 - session.arm.snapshot().positions_rad[6]
+    work.capture(0)
+    warnings = [text for level, text in publisher.messages if level is Level.WARNING]
+    assert "Pose 3: joint 7 reads" in warnings[1]

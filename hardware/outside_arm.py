@@ -6,7 +6,7 @@ command is sent again after the command. Exceptions and invalid readings become 
 
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -102,17 +102,22 @@ class OutsideArm:
         self._in_control = True
 
     def set_modes(self, modes: Sequence[JointMode]) -> None:
-        """Set one mode per joint and check that the arm reports these modes."""
+        """Set one mode per joint and check that the arm reports these modes; if it does not, hold all joints."""
         self._require_no_stop()
         if not self._in_control:
             raise errors.CommandRefused("the drives are not under control: take control first")
-        with self._command():
-            self._connected.set_modes(modes)
-        joints = self._checked_snapshot(self._connected).joints
-        for joint, requested in zip(joints, modes, strict=True):
-            if joint.mode is not requested:
-                actual = "no mode" if joint.mode is None else joint.mode.value
-                raise errors.ModeNotReached(joint.joint, requested.value, actual)
+        try:
+            with self._command():
+                self._connected.set_modes(modes)
+            joints = self._checked_snapshot(self._connected).joints
+            for joint, requested in zip(joints, modes, strict=True):
+                if joint.mode is not requested:
+                    actual = "no mode" if joint.mode is None else joint.mode.value
+                    raise errors.ModeNotReached(joint.joint, requested.value, actual)
+        except errors.ModeNotReached:
+            with suppress(errors.HardwareError):  # too few joints in position mode would let the arm sag
+                self.hold()
+            raise
 
     def move(
         self,

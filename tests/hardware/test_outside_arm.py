@@ -124,6 +124,19 @@ def test_stop_during_failing_command_stops_arm(arm, plain):
     assert not plain.on
 
 
+def test_refused_mode_leaves_the_other_joints_held(arm, plain, monkeypatch):
+    free = arms.JointMode.FREE
+
+    def keep_joint_2_free(modes: list[arms.JointMode]) -> None:
+        plain.modes = [free if at == 1 else mode for at, mode in enumerate(modes)]
+
+    monkeypatch.setattr(plain, "set_modes", keep_joint_2_free)
+    arm.take_control()
+    with pytest.raises(arms.ModeNotReached, match="joint 2"):
+        arm.set_modes([free, arms.JointMode.POSITION, *[free] * (N - 2)])
+    assert plain.modes == [free if at == 1 else arms.JointMode.POSITION for at in range(N)]
+
+
 @pytest.mark.parametrize("field", ["mean_counts", "mean_rad", "sd_rad"])
 @pytest.mark.parametrize(
     ("values", "words"),

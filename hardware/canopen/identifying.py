@@ -108,19 +108,19 @@ def scales_of(description: ArmDescription, profile: BusProfile) -> tuple[JointSc
 
 
 def read_rated_torques_nm(access: ObjectAccess, profile: BusProfile) -> tuple[float, ...]:
-    """Return each joint's rated torque, N m, from the profile or else 6076h; `WrongArm` if neither states it."""
+    """Return each joint's rated torque, N m, from the profile or else 6076h; `WrongArm` if neither states it, or 0."""
     torques = []
     for number, joint in enumerate(profile.joints, 1):
         if joint.rated_torque_nm is not None:
             torques.append(joint.rated_torque_nm)
             continue
-        try:
-            torques.append(access.read_unsigned(joint.node, objects.RATED_TORQUE) * 1e-3)
-        except SdoRefused as refusal:
+        rated = read_number(access, joint.node, objects.RATED_TORQUE, 0)
+        if not rated:  # with 0, every torque would read 0, and no overload would be seen
             raise WrongArm(
                 f"Joint {number} states no rated torque ({objects.RATED_TORQUE:04X}h), the unit of its torques. Give "
                 f"rated_torque_nm for it in the bus profile {profile.name}."
-            ) from refusal
+            )
+        torques.append(rated * 1e-3)
     return tuple(torques)
 
 

@@ -213,6 +213,8 @@ def test_stop_while_connecting_restores_maps_and_reports_zeroed_torque(settings,
         (0x1016, b"\0", errors.MappingMismatch, "node 6, 1016h"),
         (0x1017, b"\x88\x13", errors.MappingMismatch, "node 6, 1017h"),
         (0x6076, ABSENT, errors.WrongArm, "6076h"),
+        (0x6076, bytes(4), errors.WrongArm, "6076h"),
+        (0x6076, 0x0504_0000, errors.SdoRefused, "refused 6076h"),  # a time-out is no absence
     ],
 )
 def test_nothing_is_written_to_drives_with_invalid_objects(index, value, error, message):

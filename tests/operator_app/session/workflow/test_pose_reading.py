@@ -121,12 +121,9 @@ def test_measurements_of_other_poses_time_out():
 
 
 def test_late_answer_to_an_earlier_attempt_is_ignored():
-    """The first question was not answered in time; the arm may have moved since."""
+    """The first question was cancelled; the arm may have moved since."""
     late = {"pose": "5", **POSE, "x_m": 9.0}
     lines = [None, late, {"pose": "5 attempt 2", **POSE}]
-    instrument = instrument_sending(lines)
-    with pytest.raises(InstrumentError):
-        instrument.measure("5")
     instrument = instrument_sending(lines, patience_s=60.0)
     assert instrument.measure("5", iter([False, True]).__next__) is None
     assert instrument.measure("5")[0] == 1.0

@@ -169,7 +169,7 @@ def _sensor_differences(
             per_rev = sensor.counts_per_rev if per_rev is None else per_rev
             resolution = objects.ENCODER_RESOLUTION
             counts, turns = (access.read_unsigned(node, resolution, sub) for sub in (1, 2))
-            if counts != per_rev * turns:
+            if not turns or counts != per_rev * turns:
                 per = "turn" if turns == 1 else f"{turns} turns"
                 yield f"has an encoder of {counts} counts per {per}, expected {per_rev} per turn"
     elif objects.SENSOR in compared:

@@ -34,12 +34,14 @@ def test_every_difference_from_arm_file_is_reported():
     bus = FakeArmBus()
     bus.objects[16, 0x2020, 1] = b"other"
     bus.objects[2, 0x607D, 2] = bus.objects[4, 0x608F, 1] = bytes.fromhex("e8030000")
+    bus.objects[5, 0x608F, 1] = bus.objects[5, 0x608F, 2] = bytes(4)
     bus.objects[7, 0x2100, 2] = bytes.fromhex("80778e06")
     with pytest.raises(WrongArm, match="'other'") as wrong:
         make(bus).connect()
     for part in (
         "joint 2 has the range",
         "joint 4 has an encoder",
+        "joint 5 has an encoder of 0 counts per 0 turns",
         "joint 7 has an RVDT of 110.000000 deg",
     ):
         assert part in str(wrong.value)

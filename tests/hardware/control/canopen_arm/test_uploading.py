@@ -51,7 +51,6 @@ def test_upload_is_staged_verified_and_committed_without_enabling_drives(arm, bu
         ([(0x000, b"\x81\x03")], errors.OtherMaster),
         ([(0x083, b"\x11\x86\x20" + bytes(5))], None),  # a drive in fault still has its counter
     ],
-    ids=["restart", "other master", "fault"],
 )
 def test_upload_is_refused_if_a_counter_may_have_been_reset(arm, bus, frames, error):
     for frame in frames:

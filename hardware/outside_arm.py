@@ -115,9 +115,8 @@ class OutsideArm:
                     actual = "no mode" if joint.mode is None else joint.mode.value
                     raise errors.ModeNotReached(joint.joint, requested.value, actual)
         except errors.ModeNotReached:
-            with suppress(
-                errors.HardwareError
-            ):  # too few joints in position mode would let the arm sag
+            # Too few joints in position mode would let the arm sag.
+            with suppress(errors.HardwareError):
                 self.hold()
             raise
 

@@ -76,8 +76,11 @@ fault, which the tests diagnose."""
 CURVATURE_SHARE = 3.0
 """Error of a Newton step as a share of the step, per rad or m of its largest component: the error is quadratic."""
 
-LEAST_MOTION_SHARE, TINY = 1e-3, 1e-200
-"""Directions in which the joints move a loop by less than this share stay open; `TINY` avoids a division by zero."""
+LEAST_MOTION_SHARE, WEAK_MOTION_SHARE, MOST_TURN_RAD, TINY = 1e-3, 0.02, 0.1, 1e-200
+"""Directions in which the joints move a loop by less than `LEAST_MOTION_SHARE` stay open. So do those with less than
+`WEAK_MOTION_SHARE` along which a deflection would turn joints by more than about `MOST_TURN_RAD`: a measured position
+may be beyond the reach of a stretched arm. `TINY` avoids a division by zero.
+"""
 
 POSES_FOR_VARIANCES = 600
 """Number of poses that estimate the variances if there are more than twice as many; all poses would improve the
@@ -305,7 +308,9 @@ def _closing(system: System, deflection: FloatArray) -> FloatArray:
     Bt = np.swapaxes(system.B, -1, -2)
     square = system.B @ Bt
     # Directions in which joints hardly move a pose stay open, so that no joint turns far.
-    ridge = LEAST_MOTION_SHARE**2 * np.trace(square, axis1=-2, axis2=-1) + TINY
+    size = np.trace(square, axis1=-2, axis2=-1)
+    far = (open_by**2).sum((-2, -1)) / (2.0 * MOST_TURN_RAD) ** 2
+    ridge = np.clip(far, LEAST_MOTION_SHARE**2 * size, WEAK_MOTION_SHARE**2 * size) + TINY
     square += ridge[:, None, None] * np.eye(square.shape[-1])
     return np.asarray((Bt @ np.linalg.solve(square, open_by))[..., 0])
 

@@ -19,6 +19,7 @@ from solver.loops.closure import (
     ClosureModel,
     ClosureSigmas,
     ReducedError,
+    closure_sigmas,
     pose_blocks,
     poses_needed,
 )
@@ -33,8 +34,7 @@ class Estimate:
     half a turn of their nominal values if they have a prior.
     `residual`, `rotation_rows`: reduced closure error (m, r) at the *measured* joints; the first `rotation_rows` rows
     are rad, the others m.
-    `sigmas`, `flipped`: sigma_pos and sigma_ori, calculated from `residual`; indices of poses on the flipped branch of
-    the hinge.
+    `flipped`: indices of poses on the flipped branch of the hinge.
     `dof`: degrees of freedom: equations minus parameters.
     `chi2`, `pose_chi2`: weighted sum of squared residuals, and each pose's share of it (m,); None without a noise
     model.
@@ -47,7 +47,6 @@ class Estimate:
     covariance: FloatArray
     residual: FloatArray
     rotation_rows: int
-    sigmas: ClosureSigmas
     flipped: tuple[int, ...]
     dof: int
     iterations: int
@@ -55,6 +54,11 @@ class Estimate:
     chi2: float | None = None
     pose_chi2: FloatArray | None = None
     corrections: FloatArray | None = None
+
+    @property
+    def sigmas(self) -> ClosureSigmas:
+        """sigma_pos and sigma_ori, calculated from `residual`."""
+        return closure_sigmas(self.residual, self.rotation_rows)
 
     @property
     def standard_deviation(self) -> FloatArray:

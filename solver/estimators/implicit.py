@@ -208,7 +208,6 @@ def estimate_implicit(
         covariance=fit.covariance,
         residual=error.residual,
         rotation_rows=error.rotation_rows,
-        sigmas=error.sigmas,
         flipped=error.flipped_poses,
         dof=fit.dof,
         chi2=fit.chi2,

@@ -54,7 +54,6 @@ def estimate_paper(
         covariance=triangle.covariance() * (2.0 * fit.cost / dof),
         residual=error.residual,
         rotation_rows=error.rotation_rows,
-        sigmas=error.sigmas,
         flipped=error.flipped_poses,
         dof=dof,
         iterations=fit.iterations,

@@ -172,7 +172,6 @@ def estimate_of(fitted: MixedFit, order: IntArray) -> Estimate:
         covariance=fit.covariance,
         residual=error.residual,
         rotation_rows=error.rotation_rows,
-        sigmas=error.sigmas,
         flipped=error.flipped_poses,
         dof=require_enough_poses(design.model, len(design.q), known=len(design.errors.tolerance)),
         chi2=fit.chi2,

@@ -124,6 +124,8 @@ def test_repeated_rows_do_not_narrow_sigmas(poses, noise_deg):
     np.testing.assert_allclose(
         four_times.estimate.standard_deviation, once.estimate.standard_deviation, rtol=0.1
     )
+    printed = [s.estimate.sigmas.position_m.as_printed for s in (once, four_times)]
+    assert printed[1] == pytest.approx(printed[0] / 2.0, rel=0.1)
     (notice,) = (w for w in four_times.warnings if w.code == "REPEATED_ROWS")
     assert f"count as {len(poses)} poses" in notice.text
     dof = [

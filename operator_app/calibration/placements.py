@@ -36,9 +36,10 @@ def indistinguishable_placements(model: ClosureModel, estimate: Estimate) -> tup
     """Return findings of placements between which the fixture was not remounted.
 
     Each finding names the parameter with the largest difference in standard deviations, and states that difference.
-    `estimate` covers all unknowns of `model`.
+    `estimate` covers all unknowns of `model`. Stations of an instrument are not compared: no fixture is mounted, and
+    another station tells no more about the arm.
     """
-    if not isinstance(model, Placements):
+    if not isinstance(model, Placements) or model.parts()[0][0].constrained_part is None:
         return ()
     findings: list[Finding] = []
     for pair in _pairs(model, estimate):

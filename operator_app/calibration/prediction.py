@@ -46,14 +46,19 @@ FIXTURE = "fixture"
 """`CommonShift.subject` of a shift of the fixture; otherwise the subject is the number of a joint."""
 
 
-def shift_in_words(shift: CommonShift) -> str:
-    """Return the text that states a common shift, its magnitude, and the remedy."""
+def shift_in_words(shift: CommonShift, *, instrument: bool) -> str:
+    """Return the text that states a common shift, its magnitude, and the remedy.
+
+    `instrument`: whether an instrument measured the open arm, so that no fixture can have moved.
+    """
+    what = "the arm's base or the instrument" if instrument else "the fixture"
     if shift.subject == FIXTURE or shift.size is None or shift.sigma is None:
+        remedy = "give these poses another placement number" if instrument else "calibrate again"
         return (
-            "in all these poses the fixture is not where the calibration found it: if it was moved or remounted since, "
-            "calibrate again"
+            f"in all these poses {what} is not where the calibration found it: if it was moved or remounted since, "
+            f"{remedy}"
         )
-    turned = ", or the fixture has turned about the axis of joint 1" if shift.subject == "1" else ""
+    turned = f", or {what} has turned about the axis of joint 1" if shift.subject == "1" else ""
     more = "more" if shift.size > 0.0 else "less"
     return (
         f"joint {shift.subject} reads {SLIP_SIGMA(abs(shift.size)).with_unit} {more} than the calibration predicts "

@@ -14,7 +14,12 @@ from operator_app.calibration.calibrated_arm import (
     closure_in_use,
     with_estimated_place,
 )
-from operator_app.calibration.error_model import freed, noise_model
+from operator_app.calibration.error_model import (
+    averaged_at_rest,
+    distinct_poses,
+    freed,
+    noise_model,
+)
 from operator_app.calibration.experiment import Experiment, with_angles_of_unsensed
 from operator_app.calibration.instrument_registration import (
     endpoints_at_nominal_base,
@@ -22,7 +27,7 @@ from operator_app.calibration.instrument_registration import (
 )
 from operator_app.calibration.prediction import predict_new_poses, shift_in_words
 from operator_app.calibration.result import Solution
-from solver.arrays import BoolArray, FloatArray
+from solver.arrays import BoolArray, FloatArray, select_poses
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector
 from solver.chain.poses import PoseSet
@@ -69,9 +74,11 @@ class VerificationResult:
     """Result of a verification with new poses.
 
     `nominal`: closure sigmas of the same poses at the nominal parameters, for comparison.
-    `odd_poses`: indices of outliers, the worst first: poses that deviate more than can be due to chance. In 1 of 1000
-    pose sets without a fault there is such a pose.
+    `odd_poses`: rows of outliers, the worst first: poses that deviate more than can be due to chance. In 1 of 1000
+    pose sets without a fault there is such a pose. Of rows that repeat a pose, the first is named.
+    `poses`: number of distinct poses.
     `shift`: common shift of one joint or the fixture in all new poses; None if there is none.
+    `instrument`: whether an instrument measured the endpoints of the open arm, instead of a fixture.
     `stated`: the test with at least the stated errors. It allows variances larger than stated by the factor
     `STATED_VARIANCE_FACTOR` or, if that is larger, by the chi2/dof of the accepted calibration.
     `in_use`: closure sigmas of the same poses with the best table and with the corrections.
@@ -84,13 +91,16 @@ class VerificationResult:
     poses: int
     stated: Chi2Test
     shift: CommonShift | None = None
+    instrument: bool = False
     others_fit: bool = False
     in_use: ClosureInUse = field(default_factory=ClosureInUse)
 
     @property
     def why(self) -> str:
         """The common shift as text; empty if there is none."""
-        return "" if self.shift is None else shift_in_words(self.shift)
+        if self.shift is None:
+            return ""
+        return shift_in_words(self.shift, instrument=self.instrument)
 
     @property
     def holds(self) -> bool:
@@ -154,9 +164,30 @@ def verify_poses(
 
     Linearity deviation, sag and compliance are known from the calibration's own poses, `made_from` (with those on the
     flipped branch), and the test searches for one common shift. `elsewhere`: the new poses may be of other placements;
-    the place of the fixture or of the instrument is then estimated from them, with all other parameters fixed. Raises
-    `ValueError` if the parameters are not those of this loop (another fixture, or another number of placements).
+    the place of the fixture or of the instrument is then estimated from them, with all other parameters fixed. Rows
+    that repeat a pose count once, as in the calibration. Raises `ValueError` if the parameters are not those of this
+    loop (another fixture, or another number of placements).
     """
+    rows = averaged_at_rest(arm, poses)
+    distinct, which = distinct_poses(rows, np.ones(len(rows), dtype=np.bool_))
+    result = _verify_distinct(
+        arm, fixture, rows.at_poses(distinct), solution, made_from, elsewhere=elsewhere
+    )
+    of_rows = select_poses(result.verification, which, "pose_chi2", "pose_probability", "closed")
+    odd = tuple(int(distinct[k]) for k in result.odd_poses)
+    return replace(result, verification=of_rows, odd_poses=odd)
+
+
+def _verify_distinct(
+    arm: ArmModel,
+    fixture: EndpointConstraint,
+    poses: PoseSet,
+    solution: Solution,
+    made_from: PoseSet,
+    *,
+    elsewhere: bool,
+) -> VerificationResult:
+    """Test poses of which none repeats another; arguments and errors as for `verify_poses`."""
     fixture = with_calibrated_places(fixture, solution.model)
     poses, made_from = (with_angles_of_unsensed(arm, fixture, p) for p in (poses, made_from))
     calibrated = made_from.placements
@@ -192,6 +223,7 @@ def verify_poses(
         nominal=closure_at_readings(model, nominal, poses.q_rad).sigmas,
         odd_poses=tuple(int(k) for k in np.argsort(tested.pose_probability) if improbable[k]),
         poses=len(poses),
+        instrument=isinstance(fixture, Measured),
         stated=tested.chi2,
         in_use=closure_in_use(solution, arm, model, x, poses.q_rad, unknown),
     )
@@ -206,8 +238,7 @@ def verify_poses(
     if predicted is None:
         return result
     own = solution.adjudication.stated_chi2_per_dof if solution.accepted else None
-    factor = max(limits.STATED_VARIANCE_FACTOR, own or 0.0)
-    return _with_prediction(result, *predicted, variance_factor=factor)
+    return _with_prediction(result, *predicted, scale=max(1.0, own or 0.0))
 
 
 def _with_prediction(
@@ -216,21 +247,24 @@ def _with_prediction(
     sharp: Chi2Test,
     subjects: Mapping[str, FloatArray],
     *,
-    variance_factor: float,
+    scale: float,
 ) -> VerificationResult:
     """Return the test that also uses the calibration's poses; for the arguments, see `predict_new_poses`.
 
-    `variance_factor`: factor by which the variances may be larger than stated.
+    `scale`: factor by which the variances in the accepted calibration exceed the stated ones, at least 1. A single pose
+    is compared with these; all poses together may exceed the stated variances by `STATED_VARIANCE_FACTOR` anyway.
     """
     from scipy.special import chdtrc
 
-    stated, outliers = chi2_test(residuals.chi2, residuals.dof), find_outliers(residuals)
+    variance_factor = max(limits.STATED_VARIANCE_FACTOR, scale)
+    stated = chi2_test(residuals.chi2, residuals.dof)
+    outliers = find_outliers(residuals, scale=scale)
     stated = replace(stated, high=variance_factor * stated.high)
     # A shift counts only if it remains without the outliers.
     shift = shifted(outliers.rest, subjects, variance_factor=variance_factor)
     if shift is not None:
         residuals = residuals.with_columns(subjects[shift.subject])
-        outliers = find_outliers(residuals)
+        outliers = find_outliers(residuals, scale=scale)
     chi2, dof = leave_one_out_chi2(residuals)
     # Without its outliers, a single pose leaves nothing to test.
     others = chi2_test(outliers.rest.chi2, outliers.rest.dof) if outliers.rest.dof > 0 else None
@@ -244,7 +278,7 @@ def _with_prediction(
                 high=sharp.high * limits.LEARNED_VARIANCE_FACTOR,
             ),
             pose_chi2=chi2,
-            pose_probability=np.asarray(chdtrc(np.maximum(dof, 1), chi2)),
+            pose_probability=np.asarray(chdtrc(np.maximum(dof, 1), chi2 / scale)),
         ),
         odd_poses=outliers.poses,
         shift=shift,

@@ -443,9 +443,9 @@ class FindingKind(Enum):
     )
     SAME_PLACEMENT = _Message(
         "SAME_PLACEMENT",
-        text="placements {numbers} of the fixture do not differ significantly (largest difference: {name}, "
-        "{size:ANGLE|LENGTH}, {sigmas:SIGMAS} sigma): the fixture was not remounted between them, or was remounted "
-        "in the same place; together they give no more information than one placement",
+        text="placements {numbers} of the fixture do not differ clearly (largest difference: {name}, "
+        "{size:ANGLE|LENGTH}, {sigmas:SIGMAS} sigma): probably the fixture was not remounted between them, or was "
+        "remounted in the same place; together they give hardly more information than one placement",
         remedy="mount the fixture elsewhere within its tolerance and take another placement",
     )
     DISTANCE_ABOVE = _Message(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from operator_app.calibration.open_loop import OpenLoopCheck
-from operator_app.calibration.prediction import FIXTURE, shift_in_words
+from operator_app.calibration.prediction import FIXTURE
 from operator_app.report.quality_tables import CLOSURE_COLUMNS, closure_row, rows_in_use
 from operator_app.report.results.comparison import change_cells, change_data
 from operator_app.report.table import FactTable, figures, keyed, words
@@ -50,12 +50,15 @@ def verification_json(verdict: VerificationResult, poses: PoseSet) -> dict[str, 
         "chi2_band_99": [chi2.low, chi2.high],
         **keyed((closure(verdict),)),
         "odd_poses": [poses.label[k] for k in verdict.odd_poses],
-        "shift": None if shift is None else _shift_json(shift),
+        "shift": None if shift is None else _shift_json(shift, verdict.why),
     }
 
 
-def _shift_json(shift: CommonShift) -> dict[str, Any]:
-    """Return the common shift as JSON: what shifted (``joint_4``, ``fixture``) and, for a joint, by how much, deg."""
+def _shift_json(shift: CommonShift, why: str) -> dict[str, Any]:
+    """Return the common shift as JSON: what shifted (``joint_4``, ``fixture``) and, for a joint, by how much, deg.
+
+    `why`: the shift as text.
+    """
     joint = shift.subject != FIXTURE
     size, sigma = (Figure(v if joint else None, ANGLE).in_json for v in (shift.size, shift.sigma))
     return {
@@ -64,7 +67,7 @@ def _shift_json(shift: CommonShift) -> dict[str, Any]:
         "sigma_deg": sigma,
         "chi2": shift.chi2,
         "threshold": shift.threshold,
-        "text": shift_in_words(shift),
+        "text": why,
     }
 
 
@@ -90,7 +93,7 @@ def verification_text(verdict: VerificationResult, poses: PoseSet, folder: str) 
             f"DOES NOT HOLD: {verdict.poses} new poses disagree with the calibration of {folder} "
             "by more than its uncertainty allows."
         )
-    notices = [] if verdict.shift is None else [shift_in_words(verdict.shift)]
+    notices = [verdict.why] if verdict.why else []
     if verdict.odd_poses:
         worst = ", ".join(
             f"{poses.label[k]} (chance {significant(float(tested.pose_probability[k]), 2)})"

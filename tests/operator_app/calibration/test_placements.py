@@ -46,7 +46,7 @@ def test_one_socket_numbered_as_three_is_noticed_and_accepted(two_sockets):
     assert two_sockets.accepted
     facts = facts_of(two_sockets)
     assert {"code": CODE, "text": notice.sentence} in facts.data["warnings"]
-    assert "do not differ significantly" in " ".join(facts_text(facts).split())
+    assert "do not differ clearly" in " ".join(facts_text(facts).split())
 
 
 @pytest.mark.sample(2)

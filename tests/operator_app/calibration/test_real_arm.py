@@ -125,6 +125,19 @@ def test_a_ur10_measured_by_a_laser_tracker_is_predicted(run_command):
     assert by_row["with_corrections"] < 0.95 * by_row["with_best_table"]
 
 
+def test_a_fanuc_with_three_targets_measured_ten_times_a_pose_is_predicted(run_command):
+    """Ten rows of a pose count once, in the calibration and in the test (tests/data/fanuc_tracker)."""
+    folder = FOLDER.parent / "fanuc_tracker"
+    options = ["--arm", folder / "fanuc.yaml", "--fixture", "tracker", "--json"]
+    result = run_command(0, "solve", folder / "train.csv", *options, "--test", folder / "test.csv")
+    test = result.json["test"]
+    assert (test["verdict"], test["poses"]) == ("holds", 8)
+    assert 0.3 < test["chi2_per_dof"] < 2.0
+    # Upper limit of chi2/dof with about 48 equations, instead of 480.
+    assert test["chi2_band_99"][1] > 3.0
+    assert test["with_best_table"]["sigma_pos_mm"]["rms"] < 0.12
+
+
 def test_paper_estimate_is_verified_by_its_own_covariance():
     own, new = panda_poses(3), panda_poses(1, 6)
     by_paper = calibrate(PANDA, BALL, own, estimator="paper", drop=True)

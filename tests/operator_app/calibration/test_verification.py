@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import sarcal
 from scipy.spatial.transform import Rotation
 
 from operator_app.calibration.calibrate import calibrate
@@ -73,6 +74,12 @@ def test_poses_measured_from_another_station_are_verified(measured):
     here, moved = verified(later), verified(seen_from_another_station(later))
     assert (here.holds, moved.holds) == (True, True)
     assert moved.stated.dof == here.stated.dof - 6
+    shifted = verified(replace(later, endpoint=later.endpoint + 0.01))
+    assert "another placement number" in shifted.why
+    stations = calibrate(
+        ARM, TRACKER, replace(measured, placement=np.arange(40) % 2 + 1), drop=True
+    )
+    assert "SAME_PLACEMENT" not in {w.code for w in stations.warnings}
     assert moved.verification.sigmas.position_m.rms < 5.0 * SIGMA_M
     # Placement 1 may be the default of a file that states no placement: the instrument counts as unmoved.
     assert not verified(seen_from_another_station(later, 1)).holds
@@ -166,6 +173,23 @@ def verification_of(retaken, where, error_deg):
 def test_later_poses_hold_and_a_single_outlier_is_named(retaken, where, deg, odd_poses):
     result = verification_of(retaken, where, deg)
     assert (result.holds, result.shift, result.odd_poses) == (not odd_poses, None, odd_poses)
+
+
+def test_rows_that_repeat_a_new_pose_count_once(retaken):
+    once, later = (
+        verification_of(retaken, (4, 1), 0.3),
+        poses_of(displaced(retaken[1], (4, 1), 0.3)),
+    )
+    threefold = sarcal.poses_of(q_rad=np.repeat(later.q_rad, 3, axis=0))._set
+    result = verify_poses(ARM, HINGE, threefold, *retaken[0])
+    assert (result.odd_poses, result.poses, result.stated.dof) == ((12,), 20, once.stated.dof)
+
+
+def test_an_outlier_is_compared_with_the_variances_of_the_accepted_calibration(retaken):
+    (solution, made_from), later = retaken
+    adjudication = replace(solution.adjudication, stated_chi2_per_dof=1e3)
+    calibration = replace(solution, adjudication=adjudication), made_from
+    assert verification_of((calibration, later), (4, 1), 0.3).odd_poses == ()
 
 
 @pytest.mark.parametrize(("joint", "deg"), [(2, 0.2), (4, -0.1), (6, 0.5), (7, 0.5)])

@@ -13,9 +13,10 @@ from enum import Enum
 from typing import NamedTuple, Self
 
 _FIX_BOLTS = "tighten its bolts and check for play; otherwise state its compliance (key give) in the fixture file"
+_ENDPOINT_ERRORS = "the instrument, the arm's base or the target moves, or the arm has an error that no file states"
 _FIX_INSTRUMENT = (
-    "fasten instrument, arm and target and check them for play; otherwise state a larger instrument_sigma_mm (or "
-    "instrument_sigma_deg) in the fixture file"
+    "fasten instrument, arm and target and check them for play; if nothing moves, state a larger instrument_sigma_mm "
+    "(or instrument_sigma_deg) in the fixture file, or larger errors in the arm file"
 )
 _UNSENSED = "calibrate with --unsensed {joint}"
 _REPEAT_JOINT = (
@@ -134,14 +135,14 @@ class FindingKind(Enum):
     )
     INSTRUMENT_DEFLECTS_MORE = _Message(
         "FIXTURE_GIVES",
-        text="the instrument, the arm's base or the target {certain:moves|may move} by about {displacement} from "
-        "pose to pose, more than the fixture file states",
+        text="measured and calculated endpoints {certain:differ|may differ} by about {displacement} from pose to "
+        "pose, more than the fixture file states; " + _ENDPOINT_ERRORS,
         remedy=_FIX_INSTRUMENT,
     )
     INSTRUMENT_DEFLECTS_OTHERWISE = _Message(
         "FIXTURE_GIVES",
-        text="the instrument, the arm's base or the target {certain:moves|may move} by about {displacement}, without "
-        "a consistent relation to load or pose",
+        text="measured and calculated endpoints {certain:differ|may differ} by about {displacement}, without a "
+        "consistent relation to load or pose; " + _ENDPOINT_ERRORS,
         remedy=_FIX_INSTRUMENT,
     )
     INSTRUMENT_TURNS_RANDOMLY = _Message(

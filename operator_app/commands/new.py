@@ -48,9 +48,11 @@ Check these before use; the URDF does not state them:
 - offset_tolerance_deg: standard deviation of the joint offsets, 5 deg assumed; `unknown` if nothing is
   known."""
 
-ASSUMED_LIMITS = (
-    "Assumed for these: a range to -180 or 180 deg, a speed of 90 deg/s, a torque of 50 N m"
-)
+ASSUMED_LIMITS = {
+    "range": "a range to -180 or 180 deg",
+    "velocity": "a speed of 90 deg/s",
+    "effort": "a torque of 50 N m",
+}
 
 HOMES = {
     False: "the middle of the ranges.",
@@ -86,10 +88,13 @@ def _arm(args: argparse.Namespace) -> int:
     if bent is not None:
         body["home_deg"] = short_degrees(bent)
     limits = [f"- limits of {text}\n" for text in chain.unstated]
+    # Without the names of the joints, which may contain any word.
+    unstated = " ".join(text.partition(": ")[2] for text in chain.unstated)
+    assumed = "Assumed: " + ", ".join(v for k, v in ASSUMED_LIMITS.items() if k in unstated)
     comment = URDF_COMMENT.format(
         line=schema_line("arm"),
         urdf=Path(args.urdf).name,
-        limits="".join([*limits, f"  {ASSUMED_LIMITS}.\n"] if limits else []),
+        limits="".join([*limits, f"  {assumed}.\n"] if limits else []),
         counts=COUNTS_PER_REV,
         home=HOMES[bent is not None],
     )
@@ -101,7 +106,7 @@ def _arm(args: argparse.Namespace) -> int:
     if chain.unstated:
         say(
             f"! Limits that the URDF does not state, or states as placeholders: {'; '.join(chain.unstated)}. "
-            f"{ASSUMED_LIMITS}. State the arm's own limits in its file."
+            f"{assumed}. State the arm's own limits in its file."
         )
     if bent is not None:
         say("Home        bent: the middle of the ranges does not identify all parameters")

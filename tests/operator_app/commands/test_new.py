@@ -122,6 +122,7 @@ def test_limits_that_a_urdf_does_not_state_are_listed(run_command):
     Path("arm.urdf").write_text(robot(*joints))
     text = run_command(0, "new", "arm", "--urdf", "arm.urdf").out + Path("arm.yaml").read_text()
     assert text.count("j0: no velocity") == text.count(": no ") == 2
+    assert text.count("Assumed: a speed of 90 deg/s.") == 2
 
 
 def test_unwritable_schema_leaves_no_file(tmp_path, run_command):

@@ -76,7 +76,7 @@ fault, which the tests diagnose."""
 CURVATURE_SHARE = 3.0
 """Error of a Newton step as a share of the step, per rad or m of its largest component: the error is quadratic."""
 
-LEAST_MOTION_SHARE, WEAK_MOTION_SHARE, MOST_TURN_RAD, TINY = 1e-3, 0.02, 0.1, 1e-200
+LEAST_MOTION_SHARE, WEAK_MOTION_SHARE, MOST_TURN_RAD, TINY = 1e-3, 0.01, 0.02, 1e-200
 """Directions in which the joints move a loop by less than `LEAST_MOTION_SHARE` stay open. So do those with less than
 `WEAK_MOTION_SHARE` along which a deflection would turn joints by more than about `MOST_TURN_RAD`: a measured position
 may be beyond the reach of a stretched arm. `TINY` avoids a division by zero.

@@ -31,8 +31,6 @@ from solver.estimators.estimate import Estimate
 MOST_PLACES = 6
 """Maximum number of decimal places: 1 nm and 1 udeg."""
 
-HEAT_STEPS = 5
-
 SEVERAL_SIGMAS = 3.0
 """The note on both estimators mentions the largest difference if it is at least this many sigmas."""
 
@@ -288,16 +286,13 @@ def tolerated_table(solution: Solution) -> FactTable | None:
 
 
 def correlation_table(estimate: Estimate) -> FactTable:
-    """Return the table of the parameters' correlations, lower triangle, shaded by magnitude."""
+    """Return the table of the parameters' correlations, lower triangle."""
     matrix = correlations(estimate.covariance)
     listed = [p.name for p in estimate.parameters]
-
-    def cell(k: int, j: int) -> Cell:
-        value = float(matrix[k, j])
-        step = 0 if j == k else min(HEAT_STEPS, int(abs(value) * HEAT_STEPS + 0.5))
-        role = f"{'plus' if value > 0.0 else 'minus'}{step}" if step else "text"
-        return Figure(value, places=2, role=role) if j <= k else ""
-
+    rows = [
+        (name, *(Figure(v, places=2) if j <= k else "" for j, v in enumerate(matrix[k].tolist())))
+        for k, name in enumerate(listed)
+    ]
     lower = zip(*np.tril_indices(len(listed), -1), strict=True)
     pairs = sorted(lower, key=lambda pair: -abs(matrix[pair]))
     largest = "; ".join(
@@ -308,9 +303,7 @@ def correlation_table(estimate: Estimate) -> FactTable:
         ident="correlations",
         title="Correlations of the parameters (no unit, from -1 to 1)",
         columns=(*words("parameter"), *figures(*listed)),
-        rows=tuple(
-            (name, *(cell(k, j) for j in range(len(listed)))) for k, name in enumerate(listed)
-        ),
+        rows=tuple(rows),
         note=f"Most correlated: {largest}.",
         detail=True,
     )

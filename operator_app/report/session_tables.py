@@ -86,7 +86,7 @@ def joint_table(subject: Subject, estimate: Estimate | None) -> FactTable:
         ),
         rows=tuple(rows),
         note="Noise: of one reading. Stated: uncertainty of sensor, play and sag by the arm file; "
-        f"▲ marks joints whose corrections exceed {CORRECTION_ODD:g} times this. Shaded in the plot: the noise.",
+        f"▲ marks joints whose corrections exceed {CORRECTION_ODD:g} times this.",
     )
 
 

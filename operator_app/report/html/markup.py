@@ -6,13 +6,11 @@ Text is escaped unless it is already markup, so that strings from operators, bus
 from __future__ import annotations
 
 import html
-import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from operator_app.report.parameter_tables import HEAT_STEPS
 from operator_app.safe_output import sanitized
 from operator_app.units import Figure, typeset
 
@@ -76,9 +74,6 @@ def _attribute(value: Attribute) -> str:
     return str(value)
 
 
-WRITTEN_OPTION = re.compile(r"--[a-z-]+(?: \d[\d,]*)?")
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Section:
     """One section of the page: anchor, heading, content; a narrow section takes half of the page's width."""
@@ -120,8 +115,7 @@ def plots(drawn: Iterable[Html]) -> Html:
 
 def remark(*text_parts: str) -> Html:
     """Return an explanatory paragraph."""
-    parts = (part if isinstance(part, Html) else prose(part) for part in text_parts)
-    return element("p", *parts, class_="muted")
+    return element("p", *map(typeset, text_parts), class_="muted")
 
 
 def bullets(points: Iterable[str]) -> Html:
@@ -132,17 +126,6 @@ def bullets(points: Iterable[str]) -> Html:
 def sentence(text: str) -> str:
     """Return text as a sentence, with a capital letter and a full stop."""
     return text[:1].upper() + text[1:] + ("" if text.endswith(".") else ".")
-
-
-def prose(text: str) -> Html:
-    """Return text in which options of the command line are highlighted and not broken across lines."""
-    parts: list[str] = []
-    end = 0
-    for option in WRITTEN_OPTION.finditer(text):
-        code = element("code", option.group(), class_="whole")
-        parts += [typeset(text[end : option.start()]), code]
-        end = option.end()
-    return join([*parts, typeset(text[end:])])
 
 
 def table_html(table: FactTable) -> Html:
@@ -218,26 +201,16 @@ COLOURS = {
     "warn": ("#7f5200", "#e3b04b"),
     "band": ("#dfe8f1", "#263442"),
     "shade": ("rgb(28 33 38/.22)", "rgb(0 0 0/.75)"),
-    "plus": ("11 92 158", "111 179 238"),
-    "minus": ("176 84 0", "240 163 94"),
 }
 """Colours of the light and of the dark theme, by name."""
 LIGHT_COLOURS, DARK_COLOURS = (
     {name: both[theme] for name, both in COLOURS.items()} for theme in (0, 1)
 )
-HEAT_ALPHA = 0.09
-"""Opacity of a cell in the table of correlations, per step of magnitude."""
 
 
 def _variables(colours: dict[str, str]) -> str:
     return "".join(f"--{name}:{value};" for name, value in colours.items())
 
-
-_HEAT = "".join(
-    f".{name}{k}{{background:rgb(var(--{name})/{HEAT_ALPHA * k:.2f})}}"
-    for name in ("plus", "minus")
-    for k in range(1, HEAT_STEPS + 1)
-)
 
 PLOT_RULES = """svg text{fill:var(--muted)}
 svg .axis,svg .legend{fill:var(--text)}
@@ -246,13 +219,10 @@ svg .axis,svg .legend{fill:var(--text)}
 .frame{stroke:var(--muted);stroke-width:.8}
 .band{fill:var(--band)}
 .ribbon{fill:var(--second);fill-opacity:.28}
-.range{fill:none;stroke:var(--muted);stroke-width:.8}
-.rug{stroke:var(--accent);stroke-width:.7;stroke-opacity:.75}
 .line{fill:none;stroke-width:1.4}
 .line.a{stroke:var(--accent)}.line.b{stroke:var(--second)}
 .line.gap{stroke:var(--bad);stroke-width:2}
 .line.dashed{stroke:var(--muted);stroke-dasharray:4 3}
-.stem{stroke-width:.8;stroke-opacity:.6}.stem.a{stroke:var(--accent)}.stem.c{stroke:var(--second)}
 .mark.a{fill:var(--accent)}
 .mark.b{fill:none;stroke:var(--second);stroke-width:1.2}
 .mark.c{fill:var(--second)}
@@ -263,5 +233,5 @@ svg .axis,svg .legend{fill:var(--text)}
 STYLE = (
     f":root{{color-scheme:light dark;{_variables(LIGHT_COLOURS)}}}\n"
     f"@media screen and (prefers-color-scheme:dark){{:root{{{_variables(DARK_COLOURS)}}}}}\n"
-    f"{_HEAT}\n{PLOT_RULES}{Path(__file__).with_name('report.css').read_text('utf-8')}"
+    f"{PLOT_RULES}{Path(__file__).with_name('report.css').read_text('utf-8')}"
 )

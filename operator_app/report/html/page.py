@@ -19,7 +19,6 @@ from operator_app.report.html.markup import (
     bullets,
     element,
     plots,
-    prose,
     remark,
     sentence,
     table_html,
@@ -44,7 +43,7 @@ from operator_app.report.uncertainty_tables import source_words
 from operator_app.session.store.journal import read_journal
 from operator_app.session.store.stored_calibration import StoredCalibration, journal_calibration
 from operator_app.session.workflow.importing import UNKNOWN_SERIAL_NUMBER
-from operator_app.units import CLOSURE_LENGTH, PERCENT, Figure, Kind, names, quantity_of
+from operator_app.units import CLOSURE_LENGTH, PERCENT, Figure, Kind, names, quantity_of, typeset
 
 if TYPE_CHECKING:
     from operator_app.report.facts import Facts
@@ -141,7 +140,7 @@ def _widest(subject: Subject) -> list[Html]:
     return [
         element("h2", "Widest sigma"),
         element("p", element("span", name, class_="mono"), text),
-        element("p", "To halve the source: ", prose(f"{worst.remedy}.")),
+        element("p", "To halve the source: ", typeset(f"{worst.remedy}.")),
     ]
 
 

@@ -5,20 +5,17 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from operator_app.report.html.markup import (
-    Html,
     Section,
     bullets,
     definitions,
     element,
     join,
     plots,
-    prose,
     remark,
     sentence,
     table_html,
 )
 from operator_app.report.plots import before_after, calibration_plots
-from operator_app.report.plots.strips import corrections_by_joint, coverage
 from operator_app.report.plots.svg import drawn
 from operator_app.report.session_tables import joint_table, pose_table, rvdt_joints, rvdt_table
 from operator_app.units import (
@@ -29,6 +26,7 @@ from operator_app.units import (
     names,
     others_free,
     plural,
+    typeset,
 )
 from solver.diagnostics.rvdt import RvdtVerdict, Soundness
 
@@ -37,10 +35,6 @@ if TYPE_CHECKING:
     from operator_app.report.table import FactTable
     from solver.estimators.estimate import Estimate
 
-CURVE_WORDS = (
-    "With the readings of {joints} used, these corrections close the loops. A bow or an S is the "
-    "sensor's curve, not noise: no number of poses averages it out, and it biases the parameters."
-)
 CLOSURE_WORDS = (
     "Closure error at the measured joints, one scale for both estimators. "
     "The implicit estimator does not minimise this error: it corrects the least accurate sensors most, so that better "
@@ -133,7 +127,7 @@ def _warnings(subject: Subject) -> Section | None:
     facts = subject.facts
     notes = facts is not None and facts.notices_are_notes
     glyph = element("span", "· " if notes else "▲ ", class_="glyph", aria_hidden="true")
-    items = [element("li", glyph, prose(sentence(n.sentence))) for n in subject.notices]
+    items = [element("li", glyph, typeset(sentence(n.sentence))) for n in subject.notices]
     if not items:
         return None
     return Section(
@@ -145,17 +139,13 @@ def _warnings(subject: Subject) -> Section | None:
 
 def _joints(subject: Subject) -> Section:
     table = joint_table(subject, subject.implicit)
-    pictures = [corrections_by_joint(subject, subject.implicit), coverage(subject)]
-    return Section(
-        ident="joints",
-        title="Residuals and coverage by joint",
-        content=(table_html(table), remark(table.note), plots(d for d in pictures if d)),
-    )
+    content = (table_html(table), remark(table.note))
+    return Section(ident="joints", title="Residuals and coverage by joint", content=content)
 
 
 def _rvdt(subject: Subject) -> Section | None:
     """Return the section of RVDT readings against the angles from the loops; None if no joint has an RVDT."""
-    joints, estimate = rvdt_joints(subject), subject.implicit
+    joints = rvdt_joints(subject)
     if not joints:
         return None
     verdicts = () if subject.solution is None else subject.solution.rvdt
@@ -166,21 +156,13 @@ def _rvdt(subject: Subject) -> Section | None:
         measured = [(v.joint, v.figures) for v in verdicts if v.figures is not None]
         shown = (calibration_plots.rvdt_deviations(subject, joint, f) for joint, f in measured)
         content += [table_html(table), plots(map(drawn, shown))]
-    used = [j for j in joints if j not in subject.unsensed_joints]
-    corrections = None if estimate is None else estimate.corrections
     if unused := [j for j in joints if j in subject.unsensed_joints]:
         content.append(remark(f"The readings of {joints_named(unused)} were not used."))
-    if used and corrections is not None:
-        content.append(remark(CURVE_WORDS.format(joints=joints_named(used))))
-        shown = (
-            calibration_plots.rvdt_corrections(subject, j, corrections[:, j - 1]) for j in used
-        )
-        content.append(plots(map(drawn, shown)))
     return Section(ident="rvdt", title="RVDT joints", content=tuple(content))
 
 
-def _rvdt_verdict(verdict: RvdtVerdict) -> Html:
-    text = prose(verdict.text + ".")
+def _rvdt_verdict(verdict: RvdtVerdict) -> str:
+    text = typeset(f"{verdict.text}.")
     if verdict.verdict in (Soundness.SOUND, Soundness.CANNOT_DECIDE):
         return text
     return join((element("span", "▲ ", class_="warn", aria_hidden="true"), text))

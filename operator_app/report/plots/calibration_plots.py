@@ -139,97 +139,39 @@ def _closure(subject: Subject, kind: str, unit: Quantity, rms: float, rows: Floa
 
 def rvdt_deviations(subject: Subject, joint: int, figures: RvdtFigures) -> Picture:
     """Return the plot of one RVDT's readings minus the angles from the loops, with fitted curve and stated limits."""
+    sensor = subject.procedure.arm.joints[joint - 1].sensor
+    if not isinstance(sensor, Rvdt):
+        raise TypeError(f"joint {joint} has no RVDT")
     grid = np.linspace(figures.curve.low, figures.curve.high, CURVE_POINTS)
     curve = figures.curve(grid)
-    allowed = _rvdt(subject, joint).linearity_rad
     low, high = (Figure(float(v), CLOSURE_ANGLE) for v in (curve.min(), curve.max()))
-    return _of_rvdt(
-        subject,
+    allowed = CLOSURE_ANGLE.per_si * sensor.linearity_rad
+    x, y = _scaled(figures.angle_rad, units.ANGLE), _scaled(figures.deviation_rad, CLOSURE_ANGLE)
+    tips = [
+        f"pose {p.number}: deviation {Figure(v, CLOSURE_ANGLE, places=2).with_unit} at "
+        f"{Figure(a, units.ANGLE, places=2).with_unit}"
+        for p, a, v in zip(
+            subject.used, figures.angle_rad.tolist(), figures.deviation_rad.tolist(), strict=True
+        )
+    ]
+    reading, add, sigma = figures.table_rad.T
+    half = KNOWN_SIGMAS * sigma
+    least, most = (_scaled(-add + sign * half, CLOSURE_ANGLE) for sign in (-1.0, 1.0))
+    known_at, heights = _scaled(reading + add, units.ANGLE), _scaled(curve, CLOSURE_ANGLE)
+    return Picture(
         ident=f"rvdt-{joint}",
         title=f"Joint {joint}: reading minus the angle measured by the loop",
         description=f"Curve from {low.shown} to {high.with_unit}; noise of a "
         f"single reading {Figure(figures.noise.lsb, units.LSB, digits=2).with_unit}. The specification allows "
-        f"±{Figure(allowed, CLOSURE_ANGLE).with_unit} about the best-fit line.",
-        labels=(f"true angle of joint {joint}", "deviation"),
-        at_rad=figures.angle_rad,
-        values_rad=figures.deviation_rad,
-        allowed_rad=(allowed, "allowed"),
-        curve_rad=(grid, curve),
-        known_rad=figures.table_rad,
-    )
-
-
-def rvdt_corrections(subject: Subject, joint: int, values: FloatArray) -> Picture:
-    """Return the plot of one RVDT joint's corrections (m,), rad, over its reading, with the stated noise."""
-    noise = _rvdt(subject, joint).sigma_rad
-    low, high = (Figure(float(v), CLOSURE_ANGLE) for v in (values.min(), values.max()))
-    return _of_rvdt(
-        subject,
-        ident=f"rvdt-used-{joint}",
-        title=f"Joint {joint}: correction against reading",
-        description=f"Corrections from {low.shown} to {high.with_unit}; shaded: the stated noise of "
-        f"one reading, ±{Figure(noise, CLOSURE_ANGLE).with_unit}.",
-        labels=(f"reading of joint {joint}", "correction"),
-        at_rad=subject.readings_rad[:, joint - 1],
-        values_rad=values,
-        allowed_rad=(noise, "stated noise"),
-    )
-
-
-def _rvdt(subject: Subject, joint: int) -> Rvdt:
-    sensor = subject.procedure.arm.joints[joint - 1].sensor
-    if not isinstance(sensor, Rvdt):
-        raise TypeError(f"joint {joint} has no RVDT")
-    return sensor
-
-
-def _of_rvdt(
-    subject: Subject,
-    *,
-    ident: str,
-    title: str,
-    description: str,
-    labels: tuple[str, str],
-    at_rad: FloatArray,
-    values_rad: FloatArray,
-    allowed_rad: tuple[float, str],
-    curve_rad: tuple[FloatArray, FloatArray] | None = None,
-    known_rad: FloatArray | None = None,
-) -> Picture:
-    """Return the plot of values (m,) over angles (m,), with a band about zero.
-
-    `known_rad` (k, 3): readings, the corrections at these readings, and the standard deviations of the corrections.
-    """
-    (x_label, y_label), (allowed, name) = labels, allowed_rad
-    x, y = _scaled(at_rad, units.ANGLE), _scaled(values_rad, CLOSURE_ANGLE)
-    allowed *= CLOSURE_ANGLE.per_si
-    tips = [
-        f"pose {p.number}: {y_label} {Figure(v, CLOSURE_ANGLE, places=2).with_unit} at "
-        f"{Figure(a, units.ANGLE, places=2).with_unit}"
-        for p, a, v in zip(subject.used, at_rad.tolist(), values_rad.tolist(), strict=True)
-    ]
-    layers: list[Layer] = [
-        Band(low=-allowed, high=allowed, label=f"±{significant(allowed, 2)} {name}"),
-        Marks(x=x, y=y, label="pose", tips=tips),
-    ]
-    if known_rad is not None:
-        reading, add, sigma = known_rad.T
-        half, label = KNOWN_SIGMAS * sigma, f"±{KNOWN_SIGMAS:g} sigma"
-        low, high = (_scaled(-add + sign * half, CLOSURE_ANGLE) for sign in (-1.0, 1.0))
-        ribbon = Ribbon(x=_scaled(reading + add, units.ANGLE), low=low, high=high, label=label)
-        layers.insert(1, ribbon)
-        y = [*y, *low, *high]
-    if curve_rad is not None:
-        angles, heights = _scaled(curve_rad[0], units.ANGLE), _scaled(curve_rad[1], CLOSURE_ANGLE)
-        layers.append(Polyline(x=angles, y=heights, class_="b", label="curve"))
-        y = [*y, *heights]
-    return Picture(
-        ident=ident,
-        title=title,
-        description=description,
-        x=axis(x_label, x, unit=units.ANGLE.unit),
-        y=axis(y_label, y, unit=CLOSURE_ANGLE.unit, symmetric=True),
-        layers=layers,
+        f"±{Figure(sensor.linearity_rad, CLOSURE_ANGLE).with_unit} about the best-fit line.",
+        x=axis(f"true angle of joint {joint}", x, unit=units.ANGLE.unit),
+        y=axis("deviation", [*y, *least, *most, *heights], unit=CLOSURE_ANGLE.unit, symmetric=True),
+        layers=[
+            Band(low=-allowed, high=allowed, label=f"±{significant(allowed, 2)} allowed"),
+            Ribbon(x=known_at, low=least, high=most, label=f"±{KNOWN_SIGMAS:g} sigma"),
+            Marks(x=x, y=y, label="pose", tips=tips),
+            Polyline(x=_scaled(grid, units.ANGLE), y=heights, class_="b", label="curve"),
+        ],
     )
 
 

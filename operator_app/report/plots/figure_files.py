@@ -9,8 +9,8 @@ from __future__ import annotations
 import io
 import math
 import re
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from importlib.util import find_spec
 from itertools import chain, pairwise
 from os import PathLike
@@ -28,9 +28,18 @@ from operator_app.errors import SessionError
 from operator_app.report.html.markup import LIGHT_COLOURS, PLOT_RULES, Html, element
 from operator_app.report.parameter_tables import change_of
 from operator_app.report.plots import before_after, calibration_plots
-from operator_app.report.plots.plot import Axis, Picture, axis, log_axis
-from operator_app.report.plots.strips import Bars, bars
-from operator_app.report.plots.svg import PLOT_WIDTH, draw, label
+from operator_app.report.plots.plot import Axis, Picture, Shape, axis, log_axis
+from operator_app.report.plots.svg import (
+    PLOT_WIDTH,
+    RIGHT,
+    Drawn,
+    draw,
+    label,
+    mark,
+    rectangle,
+    segment,
+    ticks,
+)
 from operator_app.report.subject import Subject
 from operator_app.report.uncertainty_tables import source_words
 from operator_app.units import Quantity, quantity_of
@@ -150,6 +159,62 @@ def _pdf(svg: str) -> bytes:
     renderPDF.draw(converted, canvas, 0, 0)
     canvas.save()
     return file.getvalue()
+
+
+NAME_WIDTH, BAR_HEIGHT, LEGEND, FOOT = 74.0, 13.0, 12.0, 32.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bars:
+    """Named rows on one x axis, each with marks and bars.
+
+    Attributes
+    ----------
+    bars
+        By label: start and end of a bar for each row.
+    marks
+        By label: one value for each row; non-finite values are not drawn.
+    """
+
+    x: Axis
+    names: Sequence[str]
+    bars: Mapping[str, Sequence[tuple[float, float]]] = field(default_factory=dict)
+    marks: Mapping[str, Sequence[float]] = field(default_factory=dict)
+
+
+def bars(of: Bars) -> Drawn:
+    """Draw the rows below a legend with three labels per line."""
+    bars, labels = list(of.bars.values()), [*of.bars, *of.marks]
+    top = LEGEND * -(-len(labels) // 3) + 6.0
+    foot = top + BAR_HEIGHT * len(of.names)
+    # A single kind of bar is the uncertainty of the marks; several are distinguished by colour.
+    fill = "ribbon" if len(bars) == 1 else "bar b{}"
+    shapes: list[tuple[Shape, str]] = [("dot", "a"), ("triangle", "c"), ("square", "d")]
+    parts = []
+    for k, legend in enumerate(labels):
+        x, y = 2.0 + (k % 3) * (RIGHT - 2.0) / 3.0, LEGEND * (k // 3 + 1)
+        if k < len(bars):
+            sign = rectangle(x, y - 7.0, 9.0, 7.0, fill.format(k))
+        else:
+            shape, colour = shapes[k - len(bars)]
+            sign = mark(shape, x + 4.0, y - 3.5, 2.4, colour)
+        parts += [sign, label(legend, x + 12.0, y, class_="legend")]
+    for value in of.x.ticks:
+        x_at = of.x.place(value, NAME_WIDTH, RIGHT)
+        parts.append(segment(x_at, top, x_at, foot, "zero" if value == 0.0 else "grid"))
+    for k, name in enumerate(of.names):
+        y = top + BAR_HEIGHT * k
+        parts.append(label(name, 2.0, y + 8.6, class_="legend"))
+        for number, pieces in enumerate(bars):
+            start, end = (of.x.place(value, NAME_WIDTH, RIGHT) for value in pieces[k])
+            width, class_ = max(0.0, end - start), fill.format(number)
+            parts.append(rectangle(start, y + 2.0, width, BAR_HEIGHT - 4.0, class_))
+        for (shape, colour), values in zip(shapes, of.marks.values(), strict=False):
+            if math.isfinite(values[k]):
+                x_at = of.x.place(values[k], NAME_WIDTH, RIGHT)
+                parts.append(mark(shape, x_at, y + 0.5 * BAR_HEIGHT, 2.4, colour))
+    title = label(of.x.title, RIGHT, foot + FOOT - 3.0, class_="axis", anchor="end")
+    return Drawn(foot + FOOT, (*parts, *ticks(of.x, NAME_WIDTH, RIGHT, foot), title))
 
 
 MOST_SOURCES = 7

@@ -42,9 +42,18 @@ class Drawn:
 
 
 def plot(of: Picture) -> Html:
-    """Draw a picture as a complete SVG image."""
+    """Draw a picture as a complete SVG image, with a title and a description for screen readers."""
     drawn = draw(of)
-    return picture(of.ident, of.title, of.description, drawn.height, drawn.parts)
+    return element(
+        "svg",
+        element("title", of.title, id=f"{of.ident}-t"),
+        element("desc", of.description, id=f"{of.ident}-d"),
+        *drawn.parts,
+        viewBox=f"0 0 {PLOT_WIDTH:g} {drawn.height:g}",
+        role="img",
+        aria_labelledby=f"{of.ident}-t {of.ident}-d",
+        class_="plot",
+    )
 
 
 def draw(of: Picture) -> Drawn:
@@ -116,20 +125,6 @@ def ticks(x: Axis, left: float, right: float, foot: float) -> Iterator[Html]:
         at = x.place(value, left, right)
         yield segment(at, foot, at, foot + 3.5, "frame")
         yield label(tick_text, at, foot + 14.0, anchor="middle")
-
-
-def picture(ident: str, title: str, description: str, height: float, parts: Iterable[str]) -> Html:
-    """Return an SVG image of drawn parts, with a title and a description for screen readers."""
-    return element(
-        "svg",
-        element("title", title, id=f"{ident}-t"),
-        element("desc", description, id=f"{ident}-d"),
-        *parts,
-        viewBox=f"0 0 {PLOT_WIDTH:g} {height:g}",
-        role="img",
-        aria_labelledby=f"{ident}-t {ident}-d",
-        class_="plot",
-    )
 
 
 def mark(shape: Shape, x: float, y: float, r: float, class_: str, tip: str = "") -> Html:

@@ -2,15 +2,12 @@
 
 import math
 import xml.etree.ElementTree as ET
-from types import SimpleNamespace
 
-import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
 from operator_app.report.plots.plot import Band, Marks, Picture, Polyline, axis
-from operator_app.report.plots.strips import corrections_by_joint, coverage
 from operator_app.report.plots.svg import plot
 from tests.operator_app.report.conftest import at
 
@@ -91,57 +88,3 @@ def test_band_is_clipped_to_the_frame():
     frame = next(e for e in svg.iter("line") if e.get("class") == "frame")
     assert at(band, "y") >= 0.0
     assert at(band, "y") + at(band, "height") == pytest.approx(at(frame, "y1"), abs=0.02)
-
-
-def test_corrections_scale_each_row_by_its_maximum():
-    nothing = np.zeros(2)
-    arm = SimpleNamespace(
-        joints=[SimpleNamespace(sensor=None)] * 2,
-        sigma_rad=lambda: np.full(2, 0.5e-3),
-        linearity_rad=lambda: nothing,
-        gain_rad=lambda: nothing,
-        accuracy_rad=nothing,
-        backlash_rad=nothing,
-        sag_rad=nothing,
-    )
-    subject = SimpleNamespace(
-        procedure=SimpleNamespace(arm=arm),
-        used=[SimpleNamespace(number=1), SimpleNamespace(number=2)],
-        unsensed_joints=(),
-    )
-    estimate = SimpleNamespace(corrections=np.array([[0.0, -8e-3], [0.0, 4e-3]]))
-    svg = parse(corrections_by_joint(subject, estimate))  # type: ignore[arg-type]
-    words = [e.text for e in svg.iter("text")]
-    assert "0.50" in words
-    assert "8.0" in words
-    dots = [(at(c, "cy"), c.get("class")) for c in svg.iter("circle")]
-    assert dots[0][0] == dots[1][0]
-    middle = [at(e, "y1") for e in svg.iter("line") if e.get("class") == "zero"][-1]
-    # -8 lies below zero twice as far as 4 lies above it.
-    assert dots[2][0] - middle == pytest.approx(2.0 * (middle - dots[3][0]), abs=0.05)
-    assert dots[2][0] > middle
-    assert {class_ for _, class_ in dots[:2]} == {"mark a"}
-    assert {class_ for _, class_ in dots[2:]} == {"mark c"}
-
-
-def coverage_plot(low_deg: float, high_deg: float, readings_deg: list[float]) -> ET.Element:
-    joint = SimpleNamespace(lower_rad=math.radians(low_deg), upper_rad=math.radians(high_deg))
-    subject = SimpleNamespace(
-        procedure=SimpleNamespace(arm=SimpleNamespace(joints=[joint])),
-        readings_rad=np.radians(readings_deg)[:, np.newaxis],
-    )
-    return parse(coverage(subject))  # type: ignore[arg-type]
-
-
-def test_coverage_shows_covered_share_and_values_beyond_the_range():
-    svg = coverage_plot(-10.0, 30.0, [0.0, 10.0])
-    words = [e.text for e in svg.iter("text")]
-    assert words[:2] == ["end of range [deg]", "covered [%]"]
-    assert {"\u221210", "25"} <= set(words)
-    covered, full = (at(b, "width") for b in svg.iter("rect"))
-    assert covered == pytest.approx(0.25 * full, abs=0.02)
-    covered, frame = coverage_plot(-10.0, 10.0, [-30.0, 5.0]).iter("rect")
-    assert at(covered, "x") == 74.0
-    # From -30 the range begins half of the way to 10.
-    expected = 74.0 + 20.0 * at(covered, "width") / 35.0
-    assert at(frame, "x") == pytest.approx(expected, abs=0.02)

@@ -71,14 +71,13 @@ def json_schema(kind: FileKind) -> dict[str, Any]:
     }
 
 
-def schema_file_name(kind: FileKind) -> str:
-    """Return the name of the JSON Schema file that is written beside files of this kind."""
+def _schema_file_name(kind: FileKind) -> str:
     return f"sarcal-{kind}.schema.json"
 
 
 def schema_line(kind: FileKind) -> str:
     """Return the comment (without ``#``) at the top of a file by which editors find the file's schema."""
-    return f"yaml-language-server: $schema={schema_file_name(kind)}"
+    return f"yaml-language-server: $schema={_schema_file_name(kind)}"
 
 
 def save_with_schema(target: Path, data: bytes, kind: FileKind) -> None:
@@ -86,7 +85,7 @@ def save_with_schema(target: Path, data: bytes, kind: FileKind) -> None:
 
     Raises WriteError; a schema file that did not exist before is then removed.
     """
-    schema, schema_file = json_schema(kind), target.parent / schema_file_name(kind)
+    schema, schema_file = json_schema(kind), target.parent / _schema_file_name(kind)
     is_new = not schema_file.exists()
     write_atomically(schema_file, (json.dumps(schema, indent=1) + "\n").encode())
     try:

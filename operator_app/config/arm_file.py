@@ -163,7 +163,6 @@ def check_home(
 
 
 def _per_row(name: str, remedy: str, items: Sequence[Any], fields: Fields) -> Iterator[Complaint]:
-    """Yield a problem if the number of joints or links differs from that of the D-H rows."""
     rows = fields.get("dh")
     if rows is not None and len(rows) != len(items):
         yield (f"{name}s",), f"there are {len(items)} {name}s for {len(rows)} D-H rows", remedy

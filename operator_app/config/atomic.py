@@ -93,8 +93,6 @@ def scalar_text(value: str) -> str:
 
 
 class _StrictDumper(yaml.SafeDumper):
-    """SafeDumper without aliases, with this module's formats of numbers and text."""
-
     def ignore_aliases(self, data: Any) -> bool:
         return True
 

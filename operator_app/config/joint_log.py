@@ -191,7 +191,6 @@ def read_rows(text: str) -> list[Record]:
 
 
 def _require_marks(rows: list[Record], file: str) -> None:
-    """Refuse semicolons between columns, and decimal commas; raises ConfigError."""
     remedy = "save the file with commas between columns and points as decimal marks"
     for line, cells in rows:
         if len(cells) > 2 and all(map(SPLIT_AT_DECIMAL_COMMAS.fullmatch, cells[1:-1])):
@@ -267,7 +266,6 @@ def find_columns(
 
 
 def _is_time(name: Sequence[str], body: list[Record], column: int) -> bool:
-    """Whether a column is a time or an index: by its `name` if the log has a header, else because it increases."""
     if name:
         return OTHER_COLUMNS.fullmatch(name[0]) is not None
     values = [

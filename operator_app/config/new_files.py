@@ -136,7 +136,6 @@ def procedure_file(
 
 
 def _boxes(arm: ArmModel) -> Sequence[Mapping[str, Any]]:
-    """Return the exploration range of every joint, relative to home and inside the joint's range."""
     boxes = []
     for k, (joint, home) in enumerate(zip(arm.joints, arm.home_rad.tolist(), strict=True), 1):
         low, high = math.degrees(joint.lower_rad - home), math.degrees(joint.upper_rad - home)

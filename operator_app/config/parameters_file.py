@@ -114,7 +114,6 @@ def _check_calibrated(entries: Sequence[CalibratedEntry], fields: Fields) -> Ite
 def _entry_complaints(
     part: CalibratedEntry, before: list[str], joints: tuple[JointParameters, ...] | None
 ) -> Iterator[tuple[str, str]]:
-    """Yield text and remedy of the first problem of one calibrated entry; `before`: names of the entries before it."""
     entry = DhEntry.parse(part.entry)
     key, other = ("sigma_deg", "sigma_m") if entry.kind.is_angle else ("sigma_m", "sigma_deg")
     if part.entry in before:

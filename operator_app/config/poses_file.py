@@ -241,7 +241,6 @@ def _unknown(name: str, candidates: list[str]) -> tuple[str, str, str]:
 
 # ---- the rows ----------------------------------------------------------------------------------
 def _reader(name: str) -> Callable[[str], Any]:
-    """Return the function that reads a cell of this column."""
     if name in ("placement", "samples"):
         return whole_number
     texts = {"pose": _label, "utc": lambda cell: text_of(cell.strip()), "note": text_of}

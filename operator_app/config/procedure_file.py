@@ -44,7 +44,6 @@ def parse_procedure(
     def read(
         kind: Kind, name: str, parse: Callable[[bytes, str], T], *, at: KeyPath = ()
     ) -> T | None:
-        """Read a file that the procedure names under the key `at` (default: `kind`); None if it has problems."""
         try:
             resource = (snapshot or {}).get(kind) or resolve(kind, name, folder=source.folder)
         except ConfigError as error:
@@ -75,12 +74,12 @@ def parse_procedure(
     profile = read("profile", file_model.bus.profile, for_arm, at=("bus", "profile"))
     complaints: list[Complaint] = []
     if arm is not None:
-        complaints += check_own(file_model, arm)
+        complaints += _check_own(file_model, arm)
         arm = _as_here(file_model, arm)
-    complaints += check_joints(file_model, arm)
+    complaints += _check_joints(file_model, arm)
     if not (problems or complaints) and arm is not None and fixture is not None:
         loop = fixture.fixture.model(arm, unsensed_joints=file_model.unsensed_joints)
-        complaints += check_requested(file_model, loop.parameters)
+        complaints += _check_requested(file_model, loop.parameters)
     problems += (document.problem(*complaint) for complaint in complaints)
     if problems or arm is None or fixture is None or profile is None:
         raise ConfigError(problems)
@@ -109,7 +108,6 @@ def load_procedure(reference: str | Path) -> Procedure:
 
 
 def _as_here(file_model: ProcedureFile, arm: ArmModel) -> ArmModel:
-    """Return the arm with this procedure's home, and with its `held` entries fixed."""
     home = file_model.home_deg
     fits = home is not None and len(home) == arm.joint_count
     return replace(
@@ -119,8 +117,7 @@ def _as_here(file_model: ProcedureFile, arm: ArmModel) -> ArmModel:
     )
 
 
-def check_joints(file_model: ProcedureFile, arm: ArmModel | None) -> Iterator[Complaint]:
-    """Check joint numbers against each other and, unless `arm` is None, against the arm."""
+def _check_joints(file_model: ProcedureFile, arm: ArmModel | None) -> Iterator[Complaint]:
     modes = file_model.chosen_modes
     drives, unsensed = modes.listed, file_model.unsensed_joints
     lists: tuple[tuple[KeyPath, tuple[int, ...]], ...]
@@ -149,8 +146,7 @@ def check_joints(file_model: ProcedureFile, arm: ArmModel | None) -> Iterator[Co
         yield from _check_limits(file_model, arm)
 
 
-def check_own(file_model: ProcedureFile, arm: ArmModel) -> Iterator[Complaint]:
-    """Check that the procedure's home is complete and in range, and that entries in `held` are free in the arm file."""
+def _check_own(file_model: ProcedureFile, arm: ArmModel) -> Iterator[Complaint]:
     if file_model.home_deg is not None:
         ranges = [(math.degrees(j.lower_rad), math.degrees(j.upper_rad)) for j in arm.joints]
         yield from check_home(file_model.home_deg, ranges)
@@ -164,7 +160,6 @@ def check_own(file_model: ProcedureFile, arm: ArmModel) -> Iterator[Complaint]:
 def _check_exploration(
     file_model: ProcedureFile, drives: tuple[int, ...], arm: ArmModel | None
 ) -> Iterator[Complaint]:
-    """Check that each drive joint, and no other joint, has one exploration range; planned poses need none."""
     place: KeyPath = ("capture", "exploration")
     named = [item.joint for item in file_model.capture.exploration]
     for k, joint in enumerate(named):
@@ -183,7 +178,6 @@ def _check_exploration(
 
 
 def _check_limits(file_model: ProcedureFile, arm: ArmModel) -> Iterator[Complaint]:
-    """Check that exploration from home stays inside the joint ranges, and check the speed of the drive joints."""
     ranges = enumerate(file_model.capture.exploration)
     boxes = [(k, item) for k, item in ranges if item.joint <= arm.joint_count]
     for k, item in boxes:
@@ -205,10 +199,9 @@ def _check_limits(file_model: ProcedureFile, arm: ArmModel) -> Iterator[Complain
             yield ("capture", "speed_deg_per_s"), text, "reduce the speed"
 
 
-def check_requested(
+def _check_requested(
     file_model: ProcedureFile, parameters: Sequence[Parameter]
 ) -> Iterator[Complaint]:
-    """Check that the keys of `requested_sigma` are parameters with units, and that the capture is planned."""
     place: KeyPath = ("capture", "requested_sigma")
     requested = file_model.capture.requested_sigma
     if requested and file_model.capture.strategy != "planned":

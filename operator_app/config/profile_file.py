@@ -215,7 +215,7 @@ def parse_profile(data: bytes, file: str, *, joints: int | None) -> BusProfile:
     """
     document = load_strict(data, file)
     file_model = check_model(ProfileFile, document, kind="profile")
-    if complaints := list(check_profile(file_model, joints)):
+    if complaints := list(_check_profile(file_model, joints)):
         raise ConfigError(document.problem(*complaint) for complaint in complaints)
     return file_model.for_joints(joints)
 
@@ -274,8 +274,7 @@ _RESERVED = (
 )
 
 
-def check_profile(file_model: ProfileFile, joints: int | None) -> Iterator[Complaint]:
-    """Yield all problems of a profile for an arm of `joints` joints (None: of any number of joints)."""
+def _check_profile(file_model: ProfileFile, joints: int | None) -> Iterator[Complaint]:
     yield from _check_supervisor(file_model)
     yield from _check_listed(file_model, joints)
     if file_model.modes.position == file_model.modes.free:

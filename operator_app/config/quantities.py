@@ -80,7 +80,6 @@ def angle_doubt(value_deg: float) -> str:
 def _limited(
     largest: float, text: str, remedy: str, *, smallest: float | None = None
 ) -> tuple[AfterValidator, WithJsonSchema]:
-    """Return validators that refuse a number above `largest` or below `smallest` (default: -`largest`)."""
     least = -largest if smallest is None else smallest
 
     def check(value: float) -> float:
@@ -93,7 +92,6 @@ def _limited(
 
 
 def _uncertainty(limit: float, unit: str) -> tuple[AfterValidator, WithJsonSchema]:
-    """Return validators that refuse an implausibly large uncertainty."""
     text = f"{{:g}} {unit} is too large for an uncertainty (limit {limit:g} {unit})"
     return _limited(limit, text, "write one standard deviation (0: exact)", smallest=0.0)
 

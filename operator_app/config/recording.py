@@ -173,7 +173,6 @@ def _time_s(cell: str) -> float:
 
 
 def _number(cell: str) -> float:
-    """Return the number in a cell, nan if it is empty; raises BadCell."""
     try:
         return float(cell or "nan")
     except ValueError as error:

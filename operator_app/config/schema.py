@@ -248,13 +248,11 @@ def _unknown_key(document: YamlDocument, model: type[M], path: Path) -> tuple[st
 
 
 def _si_unit(name: str) -> str:
-    """Return the SI unit of the quantity whose unit is in this name; "" if it has none."""
     match = UNIT.fullmatch(name)
     return "" if match is None else TO_SI.get(match[2], (match[2],))[0]
 
 
 def _keys(document: YamlDocument, model: type[M], path: Path) -> list[str]:
-    """Return the keys that the schema knows in the mapping at `path`."""
     schema = adapter(model).json_schema()
     nodes = [schema]
     for depth, part in enumerate(path, 1):

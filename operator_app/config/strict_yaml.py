@@ -120,7 +120,6 @@ class StrictLoader(yaml.SafeLoader):
 
 
 def _syntax(error: yaml.MarkedYAMLError, text: str, line: int) -> tuple[str, str]:
-    """Return PyYAML's error as text for the person who edits the file."""
     lines = text.splitlines()
     shown = lines[line - 1] if 0 < line <= len(lines) else ""
     problem = str(error.problem or error.context or "")
@@ -257,6 +256,5 @@ class YamlDocument:
 
 
 def _shown(text: str) -> str:
-    """Return a key for use in a message, printable and at most 60 characters long."""
     plain = text if text.isprintable() and text else repr(text)
     return plain if len(plain) <= 60 else plain[:57] + "..."

@@ -66,13 +66,14 @@ def format_urdf(
         ET.SubElement(robot, "link", name=link)
     ET.indent(robot)
     text = ET.tostring(robot, encoding="unicode")
-    return b'<?xml version="1.0" encoding="utf-8"?>\n' + xml_comment(comment) + f"{text}\n".encode()
+    return (
+        b'<?xml version="1.0" encoding="utf-8"?>\n' + _xml_comment(comment) + f"{text}\n".encode()
+    )
 
 
 def _add_joint(
     robot: ET.Element, name: str, kind: str, origin: dict[str, str], parent: str, child: str
 ) -> ET.Element:
-    """Add a joint, about z unless it is fixed."""
     joint = ET.SubElement(robot, "joint", name=name, type=kind)
     ET.SubElement(joint, "origin", origin)
     ET.SubElement(joint, "parent", link=parent)
@@ -82,8 +83,7 @@ def _add_joint(
     return joint
 
 
-def xml_comment(lines: Iterable[str]) -> bytes:
-    """Format lines as an XML comment; empty if there are no lines."""
+def _xml_comment(lines: Iterable[str]) -> bytes:
     # Two hyphens would end the comment.
     text = re.sub("-(?=-)", "- ", "\n".join(f"  {_xml_text(line)}" for line in lines))
     return f"<!--\n{text}\n-->\n".encode() if text else b""
@@ -186,7 +186,6 @@ def _chains(data: bytes, file: str, arm: ArmModel) -> Iterator[UrdfChain]:
 
 
 def _matching(chains: Iterable[UrdfChain], arm: ArmModel, file: str) -> UrdfChain:
-    """Return the chain whose rows are nearest to the arm's; raises ConfigError if no chain is of this arm."""
     n, candidates = arm.joint_count, list[tuple[float, str, UrdfChain]]()
     for chain in chains:
         if len(chain.joints) != n:
@@ -212,7 +211,6 @@ _TAG = re.compile(rb"""<[^\s>/]+(?:[^>"']|"[^"]*"|'[^']*')*>""")
 
 
 def _into_xml(data: bytes, origins: Mapping[str, FloatArray], comment: Sequence[str]) -> bytes:
-    """Return the bytes of an XML file with these origins, by joint, and with the comment before <robot>."""
     cuts, open_tags, joint = list[tuple[int, int, bytes]](), list[str](), ""
     parser = expat.ParserCreate()
 
@@ -223,7 +221,7 @@ def _into_xml(data: bytes, origins: Mapping[str, FloatArray], comment: Sequence[
         if match is None:
             raise ValueError(f"there is no tag at byte {at}")
         if not open_tags:
-            cuts.append((at, at, xml_comment(comment)))
+            cuts.append((at, at, _xml_comment(comment)))
         if tag == "joint" and "type" in attributes and attributes.get("name") in origins:
             joint = attributes["name"]
             attribute = origin_words(origins[joint])

@@ -342,7 +342,6 @@ def _step(element: ET.Element, file: str) -> UrdfStep:
 
 
 def _with_plausible_limits(joint: UrdfJoint) -> UrdfJoint:
-    """Return the joint without limits that are too large for any arm, and with all `unstated` limits listed."""
     low, high, speed = joint.lower_rad, joint.upper_rad, joint.velocity_rad_per_s
     unstated = [*joint.unstated]
     if max(-low, high) > PLACEHOLDER_ANGLE_RAD:

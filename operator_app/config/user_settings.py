@@ -59,7 +59,7 @@ def settings_path() -> Path:
 
 def load_settings() -> UserSettings:
     """Return the user's settings, all of them None if there is no file; raises ConfigError if the file is invalid."""
-    data = settings_bytes()
+    data = _settings_bytes()
     return parse_settings(data, str(settings_path())) if data is not None else UserSettings()
 
 
@@ -77,8 +77,7 @@ def valid_settings() -> tuple[UserSettings, str]:
         )
 
 
-def settings_bytes() -> bytes | None:
-    """Return the content of the user's file; None if there is no file."""
+def _settings_bytes() -> bytes | None:
     path = settings_path()
     if not exists(path):
         return None
@@ -117,7 +116,7 @@ def changed(texts: Mapping[str, str]) -> UserSettings:
     """
     from hardware.buses.python_can import known_interfaces
 
-    data, file = settings_bytes(), str(settings_path())
+    data, file = _settings_bytes(), str(settings_path())
     before: dict[str, Any] = {}
     if data:
         document = load_strict(data, file)

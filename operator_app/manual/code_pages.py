@@ -41,8 +41,7 @@ PURPOSE: Mapping[FileKind, str] = {
 }
 
 
-def file_page(kind: FileKind) -> str:
-    """Return the page that lists the keys of a kind of file."""
+def _file_page(kind: FileKind) -> str:
     schema = json_schema(kind)
     models = schema["$defs"]
     tops = [choice["$ref"].rpartition("/")[2] for choice in schema["oneOf"]]
@@ -90,7 +89,6 @@ def heading(model: str) -> str:
 
 
 def _docstring(text: str) -> tuple[str, dict[str, str]]:
-    """Return the descriptions of a model and of its keys, from its docstring."""
     about, _, attributes = text.replace("``", "`").partition("Attributes\n----------\n")
     of_keys = {}
     listed = re.findall(r"^(\w[\w, ]*)\n((?:    .*\n?)+)", attributes, re.MULTILINE)
@@ -151,8 +149,7 @@ TYPES = {
 """Names of the data types of CiA 301."""
 
 
-def exit_codes_page() -> str:
-    """Return the page of exit codes."""
+def _exit_codes_page() -> str:
     rows = [(f"`{int(code)}`", meaning) for code, meaning in MEANING.items()]
     blocks = [
         "# Exit codes",
@@ -166,8 +163,7 @@ def exit_codes_page() -> str:
     return "\n\n".join(blocks)
 
 
-def keys_page() -> str:
-    """Return the page that lists the keys of each step."""
+def _keys_page() -> str:
     blocks = [
         "# Keys of the terminal app",
         (
@@ -213,8 +209,7 @@ def _fault(fault: FaultDescription) -> tuple[str, ...]:
     return fault.broken, fault.symptom(), fault.does(), fault.kept, fault.remedy
 
 
-def objects_page() -> str:
-    """Return the object dictionaries of joint drive and supervisor."""
+def _objects_page() -> str:
     blocks = [
         "# Object dictionary",
         (
@@ -252,10 +247,10 @@ def _default(entry: ODVariable) -> str:
 
 
 PAGES: Mapping[str, Callable[[], str]] = {
-    **{f"{kind}-file": partial(file_page, kind) for kind in PURPOSE},
-    "exit-codes": exit_codes_page,
-    "keys": keys_page,
+    **{f"{kind}-file": partial(_file_page, kind) for kind in PURPOSE},
+    "exit-codes": _exit_codes_page,
+    "keys": _keys_page,
     "faults": faults_page,
-    "objects": objects_page,
+    "objects": _objects_page,
 }
 """Generated pages by topic."""

@@ -54,8 +54,6 @@ def _target(link: str) -> str:
 
 
 class _Underlined(Heading):
-    """Headings that start at the left margin; titles and section headings are underlined."""
-
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         yield self.text
         if self.tag in ("h1", "h2"):
@@ -63,8 +61,6 @@ class _Underlined(Heading):
 
 
 class _Verbatim(CodeBlock):
-    """Code with unchanged lines, so that it can be copied."""
-
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         code = str(self.text).rstrip("\n").splitlines()
         yield Text("\n".join(f"    {row}" for row in code), no_wrap=True, overflow="ignore")

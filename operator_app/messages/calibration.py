@@ -150,7 +150,6 @@ def _specified(f: Finding) -> str:
 
 
 def _share(f: Finding) -> str:
-    """Return the linearity deviation of an RVDT as a share of its full scale, as text."""
     full = f.figures.get("full_scale_rad")
     if full is None or f.size is None or f.sigma is None:
         return ""

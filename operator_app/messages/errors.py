@@ -148,7 +148,6 @@ def summary(procedure: Procedure) -> str:
 
 
 def _capital(text: str) -> str:
-    """Return text with a capital first letter, unless it begins with a path, a name or a command."""
     first, _, _ = text.partition(" ")
     spelled = "/" in first or "_" in first or text.startswith(COMMAND_WORDS)
     return text if spelled else text[:1].upper() + text[1:]

@@ -8,32 +8,30 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from operator_app.calibration.acceptance import Verdict
 from operator_app.calibration.calibrated_arm import side_of
+from operator_app.calibration.cross_validation import Checks
+from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.instrument_registration import (
     InstrumentStation,
     instrument_stations,
     with_registered_instrument,
 )
+from operator_app.calibration.result import Solution
 from operator_app.calibration.sensitivity import source_sensitivities
+from operator_app.messages.finding import Finding
 from operator_app.units import ANGLE
+from solver.arrays import FloatArray
 from solver.chain.rotations import rotation_vector
+from solver.diagnostics.rvdt import RvdtVerdict
 from solver.diagnostics.statistics import chi2_test, correlations
-
-if TYPE_CHECKING:
-    from operator_app.calibration.cross_validation import Checks
-    from operator_app.calibration.experiment import Experiment
-    from operator_app.calibration.result import Solution
-    from operator_app.messages.finding import Finding
-    from solver.arrays import FloatArray
-    from solver.diagnostics.rvdt import RvdtVerdict
-    from solver.errors import UnidentifiableError
-    from solver.estimators.estimate import Estimate
-    from solver.estimators.variance_components import VarianceComponents
+from solver.errors import UnidentifiableError
+from solver.estimators.estimate import Estimate
+from solver.estimators.variance_components import VarianceComponents
 
 
 def calibration_data(solution: Solution) -> dict[str, Any]:
@@ -90,8 +88,6 @@ def calibration_data(solution: Solution) -> dict[str, Any]:
 
 
 def _station_data(station: InstrumentStation) -> dict[str, Any]:
-    """Return the calibrated places of base and target; the target's rotation is null if only points were measured."""
-
     def place(T: FloatArray, *, turns: bool) -> dict[str, Any]:
         turn_deg = np.rad2deg(rotation_vector(T[:3, :3])).tolist()
         return {
@@ -146,7 +142,6 @@ def _components_data(components: VarianceComponents | None) -> dict[str, Any]:
 
 
 def _rvdt_data(verdict: RvdtVerdict) -> dict[str, Any]:
-    """Return one RVDT's diagnosis, with its linearity deviation as a correction table; angles in deg."""
     figures = verdict.figures
     data: dict[str, Any] = {
         "joint": verdict.joint,

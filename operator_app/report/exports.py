@@ -72,7 +72,6 @@ def in_format(calibration: Calibration, kind: str) -> bytes:
 
 
 def _json(calibration: Calibration) -> bytes:
-    """Return the object of `sarcal solve --json`, with the arm's name, serial number and D-H rows, as JSON."""
     document = {
         "schema": "sarcal/result/1",
         "arm": {"model": calibration.arm.name, "serial": calibration.serial_number},
@@ -86,7 +85,6 @@ def _json(calibration: Calibration) -> bytes:
 
 
 def _rows(calibration: Calibration) -> list[dict[str, Any]]:
-    """Return D-H rows 1..n of the arm without its fixture (the geometry of the exported URDF), in deg and m."""
     arm = calibration.by_itself
     columns = arm.table().stacked()
     angles = [kind for kind in DhKind if kind.is_angle]
@@ -106,10 +104,6 @@ def _rows(calibration: Calibration) -> list[dict[str, Any]]:
 
 
 def _csv(calibration: Calibration) -> bytes:
-    """Return CSV, a row per parameter, in deg or mm.
-
-    For a calibration that was not accepted, a last column has the operator's reason for exporting it anyway.
-    """
     solution = calibration.solution
     reason = () if solution.accepted else (" ".join(calibration.forced.split()),)
     rows = [CSV_HEADER if solution.accepted else (*CSV_HEADER, "forced")]
@@ -148,7 +142,6 @@ def _urdf(calibration: Calibration) -> bytes:
 
 
 def _provenance(calibration: Calibration, written: Sequence[str]) -> list[str]:
-    """Return comment lines that state arm, poses, `written` calibrated entries, and the reason for a forced export."""
     calibrated = calibration.by_itself.identified
     left_out = [name for name in calibrated if name not in written]
     offsets = calibration.solution.unsensed_offsets or {}
@@ -177,7 +170,6 @@ def _provenance(calibration: Calibration, written: Sequence[str]) -> list[str]:
 
 
 def _mat(calibration: Calibration) -> bytes:
-    """Return a MATLAB file of variables in SI units, with units in their names."""
     from scipy.io import savemat
 
     estimate, arm, buffer = calibration.solution.identified, calibration.by_itself, io.BytesIO()

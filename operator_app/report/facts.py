@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from operator_app.calibration.acceptance import Verdict
 from operator_app.calibration.calibrated_arm import side_of
+from operator_app.calibration.cross_validation import Checks
 from operator_app.calibration.result import Solution
 from operator_app.calibration.rvdt import reading_tables
 from operator_app.config.procedure import AcceptanceLimits
@@ -52,12 +53,8 @@ from operator_app.report.uncertainty_tables import (
     sensitivity_table,
 )
 from operator_app.units import ANGLE, CHI2, CONDITION, SIGMA_ORI, SIGMA_POS, Figure, Kind
-
-if TYPE_CHECKING:
-    from operator_app.calibration.cross_validation import Checks
-    from solver.estimators.estimate import Estimate
-    from solver.loops.closure import ResidualSigma
-
+from solver.estimators.estimate import Estimate
+from solver.loops.closure import ResidualSigma
 
 CONDITION_PAPER = 28
 
@@ -136,7 +133,7 @@ def facts_of(
                     beside=beside,
                     repeatability=repeatability,
                     sides={p.name: side_of(solution.model, p.name) for p in estimate.parameters},
-                    note=side_note(solution),
+                    note=_side_note(solution),
                 ),
                 instrument_table(solution),
                 truth_table(solution),
@@ -219,8 +216,7 @@ EVERY = 4
 """One in this many rows of a correction table is shown."""
 
 
-def side_note(solution: Solution) -> str:
-    """Return a note that lists the parameters of the arm, of the ground and of the tool."""
+def _side_note(solution: Solution) -> str:
     names: dict[str, list[str]] = {"arm": [], "ground": [], "hand": []}
     for parameter in solution.identified.parameters:
         names[side_of(solution.model, parameter.name)].append(parameter.name)

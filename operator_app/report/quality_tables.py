@@ -177,7 +177,6 @@ def accuracy_table(solution: Solution) -> FactTable | None:
 
 
 def _entries_differ(solution: Solution) -> bool:
-    """Whether an identified entry of the arm differs from its nominal value by more than two sigmas."""
     found = solution.identified
     change = np.abs(wrap_angles(found.parameters, found.x - nominal_vector(found.parameters)))
     differs = (change > 2.0 * found.standard_deviation).tolist()

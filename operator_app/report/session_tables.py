@@ -63,7 +63,7 @@ def joint_table(subject: Subject, estimate: Estimate | None) -> FactTable:
         rows.append(
             (
                 f"{j} {joint.name}",
-                sensor_words(joint.sensor, used=j in used),
+                _sensor_words(joint.sensor, used=j in used),
                 subject.state.modes[j - 1].value if subject.state.modes else NOT_AVAILABLE,
                 *map(CORRECTION, (noise, float(stated[j - 1]) or None, rms)),
                 Figure(ratio, digits=2, role="warn" if highlighted else "text"),
@@ -98,8 +98,7 @@ def stated_rad(arm: ArmModel) -> FloatArray:
     return np.asarray(np.sqrt(sum(part**2 for part in parts)))
 
 
-def sensor_words(sensor: Sensor, *, used: bool) -> str:
-    """Return a description of a joint's sensor."""
+def _sensor_words(sensor: Sensor, *, used: bool) -> str:
     match sensor:
         case Encoder():
             text = f"encoder, {sensor.counts_per_rev} counts/rev"

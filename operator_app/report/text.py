@@ -52,7 +52,6 @@ def verdict_text(facts: Facts, *, failed: str = "") -> str:
 
 
 def _codes_in_verdict(facts: Facts) -> set[str]:
-    """Return the codes of notices that the verdict includes: all causes if accepted, otherwise the blocking causes."""
     return {c.code for c in facts.causes if facts.accepted or c.blocking}
 
 

@@ -52,7 +52,7 @@ def components_table(
             for k, end in enumerate((c.low, c.high))
         )
         stated = Figure(c.stated, quantity)
-        rows.append((component_words(c.name), quantity.unit, stated, sd, low, high))
+        rows.append((_component_words(c.name), quantity.unit, stated, sd, low, high))
     note = ""
     if components.compliance is not None and not diverged:
         p = components.compliance.p_value
@@ -68,8 +68,7 @@ def components_table(
     )
 
 
-def component_words(name: str) -> str:
-    """Return the name of a variance component in words."""
+def _component_words(name: str) -> str:
     kind, _, which = name.partition("_")
     known = {
         "rvdt": f"reading of joint {which} (RVDT)",

@@ -46,9 +46,7 @@ class _Fixed(Lines, can_focus=False):
     """A widget whose lines do not change."""
 
 
-class StartScreen(Screen[None]):
-    """Screen while the program loads: the safety strip, a line of text, and the key to quit."""
-
+class _StartScreen(Screen[None]):
     AUTO_FOCUS = ""
     ROWS: ClassVar[Mapping[str, Sequence[Line]]] = {
         "strip": [line((" STOP ", "badge"), (" SPACE/F8", "key"), ("  no arm yet", "dim"))],
@@ -59,12 +57,10 @@ class StartScreen(Screen[None]):
     """Lines of each widget, by its name on the main screen."""
 
     def compose(self) -> ComposeResult:
-        """Compose the widgets in the same places as on the main screen."""
         for name in self.ROWS:
             yield _Fixed(id=name)
 
     def on_mount(self) -> None:
-        """Show the lines."""
         for name, rows in self.ROWS.items():
             self.query_one(f"#{name}", _Fixed).show_lines(rows)
 
@@ -127,7 +123,7 @@ class SarcalApp(App[str]):
 
     def get_default_screen(self) -> Screen[None]:
         """Return the screen that is shown while the program loads."""
-        return StartScreen()
+        return _StartScreen()
 
     async def on_mount(self) -> None:
         """Install signal handlers; start loading the main screen."""
@@ -141,7 +137,6 @@ class SarcalApp(App[str]):
         self.call_after_refresh(self.run_worker, self._load())
 
     async def _load(self) -> None:
-        """Run the slow imports in a thread; show the main screen; open a session, which the screen polls."""
         for name in ("main_screen", "screen_interface"):
             await asyncio.to_thread(import_module, f"operator_app.tui.{name}")
         from operator_app.tui.main_screen import MainScreen
@@ -240,7 +235,6 @@ class SarcalApp(App[str]):
         await super().on_event(event)
 
     def _take(self, event: events.Key) -> bool:
-        """Handle a key; return whether the app uses it."""
         if self._typed_early is not None:
             if event.key in QUIT_KEYS:
                 self.exit("left")

@@ -37,8 +37,6 @@ def watched(driver: type[Driver], stop_on_input: Callable[[Pressed], None]) -> t
 
 
 class _MayBeGone:
-    """The terminal as a file; once the terminal is closed, output is dropped without an error."""
-
     def __init__(self, file: IO[str]) -> None:
         self._file = file
 

@@ -77,9 +77,7 @@ def detail(step: Step, s: SessionSnapshot) -> str:
             return "written" if s.written else "—"
 
 
-class StepRail(Lines, can_focus=False):
-    """List of all steps, with three rows for each step."""
-
+class _StepRail(Lines, can_focus=False):
     current = Step.CONNECT
 
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
@@ -102,9 +100,7 @@ class StepRail(Lines, can_focus=False):
         return f"step_{number}" if number <= len(Step) else ""
 
 
-class StepRow(StepRail, can_focus=False):
-    """List of all steps in one row, for small terminals. `place`: number of the current view, and number of views."""
-
+class _StepRow(_StepRail, can_focus=False):
     place = (1, 1)
     _view_at: int | None = None
 
@@ -140,14 +136,11 @@ HINT_ROWS, MOST_HINT_ROWS = 2, 4
 VIEWS = (ConnectView, FixtureView, ModesView, CaptureView, CalibrateView, ResultsView, ExportView)
 
 
-class Hint(Lines, can_focus=False):
-    """The next action, or why the last action was refused."""
-
+class _Hint(Lines, can_focus=False):
     step = Step.CONNECT
     refusal = ""
 
     def rows_for(self, s: SessionSnapshot, width: int) -> int:
-        """Return the number of rows that the text needs, at most `MOST_HINT_ROWS`."""
         return min(len(self._rows(s, width)), MOST_HINT_ROWS)
 
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
@@ -202,11 +195,8 @@ class Footer(Lines, can_focus=False):
         return next((name for first, last, name in self._spots if first <= x < last), "")
 
 
-class TooSmall(Lines, can_focus=False):
-    """Message with the required size, shown if the terminal is too small."""
-
+class _TooSmall(Lines, can_focus=False):
     def show_size(self, width: int, height: int) -> None:
-        """Show the current and the required size."""
         columns, rows = SMALLEST_TERMINAL
         text = (
             f"sarcal needs {columns} x {rows} characters; this window has {width} x {height}. Enlarge the window or "
@@ -222,12 +212,12 @@ class MainScreen(Screen[None]):
 
     def __init__(self) -> None:
         super().__init__()
-        self.hint, self.footer = Hint(id="hint"), Footer(id="footer")
-        self.rails = (StepRow(id="row"), StepRail(id="rail"))
+        self.hint, self.footer = _Hint(id="hint"), Footer(id="footer")
+        self.rails = (_StepRow(id="row"), _StepRail(id="rail"))
         self.strip, self.banner = SafetyStrip(id="strip"), Banner(id="banner")
         self.log_lines = Log(id="log")
         self.steps = tuple(view(step) for step, view in zip(Step, VIEWS, strict=True))
-        self.too_small = TooSmall(id="too-small")
+        self.too_small = _TooSmall(id="too-small")
         self.frame: tuple[Lines, ...] = (
             self.strip, self.banner, *self.rails, self.hint, self.log_lines, self.footer,
         )  # fmt: skip

@@ -14,7 +14,6 @@ class ActionProvider(Provider):
     """Provides all actions to the palette, where they are found by their words."""
 
     def _all(self) -> Iterator[tuple[str, dict[str, Any]]]:
-        """Yield every action's text (label, key, and step if there is only one) and data (function, text, help)."""
         from operator_app.session.ui import action_table
 
         app: Any = self.app

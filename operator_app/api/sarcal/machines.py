@@ -134,7 +134,6 @@ def load_fixture(fixture: str | PathLike[str] | Fixture) -> Fixture:
 
 
 def _reference(kind: Literal["arm", "fixture"], value: Any) -> str:
-    """Return a path or a name as text; raises TypeError if it is neither."""
     path = fspath(value) if isinstance(value, str | PathLike) else None
     if not isinstance(path, str):
         raise TypeError(

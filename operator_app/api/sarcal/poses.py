@@ -254,7 +254,6 @@ def load_poses(
 
 
 def _csv_of(frame: Any) -> bytes:
-    """Return a data frame of any library as the bytes of a poses file."""
     cells = {
         str(c): [_cell(v, whole_number=c in WHOLE_COLUMNS) for v in frame[c]] for c in frame.columns
     }

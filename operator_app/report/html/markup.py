@@ -9,14 +9,10 @@ import html
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from operator_app.report.table import Cell, Column, FactTable
 from operator_app.safe_output import sanitized
 from operator_app.units import Figure, typeset
-
-if TYPE_CHECKING:
-    from operator_app.report.table import Cell, Column, FactTable
-
 
 VOID = frozenset({"meta", "br", "col", "link", "hr"})
 
@@ -179,7 +175,6 @@ def _header(columns: tuple[Column, ...], first_of_group: list[bool]) -> list[Htm
 
 
 def _class(column: Column, cell: Cell = "", *, starts: bool) -> str | None:
-    """Return the CSS classes of a cell: ``n`` for a number, ``start`` in the first column of a group, and its role."""
     classes = [] if column.words else ["n"]
     classes += ["start"] if starts else []
     if isinstance(cell, Figure) and cell.role not in ("text", "warn"):

@@ -87,7 +87,6 @@ def report_html(subject: Subject) -> bytes:
 
 
 def _document(title: str, body: Html, *, generator: str = "") -> bytes:
-    """Return a complete page, UTF-8, that loads no other resource."""
     made_by = [element("meta", name="generator", content=generator)] if generator else []
     head = element(
         "head",
@@ -127,7 +126,6 @@ def write_report(session: Session) -> Path:
 
 
 def _widest(subject: Subject) -> list[Html]:
-    """Return paragraphs on the least certain parameter and its largest source of error; empty if no source is known."""
     sensitivities = () if subject.solution is None else source_sensitivities(subject.solution)
     if not sensitivities:
         return []
@@ -145,7 +143,6 @@ def _widest(subject: Subject) -> list[Html]:
 
 
 def _tool(subject: Subject) -> list[Html]:
-    """Return the tool position error before and after calibration, as text and pictures; empty if not computed."""
     solution = subject.solution
     if solution is None or (accuracy := solution.accuracy) is None:
         return []
@@ -164,7 +161,6 @@ def _tool(subject: Subject) -> list[Html]:
 
 
 def _banner(subject: Subject) -> Html:
-    """Return the banner of a simulated arm; empty for a real arm."""
     if not subject.simulated:
         return Html("")
     scenario = subject.state.settings.get("scenario")
@@ -173,7 +169,6 @@ def _banner(subject: Subject) -> Html:
 
 
 def _verdict(subject: Subject, facts: Facts | None, outcome: str) -> Html:
-    """Return the verdict, the arm, and the reasons why the calibration is not accepted or not possible."""
     good = facts is not None and facts.accepted
     blind = subject.unidentifiable
     reasons = facts.reasons if facts is not None else map(str, blind.directions if blind else ())
@@ -237,7 +232,6 @@ def history_html(history: ArmHistory) -> bytes:
 
 
 def _chart(part: EntryHistory, j: int) -> Html:
-    """Draw entry `j` over the sessions, with Shewhart and EWMA limits if these are known."""
     name, chart, unit = part.names[j], part.chart, quantity(part.names[j])
     sessions = [float(k) for k in range(1, len(part.calibrations) + 1)]
     values = (unit.per_si * part.values[:, j]).tolist()

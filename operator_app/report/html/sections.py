@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from operator_app.report.html.markup import (
     Section,
     bullets,
@@ -18,6 +16,8 @@ from operator_app.report.html.markup import (
 from operator_app.report.plots import before_after, calibration_plots
 from operator_app.report.plots.svg import drawn
 from operator_app.report.session_tables import joint_table, pose_table, rvdt_joints, rvdt_table
+from operator_app.report.subject import Subject
+from operator_app.report.table import FactTable
 from operator_app.units import (
     CLOSURE_ANGLE,
     CLOSURE_LENGTH,
@@ -29,11 +29,7 @@ from operator_app.units import (
     typeset,
 )
 from solver.diagnostics.rvdt import RvdtVerdict, Soundness
-
-if TYPE_CHECKING:
-    from operator_app.report.subject import Subject
-    from operator_app.report.table import FactTable
-    from solver.estimators.estimate import Estimate
+from solver.estimators.estimate import Estimate
 
 CLOSURE_WORDS = (
     "Closure error at the measured joints, one scale for both estimators. "
@@ -89,7 +85,6 @@ def sections_of(subject: Subject) -> tuple[Section, ...]:
 
 
 def _of_table(subject: Subject, estimate: Estimate, table: FactTable) -> Section:
-    """Return the section of one table of the facts, with its note and its plots."""
     content: list[str] = [table_html(table)] if table.rows else []
     if table.note:
         content.append(remark(table.note))
@@ -123,7 +118,6 @@ def _about_sigmas(subject: Subject, estimate: Estimate) -> str:
 
 
 def _warnings(subject: Subject) -> Section | None:
-    """Return the section of warnings and of notes that require no action; None if there are neither."""
     facts = subject.facts
     notes = facts is not None and facts.notices_are_notes
     glyph = element("span", "· " if notes else "▲ ", class_="glyph", aria_hidden="true")
@@ -144,7 +138,6 @@ def _joints(subject: Subject) -> Section:
 
 
 def _rvdt(subject: Subject) -> Section | None:
-    """Return the section of RVDT readings against the angles from the loops; None if no joint has an RVDT."""
     joints = rvdt_joints(subject)
     if not joints:
         return None

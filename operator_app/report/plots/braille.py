@@ -6,18 +6,13 @@ import math
 from collections.abc import Iterator, Sequence
 from itertools import pairwise, product
 from textwrap import wrap
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from operator_app.planning.preview import PlannedPose, Preview
+from operator_app.report.spans import Line
 from operator_app.units import SPAN, WHOLE_DEGREES, names
 from solver.arrays import FloatArray
-
-if TYPE_CHECKING:
-    # Not imported at run time: `sarcal plan` works without Textual.
-    from operator_app.report.spans import Line
-
 
 _DOTS = ((0x01, 0x02, 0x04, 0x40), (0x08, 0x10, 0x20, 0x80))
 _LAST_BITS = 1e-6
@@ -123,7 +118,7 @@ not occupied is used."""
 def region_lines(shown: Preview, *, ascii_only: bool) -> list[str]:
     """Draw the reachable region, the poses in visiting order and the path between them."""
     across, up = _axes(shown)
-    plane = Plane(shown, across, up, ascii_only=ascii_only)
+    plane = _Plane(shown, across, up, ascii_only=ascii_only)
     plane.region()
     for pose in shown.poses:
         plane.way(pose)
@@ -152,7 +147,7 @@ def coverage_lines(shown: Preview, *, ascii_only: bool) -> list[str]:
     return lines
 
 
-class Plane:
+class _Plane:
     """The plane of two joints' angles on a canvas; `across`, `up`: joints (from 0) along the two axes."""
 
     def __init__(self, shown: Preview, across: int, up: int, *, ascii_only: bool) -> None:
@@ -172,7 +167,6 @@ class Plane:
             self._canvas.dot(2 * (int(x) // 2), 4 * (int(y) // 4) + 1, "dim")
 
     def way(self, pose: PlannedPose) -> None:
-        """Draw the path to a pose."""
         for leg in pose.route or ():
             for start, end in pairwise(map(self._at, leg.trace_rad)):
                 self._canvas.segment(*start, *end)
@@ -193,7 +187,6 @@ class Plane:
         return False
 
     def lines(self) -> Iterator[str]:
-        """Yield the lines of the drawing, with its scales in deg."""
         across, up = self._axes
         low, high = self._low, self._low + self._size
         unit = WHOLE_DEGREES.quantity.unit

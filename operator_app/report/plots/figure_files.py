@@ -106,7 +106,6 @@ def pdf_is_possible() -> bool:
 
 
 def _document(of: Panels) -> str:
-    """Return a complete SVG file with its own colours; several panels are in rows, each under a letter."""
     columns = min(of.columns, len(of.pictures))
     captions = of.words or ("",) * len(of.pictures)
     title_height = TITLE if len(of.pictures) > 1 else 0.0
@@ -240,7 +239,6 @@ def drawings(subject: Subject) -> Mapping[str, Panels]:
 
 
 def _parameters(subject: Subject, solution: Solution) -> Panels:
-    """Return, per unit, a panel of the changes with their intervals and, beside it, a panel of the sigmas."""
     estimate, (low, high) = solution.identified, intervals(solution.identified)
     arm, fixture = subject.procedure.arm, subject.procedure.fixture.fixture
     arm = arm.with_length_tolerance(solution.length_tolerance_m)

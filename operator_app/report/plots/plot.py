@@ -74,7 +74,6 @@ def axis(
 
 
 def _ticks(low: float, high: float, step: float) -> tuple[float, ...]:
-    """Return the multiples of `step` from `low` to `high`."""
     first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
     return tuple(k * step + 0.0 for k in range(first, last + 1))
 

@@ -74,8 +74,6 @@ def draw(of: Picture) -> Drawn:
 
 @dataclass(frozen=True, slots=True)
 class _Frame:
-    """Frame of a plot, which places values on two axes."""
-
     x: Axis
     y: Axis
     bottom: float
@@ -161,7 +159,6 @@ def segment(x1: float, y1: float, x2: float, y2: float, class_: str) -> Html:
 
 
 def _legend(layers: Sequence[Layer]) -> Html:
-    """Return the legend, above the frame: a sign and a label for each layer, right-aligned."""
     parts: list[Html] = []
     at = RIGHT
     for layer in reversed([layer for layer in layers if layer.label]):

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from fixtures.base import CheckKind, Severity
+from operator_app.config.any_file import FileRead, FilesRead
+from operator_app.config.errors import Problem
 from operator_app.config.fixture_file import FixtureSpec
 from operator_app.config.parameters_file import ParametersDocument
 from operator_app.config.poses_file import FileWarning, LoadedPoses
 from operator_app.config.procedure import Procedure
 from operator_app.config.quantities import short_degrees
+from operator_app.planning.feasibility import Chain
 from operator_app.report.text import aligned, paragraph, warning
 from operator_app.units import (
     ANGLE_TOLERANCE,
@@ -27,17 +30,10 @@ from operator_app.units import (
     others_free,
     plural,
 )
-from solver.chain.arm_model import ArmModel
+from solver.chain.arm_model import ArmModel, Joint
 from solver.chain.parameters import DhKind
 from solver.chain.sensors import Encoder, NoSensor, Rvdt
-
-if TYPE_CHECKING:
-    from operator_app.config.any_file import FileRead, FilesRead
-    from operator_app.config.errors import Problem
-    from operator_app.planning.feasibility import Chain
-    from solver.chain.arm_model import Joint
-    from solver.diagnostics.identifiability import Identifiability
-
+from solver.diagnostics.identifiability import Identifiability
 
 UNITS_NOTE = (
     "Units are in the keys and columns: _deg degrees, _m metres, _mm millimetres, _mrad milliradians. "
@@ -63,7 +59,7 @@ def check_text(files: FilesRead, chains: Sequence[Chain]) -> str:
     """Return text on each file and each arm, and predicted results of calibrating each arm in its fixture."""
     arms = {chain.arm.name: chain.arm for chain in chains}
     arms |= {f.content.name: f.content for f in files.of("arm") if isinstance(f.content, ArmModel)}
-    listed = aligned([[read.source.file, file_text(read)] for read in files.files], left=True)
+    listed = aligned([[read.source.file, _file_text(read)] for read in files.files], left=True)
     doubts = [f"{f.source.file}: {w.text}" for f in files.files for w in _warnings(f)]
     blocks = [
         "\n".join([f"No problems were found in the files.\n{listed}", *map(warning, doubts)]),
@@ -76,12 +72,10 @@ def check_text(files: FilesRead, chains: Sequence[Chain]) -> str:
 
 
 def _warnings(read: FileRead) -> tuple[FileWarning, ...]:
-    """Return the possible mistakes in a poses file; empty for other files."""
     return read.content.warnings if isinstance(read.content, LoadedPoses) else ()
 
 
-def file_text(read: FileRead) -> str:
-    """Return a short description of one file."""
+def _file_text(read: FileRead) -> str:
     match read.content:
         case ArmModel() as arm:
             return f"arm {arm.name}: {plural(arm.joint_count, 'joint')}"
@@ -145,7 +139,6 @@ def _sensor(joint: Joint) -> str:
 
 
 def _chain(chain: Chain) -> str:
-    """Return the calibration forecast of one arm in one fixture, as text."""
     arm, spec, feasibility = chain.arm, chain.fixture, chain.feasibility
     give, tolerance = spec.fixture.compliance, spec.fixture.tolerance
     yields = [DEFLECTION_LENGTH(give.position_m).with_unit] if give.position_m else []
@@ -185,7 +178,6 @@ def _chain(chain: Chain) -> str:
 
 
 def _freedom(chain: Chain) -> list[str]:
-    """Return sentences on the mobility, the drive joints, and the distance from home to a closed pose."""
     feasibility, n = chain.feasibility, chain.arm.joint_count
     if feasibility.mobility is None:
         return []
@@ -209,7 +201,6 @@ def _freedom(chain: Chain) -> list[str]:
 
 
 def _other_home(chain: Chain) -> list[str]:
-    """Return lines that propose a home for the arm file; empty if its own home is usable or no other home is known."""
     if chain.home is None:
         return []
     home, feasibility = chain.home
@@ -244,7 +235,7 @@ def check_json(files: FilesRead, chains: Sequence[Chain]) -> dict[str, Any]:
             {
                 "file": f.source.file,
                 "kind": f.kind,
-                "text": file_text(f),
+                "text": _file_text(f),
                 "warnings": [asdict(w) for w in _warnings(f)],
             }
             for f in files.files

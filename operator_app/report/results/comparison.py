@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from operator_app.calibration.comparison import CalibrationComparison, ParameterChange, Side
+from operator_app.config.parameters_file import ParametersDocument
 from operator_app.report.calibration_json import notices_data
 from operator_app.report.parameter_tables import formats_of
 from operator_app.report.table import Cell, FactTable, figures, shown, words
 from operator_app.report.text import paragraph, table_lines, warnings_text
 from operator_app.units import Figure, in_json, quantity_of
-
-if TYPE_CHECKING:
-    from operator_app.config.parameters_file import ParametersDocument
 
 DRIFTED = "drifted"
 NO_DRIFT = "no significant drift"

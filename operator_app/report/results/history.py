@@ -119,7 +119,6 @@ def verdict_text(history: ArmHistory, width: int = WIDTH) -> str:
 
 
 def _scatter_texts(part: EntryHistory) -> list[str]:
-    """Return the arm's entries whose scatter between sessions neither type A nor sigma explains."""
     if part.side is not Side.ARM or len(part.calibrations) <= BASELINE:
         return []
     type_a, sigma = (np.sqrt(np.mean(v**2, axis=0)) for v in (part.within, part.sigma))

@@ -6,12 +6,14 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict
 from itertools import zip_longest
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from fixtures.base import CheckKind, Severity
 from operator_app.config.procedure import AcceptanceLimits
+from operator_app.planning.advice import PlacementReport
+from operator_app.planning.preview import PlannedPose, Preview
 from operator_app.report.facts import CONDITION_PAPER
 from operator_app.report.plots.braille import coverage_lines, region_lines
 from operator_app.report.text import aligned, paragraph, warning
@@ -29,13 +31,8 @@ from operator_app.units import (
     joints_named,
     quantity_of,
 )
-
-if TYPE_CHECKING:
-    from operator_app.planning.advice import PlacementReport
-    from operator_app.planning.preview import PlannedPose, Preview
-    from solver.chain.parameters import Parameter
-    from solver.design.drive_joints import RankedDrives
-
+from solver.chain.parameters import Parameter
+from solver.design.drive_joints import RankedDrives
 
 SHOWN_SETS = 6
 """Maximum number of drive sets in the table."""
@@ -72,7 +69,6 @@ def _checks(shown: Preview) -> str:
 
 
 def _drives(shown: Preview) -> str:
-    """Return text on the drive sets, ranked over the reachable region, with their leverage at the start pose."""
     drives, prediction = shown.choice.drives, shown.choice.prediction
     at_start = {r.drives: r for r in prediction.here}
     listed = [r for k, r in enumerate(prediction.region) if k < SHOWN_SETS or r.drives == drives]
@@ -98,7 +94,6 @@ def _drives(shown: Preview) -> str:
 
 
 def _verdict(ranked: RankedDrives, now: RankedDrives | None) -> str:
-    """Return in a few words why a set of drive joints is excluded; empty if the set is usable."""
     if not ranked.usable:
         return "not usable"
     if now is not None and not now.usable:

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from operator_app.config.recording import utc_text
+from operator_app.config.dwells import Dwell, RefusedDwell
+from operator_app.config.recording import JointRecording, utc_text
 from operator_app.units import plural
-
-if TYPE_CHECKING:
-    from operator_app.config.dwells import Dwell, RefusedDwell
-    from operator_app.config.recording import JointRecording
 
 MOST_LINES = 20
 

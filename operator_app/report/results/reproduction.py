@@ -50,7 +50,6 @@ def _tables(reproduction: Published) -> list[FactTable]:
 
 
 def _identified(reproduction: Published) -> FactTable:
-    """Return Table 2: the published values, and the values that the paper's estimator finds for the simulated arm."""
     estimate, rows = reproduction.solution.estimate, []
     titles = ("printed", "specimen", "difference", "its sigma")
     for p, value, sd in values_of(estimate):

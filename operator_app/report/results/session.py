@@ -95,7 +95,6 @@ def _session_data(folder: Path, state: SessionState) -> dict[str, Any]:
 
 
 def _poses_file(folder: Path, state: SessionState) -> str | None:
-    """Return the path of poses.csv if that file contains the poses in use, otherwise None."""
     from operator_app.config.poses_file import format_poses, load_poses
 
     path = folder / POSES_NAME

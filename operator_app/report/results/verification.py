@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from operator_app.calibration.open_loop import OpenLoopCheck
 from operator_app.calibration.prediction import FIXTURE
+from operator_app.calibration.verification import VerificationResult
 from operator_app.report.quality_tables import CLOSURE_COLUMNS, closure_row, rows_in_use
 from operator_app.report.results.comparison import change_cells, change_data
 from operator_app.report.table import FactTable, figures, keyed, words
 from operator_app.report.text import paragraph, table_lines, table_text, warning
 from operator_app.units import ANGLE, CHI2, SIGMA_ORI, SIGMA_POS, Figure, significant
+from solver.chain.poses import PoseSet
+from solver.diagnostics.cross_validation import CommonShift
 from solver.diagnostics.limits import DRIFT_FALSE_ALARM_PROBABILITY
-
-if TYPE_CHECKING:
-    from operator_app.calibration.verification import VerificationResult
-    from solver.chain.poses import PoseSet
-    from solver.diagnostics.cross_validation import CommonShift
-
 
 OUTLIERS_LISTED = 5
 """Maximum number of outliers that are listed."""
@@ -55,10 +52,6 @@ def verification_json(verdict: VerificationResult, poses: PoseSet) -> dict[str, 
 
 
 def _shift_json(shift: CommonShift, why: str) -> dict[str, Any]:
-    """Return the common shift as JSON: what shifted (``joint_4``, ``fixture``) and, for a joint, by how much, deg.
-
-    `why`: the shift as text.
-    """
     joint = shift.subject != FIXTURE
     size, sigma = (Figure(v if joint else None, ANGLE).in_json for v in (shift.size, shift.sigma))
     return {

@@ -20,9 +20,7 @@ ESTIMATOR_NOTES = {
 }
 
 
-class SettingsPanel(Lines):
-    """Settings of the next calibration."""
-
+class _SettingsPanel(Lines):
     TITLE = "Calibration"
     HELP = (
         "implicit attributes the noise to the joint sensors and estimates each pose's corrections; "
@@ -63,9 +61,7 @@ def _progress(s: SessionSnapshot, width: int) -> list[Line]:
     return [entry("Ready", "Enter or s starts")]
 
 
-class CalibratePlot(Lines):
-    """Plot of the cost while the solver runs, and of the residuals afterwards."""
-
+class _CalibratePlot(Lines):
     TITLE = "Residual of each pose"
     HELP = (
         "While it runs: cost by iteration. When done: how far each pose's loop fails to close at the "
@@ -87,4 +83,4 @@ class CalibratePlot(Lines):
 class CalibrateView(StepView):
     """View of step 5: settings and a plot."""
 
-    PANELS = ({"settings": SettingsPanel, "calibrate-plot": CalibratePlot},)
+    PANELS = ({"settings": _SettingsPanel, "calibrate-plot": _CalibratePlot},)

@@ -40,7 +40,6 @@ class StillPanel(Lines):
 
 
 def _target(s: SessionSnapshot) -> str:
-    """Return text with the next target of the arm and what chose it."""
     if s.task is not None and s.task.planning:
         return "none yet: the next poses are being planned"
     if s.heading is not None:
@@ -126,7 +125,6 @@ class ProgressPanel(Lines, can_focus=False):
 
 
 def _time_left(s: SessionSnapshot) -> str:
-    """Return text with the remaining time, estimated from the times between captures of the running task."""
     used, total = s.state.used_poses, s.required_poses
     if len(used) >= total:
         return "complete    "
@@ -181,7 +179,6 @@ class QualityPanel(Lines):
 
 
 def _trend(values: Sequence[float], width: int) -> Line:
-    """Return the trend of the condition number as a row of bars between its first and its last value."""
     first, last = (CONDITION(v).shown for v in (values[0], values[-1]))
     if len(values) == 1:
         return line((" trend  ", "dim"), last)

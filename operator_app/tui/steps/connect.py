@@ -14,9 +14,7 @@ from operator_app.tui.widgets.status import HEARTBEAT_LATE_S
 from operator_app.units import DATA_AGE
 
 
-class BusPanel(Lines):
-    """Panel with interface and traffic of the bus."""
-
+class _BusPanel(Lines):
     TITLE = "Bus"
     HELP = (
         "The CAN bus of this session, which is chosen when sarcal is started: -i interface, -c channel, "
@@ -73,9 +71,7 @@ def _node(s: SessionSnapshot, node: NodeIdentity, *, wide: bool) -> Line:
     )
 
 
-class CheckPanel(Lines):
-    """Checks that were made, and what the operator has to confirm."""
-
+class _CheckPanel(Lines):
     TITLE = "Check"
     HELP = (
         "The software STOP needs a working bus and a working program. The hardware stop needs "
@@ -107,4 +103,4 @@ class CheckPanel(Lines):
 class ConnectView(StepView):
     """View of step 1: bus, nodes, check."""
 
-    PANELS = ({"bus": BusPanel, "nodes": NodesPanel, "connect-check": CheckPanel},)
+    PANELS = ({"bus": _BusPanel, "nodes": NodesPanel, "connect-check": _CheckPanel},)

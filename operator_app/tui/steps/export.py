@@ -16,9 +16,7 @@ from operator_app.units import quantity_of
 from solver.chain.parameters import wrap_angle
 
 
-class FilePanel(Lines):
-    """Destination of the parameters."""
-
+class _FilePanel(Lines):
     TITLE = "Export"
     HELP = (
         "parameters.yaml holds every parameter with its standard deviation, the D-H table, the "
@@ -37,7 +35,7 @@ class FilePanel(Lines):
             return [clip(row, width) for row in rows]
         rows.append(entry("To", f"controller {serial} over {s.bus}"))
         if s.receipt is None:
-            table = difference_table(s)
+            table = _difference_table(s)
             rows_of = () if table is None else table.rows
             # Only differences in the digits shown count.
             changed = sum(shown(active) != shown(new) for _, _, active, new, _ in rows_of)
@@ -49,14 +47,12 @@ class FilePanel(Lines):
         return [clip(row, width) for row in rows]
 
 
-class DiffPanel(TablePanel):
-    """New parameters beside those active in the controller."""
-
+class _DiffPanel(TablePanel):
     TITLE = "Difference from the controller's active parameters"
     HELP = "Every calibrated parameter: the controller's present value, the new value, the change."
 
     def _table(self, s: SessionSnapshot) -> FactTable | None:
-        return difference_table(s)
+        return _difference_table(s)
 
 
 class RecordPanel(Lines):
@@ -87,12 +83,11 @@ class RecordPanel(Lines):
 class ExportView(StepView):
     """View of step 7: file, difference, record."""
 
-    PANELS = ({"file": FilePanel, "diff": DiffPanel, "record": RecordPanel},)
+    PANELS = ({"file": _FilePanel, "diff": _DiffPanel, "record": RecordPanel},)
     MAIN = "diff"
 
 
-def difference_table(s: SessionSnapshot) -> FactTable | None:
-    """Return the active and the new value of every calibrated entry, with as many digits as in the results."""
+def _difference_table(s: SessionSnapshot) -> FactTable | None:
     if s.solution is None or not s.diff:
         return None
     format_of = formats(s.solution.identified)

@@ -105,7 +105,6 @@ class ChecksPanel(Lines):
 
 
 def _ranges(s: SessionSnapshot, forecast: Forecast) -> list[Line]:
-    """Return lines with the predicted range of every joint, three joints per line."""
     cells = []
     for k, joint in enumerate(s.procedure.arm.joints, 1):
         low, high = forecast.span_rad(k, s.required_poses)
@@ -118,9 +117,7 @@ def _ranges(s: SessionSnapshot, forecast: Forecast) -> list[Line]:
     ]
 
 
-class ChecklistPanel(ListPanel):
-    """The operator's check list."""
-
+class _ChecklistPanel(ListPanel):
     TITLE = "Check list (Enter ticks)"
     HELP = (
         "Points that only a person can check. Tick each one; nothing moves before all are ticked."
@@ -141,7 +138,6 @@ class ChecklistPanel(ListPanel):
         return [row for k in range(self._count(s)) for row in self._row(s, k, width)]
 
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Return the lines of the list; after an item was ticked, the next unticked item is marked."""
         if s.ticked != self._ticked:
             self._ticked = s.ticked
             self.cursor = min(set(range(self._count(s))) - s.ticked, default=self.cursor)
@@ -152,7 +148,7 @@ class FixtureView(StepView):
     """View of step 2: placement, checks, check list, drawing."""
 
     PANELS = (
-        {"placement": PlacementPanel, "checks": ChecksPanel, "checklist": ChecklistPanel},
+        {"placement": PlacementPanel, "checks": ChecksPanel, "checklist": _ChecklistPanel},
         {"fixture-arm": ArmView},
     )
     MAIN = "checklist"
@@ -160,7 +156,7 @@ class FixtureView(StepView):
 
     def show(self, s: SessionSnapshot) -> None:
         """Show a snapshot; on a large terminal, placement and check list get all their rows, the checks the rest."""
-        for panel in (self.query_one(PlacementPanel), self.query_one(ChecklistPanel)):
+        for panel in (self.query_one(PlacementPanel), self.query_one(_ChecklistPanel)):
             rows = len(panel.all_rows(s, panel.content_size.width))
             panel.styles.height = None if self.compact else rows + FRAME_ROWS
         super().show(s)

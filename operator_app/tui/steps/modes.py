@@ -57,7 +57,6 @@ class PlanPanel(Lines):
 
 
 def _whole(pairs: Sequence[Sequence[Line]], room: int) -> list[Line]:
-    """Return the lines of the sets that fit into `room` rows; a last line counts the omitted sets."""
     rows = [row for pair in pairs for row in pair]
     if len(rows) <= room:
         return rows

@@ -81,7 +81,6 @@ class VerdictPanel(Lines):
 
 
 def _hand(solution: Solution, width: int) -> list[Line]:
-    """Return a line with the tool accuracy, rms over the ranges of all joints; empty if it was not computed."""
     if solution.accuracy is None:
         return []
     before, after = (
@@ -98,9 +97,7 @@ def _hand(solution: Solution, width: int) -> list[Line]:
     return [line((text, "bold"), (more if len(text + more) <= width else "", "text"))]
 
 
-class ParametersPanel(TablePanel):
-    """Table of parameters: nominal, identified, change, sigma, and the paper estimator's value."""
-
+class _ParametersPanel(TablePanel):
     TITLE = "Parameters"
     HELP = (
         "Every parameter: nominal, identified, change, standard deviation; at the right the result of "
@@ -173,7 +170,6 @@ class ResultsPlot(Lines):
 def _of_rvdt(
     subject: Subject, verdict: RvdtVerdict, width: int, height: int, *, ascii_only: bool
 ) -> Sequence[Line]:
-    """Return the plot of one RVDT's linearity deviation with its limits, and its verdict below."""
     verdict_rows = wrapped(
         f" {verdict.text}", width, "warn" if verdict.treat_as_unsensed else "text", " "
     )
@@ -187,7 +183,7 @@ def _of_rvdt(
 class ResultsView(StepView):
     """View of step 6: verdict on top, parameters and plots below."""
 
-    PANELS = ({"parameters": ParametersPanel}, {"results-plot": ResultsPlot})
+    PANELS = ({"parameters": _ParametersPanel}, {"results-plot": ResultsPlot})
     MAIN = "parameters"
     VIEWS = (("verdict", "parameters"), ("results-plot",))
 

@@ -141,7 +141,6 @@ class JointTable(ListPanel):
 
 
 def _bar(position_rad: float, joint: Joint, cells: int) -> str:
-    """Return a bar, `cells` wide, of the joint's range with the joint's position marked in it."""
     share = (position_rad - joint.lower_rad) / (joint.upper_rad - joint.lower_rad)
     inner = cells - 2
     body = ["─"] * inner
@@ -153,7 +152,6 @@ def _bar(position_rad: float, joint: Joint, cells: int) -> str:
 def _state(
     s: SessionSnapshot, state: JointState, joint: Joint, *, stale: bool
 ) -> tuple[str, str, str]:
-    """Return the state of a joint: a word, a figure, and the colour role in which both are shown."""
     if stale:
         word = "LOST" if s.data is DataState.LOST else "STALE"
         return f"▲ {word}", DATA_AGE(state.age_s).with_unit, "warn"

@@ -67,7 +67,6 @@ def plot(of: Picture, width: int, height: int, *, ascii_only: bool) -> list[Line
 
 
 def _ticks(y: Axis, canvas: Canvas, bottom: float, top: float) -> dict[int, str]:
-    """Return the tick labels by row; no two labels are in the same row or in adjacent rows."""
     labels: dict[int, str] = {}
     for value, text in zip(y.ticks, y.tick_texts, strict=True):
         row = canvas.row(y.place(value, bottom, top))
@@ -77,7 +76,6 @@ def _ticks(y: Axis, canvas: Canvas, bottom: float, top: float) -> dict[int, str]
 
 
 def _below(x: Axis, width: int) -> str:
-    """Return the text below the horizontal axis: first and last tick label, with the title between them."""
     room = width - LABEL - 1
     cells = [" "] * room
     first, last = x.tick_texts[0], x.tick_texts[-1]
@@ -145,7 +143,6 @@ class ArmView(Lines):
     _turn = False
 
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Return the drawing; it is made again only if a joint moved visibly or other contents changed."""
         if s.arm is None or s.data is DataState.LOST:
             self.set_title("Arm")
             if s.arm is None:
@@ -233,8 +230,6 @@ def _box(model: ClosureModel, x: FloatArray, q: FloatArray, s: SessionSnapshot) 
 
 
 class _Placing:
-    """Converts points (m) to dots on the canvas, with the same scale in both directions."""
-
     def __init__(self, box: FloatArray, canvas: Canvas) -> None:
         self._canvas = canvas
         size = box[1] - box[0]

@@ -179,7 +179,6 @@ class Log(Lines, can_focus=False):
         return min(max(len(_alarm_rows(s, width)), LOG_ROWS), most)
 
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Return at most `height` lines; a message that is cut off ends with the key that shows it in full."""
         standing = {alarm.number for alarm in s.alarms}
         rows = _alarm_rows(s, width)
         all_visible = len(rows) <= height
@@ -203,7 +202,6 @@ class Log(Lines, can_focus=False):
 
 
 def _alarm_rows(s: SessionSnapshot, width: int) -> list[Line]:
-    """Return the lines of the newest alarm with the number of all alarms; empty if there is none."""
     if not s.alarms:
         return []
     count = len(s.alarms)

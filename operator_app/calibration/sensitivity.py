@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from operator_app.calibration.result import Solution
-from operator_app.messages.calibration import source_remedy
+from operator_app.messages.finding import source_remedy
 from solver.chain.parameters import Parameter
 from solver.diagnostics.limits import COARSE_SIGMA_M, COARSE_SIGMA_RAD
 from solver.diagnostics.stated_sizes import exceeded_specifications

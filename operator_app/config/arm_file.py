@@ -14,30 +14,8 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
-from operator_app.config.error_model import (
-    GravityModel,
-    LinkModel,
-    RowToleranceModel,
-    ToleranceModel,
-    assumed_of_joints,
-    assumed_of_rows,
-    link_masses,
-)
+from operator_app.config import error_model, quantities
 from operator_app.config.errors import value_in_words
-from operator_app.config.quantities import (
-    AngleDeg,
-    Count,
-    LengthM,
-    Name,
-    NonNegativeNumber,
-    PositiveNumber,
-    StatedDeg,
-    Text,
-    TurnDeg,
-    TwistDeg,
-    in_si,
-    refuse,
-)
 from operator_app.config.resources import resolve
 from operator_app.config.schema import Fields, StrictModel, checked, numbered, read_model
 from operator_app.config.strict_yaml import Complaint
@@ -55,13 +33,13 @@ class RowModel(StrictModel):
     ``beta_deg`` is Hayati's angle, identified in place of s if the row joins parallel axes; ``s_m`` is then optional.
     """
 
-    row: Count
-    theta_off_deg: TurnDeg
-    s_m: LengthM | Literal["fixture"]
-    a_m: LengthM | Literal["fixture"]
-    alpha_deg: TwistDeg | Literal["fixture"]
-    beta_deg: TwistDeg | None = None
-    tolerance: RowToleranceModel = RowToleranceModel()
+    row: quantities.Count
+    theta_off_deg: quantities.TurnDeg
+    s_m: quantities.LengthM | Literal["fixture"]
+    a_m: quantities.LengthM | Literal["fixture"]
+    alpha_deg: quantities.TwistDeg | Literal["fixture"]
+    beta_deg: quantities.TwistDeg | None = None
+    tolerance: error_model.RowToleranceModel = error_model.RowToleranceModel()
 
     @model_validator(mode="before")
     @classmethod
@@ -78,7 +56,7 @@ class SensorFields(StrictModel):
 
     def sensor(self) -> Sensor:
         """Return the sensor as a domain object."""
-        return self.makes(**in_si(self.model_dump(exclude={"kind"})))
+        return self.makes(**quantities.in_si(self.model_dump(exclude={"kind"})))
 
 
 class EncoderModel(SensorFields):
@@ -87,8 +65,8 @@ class EncoderModel(SensorFields):
     makes = Encoder
     kind: Literal["encoder"]
     counts_per_rev: Annotated[int, Field(strict=True, ge=4, le=2**31 - 1)]
-    noise_counts: NonNegativeNumber = 0.0
-    accuracy_deg: StatedDeg = 0.01
+    noise_counts: quantities.NonNegativeNumber = 0.0
+    accuracy_deg: quantities.StatedDeg = 0.01
 
 
 class RvdtModel(SensorFields):
@@ -97,19 +75,19 @@ class RvdtModel(SensorFields):
     makes = Rvdt
     kind: Literal["rvdt"]
     bits: Annotated[int, Field(strict=True, ge=4, le=32)]
-    full_scale_deg: Annotated[PositiveNumber, Field(le=360.0)]
-    linearity: Annotated[NonNegativeNumber, Field(le=0.5)]
-    noise_lsb: NonNegativeNumber
+    full_scale_deg: Annotated[quantities.PositiveNumber, Field(le=360.0)]
+    linearity: Annotated[quantities.NonNegativeNumber, Field(le=0.5)]
+    noise_lsb: quantities.NonNegativeNumber
     # Gain error as a share of the reading. Data sheets state the scale factor separately from linearity; it is trimmed
     # to 1 % or better, here taken as two standard deviations.
-    gain: Annotated[NonNegativeNumber, Field(le=0.5)] = 0.005
+    gain: Annotated[quantities.NonNegativeNumber, Field(le=0.5)] = 0.005
 
     @field_validator("full_scale_deg")
     @classmethod
     def _degrees(cls, value: float) -> float:
         if value <= 2.0 * math.pi:
             text = f"a full scale of {value:g} deg looks like radians"
-            raise refuse(text, f"write {math.degrees(value):.6g}")
+            raise quantities.refuse(text, f"write {math.degrees(value):.6g}")
         return value
 
 
@@ -126,14 +104,14 @@ SensorModel = Annotated[EncoderModel | RvdtModel | NoSensorModel, Field(discrimi
 class JointModel(StrictModel):
     """One joint."""
 
-    joint: Count
-    name: Text
-    range_deg: tuple[AngleDeg, AngleDeg]
+    joint: quantities.Count
+    name: quantities.Text
+    range_deg: tuple[quantities.AngleDeg, quantities.AngleDeg]
     sensor: SensorModel
-    max_speed_deg_per_s: Annotated[PositiveNumber, Field(le=3600.0)]
-    max_torque_nm: Annotated[PositiveNumber, Field(le=100000.0)]
-    backlash_deg: StatedDeg = 0.01
-    sag_deg: StatedDeg = 0.01
+    max_speed_deg_per_s: Annotated[quantities.PositiveNumber, Field(le=3600.0)]
+    max_torque_nm: Annotated[quantities.PositiveNumber, Field(le=100000.0)]
+    backlash_deg: quantities.StatedDeg = 0.01
+    sag_deg: quantities.StatedDeg = 0.01
 
     @field_validator("range_deg")
     @classmethod
@@ -141,10 +119,10 @@ class JointModel(StrictModel):
         low, high = value
         if low >= high:
             text = f"the range goes from {low:g} to {high:g} deg"
-            raise refuse(text, "write the lower end first")
+            raise quantities.refuse(text, "write the lower end first")
         if high - low < 2.0 * math.pi and max(abs(low), abs(high)) < 2.0 * math.pi:
             text = f"a range of {low:g} to {high:g} deg looks like radians"
-            raise refuse(text, "write degrees")
+            raise quantities.refuse(text, "write degrees")
         return value
 
 
@@ -174,7 +152,7 @@ def _check_rows(rows: Sequence[RowModel], _: Fields) -> Iterator[Complaint]:
         yield ("dh", len(rows) - 1, "beta_deg"), text, "remove beta_deg"
 
 
-def _check_links(links: Sequence[LinkModel], fields: Fields) -> Iterator[Complaint]:
+def _check_links(links: Sequence[error_model.LinkModel], fields: Fields) -> Iterator[Complaint]:
     remedy = "write one link per row, with mass_kg: 0 for links without mass"
     yield from _per_row("link", remedy, links, fields)
     if fields.get("gravity", links) is None:
@@ -213,12 +191,12 @@ def _check_home(home_deg: Sequence[float], fields: Fields) -> Iterator[Complaint
 class ArmFile(StrictModel):
     """Content of an arm file, without the key ``schema``."""
 
-    name: Name
-    source: Text | None = None
-    tolerance: ToleranceModel = ToleranceModel()
-    offset_tolerance_deg: Annotated[PositiveNumber, Field(le=180.0)] | Literal["unknown"] = (
-        "unknown"
-    )
+    name: quantities.Name
+    source: quantities.Text | None = None
+    tolerance: error_model.ToleranceModel = error_model.ToleranceModel()
+    offset_tolerance_deg: (
+        Annotated[quantities.PositiveNumber, Field(le=180.0)] | Literal["unknown"]
+    ) = "unknown"
     dh: Annotated[
         tuple[RowModel, ...],
         Field(min_length=1, max_length=32),
@@ -230,11 +208,14 @@ class ArmFile(StrictModel):
         numbered("joints", "joint"),
         checked(partial(_per_row, "joint", "write one joint per row")),
     ]
-    free: Annotated[tuple[Text, ...], checked(_check_free)]
-    home_deg: Annotated[tuple[AngleDeg, ...], checked(_check_home)]
-    gravity: GravityModel | None = None
+    free: Annotated[tuple[quantities.Text, ...], checked(_check_free)]
+    home_deg: Annotated[tuple[quantities.AngleDeg, ...], checked(_check_home)]
+    gravity: error_model.GravityModel | None = None
     links: (
-        Annotated[tuple[LinkModel, ...], numbered("links", "link"), checked(_check_links)] | None
+        Annotated[
+            tuple[error_model.LinkModel, ...], numbered("links", "link"), checked(_check_links)
+        ]
+        | None
     ) = None
 
     @field_validator("offset_tolerance_deg", mode="before")
@@ -246,7 +227,7 @@ class ArmFile(StrictModel):
             return value
         text = f"must be a number (above 0, at most 180) or the word `unknown`, not {value_in_words(value)}"
         remedy = "write the standard deviation of the joints' zeros in degrees, or `unknown`"
-        raise refuse(text, remedy)
+        raise quantities.refuse(text, remedy)
 
     def model(self) -> ArmModel:
         """Return the arm as a domain object, in SI units; entries that the fixture determines are zero."""
@@ -276,7 +257,7 @@ class ArmFile(StrictModel):
                     lower_rad=math.radians(joint.range_deg[0]),
                     upper_rad=math.radians(joint.range_deg[1]),
                     sensor=joint.sensor.sensor(),
-                    **in_si(joint.model_dump(exclude={"joint", "range_deg", "sensor"})),
+                    **quantities.in_si(joint.model_dump(exclude={"joint", "range_deg", "sensor"})),
                 )
                 for joint in self.joints
             ),
@@ -285,21 +266,21 @@ class ArmFile(StrictModel):
             tolerances=tuple(row.tolerance.over(self.tolerance) for row in self.dh),
             offset_tolerance_rad=None if isinstance(offset, str) else math.radians(offset),
             down=gravity.direction if gravity else UPRIGHT_DOWN,
-            masses=link_masses(links, gravity) if links and gravity else None,
+            masses=error_model.link_masses(links, gravity) if links and gravity else None,
             hayati_rows=hayati,
             assumed=tuple(self._assumed()),
         )
 
     def _assumed(self) -> Iterator[str]:
-        yield from assumed_of_rows(self.tolerance, [row.tolerance for row in self.dh])
+        yield from error_model.assumed_of_rows(self.tolerance, [row.tolerance for row in self.dh])
         # A joint without a sensor has no play or sag that affects a reading.
         sensed = {j.joint: j for j in self.joints if not isinstance(j.sensor, NoSensorModel)}
         encoders = {k: j.sensor for k, j in sensed.items() if isinstance(j.sensor, EncoderModel)}
         rvdts = {k: j.sensor for k, j in sensed.items() if isinstance(j.sensor, RvdtModel)}
-        yield from assumed_of_joints("accuracy_deg", encoders)
-        yield from assumed_of_joints("gain", rvdts)
-        yield from assumed_of_joints("backlash_deg", sensed)
-        yield from assumed_of_joints("sag_deg", sensed)
+        yield from error_model.assumed_of_joints("accuracy_deg", encoders)
+        yield from error_model.assumed_of_joints("gain", rvdts)
+        yield from error_model.assumed_of_joints("backlash_deg", sensed)
+        yield from error_model.assumed_of_joints("sag_deg", sensed)
 
 
 PARALLEL_RAD = math.radians(10.0)

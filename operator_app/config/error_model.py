@@ -14,16 +14,7 @@ import numpy as np
 from pydantic import ConfigDict, Field, field_validator, model_validator
 
 from fixtures.base import Compliance
-from operator_app.config.quantities import (
-    Count,
-    LengthM,
-    NonNegativeNumber,
-    Number,
-    StatedDeg,
-    StatedMm,
-    StatedMrad,
-    refuse,
-)
+from operator_app.config import quantities
 from operator_app.config.schema import StrictModel
 from solver.chain.arm_model import RowTolerance
 from solver.chain.statics import LinkMasses
@@ -50,15 +41,15 @@ class Uncertain(StrictModel):
 class ToleranceModel(Uncertain):
     """Uncertainty of lengths and twists in the maker's table."""
 
-    length_mm: StatedMm = 0.5
-    twist_deg: StatedDeg = 0.1
+    length_mm: quantities.StatedMm = 0.5
+    twist_deg: quantities.StatedDeg = 0.1
 
 
 class RowToleranceModel(Uncertain):
     """Uncertainty of the lengths and twists of a single row, if it differs from that of the whole table."""
 
-    length_mm: StatedMm | None = None
-    twist_deg: StatedDeg | None = None
+    length_mm: quantities.StatedMm | None = None
+    twist_deg: quantities.StatedDeg | None = None
 
     def over(self, arm: ToleranceModel) -> RowTolerance:
         """Return the row's tolerance as a domain object; a value that the row does not state is taken from `arm`."""
@@ -70,8 +61,8 @@ class RowToleranceModel(Uncertain):
 class GiveModel(Uncertain):
     """Compliance of a fixture under load."""
 
-    position_mm: StatedMm = 0.2
-    orientation_mrad: StatedMrad = 0.2
+    position_mm: quantities.StatedMm = 0.2
+    orientation_mrad: quantities.StatedMrad = 0.2
 
     def compliance(self, held: Sequence[str]) -> Compliance:
         """Return the compliance as a domain object.
@@ -107,20 +98,20 @@ class LinkModel(StrictModel):
     Without masses, deflections under load are modelled as an arbitrary smooth function of the pose.
     """
 
-    link: Annotated[Count, Field(description="The joint that it moves with, from 1.")]
-    mass_kg: Annotated[NonNegativeNumber, Field(le=10_000.0)]
+    link: Annotated[quantities.Count, Field(description="The joint that it moves with, from 1.")]
+    mass_kg: Annotated[quantities.NonNegativeNumber, Field(le=10_000.0)]
     centre_m: Annotated[
-        tuple[LengthM, LengthM, LengthM],
+        tuple[quantities.LengthM, quantities.LengthM, quantities.LengthM],
         Field(
             description="Centre of mass from the joint's origin p_{j-1}: z along the joint's axis, "
             "x where theta + theta_off turns the link (x_j)."
         ),
     ]
     mass_tolerance_percent: Annotated[
-        NonNegativeNumber, Field(le=100.0, description="One standard deviation.")
+        quantities.NonNegativeNumber, Field(le=100.0, description="One standard deviation.")
     ] = 20.0
     centre_tolerance_mm: Annotated[
-        StatedMm, Field(description="One standard deviation of each component.")
+        quantities.StatedMm, Field(description="One standard deviation of each component.")
     ] = 15.0
 
 
@@ -128,15 +119,16 @@ class GravityModel(StrictModel):
     """Direction of gravity in the arm's base (frame 0)."""
 
     down: Annotated[
-        tuple[Number, Number, Number], Field(description="Any length: [-1, 0, 0] is along -x.")
+        tuple[quantities.Number, quantities.Number, quantities.Number],
+        Field(description="Any length: [-1, 0, 0] is along -x."),
     ]
-    tolerance_deg: StatedDeg = 3.0
+    tolerance_deg: quantities.StatedDeg = 3.0
 
     @field_validator("down")
     @classmethod
     def _require_direction(cls, value: tuple[float, float, float]) -> tuple[float, float, float]:
         if not math.hypot(*value) > 0.0:
-            raise refuse("down points nowhere", "write for example [0, 0, -1]")
+            raise quantities.refuse("down points nowhere", "write for example [0, 0, -1]")
         return value
 
     @property

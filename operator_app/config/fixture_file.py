@@ -16,19 +16,8 @@ from fixtures.base import EndpointConstraint, Tolerance
 from fixtures.hinge import Hinge
 from fixtures.measured import Measured
 from fixtures.rigid import Rigid
+from operator_app.config import quantities
 from operator_app.config.error_model import GiveModel
-from operator_app.config.quantities import (
-    LengthMm,
-    Name,
-    NonNegativeNumber,
-    PositiveNumber,
-    Text,
-    TurnDeg,
-    TwistDeg,
-    Yes,
-    in_si,
-    refuse,
-)
 from operator_app.config.resources import resolve
 from operator_app.config.schema import Fields, StrictModel, checked, read_by_kind
 from operator_app.config.strict_yaml import Complaint
@@ -63,8 +52,8 @@ def load_fixture(reference: str | Path) -> FixtureSpec:
     return parse_fixture(resource.data, resource.file)
 
 
-PointMm = tuple[LengthMm, LengthMm, LengthMm]
-TurnVectorDeg = tuple[TwistDeg, TwistDeg, TwistDeg]
+PointMm = tuple[quantities.LengthMm, quantities.LengthMm, quantities.LengthMm]
+TurnVectorDeg = tuple[quantities.TwistDeg, quantities.TwistDeg, quantities.TwistDeg]
 
 PlacementNumber = Annotated[int, Field(ge=1)]
 
@@ -84,7 +73,7 @@ class Placement(StrictModel):
         if 0.0 < max(map(abs, lengths.values())) < SMALLEST_MM:
             shown = ", ".join(f"{k} {v:g}" for k, v in lengths.items() if v)
             text = f"no dimension reaches {SMALLEST_MM:g} mm ({shown}): they may be in metres"
-            raise refuse(text, "write millimetres")
+            raise quantities.refuse(text, "write millimetres")
         return self
 
 
@@ -93,16 +82,16 @@ class CommonFields(StrictModel, ABC):
 
     makes: ClassVar[type[Hinge | Rigid | Ball | Measured]]
 
-    name: Name
-    tolerance_mm: Annotated[PositiveNumber, Field(le=1000.0)]
-    tolerance_deg: Annotated[PositiveNumber, Field(le=180.0)]
-    checklist: Annotated[tuple[Text, ...], Field(min_length=1)]
+    name: quantities.Name
+    tolerance_mm: Annotated[quantities.PositiveNumber, Field(le=1000.0)]
+    tolerance_deg: Annotated[quantities.PositiveNumber, Field(le=180.0)]
+    checklist: Annotated[tuple[quantities.Text, ...], Field(min_length=1)]
     placement: Placement
-    stays_on_hand: Yes = False
+    stays_on_hand: quantities.Yes = False
 
     def fixture(self) -> EndpointConstraint:
         """Return the fixture as a domain object."""
-        placed = in_si(self.placement.model_dump(exclude_none=True))
+        placed = quantities.in_si(self.placement.model_dump(exclude_none=True))
         tolerance = Tolerance(
             position_m=self.tolerance_mm / 1e3, orientation_rad=math.radians(self.tolerance_deg)
         )
@@ -135,10 +124,10 @@ class MetalFields(CommonFields):
 class RigidPlacement(Placement):
     """Nominal placement of a rigid attachment."""
 
-    a_0_mm: LengthMm
-    s_0_mm: LengthMm
-    alpha_0_deg: TwistDeg
-    s_1_mm: LengthMm
+    a_0_mm: quantities.LengthMm
+    s_0_mm: quantities.LengthMm
+    alpha_0_deg: quantities.TwistDeg
+    s_1_mm: quantities.LengthMm
 
 
 class HingePlacement(RigidPlacement):
@@ -148,11 +137,11 @@ class HingePlacement(RigidPlacement):
     axis. If they are missing, the offsets in the arm file are used.
     """
 
-    a_n_mm: LengthMm
-    s_n_mm: LengthMm
-    alpha_n_deg: TwistDeg
-    theta_off_1_deg: TurnDeg | None = None
-    theta_off_n_deg: TurnDeg | None = None
+    a_n_mm: quantities.LengthMm
+    s_n_mm: quantities.LengthMm
+    alpha_n_deg: quantities.TwistDeg
+    theta_off_1_deg: quantities.TurnDeg | None = None
+    theta_off_n_deg: quantities.TurnDeg | None = None
 
 
 class HingeModel(MetalFields):
@@ -182,14 +171,14 @@ class DistanceModel(StrictModel):
     """A measured distance between two sockets."""
 
     between: tuple[PlacementNumber, PlacementNumber]
-    mm: Annotated[LengthMm, Field(gt=0.0)]
-    sigma_mm: PositiveNumber
+    mm: Annotated[quantities.LengthMm, Field(gt=0.0)]
+    sigma_mm: quantities.PositiveNumber
 
     @field_validator("between")
     @classmethod
     def _require_two_placements(cls, value: tuple[int, int]) -> tuple[int, int]:
         if value[0] == value[1]:
-            raise refuse(f"placement {value[0]} twice", "name two placements")
+            raise quantities.refuse(f"placement {value[0]} twice", "name two placements")
         return value
 
 
@@ -200,7 +189,7 @@ class BallModel(MetalFields):
     holds = ("position_mm",)
     kind: Literal["ball"]
     placement: BallPlacement
-    stays_on_hand: Yes = True
+    stays_on_hand: quantities.Yes = True
     distance: tuple[DistanceModel, ...] = ()
 
     @field_validator("distance")
@@ -210,7 +199,7 @@ class BallModel(MetalFields):
         for k, pair in enumerate(pairs):
             if pair in pairs[:k]:
                 text = f"placements {pair[0]} and {pair[1]} have two distances"
-                raise refuse(text, "keep one of them, or their mean")
+                raise quantities.refuse(text, "keep one of them, or their mean")
         return value
 
     def own(self) -> dict[str, Any]:
@@ -243,14 +232,14 @@ class MeasuredModel(CommonFields):
     makes = Measured
     kind: Literal["measured"]
     measures: Literal["pose", "position"]
-    instrument_sigma_mm: PositiveNumber
+    instrument_sigma_mm: quantities.PositiveNumber
     instrument_sigma_deg: Annotated[
-        NonNegativeNumber, Field(validate_default=True), checked(_check_sigma)
+        quantities.NonNegativeNumber, Field(validate_default=True), checked(_check_sigma)
     ] = 0.0
     placement: MeasuredPlacement
-    base_known: Yes = False
-    tip_known: Yes = False
-    stays_on_hand: Yes = True
+    base_known: quantities.Yes = False
+    tip_known: quantities.Yes = False
+    stays_on_hand: quantities.Yes = True
 
     def own(self) -> dict[str, Any]:
         """Return the instrument's standard deviations, whether it measures poses, and which placements are known."""

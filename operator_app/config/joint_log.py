@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import math
 import re
+from array import array
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -16,20 +17,12 @@ from typing import Literal
 
 import numpy as np
 
+from operator_app.config import poses_file
 from operator_app.config.csv_table import MOST_PROBLEMS, BadCell, Record, number
 from operator_app.config.errors import ConfigError, Problem, decode_text, only
 from operator_app.config.measured_endpoints import endpoint_columns, endpoints_of
-from operator_app.config.poses_file import (
-    FEWEST_POSES_FOR_UNIT,
-    HEADER_COLUMNS,
-    LIMIT_BYTES,
-    THETA,
-    LoadedPoses,
-    parse_poses,
-)
 from operator_app.config.quantities import angle_doubt
 from operator_app.config.resources import expanded, read_limited
-from operator_app.units import plural
 from solver.arrays import FloatArray
 from solver.chain.poses import PoseSet
 
@@ -57,7 +50,7 @@ def load_joint_log(
     placement: str = "",
     joints: Sequence[str] = (),
     instrument: bool = False,
-) -> LoadedPoses:
+) -> poses_file.LoadedPoses:
     """Read the poses of a log, or of a poses file; raises ConfigError with all problems of the file.
 
     Parameters
@@ -74,7 +67,7 @@ def load_joint_log(
     instrument
         Whether a log has to have the endpoints measured by an instrument.
     """
-    data, file = read_limited(expanded(path), str(path), limit=LIMIT_BYTES), str(path)
+    data, file = read_limited(expanded(path), str(path), limit=poses_file.LIMIT_BYTES), str(path)
     rows = read_rows(decode_text(data, file))
     if not rows:
         raise only(file, "is empty", "it must have a row of joint angles for each pose")
@@ -82,12 +75,12 @@ def load_joint_log(
     line, first = rows[0]
     # A row of a log may begin with the name of its placement.
     header = first if not any(map(is_number, first if placement else first[:1])) else []
-    if header and not columns and any(THETA.fullmatch(cell) for cell in header):
+    if header and not columns and any(poses_file.THETA.fullmatch(cell) for cell in header):
         unit_of(["theta1_deg"], unit, file, line)
         if placement:
             remedy = "leave --placement out: such a file has a column placement"
             raise only(file, "is a poses file", remedy, line=line)
-        return parse_poses(data, file, joint_count=joint_count)
+        return poses_file.parse_poses(data, file, joint_count=joint_count)
     body = rows[1:] if header else rows
     if not body:
         raise only(file, "has a header but no poses", "capture poses first")
@@ -101,18 +94,23 @@ def load_joint_log(
     used = unit
     if header and not (columns and unit):
         used = unit_of([header[k] for k in where], unit, file, line)
-    q = _angles(body, where, file, radians=used == "rad")
-    if unit is None and len(q) >= FEWEST_POSES_FOR_UNIT:
+    columns_of_joints = [(k, f"joint {j}", number) for j, k in enumerate(where, 1)]
+    of_endpoint = [(header.index(name), name, number) for name in measured]
+    table = read_numbers(body, [*columns_of_joints, *of_endpoint], file)
+    q, ends = table[:, : len(where)], table[:, len(where) :]
+    _require_plausible(q, body, file, radians=used == "rad")
+    if unit is None and len(q) >= poses_file.FEWEST_POSES_FOR_UNIT:
         require_degrees(np.abs(q).max(), f"{len(q)} poses", file, stated=used)
     numbers, notes = ([1] * len(q), None) if by is None else _placements(body, by, file)
+    lines = [line for line, _ in body]
     poses = PoseSet(
         placement=np.array(numbers, dtype=np.int64),
         label=tuple(str(k) for k in range(1, len(q) + 1)),
         q_rad=q if used == "rad" else np.deg2rad(q),
         notes=notes,
-        endpoint=_endpoints(body, header, measured, file) if measured else None,
+        endpoint=endpoints_of(measured, ends, file, lines) if measured else None,
     )
-    return LoadedPoses(poses=poses, warnings=())
+    return poses_file.LoadedPoses(poses=poses, warnings=())
 
 
 def wrong_header(header: list[str], width: int, file: str, line: int) -> ConfigError:
@@ -148,20 +146,43 @@ def require_degrees(largest: float, count: str, file: str, *, stated: Unit | Non
         raise only(file, text, remedy)
 
 
-def _endpoints(
-    body: list[Record], header: list[str], measured: tuple[str, ...], file: str
+def read_numbers(
+    body: list[Record], readers: Sequence[tuple[int, str, Callable[[str], float]]], file: str
 ) -> FloatArray:
-    """Read the measured endpoint of every row, (m, 3) or (m, 6), m and rad; raises ConfigError."""
-    where = [header.index(name) for name in measured]
-    values = np.zeros((len(body), len(where)))
-    for k, (line, cells) in enumerate(body):
-        for j, column in enumerate(where):
+    """Return the numbers (m, k) of k columns, each with its index from 0, its name in messages and its reader.
+
+    Raises ConfigError with all problems, up to a hundred; a reader raises BadCell.
+    """
+    problems: list[Problem] = []
+    values, width = array("d"), len(body[0][1])
+    for line, cells in body:
+        if len(cells) != width:
+            text = f"has {len(cells)} cells; the lines before it have {width}"
+            problems += only(file, text, "correct this line", line=line).problems
+            continue
+        for column, key, read in readers:
             try:
-                values[k, j] = number(cells[column])
+                values.append(read(cells[column]))
             except BadCell as error:
-                text = f"{measured[j]}: {error.text}"
-                raise only(file, text, error.remedy, line=line, column=column + 1) from error
-    return endpoints_of(measured, values, file, [line for line, _ in body])
+                place = Problem(file=file, line=line, column=column + 1, key=key, text=error.text)
+                problems.append(replace(place, remedy=error.remedy))
+        if len(problems) >= MOST_PROBLEMS:
+            break
+    if problems:
+        raise ConfigError(problems)
+    return np.array(values).reshape(-1, len(readers))
+
+
+def _require_plausible(q: FloatArray, body: list[Record], file: str, *, radians: bool) -> None:
+    """Refuse angles (m, n), in the unit of the file, of which the largest is probably in counts."""
+    row, joint = np.unravel_index(np.argmax(np.abs(q)), q.shape)
+    value, remedy = float(q[row, joint]), "give degrees"
+    text = angle_doubt(math.degrees(value) if radians else value)
+    if radians:
+        remedy = "if the log is in degrees, leave out --rad or correct the header"
+    if text:
+        shown = f"joint {joint + 1}: {f'{value:g} rad = ' if radians else ''}{text}"
+        raise only(file, shown, remedy, line=body[row][0])
 
 
 def _placements(body: list[Record], by: int, file: str) -> tuple[list[int], tuple[str, ...] | None]:
@@ -248,7 +269,10 @@ def find_columns(
         example = f"{first}-{first + joint_count - 1}"
         likely = [name for name in named if not OTHER_COLUMNS.fullmatch(name)][:joint_count]
         example = ",".join(likely) if len(likely) == joint_count else example
-        remedy = f"select the columns of the joints, e.g. --columns {example}, or write a header: {HEADER_COLUMNS}"
+        remedy = (
+            f"select the columns of the joints, e.g. --columns {example}, or write a header: "
+            f"{poses_file.HEADER_COLUMNS}"
+        )
         raise only(file, text, remedy)
     columns: list[int] = []
     for word in (part.strip() for part in option.split(",")):
@@ -293,39 +317,3 @@ def joint_order(names: Sequence[str], joints: Sequence[str], count: int) -> tupl
         if len(complete) == 1:
             return tuple(k for _, k in sorted(complete[0]))
     return ()
-
-
-def _angles(body: list[Record], where: tuple[int, ...], file: str, *, radians: bool) -> np.ndarray:
-    """Read the angles (m, n), in the unit of the file."""
-    problems: list[Problem] = []
-    doubted: list[Problem] = []
-    width = len(body[0][1])
-    angles = np.zeros((len(body), len(where)))
-    for k, (line, cells) in enumerate(body):
-        if len(cells) != width:
-            text = f"has {len(cells)} cells; the lines before it have {width}"
-            problems += only(file, text, "correct this line", line=line).problems
-            continue
-        for j, column in enumerate(where):
-            key = f"joint {j + 1}"
-            cell = Problem(file=file, line=line, column=column + 1, key=key, text="")
-            try:
-                value = angles[k, j] = number(cells[column])
-            except BadCell as error:
-                problems.append(replace(cell, text=error.text, remedy=error.remedy))
-                continue
-            if doubt := angle_doubt(math.degrees(value) if radians else value):
-                in_radians = f"{value:g} rad = " if radians else ""
-                doubted.append(replace(cell, text=in_radians + doubt))
-        if len(problems) >= MOST_PROBLEMS:
-            break
-    if doubted:
-        # A wrong unit is one mistake, however many cells show it.
-        more = f", and so may {plural(len(doubted) - 1, 'other cell')}" if doubted[1:] else ""
-        remedy = "give degrees"
-        if radians:
-            remedy = "if the log is in degrees, leave out --rad or correct the header"
-        problems.append(replace(doubted[0], text=f"{doubted[0].text}{more}", remedy=remedy))
-    if problems:
-        raise ConfigError(problems)
-    return angles

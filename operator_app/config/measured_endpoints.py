@@ -272,21 +272,10 @@ def _require_names(names: Any) -> None:
 
 
 def _number(name: str, value: Any) -> float:
-    if isinstance(value, str):
-        try:
-            value = number(value)
-        except BadCell as error:
-            raise BadLine(f"has {name} {value!r}: {error.text}") from error
     try:
-        # JSON allows whole numbers larger than any float.
-        known = isinstance(value, int | float) and not isinstance(value, bool)
-        value_read = float(value) if known else math.nan
-    except OverflowError:
-        value_read = math.inf
-    if not math.isfinite(value_read):
-        shown = str(value)
-        shown = shown if len(shown) <= 40 else f"{shown[:12]}... ({len(shown)} characters)"
-        raise BadLine(f"has {name} {shown!r}, which is not a finite number")
+        value_read = number(str(value))
+    except BadCell as error:
+        raise BadLine(f"has {name}: {error.text}") from error
     check = length_doubt if name in POSITION_COLUMNS else angle_doubt
     if name not in QUATERNION and (doubt := check(value_read)):
         raise BadLine(f"has {name} {value_read:g}: {doubt}")

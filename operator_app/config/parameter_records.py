@@ -10,18 +10,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, StringConstraints, field_validator
 
-from operator_app.config.quantities import (
-    AngleDeg,
-    Count,
-    ExactText,
-    LengthM,
-    NonNegativeNumber,
-    Number,
-    PositiveNumber,
-    TurnDeg,
-    Whole,
-    refuse,
-)
+from operator_app.config import quantities
 from operator_app.config.schema import StrictRecord
 from solver.arrays import FloatArray
 from solver.chain.parameters import DhEntry
@@ -38,16 +27,16 @@ Side = Literal["arm", "ground", "hand"]
 class WhichArm(StrictRecord):
     """Model, e.g. ``sarcos_dextrous``, and serial number of an arm."""
 
-    model: ExactText
-    serial: ExactText
+    model: quantities.ExactText
+    serial: quantities.ExactText
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WhichFixture(StrictRecord):
     """Name and kind of the fixture."""
 
-    name: ExactText
-    kind: ExactText
+    name: quantities.ExactText
+    kind: quantities.ExactText
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,9 +53,9 @@ class JointParameters(StrictRecord):
         The same offset in counts of the joint's sensor, for object 607Ch; None for a joint without a sensor.
     """
 
-    joint: Count
-    theta_off_deg: TurnDeg
-    sigma_deg: NonNegativeNumber | None
+    joint: quantities.Count
+    theta_off_deg: quantities.TurnDeg
+    sigma_deg: quantities.NonNegativeNumber | None
     home_offset_counts: Int32 | None
 
 
@@ -74,12 +63,12 @@ class JointParameters(StrictRecord):
 class DhRow(StrictRecord):
     """One D-H row, 0 (the fixture) to n; `beta_deg` is Hayati's angle, written if it is not zero."""
 
-    row: Whole
-    theta_off_deg: TurnDeg
-    s_m: LengthM
-    a_m: LengthM
-    alpha_deg: TurnDeg
-    beta_deg: TurnDeg = 0.0
+    row: quantities.Whole
+    theta_off_deg: quantities.TurnDeg
+    s_m: quantities.LengthM
+    a_m: quantities.LengthM
+    alpha_deg: quantities.TurnDeg
+    beta_deg: quantities.TurnDeg = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,10 +78,10 @@ class CalibratedEntry(StrictRecord):
     `side` is arm, ground (table) or hand (tool): only arm entries stay valid in another mounting; None in version 1.
     """
 
-    entry: ExactText
+    entry: quantities.ExactText
     side: Side | None = None
-    sigma_deg: NonNegativeNumber | None = None
-    sigma_m: NonNegativeNumber | None = None
+    sigma_deg: quantities.NonNegativeNumber | None = None
+    sigma_m: quantities.NonNegativeNumber | None = None
 
     @classmethod
     def of(cls, entry: str, sigma: float, side: Side | None = None) -> CalibratedEntry:
@@ -112,9 +101,9 @@ class CalibratedEntry(StrictRecord):
         try:
             entry = DhEntry.parse(value)
         except ValueError as error:
-            raise refuse(str(error), "write for example theta_off_1") from error
+            raise quantities.refuse(str(error), "write for example theta_off_1") from error
         if entry.name != value:
-            raise refuse(f"{value} has a leading zero", f"write {entry.name}")
+            raise quantities.refuse(f"{value} has a leading zero", f"write {entry.name}")
         return value
 
 
@@ -122,9 +111,9 @@ class CalibratedEntry(StrictRecord):
 class Correction(StrictRecord):
     """Correction to add to one reading of an RVDT, and its standard deviation."""
 
-    reading_deg: AngleDeg
-    add_deg: Number
-    sigma_deg: NonNegativeNumber
+    reading_deg: quantities.AngleDeg
+    add_deg: quantities.Number
+    sigma_deg: quantities.NonNegativeNumber
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -141,9 +130,9 @@ class RvdtRemedy(StrictRecord):
         Corrections in rising order of the reading, over the range that the poses cover; to be interpolated linearly.
     """
 
-    joint: Count
-    theta_off_deg: TurnDeg
-    gain: PositiveNumber
+    joint: quantities.Count
+    theta_off_deg: quantities.TurnDeg
+    gain: quantities.PositiveNumber
     table: Annotated[tuple[Correction, ...], Field(min_length=2, max_length=1000)]
 
     @field_validator("table")
@@ -152,7 +141,7 @@ class RvdtRemedy(StrictRecord):
         for before, after in pairwise(value):
             if after.reading_deg <= before.reading_deg:
                 text = f"{after.reading_deg:g} deg follows {before.reading_deg:g} deg"
-                raise refuse(text, "list the readings from the lowest to the highest")
+                raise quantities.refuse(text, "list the readings from the lowest to the highest")
         return value
 
 
@@ -160,20 +149,20 @@ class RvdtRemedy(StrictRecord):
 class TwoFigures(StrictRecord):
     """One quantity according to both interpretations of eqs. 14 and 15."""
 
-    rms: NonNegativeNumber
-    as_printed: NonNegativeNumber
+    rms: quantities.NonNegativeNumber
+    as_printed: quantities.NonNegativeNumber
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Quality(StrictRecord):
     """Quality figures of the calibration."""
 
-    poses: Count
-    rank: Whole
-    scaled_condition_number: Annotated[Number, Field(ge=1.0)]
+    poses: quantities.Count
+    rank: quantities.Whole
+    scaled_condition_number: Annotated[quantities.Number, Field(ge=1.0)]
     sigma_pos_mm: TwoFigures
     sigma_ori_mrad: TwoFigures | None
-    chi2_per_dof: NonNegativeNumber | None
+    chi2_per_dof: quantities.NonNegativeNumber | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -181,15 +170,15 @@ class DocumentWarning(StrictRecord):
     """A warning, as shown to the operator."""
 
     code: Code
-    text: ExactText
+    text: quantities.ExactText
 
 
 CORRELATION_PLACES, SHARE_PLACES = 5, 4
 BUDGET_SUM_TOLERANCE = 0.01
 """Rounding error of a sum of shares that should be 1."""
 
-Correlation = Annotated[Number, Field(ge=-1.0, le=1.0)]
-Share = Annotated[Number, Field(ge=0.0, le=1.0)]
+Correlation = Annotated[quantities.Number, Field(ge=-1.0, le=1.0)]
+Share = Annotated[quantities.Number, Field(ge=0.0, le=1.0)]
 
 Correlations = Mapping[str, tuple[Correlation, ...]]
 """Correlations of each calibrated entry except the first with all entries before it, in their order."""

@@ -22,33 +22,12 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BeforeValidator, Field, PlainSerializer, StringConstraints, WithJsonSchema
 
+from operator_app.config import parameter_records as records
+from operator_app.config import schema
 from operator_app.config.atomic import dump_strict, write_atomically
 from operator_app.config.errors import ConfigError, only
-from operator_app.config.parameter_records import (
-    BUDGET_SUM_TOLERANCE,
-    Budget,
-    CalibratedEntry,
-    Correlations,
-    DhRow,
-    DocumentWarning,
-    JointParameters,
-    Quality,
-    RvdtRemedy,
-    WhichArm,
-    WhichFixture,
-)
 from operator_app.config.quantities import ExactText, degrees_for_file, refuse
 from operator_app.config.resources import YAML_LIMIT_BYTES, expanded, read_limited
-from operator_app.config.schema import (
-    Fields,
-    StrictRecord,
-    adapter,
-    checked,
-    is_unlike_any_key,
-    numbered,
-    read_model,
-    schema_name,
-)
 from operator_app.config.strict_yaml import Complaint
 from solver.arrays import FloatArray, frozen
 from solver.chain.arm_model import ArmModel
@@ -86,7 +65,7 @@ BESIDE_THE_TABLE = {"ball": 6, "measured": 12}
 """Number of parameters outside the D-H table: points of ball and socket, or poses of instrument and target."""
 
 
-def _check_table(rows: Sequence[DhRow], fields: Fields) -> Iterator[Complaint]:
+def _check_table(rows: Sequence[records.DhRow], fields: schema.Fields) -> Iterator[Complaint]:
     joints = fields.get("joints")
     if joints is not None and len(rows) != len(joints) + 1:
         yield ("dh",), f"has {len(rows)} rows for {len(joints)} joints", "write rows 0 to n"
@@ -98,7 +77,9 @@ def _check_table(rows: Sequence[DhRow], fields: Fields) -> Iterator[Complaint]:
             yield ("dh", k, "theta_off_deg"), text, CHANGED_IN_ONE_PLACE
 
 
-def _check_calibrated(entries: Sequence[CalibratedEntry], fields: Fields) -> Iterator[Complaint]:
+def _check_calibrated(
+    entries: Sequence[records.CalibratedEntry], fields: schema.Fields
+) -> Iterator[Complaint]:
     joints = fields.get("joints")
     names = [part.entry for part in entries]
     for k, part in enumerate(entries):
@@ -112,7 +93,9 @@ def _check_calibrated(entries: Sequence[CalibratedEntry], fields: Fields) -> Ite
 
 
 def _entry_complaints(
-    part: CalibratedEntry, before: list[str], joints: tuple[JointParameters, ...] | None
+    part: records.CalibratedEntry,
+    before: list[str],
+    joints: tuple[records.JointParameters, ...] | None,
 ) -> Iterator[tuple[str, str]]:
     entry = DhEntry.parse(part.entry)
     key, other = ("sigma_deg", "sigma_m") if entry.kind.is_angle else ("sigma_m", "sigma_deg")
@@ -130,7 +113,7 @@ def _entry_complaints(
             yield text, CHANGED_IN_ONE_PLACE
 
 
-def _check_rank(quality: Quality, fields: Fields) -> Iterator[Complaint]:
+def _check_rank(quality: records.Quality, fields: schema.Fields) -> Iterator[Complaint]:
     calibrated, fixture = fields.get("calibrated"), fields.get("fixture")
     beside = 0 if fixture is None else BESIDE_THE_TABLE.get(fixture.kind, 0)
     if calibrated is not None and quality.rank > len(calibrated) + beside:
@@ -138,7 +121,7 @@ def _check_rank(quality: Quality, fields: Fields) -> Iterator[Complaint]:
         yield ("quality", "rank"), text, CHANGED_IN_ONE_PLACE
 
 
-def _check_correlations(value: Correlations, fields: Fields) -> Iterator[Complaint]:
+def _check_correlations(value: records.Correlations, fields: schema.Fields) -> Iterator[Complaint]:
     if "calibrated" not in fields:
         return
     place, remedy = (
@@ -157,18 +140,20 @@ def _check_correlations(value: Correlations, fields: Fields) -> Iterator[Complai
             yield (place, name), text, remedy
 
 
-def _check_budget(value: Budget, fields: Fields) -> Iterator[Complaint]:
+def _check_budget(value: records.Budget, fields: schema.Fields) -> Iterator[Complaint]:
     if "calibrated" not in fields:
         return
     for name, shares in value.items():
         place, total = ("budget", name), sum(shares.values())
         if name not in [part.entry for part in fields["calibrated"]]:
             yield place, "is not listed as calibrated", "leave its budget out"
-        elif abs(total - 1.0) > BUDGET_SUM_TOLERANCE:
+        elif abs(total - 1.0) > records.BUDGET_SUM_TOLERANCE:
             yield place, f"has shares that add up to {total:g}, not 1", "correct the shares"
 
 
-def _check_rvdt(corrections: Sequence[RvdtRemedy], fields: Fields) -> Iterator[Complaint]:
+def _check_rvdt(
+    corrections: Sequence[records.RvdtRemedy], fields: schema.Fields
+) -> Iterator[Complaint]:
     joints = fields.get("joints")
     for k, correction in enumerate(corrections):
         joint, place = correction.joint, ("rvdt", k, "joint")
@@ -179,7 +164,7 @@ def _check_rvdt(corrections: Sequence[RvdtRemedy], fields: Fields) -> Iterator[C
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ParametersDocument(StrictRecord):
+class ParametersDocument(schema.StrictRecord):
     """Parameters of one arm from one calibration.
 
     Attributes
@@ -203,26 +188,30 @@ class ParametersDocument(StrictRecord):
         Reason for using a calibration that was not accepted; None if it was accepted.
     """
 
-    arm: WhichArm
+    arm: records.WhichArm
     utc: UtcTime
     software_version: ExactText
     estimator: Literal["paper", "implicit"]
-    fixture: WhichFixture
+    fixture: records.WhichFixture
     joints: Annotated[
-        tuple[JointParameters, ...],
+        tuple[records.JointParameters, ...],
         Field(min_length=1, max_length=32),
-        numbered("joints", "joint"),
+        schema.numbered("joints", "joint"),
     ]
-    dh: Annotated[tuple[DhRow, ...], numbered("dh", "row", first=0), checked(_check_table)]
-    calibrated: Annotated[tuple[CalibratedEntry, ...], checked(_check_calibrated)]
-    quality: Annotated[Quality, checked(_check_rank)]
-    warnings: tuple[DocumentWarning, ...]
+    dh: Annotated[
+        tuple[records.DhRow, ...],
+        schema.numbered("dh", "row", first=0),
+        schema.checked(_check_table),
+    ]
+    calibrated: Annotated[tuple[records.CalibratedEntry, ...], schema.checked(_check_calibrated)]
+    quality: Annotated[records.Quality, schema.checked(_check_rank)]
+    warnings: tuple[records.DocumentWarning, ...]
     pose_set_sha256: Sha256
-    correlations: Annotated[Correlations, checked(_check_correlations)] = field(
+    correlations: Annotated[records.Correlations, schema.checked(_check_correlations)] = field(
         default_factory=dict
     )
-    budget: Annotated[Budget, checked(_check_budget)] = field(default_factory=dict)
-    rvdt: Annotated[tuple[RvdtRemedy, ...], checked(_check_rvdt)] = ()
+    budget: Annotated[records.Budget, schema.checked(_check_budget)] = field(default_factory=dict)
+    rvdt: Annotated[tuple[records.RvdtRemedy, ...], schema.checked(_check_rvdt)] = ()
     forced: ExactText | None = None
 
     @property
@@ -253,10 +242,11 @@ OF_A_NEWER = "a newer sarcal may have written it: use that version, or remove th
 def parse_parameters(data: bytes, file: str = "parameters") -> ParametersDocument:
     """Read a parameters document from its bytes; raises ConfigError with all its problems."""
     try:
-        return read_model(ParametersDocument, data, kind="parameters", file=file)
+        return schema.read_model(ParametersDocument, data, kind="parameters", file=file)
     except ConfigError as error:
         raise ConfigError(
-            replace(p, remedy=OF_A_NEWER) if is_unlike_any_key(p) else p for p in error.problems
+            replace(p, remedy=OF_A_NEWER) if schema.is_unlike_any_key(p) else p
+            for p in error.problems
         ) from error
 
 
@@ -272,9 +262,9 @@ def format_parameters(document: ParametersDocument) -> bytes:
     Raises ConfigError if the document is invalid, e.g. after a diverged fit, since a controller may use it.
     """
     # An entry has one sigma of the two (deg or m); the other is left out.
-    body = adapter(ParametersDocument).dump_python(document, exclude_defaults=True)
+    body = schema.adapter(ParametersDocument).dump_python(document, exclude_defaults=True)
     # Programs of version 2 can read a document without beta.
-    name = schema_name("parameters") if document.table.beta_rad.any() else WITHOUT_BETA
+    name = schema.schema_name("parameters") if document.table.beta_rad.any() else WITHOUT_BETA
     try:
         data = dump_strict({"schema": name, **body}, comment=COMMENT)
         parse_parameters(data, RESULT)
@@ -290,23 +280,23 @@ def save_parameters(path: Path, document: ParametersDocument) -> None:
     write_atomically(path, format_parameters(document))
 
 
-def rows_from_table(table: DhTable) -> tuple[DhRow, ...]:
+def rows_from_table(table: DhTable) -> tuple[records.DhRow, ...]:
     """Convert rows 0..n of a table in SI units to the units of the document."""
     angles = (table.theta_off_rad, table.alpha_rad, table.beta_rad)
     columns = (*map(degrees_for_file, angles), table.s_m, table.a_m)
     return tuple(
-        DhRow(row=k, theta_off_deg=theta_off, alpha_deg=alpha, beta_deg=beta, s_m=s, a_m=a)
+        records.DhRow(row=k, theta_off_deg=theta_off, alpha_deg=alpha, beta_deg=beta, s_m=s, a_m=a)
         for k, (theta_off, alpha, beta, s, a) in enumerate(np.column_stack(columns).tolist())
     )
 
 
 def joints_from_table(
-    arm: ArmModel, table: DhTable, calibrated: tuple[CalibratedEntry, ...]
-) -> tuple[JointParameters, ...]:
+    arm: ArmModel, table: DhTable, calibrated: tuple[records.CalibratedEntry, ...]
+) -> tuple[records.JointParameters, ...]:
     """Return the joints of a document: offsets of rows 1..n of `table`, their sigmas and counts."""
     sigma = {entry.entry: entry.sigma for entry in calibrated}
     return tuple(
-        JointParameters(
+        records.JointParameters(
             joint=row.row,
             theta_off_deg=row.theta_off_deg,
             sigma_deg=sigma.get(f"theta_off_{row.row}"),

@@ -18,16 +18,8 @@ from typing import Any
 
 import numpy as np
 
+from operator_app.config import csv_table
 from operator_app.config.atomic import write_atomically
-from operator_app.config.csv_table import (
-    BadCell,
-    number,
-    read_columns,
-    read_records,
-    text_of,
-    whole_number,
-    write_records,
-)
 from operator_app.config.errors import ConfigError, Problem, decode_text, only
 from operator_app.config.measured_endpoints import (
     POSITION_COLUMNS,
@@ -95,7 +87,7 @@ def parse_poses(data: bytes, file: str, *, joint_count: int | None = None) -> Lo
 
     Raises ConfigError with up to a hundred problems of the file.
     """
-    records = read_records(decode_text(data, file), file, example=HEADER_EXAMPLE)
+    records = csv_table.read_records(decode_text(data, file), file, example=HEADER_EXAMPLE)
     line, header = next(records)
     names = tuple(cell.strip() for cell in header)
     if not any(map(_known, names)):
@@ -106,7 +98,7 @@ def parse_poses(data: bytes, file: str, *, joint_count: int | None = None) -> Lo
             Problem(file=file, line=line, column=column, key=key, text=text, remedy=remedy)
             for column, key, text, remedy in complaints
         )
-    columns = read_columns(
+    columns = csv_table.read_columns(
         records,
         {name: _reader(name) for name in names},
         file,
@@ -144,7 +136,7 @@ def format_poses(poses: PoseSet) -> bytes:
         if poses.endpoint.shape[1] == 6:
             add(ROTATION, degrees_for_file(poses.endpoint[:, 3:]))
     rows = (map(str, row) for row in zip(*columns.values(), strict=True))
-    return write_records([columns, *rows], texts=TEXTS)
+    return csv_table.write_records([columns, *rows], texts=TEXTS)
 
 
 def save_poses(path: Path, poses: PoseSet) -> None:
@@ -242,28 +234,32 @@ def _unknown(name: str, candidates: list[str]) -> tuple[str, str, str]:
 # ---- the rows ----------------------------------------------------------------------------------
 def _reader(name: str) -> Callable[[str], Any]:
     if name in ("placement", "samples"):
-        return whole_number
-    texts = {"pose": _label, "utc": lambda cell: text_of(cell.strip()), "note": text_of}
+        return csv_table.whole_number
+    texts = {
+        "pose": _label,
+        "utc": lambda cell: csv_table.text_of(cell.strip()),
+        "note": csv_table.text_of,
+    }
     return texts.get(name) or partial(_quantity, name)
 
 
 def _label(cell: str) -> str:
-    label = text_of(cell.strip()).strip()
+    label = csv_table.text_of(cell.strip()).strip()
     if not label:
-        raise BadCell("the cell is empty", "give the pose a number or a name")
+        raise csv_table.BadCell("the cell is empty", "give the pose a number or a name")
     return label
 
 
 def _quantity(name: str, cell: str) -> float:
-    value = number(cell)
+    value = csv_table.number(cell)
     doubt, unit = angle_doubt(value), "degrees"
     if name.endswith("_m"):
         doubt, unit = length_doubt(value), "metres"
     if doubt:
-        raise BadCell(doubt, f"this column is in {unit}")
+        raise csv_table.BadCell(doubt, f"this column is in {unit}")
     if name.startswith("sd") and value < 0.0:
         text = f"a standard deviation of {cell.strip()} deg is negative"
-        raise BadCell(text, "correct the number")
+        raise csv_table.BadCell(text, "correct the number")
     return value
 
 

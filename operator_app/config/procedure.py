@@ -13,18 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field, ValidationInfo, field_validator
 
-from operator_app.config.quantities import (
-    AngleDeg,
-    Count,
-    Name,
-    NonNegativeNumber,
-    PositiveNumber,
-    Text,
-    Whole,
-    Yes,
-    in_si,
-    refuse,
-)
+from operator_app.config import quantities
 from operator_app.config.schema import StrictRecord
 from solver.chain.sensors import NoSensor
 
@@ -50,10 +39,10 @@ class AcceptanceLimits(StrictRecord):
     Sigmas are compared by the ``rms`` interpretation of eqs. 14 and 15. A larger condition number is only reported.
     """
 
-    scaled_condition_number: Annotated[PositiveNumber, Field(ge=1.0)] = 100.0
-    chi2_per_dof: PositiveNumber | None = None
-    sigma_pos_mm: PositiveNumber | None = None
-    sigma_ori_mrad: PositiveNumber | None = None
+    scaled_condition_number: Annotated[quantities.PositiveNumber, Field(ge=1.0)] = 100.0
+    chi2_per_dof: quantities.PositiveNumber | None = None
+    sigma_pos_mm: quantities.PositiveNumber | None = None
+    sigma_ori_mrad: quantities.PositiveNumber | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,19 +52,19 @@ class ProcedureBus(StrictRecord):
     `sdo_timeout_s` is the time-out of an object access; `profile` names the bus profile, by built-in name or path.
     """
 
-    interface: Text
-    channel: Text | None = None
+    interface: quantities.Text
+    channel: quantities.Text | None = None
     bitrate: Annotated[int, Field(strict=True, ge=10_000, le=8_000_000)] | None = None
-    sdo_timeout_s: Annotated[PositiveNumber, Field(ge=0.05, le=60.0)] | None = None
-    profile: Text = DEFAULT_PROFILE
+    sdo_timeout_s: Annotated[quantities.PositiveNumber, Field(ge=0.05, le=60.0)] | None = None
+    profile: quantities.Text = DEFAULT_PROFILE
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Modes(StrictRecord):
     """Drive joints, listed or chosen by the program; `trial`: the program also uses small trial motions to choose."""
 
-    position: Literal["auto"] | Annotated[tuple[Count, ...], Field(min_length=1)]
-    trial: Yes = False
+    position: Literal["auto"] | Annotated[tuple[quantities.Count, ...], Field(min_length=1)]
+    trial: quantities.Yes = False
 
     @property
     def listed(self) -> tuple[int, ...]:
@@ -87,9 +76,9 @@ class Modes(StrictRecord):
 class Exploration(StrictRecord):
     """Exploration range of a drive joint, relative to its start angle; a check of the file uses the angle at home."""
 
-    joint: Count
-    from_deg: Annotated[AngleDeg, Field(le=0.0)]
-    to_deg: Annotated[AngleDeg, Field(ge=0.0)]
+    joint: quantities.Count
+    from_deg: Annotated[quantities.AngleDeg, Field(le=0.0)]
+    to_deg: Annotated[quantities.AngleDeg, Field(ge=0.0)]
 
     @property
     def lower_rad(self) -> float:
@@ -107,7 +96,7 @@ class Exploration(StrictRecord):
         low = info.data.get("from_deg")
         if low is not None and value - low < 1.0:
             text = f"the exploration range is {value - low:g} deg wide"
-            raise refuse(text, "make it at least 1 deg wide")
+            raise quantities.refuse(text, "make it at least 1 deg wide")
         return value
 
 
@@ -120,8 +109,8 @@ class SettleRule(StrictRecord):
     """
 
     window_syncs: Annotated[int, Field(strict=True, ge=2, le=10_000)]
-    spread_sigmas: PositiveNumber
-    spread_min_deg: NonNegativeNumber = 0.0
+    spread_sigmas: quantities.PositiveNumber
+    spread_min_deg: quantities.NonNegativeNumber = 0.0
     timeout_syncs: Annotated[int, Field(strict=True, ge=2, le=1_000_000)]
 
     def spread_rad(self, arm: ArmModel) -> tuple[float, ...]:
@@ -139,7 +128,7 @@ class SettleRule(StrictRecord):
         window = info.data.get("window_syncs")
         if window is not None and value < window:
             text = f"{value} SYNCs are fewer than the window of {window}"
-            raise refuse(text, "increase this time-out")
+            raise quantities.refuse(text, "increase this time-out")
         return value
 
 
@@ -167,13 +156,13 @@ class CapturePlan(StrictRecord):
     """
 
     strategy: Annotated[Literal["explore", "planned"], Field(alias="plan")] = "explore"
-    poses: Annotated[Count, Field(le=MOST_POSES)]
+    poses: Annotated[quantities.Count, Field(le=MOST_POSES)]
     exploration: tuple[Exploration, ...] = ()
-    speed_deg_per_s: Annotated[PositiveNumber, Field(ge=0.05, le=360.0)]
+    speed_deg_per_s: Annotated[quantities.PositiveNumber, Field(ge=0.05, le=360.0)]
     settle: SettleRule
-    samples_per_pose: Annotated[Count, Field(le=100_000)]
-    seed: Annotated[Whole, Field(le=2**63 - 1)] = 0
-    requested_sigma: dict[str, PositiveNumber] = field(default_factory=dict)
+    samples_per_pose: Annotated[quantities.Count, Field(le=100_000)]
+    seed: Annotated[quantities.Whole, Field(le=2**63 - 1)] = 0
+    requested_sigma: dict[str, quantities.PositiveNumber] = field(default_factory=dict)
 
     @property
     def speed_rad_per_s(self) -> float:
@@ -183,14 +172,16 @@ class CapturePlan(StrictRecord):
     @property
     def requested(self) -> Mapping[str, float]:
         """Requested standard deviations by parameter name, rad and m."""
-        return {key.rpartition("_")[0]: v for key, v in in_si(self.requested_sigma).items()}
+        return {
+            key.rpartition("_")[0]: v for key, v in quantities.in_si(self.requested_sigma).items()
+        }
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExportChoice(StrictRecord):
     """Use of the result: whether the parameters are uploaded to the controller."""
 
-    upload: Yes
+    upload: quantities.Yes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -202,19 +193,19 @@ class ProcedureFile(StrictRecord):
     in ``--tracker``.
     """
 
-    name: Name
-    arm: Text
-    fixture: Text
+    name: quantities.Name
+    arm: quantities.Text
+    fixture: quantities.Text
     bus: ProcedureBus
     modes: Literal["auto"] | Modes
-    unsensed_joints: tuple[Count, ...] = ()
-    home_deg: tuple[AngleDeg, ...] | None = None
-    held: dict[str, Text] = field(default_factory=dict)
+    unsensed_joints: tuple[quantities.Count, ...] = ()
+    home_deg: tuple[quantities.AngleDeg, ...] | None = None
+    held: dict[str, quantities.Text] = field(default_factory=dict)
     capture: CapturePlan
     estimator: Literal["paper", "implicit"]
     acceptance: AcceptanceLimits
     export: ExportChoice
-    tracker: Text | None = None
+    tracker: quantities.Text | None = None
 
     @property
     def chosen_modes(self) -> Modes:

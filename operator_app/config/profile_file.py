@@ -15,31 +15,8 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, Field, StringConstraints, WithJsonSchema
 
 from hardware.arm import JointMode
-from hardware.canopen.bus_profile import (
-    COMMAND_OBJECTS,
-    DEFAULT_ENABLING_TIMEOUT_S,
-    DEFAULT_HEARTBEAT_LIMIT_MS,
-    FEEDBACK_OBJECTS,
-    FIELD_BITS,
-    MAX_HEARTBEAT_MS,
-    ZERO_OBJECTS,
-    BusProfile,
-    Entry,
-    JointProfile,
-    Pdo,
-    format_entry,
-)
+from hardware.canopen import bus_profile, objects
 from hardware.canopen.drive_settings import DESCRIPTION_OBJECTS
-from hardware.canopen.objects import (
-    CONTROLWORD,
-    CYCLIC_POSITION,
-    CYCLIC_TORQUE,
-    DEVICE_TYPE_MASK,
-    DRIVE_DEVICE_TYPE,
-    MAX_JOINTS,
-    OPERATOR_NODE,
-    TARGET_POSITION,
-)
 from operator_app.config.atomic import dump_strict
 from operator_app.config.errors import ConfigError
 from operator_app.config.quantities import Count, Integer, Name, PositiveNumber, Text, refuse
@@ -70,7 +47,7 @@ def _form(
 MappedObject = Annotated[str, *_form(_ENTRY, "mapped object", "6064h(32) or 2011h sub 3(16)")]
 CobId = Annotated[str, *_form(_COB_ID, "identifier", "180h + node, or 1A3h")]
 Hexadecimal = Annotated[str, *_form(_HEXADECIMAL, "hexadecimal number", "00020192h")]
-NodeNumber = Annotated[int, Field(strict=True, ge=1, le=OPERATOR_NODE - 1)]
+NodeNumber = Annotated[int, Field(strict=True, ge=1, le=objects.OPERATOR_NODE - 1)]
 ModeCode = Annotated[int, Field(strict=True, ge=-128, le=127)]
 
 
@@ -88,23 +65,23 @@ class PdoSpec(StrictRecord):
     map: Annotated[tuple[MappedObject, ...], Field(min_length=1, max_length=64)]
 
     @property
-    def entries(self) -> tuple[Entry, ...]:
+    def entries(self) -> tuple[bus_profile.Entry, ...]:
         """Index, sub-index and bits of each mapped object."""
         parts = (part for text in self.map for part in re.findall(_ENTRY, text))
         return tuple((int(index, 16), int(sub or 0), int(bits)) for index, sub, bits in parts)
 
-    def at(self, node: int) -> Pdo:
+    def at(self, node: int) -> bus_profile.Pdo:
         """Return the PDO of one node."""
         match = re.fullmatch(_COB_ID, self.cob_id)
         base = 0 if match is None else int(match[1], 16) + (node if match[2] else 0)
-        return Pdo(number=self.pdo, cob_id=base, entries=self.entries)
+        return bus_profile.Pdo(number=self.pdo, cob_id=base, entries=self.entries)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointSpec(StrictRecord):
     """Settings of one joint; settings that are not stated are as for all joints."""
 
-    joint: Annotated[Count, Field(le=MAX_JOINTS)]
+    joint: Annotated[Count, Field(le=objects.MAX_JOINTS)]
     node: NodeNumber | None = None
     commands: tuple[PdoSpec, ...] = ()
     answers: tuple[PdoSpec, ...] = ()
@@ -126,15 +103,17 @@ class DeviceType(StrictRecord):
 class ModeCodes(StrictRecord):
     """Values of object 6060h for position mode and for free mode."""
 
-    position: ModeCode = CYCLIC_POSITION
-    free: ModeCode = CYCLIC_TORQUE
+    position: ModeCode = objects.CYCLIC_POSITION
+    free: ModeCode = objects.CYCLIC_TORQUE
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeartbeatLimits(StrictRecord):
     """Heartbeat limits: longest period, and the silence after which a node counts as lost."""
 
-    slowest_ms: Annotated[Count, Field(le=MAX_HEARTBEAT_MS)] = DEFAULT_HEARTBEAT_LIMIT_MS
+    slowest_ms: Annotated[Count, Field(le=bus_profile.MAX_HEARTBEAT_MS)] = (
+        bus_profile.DEFAULT_HEARTBEAT_LIMIT_MS
+    )
     silent_after_s: Annotated[PositiveNumber, Field(ge=0.2, le=60.0)] | None = None
 
 
@@ -158,23 +137,27 @@ class ProfileFile(StrictRecord):
     pdo_maps: Literal["compared", "configured"] = "compared"
     compared: tuple[Hexadecimal, ...] = ()
     device_type: DeviceType = DeviceType(
-        value=f"{DRIVE_DEVICE_TYPE:08X}h", mask=f"{DEVICE_TYPE_MASK:08X}h"
+        value=f"{objects.DRIVE_DEVICE_TYPE:08X}h", mask=f"{objects.DEVICE_TYPE_MASK:08X}h"
     )
     modes: ModeCodes = ModeCodes()
     heartbeat: HeartbeatLimits = HeartbeatLimits()
     sdo_timeout_s: Annotated[PositiveNumber, Field(ge=0.05, le=60.0)] | None = None
     enabling_timeout_s: Annotated[PositiveNumber, Field(ge=0.1, le=60.0)] = (
-        DEFAULT_ENABLING_TIMEOUT_S
+        bus_profile.DEFAULT_ENABLING_TIMEOUT_S
     )
 
-    def for_joints(self, count: int | None) -> BusProfile:
+    def for_joints(self, count: int | None) -> bus_profile.BusProfile:
         """Return the profile for `count` joints (None: up to the highest listed, or all if no joint is listed)."""
         if count is None:
             listed = max((joint.joint for joint in self.joints), default=0)
-            room = MAX_JOINTS if self.supervisor == "none" else min(MAX_JOINTS, self.supervisor - 1)
+            room = (
+                objects.MAX_JOINTS
+                if self.supervisor == "none"
+                else min(objects.MAX_JOINTS, self.supervisor - 1)
+            )
             count = listed or room
         modes = {JointMode.POSITION: self.modes.position, JointMode.FREE: self.modes.free}
-        return BusProfile(
+        return bus_profile.BusProfile(
             name=self.name,
             joints=tuple(map(self._joint, range(1, count + 1))),
             supervisor=None if self.supervisor == "none" else self.supervisor,
@@ -194,10 +177,10 @@ class ProfileFile(StrictRecord):
         """Return the settings of one joint; the default settings if the file does not list the joint."""
         return next((j for j in self.joints if j.joint == number), JointSpec(joint=number))
 
-    def _joint(self, number: int) -> JointProfile:
+    def _joint(self, number: int) -> bus_profile.JointProfile:
         own = self.own(number)
         node = own.node or number
-        return JointProfile(
+        return bus_profile.JointProfile(
             node=node,
             commands=tuple(pdo.at(node) for pdo in own.commands or self.commands),
             answers=tuple(pdo.at(node) for pdo in own.answers or self.answers),
@@ -208,7 +191,7 @@ class ProfileFile(StrictRecord):
         )
 
 
-def parse_profile(data: bytes, file: str, *, joints: int | None) -> BusProfile:
+def parse_profile(data: bytes, file: str, *, joints: int | None) -> bus_profile.BusProfile:
     """Read a bus profile for an arm of `joints` joints; for None, see `ProfileFile.for_joints`.
 
     Raises ConfigError with all problems of the file.
@@ -220,13 +203,13 @@ def parse_profile(data: bytes, file: str, *, joints: int | None) -> BusProfile:
     return file_model.for_joints(joints)
 
 
-def load_profile(reference: str | Path, *, joints: int | None = None) -> BusProfile:
+def load_profile(reference: str | Path, *, joints: int | None = None) -> bus_profile.BusProfile:
     """Read a bus profile by built-in name or path; raises the same errors as `parse_profile`."""
     resource = resolve("profile", reference)
     return parse_profile(resource.data, resource.file, joints=joints)
 
 
-def format_profile(profile: BusProfile, *, comment: str) -> bytes:
+def format_profile(profile: bus_profile.BusProfile, *, comment: str) -> bytes:
     """Format a profile so that reading it gives the same profile; settings common to all joints are written once."""
     numbered = enumerate(profile.joints, 1)
     joints: list[dict[str, Any]] = [{"joint": k, "node": joint.node} for k, joint in numbered]
@@ -254,13 +237,13 @@ def format_profile(profile: BusProfile, *, comment: str) -> bytes:
     return dump_strict(data, comment=comment)
 
 
-def _written(pdos: Sequence[Pdo], node: int | None) -> list[dict[str, Any]]:
+def _written(pdos: Sequence[bus_profile.Pdo], node: int | None) -> list[dict[str, Any]]:
     """Return PDOs as in the file, with identifiers relative to `node`, or absolute if `node` is None."""
     return [
         {
             "pdo": pdo.number,
             "cob_id": f"{pdo.cob_id - (node or 0):03X}h{'' if node is None else ' + node'}",
-            "map": [format_entry(entry) for entry in pdo.entries],
+            "map": [bus_profile.format_entry(entry) for entry in pdo.entries],
         }
         for pdo in pdos
     ]
@@ -329,7 +312,7 @@ def _check_listed(file_model: ProfileFile, joints: int | None) -> Iterator[Compl
 
 
 def _check_pdos(place: KeyPath, pdos: Sequence[PdoSpec], *, sent: bool) -> Iterator[Complaint]:
-    required = FEEDBACK_OBJECTS if sent else COMMAND_OBJECTS
+    required = bus_profile.FEEDBACK_OBJECTS if sent else bus_profile.COMMAND_OBJECTS
     times = dict.fromkeys(required, 0)
     width = dict.fromkeys(required, 0)
     for k, pdo in enumerate(pdos):
@@ -339,29 +322,29 @@ def _check_pdos(place: KeyPath, pdos: Sequence[PdoSpec], *, sent: bool) -> Itera
         if sum(bits for _, _, bits in pdo.entries) > 64:
             yield (*key_path, "map"), "is longer than the 8 bytes of a frame", "correct the map"
         for m, (index, sub, bits) in enumerate(pdo.entries):
-            at, shown = (*key_path, "map", m), format_entry((index, sub, bits))
+            at, shown = (*key_path, "map", m), bus_profile.format_entry((index, sub, bits))
             if index in required and sub == 0:
                 times[index] += 1
                 width[index] = max(width[index], bits)
-                if bits not in FIELD_BITS:
-                    remedy = f"as wide as {', '.join(map(str, FIELD_BITS))} bits"
+                if bits not in bus_profile.FIELD_BITS:
+                    remedy = f"as wide as {', '.join(map(str, bus_profile.FIELD_BITS))} bits"
                     yield at, f"{shown} cannot be read or written", remedy
             elif bits == 0 or bits % 8:
                 yield at, f"{shown} is not a whole number of bytes", "map whole bytes in the drive"
-            elif not sent and index not in ZERO_OBJECTS:
+            elif not sent and index not in bus_profile.ZERO_OBJECTS:
                 text = f"{shown} is not an object that this program commands"
                 yield at, text, "remove it from this RPDO, in the drive too"
     for index, count in times.items():
         if count == 0:
             yield place, f"nothing carries {index:04X}h", "map it, in the drive too"
-        elif count > 1 and index != CONTROLWORD and not sent:
+        elif count > 1 and index != objects.CONTROLWORD and not sent:
             yield place, f"{index:04X}h is carried {count} times", "once is enough"
-    if not sent and 0 < width[TARGET_POSITION] < 32:
-        text = f"{width[TARGET_POSITION]} bits of target (607Ah) cannot hold every position"
+    if not sent and 0 < width[objects.TARGET_POSITION] < 32:
+        text = f"{width[objects.TARGET_POSITION]} bits of target (607Ah) cannot hold every position"
         yield place, text, "map at least 32 bits"
 
 
-def _check_unique(file_model: ProfileFile, profile: BusProfile) -> Iterator[Complaint]:
+def _check_unique(file_model: ProfileFile, profile: bus_profile.BusProfile) -> Iterator[Complaint]:
     places = {joint.joint: ("joints", k) for k, joint in enumerate(file_model.joints)}
     nodes = {} if profile.supervisor is None else {profile.supervisor: "the supervisor"}
     identifiers, reported = dict[int, str](), set[KeyPath]()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -11,20 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from operator_app.config.csv_table import BadCell, Record
+from operator_app.config import joint_log
+from operator_app.config.csv_table import BadCell
 from operator_app.config.dwells import Dwell
 from operator_app.config.errors import ConfigError, decode_text, only
-from operator_app.config.joint_log import (
-    Unit,
-    find_column,
-    find_columns,
-    is_number,
-    joint_order,
-    read_rows,
-    require_degrees,
-    unit_of,
-    wrong_header,
-)
 from operator_app.config.measured_endpoints import endpoint_columns, endpoints_of, mean_endpoint
 from operator_app.config.poses_file import BAG_SUFFIXES
 from operator_app.config.resources import exists, expanded, read_limited
@@ -71,7 +60,7 @@ def load_timed_log(
     *,
     time: str,
     joints: Sequence[str],
-    unit: Unit | None = None,
+    unit: joint_log.Unit | None = None,
     columns: str = "",
     instrument: bool = False,
 ) -> JointRecording:
@@ -84,32 +73,31 @@ def load_timed_log(
     """
     file = str(path)
     text = decode_text(read_limited(expanded(path), file, limit=RECORDING_LIMIT_BYTES), file)
-    lines = read_rows(text)
+    lines = joint_log.read_rows(text)
     if len(lines) < 2:
         raise only(file, "has no samples", "it must have a line of time and angles for each sample")
-    header = [] if any(map(is_number, lines[0][1])) else lines[0][1]
+    header = [] if any(map(joint_log.is_number, lines[0][1])) else lines[0][1]
     first, lines = lines[0][0], lines[1:] if header else lines
     width = len(lines[0][1])
-    by = find_column("--time", time, header, width, file)
+    if header and len(header) != width:
+        raise joint_log.wrong_header(header, width, file, first)
+    by = joint_log.find_column("--time", time, header, width, file)
     measured = endpoint_columns(header, file, first, needed=instrument)
-    remaining = [
-        k for k in range(width) if k != by and not (k < len(header) and header[k] in measured)
-    ]
-    if header and not columns:
-        order = find_joints([header[k] for k in remaining if k < len(header)], joints, file=file)
-        where: tuple[int, ...] = tuple(map(header.index, order))
-    else:
-        where = find_columns(columns, header, remaining, len(joints), lines, file)
-        order = tuple(header[k] if k < len(header) else f"column {k + 1}" for k in where)
-    used = unit if not header or (columns and unit) else unit_of(order, unit, file, first)
-    values = (*where, *map(header.index, measured))
-    if max(by, *values) >= width:
-        raise wrong_header(header, width, file, first)
-    table = _samples(lines, by, values, file)
+    remaining = [k for k in range(width) if k != by and not (header and header[k] in measured)]
+    where = joint_log.find_columns(columns, header, remaining, len(joints), lines, file, joints)
+    order = tuple(header[k] if header else f"column {k + 1}" for k in where)
+    used = unit
+    if header and not (columns and unit):
+        used = joint_log.unit_of(order, unit, file, first)
+    if len(lines[-1][1]) != width:
+        # A killed recorder leaves its last line incomplete.
+        lines = lines[:-1]
+    of_samples = [(k, "", _number) for k in (*where, *map(header.index, measured))]
+    table = joint_log.read_numbers(lines, [(by, "", _time_s), *of_samples], file)
     time_s, q = table[:, 0], table[:, 1 : 1 + len(where)]
     if unit is None:
         largest = float(np.max(np.abs(q), initial=0.0, where=np.isfinite(q)))
-        require_degrees(largest, f"{len(q)} lines", file, stated=used)
+        joint_log.require_degrees(largest, f"{len(q)} lines", file, stated=used)
     latest = float(np.max(np.abs(time_s), initial=0.0, where=np.isfinite(time_s)))
     per_s = next(per for least, per in PER_SECOND if latest >= least)
     source = f"lines (times: {header[by] if header else f'column {by + 1}'})"
@@ -119,25 +107,6 @@ def load_timed_log(
     return recording_of(
         time_s / per_s, q_rad, joints=order, file=file, source=source, endpoint=endpoint
     )
-
-
-def _samples(lines: list[Record], by: int, where: Sequence[int], file: str) -> FloatArray:
-    """Read the times in column `by` and the numbers in the columns `where`, (m, 1 + k); raises ConfigError."""
-    values, width = array("d"), len(lines[0][1])
-    readers = [(by, _time_s), *((k, _number) for k in where)]
-    for line, cells in lines:
-        if len(cells) == width:
-            for column, read in readers:
-                try:
-                    values.append(read(cells[column]))
-                except BadCell as error:
-                    at = {"line": line, "column": column + 1}
-                    raise only(file, error.text, error.remedy, **at) from error
-        elif line != lines[-1][0]:
-            # A killed recorder leaves its last line incomplete.
-            text = f"has {len(cells)} cells; the lines before it have {width}"
-            raise only(file, text, "correct this line", line=line)
-    return np.array(values).reshape(-1, len(readers))
 
 
 def endpoints_at_rest(recording: JointRecording, dwells: Sequence[Dwell]) -> FloatArray | None:
@@ -230,7 +199,7 @@ def find_joints(
             text = f"--columns names {len(set(listed))} joints of an arm of {count}"
             raise only(file, text, "name one for each joint, in the order of the joints")
         return listed
-    if not (order := joint_order(names, joints, count)):
+    if not (order := joint_log.joint_order(names, joints, count)):
         text = f"its columns of joints 1 to {count} cannot be recognised: {', '.join(names[:40])}"
         raise only(file, text, "name them in order: --columns NAME,NAME,...")
     return tuple(names[k] for k in order)

@@ -15,14 +15,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, ClassVar, TypeVar, cast
 
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    ConfigDict,
-    TypeAdapter,
-    ValidationError,
-    ValidationInfo,
-)
+import pydantic
 from pydantic_core import ErrorDetails
 
 from operator_app.config.errors import (
@@ -42,28 +35,28 @@ UNKNOWN_KEY = ("extra_forbidden", "unexpected_keyword_argument")
 UNKNOWN, KNOWN_HERE = "unknown key", "known here: "
 
 
-class StrictModel(BaseModel):
+class StrictModel(pydantic.BaseModel):
     """Base of the models that build a domain object: no unknown keys, immutable."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = pydantic.ConfigDict(extra="forbid", frozen=True)
 
 
 class StrictRecord:
     """Base of the models that are frozen dataclasses: no unknown keys."""
 
     __slots__ = ()
-    __pydantic_config__: ClassVar = ConfigDict(extra="forbid")
+    __pydantic_config__: ClassVar = pydantic.ConfigDict(extra="forbid")
 
 
 M = TypeVar("M", bound=StrictModel | StrictRecord)
 
-_ADAPTERS: dict[Any, TypeAdapter[Any]] = {}
+_ADAPTERS: dict[Any, pydantic.TypeAdapter[Any]] = {}
 
 
-def adapter(model: type[M]) -> TypeAdapter[M]:
+def adapter(model: type[M]) -> pydantic.TypeAdapter[M]:
     """Return pydantic's adapter of a model, for reading, writing and JSON Schema; built once."""
     if model not in _ADAPTERS:
-        _ADAPTERS[model] = TypeAdapter(model)
+        _ADAPTERS[model] = pydantic.TypeAdapter(model)
     return _ADAPTERS[model]
 
 
@@ -71,20 +64,20 @@ Fields = Mapping[str, Any]
 """The valid fields before the one that is checked, by name."""
 
 
-def checked(check: Callable[[Any, Fields], Iterable[Complaint]]) -> AfterValidator:
+def checked(check: Callable[[Any, Fields], Iterable[Complaint]]) -> pydantic.AfterValidator:
     """Return the annotation of a field whose value is compared with other fields, without stopping the validation.
 
     `check` yields problems, at any place of the file.
     """
 
-    def validate(value: Any, info: ValidationInfo) -> Any:
+    def validate(value: Any, info: pydantic.ValidationInfo) -> Any:
         cast("list[Complaint]", info.context).extend(check(value, info.data))
         return value
 
-    return AfterValidator(validate)
+    return pydantic.AfterValidator(validate)
 
 
-def numbered(place: str, key: str, first: int = 1) -> AfterValidator:
+def numbered(place: str, key: str, first: int = 1) -> pydantic.AfterValidator:
     """Return an annotation for the list at `place`: the `key` of its items has to count from `first` upwards."""
 
     def check(items: Sequence[Any], _: Fields) -> Iterator[Complaint]:
@@ -110,7 +103,7 @@ def check_model(model: type[M], document: YamlDocument, *, kind: str) -> M:
     checked: M | None = None
     try:
         checked = adapter(model).validate_python(body, context=notes)
-    except ValidationError as error:
+    except pydantic.ValidationError as error:
         errors = error.errors(include_url=False)
     problems += _problems(document, model, errors, notes)
     if problems or checked is None:

@@ -23,13 +23,8 @@ from operator_app.calibration.calibrated_arm import (
 )
 from operator_app.calibration.cross_validation import Checks
 from operator_app.calibration.result import Solution
+from operator_app.config import urdf_editing
 from operator_app.config.csv_table import write_records
-from operator_app.config.urdf_editing import (
-    chain_of,
-    entries_without_origin,
-    format_urdf,
-    with_calibration,
-)
 from operator_app.config.urdf_rows import link_transform
 from operator_app.report.facts import facts_of
 from operator_app.report.parameter_tables import values_of
@@ -119,15 +114,15 @@ def into_description(calibration: Calibration, data: bytes, file: str) -> bytes:
 
     Raises ConfigError if the file cannot be read, or describes another arm.
     """
-    chain = chain_of(data, file, calibration.arm)
-    missing, figures = entries_without_origin(chain), []
+    chain = urdf_editing.chain_of(data, file, calibration.arm)
+    missing, figures = urdf_editing.entries_without_origin(chain), []
     own = [name for name in calibration.by_itself.identified if name not in missing]
     for p, *values in values_of(calibration.solution.identified):
         if p.name in own:
             value, sigma = (quantity_of(p).per_si * v for v in values)
             figures.append(f"{p.name}: {value:.6f}, sigma {sigma:.6f} {quantity_of(p).unit}")
     comments = ["Only joint origins are changed.", *_provenance(calibration, own), *figures]
-    return with_calibration(data, file, chain, calibration.by_itself.table(), comments)
+    return urdf_editing.with_calibration(data, file, chain, calibration.by_itself.table(), comments)
 
 
 def _urdf(calibration: Calibration) -> bytes:
@@ -138,7 +133,7 @@ def _urdf(calibration: Calibration) -> bytes:
     ]
     T_tip = link_transform(arm.table("tip").stacked()[:, -1].tolist())
     T_tip[:3, 3] += T_tip[:3, :3] @ arm.table_tip_m
-    return format_urdf(calibration.arm, arm.table(), T_tip=T_tip, comment=comments)
+    return urdf_editing.format_urdf(calibration.arm, arm.table(), T_tip=T_tip, comment=comments)
 
 
 def _provenance(calibration: Calibration, written: Sequence[str]) -> list[str]:

@@ -19,39 +19,9 @@ from operator_app.calibration.result import Solution
 from operator_app.calibration.rvdt import reading_tables
 from operator_app.config.procedure import AcceptanceLimits
 from operator_app.messages.finding import Finding, FindingKind
+from operator_app.report import parameter_tables, quality_tables, uncertainty_tables
 from operator_app.report.calibration_json import calibration_data, checks_data, estimate_data
-from operator_app.report.parameter_tables import (
-    correlation_table,
-    dh_table,
-    estimators_table,
-    instrument_table,
-    jackknife_table,
-    parameter_table,
-    tolerated_table,
-)
-from operator_app.report.quality_tables import (
-    CLOSURE_COLUMNS,
-    accuracy_table,
-    causes_table,
-    closure_row,
-    closure_table,
-    determined_table,
-    hand_table,
-    observability_table,
-    tests_table,
-    trend_table,
-    truth_table,
-)
 from operator_app.report.table import Cell, FactTable, Headline, figures, keyed
-from operator_app.report.uncertainty_tables import (
-    best_table_table,
-    budget_table,
-    components_table,
-    distance_table,
-    posterior_data,
-    scale_table,
-    sensitivity_table,
-)
 from operator_app.units import ANGLE, CHI2, CONDITION, SIGMA_ORI, SIGMA_POS, Figure, Kind
 from solver.estimators.estimate import Estimate
 from solver.loops.closure import ResidualSigma
@@ -128,49 +98,53 @@ def facts_of(
         tables=tuple(
             table
             for table in (
-                parameter_table(
+                parameter_tables.parameter_table(
                     estimate,
                     beside=beside,
                     repeatability=repeatability,
                     sides={p.name: side_of(solution.model, p.name) for p in estimate.parameters},
                     note=_side_note(solution),
                 ),
-                instrument_table(solution),
-                truth_table(solution),
-                causes_table(solution),
-                dh_table(solution),
-                best_table_table(solution),
-                distance_table(solution),
-                hand_table(solution),
-                accuracy_table(solution),
-                determined_table(solution, headlines),
-                trend_table(solution),
-                closure_table(solution, beside, checks),
-                estimators_table(estimate, beside, diverged=diverged),
-                jackknife_table(estimate, None if checks is None else checks.jackknife_sd),
-                components_table(solution.components, diverged=diverged),
-                scale_table(solution),
+                parameter_tables.instrument_table(solution),
+                quality_tables.truth_table(solution),
+                quality_tables.causes_table(solution),
+                parameter_tables.dh_table(solution),
+                uncertainty_tables.best_table_table(solution),
+                uncertainty_tables.distance_table(solution),
+                quality_tables.hand_table(solution),
+                quality_tables.accuracy_table(solution),
+                quality_tables.determined_table(solution, headlines),
+                quality_tables.trend_table(solution),
+                quality_tables.closure_table(solution, beside, checks),
+                parameter_tables.estimators_table(estimate, beside, diverged=diverged),
+                parameter_tables.jackknife_table(
+                    estimate, None if checks is None else checks.jackknife_sd
+                ),
+                uncertainty_tables.components_table(solution.components, diverged=diverged),
+                uncertainty_tables.scale_table(solution),
                 remedy_table(solution),
-                budget_table(solution),
-                sensitivity_table(solution),
-                tolerated_table(solution),
-                tests_table(solution),
-                observability_table(solution),
-                correlation_table(estimate),
+                uncertainty_tables.budget_table(solution),
+                uncertainty_tables.sensitivity_table(solution),
+                parameter_tables.tolerated_table(solution),
+                quality_tables.tests_table(solution),
+                quality_tables.observability_table(solution),
+                parameter_tables.correlation_table(estimate),
             )
             if table is not None
         ),
-        data=calibration_data(solution) | posterior_data(solution) | checks_data(checks),
+        data=calibration_data(solution)
+        | uncertainty_tables.posterior_data(solution)
+        | checks_data(checks),
     )
 
 
 def estimate_json(estimate: Estimate) -> dict[str, Any]:
     """Return the result of one estimator as a JSON object."""
-    rows = closure_row(estimate.estimator, estimate.sigmas, key=())
-    closure = FactTable(ident="", title="", columns=CLOSURE_COLUMNS, rows=(rows,))
+    rows = quality_tables.closure_row(estimate.estimator, estimate.sigmas, key=())
+    closure = FactTable(ident="", title="", columns=quality_tables.CLOSURE_COLUMNS, rows=(rows,))
     return merged(
         {**estimate_data(estimate), "chi2_per_dof": estimate.chi2_per_dof},
-        keyed((parameter_table(estimate, nominal_key=False), closure)),
+        keyed((parameter_tables.parameter_table(estimate, nominal_key=False), closure)),
     )
 
 

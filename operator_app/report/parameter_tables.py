@@ -8,20 +8,11 @@ from functools import partial
 
 import numpy as np
 
+from operator_app import units
 from operator_app.calibration.instrument_registration import instrument_stations
 from operator_app.calibration.result import Solution
 from operator_app.report.table import Cell, Column, FactTable, figures, words
-from operator_app.units import (
-    ANGLE,
-    LENGTH,
-    NOT_AVAILABLE,
-    Figure,
-    Kind,
-    Valued,
-    places_needed,
-    places_to_show,
-    quantity_of,
-)
+from operator_app.units import Figure, Kind, Valued, places_needed, places_to_show, quantity_of
 from solver.arrays import FloatArray
 from solver.chain.parameters import DhEntry, DhKind, Parameter, nominal_vector
 from solver.chain.rotations import rotation_vector
@@ -68,7 +59,7 @@ def _formats(
     listed = [(quantity_of(p), value) for p, value in values]
     places = {
         quantity: places_for([quantity.per_si * v for own, v in listed if own is quantity])
-        for quantity in (ANGLE, LENGTH)
+        for quantity in (units.ANGLE, units.LENGTH)
     }
     return lambda p: partial(Figure, quantity=quantity_of(p), places=places[quantity_of(p)])
 
@@ -200,7 +191,7 @@ def dh_table(solution: Solution) -> FactTable | None:
         cells: list[Cell] = [str(row)]
         for kind in kinds:
             if kind is DhKind.THETA_OFF and (row == 0 or row in model.unsensed_joints):
-                cells += [NOT_AVAILABLE, ""]
+                cells += [units.NOT_AVAILABLE, ""]
                 continue
             value = format_of(kind)(float(identified[kind, row]), role="found")
             nominal_value = nominal_of(kind)(float(nominal[kind, row]))
@@ -217,7 +208,7 @@ def dh_table(solution: Solution) -> FactTable | None:
 
 def instrument_table(solution: Solution) -> FactTable | None:
     """Return the table of the calibrated places of arm and target with an instrument; None with other fixtures."""
-    length, angle = Kind(LENGTH, places=3), Kind(ANGLE, places=4)
+    length, angle = Kind(units.LENGTH, places=3), Kind(units.ANGLE, places=4)
     rows: list[tuple[Cell, ...]] = []
     stations = instrument_stations(solution)
     for s in stations:

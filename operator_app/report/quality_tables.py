@@ -5,29 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator
 
-import numpy as np
-
-from operator_app.calibration.calibrated_arm import side_of
+from operator_app import units
 from operator_app.calibration.cross_validation import Checks
 from operator_app.calibration.result import Solution
 from operator_app.calibration.tool_accuracy import Spread
-from operator_app.messages.calibration import fixed_briefly
+from operator_app.messages.finding import fixed_briefly
 from operator_app.report.table import Cell, Column, FactTable, Headline, figures, words
-from operator_app.units import (
-    CHI2,
-    CLOSURE_LENGTH,
-    CONDITION,
-    SHARE,
-    SIGMA_ORI,
-    SIGMA_POS,
-    Figure,
-    Key,
-    Kind,
-    names,
-    plural,
-    significant,
-)
-from solver.chain.parameters import nominal_vector, wrap_angles
+from operator_app.units import Figure, Key, Kind, names, plural, significant
 from solver.diagnostics.cross_validation import FOLDS
 from solver.estimators.estimate import Estimate
 from solver.loops.closure import ClosureSigmas
@@ -40,14 +24,6 @@ OBSERVABILITY = (
     "smallest singular value",
     "square of the smallest over the largest",
     "one over the sum of inverses",
-)
-
-SMALL_STATED_CHI2 = 0.1
-"""chi2/dof at stated noise below which errors are on average a third of what the files state, or less."""
-
-SMALLER_THAN_STATED = (
-    f"chi2/dof at stated noise is below {SMALL_STATED_CHI2:g}: the files state errors that are on average more "
-    "than three times as large as these poses show. Sigmas may be larger than necessary."
 )
 
 
@@ -63,15 +39,14 @@ def determined_table(solution: Solution, headlines: Iterable[Headline]) -> FactT
         convergence += ", but far from what the files state"
 
     rows: list[tuple[Cell, ...]] = [(h.name, h.figure, h.note) for h in headlines if not h.closure]
-    plain = CONDITION(identifiability.condition_number, key=("condition_number",))
+    plain = units.CONDITION(identifiability.condition_number, key=("condition_number",))
     rows.insert(1, ("condition number, 1 m : 1 rad", plain, ""))
     if (read := solution.condition_at_readings) is not None:
-        figure = CONDITION(read, key=("scaled_condition_number_at_readings",))
+        figure = units.CONDITION(read, key=("scaled_condition_number_at_readings",))
         rows.insert(1, ("scaled, at the joints as read", figure, "as the paper took it"))
     if (stated := solution.adjudication.stated_chi2_per_dof) is not None:
-        ratio = CHI2(stated, key=("stated_chi2_per_dof",))
+        ratio = units.CHI2(stated, key=("stated_chi2_per_dof",))
         rows.append(("chi2/dof at stated noise", ratio, "1 or less if errors are as stated"))
-    small = stated is not None and stated < SMALL_STATED_CHI2 and not solution.adjudication.diverged
     rows += [
         ("degrees of freedom", Figure(estimate.dof, places=0, key=("dof",)), freedom),
         ("iterations", Figure(estimate.iterations, places=0, key=("iterations",)), convergence),
@@ -81,7 +56,7 @@ def determined_table(solution: Solution, headlines: Iterable[Headline]) -> FactT
         title="How well the poses determine the parameters (no unit)",
         columns=(*words("figure"), *figures("value"), *words("")),
         rows=tuple(rows),
-        note=f"Weakest direction: {weights}." + (f" {SMALLER_THAN_STATED}" if small else ""),
+        note=f"Weakest direction: {weights}.",
     )
 
 
@@ -94,7 +69,7 @@ def trend_table(solution: Solution) -> FactTable | None:
     for k, (poses, value) in enumerate(trend):
         decades = min(max(math.log10(value), 0.0), BAR_DECADES)
         count = Figure(poses, places=0, key=("condition_trend", k, 0))
-        condition = CONDITION(value, key=("condition_trend", k, 1))
+        condition = units.CONDITION(value, key=("condition_trend", k, 1))
         rows.append((count, condition, "#" * round(decades * BAR_PER_DECADE)))
     return FactTable(
         ident="trend",
@@ -112,8 +87,8 @@ def hand_table(solution: Solution) -> FactTable | None:
     hand = solution.hand
     if hand is None:
         return None
-    rms = Figure(hand.rms, CLOSURE_LENGTH, key=("tip_sigma_mm", "rms"))
-    worst = Figure(hand.worst, CLOSURE_LENGTH, key=("tip_sigma_mm", "worst"))
+    rms = Figure(hand.rms, units.CLOSURE_LENGTH, key=("tip_sigma_mm", "rms"))
+    worst = Figure(hand.worst, units.CLOSURE_LENGTH, key=("tip_sigma_mm", "worst"))
     return FactTable(
         ident="hand",
         title="Tool position uncertainty (one sigma)",
@@ -139,15 +114,6 @@ def accuracy_table(solution: Solution) -> FactTable | None:
     by_poses = accuracy.after_by_poses or accuracy.after
     if by_poses.rms > accuracy.before.rms:
         note += " Before is a distance, after an uncertainty."
-        if not _entries_differ(solution):
-            note += (
-                " After is larger: these poses do not show that the arm file's entries are wrong."
-            )
-        elif accuracy.widest:
-            note += (
-                f" After is larger mainly because of the uncertainty of {accuracy.widest}; some entries differ from "
-                "the arm file by more than two sigmas."
-            )
     if accuracy.after_by_poses is not None:
         spreads["after_by_poses"] = accuracy.after_by_poses
         note += (
@@ -159,7 +125,7 @@ def accuracy_table(solution: Solution) -> FactTable | None:
     def row(title: str, key: str, value_of: Callable[[Spread], float]) -> tuple[Cell, ...]:
         place = "hand_accuracy_mm"
         return title, *(
-            Figure(value_of(spread), CLOSURE_LENGTH, key=(place, when, key))
+            Figure(value_of(spread), units.CLOSURE_LENGTH, key=(place, when, key))
             for when, spread in spreads.items()
         )
 
@@ -176,17 +142,7 @@ def accuracy_table(solution: Solution) -> FactTable | None:
     )
 
 
-def _entries_differ(solution: Solution) -> bool:
-    found = solution.identified
-    change = np.abs(wrap_angles(found.parameters, found.x - nominal_vector(found.parameters)))
-    differs = (change > 2.0 * found.standard_deviation).tolist()
-    return any(
-        differ and side_of(solution.model, p.name) == "arm"
-        for p, differ in zip(found.parameters, differs, strict=True)
-    )
-
-
-TRUE_ERROR = Kind(CLOSURE_LENGTH, digits=2)
+TRUE_ERROR = Kind(units.CLOSURE_LENGTH, digits=2)
 
 
 def truth_table(solution: Solution) -> FactTable | None:
@@ -300,8 +256,8 @@ def closure_row(
         # Journals of earlier versions have 0 if the loop has no rotation equations.
         turned = None
     for symbol, kind, both in (
-        ("sigma_pos_mm", SIGMA_POS, sigmas.position_m),
-        ("sigma_ori_mrad", SIGMA_ORI, turned),
+        ("sigma_pos_mm", units.SIGMA_POS, sigmas.position_m),
+        ("sigma_ori_mrad", units.SIGMA_ORI, turned),
     ):
         rms, printed = (None, None) if both is None else (both.rms, both.as_printed)
         for value, last in ((rms, reading or "rms"), (printed, "as_printed")):
@@ -318,14 +274,14 @@ def causes_table(solution: Solution) -> FactTable | None:
         role, effect = "text", "a warning"
         if cause.blocking:
             role, effect = "warn", "a reason for not accepting"
-        probability = Figure(cause.probability, SHARE, digits=2, role=role)
+        probability = Figure(cause.probability, units.SHARE, digits=2, role=role)
         rows.append((cause.code, probability, effect, cause.text, cause.remedy))
     return None if not rows else FactTable(
         ident="causes",
         title="What may be wrong, with their probability",
         columns=(
             *words("cause"),
-            *figures("probability", unit=SHARE.unit),
+            *figures("probability", unit=units.SHARE.unit),
             *words(""),
             *words("what", "what to do", detail=True),
         ),

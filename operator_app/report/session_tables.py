@@ -6,30 +6,17 @@ import math
 
 import numpy as np
 
+from operator_app import units
 from operator_app.report.subject import Subject
 from operator_app.report.table import Cell, FactTable, figures, words
-from operator_app.units import (
-    ANGLE,
-    CLOSURE_ANGLE,
-    CLOSURE_LENGTH,
-    LINEARITY,
-    LSB,
-    NOISE_ANGLE,
-    NOT_AVAILABLE,
-    PERCENT,
-    READING,
-    SHARE,
-    Figure,
-    Kind,
-    places_needed,
-)
+from operator_app.units import Figure, Kind, places_needed
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import Encoder, NoSensor, Rvdt, Sensor, rms_per_amplitude
 from solver.estimators.error_model import SD_OF_PEAK
 from solver.estimators.estimate import Estimate
 
-CORRECTION = Kind(CLOSURE_ANGLE, digits=2)
+CORRECTION = Kind(units.CLOSURE_ANGLE, digits=2)
 CORRECTION_ODD = 3.0
 """A joint is marked if the rms of its corrections exceeds the uncertainty of its readings by this factor."""
 
@@ -64,11 +51,11 @@ def joint_table(subject: Subject, estimate: Estimate | None) -> FactTable:
             (
                 f"{j} {joint.name}",
                 _sensor_words(joint.sensor, used=j in used),
-                subject.state.modes[j - 1].value if subject.state.modes else NOT_AVAILABLE,
+                subject.state.modes[j - 1].value if subject.state.modes else units.NOT_AVAILABLE,
                 *map(CORRECTION, (noise, float(stated[j - 1]) or None, rms)),
                 Figure(ratio, digits=2, role="warn" if highlighted else "text"),
-                *map(READING, (low, high)),
-                PERCENT((high - low) / (joint.upper_rad - joint.lower_rad)),
+                *map(units.READING, (low, high)),
+                units.PERCENT((high - low) / (joint.upper_rad - joint.lower_rad)),
             )
         )
     return FactTable(
@@ -103,8 +90,8 @@ def _sensor_words(sensor: Sensor, *, used: bool) -> str:
         case Encoder():
             text = f"encoder, {sensor.counts_per_rev} counts/rev"
         case Rvdt():
-            places = places_needed([ANGLE.per_si * sensor.full_scale_rad], least=0, most=3)
-            full_scale = Figure(sensor.full_scale_rad, ANGLE, places=places).with_unit
+            places = places_needed([units.ANGLE.per_si * sensor.full_scale_rad], least=0, most=3)
+            full_scale = Figure(sensor.full_scale_rad, units.ANGLE, places=places).with_unit
             text = f"RVDT, {sensor.bits} bit over {full_scale}"
         case NoSensor():
             return "none"
@@ -118,17 +105,19 @@ def rvdt_table(subject: Subject) -> FactTable | None:
         sensor, result = subject.procedure.arm.joints[verdict.joint - 1].sensor, verdict.figures
         if result is None or not isinstance(sensor, Rvdt):
             continue
-        linearity = (Figure(v, SHARE, places=2) for v in (result.linearity, result.linearity_sd))
+        linearity = (
+            Figure(v, units.SHARE, places=2) for v in (result.linearity, result.linearity_sd)
+        )
         noise = (result.noise.lsb, result.noise.low, result.noise.high, sensor.noise_lsb)
         rows.append(
             (
                 f"joint {verdict.joint}",
-                PERCENT(result.covered),
+                units.PERCENT(result.covered),
                 Figure(result.gain, places=4),
                 *linearity,
-                LINEARITY(sensor.linearity),
-                *(Figure(value, LSB, digits=2) for value in noise),
-                PERCENT(verdict.share),
+                units.LINEARITY(sensor.linearity),
+                *(Figure(value, units.LSB, digits=2) for value in noise),
+                units.PERCENT(verdict.share),
             )
         )
     single = "noise of a single reading"
@@ -156,18 +145,22 @@ def pose_table(subject: Subject, estimate: Estimate | None) -> FactTable:
 
     def fit_residuals(k: int | None) -> tuple[Cell, ...]:
         if estimate is None or k is None:
-            return NOT_AVAILABLE, NOT_AVAILABLE, NOT_AVAILABLE
+            return units.NOT_AVAILABLE, units.NOT_AVAILABLE, units.NOT_AVAILABLE
         split = estimate.rotation_rows
         shifted = float(np.linalg.norm(estimate.residual[k, split:]))
         turned = float(np.linalg.norm(estimate.residual[k, :split])) if split else None
         chi2 = None if estimate.pose_chi2 is None else float(estimate.pose_chi2[k])
-        return Figure(shifted, CLOSURE_LENGTH), Figure(turned, CLOSURE_ANGLE), Figure(chi2)
+        return (
+            Figure(shifted, units.CLOSURE_LENGTH),
+            Figure(turned, units.CLOSURE_ANGLE),
+            Figure(chi2),
+        )
 
     rows: list[tuple[Cell, ...]] = []
     for pose in subject.poses:
         head = str(pose.number), pose.utc[11 if day else 0 : 19].replace("T", " ")
-        readings = (Figure(v, ANGLE, places=3) for v in pose.mean_rad.tolist())
-        sd = Figure(float(pose.sd_rad.max()), NOISE_ANGLE, places=1)
+        readings = (Figure(v, units.ANGLE, places=3) for v in pose.mean_rad.tolist())
+        sd = Figure(float(pose.sd_rad.max()), units.NOISE_ANGLE, places=1)
         remarks = [f"✕ excluded: {pose.excluded}"] if pose.excluded else []
         if pose.number in subject.flipped:
             remarks.append("✕ left out: tool upside down on the hinge (flipped branch)")

@@ -7,22 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from operator_app import units
 from operator_app.calibration.result import Solution
 from operator_app.calibration.sensitivity import source_sensitivities
 from operator_app.report.parameter_tables import shown_kinds
 from operator_app.report.table import Cell, Column, FactTable, figures, words
-from operator_app.units import (
-    CLOSURE_ANGLE,
-    CLOSURE_LENGTH,
-    LENGTH,
-    PERCENT,
-    Figure,
-    Key,
-    Kind,
-    names,
-    quantity_of,
-    significant,
-)
+from operator_app.units import Figure, Key, Kind, names, quantity_of, significant
 from solver.chain.parameters import DhKind
 from solver.estimators.variance_components import NORMAL_95, VarianceComponents
 from solver.posterior.corrections import ReadingCorrection
@@ -43,7 +33,7 @@ def components_table(
         return None
     rows: list[tuple[Cell, ...]] = []
     for c in components.components:
-        quantity = CLOSURE_LENGTH if c.unit == "m" else CLOSURE_ANGLE
+        quantity = units.CLOSURE_LENGTH if c.unit == "m" else units.CLOSURE_ANGLE
         name = "fixture" if c.name.startswith("fixture") else c.name
         key = f"{name}_{quantity.unit}"
         sd = Figure(c.sd, quantity, role="found", key=("variance_components", key))
@@ -88,7 +78,7 @@ def budget_table(solution: Solution) -> FactTable | None:
     for k, (p, total) in enumerate(zip(estimate.parameters, variances, strict=True)):
         if p.name not in solution.tolerated:
             shares = {s: float(v[k] / total) if total > 0.0 else 0.0 for s, v in budget.items()}
-            cells = {s: PERCENT(v, key=("budget", p.name, s)) for s, v in shares.items()}
+            cells = {s: units.PERCENT(v, key=("budget", p.name, s)) for s, v in shares.items()}
             largest = sorted(shares, key=lambda source: -shares[source])[:LARGEST]
             listed = ", ".join(f"{source_words(s)} {cells[s].with_unit}" for s in largest)
             rows.append((p.name, listed, *cells.values()))
@@ -113,7 +103,7 @@ def sensitivity_table(solution: Solution) -> FactTable | None:
     for h in sensitivities:
         name, quantity = h.parameter.name, quantity_of(h.parameter)
         sigma = Figure(h.sigma, quantity, digits=2)
-        source = f"{source_words(h.source)} {PERCENT(h.share).with_unit}"
+        source = f"{source_words(h.source)} {units.PERCENT(h.share).with_unit}"
         then = Figure(h.then, quantity, digits=2, key=("halved", name, "sigma"))
         rows.append((name, quantity.unit, sigma, source, then))
     done = dict.fromkeys(f"{source_words(h.source)}: {h.remedy}" for h in sensitivities)
@@ -162,7 +152,7 @@ def distance_table(solution: Solution) -> FactTable | None:
     """Return the table of the distances between the sockets of a ball; None if there are none."""
     if not solution.distances:
         return None
-    titles, length = ["distance", "sigma"], Kind(LENGTH, places=3)
+    titles, length = ["distance", "sigma"], Kind(units.LENGTH, places=3)
     if any(d.measured for d in solution.distances):
         titles += ["measured", "its sigma"]
     rows: list[tuple[Cell, ...]] = []

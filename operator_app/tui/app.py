@@ -13,12 +13,15 @@ import select
 import signal
 import sys
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from importlib import import_module
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from textual import events
 from textual.app import App, ComposeResult
+from textual.command import DiscoveryHit, Hit, Hits, Provider
+from textual.content import Content
 from textual.driver import Driver
 from textual.screen import Screen
 from textual.scrollbar import ScrollBar, ScrollBarRender
@@ -31,7 +34,6 @@ from operator_app.session.ui.steps import QUIT_KEYS, STOP_KEYS, Step
 from operator_app.signals import ENDING, ending_signals_ignored
 from operator_app.tui.driver import Pressed, watched
 from operator_app.tui.lines import Clicked, Lines
-from operator_app.tui.palette import ActionProvider
 from operator_app.tui.theme import DARK, LIGHT, NO_COLOUR, STOP_WIDTH, Look, look, themes
 
 if TYPE_CHECKING:
@@ -63,6 +65,33 @@ class _StartScreen(Screen[None]):
     def on_mount(self) -> None:
         for name, rows in self.ROWS.items():
             self.query_one(f"#{name}", _Fixed).show_lines(rows)
+
+
+class ActionProvider(Provider):
+    """Provides all actions to the palette, where they are found by their words."""
+
+    def _all(self) -> Iterator[tuple[str, dict[str, Any]]]:
+        from operator_app.session.ui import action_table
+
+        app: Any = self.app
+        for action in action_table.ACTIONS:
+            where = f" (step {int(*action.steps)})" if len(action.steps) == 1 else ""
+            text = f"{action.label}{where}  [{action.shown}]"
+            command = partial(app.interface.do_anywhere, action)
+            yield text, {"command": command, "text": text, "help": action.help}
+
+    async def discover(self) -> Hits:
+        """Yield all actions, before anything is typed."""
+        for text, shown in self._all():
+            yield DiscoveryHit(Content(text), **shown)
+
+    async def search(self, query: str) -> Hits:
+        """Yield the actions whose words match."""
+        matcher = self.matcher(query)
+        for text, shown in self._all():
+            score = matcher.match(f"{text} {shown['help']}")
+            if score > 0.0:
+                yield Hit(score, Content(text), **shown)
 
 
 POLL_S = 1.0 / 20.0

@@ -84,34 +84,28 @@ def is_compact(width: int, height: int) -> bool:
     return width < LARGE[0] or height < LARGE[1]
 
 
+_STYLES: Mapping[str, tuple[str, str]] = {
+    "bold": ("bold", "bold"),
+    "text": ("{text}", ""),
+    "dim": ("{dim}", ""),
+    "accent": ("bold {accent}", "bold"),
+    "warn": ("bold {warn}", "bold"),
+    "alarm": ("bold {alarm}", "bold reverse"),
+    "key": ("bold {accent}", "bold"),
+    "cursor": ("on {bar}", "reverse"),
+    "header": ("bold {dim}", "bold underline"),
+    "badge": ("bold {background} on {text}", "reverse"),
+}
+"""Style of each role with the colours of a theme, and without colours."""
+
+
 def look(theme: str, *, ascii_only: bool) -> Look:
     """Return the look of a theme: its text styles by role, and whether only ASCII is used."""
-    styles = {"bold": Style(bold=True)}
-    if theme == NO_COLOUR:
-        styles |= {
-            "text": Style(),
-            "dim": Style(),
-            "accent": Style(bold=True),
-            "warn": Style(bold=True),
-            "alarm": Style(bold=True, reverse=True),
-            "key": Style(bold=True),
-            "cursor": Style(reverse=True),
-            "header": Style(bold=True, underline=True),
-            "badge": Style(reverse=True),
-        }
-    else:
-        c = _COLOURS[theme]
-        styles |= {
-            "text": Style(color=c["text"]),
-            "dim": Style(color=c["dim"]),
-            "accent": Style(color=c["accent"], bold=True),
-            "warn": Style(color=c["warn"], bold=True),
-            "alarm": Style(color=c["alarm"], bold=True),
-            "key": Style(color=c["accent"], bold=True),
-            "cursor": Style(bgcolor=c["bar"]),
-            "header": Style(color=c["dim"], bold=True),
-            "badge": Style(color=c["background"], bgcolor=c["text"], bold=True),
-        }
+    colours = _COLOURS.get(theme)
+    styles = {
+        role: Style.parse(plain if colours is None else coloured.format(**colours))
+        for role, (coloured, plain) in _STYLES.items()
+    }
     return Look(ascii_only=ascii_only, styles=styles)
 
 

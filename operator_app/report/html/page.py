@@ -12,32 +12,14 @@ from operator_app.calibration.history import ArmHistory, EntryHistory
 from operator_app.calibration.sensitivity import source_sensitivities
 from operator_app.config.atomic import write_atomically
 from operator_app.errors import GuardError
-from operator_app.report.html.markup import (
-    STYLE,
-    Html,
-    Section,
-    bullets,
-    element,
-    plots,
-    remark,
-    sentence,
-    table_html,
-)
+from operator_app.report.html import markup
+from operator_app.report.html.markup import STYLE, Html, Section, element
 from operator_app.report.html.sections import sections_of
 from operator_app.report.plots.before_after import hand_pair
 from operator_app.report.plots.plot import Layer, Marks, Picture, Polyline, axis
 from operator_app.report.plots.svg import drawn
 from operator_app.report.quality_tables import truth_in_words
-from operator_app.report.results.history import (
-    HOW,
-    checks_lines,
-    due_text,
-    entries_table,
-    quantity,
-    sessions_table,
-    title_of,
-    verdict_text,
-)
+from operator_app.report.results import history as history_output
 from operator_app.report.subject import subject_of_session
 from operator_app.report.uncertainty_tables import source_words
 from operator_app.session.store.journal import read_journal
@@ -154,7 +136,7 @@ def _tool(subject: Subject) -> list[Html]:
         head += f", {without} without the uncertainty of {names(accuracy.stated)}"
     parts = [element("h2", head)]
     if pair := hand_pair(solution, subject.procedure.arm):
-        parts += [plots([drawn(pair.before), drawn(pair.after)]), remark(pair.note)]
+        parts += [markup.plots([drawn(pair.before), drawn(pair.after)]), markup.remark(pair.note)]
     if truth := truth_in_words(solution):
         parts.append(element("p", f"The truth: {truth}"))
     return [element("div", *parts)]
@@ -174,17 +156,17 @@ def _verdict(subject: Subject, facts: Facts | None, outcome: str) -> Html:
     reasons = facts.reasons if facts is not None else map(str, blind.directions if blind else ())
     when = subject.state.opened_utc[:16].replace("T", " ")
     glyph = element("span", "✓ " if good else "✕ ", class_="glyph", aria_hidden="true")
-    points = [sentence(reason) for reason in reasons]
+    points = [markup.sentence(reason) for reason in reasons]
     procedure, serial = subject.procedure, subject.state.serial_number or "not known"
     arm = (
         f"Calibration of {procedure.arm.name}, serial {serial}, in fixture {procedure.fixture.name}"
     )
-    met = f" {sentence(facts.limits_met)}" if facts is not None and facts.accepted else ""
+    met = f" {markup.sentence(facts.limits_met)}" if facts is not None and facts.accepted else ""
     return element(
         "div",
         element("h1", glyph, outcome.capitalize()),
         element("p", f"{arm}, {when} UTC.{met}"),
-        *([bullets(points)] if points else []),
+        *([markup.bullets(points)] if points else []),
         class_="verdict" if good else "verdict no",
     )
 
@@ -205,22 +187,32 @@ def history_html(history: ArmHistory) -> bytes:
     sections = [
         Section(
             ident=f"part-{k}",
-            title=title_of(part),
+            title=history_output.title_of(part),
             content=(
-                *([plots(_chart(part, j) for j in range(len(part.names)))] if part.several else []),
-                table_html(entries_table(part)),
-                table_html(sessions_table(part)),
+                *(
+                    [markup.plots(_chart(part, j) for j in range(len(part.names)))]
+                    if part.several
+                    else []
+                ),
+                markup.table_html(history_output.entries_table(part)),
+                markup.table_html(history_output.sessions_table(part)),
             ),
         )
         for k, part in enumerate(history.parts, 1)
     ]
-    notes = [*checks_lines(history), *(f"{n} left out: {reason}" for n, reason in history.left_out)]
-    method = (bullets(notes), remark(HOW))
+    notes = [
+        *history_output.checks_lines(history),
+        *(f"{n} left out: {reason}" for n, reason in history.left_out),
+    ]
+    method = (markup.bullets(notes), markup.remark(history_output.HOW))
     sections.append(Section(ident="how", title="Verifications and method", content=method))
     verdict = element(
         "div",
-        *(element("p", line.strip()) for line in verdict_text(history).split("\n- ")),
-        element("p", due_text(history)),
+        *(
+            element("p", line.strip())
+            for line in history_output.verdict_text(history).split("\n- ")
+        ),
+        element("p", history_output.due_text(history)),
         class_="verdict no" if history.shifted else "verdict",
     )
     body = element(
@@ -232,7 +224,7 @@ def history_html(history: ArmHistory) -> bytes:
 
 
 def _chart(part: EntryHistory, j: int) -> Html:
-    name, chart, unit = part.names[j], part.chart, quantity(part.names[j])
+    name, chart, unit = part.names[j], part.chart, history_output.quantity(part.names[j])
     sessions = [float(k) for k in range(1, len(part.calibrations) + 1)]
     values = (unit.per_si * part.values[:, j]).tolist()
     layers: list[Layer] = []

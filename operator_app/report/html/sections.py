@@ -2,32 +2,15 @@
 
 from __future__ import annotations
 
-from operator_app.report.html.markup import (
-    Section,
-    bullets,
-    definitions,
-    element,
-    join,
-    plots,
-    remark,
-    sentence,
-    table_html,
-)
+from operator_app import units
+from operator_app.report.html import markup
+from operator_app.report.html.markup import Section, element
 from operator_app.report.plots import before_after, calibration_plots
 from operator_app.report.plots.svg import drawn
 from operator_app.report.session_tables import joint_table, pose_table, rvdt_joints, rvdt_table
 from operator_app.report.subject import Subject
 from operator_app.report.table import FactTable
-from operator_app.units import (
-    CLOSURE_ANGLE,
-    CLOSURE_LENGTH,
-    Figure,
-    joints_named,
-    names,
-    others_free,
-    plural,
-    typeset,
-)
+from operator_app.units import Figure, joints_named, names, others_free, plural, typeset
 from solver.diagnostics.rvdt import RvdtVerdict, Soundness
 from solver.estimators.estimate import Estimate
 
@@ -46,28 +29,10 @@ components inside the root, as printed divides outside it.
 Condition number, rank and observability are those of the reduced Jacobian on the closed loops next to the poses.
 """.splitlines()
 """Explanations of both estimators and of their figures."""
-HEADINGS = {
-    "parameters": ("Parameters", False),
-    "truth": ("The truth", True),
-    "causes": ("What may be wrong", False),
-    "dh": ("D-H table", False),
-    "hand": ("Tool position uncertainty", True),
-    "accuracy": ("Before and after", False),
-    "trend": ("Condition number, pose by pose", False),
-    "determined": ("How well the poses determine the parameters", True),
-    "closure": ("Residuals by pose", False),
-    "estimators": ("Both estimators", True),
-    "jackknife": ("Jackknife", True),
-    "noise": ("Noise estimated with the parameters", True),
-    "rvdt-remedy": ("Corrections of RVDT readings", False),
-    "budget": ("Uncertainty budget", False),
-    "halving": ("What narrows the widest sigmas", True),
-    "tolerated": ("Corrected lengths and twists", False),
-    "tests": ("Tests", True),
-    "observability": ("Observability", True),
-    "correlations": ("Correlations", False),
-}
-"""Headings of sections that need another title than their table, and whether these take half of the page's width."""
+NARROW = (
+    "truth", "hand", "determined", "estimators", "jackknife", "noise", "halving", "tests", "observability",
+)  # fmt: skip
+"""Tables whose sections take half of the page's width."""
 
 
 def sections_of(subject: Subject) -> tuple[Section, ...]:
@@ -85,23 +50,26 @@ def sections_of(subject: Subject) -> tuple[Section, ...]:
 
 
 def _of_table(subject: Subject, estimate: Estimate, table: FactTable) -> Section:
-    content: list[str] = [table_html(table)] if table.rows else []
+    content: list[str] = [markup.table_html(table)] if table.rows else []
     if table.note:
-        content.append(remark(table.note))
+        content.append(markup.remark(table.note))
     match table.ident:
         case "parameters":
-            content.append(remark(_about_sigmas(subject, estimate)))
+            content.append(markup.remark(_about_sigmas(subject, estimate)))
         case "accuracy" if (pair := before_after.arm_pair(subject)) is not None:
-            content += [plots(map(drawn, (pair.before, pair.after))), remark(pair.note)]
+            content += [
+                markup.plots(map(drawn, (pair.before, pair.after))),
+                markup.remark(pair.note),
+            ]
         case "trend" if subject.solution is not None:
             limit = subject.procedure.acceptance.scaled_condition_number
             trend = calibration_plots.condition_trend(subject.solution.identifiability.trend, limit)
-            content = [plots([table_html(table), drawn(trend)])]
+            content = [markup.plots([markup.table_html(table), drawn(trend)])]
         case "closure":
             shown = calibration_plots.residuals(subject, estimate)
-            content += [remark(CLOSURE_WORDS), plots(map(drawn, shown))]
-    title, narrow = HEADINGS.get(table.ident, (table.title, False))
-    return Section(ident=table.ident, title=title, content=tuple(content), narrow=narrow)
+            content += [markup.remark(CLOSURE_WORDS), markup.plots(map(drawn, shown))]
+    narrow = table.ident in NARROW
+    return Section(ident=table.ident, title=table.title, content=tuple(content), narrow=narrow)
 
 
 def _about_sigmas(subject: Subject, estimate: Estimate) -> str:
@@ -121,7 +89,7 @@ def _warnings(subject: Subject) -> Section | None:
     facts = subject.facts
     notes = facts is not None and facts.notices_are_notes
     glyph = element("span", "· " if notes else "▲ ", class_="glyph", aria_hidden="true")
-    items = [element("li", glyph, typeset(sentence(n.sentence))) for n in subject.notices]
+    items = [element("li", glyph, typeset(markup.sentence(n.sentence))) for n in subject.notices]
     if not items:
         return None
     return Section(
@@ -133,8 +101,8 @@ def _warnings(subject: Subject) -> Section | None:
 
 def _joints(subject: Subject) -> Section:
     table = joint_table(subject, subject.implicit)
-    content = (table_html(table), remark(table.note))
-    return Section(ident="joints", title="Residuals and coverage by joint", content=content)
+    content = (markup.table_html(table), markup.remark(table.note))
+    return Section(ident="joints", title=table.title, content=content)
 
 
 def _rvdt(subject: Subject) -> Section | None:
@@ -142,15 +110,15 @@ def _rvdt(subject: Subject) -> Section | None:
     if not joints:
         return None
     verdicts = () if subject.solution is None else subject.solution.rvdt
-    content = [remark("These poses allow no verdict on the RVDTs.")]
+    content = [markup.remark("These poses allow no verdict on the RVDTs.")]
     if verdicts:
-        content = [bullets(map(_rvdt_verdict, verdicts))]
+        content = [markup.bullets(map(_rvdt_verdict, verdicts))]
     if table := rvdt_table(subject):
         measured = [(v.joint, v.figures) for v in verdicts if v.figures is not None]
         shown = (calibration_plots.rvdt_deviations(subject, joint, f) for joint, f in measured)
-        content += [table_html(table), plots(map(drawn, shown))]
+        content += [markup.table_html(table), markup.plots(map(drawn, shown))]
     if unused := [j for j in joints if j in subject.unsensed_joints]:
-        content.append(remark(f"The readings of {joints_named(unused)} were not used."))
+        content.append(markup.remark(f"The readings of {joints_named(unused)} were not used."))
     return Section(ident="rvdt", title="RVDT joints", content=tuple(content))
 
 
@@ -158,7 +126,7 @@ def _rvdt_verdict(verdict: RvdtVerdict) -> str:
     text = typeset(f"{verdict.text}.")
     if verdict.verdict in (Soundness.SOUND, Soundness.CANNOT_DECIDE):
         return text
-    return join((element("span", "▲ ", class_="warn", aria_hidden="true"), text))
+    return markup.join((element("span", "▲ ", class_="warn", aria_hidden="true"), text))
 
 
 def _poses(subject: Subject, estimate: Estimate | None) -> Section:
@@ -169,8 +137,8 @@ def _poses(subject: Subject, estimate: Estimate | None) -> Section:
         points.append(f"Excluded by the operator: {names(out)}; {reasons}.")
     if subject.flipped:
         points.append(f"Left out on the flipped branch of the hinge: {names(subject.flipped)}.")
-    table = table_html(pose_table(subject, estimate))
-    return Section(ident="poses", title="Poses", content=(bullets(points), table))
+    table = markup.table_html(pose_table(subject, estimate))
+    return Section(ident="poses", title="Poses", content=(markup.bullets(points), table))
 
 
 def _provenance(subject: Subject) -> Section:
@@ -198,7 +166,7 @@ def _provenance(subject: Subject) -> Section:
         ("Software", f"sarcal {subject.software_version}"),
         ("Pose set, SHA-256", element("span", subject.state.pose_set().sha256(), class_="mono")),
     ]
-    return Section(ident="what", title="What was calibrated", content=(definitions(rows),))
+    return Section(ident="what", title="What was calibrated", content=(markup.definitions(rows),))
 
 
 def _method(subject: Subject) -> Section:
@@ -214,8 +182,8 @@ def _method(subject: Subject) -> Section:
     if subject.solution is not None:
         tolerance = subject.procedure.fixture.fixture.tolerance
         equations = plural(subject.solution.model.equations_per_pose, "equation")
-        shift = Figure(tolerance.position_m, CLOSURE_LENGTH, digits=2).with_unit
-        turn = Figure(tolerance.orientation_rad, CLOSURE_ANGLE, digits=2).with_unit
+        shift = Figure(tolerance.position_m, units.CLOSURE_LENGTH, digits=2).with_unit
+        turn = Figure(tolerance.orientation_rad, units.CLOSURE_ANGLE, digits=2).with_unit
         points.append(
             f"The tool closes a loop through the fixture. Each pose gives {equations} after the angles without "
             "a sensor are eliminated."
@@ -230,4 +198,6 @@ def _method(subject: Subject) -> Section:
         how = f"; the poses were solved again: {subject.recalculated_because}"
     events = plural(subject.events, "event")
     points.append(f"The page was made from the {events} of the session's journal alone{how}.")
-    return Section(ident="method", title="How the numbers were made", content=(bullets(points),))
+    return Section(
+        ident="method", title="How the numbers were made", content=(markup.bullets(points),)
+    )

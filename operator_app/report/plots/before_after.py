@@ -12,7 +12,7 @@ import numpy as np
 from operator_app.calibration.calibrated_arm import calibrated_arm, hand_errors
 from operator_app.calibration.result import Solution
 from operator_app.calibration.tool_accuracy import Spread
-from operator_app.messages.calibration import fixed_briefly
+from operator_app.messages.finding import fixed_briefly
 from operator_app.report.plots.plot import Layer, Marks, Picture, Polyline, map_axes
 from operator_app.report.subject import Subject
 from operator_app.units import CLOSURE_LENGTH, LENGTH, Figure

@@ -27,19 +27,8 @@ from operator_app.config.errors import WriteError
 from operator_app.errors import SessionError
 from operator_app.report.html.markup import LIGHT_COLOURS, PLOT_RULES, Html, element
 from operator_app.report.parameter_tables import change_of
-from operator_app.report.plots import before_after, calibration_plots
+from operator_app.report.plots import before_after, calibration_plots, svg
 from operator_app.report.plots.plot import Axis, Picture, Shape, axis, log_axis
-from operator_app.report.plots.svg import (
-    PLOT_WIDTH,
-    RIGHT,
-    Drawn,
-    draw,
-    label,
-    mark,
-    rectangle,
-    segment,
-    ticks,
-)
 from operator_app.report.subject import Subject
 from operator_app.report.uncertainty_tables import source_words
 from operator_app.units import Quantity, quantity_of
@@ -114,10 +103,10 @@ def _document(of: Panels) -> str:
     for first in range(0, len(of.pictures), columns):
         tallest = 0.0
         for k, shown in enumerate(of.pictures[first : first + columns]):
-            drawn = bars(shown) if isinstance(shown, Bars) else draw(shown)
+            drawn = bars(shown) if isinstance(shown, Bars) else svg.draw(shown)
             title = f"({chr(ord('a') + first + k)}) {captions[first + k]}".rstrip()
-            above = [label(title, 2.0, -4.0, class_="legend")] if title_height else []
-            at = f"translate({PLOT_WIDTH * k:g} {top + title_height:g})"
+            above = [svg.label(title, 2.0, -4.0, class_="legend")] if title_height else []
+            at = f"translate({svg.PLOT_WIDTH * k:g} {top + title_height:g})"
             parts.append(element("g", *above, *drawn.parts, transform=at))
             tallest = max(tallest, drawn.height + title_height)
         top += tallest
@@ -127,9 +116,9 @@ def _document(of: Panels) -> str:
         element("style", Html(_style())),
         *parts,
         xmlns="http://www.w3.org/2000/svg",
-        viewBox=f"0 0 {PLOT_WIDTH * columns:g} {top:g}",
+        viewBox=f"0 0 {svg.PLOT_WIDTH * columns:g} {top:g}",
         width=f"{width_mm}mm",
-        height=f"{width_mm * top / (PLOT_WIDTH * columns):.1f}mm",
+        height=f"{width_mm * top / (svg.PLOT_WIDTH * columns):.1f}mm",
     )
 
 
@@ -181,7 +170,7 @@ class Bars:
     marks: Mapping[str, Sequence[float]] = field(default_factory=dict)
 
 
-def bars(of: Bars) -> Drawn:
+def bars(of: Bars) -> svg.Drawn:
     """Draw the rows below a legend with three labels per line."""
     bars, labels = list(of.bars.values()), [*of.bars, *of.marks]
     top = LEGEND * -(-len(labels) // 3) + 6.0
@@ -191,29 +180,29 @@ def bars(of: Bars) -> Drawn:
     shapes: list[tuple[Shape, str]] = [("dot", "a"), ("triangle", "c"), ("square", "d")]
     parts = []
     for k, legend in enumerate(labels):
-        x, y = 2.0 + (k % 3) * (RIGHT - 2.0) / 3.0, LEGEND * (k // 3 + 1)
+        x, y = 2.0 + (k % 3) * (svg.RIGHT - 2.0) / 3.0, LEGEND * (k // 3 + 1)
         if k < len(bars):
-            sign = rectangle(x, y - 7.0, 9.0, 7.0, fill.format(k))
+            sign = svg.rectangle(x, y - 7.0, 9.0, 7.0, fill.format(k))
         else:
             shape, colour = shapes[k - len(bars)]
-            sign = mark(shape, x + 4.0, y - 3.5, 2.4, colour)
-        parts += [sign, label(legend, x + 12.0, y, class_="legend")]
+            sign = svg.mark(shape, x + 4.0, y - 3.5, 2.4, colour)
+        parts += [sign, svg.label(legend, x + 12.0, y, class_="legend")]
     for value in of.x.ticks:
-        x_at = of.x.place(value, NAME_WIDTH, RIGHT)
-        parts.append(segment(x_at, top, x_at, foot, "zero" if value == 0.0 else "grid"))
+        x_at = of.x.place(value, NAME_WIDTH, svg.RIGHT)
+        parts.append(svg.segment(x_at, top, x_at, foot, "zero" if value == 0.0 else "grid"))
     for k, name in enumerate(of.names):
         y = top + BAR_HEIGHT * k
-        parts.append(label(name, 2.0, y + 8.6, class_="legend"))
+        parts.append(svg.label(name, 2.0, y + 8.6, class_="legend"))
         for number, pieces in enumerate(bars):
-            start, end = (of.x.place(value, NAME_WIDTH, RIGHT) for value in pieces[k])
+            start, end = (of.x.place(value, NAME_WIDTH, svg.RIGHT) for value in pieces[k])
             width, class_ = max(0.0, end - start), fill.format(number)
-            parts.append(rectangle(start, y + 2.0, width, BAR_HEIGHT - 4.0, class_))
+            parts.append(svg.rectangle(start, y + 2.0, width, BAR_HEIGHT - 4.0, class_))
         for (shape, colour), values in zip(shapes, of.marks.values(), strict=False):
             if math.isfinite(values[k]):
-                x_at = of.x.place(values[k], NAME_WIDTH, RIGHT)
-                parts.append(mark(shape, x_at, y + 0.5 * BAR_HEIGHT, 2.4, colour))
-    title = label(of.x.title, RIGHT, foot + FOOT - 3.0, class_="axis", anchor="end")
-    return Drawn(foot + FOOT, (*parts, *ticks(of.x, NAME_WIDTH, RIGHT, foot), title))
+                x_at = of.x.place(values[k], NAME_WIDTH, svg.RIGHT)
+                parts.append(svg.mark(shape, x_at, y + 0.5 * BAR_HEIGHT, 2.4, colour))
+    title = svg.label(of.x.title, svg.RIGHT, foot + FOOT - 3.0, class_="axis", anchor="end")
+    return svg.Drawn(foot + FOOT, (*parts, *svg.ticks(of.x, NAME_WIDTH, svg.RIGHT, foot), title))
 
 
 MOST_SOURCES = 7

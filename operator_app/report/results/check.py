@@ -7,6 +7,7 @@ from dataclasses import asdict
 from typing import Any
 
 from fixtures.base import CheckKind, Severity
+from operator_app import units
 from operator_app.config.any_file import FileRead, FilesRead
 from operator_app.config.errors import Problem
 from operator_app.config.fixture_file import FixtureSpec
@@ -16,20 +17,7 @@ from operator_app.config.procedure import Procedure
 from operator_app.config.quantities import short_degrees
 from operator_app.planning.feasibility import Chain
 from operator_app.report.text import aligned, paragraph, warning
-from operator_app.units import (
-    ANGLE_TOLERANCE,
-    CONDITION,
-    DEFLECTION_ANGLE,
-    DEFLECTION_LENGTH,
-    DEVIATION,
-    LENGTH_TOLERANCE,
-    READING_SD,
-    SPAN,
-    Figure,
-    joints_named,
-    others_free,
-    plural,
-)
+from operator_app.units import Figure, joints_named, others_free, plural
 from solver.chain.arm_model import ArmModel, Joint
 from solver.chain.parameters import DhKind
 from solver.chain.sensors import Encoder, NoSensor, Rvdt
@@ -106,15 +94,15 @@ def _arm(arm: ArmModel) -> str:
     free = {entry.name for entry in arm.free}
     rows = [["joint", "name", "range [deg]", "sensor", "reads to [deg]", "offset"]]
     for j, joint in enumerate(arm.joints, 1):
-        span = f"{SPAN(joint.lower_rad).shown} to {SPAN(joint.upper_rad).shown}"
+        span = f"{units.SPAN(joint.lower_rad).shown} to {units.SPAN(joint.upper_rad).shown}"
         sensor, kind = joint.sensor, _sensor(joint)
-        sigma = "" if isinstance(sensor, NoSensor) else READING_SD(sensor.sigma_rad).shown
+        sigma = "" if isinstance(sensor, NoSensor) else units.READING_SD(sensor.sigma_rad).shown
         offset = "found" if f"theta_off_{j}" in free else "as the file has it"
         rows.append([str(j), joint.name, span, kind, sigma, offset])
     others = ", ".join(e.name for e in arm.free if e.kind is not DhKind.THETA_OFF)
     parallel = ", ".join(map(str, arm.hayati_rows))
-    length = LENGTH_TOLERANCE(max(arm.length_tolerance_m)).with_unit
-    twist = ANGLE_TOLERANCE(max(arm.twist_tolerance_rad)).with_unit
+    length = units.LENGTH_TOLERANCE(max(arm.length_tolerance_m)).with_unit
+    twist = units.ANGLE_TOLERANCE(max(arm.twist_tolerance_rad)).with_unit
     lines = [f"Arm {arm.name}", aligned(rows, left=True)]
     if others:
         lines.append(paragraph(f"Free in addition to the offsets: {others}."))
@@ -133,7 +121,7 @@ def _sensor(joint: Joint) -> str:
         case Encoder() as encoder:
             return f"encoder, {encoder.counts_per_rev} counts per turn"
         case Rvdt() as rvdt:
-            return f"RVDT, {rvdt.bits} bits over {SPAN(rvdt.full_scale_rad).with_unit}"
+            return f"RVDT, {rvdt.bits} bits over {units.SPAN(rvdt.full_scale_rad).with_unit}"
         case _:
             return "none: the loop measures its angle, and no drive can hold it"
 
@@ -141,9 +129,9 @@ def _sensor(joint: Joint) -> str:
 def _chain(chain: Chain) -> str:
     arm, spec, feasibility = chain.arm, chain.fixture, chain.feasibility
     give, tolerance = spec.fixture.compliance, spec.fixture.tolerance
-    yields = [DEFLECTION_LENGTH(give.position_m).with_unit] if give.position_m else []
+    yields = [units.DEFLECTION_LENGTH(give.position_m).with_unit] if give.position_m else []
     if give.orientation_rad and spec.kind != "ball":
-        yields.append(DEFLECTION_ANGLE(give.orientation_rad).with_unit)
+        yields.append(units.DEFLECTION_ANGLE(give.orientation_rad).with_unit)
     deflection = f"; under load it deflects by {' and '.join(yields)}" if yields else ""
     immobile = {c.joint for c in feasibility.checks if c.kind is CheckKind.IMMOBILE}
     checks = [c for c in feasibility.checks if c.severity is not Severity.OK]
@@ -155,8 +143,8 @@ def _chain(chain: Chain) -> str:
         f"{arm.name} in {spec.name}",
         paragraph(
             f"The tolerance of the {spec.kind}'s placement is "
-            f"{LENGTH_TOLERANCE(tolerance.position_m).with_unit} and "
-            f"{ANGLE_TOLERANCE(tolerance.orientation_rad).with_unit}{deflection}."
+            f"{units.LENGTH_TOLERANCE(tolerance.position_m).with_unit} and "
+            f"{units.ANGLE_TOLERANCE(tolerance.orientation_rad).with_unit}{deflection}."
         ),
         *map(paragraph, _freedom(chain)),
         paragraph(
@@ -194,7 +182,7 @@ def _freedom(chain: Chain) -> list[str]:
         distance = abs(feasibility.home_to_closed_rad)
         j = int(distance.argmax())
         lines.append(
-            f"From home_deg to the nearest pose that closes: {DEVIATION(float(distance[j])).with_unit} at most, "
+            f"From home_deg to the nearest pose that closes: {units.DEVIATION(float(distance[j])).with_unit} at most, "
             f"joint {j + 1}."
         )
     return lines
@@ -221,7 +209,7 @@ def _identifiability_text(what: str, identifiability: Identifiability) -> str:
     if identifiability.directions:
         rank = identifiability.rank
         return paragraph(f"{what} determine only {rank} combinations of the parameters.")
-    condition = CONDITION(identifiability.scaled_condition_number).shown
+    condition = units.CONDITION(identifiability.scaled_condition_number).shown
     weakest = ", ".join(identifiability.weakest.parameters[:4])
     return paragraph(
         f"{what} determine all of them; scaled condition number {condition}, weakest: {weakest}."

@@ -11,26 +11,14 @@ from typing import Any
 import numpy as np
 
 from fixtures.base import CheckKind, Severity
+from operator_app import units
 from operator_app.config.procedure import AcceptanceLimits
 from operator_app.planning.advice import PlacementReport
 from operator_app.planning.preview import PlannedPose, Preview
 from operator_app.report.facts import CONDITION_PAPER
 from operator_app.report.plots.braille import coverage_lines, region_lines
 from operator_app.report.text import aligned, paragraph, warning
-from operator_app.units import (
-    ANGLE,
-    CONDITION,
-    LENGTH,
-    MOUNTED_LENGTH,
-    NOMINAL_LENGTH,
-    NOMINAL_TWIST,
-    SPAN,
-    WHOLE_DEGREES,
-    Figure,
-    in_json,
-    joints_named,
-    quantity_of,
-)
+from operator_app.units import Figure, in_json, joints_named, quantity_of
 from solver.chain.parameters import Parameter
 from solver.design.drive_joints import RankedDrives
 
@@ -104,7 +92,7 @@ def _verdict(ranked: RankedDrives, now: RankedDrives | None) -> str:
 def _poses(shown: Preview) -> str:
     rows = [["#", "drive", *(f"J{j}" for j in range(1, shown.arm.joint_count + 1)), ""]]
     for number, pose in enumerate(shown.poses, 1):
-        readings = (SPAN(angle).shown for angle in pose.q_rad.tolist())
+        readings = (units.SPAN(angle).shown for angle in pose.q_rad.tolist())
         path = "no safe path" if pose.route is None else ""
         rows.append([str(number), " ".join(map(str, pose.drives)), *readings, path])
     known = f", beside {shown.captured} captured ones" if shown.captured else ""
@@ -150,8 +138,11 @@ def advice_text(
         ["", "deg", "mm", "of present", "scaled", "", "", ""],
     ]
     for number, r in enumerate(ranked, 1):
-        tilt, shift = WHOLE_DEGREES(r.mounted.tilt_rad), NOMINAL_LENGTH(r.mounted.shift_m)
-        condition = CONDITION(r.plan.design.scaled_condition_number).shown
+        tilt, shift = (
+            units.WHOLE_DEGREES(r.mounted.tilt_rad),
+            units.NOMINAL_LENGTH(r.mounted.shift_m),
+        )
+        condition = units.CONDITION(r.plan.design.scaled_condition_number).shown
         drives = " ".join(map(str, r.plan.ranked[0].drives))
         head = [str(number), tilt.shown, shift.shown, f"{r.gain:.0%}", condition]
         mobility, poses = r.plan.manifold.motion.degrees, len(r.plan.visits)
@@ -171,14 +162,14 @@ def _placement(
             if name.startswith(ANGULAR) is angles
         )
         + f" {kind.quantity.unit}"
-        for kind, angles in ((MOUNTED_LENGTH, False), (NOMINAL_TWIST, True))
+        for kind, angles in ((units.MOUNTED_LENGTH, False), (units.NOMINAL_TWIST, True))
     )
     reached = ", ".join(
-        f"J{j} {WHOLE_DEGREES(low).shown} to {WHOLE_DEGREES(high).shown}"
+        f"J{j} {units.WHOLE_DEGREES(low).shown} to {units.WHOLE_DEGREES(high).shown}"
         for j, (low, high) in enumerate(placement.plan.reach_rad.tolist(), 1)
     )
     lines = [f"placement: {entries}", f"joint ranges reached: {reached}"]
-    for quantity in (ANGLE, LENGTH):
+    for quantity in (units.ANGLE, units.LENGTH):
         phrases = [
             f"{name} {Figure(sigma, quantity, places=PLACES).shown}"
             for name, sigma in placement.sigma.items()

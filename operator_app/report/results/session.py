@@ -9,23 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from operator_app import units
 from operator_app.config.errors import ConfigError
 from operator_app.report.table import Cell, FactTable, figures, words
 from operator_app.report.text import paragraph, table_lines, table_text
 from operator_app.session.store.folders import POSES_NAME
 from operator_app.session.store.journal_format import JOURNAL_NAME
-from operator_app.units import (
-    ANGLE,
-    CONDITION,
-    NOISE_ANGLE,
-    Figure,
-    Kind,
-    joints_named,
-    names,
-    others_free,
-    plural,
-    quantity_of,
-)
+from operator_app.units import Figure, Kind, joints_named, names, others_free, plural, quantity_of
 
 if TYPE_CHECKING:
     from operator_app.config.procedure import Procedure
@@ -191,7 +181,9 @@ def _solved(state: SessionState) -> str:
     verdict = "accepted" if solved["accepted"] else "not accepted"
     by = f" by {solved['estimator']}" if solved.get("estimator") else ""
     condition = solved.get("scaled_condition_number")
-    number = "" if condition is None else f", scaled condition number {CONDITION(condition).shown}"
+    number = (
+        "" if condition is None else f", scaled condition number {units.CONDITION(condition).shown}"
+    )
     return f"{verdict}{by}{number}"
 
 
@@ -216,8 +208,8 @@ def _poses(state: SessionState) -> FactTable:
         remark = f"excluded: {pose.excluded}" if pose.excluded else pose.note
         remark = remark if len(remark) <= 24 else f"{remark[:23]}…"
         placement = [str(pose.placement)] if several else []
-        readings = (Figure(v, ANGLE, places=2) for v in pose.mean_rad.tolist())
-        sd = Figure(float(np.max(pose.sd_rad)) or None, NOISE_ANGLE, places=1)
+        readings = (Figure(v, units.ANGLE, places=2) for v in pose.mean_rad.tolist())
+        sd = Figure(float(np.max(pose.sd_rad)) or None, units.NOISE_ANGLE, places=1)
         rows.append((str(pose.number), *placement, *readings, sd, remark))
     joints = len(state.poses[0].mean_rad)
     left_out = len(state.poses) - len(rows)

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 
 from fixtures.base import Severity
+from operator_app import units
 from operator_app.messages.errors import REACHES_NOTHING
 from operator_app.planning.live import Forecast
 from operator_app.report.spans import Line, entry, line, wrapped, wrapped_entry
@@ -14,14 +15,6 @@ from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
 from operator_app.tui.widgets.list_panel import ListPanel
 from operator_app.tui.widgets.pictures import ArmView
-from operator_app.units import (
-    ANGLE_TOLERANCE,
-    CONDITION,
-    LENGTH_TOLERANCE,
-    NOMINAL_LENGTH,
-    NOMINAL_TWIST,
-    REACH,
-)
 
 CHECK_GLYPHS = {
     Severity.OK: ("✓", "text"),
@@ -59,8 +52,8 @@ class PlacementPanel(Lines):
         own = set(loop.ground_side) | set(loop.hand_side)
         placed = [p for p in loop.parameters if p.name in own and "theta" not in p.name]
         for name, angles, kind, tolerance in (
-            ("Lengths", False, NOMINAL_LENGTH, LENGTH_TOLERANCE(limits.position_m)),
-            ("Twists", True, NOMINAL_TWIST, ANGLE_TOLERANCE(limits.orientation_rad)),
+            ("Lengths", False, units.NOMINAL_LENGTH, units.LENGTH_TOLERANCE(limits.position_m)),
+            ("Twists", True, units.NOMINAL_TWIST, units.ANGLE_TOLERANCE(limits.orientation_rad)),
         ):
             texts = [f"{p.name}\xa0{kind(p.nominal).shown}" for p in placed if p.is_angle is angles]
             if texts:
@@ -92,7 +85,7 @@ class ChecksPanel(Lines):
         if s.forecast is not None and s.forecast.reaches_nothing:
             rows += wrapped(f" ▲ {REACHES_NOTHING}", width, "warn", "   ")
         elif s.forecast is not None:
-            condition = CONDITION(s.forecast.scaled_condition_number).shown
+            condition = units.CONDITION(s.forecast.scaled_condition_number).shown
             limit = f"{s.procedure.acceptance.scaled_condition_number:g}"
             rows.append(
                 line(
@@ -109,10 +102,10 @@ def _ranges(s: SessionSnapshot, forecast: Forecast) -> list[Line]:
     for k, joint in enumerate(s.procedure.arm.joints, 1):
         low, high = forecast.span_rad(k, s.required_poses)
         near = min(low - joint.lower_rad, joint.upper_rad - high) < NEAR_END_RAD
-        span = f"{REACH(low).shown:>6} to {REACH(high).shown:>6}"
+        span = f"{units.REACH(low).shown:>6} to {units.REACH(high).shown:>6}"
         cells.append((f" {'▲' if near else ' '} J{k} {span}", "warn" if near else "dim"))
     return [
-        line(f" ◌ predicted ranges of the joints [{REACH.quantity.unit}]"),
+        line(f" ◌ predicted ranges of the joints [{units.REACH.quantity.unit}]"),
         *(tuple(cells[first : first + 3]) for first in range(0, len(cells), 3)),
     ]
 

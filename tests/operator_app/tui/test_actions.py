@@ -15,8 +15,8 @@ from operator_app.session.ui.next_action import next_action
 from operator_app.session.ui.snapshot import Level, TaskKind
 from operator_app.session.ui.steps import Step
 from operator_app.session.ui.user_interface import Action, OnScreen
+from operator_app.tui.app import ActionProvider
 from operator_app.tui.dialogs import Read
-from operator_app.tui.palette import ActionProvider
 from operator_app.tui.screen_interface import ON_SCREEN
 from tests.oracles.script import Script, pause_briefly
 from tests.oracles.story import busy, real, story

@@ -5,8 +5,13 @@ from dataclasses import replace
 
 import pytest
 
-from operator_app.messages.calibration import SOURCE_REMEDIES, source_remedy
-from operator_app.messages.finding import Finding, FindingKind, NamedSize
+from operator_app.messages.finding import (
+    SOURCE_REMEDIES,
+    Finding,
+    FindingKind,
+    NamedSize,
+    source_remedy,
+)
 
 Kind = FindingKind
 

@@ -14,20 +14,11 @@ from operator_app.manual.shown import as_text
 from operator_app.messages.errors import EXPECTED, words
 from operator_app.report.results.history import history_text
 from operator_app.session.store.folders import documents_of
-from operator_app.session.ui import action_table, guards
+from operator_app.session.ui import action_table, guards, user_interface
 from operator_app.session.ui.next_action import next_action
 from operator_app.session.ui.runner import Runner
 from operator_app.session.ui.snapshot import SessionSnapshot
 from operator_app.session.ui.steps import Step
-from operator_app.session.ui.user_interface import (
-    EVERYWHERE,
-    Action,
-    OnScreen,
-    Question,
-    ShownAlarm,
-    YesNo,
-    perform_action,
-)
 from operator_app.tui.dialogs import DIALOGS, Read
 from operator_app.tui.lines import Lines
 from operator_app.tui.steps.capture import CaptureView
@@ -58,8 +49,10 @@ def help_text(step: Step, panel: Lines | None, width: int) -> str:
         blocks.append(textwrap.fill(f"This panel ({panel.TITLE}): {panel.HELP}", width))
     else:
         blocks.append("Tab focuses a panel; ? then explains that panel.")
-    of_step = [a for a in action_table.ACTIONS if step in a.steps and a.steps != EVERYWHERE]
-    everywhere = [a for a in action_table.ACTIONS if a.steps == EVERYWHERE]
+    of_step = [
+        a for a in action_table.ACTIONS if step in a.steps and a.steps != user_interface.EVERYWHERE
+    ]
+    everywhere = [a for a in action_table.ACTIONS if a.steps == user_interface.EVERYWHERE]
     for title, actions in (("Keys of this step", of_step), ("Keys everywhere", everywhere)):
         rows = [
             textwrap.fill(
@@ -97,19 +90,19 @@ class ScreenInterface:
             self.do(action)
         return action is not None
 
-    def do(self, action: Action | OnScreen) -> None:
+    def do(self, action: user_interface.Action | user_interface.OnScreen) -> None:
         """Do an action at the current step and show its result immediately."""
-        if isinstance(action, OnScreen):
+        if isinstance(action, user_interface.OnScreen):
             ON_SCREEN[action.name](self)
         else:
-            perform_action(action, self)
+            user_interface.perform_action(action, self)
         self.app.poll()
 
     def do_named(self, name: str) -> None:
         """Do the action with this name, after a click or as the next action."""
         self.do(action_table.by_name(name))
 
-    def do_anywhere(self, action: Action | OnScreen) -> None:
+    def do_anywhere(self, action: user_interface.Action | user_interface.OnScreen) -> None:
         """Do an action from the palette, after going to its step if necessary; if that step is closed, show why."""
         if self.app.step in action.steps or self.go(min(action.steps)):
             self.do(action)
@@ -135,7 +128,7 @@ class ScreenInterface:
         """Show a refusal above the footer."""
         self.app.main.refuse(reason)
 
-    def ask(self, question: Question, then: Callable[[str], None]) -> None:
+    def ask(self, question: user_interface.Question, then: Callable[[str], None]) -> None:
         """Ask in a dialog; call `then` with the answer unless the dialog is cancelled."""
 
         def answered(answer: str | None) -> None:
@@ -158,7 +151,7 @@ class ScreenInterface:
         """Index of the marked item of the check list."""
         return self.app.main.query_one(FixtureView).main.cursor
 
-    def alarm(self, s: SessionSnapshot) -> ShownAlarm | None:
+    def alarm(self, s: SessionSnapshot) -> user_interface.ShownAlarm | None:
         """The alarm on the screen, even if there is a newer one; None if the shown alarm no longer exists."""
         shown = self.app.main.log_lines.alarm
         standing = {alarm.number for alarm in s.alarms}
@@ -232,7 +225,7 @@ class ScreenInterface:
             f"Session {name} of {arm} (procedure {procedure}) has {plural(len(state.used_poses), 'pose')} "
             "and no export. Resuming checks the arm, the fixture and the modes again before anything moves."
         )
-        question = YesNo(title="Resume?", text=text, yes="Resume", no="New session")
+        question = user_interface.YesNo(title="Resume?", text=text, yes="Resume", no="New session")
         self.ask(question, lambda _: self.open(lambda: self.sessions.resumed(name)))
 
     def open(self, make: Callable[[], Runner]) -> None:
@@ -270,7 +263,7 @@ class ScreenInterface:
             return
         poses = len(s.state.poses)
         text = f"All joints are held and the session is kept with its {poses} poses; it can be resumed."
-        question = YesNo(title="Leave?", text=text, yes="Leave, hold all")
+        question = user_interface.YesNo(title="Leave?", text=text, yes="Leave, hold all")
         self.ask(question, lambda _: self.app.exit("left"))
 
     # -- moving about ------------------------------------------------------------------------------

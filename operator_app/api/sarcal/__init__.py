@@ -59,8 +59,7 @@ if TYPE_CHECKING:
     from operator_app.errors import SessionError
     from solver.errors import SolverError, UnidentifiableError
 
-    from .calibrating import calibrate, load_result
-    from .judging import Comparison, Verification, compare, verify
+    from .calibrating import Comparison, Verification, calibrate, compare, load_result, verify
     from .machines import Arm, Fixture, load_arm, load_fixture
     from .planning import Plan, Simulation, plan, simulate
     from .poses import Poses, load_poses, poses_of
@@ -72,8 +71,14 @@ _NAMES = {
     "operator_app.calibration.comparison": ("IncomparableError",),
     "operator_app.config.errors": ("ConfigError", "WriteError"),
     "operator_app.errors": ("SessionError",),
-    "sarcal.calibrating": ("calibrate", "load_result"),
-    "sarcal.judging": ("Comparison", "Verification", "compare", "verify"),
+    "sarcal.calibrating": (
+        "Comparison",
+        "Verification",
+        "calibrate",
+        "compare",
+        "load_result",
+        "verify",
+    ),
     "sarcal.machines": ("Arm", "Fixture", "load_arm", "load_fixture"),
     "sarcal.planning": ("Plan", "Simulation", "plan", "simulate"),
     "sarcal.poses": ("Poses", "load_poses", "poses_of"),

@@ -33,9 +33,7 @@ BOUNDS = Bounds(samples=10, still_rad=math.radians(0.5), near_rad=math.radians(0
 """Step of a drive joint, and limits of comparisons; both suit an arm in a fixture, in which free joints follow."""
 
 
-class ConnectedArm:
-    """A connected arm, its reported identity, and its procedure."""
-
+class _ConnectedArm:
     def __init__(self, arm: ArmInterface, procedure: Procedure, identity: ArmIdentity) -> None:
         self.arm, self.procedure, self.identity = arm, procedure, identity
         self.n = procedure.arm.joint_count
@@ -54,14 +52,12 @@ class ConnectedArm:
         return rank_at_pose(model, nominal_vector(model.parameters), q_rad)[0].drives
 
     def ready(self) -> tuple[int, ...]:
-        """Take control, set the modes of a capture, and return the drive joints."""
         drives = self.drives
         self.arm.take_control()
         self.arm.set_modes(self.modes(drives))
         return drives
 
     def modes(self, drives: tuple[int, ...]) -> list[JointMode]:
-        """Return position mode for `drives`, and free mode for the other joints."""
         numbers = range(1, self.n + 1)
         return [JointMode.POSITION if j in drives else JointMode.FREE for j in numbers]
 
@@ -73,7 +69,6 @@ class ConnectedArm:
         return position_rad + (STEP_RAD if up else -STEP_RAD)
 
     def turn(self, joint: int, target_rad: float, speed_rad_per_s: float) -> checks.Turn:
-        """Return the motion of a joint to a target, which a check executes."""
         return checks.Turn(
             arm=self.arm,
             joint=joint,
@@ -83,18 +78,17 @@ class ConnectedArm:
         )
 
     def require_moved(self) -> None:
-        """Skip the test if the arm is moved by hand."""
         if self.identity.by_hand:
             pytest.skip("this arm is moved by hand")
 
 
 @pytest.fixture(scope="module")
-def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ConnectedArm]:
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[_ConnectedArm]:
     """Connect the arm once for all tests; every test leaves it ready for the next one."""
     named = os.environ.get("SARCAL_PROCEDURE", "hinge")
     opening = begin(named, Choices(), root=tmp_path_factory.mktemp("contract"))
     with open_arm(opening) as rig:
-        yield ConnectedArm(rig.arm, rig.opening.procedure, rig.arm.connect())
+        yield _ConnectedArm(rig.arm, rig.opening.procedure, rig.arm.connect())
 
 
 def fulfils(tried: Clause | Iterable[Clause]) -> None:
@@ -110,35 +104,35 @@ def fulfils(tried: Clause | Iterable[Clause]) -> None:
         pytest.skip("; ".join(unknown))
 
 
-def test_it_says_who_it_is(bench: ConnectedArm) -> None:
+def test_it_says_who_it_is(bench: _ConnectedArm) -> None:
     fulfils(clauses.identifies_itself(bench.identity, bench.procedure.arm.name, bench.n))
 
 
-def test_a_snapshot_is_a_fresh_picture_of_every_joint(bench: ConnectedArm) -> None:
+def test_a_snapshot_is_a_fresh_picture_of_every_joint(bench: _ConnectedArm) -> None:
     fulfils(clauses.has_valid_snapshot(bench.arm, bench.n))
 
 
-def test_samples_go_on(bench: ConnectedArm) -> None:
+def test_samples_go_on(bench: _ConnectedArm) -> None:
     fulfils(clauses.goes_on(bench.arm))
 
 
-def test_a_reading_is_statistics_over_samples(bench: ConnectedArm) -> None:
+def test_a_reading_is_statistics_over_samples(bench: _ConnectedArm) -> None:
     fulfils(clauses.reads(bench.arm, bench.n, BOUNDS))
 
 
-def test_an_arm_at_rest_settles_and_one_that_may_not_spread_does_not(bench: ConnectedArm) -> None:
+def test_an_arm_at_rest_settles_and_one_that_may_not_spread_does_not(bench: _ConnectedArm) -> None:
     fulfils(clauses.settles(bench.arm, bench.n, BOUNDS))
 
 
-def test_taking_control_enables_the_drives_and_moves_nothing(bench: ConnectedArm) -> None:
+def test_taking_control_enables_the_drives_and_moves_nothing(bench: _ConnectedArm) -> None:
     fulfils(clauses.is_enabled_unmoved(bench.arm, BOUNDS))
 
 
-def test_modes_are_read_back(bench: ConnectedArm) -> None:
+def test_modes_are_read_back(bench: _ConnectedArm) -> None:
     fulfils(clauses.reads_modes_back(bench.arm, bench.modes(bench.ready())))
 
 
-def test_a_drive_joint_goes_where_it_is_told_and_back(bench: ConnectedArm) -> None:
+def test_a_drive_joint_goes_where_it_is_told_and_back(bench: _ConnectedArm) -> None:
     bench.require_moved()
     joint = bench.ready()[0]
     start_rad, target_rad = bench.arm.snapshot().joints[joint - 1].position_rad, bench.away(joint)
@@ -146,7 +140,7 @@ def test_a_drive_joint_goes_where_it_is_told_and_back(bench: ConnectedArm) -> No
     fulfils(clause for turn in turns for clause in checks.goes(turn))
 
 
-def test_a_watch_sees_the_move_and_its_sentence_ends_it(bench: ConnectedArm) -> None:
+def test_a_watch_sees_the_move_and_its_sentence_ends_it(bench: _ConnectedArm) -> None:
     drives = bench.ready()
     snapshots: list[ArmSnapshot] = []
 
@@ -161,7 +155,7 @@ def test_a_watch_sees_the_move_and_its_sentence_ends_it(bench: ConnectedArm) -> 
         assert (outcome.reached, outcome.reason) == (False, "that is enough")
 
 
-def test_a_joint_that_is_free_is_not_moved(bench: ConnectedArm) -> None:
+def test_a_joint_that_is_free_is_not_moved(bench: _ConnectedArm) -> None:
     drives = bench.ready()
     free = next((j for j in range(1, bench.n + 1) if j not in drives), None)
     if free is None:
@@ -169,13 +163,13 @@ def test_a_joint_that_is_free_is_not_moved(bench: ConnectedArm) -> None:
     fulfils(clauses.refuses_to_move_free(bench.arm, free, bench.speed_rad_per_s))
 
 
-def test_a_target_outside_the_range_is_refused(bench: ConnectedArm) -> None:
+def test_a_target_outside_the_range_is_refused(bench: _ConnectedArm) -> None:
     joint = bench.ready()[0]
     ranged = describe(bench.procedure.arm).joints[joint - 1]
     fulfils(clauses.keeps_within_limits(bench.arm, joint, ranged, bench.speed_rad_per_s))
 
 
-def test_stop_ends_a_move_latches_and_its_reset_moves_nothing(bench: ConnectedArm) -> None:
+def test_stop_ends_a_move_latches_and_its_reset_moves_nothing(bench: _ConnectedArm) -> None:
     bench.require_moved()
     joint = bench.ready()[0]
     slowly = bench.speed_rad_per_s / 4.0
@@ -183,11 +177,13 @@ def test_stop_ends_a_move_latches_and_its_reset_moves_nothing(bench: ConnectedAr
     bench.ready()
 
 
-def test_it_keeps_a_document_or_refuses_it(bench: ConnectedArm) -> None:
+def test_it_keeps_a_document_or_refuses_it(bench: _ConnectedArm) -> None:
     bench.arm.take_control()
     fulfils(clauses.keeps_its_document(bench.arm))
 
 
-def test_it_closes_with_its_drives_off_closes_twice_and_connects_again(bench: ConnectedArm) -> None:
+def test_it_closes_with_its_drives_off_closes_twice_and_connects_again(
+    bench: _ConnectedArm,
+) -> None:
     bench.ready()
     fulfils(clauses.leaves_and_returns(bench.arm, bench.identity))

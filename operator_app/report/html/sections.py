@@ -19,16 +19,6 @@ CLOSURE_WORDS = (
     "The implicit estimator does not minimise this error: it corrects the least accurate sensors most, so that better "
     "parameters may leave a larger closure error."
 )
-METHOD_WORDS = """\
-implicit: the joint readings are uncertain, each by its sensor's noise; every loop closes exactly at the corrected \
-joints, and the corrections are as small as the noise allows.
-paper: unweighted least squares of the closure errors, 1 m counted as 1 rad, damped and with scaled columns (eqs. 5, \
-6, 10-13).
-sigma_pos and sigma_ori (eqs. 14, 15) are computed at the measured joints, twice: rms divides by the number of \
-components inside the root, as printed divides outside it.
-Condition number, rank and observability are those of the reduced Jacobian on the closed loops next to the poses.
-""".splitlines()
-"""Explanations of both estimators and of their figures."""
 NARROW = (
     "truth", "hand", "determined", "estimators", "jackknife", "noise", "halving", "tests", "observability",
 )  # fmt: skip
@@ -188,7 +178,6 @@ def _method(subject: Subject) -> Section:
             f"The tool closes a loop through the fixture. Each pose gives {equations} after the angles without "
             "a sensor are eliminated."
         )
-        points += METHOD_WORDS
         points.append(
             "Of the equivalent parameter vectors of a loop, the page gives the nearest to the fixture's nominal "
             f"placement, which was measured to {shift} and {turn}."

@@ -8,18 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from operator_app import units
-from operator_app.report.plots.plot import (
-    Axis,
-    Band,
-    Layer,
-    Marks,
-    Picture,
-    Polyline,
-    Ribbon,
-    Shape,
-    axis,
-    log_axis,
-)
+from operator_app.report.plots import plot
+from operator_app.report.plots.plot import Axis, Picture, Shape
 from operator_app.report.subject import Subject
 from operator_app.units import CLOSURE_ANGLE, CLOSURE_LENGTH, Figure, Quantity, plural, significant
 from solver.arrays import BoolArray, FloatArray
@@ -38,7 +28,7 @@ FAR_OFF = 2.5
 
 def pose_axis(subject: Subject) -> Axis:
     """Return the axis of pose numbers."""
-    return axis("pose", [float(p.number) for p in subject.used], whole=True)
+    return plot.axis("pose", [float(p.number) for p in subject.used], whole=True)
 
 
 def costs(steps: Sequence[tuple[int, float]]) -> Picture:
@@ -49,30 +39,30 @@ def costs(steps: Sequence[tuple[int, float]]) -> Picture:
         ident="cost",
         title="Cost by iteration",
         description="Cost that remains after each iteration.",
-        x=axis("iteration", numbers, whole=True),
-        y=axis("cost, power of ten", powers),
-        layers=[Marks(x=numbers, y=powers)],
+        x=plot.axis("iteration", numbers, whole=True),
+        y=plot.axis("cost, power of ten", powers),
+        layers=[plot.Marks(x=numbers, y=powers)],
     )
 
 
 def condition_trend(trend: Sequence[tuple[int, float]], limit: float) -> Picture:
     """Return the plot of the scaled condition number over the number of poses, on a log scale, with the limit."""
     numbers, values = [float(n) for n, _ in trend], [value for _, value in trend]
-    x = axis("poses", numbers, whole=True)
+    x = plot.axis("poses", numbers, whole=True)
     shown = [units.CONDITION(value).shown for value in values]
     tips = [f"{n} poses: {text}" for (n, _), text in zip(trend, shown, strict=True)]
-    dashed = Polyline(
+    dashed = plot.Polyline(
         x=(x.low, x.high), y=(limit, limit), class_="dashed", label=f"limit {limit:g}"
     )
-    marks = Marks(x=numbers, y=values, tips=tips, label="first poses")
+    marks = plot.Marks(x=numbers, y=values, tips=tips, label="first poses")
     return Picture(
         ident="condition-trend",
         title="Condition number by number of poses",
         description=f"Scaled condition number of the first {trend[0][0]} to {trend[-1][0]} poses, log scale: "
         f"from {shown[0]} to {shown[-1]}; lower is better.",
         x=x,
-        y=log_axis("scaled condition number", [*values, limit]),
-        layers=[dashed, Polyline(x=numbers, y=values), marks],
+        y=plot.log_axis("scaled condition number", [*values, limit]),
+        layers=[dashed, plot.Polyline(x=numbers, y=values), marks],
     )
 
 
@@ -94,11 +84,11 @@ def misses(subject: Subject, estimate: Estimate) -> Picture:
     highlighted, values = miss > FAR_OFF * rms, CLOSURE_LENGTH.per_si * miss
     numbers = np.array([p.number for p in subject.used])
     limit = CLOSURE_LENGTH.per_si * FAR_OFF * rms
-    band = Band(low=0.0, high=limit, label=f"{FAR_OFF:g} rms")
+    band = plot.Band(low=0.0, high=limit, label=f"{FAR_OFF:g} rms")
 
-    def marks(of: BoolArray, shape: Shape, class_: str, label: str = "") -> Marks:
+    def marks(of: BoolArray, shape: Shape, class_: str, label: str = "") -> plot.Marks:
         x, y = numbers[of].tolist(), values[of].tolist()
-        return Marks(x=x, y=y, shape=shape, class_=class_, label=label)
+        return plot.Marks(x=x, y=y, shape=shape, class_=class_, label=label)
 
     return Picture(
         ident="misses",
@@ -106,7 +96,7 @@ def misses(subject: Subject, estimate: Estimate) -> Picture:
         description=f"{plural(len(miss), 'pose')}; rms {Figure(rms, CLOSURE_LENGTH).with_unit}; "
         f"{plural(int(highlighted.sum()), 'pose')} beyond {FAR_OFF:g} times that.",
         x=pose_axis(subject),
-        y=axis("distance", [0.0, limit, *values.tolist()], unit=CLOSURE_LENGTH.unit),
+        y=plot.axis("distance", [0.0, limit, *values.tolist()], unit=CLOSURE_LENGTH.unit),
         layers=[band, marks(~highlighted, "dot", "a", "pose"), marks(highlighted, "square", "c")],
     )
 
@@ -117,14 +107,14 @@ def _closure(subject: Subject, kind: str, unit: Quantity, rms: float, rows: Floa
     worst = int(np.argmax(norms))
     components = ("x", "y", "z") if kind == "position" else ROTATIONS[rows.shape[1]]
     spread, values = unit.per_si * rms, unit.per_si * rows
-    layers: list[Layer] = [Band(low=-spread, high=spread, label="rms")]
+    layers: list[plot.Layer] = [plot.Band(low=-spread, high=spread, label="rms")]
     for k, (name, (shape, colour)) in enumerate(zip(components, SHAPES, strict=False)):
         tips = [
             f"pose {n}: {name} {Figure(v, unit).with_unit}"
             for n, v in zip(numbers, rows[:, k].tolist(), strict=True)
         ]
         y = values[:, k].tolist()
-        layers.append(Marks(x=numbers, y=y, shape=shape, class_=colour, label=name, tips=tips))
+        layers.append(plot.Marks(x=numbers, y=y, shape=shape, class_=colour, label=name, tips=tips))
     return Picture(
         ident=f"closure-{kind}",
         title=f"Closure error by pose, {kind}",
@@ -132,7 +122,7 @@ def _closure(subject: Subject, kind: str, unit: Quantity, rms: float, rows: Floa
         f"component (shaded); the largest is {Figure(float(norms[worst]), unit).with_unit} "
         f"at pose {numbers[worst]}.",
         x=pose_axis(subject),
-        y=axis(f"{kind} error", [*values.flat, spread], unit=unit.unit, symmetric=True),
+        y=plot.axis(f"{kind} error", [*values.flat, spread], unit=unit.unit, symmetric=True),
         layers=layers,
     )
 
@@ -164,13 +154,15 @@ def rvdt_deviations(subject: Subject, joint: int, figures: RvdtFigures) -> Pictu
         description=f"Curve from {low.shown} to {high.with_unit}; noise of a "
         f"single reading {Figure(figures.noise.lsb, units.LSB, digits=2).with_unit}. The specification allows "
         f"±{Figure(sensor.linearity_rad, CLOSURE_ANGLE).with_unit} about the best-fit line.",
-        x=axis(f"true angle of joint {joint}", x, unit=units.ANGLE.unit),
-        y=axis("deviation", [*y, *least, *most, *heights], unit=CLOSURE_ANGLE.unit, symmetric=True),
+        x=plot.axis(f"true angle of joint {joint}", x, unit=units.ANGLE.unit),
+        y=plot.axis(
+            "deviation", [*y, *least, *most, *heights], unit=CLOSURE_ANGLE.unit, symmetric=True
+        ),
         layers=[
-            Band(low=-allowed, high=allowed, label=f"±{significant(allowed, 2)} allowed"),
-            Ribbon(x=known_at, low=least, high=most, label=f"±{KNOWN_SIGMAS:g} sigma"),
-            Marks(x=x, y=y, label="pose", tips=tips),
-            Polyline(x=_scaled(grid, units.ANGLE), y=heights, class_="b", label="curve"),
+            plot.Band(low=-allowed, high=allowed, label=f"±{significant(allowed, 2)} allowed"),
+            plot.Ribbon(x=known_at, low=least, high=most, label=f"±{KNOWN_SIGMAS:g} sigma"),
+            plot.Marks(x=x, y=y, label="pose", tips=tips),
+            plot.Polyline(x=_scaled(grid, units.ANGLE), y=heights, class_="b", label="curve"),
         ],
     )
 

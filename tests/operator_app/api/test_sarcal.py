@@ -30,7 +30,7 @@ MODULES = ["sarcal", *(f"sarcal.{m.name}" for m in pkgutil.iter_modules(sarcal._
 def test_docstring_examples_run(name):
     failed, attempted = doctest.testmod(importlib.import_module(name), report=True)
     assert not failed
-    documented = {"sarcal", "sarcal.calibrating", "sarcal.planning", "sarcal.judging",
+    documented = {"sarcal", "sarcal.calibrating", "sarcal.planning",
                   "sarcal.result", "sarcal.tables", "sarcal.poses", "sarcal.machines"}  # fmt: skip
     assert attempted or name not in documented
 

@@ -37,7 +37,6 @@ FILES: dict[FileKind, tuple[type[StrictModel | StrictRecord], ...]] = {
     "profile": (ProfileFile,),
     "parameters": (ParametersDocument,),
 }
-"""Models of the whole file of each kind."""
 
 
 def json_schema(kind: FileKind) -> dict[str, Any]:

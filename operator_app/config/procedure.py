@@ -24,11 +24,7 @@ if TYPE_CHECKING:
     from solver.chain.arm_model import ArmModel
 
 MOST_POSES = 100_000
-"""Largest number of poses of a procedure."""
-
 MOST_PLACEMENTS = 20
-"""Largest number of placements in a session."""
-
 DEFAULT_PROFILE = "sarcos"
 
 

@@ -84,6 +84,8 @@ def load_timed_log(
     by = joint_log.find_column("--time", time, header, width, file)
     measured = endpoint_columns(header, file, first, needed=instrument)
     remaining = [k for k in range(width) if k != by and not (header and header[k] in measured)]
+    if header and not columns:
+        _find_joints([header[k] for k in remaining], joints, file=file)
     where = joint_log.find_columns(columns, header, remaining, len(joints), lines, file, joints)
     order = tuple(header[k] if header else f"column {k + 1}" for k in where)
     used = unit
@@ -182,7 +184,7 @@ def recording_of(
     )
 
 
-def find_joints(
+def _find_joints(
     names: Sequence[str], joints: Sequence[str], *, file: str, columns: str = ""
 ) -> tuple[str, ...]:
     """Return the names of joints 1 to n: those in `columns`, else `joints` (the arm file's), else a series.
@@ -257,7 +259,7 @@ def load_bag(
         remedy = "record it again, or repair it (mcap recover, ros2 bag reindex)"
         raise only(file, text, remedy) from error
     names = sorted({name for _, _, at in states for name in at})
-    order = find_joints(names, joints, file=file, columns=columns)
+    order = _find_joints(names, joints, file=file, columns=columns)
     # A gripper may send separate messages on the same topic.
     own = [state for state in states if not state[2].keys().isdisjoint(order)]
     stamped = all(stamp_ns for stamp_ns, _, _ in own)

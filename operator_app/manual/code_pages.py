@@ -253,4 +253,3 @@ PAGES: Mapping[str, Callable[[], str]] = {
     "faults": faults_page,
     "objects": _objects_page,
 }
-"""Generated pages by topic."""

@@ -127,17 +127,13 @@ class Finding:
         return template.format_map(_FindingFields(self))
 
 
-NAMED = 5
-"""How many poses a message lists by label."""
-
-LISTED = 4
-"""How many parameters a message lists."""
+POSES_NAMED, PARAMETERS_LISTED = 5, 4
 
 
 def _poses_named(labels: tuple[str, ...]) -> str:
-    rest = len(labels) - NAMED
+    rest = len(labels) - POSES_NAMED
     more = f" and {rest} more" if rest > 0 else ""
-    return f"pose{'s' * (len(labels) > 1)} {', '.join(labels[:NAMED])}{more}"
+    return f"pose{'s' * (len(labels) > 1)} {', '.join(labels[:POSES_NAMED])}{more}"
 
 
 def source_remedy(source: str) -> str:
@@ -318,12 +314,14 @@ FIELDS: Mapping[str, Callable[[Finding], object]] = {
     ),
     "name": lambda f: f.names[0],
     "last_name": lambda f: f.names[-1],
-    "listed": lambda f: ", ".join(f.names[:LISTED]),
+    "listed": lambda f: ", ".join(f.names[:PARAMETERS_LISTED]),
     "listed_all": lambda f: ", ".join(f.names),
     "numbers": lambda f: names(f.joints),
     "tests": lambda f: ", ".join(f.names),
     "degrees": lambda f: f"{int(f.size or 0)} degree{'s' * (f.size != 1)}",
-    "sizes": lambda f: ", ".join(f"{x.name} ({_with_unit(x)})" for x in f.sizes[:LISTED]),
+    "sizes": lambda f: ", ".join(
+        f"{x.name} ({_with_unit(x)})" for x in f.sizes[:PARAMETERS_LISTED]
+    ),
     "fixed_at": lambda f: ", ".join(
         f"{x.name} at {units.NOMINAL_OFFSET(x.size).with_unit}" for x in f.sizes
     ),

@@ -39,7 +39,6 @@ EXPORT_FILES = {
     "urdf": "arm.urdf",
     "mat": "result.mat",
 }
-"""Names of the exported files in a session's folder, by format."""
 
 CSV_HEADER = ("parameter", "side", "unit", "nominal", "value", "sigma")
 

@@ -21,13 +21,6 @@ CORRECTION_ODD = 3.0
 """A joint is marked if the rms of its corrections exceeds the uncertainty of its readings by this factor."""
 
 
-def sensed_joints(subject: Subject) -> tuple[int, ...]:
-    """Return the joints (from 1) whose readings were used."""
-    joints = enumerate(subject.procedure.arm.joints, 1)
-    sensed = (j for j, joint in joints if not isinstance(joint.sensor, NoSensor))
-    return tuple(j for j in sensed if j not in subject.unsensed_joints)
-
-
 def rvdt_joints(subject: Subject) -> tuple[int, ...]:
     """Return the joints (from 1) with an RVDT."""
     joints = enumerate(subject.procedure.arm.joints, 1)
@@ -36,12 +29,13 @@ def rvdt_joints(subject: Subject) -> tuple[int, ...]:
 
 def joint_table(subject: Subject, estimate: Estimate | None) -> FactTable:
     """Return the table of every joint's sensor, corrections and covered range."""
-    arm, q, used = subject.procedure.arm, subject.readings_rad, sensed_joints(subject)
-    sigma, stated = arm.sigma_rad(), stated_rad(arm)
+    arm, q = subject.procedure.arm, subject.readings_rad
+    unused = {*subject.unsensed_joints, *arm.unsensed_joints}
+    sigma, stated = arm.sigma_rad(), _stated_rad(arm)
     rows: list[tuple[Cell, ...]] = []
     for j, joint in enumerate(arm.joints, 1):
         rms = None
-        if estimate is not None and estimate.corrections is not None and j in used:
+        if estimate is not None and estimate.corrections is not None and j not in unused:
             rms = float(np.sqrt(np.mean(estimate.corrections[:, j - 1] ** 2)))
         noise = float(sigma[j - 1]) or None
         ratio = None if rms is None or noise is None else rms / float(stated[j - 1])
@@ -50,7 +44,7 @@ def joint_table(subject: Subject, estimate: Estimate | None) -> FactTable:
         rows.append(
             (
                 f"{j} {joint.name}",
-                _sensor_words(joint.sensor, used=j in used),
+                _sensor_words(joint.sensor, used=j not in unused),
                 subject.state.modes[j - 1].value if subject.state.modes else units.NOT_AVAILABLE,
                 *map(CORRECTION, (noise, float(stated[j - 1]) or None, rms)),
                 Figure(ratio, digits=2, role="warn" if highlighted else "text"),
@@ -77,7 +71,7 @@ def joint_table(subject: Subject, estimate: Estimate | None) -> FactTable:
     )
 
 
-def stated_rad(arm: ArmModel) -> FloatArray:
+def _stated_rad(arm: ArmModel) -> FloatArray:
     """Return the stated standard uncertainty of each joint's reading (n,), rad."""
     encoder = math.sqrt(2.0) * arm.accuracy_rad  # errors once and twice per turn
     curve = rms_per_amplitude() * SD_OF_PEAK * arm.linearity_rad()

@@ -18,8 +18,7 @@ from solver.estimators.variance_components import NORMAL_95, VarianceComponents
 from solver.posterior.corrections import ReadingCorrection
 
 SMALLEST_P = 1e-12
-LARGEST = 3
-"""Number of sources of error that are named if there is no room for all."""
+SOURCES_NAMED = 3
 
 
 def components_table(
@@ -79,7 +78,7 @@ def budget_table(solution: Solution) -> FactTable | None:
         if p.name not in solution.tolerated:
             shares = {s: float(v[k] / total) if total > 0.0 else 0.0 for s, v in budget.items()}
             cells = {s: units.PERCENT(v, key=("budget", p.name, s)) for s, v in shares.items()}
-            largest = sorted(shares, key=lambda source: -shares[source])[:LARGEST]
+            largest = sorted(shares, key=lambda source: -shares[source])[:SOURCES_NAMED]
             listed = ", ".join(f"{source_words(s)} {cells[s].with_unit}" for s in largest)
             rows.append((p.name, listed, *cells.values()))
     assumed = ", ".join(solution.assumed)

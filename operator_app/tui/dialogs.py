@@ -139,4 +139,3 @@ class Read(Dialog[Titled]):
 
 
 DIALOGS: Mapping[type[Question], type[Dialog[Any]]] = {YesNo: Confirm, Typed: Ask, OneOf: Choose}
-"""The dialog for each kind of question."""

@@ -26,8 +26,7 @@ FAR_OFF = 2.5
 """A pose is marked if its closure error exceeds the rms by this factor."""
 
 
-def pose_axis(subject: Subject) -> Axis:
-    """Return the axis of pose numbers."""
+def _pose_axis(subject: Subject) -> Axis:
     return plot.axis("pose", [float(p.number) for p in subject.used], whole=True)
 
 
@@ -95,7 +94,7 @@ def misses(subject: Subject, estimate: Estimate) -> Picture:
         title="How far each pose's loop fails to close",
         description=f"{plural(len(miss), 'pose')}; rms {Figure(rms, CLOSURE_LENGTH).with_unit}; "
         f"{plural(int(highlighted.sum()), 'pose')} beyond {FAR_OFF:g} times that.",
-        x=pose_axis(subject),
+        x=_pose_axis(subject),
         y=plot.axis("distance", [0.0, limit, *values.tolist()], unit=CLOSURE_LENGTH.unit),
         layers=[band, marks(~highlighted, "dot", "a", "pose"), marks(highlighted, "square", "c")],
     )
@@ -121,7 +120,7 @@ def _closure(subject: Subject, kind: str, unit: Quantity, rms: float, rows: Floa
         description=f"{plural(len(rows), 'pose')}; rms {Figure(rms, unit).with_unit} per "
         f"component (shaded); the largest is {Figure(float(norms[worst]), unit).with_unit} "
         f"at pose {numbers[worst]}.",
-        x=pose_axis(subject),
+        x=_pose_axis(subject),
         y=plot.axis(f"{kind} error", [*values.flat, spread], unit=unit.unit, symmetric=True),
         layers=layers,
     )

@@ -83,15 +83,10 @@ def save_figures(subject: Subject, folder: Path) -> tuple[Path, ...]:
     written = []
     for name, panels in drawings(subject).items():
         made = PaperFigure(_document(panels))
-        for ending in ENDINGS if pdf_is_possible() else ENDINGS[:1]:
+        for ending in ENDINGS if find_spec("svglib") else ENDINGS[:1]:
             written.append(folder / f"{name}.{ending}")
             made.savefig(written[-1])
     return tuple(written)
-
-
-def pdf_is_possible() -> bool:
-    """Whether the extra ``[plots]`` is installed."""
-    return find_spec("svglib") is not None
 
 
 def _document(of: Panels) -> str:

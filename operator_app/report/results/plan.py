@@ -22,12 +22,8 @@ from operator_app.units import Figure, in_json, joints_named, quantity_of
 from solver.chain.parameters import Parameter
 from solver.design.drive_joints import RankedDrives
 
-SHOWN_SETS = 6
-"""Maximum number of drive sets in the table."""
-WEAKEST = 4
-"""Number of parameters of the weakest direction that are listed."""
-PLACES = 4
-"""Decimal places of predicted sigmas."""
+SHOWN_SETS, SHOWN_WEAKEST, SIGMA_PLACES = 6, 4, 4
+ANGULAR = ("alpha", "theta")
 
 
 def plan_text(shown: Preview, *, title: str, ascii_only: bool) -> str:
@@ -109,7 +105,7 @@ def _sigmas(shown: Preview) -> str:
     pairs = zip_longest(cells[:half], cells[half:], fillvalue=blank)
     rows = [["parameter", "unit", "sigma"] * 2, *([*left, *right] for left, right in pairs)]
     condition = shown.identifiability.scaled_condition_number
-    weakest = ", ".join(shown.identifiability.weakest.parameters[:WEAKEST])
+    weakest = ", ".join(shown.identifiability.weakest.parameters[:SHOWN_WEAKEST])
     poses = "captured and planned poses" if shown.captured else "planned poses"
     tail = (
         f"Scaled condition number of the {poses} {Figure(condition).shown} (the result warns "
@@ -122,7 +118,7 @@ def _sigmas(shown: Preview) -> str:
 
 
 def _sigma(parameter: Parameter, sigma: float) -> list[str]:
-    figure = Figure(sigma, quantity_of(parameter), places=PLACES)
+    figure = Figure(sigma, quantity_of(parameter), places=SIGMA_PLACES)
     shown = figure.shown if math.isfinite(sigma) else "unseen"
     return [parameter.name, figure.quantity.unit, shown]
 
@@ -171,7 +167,7 @@ def _placement(
     lines = [f"placement: {entries}", f"joint ranges reached: {reached}"]
     for quantity in (units.ANGLE, units.LENGTH):
         phrases = [
-            f"{name} {Figure(sigma, quantity, places=PLACES).shown}"
+            f"{name} {Figure(sigma, quantity, places=SIGMA_PLACES).shown}"
             for name, sigma in placement.sigma.items()
             if quantity_of(parameters[name]) is quantity
         ]
@@ -179,10 +175,6 @@ def _placement(
     lines += [f"! {c.text}: {c.remedy}" for c in placement.checks if c.severity is not Severity.OK]
     head = paragraph(f"{number}. {placement.text}", indent=3)
     return "\n".join(("", head, *(paragraph(f"   {text}", indent=5) for text in lines)))
-
-
-ANGULAR = ("alpha", "theta")
-"""Prefixes of the names of entries that are angles."""
 
 
 def plan_json(shown: Preview, *, basis: str) -> dict[str, Any]:

@@ -19,7 +19,6 @@ from solver.diagnostics.cross_validation import CommonShift
 from solver.diagnostics.limits import DRIFT_FALSE_ALARM_PROBABILITY
 
 OUTLIERS_LISTED = 5
-"""Maximum number of outliers that are listed."""
 
 
 def closure(verdict: VerificationResult) -> FactTable:

@@ -8,6 +8,7 @@ from statistics import median
 
 import numpy as np
 
+from operator_app.report.facts import CONDITION_PAPER
 from operator_app.report.spans import Line, clip, line, short_entry, wrapped_entry
 from operator_app.session.ui.snapshot import DataState, SessionSnapshot, TaskKind
 from operator_app.tui.lines import Lines
@@ -16,9 +17,6 @@ from operator_app.tui.widgets.list_panel import JointTable, ListPanel
 from operator_app.tui.widgets.pictures import ArmView, sparkline
 from operator_app.units import CONDITION, JOINT_SPEED, PREDICTED, READING_SD, SPAN, TARGET
 from solver.chain.arm_model import Joint
-
-PAPER = 28
-"""Scaled condition number that the paper reached."""
 
 
 class StillPanel(Lines):
@@ -199,7 +197,11 @@ def _condition(s: SessionSnapshot, width: int) -> Line:
     if not good and len(s.state.used_poses) < s.required_poses:
         # Later poses reduce the condition number: no remedy is needed.
         role, word = "bold", "so far"
-    more = f" (limit {limit:g}, paper {PAPER})" if width > 40 else f" (paper {PAPER})"
+    more = (
+        f" (limit {limit:g}, paper {CONDITION_PAPER})"
+        if width > 40
+        else f" (paper {CONDITION_PAPER})"
+    )
     more = more if good or width > 40 else ""
     return clip(line((" condition ", "dim"), (f"{shown} {word}", role), (more, "dim")), width)
 

@@ -28,7 +28,6 @@ NEAR_END_RAD = math.radians(3.0)
 
 
 FRAME_ROWS = 2
-"""Rows of a panel's frame."""
 
 
 class PlacementPanel(Lines):

@@ -1,7 +1,5 @@
 """Reads files of any kind, lists the problems of all of them, and makes JSON Schemas."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Iterable

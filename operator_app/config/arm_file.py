@@ -3,8 +3,6 @@
 Defaults of errors that are not stated are as in `error_model`: one standard deviation in an ordinary workshop.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from functools import partial

@@ -4,8 +4,6 @@ Floats are written with as many digits as are needed to read the same double (at
 could be read as another type.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import re

@@ -1,7 +1,5 @@
 """Strict reading of CSV: records with their line numbers, and problems with line and column."""
 
-from __future__ import annotations
-
 import csv
 import io
 import math

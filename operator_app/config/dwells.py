@@ -4,8 +4,6 @@ During a dwell, every joint's readings stay within the stated spread and drift b
 between samples do not count as time at rest.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ The defaults are what an ordinary workshop achieves. All are one standard deviat
 by a plain 0, such as ``give: 0``, has 0 for all its uncertainties.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any

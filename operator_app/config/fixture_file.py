@@ -1,7 +1,5 @@
 """The fixture file (``sarcal/fixture/1``): placement, tolerances, and the fixture built from them."""
 
-from __future__ import annotations
-
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator

@@ -3,8 +3,6 @@
 Numbers are separated by commas or white space; lines that begin with ``#`` are comments.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from array import array

@@ -15,8 +15,6 @@ look alike:
 ====================================  ==============================================================
 """
 
-from __future__ import annotations
-
 import csv
 import difflib
 import json

@@ -3,8 +3,6 @@
 All are checked by the same models as any other file.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Mapping, Sequence

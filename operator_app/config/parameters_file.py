@@ -9,8 +9,6 @@ unknown version more clearly than an unknown key. Version 3 adds ``beta_deg`` to
 is written as version 2.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterator, Sequence

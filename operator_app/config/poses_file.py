@@ -5,8 +5,6 @@ Angles in the file are degrees and are read with ``np.deg2rad``; lengths are met
 other orientations and three targets see `measured_endpoints`). The columns may be in any order.
 """
 
-from __future__ import annotations
-
 import difflib
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence

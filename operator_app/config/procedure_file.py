@@ -1,7 +1,5 @@
 """The procedure file (``sarcal/procedure/1``) with the files it names: reading and checks."""
 
-from __future__ import annotations
-
 import difflib
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence

@@ -3,8 +3,6 @@
 `ProfileFile` has the content of the file; `ProfileFile.for_joints` returns the profile for the hardware.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Units of numbers in files: lossless conversion to SI units and back, and plausibility checks."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable, Mapping

@@ -1,7 +1,5 @@
 """Joint angles over time: CSV logs with times, and joint states of ROS 2 bags (`rosbags`)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime

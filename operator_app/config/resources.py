@@ -3,8 +3,6 @@
 A built-in name (``hinge``) always means the built-in file; ``./hinge`` means a file with that name.
 """
 
-from __future__ import annotations
-
 import difflib
 import errno
 import os

@@ -8,8 +8,6 @@ domain object. Such a dataclass is checked when it is read from a file or writte
 program.
 """
 
-from __future__ import annotations
-
 import difflib
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence

@@ -4,8 +4,6 @@ A D-H link ``Rz(q + theta_off) Tz(s) Tx(a) Rx(alpha) Ry(beta)`` is a revolute jo
 step; that step is the origin of the next joint, so that every joint value is a sensor reading.
 """
 
-from __future__ import annotations
-
 import math
 import re
 import xml.etree.ElementTree as ET

@@ -1,7 +1,5 @@
 """Converts axes and poses of a URDF to D-H rows, with Hayati's beta for parallel axes."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Sequence

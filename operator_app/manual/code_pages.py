@@ -1,7 +1,5 @@
 """Pages generated from code: YAML files, exit codes, keys of the terminal app, faults, object dictionary."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping

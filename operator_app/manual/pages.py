@@ -4,8 +4,6 @@ The text is Markdown in `pages`. Options, keys of files, faults, objects and exi
 a page is read, so that no second copy can become outdated.
 """
 
-from __future__ import annotations
-
 import difflib
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence

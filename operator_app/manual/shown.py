@@ -3,8 +3,6 @@
 A link to another page is shown as its topic, a picture as its description; comments are for tests and are not shown.
 """
 
-from __future__ import annotations
-
 import io
 import re
 from typing import Any, ClassVar

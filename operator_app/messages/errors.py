@@ -3,8 +3,6 @@
 The screen and plain mode show the same sentences.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 from fixtures.errors import FixtureError

@@ -3,8 +3,6 @@
 The kind of a finding has the templates of text and remedy; no code parses figures from these texts.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import KW_ONLY, dataclass, field
 from math import radians

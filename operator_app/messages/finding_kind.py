@@ -5,8 +5,6 @@ A message is a template. ``{size:STEP}`` is the value `size` in the format STEP 
 drift}`` is the first text if the finding is certain, ``{several:do|does}`` if it is about several poses.
 """
 
-from __future__ import annotations
-
 # Several kinds may have the same code and text.
 # ruff: noqa: PIE796
 from enum import Enum

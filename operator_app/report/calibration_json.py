@@ -3,8 +3,6 @@
 Angles in deg, lengths in m.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from dataclasses import replace

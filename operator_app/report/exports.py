@@ -4,8 +4,6 @@ Each format states the side of every parameter (arm, ground or tool): only param
 when the fixture is dismounted. A URDF contains only the arm itself.
 """
 
-from __future__ import annotations
-
 import io
 import json
 from collections.abc import Sequence

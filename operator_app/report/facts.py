@@ -4,8 +4,6 @@ Text, HTML page, JSON, terminal app and plain mode render these facts and make n
 `facts_of` appears in all of them, but JSON has only figures with a key. `calibration_data` adds further data to JSON.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any

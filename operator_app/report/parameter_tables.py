@@ -1,7 +1,5 @@
 """Tables of identified values: parameters, D-H table, corrected entries, correlations."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial

@@ -1,7 +1,5 @@
 """Tables of a calibration's quality: condition, accuracy, closure."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Iterator
 

@@ -1,7 +1,5 @@
 """Tables of a session's joints, sensors and poses, for the HTML page."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Lines for a terminal, made of spans; a span is text with a role, which selects its style."""
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Sequence
 from functools import partial

@@ -1,7 +1,5 @@
 """Tables of error sources, sensitivities, distances and the best D-H table."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

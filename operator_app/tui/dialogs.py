@@ -1,7 +1,5 @@
 """Dialogs over the main screen, below the safety strip; the focus is on Cancel, if there is one."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, ClassVar, Generic, TypeVar
 

@@ -5,8 +5,6 @@ keys are examined in the thread that reads them. Writing to a closed terminal mu
 thread would wait for that thread forever while the arm is enabled.
 """
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Callable
 from typing import IO, Any

@@ -1,7 +1,5 @@
 """The main screen: safety strip, banner, list of steps, current step, next action, messages, keys."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from textual import events

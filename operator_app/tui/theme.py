@@ -3,8 +3,6 @@
 Normal states are grey; colour marks all other states, always together with a glyph and a word.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

@@ -11,8 +11,6 @@ motions are left out for an arm that is moved by hand. Without CAN_INTERFACE the
 The requirements are in `hardware.commissioning.clauses` and `.checks`; `sarcal arm-check` tests the same.
 """
 
-from __future__ import annotations
-
 import math
 import os
 from collections.abc import Iterable, Iterator

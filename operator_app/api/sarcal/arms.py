@@ -8,8 +8,6 @@ in its fixture for tests of the package. The names in ``__all__`` are as stable 
 be added to objects made by `sarcal` and, with defaults, to objects made by an arm.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

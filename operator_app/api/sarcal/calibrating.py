@@ -1,7 +1,5 @@
 """`calibrate` and `load_result` return a calibration; `verify` tests one with new poses, `compare` compares two."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from os import PathLike, fspath
 from pathlib import Path

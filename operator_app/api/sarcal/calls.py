@@ -3,8 +3,6 @@
 An error names the argument, its value and the valid values: TypeError for a wrong type, ValueError for a wrong value.
 """
 
-from __future__ import annotations
-
 import math
 import operator
 import reprlib

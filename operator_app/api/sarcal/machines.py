@@ -1,7 +1,5 @@
 """Arm and fixture of the library, read from their files."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from os import PathLike, fspath
 from typing import Any, Literal

@@ -1,7 +1,5 @@
 """`plan` chooses the most informative poses before the arm moves; `simulate` returns simulated poses for tests."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from os import PathLike

@@ -1,7 +1,5 @@
 """Measured poses: made from arrays, CSV files or data frames, and written to CSV files."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field

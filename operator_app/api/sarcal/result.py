@@ -1,7 +1,5 @@
 """Result of a calibration: values with units, tables, tool position, files."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """A table of figures with their units: text in a terminal, HTML in a notebook, rows for a program."""
 
-from __future__ import annotations
-
 import copyreg
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field

@@ -3,8 +3,6 @@
 Text is escaped unless it is already markup, so that strings from operators, buses and files cannot add markup.
 """
 
-from __future__ import annotations
-
 import html
 from collections.abc import Iterable
 from dataclasses import dataclass

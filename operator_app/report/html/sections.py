@@ -1,7 +1,5 @@
 """The sections of a report page: their tables, plots and notes, and their order."""
 
-from __future__ import annotations
-
 from operator_app import units
 from operator_app.report.html import markup
 from operator_app.report.html.markup import Section, element

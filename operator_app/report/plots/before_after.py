@@ -3,8 +3,6 @@
 Both pictures of a pair have the same axes.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

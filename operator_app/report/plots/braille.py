@@ -1,7 +1,5 @@
 """A canvas of braille dots (2 x 4 per cell) or ASCII marks, and drawings of a plan on it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from itertools import pairwise, product

@@ -1,7 +1,5 @@
 """The plots of a calibration: cost, condition, closure by pose, RVDT deviations."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

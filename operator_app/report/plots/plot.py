@@ -3,8 +3,6 @@
 Values are in the units of their axes.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace

@@ -4,8 +4,6 @@ Plots are drawn for the width of a phone and enlarged on larger screens. Colours
 page's style sheet, so that they follow its theme; marks differ in shape as well.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Output of `sarcal check` as text and JSON: problems of files, or a forecast of a calibration."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any

@@ -1,7 +1,5 @@
 """A comparison of two calibrations as text and as JSON."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from typing import Any

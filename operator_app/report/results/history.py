@@ -1,7 +1,5 @@
 """The history of an arm as tables, text and JSON."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

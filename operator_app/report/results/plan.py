@@ -1,7 +1,5 @@
 """A plan as text for a terminal of 80 columns, and as JSON."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import asdict

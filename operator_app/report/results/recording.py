@@ -1,7 +1,5 @@
 """Dwells of a recording that became poses, and dwells that were refused, as text and as JSON."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The paper's experiment as tables and as JSON: this program's values beside the published values."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Verification of a calibration with new poses, in a closed loop or with measured endpoints, as text and as JSON."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Step 5, Calibrate: estimator, joints in use, progress of the iterations."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from operator_app.report.plots.calibration_plots import costs, misses

@@ -1,7 +1,5 @@
 """Step 4, Capture: state of the arm, captured poses and their quality so far."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from statistics import median

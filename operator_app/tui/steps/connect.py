@@ -1,7 +1,5 @@
 """Step 1, Connect: the bus, the nodes that answer, and the check of the arm's identity."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from hardware.arm import NodeIdentity

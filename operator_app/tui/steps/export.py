@@ -1,7 +1,5 @@
 """Step 7, Export: the file, how it differs from the active parameters, and the verification."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from operator_app.report.parameter_tables import formats

@@ -1,7 +1,5 @@
 """Step 2, Fixture: its placement, set-up checks, and the check list before moving."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

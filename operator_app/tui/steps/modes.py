@@ -1,7 +1,5 @@
 """Step 3, Modes: drive joints and free joints, as planned and as read from the drives."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import partial
 

@@ -1,7 +1,5 @@
 """Step 6, Results: the verdict, every parameter with its uncertainty, and plots."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from textual.app import ComposeResult

@@ -1,7 +1,5 @@
 """Base of every step's view: panels, a main list, and several views on a small terminal."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from typing import ClassVar
 

@@ -1,7 +1,5 @@
 """Scrolling lists with a header, among them the live list of joints."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 from hardware.arm import DriveState, JointMode, JointState

@@ -1,7 +1,5 @@
 """Pictures drawn with braille characters: plots, and the arm with its next pose; also rows of bars."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from itertools import pairwise

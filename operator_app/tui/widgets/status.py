@@ -3,8 +3,6 @@
 The strip is always visible, even if a dialog is open.
 """
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Sequence
 

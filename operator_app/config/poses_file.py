@@ -142,7 +142,6 @@ def save_poses(path: Path, poses: PoseSet) -> None:
     write_atomically(path, format_poses(poses))
 
 
-# ---- the header --------------------------------------------------------------------------------
 Complaint = tuple[int | None, str, str, str]
 """Column from 1 (None if missing), name, text, remedy."""
 
@@ -229,7 +228,6 @@ def _unknown(name: str, candidates: list[str]) -> tuple[str, str, str]:
     return text, "remove it, or move its text to the column `note`", ""
 
 
-# ---- the rows ----------------------------------------------------------------------------------
 def _reader(name: str) -> Callable[[str], Any]:
     if name in ("placement", "samples"):
         return csv_table.whole_number

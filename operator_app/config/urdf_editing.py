@@ -203,8 +203,6 @@ def _matching(chains: Iterable[UrdfChain], arm: ArmModel, file: str) -> UrdfChai
     return nearest
 
 
-# ---- XML text ----------------------------------------------------------------------------------
-
 _TAG = re.compile(rb"""<[^\s>/]+(?:[^>"']|"[^"]*"|'[^']*')*>""")
 
 
@@ -255,9 +253,6 @@ def _replaced(data: bytes, cuts: Sequence[tuple[int, int, bytes]]) -> bytes:
         parts += [data[at:start], new]
         at = stop
     return b"".join([*parts, data[at:]])
-
-
-# ---- UR's kinematics file ----------------------------------------------------------------------
 
 
 def _ur_lines(data: bytes, file: str) -> Iterator[tuple[str, str, re.Match[bytes], int]]:

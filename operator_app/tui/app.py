@@ -148,8 +148,6 @@ class SarcalApp(App[str]):
         self.main: MainScreen
         self.interface: ScreenInterface
 
-    # -- start and end -----------------------------------------------------------------------------
-
     def get_default_screen(self) -> Screen[None]:
         """Return the screen that is shown while the program loads."""
         return _StartScreen()
@@ -222,8 +220,6 @@ class SarcalApp(App[str]):
         self.main.show(self.picture)
         if self._typed_early is not None:
             self._replay_early_keys(self._typed_early)
-
-    # -- keys --------------------------------------------------------------------------------------
 
     def get_driver_class(self) -> type[Driver]:
         """Return the platform's driver, extended to report STOP before the event loop sees it."""
@@ -302,8 +298,6 @@ class SarcalApp(App[str]):
         if self.picture is not None:
             self.main.refuse("")
             self.interface.do_named(event.action)
-
-    # -- look --------------------------------------------------------------------------------------
 
     def next_theme(self) -> None:
         """Use the next theme."""

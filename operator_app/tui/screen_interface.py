@@ -80,8 +80,6 @@ class ScreenInterface:
         self._seen_solution: object = None
         self._opening = False
 
-    # -- actions -----------------------------------------------------------------------------------
-
     def press(self, *keys: str | None) -> bool:
         """Do the action of a key (`keys`: its name and character) at this step; return False if there is none."""
         matching = (action_table.for_key(key, self.app.step) for key in keys if key is not None)
@@ -112,8 +110,6 @@ class ScreenInterface:
         name = next_action(self.app.step, self.snapshot()).action
         if name:
             self.do_named(name)
-
-    # -- questions and selections of actions --------------------------------------------------------------------
 
     def snapshot(self) -> SessionSnapshot:
         """Take and show a snapshot."""
@@ -175,8 +171,6 @@ class ScreenInterface:
 
         return write_report(runner.session)
 
-    # -- manual ------------------------------------------------------------------------------------
-
     def topics(self) -> Mapping[str, str]:
         """Summaries of the manual's pages, by topic."""
         return self.app.manual.topics
@@ -201,8 +195,6 @@ class ScreenInterface:
             self.refuse(words(error).happened)
             return
         self.app.push_screen(Read(f"History of {serial}", history_text(history, brief=True)))
-
-    # -- sessions ----------------------------------------------------------------------------------
 
     async def begin(self) -> None:
         """Resume the session named on the command line, or start a session and offer the newest unfinished one."""
@@ -266,8 +258,6 @@ class ScreenInterface:
         question = user_interface.YesNo(title="Leave?", text=text, yes="Leave, hold all")
         self.ask(question, lambda _: self.app.exit("left"))
 
-    # -- moving about ------------------------------------------------------------------------------
-
     def follow(self, s: SessionSnapshot) -> None:
         """If a calibration was completed and the Calibrate step is shown, show the Results step."""
         if s.solution is not None and s.solution is not self._seen_solution:
@@ -300,8 +290,6 @@ class ScreenInterface:
         """Move the mark in the main list of the step by `by` rows, or scroll the list."""
         self.app.main.view.move(by)
         self.app.main.view.show(self.snapshot())
-
-    # -- everything else ---------------------------------------------------------------------------
 
     def stop(self) -> None:
         """Send the software STOP from this thread, without waiting."""

@@ -93,8 +93,6 @@ class Result:
         self._facts: Facts = facts_of(solution, checks=checks)
         self._calibrated_arm: CalibratedArm = calibrated_arm(solution, arm._model)
 
-    # -- results ------------------------------------------------------------------------------
-
     @property
     def accepted(self) -> bool:
         """Whether the parameters may be used, with or without warnings."""
@@ -175,8 +173,6 @@ class Result:
         """Text that ``sarcal solve`` prints."""
         return facts_text(self._facts)
 
-    # -- tool position -------------------------------------------------------------------------
-
     def fk(
         self, q_rad: ArrayLike, *, frame: Frame = "tip", corrections: bool = False
     ) -> FloatArray:
@@ -232,8 +228,6 @@ class Result:
             return np.zeros(q.shape[:-1])
         _, sigma_m = self._calibrated_arm.tip_with_sigma_m(q.reshape(-1, q.shape[-1]))
         return sigma_m.reshape(q.shape[:-1])
-
-    # -- files -------------------------------------------------------------------------------------
 
     def save(self, folder: str | PathLike[str], *, overwrite: bool = False) -> Path:
         """Write a session folder (journal, poses.csv, report.html, parameters.yaml) and return its path.
@@ -360,8 +354,6 @@ class Result:
         parts += [element("p", h.text) for h in self._facts.headlines]
         parameters = self._facts.table("parameters")
         return str(join([*parts, *([] if parameters is None else [table_html(parameters)])]))
-
-    # -- inside ------------------------------------------------------------------------------------
 
     @cached_property
     def _subject(self) -> Subject:

@@ -13,7 +13,7 @@ The requirements are in `hardware.commissioning.clauses` and `.checks`; `sarcal 
 
 import math
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 
 import pytest
 
@@ -102,32 +102,20 @@ def fulfils(tried: Clause | Iterable[Clause]) -> None:
         pytest.skip("; ".join(unknown))
 
 
-def test_it_says_who_it_is(bench: _ConnectedArm) -> None:
-    fulfils(clauses.identifies_itself(bench.identity, bench.procedure.arm.name, bench.n))
+AT_REST: Mapping[str, Callable[[_ConnectedArm], Iterable[Clause]]] = {
+    "identity": lambda b: clauses.identifies_itself(b.identity, b.procedure.arm.name, b.n),
+    "snapshot": lambda b: clauses.has_valid_snapshot(b.arm, b.n),
+    "samples": lambda b: clauses.goes_on(b.arm),
+    "reading": lambda b: clauses.reads(b.arm, b.n, BOUNDS),
+    "settling": lambda b: clauses.settles(b.arm, b.n, BOUNDS),
+    "control": lambda b: clauses.is_enabled_unmoved(b.arm, BOUNDS),
+    "modes": lambda b: clauses.reads_modes_back(b.arm, b.modes(b.ready())),
+}
 
 
-def test_a_snapshot_is_a_fresh_picture_of_every_joint(bench: _ConnectedArm) -> None:
-    fulfils(clauses.has_valid_snapshot(bench.arm, bench.n))
-
-
-def test_samples_go_on(bench: _ConnectedArm) -> None:
-    fulfils(clauses.goes_on(bench.arm))
-
-
-def test_a_reading_is_statistics_over_samples(bench: _ConnectedArm) -> None:
-    fulfils(clauses.reads(bench.arm, bench.n, BOUNDS))
-
-
-def test_an_arm_at_rest_settles_and_one_that_may_not_spread_does_not(bench: _ConnectedArm) -> None:
-    fulfils(clauses.settles(bench.arm, bench.n, BOUNDS))
-
-
-def test_taking_control_enables_the_drives_and_moves_nothing(bench: _ConnectedArm) -> None:
-    fulfils(clauses.is_enabled_unmoved(bench.arm, BOUNDS))
-
-
-def test_modes_are_read_back(bench: _ConnectedArm) -> None:
-    fulfils(clauses.reads_modes_back(bench.arm, bench.modes(bench.ready())))
+@pytest.mark.parametrize("requirement", AT_REST)
+def test_requirement_at_rest(bench: _ConnectedArm, requirement: str) -> None:
+    fulfils(AT_REST[requirement](bench))
 
 
 def test_a_drive_joint_goes_where_it_is_told_and_back(bench: _ConnectedArm) -> None:

@@ -233,19 +233,11 @@ COMMENT = "Written by sarcal. A controller checks it against this schema; edit i
 WITHOUT_BETA = "sarcal/parameters/2"
 RESULT = "the result"
 REMEDY = "this calibration cannot be exported: take more poses that differ more from each other"
-OF_A_NEWER = "a newer sarcal may have written it: use that version, or remove this key"
-"""Remedy for an unknown key, which is not a misspelling, since programs write this file."""
 
 
 def parse_parameters(data: bytes, file: str = "parameters") -> ParametersDocument:
     """Read a parameters document from its bytes; raises ConfigError with all its problems."""
-    try:
-        return schema.read_model(ParametersDocument, data, kind="parameters", file=file)
-    except ConfigError as error:
-        raise ConfigError(
-            replace(p, remedy=OF_A_NEWER) if schema.is_unlike_any_key(p) else p
-            for p in error.problems
-        ) from error
+    return schema.read_model(ParametersDocument, data, kind="parameters", file=file)
 
 
 def load_parameters(path: str | Path) -> ParametersDocument:

@@ -30,7 +30,6 @@ VERSIONS: Mapping[str, tuple[int, ...]] = {"parameters": (1, 2, 3)}
 """Versions of the format that can be read, by kind of file; the last one is written. Other kinds: only version 1."""
 
 UNKNOWN_KEY = ("extra_forbidden", "unexpected_keyword_argument")
-UNKNOWN, KNOWN_HERE = "unknown key", "known here: "
 
 
 class StrictModel(pydantic.BaseModel):
@@ -121,11 +120,6 @@ def read_by_kind(models: Mapping[str, type[M]], data: bytes, *, kind: str, file:
     text = known if "kind" in document.data else "is missing"
     problem = document.problem(("kind",), text, f"{hint}use one of: {', '.join(models)}")
     raise ConfigError((*document.problems, *_check_schema(document, kind), problem))
-
-
-def is_unlike_any_key(problem: Problem) -> bool:
-    """Whether a problem is an unknown key that resembles none of the keys known at its place."""
-    return problem.text == UNKNOWN and problem.remedy.startswith(KNOWN_HERE)
 
 
 def schema_name(kind: str) -> str:
@@ -220,7 +214,7 @@ def _unknown_key(document: YamlDocument, model: type[M], path: Path) -> tuple[st
     present = document.at(parent)
     open_keys = [k for k in known if k not in present]
     value = document.at(path)
-    text = UNKNOWN
+    text = "unknown key"
     match = UNIT.fullmatch(key)
     # `tolerance_rad` is meant to be `tolerance_deg`, not `tolerance_mm`.
     for candidate in sorted(known, key=lambda name: _si_unit(name) != _si_unit(key)):
@@ -235,7 +229,7 @@ def _unknown_key(document: YamlDocument, model: type[M], path: Path) -> tuple[st
     near = bare or difflib.get_close_matches(key, open_keys, n=1, cutoff=0.6)
     if near:
         return text, f"did you mean {near[0]}?", (*parent, near[0])
-    return text, f"{KNOWN_HERE}{', '.join(known)}" if known else "remove it", ()
+    return text, f"known here: {', '.join(known)}" if known else "remove it", ()
 
 
 def _si_unit(name: str) -> str:

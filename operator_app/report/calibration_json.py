@@ -22,7 +22,7 @@ from operator_app.calibration.instrument_registration import (
 from operator_app.calibration.result import Solution
 from operator_app.calibration.sensitivity import source_sensitivities
 from operator_app.messages.finding import Finding
-from operator_app.units import ANGLE
+from operator_app.units import ANGLE, Figure
 from solver.arrays import FloatArray
 from solver.chain.rotations import rotation_vector
 from solver.diagnostics.rvdt import RvdtVerdict
@@ -66,6 +66,10 @@ def calibration_data(solution: Solution) -> dict[str, Any]:
         "scaled_condition_number_at_readings": None,
         "unidentifiable": [],
         "weakest_direction": list(solution.identifiability.weakest.parameters),
+        "observability": {
+            f"O{k}": Figure(index).in_json
+            for k, index in enumerate(solution.identifiability.observability, 1)
+        },
         "verdict": solution.verdict.value,
         "causes": [
             {"code": c.code, "probability": c.probability, "text": c.text, "remedy": c.remedy}

@@ -125,7 +125,6 @@ def facts_of(
                 uncertainty_tables.sensitivity_table(solution),
                 parameter_tables.tolerated_table(solution),
                 quality_tables.tests_table(solution),
-                quality_tables.observability_table(solution),
                 parameter_tables.correlation_table(estimate),
             )
             if table is not None

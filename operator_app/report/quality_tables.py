@@ -16,13 +16,6 @@ from solver.loops.closure import ClosureSigmas
 
 BAR_PER_DECADE, BAR_DECADES = 10, 4
 """Length of the bar of a condition number: 20 characters for 100, 40 for 10,000 or more."""
-OBSERVABILITY = (
-    "geometric mean of the singular values over root m",
-    "smallest over largest singular value",
-    "smallest singular value",
-    "square of the smallest over the largest",
-    "one over the sum of inverses",
-)
 
 
 def determined_table(solution: Solution, headlines: Iterable[Headline]) -> FactTable:
@@ -173,21 +166,6 @@ def truth_in_words(solution: Solution) -> str:
     return (
         f"{truth.inside_95} of {truth.of} entries within their 95 % intervals; tool off by {tool.with_unit} rms "
         f"(predicted {predicted.shown}), over the ranges of all joints."
-    )
-
-
-def observability_table(solution: Solution) -> FactTable:
-    """Return the table of the five observability indices of the literature."""
-    indices = zip(solution.identifiability.observability, OBSERVABILITY, strict=True)
-    return FactTable(
-        ident="observability",
-        title="Observability of the scaled Jacobian (no unit)",
-        columns=(*words("index"), *figures("value"), *words("")),
-        rows=tuple(
-            (f"O{k}", Figure(value, key=("observability", f"O{k}")), meaning)
-            for k, (value, meaning) in enumerate(indices, 1)
-        ),
-        detail=True,
     )
 
 

@@ -102,7 +102,7 @@ def fulfils(tried: Clause | Iterable[Clause]) -> None:
         pytest.skip("; ".join(unknown))
 
 
-AT_REST: Mapping[str, Callable[[_ConnectedArm], Iterable[Clause]]] = {
+REQUIREMENTS_AT_REST: Mapping[str, Callable[[_ConnectedArm], Iterable[Clause]]] = {
     "identity": lambda b: clauses.identifies_itself(b.identity, b.procedure.arm.name, b.n),
     "snapshot": lambda b: clauses.has_valid_snapshot(b.arm, b.n),
     "samples": lambda b: clauses.goes_on(b.arm),
@@ -113,9 +113,9 @@ AT_REST: Mapping[str, Callable[[_ConnectedArm], Iterable[Clause]]] = {
 }
 
 
-@pytest.mark.parametrize("requirement", AT_REST)
+@pytest.mark.parametrize("requirement", REQUIREMENTS_AT_REST)
 def test_requirement_at_rest(bench: _ConnectedArm, requirement: str) -> None:
-    fulfils(AT_REST[requirement](bench))
+    fulfils(REQUIREMENTS_AT_REST[requirement](bench))
 
 
 def test_a_drive_joint_goes_where_it_is_told_and_back(bench: _ConnectedArm) -> None:

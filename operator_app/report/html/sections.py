@@ -18,7 +18,7 @@ CLOSURE_WORDS = (
     "parameters may leave a larger closure error."
 )
 NARROW = (
-    "truth", "hand", "determined", "estimators", "jackknife", "noise", "halving", "tests", "observability",
+    "truth", "hand", "determined", "estimators", "jackknife", "noise", "halving", "tests",
 )  # fmt: skip
 """Tables whose sections take half of the page's width."""
 

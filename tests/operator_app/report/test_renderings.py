@@ -95,7 +95,7 @@ def typeset(title: str) -> str:
 def test_tables_agree_in_text_page_and_screen(renderings):
     assert {t.ident for t in renderings.facts.tables} >= {
         "parameters", "dh", "hand", "determined", "closure", "noise", "budget", "halving", "tolerated", "tests",
-        "observability", "correlations",
+        "correlations",
     }  # fmt: skip
     for table in renderings.facts.tables:
         body = body_of(renderings, table)
@@ -159,7 +159,6 @@ def test_table_numbers_agree_with_json(renderings):
         "dof", "iterations", "sigma_pos_mm", "sigma_ori_mrad", "before", "checks", "budget",
         "halved",
         "variance_components", "variance_components_interval", "tolerated_parameters",
-        "observability",
     }  # fmt: skip
 
 

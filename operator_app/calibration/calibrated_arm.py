@@ -406,21 +406,12 @@ def tool_accuracy(
             value = float(arm.table.theta_off_rad[j - 1])
             held.append(HeldOffset(name=name, value_rad=value, rate_m_per_rad=rms))
     after = spread_of(np.sqrt(square))
-    before, widest = spread_of(errors.before_m), ""
-    if by_poses.rms > before.rms:
-        parts = {
-            name: spread_of(calibrated.stated_part_m(q, (name,))).rms
-            for name in calibrated.free
-            if name not in as_stated
-        }
-        widest = max(parts, key=parts.__getitem__, default="")
     noteworthy = not by_poses.rms > NOTEWORTHY_SHARE * after.rms
     return HandAccuracy(
-        before=before,
+        before=spread_of(errors.before_m),
         after=after,
         poses=RANGE_SAMPLES,
         holds_for=tuple(held),
         stated=tuple(stated) if noteworthy else (),
         after_by_poses=by_poses if noteworthy else None,
-        widest=widest,
     )

@@ -66,8 +66,6 @@ class HandAccuracy:
     `holds_for`: fixed offsets whose uncertainty no file states: `after` is valid only if their fixed values are right.
     `stated`, `after_by_poses`: parameters known from the files rather than from the poses, and `after` without their
     uncertainty and that of fixed offsets; () and None if they contribute little.
-    `widest`: parameter with the largest part of `after`, of those that the poses determine; empty if `after` is no
-    larger than `before`.
     """
 
     before: Spread
@@ -76,7 +74,6 @@ class HandAccuracy:
     holds_for: tuple[HeldOffset, ...] = ()
     stated: tuple[str, ...] = ()
     after_by_poses: Spread | None = None
-    widest: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -16,6 +16,12 @@ from solver.loops.closure import ClosureSigmas
 
 BAR_PER_DECADE, BAR_DECADES = 10, 4
 """Length of the bar of a condition number: 20 characters for 100, 40 for 10,000 or more."""
+SMALL_STATED_CHI2 = 0.1
+"""chi2/dof at stated noise below which errors are on average a third of what the files state, or less."""
+SMALLER_THAN_STATED = (
+    f"chi2/dof at stated noise is below {SMALL_STATED_CHI2:g}: the files state errors that are on average more "
+    "than three times as large as these poses show. Sigmas may be larger than necessary."
+)
 
 
 def determined_table(solution: Solution, headlines: Iterable[Headline]) -> FactTable:
@@ -38,6 +44,7 @@ def determined_table(solution: Solution, headlines: Iterable[Headline]) -> FactT
     if (stated := solution.adjudication.stated_chi2_per_dof) is not None:
         ratio = units.CHI2(stated, key=("stated_chi2_per_dof",))
         rows.append(("chi2/dof at stated noise", ratio, "1 or less if errors are as stated"))
+    small = stated is not None and stated < SMALL_STATED_CHI2 and not solution.adjudication.diverged
     rows += [
         ("degrees of freedom", Figure(estimate.dof, places=0, key=("dof",)), freedom),
         ("iterations", Figure(estimate.iterations, places=0, key=("iterations",)), convergence),
@@ -47,7 +54,7 @@ def determined_table(solution: Solution, headlines: Iterable[Headline]) -> FactT
         title="How well the poses determine the parameters (no unit)",
         columns=(*words("figure"), *figures("value"), *words("")),
         rows=tuple(rows),
-        note=f"Weakest direction: {weights}.",
+        note=f"Weakest direction: {weights}." + (f" {SMALLER_THAN_STATED}" if small else ""),
     )
 
 

@@ -4,8 +4,6 @@
 Commands are imported when they are called, so that ``--help`` and the terminal app start fast.
 """
 
-from __future__ import annotations
-
 import argparse
 import difflib
 import errno

@@ -4,8 +4,6 @@ Without a bus, a session gets the embedded virtual arm: a controller in this pro
 channel, with the same frames as on a real bus.
 """
 
-from __future__ import annotations
-
 import gc
 import os
 import sys

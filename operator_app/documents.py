@@ -1,7 +1,5 @@
 """Reads the parameters document of a file or session, and the calibration history of an arm."""
 
-from __future__ import annotations
-
 import math
 from datetime import datetime, timedelta
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Errors of the workflow, each with a message and a remedy."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 COMMAND_WORDS = ("pip ", "sarcal ")

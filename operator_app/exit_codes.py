@@ -1,7 +1,5 @@
 """Exit codes of `sarcal`, which are fixed because scripts use them, and the code of each error."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from enum import IntEnum
 

@@ -4,8 +4,6 @@ PyPI has another package `fixtures`. If it is installed later, it replaces this 
 far from their cause.
 """
 
-from __future__ import annotations
-
 import importlib.util
 from collections.abc import Sequence
 from pathlib import Path

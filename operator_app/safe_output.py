@@ -4,8 +4,6 @@ Journals and CSV files keep such text unchanged; screens, pages and pipes get it
 would interpret.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import sys

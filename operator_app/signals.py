@@ -1,7 +1,5 @@
 """Signals that end a run: the first raises KeyboardInterrupt; all are ignored while the arm is released."""
 
-from __future__ import annotations
-
 import atexit
 import os
 import signal

@@ -4,8 +4,6 @@ Text, page and screen show `Figure.shown`; JSON has `Figure.in_json` under `Figu
 have a `Kind`, listed here.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterable, Sequence

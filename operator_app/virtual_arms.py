@@ -1,7 +1,5 @@
 """Builds and runs the virtual arm: scenario, controller, parameter slots, tracker."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path

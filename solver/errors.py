@@ -1,7 +1,5 @@
 """Errors of the solver, with the facts that a caller needs to explain them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 

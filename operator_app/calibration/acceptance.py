@@ -1,7 +1,5 @@
 """Verdict of a calibration, and the causes that its tests, sigmas and repeated poses support."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum

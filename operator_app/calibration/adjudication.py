@@ -3,8 +3,6 @@
 Other models are fitted only if the fit is poor or its solution is implausible.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import partial
 

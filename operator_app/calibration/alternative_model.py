@@ -4,8 +4,6 @@ An alternative that cannot be solved has infinite cost. Alternative fixtures are
 poses; their findings contain the command that writes the fixture's file.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import TypeVar

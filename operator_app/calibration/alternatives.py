@@ -3,8 +3,6 @@
 Used if no linear explanation accounts for the misfit, or if the solution is implausible.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from functools import partial

@@ -4,8 +4,6 @@ Each stage gets the frozen records of earlier stages, and only the options that 
 and the library call this.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 

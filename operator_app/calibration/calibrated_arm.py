@@ -3,8 +3,6 @@
 Parameters of the mounting (`ground_side`, `hand_side`) change with the fixture; the arm's own remain.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal

@@ -7,8 +7,6 @@ lengths and twists corrected within a tolerance, whose sigma is mostly the maker
 differences between two estimates from the same poses.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass

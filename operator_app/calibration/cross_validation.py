@@ -1,7 +1,5 @@
 """Cross-validation of a calibration with its own poses: jackknife, held-out folds and a far block."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Stated error model of a pose set: noise, tolerances, priors and loads from the files of arm and fixture."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 from datetime import datetime

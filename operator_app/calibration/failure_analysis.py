@@ -1,7 +1,5 @@
 """Causes of a failed calibration: unidentifiable parameters, bad sensors, open loops."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

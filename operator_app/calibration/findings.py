@@ -1,7 +1,5 @@
 """Findings from fitted explanations, left-out poses, and motion during sampling."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

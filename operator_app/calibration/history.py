@@ -5,8 +5,6 @@ parameters of the mounting restart with each mounting. Each fixture and estimato
 therefore its own history.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Registration of an instrument and its target: finds from the measured poses the placements that no file states."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """Fits from several starts, and checks whether another solution is better or nearer to the nominal values."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterable
 from itertools import islice
 

@@ -1,7 +1,5 @@
 """Notices about a calibration, including limits of the procedure that it exceeds."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 

@@ -4,8 +4,6 @@ A second calibration is made from the measured endpoints alone, and the two cali
 maker's lengths, so that their errors are correlated and the test is conservative.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -4,8 +4,6 @@ All placements share the arm's parameters; each has its own parameters of the fi
 covariance, the fixture was not remounted between the two placements, and they count as one.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Prediction of new poses from a calibration's own poses, with one error model for both."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from functools import partial

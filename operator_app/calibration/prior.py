@@ -8,8 +8,6 @@ that these errors add no uncertainty to its prediction, in contrast to a predict
 innovation is the deviation from this prediction.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 

@@ -3,8 +3,6 @@
 If a source's standard deviation is halved, at unchanged weights, the variance falls by 3/4 of the source's share.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

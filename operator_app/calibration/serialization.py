@@ -7,8 +7,6 @@ A dataclass becomes an object of its fields, an array ``{"shape": .., "values": 
 name. Doubles are read back bit for bit; those that JSON cannot write are ``"inf"``, ``"-inf"``, ``"nan"``.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import types

@@ -1,7 +1,5 @@
 """Tool position uncertainty: the covariance of the parameters propagated through the chain."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

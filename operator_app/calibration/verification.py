@@ -1,7 +1,5 @@
 """Verification of a calibration with new poses; all parameters are fixed before these poses are taken."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 

@@ -1,7 +1,5 @@
 """`sarcal arm-check`: tests an arm on the bench, in a safe order, before its first use."""
 
-from __future__ import annotations
-
 import argparse
 import math
 import sys

@@ -1,7 +1,5 @@
 """Arguments and options of the commands that open a bus."""
 
-from __future__ import annotations
-
 import argparse
 
 from operator_app.commands.options import (

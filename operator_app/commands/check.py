@@ -1,7 +1,5 @@
 """`sarcal check`: lists all problems of files; if none, states whether a calibration can succeed."""
 
-from __future__ import annotations
-
 import argparse
 
 from operator_app.calibration.experiment import Experiment

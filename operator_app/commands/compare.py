@@ -1,7 +1,5 @@
 """`sarcal compare`: drift between two calibrations of an arm."""
 
-from __future__ import annotations
-
 import argparse
 
 from operator_app.calibration.comparison import IncomparableError, compare

@@ -1,7 +1,5 @@
 """`sarcal controller`: the virtual controller as a separate process."""
 
-from __future__ import annotations
-
 import argparse
 import textwrap
 import time

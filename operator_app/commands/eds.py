@@ -1,7 +1,5 @@
 """`sarcal eds`: electronic data sheets of joint drive and supervisor, for other CANopen tools."""
 
-from __future__ import annotations
-
 import argparse
 
 from hardware.eds import EDS_FILES

@@ -1,7 +1,5 @@
 """`sarcal export`: writes or uploads the parameters of a session."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from dataclasses import asdict

@@ -1,7 +1,5 @@
 """`sarcal help`: the manual in the terminal; also hooks for mkdocs, which builds a website from the manual."""
 
-from __future__ import annotations
-
 import argparse
 import shutil
 import sys

@@ -1,7 +1,5 @@
 """`sarcal history`: accepted calibrations and verifications of an arm, and shifts between them."""
 
-from __future__ import annotations
-
 import argparse
 import math
 from datetime import timedelta

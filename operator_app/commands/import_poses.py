@@ -1,7 +1,5 @@
 """`sarcal import`: makes a session from poses, or from a recording, of another program."""
 
-from __future__ import annotations
-
 import argparse
 from dataclasses import replace
 from functools import reduce

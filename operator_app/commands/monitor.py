@@ -1,7 +1,5 @@
 """`sarcal monitor`: shows the traffic of a bus. Sends nothing."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 import time

@@ -1,7 +1,5 @@
 """`sarcal new`: creates an arm, fixture or procedure file, to be completed."""
 
-from __future__ import annotations
-
 import argparse
 import math
 import os

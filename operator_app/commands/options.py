@@ -1,7 +1,5 @@
 """Options shared by several commands; how options are declared, and how their values are read."""
 
-from __future__ import annotations
-
 import argparse
 import math
 import os

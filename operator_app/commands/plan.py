@@ -1,7 +1,5 @@
 """`sarcal plan`: drive joints and poses, before anything moves."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from dataclasses import replace

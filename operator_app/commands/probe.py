@@ -1,7 +1,5 @@
 """`sarcal probe`: lists the nodes on a bus and their differences from a bus profile, or drafts a profile."""
 
-from __future__ import annotations
-
 import argparse
 import re
 from dataclasses import asdict

@@ -1,7 +1,5 @@
 """`sarcal report`: report of a session as HTML page, text or JSON."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`sarcal reproduce`: repeats the paper's experiment with a simulated arm of the same type."""
 
-from __future__ import annotations
-
 import argparse
 
 from operator_app.exit_codes import ExitCode

@@ -1,7 +1,5 @@
 """`sarcal reset`: clears drive faults and a latched STOP. Enables and moves nothing."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Collection
 

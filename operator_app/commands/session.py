@@ -1,7 +1,5 @@
 """`sarcal session list|show|repair`: lists sessions, shows one, repairs a damaged journal."""
 
-from __future__ import annotations
-
 import argparse
 from typing import Any
 

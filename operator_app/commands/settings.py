@@ -1,7 +1,5 @@
 """`sarcal settings`: shows or changes the user settings."""
 
-from __future__ import annotations
-
 import argparse
 
 from operator_app.commands.file_arguments import SETTINGS_MEANING

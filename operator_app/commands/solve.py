@@ -1,7 +1,5 @@
 """`sarcal solve`: a calibration from a poses file, without an arm."""
 
-from __future__ import annotations
-
 import argparse
 
 from fixtures.base import EndpointConstraint

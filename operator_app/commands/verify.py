@@ -1,7 +1,5 @@
 """`sarcal verify`: tests a calibration with new poses."""
 
-from __future__ import annotations
-
 import argparse
 from dataclasses import replace
 from pathlib import Path

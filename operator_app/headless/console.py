@@ -1,7 +1,5 @@
 """Progress of `sarcal run` on stderr: messages, and a report if the run is interrupted."""
 
-from __future__ import annotations
-
 from hardware import errors
 from hardware.canopen.objects import EmergencyCode
 from operator_app.composition import CutShort

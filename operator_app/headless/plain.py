@@ -1,7 +1,5 @@
 """Plain mode: the workflow as numbered prompts in whole lines, for screen readers and simple terminals."""
 
-from __future__ import annotations
-
 import select
 import sys
 import time

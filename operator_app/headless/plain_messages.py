@@ -1,7 +1,5 @@
 """Formats a snapshot as text for plain mode: one fact per line."""
 
-from __future__ import annotations
-
 from operator_app.messages.errors import REACHES_NOTHING
 from operator_app.report.quality_tables import truth_in_words
 from operator_app.report.results.verification import verified_words

@@ -1,7 +1,5 @@
 """Selects the drive joints by the rankings of `solver.design` and by measured trials, and states the reasons."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ A low-discrepancy sequence fills the procedure's box (ranges of drive angles aro
 covers all of it. Whether a waypoint can be reached shows only when the arm moves there.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """Predicts, from nominal geometry, the drive joints and the identifiability of an arm in a fixture."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 

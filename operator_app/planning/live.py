@@ -3,8 +3,6 @@
 The estimates are not exported. A prediction from nominal geometry has the errors of that geometry.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 

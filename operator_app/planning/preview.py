@@ -1,7 +1,5 @@
 """Preview of a plan (drive joints, poses, paths, predicted precision), from the same planner as in captures."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

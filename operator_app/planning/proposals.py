@@ -4,8 +4,6 @@ In a good home pose every joint moves if the closed chain moves; if the arm is s
 proposals use nominal geometry.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 

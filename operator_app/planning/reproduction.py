@@ -4,8 +4,6 @@ The original readings are not available: the specimen has the three suspected so
 give the reported residuals. The results are similar to the published ones, but not from the same arm.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -4,8 +4,6 @@ Errors: lengths and twists within tolerance, sensor resolution and noise, linear
 encoder scales, backlash, sag and fixture compliance, which the virtual controller simulates.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Makes the planning task of an arm in a fixture: ranges with margin, noise, drive sets, fixed parameters."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Rotation vectors and their exact differentials, accurate from zero to pi."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from solver.arrays import FloatArray

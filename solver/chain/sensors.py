@@ -1,7 +1,5 @@
 """Angle sensors of the joints: resolution, noise and the smooth curve of an analogue sensor."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import ClassVar

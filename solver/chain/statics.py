@@ -13,8 +13,6 @@ The torque that holds the arm up is ``-tau``: the g(q) of most textbooks and of 
 ``computeGeneralizedGravity``.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

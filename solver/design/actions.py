@@ -1,7 +1,5 @@
 """Proposed actions of a planned calibration, and the check of readings during a move."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@ never touches an arm: the session carries out the actions and keeps the journal.
 proposals.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Mapping
 from contextlib import suppress

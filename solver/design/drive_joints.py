@@ -5,8 +5,6 @@ reach. A ranking by trial, as in the paper, uses the measured motion of the othe
 text.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import combinations

@@ -6,8 +6,6 @@ one move, and take the next ray. The rates of all joints per drive are learnt fr
 and predict whether the next step would reach the end of a range or a singularity.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product

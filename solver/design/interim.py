@@ -1,7 +1,5 @@
 """Calibrates in the middle of a session, and reports whether planning can use the estimate."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 

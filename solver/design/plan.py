@@ -4,8 +4,6 @@ A plan combines manifold, drive ranking, paths and D-optimal choice, within the 
 free joints reliably.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace

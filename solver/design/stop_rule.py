@@ -4,8 +4,6 @@ Every pose reduces noise a little, so a forecast decides whether more poses help
 one for the parameter that is then worst. Poses help if the forecast reaches or noticeably approaches the request.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ A suspect is a candidate that acts in all poses (a joint's offset, a length or a
 constant from pose k on. Poses are in time order; sums from the last pose backwards give all k at once.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

@@ -9,8 +9,6 @@ to stated variance, which counts as `PRIOR_DOF` degrees of freedom (Smyth 2004, 
 all scatter equally, nearly all of the false-alarm probability is assigned to the EWMA, which averages sessions.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ Fitted and later poses form one mixed model. The fitted poses estimate the param
 poses (sensor curves, harmonics, sag, compliance); this estimate, with its covariance, is the prior for the later poses.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any

@@ -4,8 +4,6 @@ Tests and faults use one linear fit at the stated variances. If a test fires, th
 explains the residuals best is fitted. This is repeated until the residuals are as stated.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ A column is the derivative of the misclosures with respect to a quantity that th
 compared without a refit.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 

@@ -4,8 +4,6 @@ The Jacobian is evaluated on poses that close exactly. Away from the closed loop
 and an unidentifiable parameter merely looks badly conditioned.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 

@@ -3,8 +3,6 @@
 Names state quantity and unit; angles in rad, lengths in m, shares as fractions of 1.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 # Probabilities of a false alarm, per test or family of tests

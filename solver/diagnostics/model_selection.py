@@ -8,8 +8,6 @@ Any parameter of an unidentifiable direction may be fixed without changing the l
 fixed in preference to a parameter of the fixture: a wrong s_1 would look like an error of the arm.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache
 

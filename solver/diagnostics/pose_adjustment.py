@@ -3,8 +3,6 @@
 This is the implicit iteration with dx = 0: only the readings are adjusted.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

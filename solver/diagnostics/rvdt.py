@@ -1,7 +1,5 @@
 """Compares an RVDT's readings with the angle that the closed loop measures."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import Enum

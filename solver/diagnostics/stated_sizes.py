@@ -3,8 +3,6 @@
 Files state upper limits, and most of a fixture's deflection and of a joint's play repeats at the same pose.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Intervals, correlations, chi-square bands and jackknife of an estimate."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -5,8 +5,6 @@ relinearises the loops where they close, unless the change is too small for nonl
 The derivation is in `solver.estimators.implicit`, whose iterations are the same but fit no effects.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -4,8 +4,6 @@ Every equation has the same weight: 1 m counts as 1 rad, and a 12-bit wrist read
 400,000-count encoder. The implicit estimator starts from this published reference.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from solver.arrays import FloatArray

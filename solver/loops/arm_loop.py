@@ -3,8 +3,6 @@
 A subclass defines the links, the unknowns of its endpoint, and the closure error (`loop`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from typing import ClassVar, Self

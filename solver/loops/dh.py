@@ -3,8 +3,6 @@
 The equations are the paper's eqs. 8 to 13.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 

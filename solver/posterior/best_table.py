@@ -11,8 +11,6 @@ where s is a small tool error, d the largest plausible error of an entry. The ta
 the part of the corrections that G represents; the part that no table can represent, J_q S - J_T G, is in `left_m`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import radians

@@ -5,8 +5,6 @@ joints' offsets are guessed, and a few poses far apart suffice. The best minima 
 all poses. The result states how many starts led to each minimum, and whether a non-equivalent solution fits as well.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial

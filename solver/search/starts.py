@@ -17,8 +17,6 @@ Kaufman's Jacobian), without any guess about the fixture. The direction of the l
 poses, so a pose on the flipped branch never looks closed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial

@@ -9,8 +9,6 @@ the reduced equations (`solver.closing`) finds the minimum, which is chi2-distri
 each equation of the pose.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@ with too few poses, closure within the tolerances of the files. With readings th
 wrong direction, wrong joint order), the drives would move the arm to unintended positions.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

@@ -4,8 +4,6 @@ They move nothing; `return_check` follows once the arm may move. A reset sets a 
 Until the next connection, the arm may sag, because hydraulic valves leak; then the counter is not exactly zero.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Compares a repeated pose with its first reading, and reports what has shifted and by how much."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from fixtures.measured import Measured

@@ -1,7 +1,5 @@
 """Records sensor faults in the journal and excludes the poses that they may have affected. Moves nothing."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import takewhile

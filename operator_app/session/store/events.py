@@ -4,8 +4,6 @@ A line with a valid checksum can still contain data that no session can use, if 
 person wrote it.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable, Mapping

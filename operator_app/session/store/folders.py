@@ -1,7 +1,5 @@
 """Session folders: their names and files; lists the sessions in the order of opening."""
 
-from __future__ import annotations
-
 import os
 import re
 from dataclasses import dataclass

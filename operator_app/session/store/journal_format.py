@@ -4,8 +4,6 @@ Distinguishes an incomplete last line (power cut), a damaged line (changed later
 journal, and a journal of a newer version. Also names and writes files beside the journal.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

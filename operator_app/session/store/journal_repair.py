@@ -4,8 +4,6 @@ The checksum of a line covers its bytes and the checksum of the line before it. 
 verified if the checksum of the damaged line can be read. A single flipped bit is located by trying all bits.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import re

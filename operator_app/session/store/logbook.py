@@ -3,8 +3,6 @@
 Every event is in the journal before it changes the state.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """The parameters document of a calibration."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import replace

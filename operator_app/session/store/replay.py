@@ -1,7 +1,5 @@
 """Computes the session state from journal events alone, one event after the other."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import reduce

@@ -4,8 +4,6 @@ The calibration is computed again only if the journal has no valid solution from
 other options; `StoredCalibration.recalculated_because` then states why.
 """
 
-from __future__ import annotations
-
 import math
 import platform
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """True errors of a calibration of a simulated arm, whose true parameters are known."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Handlers of the actions: they submit tasks to the runner, after confirmation where one is needed."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

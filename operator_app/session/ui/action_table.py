@@ -4,8 +4,6 @@ Handlers that only change settings are in this module, others in `action_handler
 Key dispatch, footer, help, palette and prompts are made from this table.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from operator_app.session.ui import action_handlers, guards

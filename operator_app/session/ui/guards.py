@@ -3,8 +3,6 @@
 Where harm is possible, the workflow repeats the check itself.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 
 from fixtures.base import Severity

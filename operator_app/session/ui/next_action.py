@@ -1,7 +1,5 @@
 """Pure functions that return the next action of each step, with the hint shown to the operator."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ One worker thread makes all blocking calls. `stop` calls the arm directly from t
 supervises the arm, whether or not a screen polls.
 """
 
-from __future__ import annotations
-
 import queue
 import threading
 import time

@@ -1,7 +1,5 @@
 """Opens and closes sessions for a user interface; only one session is open at a time."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path

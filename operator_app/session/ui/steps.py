@@ -3,8 +3,6 @@
 Imports no other module of this program.
 """
 
-from __future__ import annotations
-
 from enum import IntEnum
 
 

@@ -1,7 +1,5 @@
 """Rebuilds a planning campaign from the journal, which is possible because the policy is deterministic."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

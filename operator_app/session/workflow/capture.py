@@ -3,8 +3,6 @@
 The operator may cancel at any time and resume later.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ Inside the box, the drives move without confirmation. An arm outside the box mov
 straight home, at low speed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any

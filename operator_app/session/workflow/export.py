@@ -1,7 +1,5 @@
 """Export of a calibration: the session's files, and the upload to the controller."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass

@@ -3,8 +3,6 @@
 Report, compare, verify and export work with such sessions; only resuming with an arm is refused.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import re

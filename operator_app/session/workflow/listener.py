@@ -1,7 +1,5 @@
 """Progress callbacks of a session; a user interface overrides the callbacks that it shows."""
 
-from __future__ import annotations
-
 from operator_app.session.store.state import SessionState
 from solver.design.actions import GoTo
 

@@ -5,8 +5,6 @@ can replay the journal and continue the plan. If the arm was moved, poses were e
 new campaign starts with the used poses.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager

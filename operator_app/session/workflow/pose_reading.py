@@ -4,8 +4,6 @@ The port of an instrument delivers lines in the format of `operator_app.config.m
 poses are ignored.
 """
 
-from __future__ import annotations
-
 import json
 import re
 import time

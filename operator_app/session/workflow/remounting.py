@@ -4,8 +4,6 @@ Event `remounting`: the arm was released, and the fixture may be taken off. Even
 confirmed that the fixture is mounted. In between, the session refuses to connect, since a person is working at the arm.
 """
 
-from __future__ import annotations
-
 from contextlib import closing
 from pathlib import Path
 from typing import Literal

@@ -4,8 +4,6 @@ Prints nothing and asks nothing; refusals are `SessionError`s with a remedy. All
 and `arm.snapshot()` may be read from any thread.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import asdict

@@ -237,7 +237,7 @@ class TcpLines(LinePort):
 
 
 class StdinLines(LinePort):
-    """Lines that another program writes to standard input; the reading thread ends with this program."""
+    """Lines that another program writes to standard input; a daemon thread reads them."""
 
     sends_questions = False
 
@@ -255,7 +255,7 @@ class StdinLines(LinePort):
         return ""
 
     def ask(self, question: str) -> None:
-        """Discard earlier lines; the question is not sent, since standard input cannot carry it."""
+        """Discard lines received so far; standard input carries no question, and only later lines can answer it."""
         self._stream.forget()
 
     def line(self, wait_s: float) -> str | None:

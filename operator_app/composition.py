@@ -223,7 +223,7 @@ def unattended(
     record_to: Path | None = None,
     cut_short: Callable[[CutShort], None] = lambda _: None,
 ) -> Iterator[Session]:
-    """Open a session for a command; however it ends, hold the arm and close the journal.
+    """Open a session for a command; however the session ends, hold the arm and close the journal.
 
     Calls `cut_short` if the session ends early. Removes the folder of a session that never connected.
 

@@ -41,8 +41,8 @@ STALLED_RAD = 1e-14
 class ClosedPoses:
     """Poses moved onto the closure manifold.
 
-    `q`, `u`: joint angles (m, n) and unsensed angles (m, U), rad. `closed` (m,): whether each loop error is below 100
-    times the tolerance, or below 1e-9.
+    `q`, `u`: joint angles (m, n) and unsensed angles (m, U), rad. `closed` (m,): whether the error of each loop is
+    below 100 times the solver's tolerance or, if that is larger, below 1e-9.
     """
 
     q: FloatArray

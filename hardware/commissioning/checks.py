@@ -93,7 +93,7 @@ def goes(turn: Turn) -> Iterator[Clause]:
 
 
 def halts(turn: Turn) -> Iterator[Clause]:
-    """Check that a watch ends the move, and that the move returns the reason given by the watch."""
+    """Check that a watch function can end a move, and that the move returns its reason."""
     watch = turn.midway_watch(lambda: ENOUGH)
     outcome = turn.go(watch)
     halted = not outcome.reached and outcome.reason == ENOUGH

@@ -221,7 +221,7 @@ def hinge_instead(stated: Experiment) -> Alternative:
 
 
 def _ball_instead(stated: Experiment) -> Alternative:
-    """Return the alternative with a ball: on the file's hinge, if any, else at the tool point that moves least."""
+    """Return the loop with a ball as its fixture: on the file's hinge or, without one, where the tool moves least."""
     fixture = stated.fixture
     R, p = frames = _frames(stated.arm, stated.poses)
     if isinstance(fixture, Hinge):

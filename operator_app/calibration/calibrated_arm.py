@@ -66,7 +66,7 @@ class CalibratedArm:
     corrections: Corrections | None = None
 
     def table(self, frame: Frame = "flange") -> DhTable:
-        """Return D-H rows 1..n for uncorrected readings; they end in the arm's own frame n or the tip's frame."""
+        """Return D-H rows 1..n for uncorrected readings; the last row ends in the flange or in the tip's frame."""
         if self.best is None:
             return self.flange if frame == "flange" else self.hand
         if frame == "tip":
@@ -132,7 +132,7 @@ class CalibratedArm:
 
 
 def T_base_flange(table: DhTable, q_rad: FloatArray) -> FloatArray:
-    """Pose of the last frame of D-H rows 1..n in the base frame at readings (..., n): (..., 4, 4), m."""
+    """Pose (..., 4, 4), m, of the last frame of D-H rows 1..n in the base frame, at readings (..., n)."""
     frames = table.frames(q_rad)
     T = np.zeros((*np.shape(q_rad)[:-1], 4, 4))
     T[..., :3, :3], T[..., :3, 3], T[..., 3, 3] = frames.R_end, frames.p_end, 1.0

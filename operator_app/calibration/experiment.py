@@ -129,7 +129,7 @@ def identifiable_loops(
     drop: bool,
     progress: Progress | None,
 ) -> IdentifiableLoops:
-    """Choose the poses of one branch and their identifiable parameters; estimate these if all joints are sensed."""
+    """Choose the poses of one branch and the parameters that they determine; estimate them if all joints are sensed."""
     q, arm, choice, made = experiment.poses.q_rad, experiment.arm, None, None
     if search:
         choice = global_start(model, q, progress=progress)

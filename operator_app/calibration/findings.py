@@ -167,7 +167,7 @@ def reading_step(
 
 
 def range_finding(out_of_range: RangeFinding, poses: PoseSet, *, notice: bool = False) -> Finding:
-    """Return the finding of readings out of range; saturated ones block acceptance unless `notice`."""
+    """Report readings out of range; saturated readings block acceptance unless `notice`."""
     return Finding(
         RANGE_KINDS[out_of_range.fault][notice],
         joint=out_of_range.joint,

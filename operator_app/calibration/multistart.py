@@ -115,7 +115,7 @@ def far_from_nominal(
 def local_minimum_causes(
     model: ClosureModel, estimate: Estimate, q: FloatArray, judged: tuple[str, ...]
 ) -> tuple[Finding, ...]:
-    """Return the finding of a better solution or of an estimate far from nominal; empty if neither.
+    """Report that a better solution exists, or that the estimate is far from nominal; empty if neither is the case.
 
     `q`: readings (m, n) of the used poses, rad. `judged`: names of the identified parameters.
     """

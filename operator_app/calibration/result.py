@@ -106,7 +106,7 @@ class Solution:
 
     @property
     def verdict(self) -> Verdict:
-        """Verdict on the calibration, not accepted if there are `reasons`."""
+        """Verdict on the calibration: not accepted if there are any `reasons`."""
         if not self.accepted:
             return Verdict.NOT_ACCEPTED
         return self.adjudication.verdict
@@ -127,7 +127,7 @@ class Solution:
 
     @property
     def identified(self) -> Estimate:
-        """The estimate of the parameters except `tolerated`, the lengths and twists corrected within tolerances."""
+        """The estimate without `tolerated` parameters: lengths and twists that are corrected within tolerances."""
         return self.estimate.without(self.tolerated)
 
     @property

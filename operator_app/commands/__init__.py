@@ -1,1 +1,1 @@
-"""The commands of `sarcal`: arguments and options, and one module for the work of each command."""
+"""Commands of `sarcal`: their arguments and options, and a module for the work of each command."""

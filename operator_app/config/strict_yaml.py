@@ -239,7 +239,7 @@ class YamlDocument:
         return value
 
     def name(self, path: Path) -> str:
-        """Format a path for people; list items are named by their own number if they have one."""
+        """Format the path of a key for people; a list item has its own number if it states one, otherwise its index."""
         text = ""
         for depth, part in enumerate(path):
             if isinstance(part, str):

@@ -94,7 +94,7 @@ class UrdfChain:
 
     @property
     def unstated(self) -> list[str]:
-        """Limits, by joint, that the file does not state or that are too large for any arm, as text."""
+        """For each joint, the limits that the file does not state, or states too large for any arm, as text."""
         return [f"{j.name}: {', '.join(j.unstated)}" for j in self.joints if j.unstated]
 
     @property

@@ -108,9 +108,10 @@ def _to_tip(before: FloatArray, tip: AxisLine, sine: float) -> tuple[float, ...]
 
 
 def _normal_to(line: AxisLine, apart: FloatArray, z: FloatArray) -> tuple[FloatArray, float]:
-    """Return the unit normal along the offset `apart` (3,), m, on the side of `line`'s x, and the distance along it.
+    """Return the common normal of `line` and a second line, and the signed distance along it, m.
 
-    If the lines meet, the normal is perpendicular to `z` and the distance 0.
+    `apart` (3,): vector from one line to the other, m. The normal points towards `line`'s x. If the lines intersect,
+    it is perpendicular to `z`, and the distance is 0.
     """
     a = float(np.linalg.norm(apart))
     if a <= MEET_M:

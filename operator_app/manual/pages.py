@@ -111,7 +111,7 @@ class Manual:
 
     @property
     def topics(self) -> Mapping[str, str]:
-        """Summaries of all pages in one line, by topic in the order of reading."""
+        """One-line summary of each page, keyed by topic, in reading order."""
         every = {topic: text for topics in SECTIONS.values() for topic, text in topics.items()}
         return {t: text for t, text in every.items() if self._commands or t != "commands"}
 

@@ -215,7 +215,7 @@ def fixed_briefly(offsets: tuple[str, ...]) -> str:
 
 
 def _holds(f: Finding) -> str:
-    """Return the sentence on errors of fixed offsets; `f.figures`: tool error per offset error, m/rad."""
+    """Return how an error of an offset that the fit held fixed moves the tool; `f.figures`: this movement, m/rad."""
     if not f.figures:
         return ""
     rates = ", ".join(

@@ -205,7 +205,7 @@ def dh_table(solution: Solution) -> FactTable | None:
 
 
 def instrument_table(solution: Solution) -> FactTable | None:
-    """Return the table of the calibrated places of arm and target with an instrument; None with other fixtures."""
+    """Return the table of the calibrated places of base and target; None without an instrument."""
     length, angle = Kind(units.LENGTH, places=3), Kind(units.ANGLE, places=4)
     rows: list[tuple[Cell, ...]] = []
     stations = instrument_stations(solution)

@@ -89,7 +89,7 @@ def rotation_matrix(r: FloatArray) -> FloatArray:
 
 
 def nearest_rotation(M: FloatArray) -> FloatArray:
-    """Rotation nearest to each matrix (..., 3, 3), in the sum of squares of the elements (Kabsch)."""
+    """Rotation nearest to each matrix (..., 3, 3): least sum of squared differences of the elements (Kabsch)."""
     U, _, Vt = np.linalg.svd(M)
     U[..., 2] *= np.linalg.det(U @ Vt)[..., None]
     return np.asarray(U @ Vt)

@@ -151,7 +151,7 @@ def _beside(calibrated: Calibrated, model: ClosureModel, q: FloatArray) -> FitSt
 def _without_compliance(
     noise: Mapping[int, SingleNoise], fit: LinearFit
 ) -> Mapping[int, SingleNoise]:
-    """Return the noise with a lower limit of 0 if a fixture more compliant than stated may have caused it.
+    """Return the noise; its lower limit is 0 if a fixture more compliant than stated may have caused it.
 
     A turning fixture looks like noise of the wrist, and no pose separates the two. So if the fixture deflects more
     than stated, it may have caused all the scatter between poses.

@@ -254,7 +254,7 @@ class LinearFit:
     def held_out_chi2(self, *parts: IntArray) -> list[tuple[float, int]]:
         """Misfit of each group of poses (indices (k,)) to its prediction from all others: chi2 and degrees of freedom.
 
-        No refit is needed: with the projector P and a group's rows F, chi2 is ``(P w)_F' P_FF^-1 (P w)_F``.
+        Without a refit: with the projector P and a group's rows F, chi2 is ``(P w)_F' P_FF^-1 (P w)_F``.
         """
         rows = [(self.orthonormal(part), self.residual(part)) for part in self.parts()]
         N, residual = (np.concatenate(arrays) for arrays in zip(*rows, strict=True))
@@ -276,10 +276,10 @@ class LinearFit:
         return np.concatenate(chi2), np.concatenate(dof)
 
     def without_each(self) -> FloatArray:
-        """Changes (m, P) of the parameters when each pose in turn is left out with variances kept.
+        """Changes (m, P) of the parameters when each pose in turn is left out, at unchanged variances.
 
-        Without a refit, the coefficients change by ``H^-1 M' (I - M H^-1 M')^-1 e`` (matrix inversion lemma); M and the
-        residual e are those of the pose. Directions that this pose alone determines do not contribute.
+        No refit is needed: the coefficients change by ``H^-1 M' (I - M H^-1 M')^-1 e`` (matrix inversion lemma); M and
+        the residual e are those of the pose. Directions that this pose alone determines do not contribute.
         """
         steps = []
         for part in self.parts():

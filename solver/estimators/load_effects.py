@@ -104,7 +104,7 @@ class LoadBasis:
     gravity: Gravity
 
     def deflection_at(self, poses: slice = slice(None)) -> FloatArray:
-        """Deflection (m, k, c) at a slice of these poses."""
+        """Deflections, array (m, k, c), at a slice of these poses."""
         return np.asarray(self.all_deflections[self.rows[poses]])
 
     def modelled_deflection(self, stated: FloatArray, poses: slice) -> FloatArray:

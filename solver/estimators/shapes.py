@@ -172,11 +172,11 @@ def shapes_of_sag(
 
 
 class JointShapes:
-    """All effects that act along a joint, as shapes over the poses with readings `q` (m, n), rad.
+    """Errors of joint angles, each a column with one value for each pose with readings `q` (m, n), rad.
 
-    They are, in this order, harmonics of encoders with standard deviations `accuracy_rad` (n,), gains and curves of
-    analogue sensors, and further effects. A curve depends on the corrected angle; all other shapes are constant during
-    a fit. `joint_of`: joint (c,), from 0, along which each shape acts.
+    The columns are, in this order, harmonics of encoders with standard deviations `accuracy_rad` (n,), gains and
+    nonlinearity of analogue sensors, and further effects. Nonlinearity depends on the corrected angle; all other
+    columns are constant during a fit. `joint_of` (c,): index, from 0, of the joint whose angle each column changes.
     """
 
     def __init__(

@@ -216,7 +216,7 @@ class InnerProblem:
         return r, J - L @ np.linalg.solve(N, Lt @ J)
 
     def filled(self, offsets: FloatArray) -> FloatArray:
-        """Parameters (P,) of the placement's loop for joint offsets (K,)."""
+        """Return all parameters (P,) of the loop: these joint offsets (K,), rad, and the endpoint that suits them."""
         frames = self._frames(offsets[None, :])
         M, p = frames.R_end, frames.p_end
         mean = M.mean(-3, keepdims=True)

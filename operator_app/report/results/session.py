@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 def session_json(
     facts: Facts, paper: Estimate | None, folder: Path, state: SessionState
 ) -> dict[str, Any]:
-    """Return the object of `sarcal run --json`, without the key ``capture``."""
+    """Return the object that `sarcal run --json` prints, without the key ``capture``."""
     from operator_app.report.facts import estimate_json
 
     return {

@@ -224,7 +224,7 @@ class Operations(CalibrationOperations):
         self.report(f"the change of pose {edit.pose} is redone")
 
     def exclude(self, number: int) -> None:
-        """Exclude a pose, or include it again."""
+        """Exclude a pose or, if it is excluded, include it again."""
         session, pose = self._session, self._session.state.pose(number)
         reason = "" if pose is None else pose.excluded
         include = partial(session.include, number)

@@ -58,9 +58,9 @@ class Runner:
     """Runs a session for a user interface.
 
     Only the worker thread calls the session, except for `ArmInterface.stop` and `ArmInterface.snapshot`. `simulated`:
-    whether no real arm can move. `bus`: name of the bus in messages. `recording_ended`: function that returns why a
-    recording of the bus ended early, "" if it did not. `monotonic`, `clock`: clocks for ages (s) and for the times of
-    messages (UTC).
+    whether the arm is simulated. `bus`: name of the bus in messages. `recording_ended`: function that returns why a
+    recording of the bus ended early, "" if it did not. `monotonic`, `clock`: clocks for the age of data (s) and for the
+    times of messages (UTC).
     """
 
     def __init__(

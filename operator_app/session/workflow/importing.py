@@ -106,7 +106,7 @@ class ImportedSession:
         return solution, checks
 
     def add(self, solution: Solution, checks: Checks | None) -> None:
-        """Record a solution from these poses, and its cross-validation."""
+        """Record a solution from the poses of this session and, unless None, its cross-validation."""
         tolerance = self.procedure.length_tolerance_m
         self._record("solved", solution_data(solution, self.state, length_tolerance_m=tolerance))
         if checks is not None:

@@ -155,7 +155,7 @@ class Rig:
 
 
 def open_session(rig: Rig, *, clock: Clock = utc_now) -> Session:
-    """Create or open the journal and return the session with the arm of a rig; raises JournalError."""
+    """Create or open the journal of `rig` and return a session with its arm; raises JournalError."""
     from operator_app.session.workflow.session import Session
 
     opening, settings = rig.opening, asdict(rig.opening.choices)

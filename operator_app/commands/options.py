@@ -19,13 +19,16 @@ STAGES = ("look", "hold", "move", "free", "leave", "silence")
 FORMATS = ("yaml", "json", "csv", "urdf", "mat")
 
 
-def whole(least: int, most: int = 10**18) -> Callable[[str], int]:
-    """Return a parser of whole numbers from `least` to `most`."""
+def whole(least: int, most: int | None = None) -> Callable[[str], int]:
+    """Return a parser of whole numbers from `least` to `most` or, if None, of at most 18 digits."""
+    limits = (
+        f"of at least {least} and at most 18 digits" if most is None else f"from {least} to {most}"
+    )
 
     def parse(text: str) -> int:
         value = int(text) if re.fullmatch(r"\d{1,18}", text) else -1
-        if not least <= value <= most:
-            raise argparse.ArgumentTypeError(f"{text} is not a whole number from {least} to {most}")
+        if value < least or (most is not None and value > most):
+            raise argparse.ArgumentTypeError(f"{text} is not a whole number {limits}")
         return value
 
     return parse
@@ -52,8 +55,9 @@ def numbers(text: str) -> tuple[int, ...]:
     if re.fullmatch(r"\d+(,\d+)*", text.replace(" ", "")) and "0" in re.split("[ ,]+", text):
         raise argparse.ArgumentTypeError(f"{text!r}: joints and placements are numbered from 1")
     if not re.fullmatch(r"[1-9]\d{0,8}(,[1-9]\d{0,8})*", text.replace(" ", "")):
+        shown = text if len(text) <= 40 else f"{text[:40]}..."
         raise argparse.ArgumentTypeError(
-            f"{text[:40]!r}: write numbers separated by commas, e.g. 6,7"
+            f"{shown!r}: write numbers of at most 9 digits, separated by commas, e.g. 6,7"
         )
     return tuple(sorted({int(part) for part in text.replace(" ", "").split(",")}))
 

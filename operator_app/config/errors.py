@@ -139,7 +139,7 @@ def value_in_words(value: Any) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
-        return f"the text {value[:40]!r}"
+        return f"the text {value!r}" if len(value) <= 40 else f"the text '{value[:40]}...'"
     if isinstance(value, list | tuple):
         return "a list"
     if isinstance(value, dict):
@@ -151,12 +151,16 @@ NUMBER_HINTS = {
     r"[-+]?\d+,\d+": "write a decimal point, not a comma",
     r"[-+]?\d+(:\d+)+(\.\d*)?": "write a decimal number, not hours or degrees and minutes",
     r"[-+]?0\d+(\.\d*)?": "write the number without the leading zero",
-    r"[-+]?[\d.]+\s*[A-Za-z]+": "write the number only; the unit is in the key",
+    r"[-+]?[\d.]+\s*[A-Za-z]+": "write only the number, in the unit at the end of the key (_m, _mm, _rad, _deg)",
 }
 """Remedies for text in place of a number, by its form; the first that matches applies."""
 
 
 def _number_hint(value: Any, kind: str) -> str:
+    if value is None:
+        return "state it"
+    if kind == "string_type" and isinstance(value, int | float):
+        return f"write it in quotes: '{value}'"
     if not isinstance(value, str):
         return "correct the value"
     if kind == "bool_type":

@@ -203,7 +203,11 @@ def _check_requested(
     place: KeyPath = ("capture", "requested_sigma")
     requested = file_model.capture.requested_sigma
     if requested and file_model.capture.strategy != "planned":
-        yield place, "only a planned capture evaluates it", "add plan: planned"
+        yield (
+            place,
+            "only a planned capture uses it",
+            "add `plan: planned` to capture, or remove this key",
+        )
     known = {f"{p.name}_{'deg' if p.is_angle else 'mm'}": p for p in parameters}
     for key in requested:
         if key in known:

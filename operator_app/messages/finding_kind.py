@@ -10,7 +10,10 @@ drift}`` is the first text if the finding is certain, ``{several:do|does}`` if i
 from enum import Enum
 from typing import NamedTuple, Self
 
-_FIX_BOLTS = "tighten its bolts and check for play; otherwise state its compliance (key give) in the fixture file"
+_FIX_BOLTS = (
+    "tighten its bolts and check for play; otherwise state its compliance in the fixture file (give: position_mm, "
+    "orientation_mrad)"
+)
 _ENDPOINT_ERRORS = "the instrument, the arm's base or the target moves, or the arm has an error that no file states"
 _FIX_INSTRUMENT = (
     "fasten instrument, arm and target and check them for play; if nothing moves, state a larger instrument_sigma_mm "
@@ -145,7 +148,7 @@ class FindingKind(Enum):
     )
     INSTRUMENT_TURNS_RANDOMLY = _Message(
         "FIXTURE_GIVES",
-        text="the measured orientations scatter by about {size:DEFLECTION_ANGLE} at random from pose to pose, "
+        text="the measured orientations scatter by about {size:TURNED} at random from pose to pose, "
         "{times:TIMES} times what the fixture file states",
         remedy=_FIX_INSTRUMENT,
     )
@@ -164,9 +167,9 @@ class FindingKind(Enum):
     WRONG_FIXTURE_BALL = _Message(
         "WRONG_FIXTURE",
         text="the loops close like those of a ball that turns freely, not of a {name} fixture",
-        remedy="find why the fixture can tilt; or, if it is a ball, calibrate with a fixture file of that ball and "
-        "--drop-unidentifiable (with a ball, the first joint's offset is not separable from the socket's place); this "
-        "command writes that file from these poses: {last_name}",
+        remedy="find why the fixture can tilt; or, if it is a ball, calibrate with --drop-unidentifiable (with a ball, "
+        "the first joint's offset is not separable from the socket's place) and with a fixture file of that ball, "
+        "which this command writes from these poses: {last_name}",
     )
     READING_STEP = _Message(
         "STEP_JOINT_{joint}",
@@ -331,7 +334,7 @@ class FindingKind(Enum):
         text="the fixture moved by about {displacement}, more than its file states, between pose {first} and its "
         "repeat measurement after {after:d} poses",
         remedy="tighten its bolts and check for play, then take all poses again; otherwise state its compliance "
-        "(key give) in the fixture file",
+        "in the fixture file (give: position_mm, orientation_mrad)",
     )
     REPEAT_READING_STEP = _Message(
         "RETURN_JOINT_{joint}",

@@ -62,7 +62,10 @@ class PoseSet:
         if any(not label or label != label.strip() for label in self.label):
             raise ValueError("every pose needs a label without white space around it")
         if len(set(self.keys)) != len(self):
-            raise ValueError("a label is used twice in one placement")
+            placement, label = next(key for key in self.keys if self.keys.count(key) > 1)
+            raise ValueError(
+                f"two poses of placement {placement} have the name {label!r}: give each its own"
+            )
 
     def _check_shapes(self) -> None:
         if self.q_rad.ndim != 2 or self.q_rad.shape[1] == 0:

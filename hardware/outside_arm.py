@@ -33,7 +33,8 @@ class OutsideArm:
     """An `ArmInterface` that wraps the arm of another package; `connect` calls `make` to make that arm.
 
     Moves are limited to the ranges and speeds of the joints in `description`. `keeps_parameters`: whether the arm
-    stores a parameter document, according to its `ArmOffer`. `record_to`: file that records the next connection, if any.
+    stores a parameter document, according to its `ArmOffer`. `record_to`: file to record the next connection in, or
+    None.
     """
 
     def __init__(

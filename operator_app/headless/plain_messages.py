@@ -8,7 +8,15 @@ from operator_app.report.text import facts_text
 from operator_app.session.ui.next_action import next_action
 from operator_app.session.ui.snapshot import DataState, SessionSnapshot
 from operator_app.session.ui.steps import Step
-from operator_app.units import CONDITION, DATA_AGE, POSITION, READING_SD, SILENCE, joints_named
+from operator_app.units import (
+    CONDITION,
+    DATA_AGE,
+    POSITION,
+    READING_SD,
+    SILENCE,
+    joints_named,
+    plural,
+)
 
 
 def describe(step: Step, s: SessionSnapshot) -> list[str]:
@@ -64,7 +72,7 @@ def _fixture(s: SessionSnapshot) -> list[str]:
         predicted = CONDITION(s.forecast.scaled_condition_number).shown
         lines.append(f"Predicted condition number {predicted}.")
     unticked = len(s.procedure.fixture.checklist) - len(s.ticked)
-    return [*lines, f"Check list: {unticked} items left."]
+    return [*lines, f"Check list: {plural(unticked, 'item')} left."]
 
 
 def _modes(s: SessionSnapshot) -> list[str]:

@@ -225,9 +225,8 @@ def may_remount(s: SessionSnapshot) -> str:
     if s.state.sensor_jump:
         return s.state.sensor_jump
     poses_left = s.procedure.capture.poses - len(s.state.poses_here)
-    return (
-        f"{poses_left} poses of this placement are still to be captured" if poses_left > 0 else ""
-    )
+    left = f"{plural(poses_left, 'pose')} of this placement must still be captured"
+    return left if poses_left > 0 else ""
 
 
 def may_edit_pose(s: SessionSnapshot) -> str:

@@ -185,7 +185,7 @@ def test_remounted_fixture_continues_the_same_session(source):
     assert steps == ["1.", "2.", "3.", "4.", "5."], "one line each"
     assert any("±" in row for row in script.lines if row.startswith("3."))
     text = " ".join(" ".join(script.lines).split())
-    assert "6 poses of this placement are still to be captured" in text
+    assert "6 poses of this placement must still be captured" in text
     assert "Secure the arm" in text
     assert "12 of 12 poses. Placement 2." in text
     (folder,) = source.root.iterdir()

@@ -69,10 +69,10 @@ class ArmIdentity:
         Whether a person, not drives, moves the arm. If so, no hardware stop is required, and `ArmInterface.move` waits
         until the person has moved the joints to their targets.
     unwatching
-        Joints whose drives do not report both that they monitor the operator's heartbeat and that they act on its loss.
+        Joints whose drives do not monitor the operator's heartbeat, or monitor it and take no action when it is lost.
     configured, zeroed
-        Sentences on what was written into drives. `configured` has all of them. `zeroed` has only those on torques and
-        offsets that were set to 0: a communication reset may not restore their former values.
+        Sentences that describe what was written into drives: `configured` has all of them, `zeroed` only those about
+        torques and offsets that were set to 0, whose former values a communication reset may not restore.
     keeps_parameters
         Whether a controller stores a parameter document; if not, nothing is uploaded.
     """
@@ -135,7 +135,7 @@ class HostLatency:
     longest_s: float = 0.0
 
     def with_event(self, by_s: float, *, new: bool) -> Self:
-        """Return a copy: if `new`, it has one more latency, `by_s`; else its last latency is at least `by_s`."""
+        """Return a copy with one more latency, `by_s`, if `new`; otherwise `by_s` replaces a shorter last latency."""
         last_s = by_s if new else max(by_s, self.last_s)
         longest_s = max(last_s, self.longest_s)
         return replace(self, times=self.times + new, last_s=last_s, longest_s=longest_s)
@@ -207,7 +207,7 @@ class MoveResult:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UploadReceipt:
-    """What the controller holds after an upload, as read back from it."""
+    """Parameters stored in the controller after an upload, as read back from it."""
 
     slot: str
     sha256: str
@@ -216,7 +216,7 @@ class UploadReceipt:
 
 
 Watch = Callable[[ArmSnapshot], str | None]
-"""Function called on every SYNC of a move: None continues the move; a sentence ends the move, and the arm holds."""
+"""Function called on every SYNC of a move; returns None to continue, or the reason to end the move and hold the arm."""
 
 
 class ArmInterface(Protocol):

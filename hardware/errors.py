@@ -9,8 +9,8 @@ from enum import Enum
 class HardwareError(Exception):
     """Base class of all errors of the arm, its bus and its instrument.
 
-    `kept_writes`: sentences on what was written into drives before the error and remains there. `drives_after`:
-    sentence on what was done with the drives because of the error; empty if nothing was.
+    `kept_writes`: sentences that describe values which were written into drives before the error and remain there.
+    `drives_after`: sentence that says whether the drives were then switched off; empty if that was not tried.
     """
 
     kept_writes: tuple[str, ...] = ()
@@ -35,7 +35,7 @@ class BusSettingsError(BusError):
 
 
 class FramesLost(BusError):
-    """Nodes on the bus do not answer in time; `requests` maps each node to its (unanswered, total) requests."""
+    """Nodes on the bus do not answer in time; `requests` maps each node to numbers of (unanswered, all) requests."""
 
     def __init__(self, requests: Mapping[int, tuple[int, int]]) -> None:
         self.requests = dict(requests)
@@ -102,7 +102,7 @@ class WrongArm(HardwareError):
 
 
 class ProfileRemedy(Enum):
-    """Last part of a remedy text for an object that differs: how a bus profile can accept the object."""
+    """End of the remedy text for an object that differs from the required one: how a bus profile can accept it."""
 
     NONE = " (no bus profile can accept another value)"
     HEARTBEAT_PERIOD = ", or allow that period in a bus profile (heartbeat: slowest_ms)"
@@ -360,7 +360,7 @@ class StopLatched(Stopped):
 
 
 class CommandRefused(HardwareError):
-    """A command is outside the limits; it was not sent."""
+    """A command is outside the limits, or not permitted in the present state of the arm; it was not sent."""
 
 
 class DriveNotReady(CommandRefused):

@@ -55,7 +55,7 @@ class LineStream:
             self._drop()
 
     def line(self, wait_s: float, name: str) -> str | None:
-        """Return the next whole line, None on time-out; raise `EOFError` with the last discarded line at the end."""
+        """Return the next line, None on time-out; at end of file, raise `EOFError` with the last discarded line."""
         with self._news:
             self._news.wait_for(
                 lambda: self._ended or self._unended >= LONGEST or b"\n" in self._came, wait_s
@@ -130,7 +130,7 @@ def require_short(length: int, name: str) -> None:
 
 
 CONNECT_S = 3.0
-"""Time-out of the connection."""
+"""Time-out for connecting over TCP."""
 FILE_POLL_S = 0.05
 """Polling period of a file."""
 
@@ -255,7 +255,7 @@ class StdinLines(LinePort):
         return ""
 
     def ask(self, question: str) -> None:
-        """Discard lines received so far; standard input carries no question, and only later lines can answer it."""
+        """Discard the lines received so far; the question is not sent, since standard input only receives."""
         self._stream.forget()
 
     def line(self, wait_s: float) -> str | None:

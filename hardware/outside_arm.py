@@ -32,9 +32,8 @@ from hardware.control.stop_line import StopLatch
 class OutsideArm:
     """An `ArmInterface` that wraps the arm of another package; `connect` calls `make` to make that arm.
 
-    Moves are limited to the ranges and speeds of the joints in `description`. `keeps_parameters`: whether the arm
-    stores a parameter document, according to its `ArmOffer`. `record_to`: file to record the next connection in, or
-    None.
+    Moves are limited to the ranges and speeds of the joints in `description`. `keeps_parameters`: whether the arm,
+    by its `ArmOffer`, stores a parameter document. `record_to`: file to record the next connection to, or None.
     """
 
     def __init__(
@@ -186,7 +185,7 @@ class OutsideArm:
             raise errors.Stopped("STOP was pressed again during the reset: it stays latched")
 
     def upload_parameters(self, document: bytes) -> UploadReceipt:
-        """Upload to a controller that keeps parameters; no drive has to be enabled."""
+        """Upload a parameter document to the arm's controller; no drive has to be enabled."""
         with self._translated_errors():
             return self._connected.upload_parameters(document)
 
@@ -229,9 +228,9 @@ class OutsideArm:
 
     @contextmanager
     def _command(self, own: Sequence[BaseException] = ()) -> Iterator[None]:
-        """Refuse a command while STOP is latched; translate the command's errors, except those in `own`.
+        """Context of a command: refuses it while STOP is latched; translates its errors, except those in `own`.
 
-        If STOP is pressed during the command, the command may undo it: send STOP once more and raise `StopLatched`.
+        A command may undo a STOP that is pressed meanwhile. STOP is therefore sent again, and `StopLatched` raised.
         """
         self._require_no_stop()
         try:

@@ -29,7 +29,7 @@ class Timing:
     heartbeat_period_s: float = HEARTBEAT_PERIOD_S
     heartbeat_timeout_s: float = 1.0
     listen_s: float = 0.35
-    """Time to listen for another operator before anything is sent: over three periods of an operator's heartbeat."""
+    """Time to listen for another operator before anything is sent: more than three of its heartbeat periods."""
     boot_timeout_s: float = 3.0
     """Time-out for a node to boot, and to start."""
     operator_timeout_s: float = 1.0
@@ -56,7 +56,7 @@ class Timing:
         return CONTROL_PERIOD_S / self.speed
 
     def misses(self, pace: Pace) -> int:
-        """Return the number of consecutive SYNCs that a joint may miss before it is lost."""
+        """Return the number of consecutive missed SYNCs at which a joint is lost."""
         return max(self.min_misses, round(self.lost_after_s / self.answer_timeouts_s[pace]))
 
 
@@ -64,8 +64,8 @@ PRIORITY: Final = 1
 """The lowest real-time priority: above all ordinary programs, below other real-time programs."""
 
 LOOP_PRIORITY: Final = 2
-"""Priority of the loops' threads, which compute little; threads of equal priority wait up to 0.1 s for each other. The
-program's other threads are real-time too, since the thread that holds the interpreter blocks the loop."""
+"""Priority of the control loops' threads, which compute little: threads of equal priority could delay them by 0.1 s.
+The other threads are real-time too: a thread that holds the interpreter lock, but gets no processor, blocks a loop."""
 
 
 @contextmanager
@@ -95,7 +95,7 @@ def raise_loop_priority() -> None:
 
 
 def normal_priority() -> None:
-    """Give this process ordinary scheduling."""
+    """Give this thread, and threads that it starts, ordinary scheduling."""
     os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 

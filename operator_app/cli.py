@@ -19,7 +19,7 @@ from operator_app.safe_output import open_closed_streams, sanitized, say, silenc
 from operator_app.signals import INTERRUPTED, ProcessEnd, ending_signals_interrupt, interrupted
 
 NUMBERS = re.compile(r"-[\d.][\d.eE+-]*(,[\d.eE+-]+)*")
-"""Pattern of the values that begin with a minus sign, such as ``-60,0,80``."""
+"""Pattern of option values that begin with a minus sign, such as ``-60,0,80``."""
 
 DESCRIPTION = """\
 Calibrate a redundant arm without an external measuring device: the tool is bolted to the table
@@ -137,11 +137,11 @@ ALSO_CALLED = {
 
 
 class _Parser(argparse.ArgumentParser):
-    """Parser whose error messages suggest a command for an unknown one and contain no control characters."""
+    """Parser whose error messages suggest a command if the typed one is unknown, and have no control characters."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(**options)
-        # Otherwise argparse takes lists of numbers that begin with a minus sign for options.
+        # Otherwise argparse mistakes lists of numbers that begin with a minus sign for options.
         self._negative_number_matcher = NUMBERS
 
     def error(self, message: str) -> NoReturn:
@@ -153,7 +153,7 @@ class _Parser(argparse.ArgumentParser):
         super().error(sanitized(message))
 
     def print_help(self, file: object = None) -> None:
-        """Print the help on stdout; unlike argparse's method, raise `OSError` if that fails."""
+        """Print the help on stdout; unlike argparse's method, raise `OSError` if stdout cannot be written."""
         say(self.format_help().removesuffix("\n"))
 
 
@@ -181,7 +181,7 @@ class _CommandParser(_Parser):
 
 
 class _Version(argparse.Action):
-    """Action of ``--version``, which looks up the version only when called, because the import is slow."""
+    """Action of ``--version``, which imports `importlib.metadata` only when called, because that import is slow."""
 
     def __call__(
         self,

@@ -81,7 +81,7 @@ def open_arm(
     """Open the arm of a session and yield it as a `Rig`; start the controller of an embedded virtual arm.
 
     `pace`: if None, the embedded virtual arm runs in fast-forward, an arm on any other bus in real time. `speed`:
-    factor by which the embedded virtual arm runs faster than real time if its pace is real time.
+    how many times faster than a real arm the embedded virtual arm runs; without effect in fast-forward.
 
     Raises
     ------

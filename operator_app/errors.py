@@ -57,7 +57,7 @@ class GuardError(SessionError):
 class ClosureRefusedError(GuardError):
     """The joint readings do not close the loop; no drive was enabled.
 
-    `probability`: that of a larger chi2 if the arm is unchanged; None if another check refused the readings.
+    `probability`: p-value of the chi2 test for an unchanged arm; None if another check refused the readings.
     """
 
     def __init__(self, happened: str, remedy: str, *, probability: float | None = None) -> None:
@@ -99,7 +99,7 @@ class JournalForeignError(JournalError):
 class JournalLostError(JournalError):
     """The journal was deleted, moved, replaced or changed while a session was using it.
 
-    `rescued`: folder of a new session with all entries; None if it could not be written.
+    `rescued`: folder of a new session that has all entries of the journal; None if it could not be created.
     """
 
     def __init__(self, happened: str, remedy: str, *, rescued: Path | None) -> None:

@@ -1,4 +1,4 @@
-"""Exit codes of `sarcal`, which are fixed because scripts use them, and the code of each error."""
+"""Exit codes of `sarcal`, which never change because scripts use them, and the exit code of each error."""
 
 from collections.abc import Mapping
 from enum import IntEnum

@@ -41,7 +41,7 @@ class ForeignPackageError(ImportError):
 
 
 def require_own_names() -> None:
-    """Check that Python finds this program's other top-level packages, unchanged, beside this one.
+    """Check that Python finds this program's `fixtures`, `hardware` and `solver` in the folder of `operator_app`.
 
     Raises `ForeignPackageError` if a package is missing or is not this program's; the text states the remedy.
     """

@@ -38,7 +38,7 @@ def as_json(value: object) -> str:
 
 
 def say(text: str = "", *, err: bool = False, streaming: bool = False) -> None:
-    """Print lines on stdout or stderr.
+    """Print text and a line break on stdout or, if `err`, on stderr.
 
     A failed write to stderr and a closed pipe are ignored, since exit code and files hold the result; if `streaming`, a
     closed pipe raises `BrokenPipeError`. Raises `OSError` if stdout cannot be written, e.g. to a full disk.

@@ -100,7 +100,7 @@ class ProcessEnd:
         os._exit(self._code)
 
     def _if_interrupted(self) -> None:
-        """After an interrupt, exit with 130, because Python might end with SIGINT, e.g. for code run from a string."""
+        """After an interrupt, exit with 130; Python itself might instead end by SIGINT, e.g. after ``python -c``."""
         if self._code == INTERRUPTED:
             for stream in (sys.stdout, sys.stderr):
                 with suppress(OSError, ValueError):

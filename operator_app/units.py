@@ -1,7 +1,7 @@
 """Formats of numbers: quantity, unit, digits and role, all defined here.
 
-Text, page and screen show `Figure.shown`; JSON has `Figure.in_json` under `Figure.key`. Figures shown in several places
-have a `Kind`, listed here.
+Text, page and screen show `Figure.shown`; JSON has `Figure.in_json` under `Figure.key`. Quantities shown in several
+places have a `Kind` in this module.
 """
 
 import math
@@ -164,7 +164,7 @@ ANGLE_TOLERANCE = Kind(ANGLE, digits=2)
 
 # Faults.
 STEP = Kind(ANGLE, places=4, signed=True)
-"""Step of a reading, with enough decimal places for a few counts."""
+"""Step of a reading, with enough decimal places to show a step of a few counts."""
 LOST_COUNTS = Kind(COUNTS, places=0, signed=True)
 LOST_LSB = Kind(LSB, places=0, signed=True)
 SCATTER = Kind(ANGLE, places=3)
@@ -224,7 +224,7 @@ def typeset(text: str) -> str:
 
 
 def places_to_show(precisions: Iterable[float], *, least: int = 1, most: int = 9) -> int:
-    """Return the number of decimal places at which the smallest of these precisions has two significant digits."""
+    """Return the number of decimal places, from `least` to `most`, that shows the finest precision with two digits."""
     finest = min((p for p in precisions if math.isfinite(p) and p > 0.0), default=0.0)
     if finest == 0.0:
         return least
@@ -232,7 +232,7 @@ def places_to_show(precisions: Iterable[float], *, least: int = 1, most: int = 9
 
 
 def places_needed(values: Iterable[float], *, least: int, most: int) -> int:
-    """Return the smallest number of decimal places that shows these round values exactly, at most `most`."""
+    """Return the fewest decimal places, from `least` to `most`, that show all `values` exactly; `most` if none do."""
     listed = list(values)
     return next(
         (n for n in range(least, most) if all(abs(v - round(v, n)) < 1e-9 for v in listed)), most

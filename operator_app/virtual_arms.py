@@ -31,9 +31,9 @@ SERIAL_NUMBER = "SDA-0001"
 def virtual_arm(
     arm: ArmModel, fixture: FixtureSpec, choices: Choices, placement: int = 1
 ) -> Scenario:
-    """Return the scenario of a virtual arm for these files and this placement of the fixture.
+    """Return the scenario of a virtual arm in a fixture; `placement`: number of the fixture's placement.
 
-    Raises `SessionError` if no virtual arm can be built from these files.
+    Raises `SessionError` if no virtual arm can be built from `arm` and `fixture`.
     """
     named = choices.virtual_arm
     try:
@@ -67,8 +67,8 @@ def run_controller(
 ) -> Iterator[VirtualController]:
     """Run the virtual controller of an arm on a bus, with parameter slots in folder `slots` (None: in memory).
 
-    The plant is this arm in `fixture` and `placement`; raises SessionError if it cannot be built. `script`: faults
-    at given SYNCs. `attended`: whether this program calls `VirtualController.attend`.
+    The plant is this arm in `fixture` and `placement`; raises SessionError if it cannot be built. `script`: faults,
+    each with the SYNC at which it begins. `attended`: whether this program calls `VirtualController.attend`.
     """
     chosen = virtual_arm(arm, fixture, choices, placement)
     carried = chosen.arm(arm)

@@ -1,4 +1,4 @@
-"""Kinematics, closure, estimation and planning. NumPy and SciPy only: no bus, no screen, no file.
+"""Kinematics, closure, estimation and planning. Uses NumPy and SciPy only, and has no input or output.
 
 Functions for the equations of the paper (Giugovaz and Hollerbach); phi is ``x`` and C = dF/dphi is ``jac_x``:
 

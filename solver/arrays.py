@@ -32,7 +32,7 @@ def frozen(values: Sequence[float] | FloatArray) -> FloatArray:
 
 
 def select_poses(record: Record, poses: IntArray | BoolArray | slice, *fields: str) -> Record:
-    """Return `record` with only these `poses` in its `fields`, each an array (m, ...), a tuple or None."""
+    """Return a copy of `record` whose `fields` (arrays (m, ...), tuples or None) contain only the rows `poses`."""
     selected = {}
     for name in fields:
         values = getattr(record, name)
@@ -45,7 +45,7 @@ def select_poses(record: Record, poses: IntArray | BoolArray | slice, *fields: s
 
 
 def join_poses(records: Iterable[Record], *fields: str) -> Record:
-    """Return the first record with the arrays `fields` (m, ...) of all `records`, one after the other."""
+    """Return a copy of the first record, with the arrays `fields` (m, ...) of all `records` concatenated in it."""
     parts = list(records)
     joined = {name: np.concatenate([getattr(p, name) for p in parts]) for name in fields}
     return replace(parts[0], **joined)

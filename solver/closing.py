@@ -160,7 +160,7 @@ def close_loops(
 
 
 def measure_with_fixed(joints: Sequence[int], joint_count: int) -> FloatArray:
-    """Return `sigma_rad` (n,) for `close_loops`: 0 for the fixed `joints` (1-based), equal for all others."""
+    """Return `sigma_rad` (n,) for `close_loops`: 0 for `joints` (1-based), which then do not move, 1 for all others."""
     return np.where(np.isin(np.arange(1, joint_count + 1), joints), 0.0, 1.0)
 
 

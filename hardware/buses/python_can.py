@@ -137,7 +137,7 @@ def bus_settings(
 
 
 def open_bus(settings: BusSettings, **extra: Any) -> can.BusABC:
-    """Open a bus with python-can's options `extra`; raises `BusError` with the remedy."""
+    """Open a bus, with `extra` as further options for python-can; raises `BusError` with the remedy."""
     if settings.interface not in can.VALID_INTERFACES and settings.interface in offered_names():
         raise BusError(
             f"{settings.interface} is an arm of an installed package, not a CAN bus. Name an interface of "

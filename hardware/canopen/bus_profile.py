@@ -117,7 +117,7 @@ class BusProfile:
     """Serial number of an arm without supervisor."""
     device_type: int = objects.DRIVE_DEVICE_TYPE
     device_type_mask: int = objects.DEVICE_TYPE_MASK
-    """Value of 1000h required of every drive, in the bits of the mask."""
+    """Value of 1000h required of every drive (`device_type`), compared only in the bits of `device_type_mask`."""
     mode_codes: Mapping[JointMode, int] = field(
         default_factory=lambda: MappingProxyType(objects.MODE_CODE)
     )

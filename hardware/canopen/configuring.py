@@ -66,10 +66,10 @@ def configure(
 
 
 def zero_residual_torques(access: ObjectAccess, profile: BusProfile) -> Iterator[str]:
-    """Require that no drive adds a torque or an offset to its commands.
+    """Ensure that no drive adds a torque or an offset to its commands.
 
-    If the profile configures drives, objects that are not 0 are set to 0: yields one sentence for each, or raises
-    `ZeroingFailed` if a drive refuses. Otherwise raises `MappingMismatch` if any object is not 0, and names them.
+    If the profile configures PDOs, sets each object that is not 0 to 0 and yields one sentence about it; raises
+    `ZeroingFailed` if a drive refuses. Otherwise raises `MappingMismatch`, with every object that is not 0.
     """
     nonzero = [each for joint in profile.joints for each in _nonzero_objects(access, joint)]
     if nonzero and not profile.configures_pdos:

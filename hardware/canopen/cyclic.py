@@ -45,7 +45,7 @@ class Sample:
     missing: tuple[int, ...] = ()
     """Joints that did not answer this SYNC in time, or answered twice."""
     overdue: tuple[int, ...] = ()
-    """Number of earlier SYNCs that each joint has not answered: the largest age of its values. If empty, all are 0."""
+    """Number of earlier SYNCs that each joint has not answered; its values may be that old. If empty, all are 0."""
 
     @property
     def complete(self) -> bool:

@@ -108,7 +108,7 @@ def scales_of(description: ArmDescription, profile: BusProfile) -> tuple[JointSc
 
 
 def read_rated_torques_nm(access: ObjectAccess, profile: BusProfile) -> tuple[float, ...]:
-    """Return each joint's rated torque, N m, from the profile or else 6076h; `WrongArm` if neither states it, or 0."""
+    """Return each joint's rated torque, N m, from the profile or else 6076h; `WrongArm` if 6076h is absent or 0."""
     torques = []
     for number, joint in enumerate(profile.joints, 1):
         if joint.rated_torque_nm is not None:

@@ -204,7 +204,7 @@ def read_number(access: ObjectAccess, node: int, index: int, sub: int) -> int | 
 def read_if_present(
     read: Callable[[int, int, int], Value], node: int, index: int, sub: int = 0
 ) -> Value | None:
-    """Return what `read` returns; None if the node refuses as for an object that it lacks (`ABSENT`, `_NO_INDEX`)."""
+    """Return what `read` returns; None if the node refuses with a code in `ABSENT`, or as it refuses `_NO_INDEX`."""
     try:
         return read(node, index, sub)
     except SdoRefused as refusal:

@@ -1,4 +1,4 @@
-"""Checks of a moving arm (it reaches targets; a watch, Ctrl-C and STOP halt it) and of an arm on a CAN bus.
+"""Checks of a moving arm (it reaches targets; a watch function, Ctrl-C and STOP halt it) and of an arm on a CAN bus.
 
 `sarcal arm-check` and the contract test for arms of other packages use these checks and those of `clauses`.
 """
@@ -28,7 +28,7 @@ ENOUGH: Final = "that is enough"
 
 @dataclass(slots=True)
 class MidwayWatch:
-    """A watch that calls `act` once, when the joint has moved by `after_rad`; `at_rad` is the joint's position then."""
+    """A watch function that calls `act` once, when the joint has moved by `after_rad` (to the position `at_rad`)."""
 
     joint: int
     after_rad: float
@@ -37,7 +37,7 @@ class MidwayWatch:
     at_rad: float | None = None
 
     def __call__(self, snapshot: ArmSnapshot) -> str | None:
-        """Return the result of `act` when the joint first has moved by `after_rad`, otherwise None."""
+        """Return the result of `act` when the joint has moved by `after_rad` for the first time, otherwise None."""
         position_rad = float(snapshot.positions_rad[self.joint - 1])
         if self.at_rad is not None or abs(position_rad - self.start_rad) < self.after_rad:
             return None
@@ -47,7 +47,7 @@ class MidwayWatch:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Turn:
-    """Motion of one joint, with limits; `part_rad` is the angle after which a watch acts."""
+    """Motion of one joint, with limits; `part_rad` is the angle after which its `MidwayWatch` acts."""
 
     arm: ArmInterface
     joint: int
@@ -63,12 +63,12 @@ class Turn:
         )
 
     def midway_watch(self, act: Callable[[], str | None]) -> MidwayWatch:
-        """Make a watch that calls `act` once, after the joint moved by `part_rad`."""
+        """Return a watch function that calls `act` once, when the joint has moved by `part_rad`."""
         start = float(self.arm.capture(self.bounds.samples).mean_rad[self.joint - 1])
         return MidwayWatch(joint=self.joint, after_rad=self.part_rad, act=act, start_rad=start)
 
     def overtravel(self, watch: MidwayWatch) -> str:
-        """Return a text that says how far the joint moved after the watch acted."""
+        """Return a text that says how far the joint moved after `watch` called its function."""
         position_rad = float(self.arm.capture(1).mean_rad[self.joint - 1])
         at = watch.start_rad if watch.at_rad is None else watch.at_rad
         return f"the joint came to rest after a further {deg(abs(position_rad - at))}"
@@ -193,7 +193,7 @@ def drive_settings(facts: Sequence[DriveFacts]) -> Iterator[Clause]:
 
 
 def _guard(drive: DriveFacts) -> Clause:
-    """Check a drive's operator time-out; the clause is undecided between the advised limit and the limit of a run."""
+    """Check a drive's operator time-out; `passed` is None between the advised limit and the limit of a run."""
     guard = drive.operator_timeout_s
     if guard is None:
         text = "1016h: the drive does not monitor this program's heartbeat, and keeps moving if this program dies"

@@ -130,7 +130,7 @@ def goes_on(arm: ArmInterface) -> Iterator[Clause]:
 
 
 def reads(arm: ArmInterface, joints: int, bounds: Bounds) -> Iterator[Clause]:
-    """Check that a reading has the requested samples and finite values, and agrees with the snapshot."""
+    """Check that a reading has the requested number of samples, has finite values, and agrees with the snapshot."""
     reading = arm.capture(bounds.samples)
     wrong = []
     if reading.samples != bounds.samples:

@@ -25,7 +25,7 @@ from hardware.errors import BusError, HardwareError, SdoRefused
 from hardware.monitors.node_monitor import describe_master_frame
 
 LISTEN_S: Final = 1.2
-"""Time in which an operator sends several heartbeats, and the slowest allowed node sends one heartbeat."""
+"""Time to listen: an operator sends several heartbeats in it, and a node at the default limit (1 s) sends one."""
 ANSWERS_S: Final = 0.6
 NODES: Final = range(1, 127)
 MAX_NAMED: Final = 6

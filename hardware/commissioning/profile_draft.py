@@ -23,8 +23,8 @@ class DraftRefused(Exception):
 def draft(nodes: Sequence[FoundNode], *, name: str, configure: bool = False) -> BusProfile:
     """Return a profile of the drives among `nodes`, in the same order; `DraftRefused` if none is possible.
 
-    The profile uses the drives' current PDOs. With `configure` it uses new PDO maps, filled with the objects needed,
-    and CiA 301's identifiers; both are written into the drives at every connection.
+    The profile uses the drives' current PDOs. With `configure` it uses new PDO maps that carry the objects
+    needed, and CiA 301's identifiers; both are written into the drives at every connection.
     """
     drives = [node for node in nodes if node.drive]
     if not drives:

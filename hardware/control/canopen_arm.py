@@ -32,8 +32,8 @@ _NO_REASON_AGAINST_UPLOAD: Final = (
     errors.TargetRefused,
     errors.ControlDenied,
 )
-"""Alarms despite which parameters may be uploaded: the counters of the joints are as before. That another node has
-control is reported by the upload itself."""
+"""Alarms that do not prevent an upload, because they leave the joints' counters unchanged. If another node has control,
+the upload itself raises an error."""
 
 
 class CanopenArm(ConnectableArm):
@@ -46,7 +46,7 @@ class CanopenArm(ConnectableArm):
     def take_control(self) -> None:
         """Take the control token and enable all drives in position mode at their measured positions.
 
-        If that fails, the drives are switched off again, so that no slow drive is enabled afterwards.
+        If that fails, the drives are switched off again, so that a slow drive is not enabled later.
         """
         link, loop = self._link, self._link.loop
         self._raise_if_stopped(link)
@@ -70,9 +70,9 @@ class CanopenArm(ConnectableArm):
     def set_modes(self, modes: Sequence[JointMode]) -> None:
         """Set one mode per joint; return when 6061h of every drive confirms it.
 
-        Raises `ModeNotReached` for the first joint whose drive does not report the mode, or that it follows its target.
-        If a drive does not report the mode, all other joints are held in position mode, because too few joints in
-        position mode would let the arm sag.
+        Raises `ModeNotReached` for the first joint whose drive does not report the mode or, in position mode, does not
+        report that it follows its target. If a drive does not report the mode, all joints are first put into position
+        mode, because with too few joints in position mode the arm would sag.
         """
         try:
             self._set_modes(modes)
@@ -167,9 +167,9 @@ class CanopenArm(ConnectableArm):
     def upload_parameters(self, document: bytes) -> UploadReceipt:
         """Stage, read back and commit a document, and read the home offsets back.
 
-        The drives may be off, stopped or in fault; control is taken if no other node has it. Before anything is sent,
-        raises the alarm that makes the home offsets doubtful, such as a drive that has restarted or has lost counts,
-        later the errors of `hardware.control.uploading.upload`.
+        The drives may be off, stopped or in fault; control is taken if no other node has it. If an alarm makes the home
+        offsets doubtful, such as a drive that has restarted or has lost counts, it is raised before anything is sent.
+        Otherwise raises the errors of `hardware.control.uploading.upload`.
         """
         link = self._link
         link.loop.run(motion_steps.check_alarms(link.loop), despite=_NO_REASON_AGAINST_UPLOAD)

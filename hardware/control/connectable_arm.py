@@ -124,8 +124,8 @@ class ConnectableArm:
     def stop(self) -> None:
         """Send quick stop to all drives and latch STOP. May be called from any thread; waits for no lock and no queue.
 
-        STOP also ends a connection attempt. Raises `BusError` if no arm is connected, or if a frame could not be sent;
-        all other frames were sent.
+        STOP also ends a connection attempt. Raises `BusError` if no arm is connected, or if a frame could not be sent
+        (all other frames were sent).
         """
         # In this order: a connection is `_opening` until it is `_connection`.
         connecting, link = self._connecting, self._opening or self._connection

@@ -59,7 +59,7 @@ class Connection:
         self.found_powered: dict[int, DriveState] = {}
         """State, by joint, of each drive that had power before the start-up although no operator was heard."""
         self.rated_torques_nm: tuple[float, ...] = (0.0,) * len(profile.joints)
-        """Torques of joints 1..n at 1000 per mille in 6077h, N m."""
+        """Torque of each joint, N m, that its drive reports as 1000 per mille in 6077h."""
         bus = on_bus.open_main(settings)
         if record_to is None:  # a recording needs all frames
             set_hardware_filters(bus, operator_filters(profile))
@@ -164,7 +164,7 @@ class Connection:
         self.token, self.in_control, self.took_control = objects.OPERATOR_NODE, True, True
 
     def may_repeat(self, error: errors.HardwareError) -> bool:
-        """Whether to repeat a step after this error.
+        """Whether an upload may repeat its step after this error.
 
         The result is false if the arm is silent, or if control lapsed for a reason other than host latency. If control
         lapsed because of host latency, control is requested again.

@@ -73,8 +73,8 @@ class CommandSender:
 DUPLICATE_SYNCS = 10
 """Number of surplus answers that show two devices with the node number of a joint; fewer may be doubled frames."""
 SURPLUS_DECAY = 0.75
-"""Reduction of the number of surplus answers by a sample with one answer. A second device that answers every other SYNC
-is found after 0.8 s; with 10 % of all frames doubled, a joint has one false alarm in thousands of hours."""
+"""Amount by which a single answer to a SYNC reduces the number of surplus answers. A second device that answers every
+other SYNC is found after 0.8 s; with 10 % of all frames doubled, a joint has one false alarm in thousands of hours."""
 
 SPEED_SYNCS = 5
 """Speeds are means over this many control periods."""

@@ -28,7 +28,7 @@ from hardware.monitors.node_monitor import NMT_NAMES, nmt_state_name
 from hardware.timing import Pace
 
 MARGIN: Final = 1.5
-"""Factor by which a stated time-out is extended, for reaction time and late answers."""
+"""Factor by which a drive's time-out (1016h) is extended, for reaction time and late answers."""
 POLLS: Final = 10
 """Number of readings of the drives' states within `Timing.operator_timeout_s`."""
 
@@ -61,7 +61,7 @@ def _read_all(access: ObjectAccess, needed: Sequence[_Object]) -> dict[_Object, 
 
 
 def _stated_timeout_s(access: ObjectAccess, nodes: Iterable[int]) -> float:
-    """Return `MARGIN` times the longest operator time-out (s) that these nodes state; 0 if no node states one."""
+    """Return `MARGIN` times the longest time-out of `nodes` for the operator's heartbeat (1016h), s; 0 if none."""
     timeout_s = 0.0
     for node in nodes:
         with suppress(errors.BusError):
@@ -201,7 +201,7 @@ class StartUp:
     def _check_drives(self, identity: ArmIdentity) -> tuple[int, ...]:
         """Compare the PDOs with the profile and the arm with its description; write PDOs if the profile requires it.
 
-        Returns the joints whose drives do not monitor the operator's heartbeat.
+        Returns the joints whose drives do not monitor the operator's heartbeat, or take no action when it is lost.
         """
         access, profile = self._access, self._profile
         if profile.configures_pdos:
@@ -283,7 +283,7 @@ class StartUp:
             self._link.wire.send(objects.COB_NMT, bytes([command, node]))
 
     def _read_fault_codes(self, first: Sample) -> None:
-        """Record the error code (603Fh) of each drive in fault, whose emergency this program missed."""
+        """Record the error code (603Fh) of each drive in fault, since this program missed the drive's emergency."""
         faulty = first.joints_in({DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE})
         nodes_in_fault = [self._profile.drives[joint - 1] for joint in faulty]
         codes = {n: self._access.read_unsigned(n, objects.ERROR_CODE) for n in nodes_in_fault}

@@ -25,7 +25,7 @@ class _Press:
 class StopLatch:
     """Latch of STOP, which outlives a connection. A reset releases only the press given to `release`.
 
-    It has no lock: pressing and releasing write one attribute each, so that no press is lost.
+    The latch has no lock: `press` and `release` write one attribute each, so that no press is lost.
     """
 
     def __init__(self) -> None:

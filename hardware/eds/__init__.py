@@ -1,6 +1,6 @@
 """Object dictionaries of this project's devices, read from their EDS files.
 
-`hardware.canopen.objects` names the indices used in code; a test compares the two.
+`hardware.canopen.objects` names the indices used in code; a test compares them with the EDS files.
 """
 
 import struct

@@ -1,1 +1,1 @@
-"""Checks of commands, samples and nodes: limits, following, dropout, standstill, count continuity, heartbeats."""
+"""Checks of samples and nodes: following, dropout, standstill, count continuity, heartbeats, other masters."""

@@ -113,8 +113,8 @@ MIN_BRAKING_SYNCS: Final = 30
 MAX_BRAKING_SYNCS: Final = 200
 """2 s: time allowed to a joint that keeps slowing down; the deceleration (6085h) is the drive maker's choice."""
 STRETCH_SYNCS: Final = 10
-"""Length of the successive intervals after a stop. A joint brakes as long as its displacement decreases from one
-interval to the next."""
+"""Length of the successive intervals after a stop. A joint counts as braking as long as it moves less in each interval
+than in the one before."""
 
 
 @dataclass(slots=True)
@@ -189,7 +189,7 @@ NOT_FOLLOWING_SYNCS: Final = 50
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Dropout:
-    """Uncommanded `status` of a drive; if its state is *operation enabled*, the drive has stopped following."""
+    """A drive that, without a command, left *operation enabled* or stopped following; `status` is its statusword."""
 
     joint: int
     status: int
@@ -214,7 +214,7 @@ class Dropout:
 
 @dataclass(slots=True)
 class _EnabledJoint:
-    """Number of SYNCs since the command to enable, by condition of the drive."""
+    """Counts SYNCs since the command to enable, separately for each condition that the drive reports."""
 
     enabled_syncs: int = 0
     disabled_syncs: int = 0
@@ -246,7 +246,7 @@ class _EnabledJoint:
 
 
 class DropoutMonitor:
-    """Checks every sample and keeps the dropouts until `reset`."""
+    """Checks every sample for dropouts, and keeps the dropouts until `reset`."""
 
     def __init__(self) -> None:
         self._dropouts: dict[int, Dropout] = {}
@@ -258,7 +258,7 @@ class DropoutMonitor:
         return tuple(sorted(self._dropouts.values(), key=_priority))
 
     def command(self, joint: int, command: Setpoint) -> Setpoint | None:
-        """Return the command to send to a joint: after a dropout, one that does not enable the drive.
+        """Return the command to send instead of `command`: after a dropout, one that does not enable the joint's drive.
 
         The result is None (send nothing) while a dropout of this joint is suspected: a command might enable the drive.
         """
@@ -272,7 +272,7 @@ class DropoutMonitor:
         return Setpoint(word, command.target_counts, command.mode)
 
     def update(self, sample: Sample, commands: Setpoints | None, *, stopped: bool) -> None:
-        """Take in a sample and the commands sent last; while `stopped`, quick stop is sent in their place."""
+        """Compare a sample with the commands sent last; while `stopped`, quick stop is sent and nothing is compared."""
         if commands is None or stopped:
             self._joints = ()
             return
@@ -282,7 +282,7 @@ class DropoutMonitor:
             self._dropouts = {each.joint: each for each in self._find(sample, commands)}
 
     def reset(self) -> None:
-        """Clear the dropouts, once the operator has reset the drives."""
+        """Clear the dropouts; called when the operator resets the drives."""
         self._dropouts = {}
         self._joints = ()
 

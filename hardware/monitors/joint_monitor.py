@@ -67,7 +67,7 @@ class ContinuityMonitor:
         self._jerk_syncs_left = 0
 
     def expect_jerk(self) -> None:
-        """Suspend detection, since a drive is enabled, changes mode or gets a target outside a move."""
+        """Suspend detection; called when a drive is enabled, changes its mode or gets a target outside a move."""
         self._jerk_syncs_left = JERK_SYNCS
         self._candidate = None
 
@@ -219,8 +219,8 @@ def alarms(
     """Yield all alarms, highest priority first.
 
     `lost_joints`: joints that do not answer SYNC; `duplicate_joints`: joints that answer each SYNC twice;
-    `wrong_lengths` describes TPDOs that are no answers because of their length; `tripped_joints`: joints whose drives
-    are in fault.
+    `wrong_lengths`: description, by joint, of a TPDO that was ignored because of its length; `tripped_joints`: joints
+    whose drives are in fault.
     """
     if watch.divergence is not None:  # the cause of a STOP comes before the STOP
         yield stop_error(watch.divergence)

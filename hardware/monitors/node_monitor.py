@@ -38,7 +38,7 @@ def nmt_state_name(state: int) -> str:
 
 
 def describe_master_frame(profile: BusProfile, identifier: int, data: bytes) -> str:
-    """Return a text, with the identifier, on a frame that only a master sends; empty for frames that nodes send.
+    """Describe a frame that only a master sends, with its identifier; return an empty text for frames that nodes send.
 
     TPDOs of the profile count as frames of the nodes, whatever their identifiers.
     """
@@ -143,7 +143,7 @@ class NodeMonitor:
                 self._emergency(node, code, register, sync_count)
 
     def expect_boot_up(self) -> None:
-        """Clear everything heard; call before resetting the nodes."""
+        """Expect the nodes to boot, and clear what they sent before; call before resetting them."""
         self.boot_expected = True
         self.booted.clear()
         self.restarted, self.foreign_command = frozenset(), ""

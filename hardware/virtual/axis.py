@@ -58,7 +58,7 @@ class LinearityDeviation:
 
     @classmethod
     def drawn(cls, rng: np.random.Generator, *, full_scale_rad: float, peak: float) -> Self:
-        """Draw a random shape, weaker in high degrees, with peak deviation `peak` (fraction of full scale)."""
+        """Draw random coefficients, smaller in high degrees, with peak deviation `peak` (fraction of full scale)."""
         shape = rng.choice((-1.0, 1.0), 4) * rng.uniform(0.4, 1.0, 4) * (1.0, 1.0, 0.4, 0.2)
         unit = cls(coefficients_rad=tuple(shape.tolist()), half_scale_rad=0.5 * full_scale_rad)
         scale = peak * full_scale_rad / unit.peak_rad()
@@ -120,7 +120,7 @@ def converter_ends(joint: Joint, rvdt: Rvdt) -> tuple[int, int]:
 def joint_sensor(
     joint: Joint, *, with_noise: bool, curve: LinearityDeviation | None
 ) -> JointSensor:
-    """Return the sensor of an arm file's joint; `curve` is for an RVDT. Raises `ValueError` without a sensor."""
+    """Return a simulated sensor; `curve`: linearity deviation of an RVDT. `ValueError` if the joint has no sensor."""
     match joint.sensor:
         case Encoder() as encoder:
             return JointSensor(
@@ -185,7 +185,7 @@ class AxisSettings:
         if per_turn.numerator > _LARGEST_U32:
             per_turn = per_turn.limit_denominator(10_000)
         self.increments, self.revolutions = per_turn.numerator, per_turn.denominator
-        """6065h, at which the drive trips; 607Fh; largest 607Ch; 608Fh."""
+        """In order: 6065h, at which the drive trips; 607Fh; largest magnitude of 607Ch; subs 1 and 2 of 608Fh."""
 
 
 def arm_axes(arm: ArmModel) -> tuple[AxisSettings, ...]:

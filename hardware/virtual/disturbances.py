@@ -97,7 +97,7 @@ class Disturbances:
     """Active faults, by node or joint."""
 
     cut_since_s: dict[int, float] = field(default_factory=dict)
-    """Time of the cut (the controller's clock), by node, of each node whose cable is cut."""
+    """Time at which a node's cable was cut (the controller's clock), by node."""
     no_heartbeat: set[int] = field(default_factory=set)
     heartbeat_period_s: dict[int, float] = field(default_factory=dict)
     """Changed heartbeat periods, by node."""
@@ -132,7 +132,7 @@ class Disturbances:
         return self.wire_out.delays or self.wire_in.delays
 
     def sends_heartbeat(self, node: int, now_s: float) -> bool:
-        """Whether a node sends a heartbeat now."""
+        """Whether a node sends a heartbeat now; for a node with a changed period, true starts the next period."""
         if node in self.no_heartbeat:
             return False
         period_s = self.heartbeat_period_s.get(node)
@@ -144,7 +144,7 @@ class Disturbances:
         return True
 
     def read(self, joint: int, counts: int) -> int:
-        """Return the reading of a joint's sensor, with its faults, where `counts` would be correct."""
+        """Return the reading of a joint's sensor, which would be `counts` without the sensor's faults."""
         if joint in self.frozen_counts:
             return self.frozen_counts[joint]
         ripple = self.ripple_counts.get(joint, 0.0)

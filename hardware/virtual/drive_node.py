@@ -125,7 +125,7 @@ _FAULTED = (DriveState.FAULT_REACTION_ACTIVE, DriveState.FAULT)
 
 
 class DriveGroup:
-    """Drives of joints 1..n, their plant and its faults.
+    """Drives of joints 1..n, with their plant and the active faults.
 
     In addition to CiA 402: if one drive trips, all others stop, since in a closed chain they would push against a joint
     that does not follow, and no drive moves until the fault is reset. If the operator's heartbeat is lost, the drives

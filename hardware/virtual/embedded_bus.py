@@ -20,7 +20,7 @@ _SENT = can.Message()
 class EmbeddedBus(VirtualBus):
     """Replacement for python-can's virtual bus, on the same channels, at a third of the processor time.
 
-    It has a `TimedQueue` (based on a queue in C), one shared copy of each frame, and a filter cache by identifier.
+    It uses a `TimedQueue` (based on a queue in C), shares one copy of each frame, and caches the filters' results.
     """
 
     def __init__(self, channel: str, **kwargs: Any) -> None:

@@ -40,11 +40,11 @@ class FaultDescription:
     """Parts of possible messages to the operator; ``{joint}`` is the joint at fault."""
     arm: ArmReaction = ArmReaction.STANDS
     kept: str = ALL_POSES
-    """Reaction of the arm when the fault is reported, and what remains of the session."""
+    """`arm`: reaction of the arm when the fault is reported; `kept`: what remains valid of the session."""
     at_connect: bool = False
-    """Whether the fault shows while the arm is being connected, so that it must be injected before that."""
+    """Whether the fault shows while the arm is being connected; it must then be injected before that."""
     always_reported: bool = False
-    """Whether every session with this fault shows one of these messages."""
+    """Whether every session with this fault shows a message with one of `texts`."""
 
     def symptom(self) -> str:
         """Return what the operator sees, as text."""

@@ -32,7 +32,7 @@ RESTING_RAD = 1e-13
 BOUND_HINGE_NM_PER_RAD = 6e4
 """Stiffness of a blocked hinge: ten times that of a servo."""
 MAX_NEWTON_STEP_RAD = 0.1
-"""Largest Newton step, so that the chain can follow near a singularity, where a joint would jump."""
+"""Largest Newton step: near a singularity, a joint would jump with a longer one, and the chain could not follow."""
 PRESLIDING_RAD = 1e-3
 """Elastic motion of a joint before it slides."""
 SERVO_NM_PER_RAD = 6e3
@@ -67,8 +67,8 @@ class Loads:
     def of(self, arm: ArmModel) -> Self:
         """Return loads for another arm; friction, if there is any, is in proportion to each drive's torque.
 
-        If the number of joints differs, the largest mass is placed at mid-arm and near the wrist. Masses are reduced in
-        proportion to the weakest drive: in a closed chain any drive may have to carry them.
+        If the number of joints differs, the largest mass is placed at mid-arm and near the wrist. If a drive is weaker
+        than the paper's, all masses are reduced in proportion: in a closed chain any drive may have to carry them.
         """
         weakest = min(joint.max_torque_nm for joint in arm.joints) / PAPER_TORQUE_NM
         n, payload = arm.joint_count, self.payload_kg * min(1.0, weakest)

@@ -1,10 +1,10 @@
 """Named virtual arms: true geometry, sensor errors, fixture compliance.
 
-The truth is the paper's arm in the paper's hinge if the files allow it; otherwise a specimen drawn by seed within the
-tolerances of the files (`scenario_of`).
+The true geometry is that of the paper's arm in the paper's hinge, if the files allow it; otherwise a specimen drawn by
+seed within the tolerances of the files (`scenario_of`).
 
 Each of the paper's three error sources (section 4: RVDTs, fixed lengths, fixture) is one field of a `Scenario`. The
-errors are drawn from separate streams, so that switching one off does not change the others.
+errors are drawn from separate random streams, so that switching one off does not change the others.
 """
 
 from dataclasses import dataclass, replace
@@ -60,9 +60,9 @@ class Scenario:
     """Description of a virtual arm in its fixture, from which `build` makes a plant.
 
     The same name and seed give the same arm and noise. `specimen`: seed of the arm's errors (linearity, lengths);
-    if it is None, `seed` is used. `truth`: geometry without the errors of the fixed lengths. `lengths`: smallest and
-    largest magnitude of these errors, m. `linearity_of_full_scale`: peak linearity deviation of every RVDT, fraction of
-    full scale. `placement`: number of this mounting of the fixture, from 1; each mounting has different noise.
+    if it is None, `seed` is used. `lengths`: smallest and largest magnitude, m, of the errors that are added to the
+    maker's lengths in `truth`. `linearity_of_full_scale`: peak linearity deviation of every RVDT, fraction of full
+    scale. `placement`: number of this mounting of the fixture, from 1; each mounting has different noise.
     """
 
     name: str
@@ -156,9 +156,9 @@ def scenario_of(
 ) -> Scenario:
     """Return the scenario for an arm and a fixture; its truth is the paper's arm if the files allow it.
 
-    Otherwise the truth is drawn by seed within the tolerances of the files, including (except in ``exact``) lengths and
-    twists that the calibration does not identify. From the second `placement` on, the fixture is drawn again and the
-    arm stays the same.
+    Otherwise the truth is drawn by seed within the tolerances of the files; in ``datasheet`` and ``wild`` this includes
+    lengths and twists that the calibration does not identify. From the second `placement` on, the fixture is drawn
+    again, and the arm stays the same.
 
     Raises `ValueError` if there is no such scenario, or if no plant can be built from these files.
     """

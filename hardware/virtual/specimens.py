@@ -24,9 +24,9 @@ from solver.loops.endpoints import MeasuredClosure, PointClosure
 SPECIMEN_OFFSET_RAD = float(np.deg2rad(3.0))
 """Largest difference of true offsets from those of the arm file."""
 OFFSET_TOLERANCE_RAD = float(np.deg2rad(10.0))
-"""Largest difference between true and stated offsets at which a file may still describe an arm."""
+"""Largest difference of true offsets from those of an arm file that may still describe the arm."""
 NEAR_HOME_RAD = float(np.deg2rad(15.0))
-"""Largest difference of a specimen's start pose from the start pose of the nominal files."""
+"""Largest difference of a specimen's start pose from the start pose of the nominal geometry."""
 RANGE_MARGIN_RAD = float(np.deg2rad(3.0))
 """Smallest distance of the start pose from the ends of the ranges."""
 MAX_DRAWS = 200
@@ -114,8 +114,8 @@ def files_allow(
 ) -> bool:
     """Whether the files can describe the arm and hinge of `truth`, whose loop closes at `home_rad` (n,).
 
-    Free entries may differ by their tolerance (offsets by `OFFSET_TOLERANCE_RAD`), other entries by five stated
-    standard deviations. For an open arm the hinge and the entries that depend on mounting are not compared.
+    Free entries may differ by their tolerance (offsets by `OFFSET_TOLERANCE_RAD`), other entries by five standard
+    deviations of the arm file. For an open arm, the hinge and the entries that depend on mounting are not compared.
     """
     model = fixture.model(arm)
     if model.joint_count != truth.joint_count:

@@ -98,7 +98,7 @@ class SupervisorNode(VirtualNode):
             self._take(0)
 
     def external_stop(self, *, active: bool) -> None:
-        """Report the state of the external stop's contact."""
+        """Send the emergency of the external stop's contact or, if it is not `active`, the end of the error."""
         with self.lock:
             if active:
                 register = ErrorBit.GENERIC | ErrorBit.MANUFACTURER

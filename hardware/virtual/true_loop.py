@@ -258,7 +258,7 @@ def with_length_errors(
 ) -> Truth:
     """Add a random error, of a magnitude within `range_m`, to every length from the maker's table.
 
-    These are s_2..s_n-1 and a_1..a_n-1; the fixture's entries (s_1, s_n, a_n, row 0) are identified.
+    These are s_2..s_n-1 and a_1..a_n-1; the calibration identifies the fixture's entries (s_1, s_n, a_n, row 0).
     """
     n = truth.joint_count
     fixed = {"s_m": slice(2, n), "a_m": slice(1, n)}

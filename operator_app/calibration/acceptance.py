@@ -148,7 +148,7 @@ def _unnamed(diagnosis: Diagnosis) -> Iterable[Finding]:
 
 
 def _left(diagnosis: Diagnosis) -> float:
-    """Return the chi2/dof that the last explanation leaves; without a possible one, that of the stated model."""
+    """Return the chi2/dof that the last explanation leaves; if none is possible, the chi2/dof of the stated model."""
     last = diagnosis.rankings[-1].best if diagnosis.rankings else None
     if last is None or _impossible_compliance(diagnosis):
         return diagnosis.stated_chi2_per_dof
@@ -227,7 +227,7 @@ def little_motion(
 def paper_test(
     paper: Estimate | None, implicit: Estimate
 ) -> tuple[tuple[HypothesisTest, ...], tuple[Finding, ...]]:
-    """Test the paper's estimate, if there is one, against the implicit one; return the test and its finding."""
+    """Test the paper's estimate, if any, against the implicit one; return the test, and a finding if it fires."""
     if paper is None:
         return (), ()
     names = [p.name for p in implicit.parameters]

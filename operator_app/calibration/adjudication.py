@@ -60,7 +60,7 @@ UNEXPLAINED_KINDS = {
 class PriorInformation:
     """Results that the adjudication uses in addition to the tests of the fit.
 
-    `judged`: names of the parameters that decide on acceptance. `paper`: the paper's estimate if chosen, else None.
+    `judged`: names of the parameters that decide on acceptance. `paper`: the paper's estimate if it was chosen.
     `out_of_range`: readings outside the arm file's ranges. `flipped`: number of poses left out because the tool is, or
     seems, upside down. `left_out`: findings that state why poses were left out.
     `checks`: set-up checks of the fixture's identified geometry.
@@ -106,7 +106,7 @@ class _Case:
 
     @property
     def gross(self) -> bool:
-        """Whether no single linear explanation accounts for the misfit."""
+        """Whether the misfit is still too large with the best single linear explanation."""
         best = self.diagnosis.best
         least = self.chi2_per_dof if best is None else best.chi2_per_dof
         return least > limits.CHI2_PER_DOF_REFUSED
@@ -169,7 +169,7 @@ def adjudicate(
         first, proven = (*proven, *first), ()
     # An alternative model also explains readings out of range: it comes first.
     first, by_tests = ((*by_tests, *first), ()) if alternatives else (first, by_tests)
-    # The paper's estimate does not use measured distances, and a gross misfit does not show which are wrong.
+    # The paper's estimate does not use measured distances, and a gross misfit does not show which distances are wrong.
     unused = paper is not None or case.gross
     distances = () if unused else contradicted(case.stated, calibrated.linear)
     return acceptance.Adjudication(
@@ -247,8 +247,8 @@ def _wrong_distances(case: _Case, margin: float, *, again: bool = True) -> tuple
     """Return findings of measured distances that may be wrong; empty if there are none.
 
     A distance may be wrong if chi2 without it is at most the chi2 of the most probable other fault plus `margin`.
-    `again`: solve the loops again without the distance. To compare it with other faults, which are not solved again,
-    set `again` to False: all chi2 are then of linear fits.
+    `again`: solve the loops again without the distance. If False, chi2 without the distance is from the linear fit, as
+    is the chi2 of each other fault, so that the comparison is fair.
     """
     if again and (case.gross or not case.fit.estimate.converged):
         return refuted_distances(case.stated)
@@ -314,7 +314,7 @@ def _poorly_determined(case: _Case) -> tuple[Finding, ...]:
     fit = expected_fit(model, design.q, design.errors, nominal, group=group)
     expected = replace(case.fit.estimate, covariance=fit.covariance)
     if case.gross:
-        # A gross misfit has another cause, unless sigmas that the files do not limit make any solution useless.
+        # A gross misfit has another cause, unless parameters that the files do not determine have useless sigmas.
         expected = expected.given(case.known.by_files)
     sd = expected.standard_deviation
     causes = acceptance.little_motion(expected.parameters, sd, case.known.judged)
@@ -336,7 +336,7 @@ def _blocking_when_probable(causes: tuple[Finding, ...]) -> tuple[Finding, ...]:
 
 
 def _exceeded_specifications(fit: LinearFit, diagnosis: Diagnosis) -> tuple[Finding, ...]:
-    """Return findings of error sources beyond their specification; the sigmas include the excess.
+    """Return findings of error sources beyond their specification; the parameters' sigmas already include the excess.
 
     A linearity deviation is included only if its own test fires.
     """

@@ -59,7 +59,7 @@ def without_reading(stated: Experiment, joint: int) -> Experiment:
 
 
 def start(alternative: Experiment) -> tuple[FloatArray, float]:
-    """Return start values (P,) and cost: mean square closure error or, with unsensed joints, correction (rad^2)."""
+    """Return start values (P,) and cost: mean square closure error or, with unsensed joints, reading correction."""
     if alternative.unsensed:
         fit = without_readings(alternative)
         return fit.x, float((fit.corrections**2).mean())
@@ -85,7 +85,7 @@ def without_readings(
 
 
 def is_near(alternative: Experiment) -> bool:
-    """Whether an alternative's loop closes near its nominal values."""
+    """Whether the parameters that close an alternative's loops are near their nominal values."""
     return tried(
         lambda: not far_from_nominal(alternative.loop().parameters, start(alternative)[0]),
         otherwise=False,
@@ -125,8 +125,8 @@ def solved(alternative: Experiment, *, anywhere: bool = False) -> tuple[float, i
 def fitted(alternative: Experiment, *, anywhere: bool = False) -> MixedFit:
     """Return the fit of an alternative at stated variances; raises an error if it cannot be solved.
 
-    `anywhere`: whether the distance of the fixture from its stated place adds nothing to chi2, as for the stated model.
-    Otherwise, of two alternatives that fit, the one that leaves the fixture in its place has the smaller chi2.
+    `anywhere`: whether the fixture may be far from its stated placement without a larger chi2, as in the stated model.
+    If not, of two alternatives that fit, the one with the fixture nearer to that placement has the smaller chi2.
     """
     arm, poses = alternative.arm, alternative.poses
     x, _ = start(alternative)
@@ -197,7 +197,7 @@ def other_fixtures(stated: Experiment) -> Iterator[Alternative]:
 
 
 def hinge_instead(stated: Experiment) -> Alternative:
-    """Return the alternative with a hinge on the line that is most nearly fixed in both tool and base."""
+    """Return the alternative with a hinge on the line that moves least in both tool and base."""
     arm, fixture = stated.arm, stated.fixture
     frames = _frames(arm, stated.poses)
     eye = np.broadcast_to(np.eye(3), frames[0].shape)
@@ -221,7 +221,7 @@ def hinge_instead(stated: Experiment) -> Alternative:
 
 
 def _ball_instead(stated: Experiment) -> Alternative:
-    """Return the loop with a ball as its fixture: on the file's hinge or, without one, where the tool moves least."""
+    """Return the alternative with a ball: on the file's hinge axis or, without a hinge, where the tool moves least."""
     fixture = stated.fixture
     R, p = frames = _frames(stated.arm, stated.poses)
     if isinstance(fixture, Hinge):

@@ -63,10 +63,10 @@ LARGEST_IN_RADIANS = np.deg2rad(2.0 * np.pi)
 """Largest angle, rad, that results if a file in radians (up to one turn) is read as degrees."""
 
 LARGEST_OFFSET_RAD = np.deg2rad(10.0)
-"""Largest offset that a zero may have in addition to a quarter or half turn."""
+"""A joint's zero counts as a quarter or half turn off if its error differs from that turn by less than this."""
 
 MOST_LEFT_OUT = 3
-"""Largest number of poses left out to explain a gross misfit; at most a tenth of all poses."""
+"""Largest number of poses left out to explain a gross misfit; also at most a tenth of all poses."""
 
 SOLVED_ALTERNATIVES = 3
 """Number of the most promising alternatives that are solved completely."""
@@ -153,7 +153,7 @@ def poses_in_radians(stated: Experiment, scale: float) -> tuple[Finding, ...]:
 
 
 def hinge_alternative(stated: Experiment) -> tuple[Finding, ...]:
-    """Return the finding of a hinge if the file states a ball, but the poses close in a hinge.
+    """Return the finding that the fixture is a hinge if the file states a ball, but the poses close in a hinge.
 
     Poses that close in a hinge also close in a ball with its centre anywhere on the axis.
     """
@@ -169,8 +169,8 @@ def wrong_distances(
 ) -> tuple[Finding, ...]:
     """Return findings of the measured socket distances that have to be left out for the poses to fit.
 
-    `most_chi2`: largest allowed chi2 without these distances, at the known noise of `fit`. `again`: if the poses
-    do not fit by the linear `fit`, solve the loops again without the distances, since large errors are not linear.
+    `most_chi2`: largest allowed chi2 without these distances, with the variances of `fit.at_known_noise`. `again`: if
+    the linear `fit` is too poor without them, solve the loops again, since effects of large errors are not linear.
     """
     fit_stated = fit.stated
     known = compared(stated, fit_stated)
@@ -292,7 +292,7 @@ def _corrected(stated: Experiment, mistake: Mistake) -> Alternative:
 
 
 def _without_worst(stated: Experiment) -> Iterator[Alternative]:
-    """Yield alternatives, each of which leaves out one more pose: the one that closes worst in the previous one."""
+    """Yield alternatives; each leaves out one more pose, that with the largest closure error in the previous model."""
     labels, kept, rest = pose_labels(stated.poses), np.arange(len(stated.poses)), stated
     left_out: list[str] = []
     while not stated.unsensed and len(left_out) < min(MOST_LEFT_OUT, len(labels) // 10):
@@ -308,7 +308,7 @@ def _without_worst(stated: Experiment) -> Iterator[Alternative]:
 
 
 def _refitted(stated: Experiment, poses: PoseSet) -> Experiment:
-    """Return the experiment with `poses` instead; an instrument is registered again from these poses."""
+    """Return the experiment with its poses replaced by `poses`; an instrument is registered again from them."""
     fixture = with_registered_instrument(stated.arm, stated.fixture, poses)
     return replace(stated, poses=poses, fixture=fixture)
 
@@ -326,7 +326,7 @@ def _with_table(arm: ArmModel, **columns: FloatArray) -> ArmModel:
 
 
 def turned_zero(stated: Experiment, estimate: Estimate) -> tuple[Finding, ...]:
-    """Return the finding of a zero that the estimate has moved by a quarter or half turn, if the loops then fit."""
+    """Return the finding that a joint zero is a quarter or half turn off, if `estimate` and a corrected fit show it."""
     names, nominal = [p.name for p in estimate.parameters], nominal_vector(estimate.parameters)
     changes = dict(
         zip(names, wrap_angles(estimate.parameters, estimate.x - nominal).tolist(), strict=True)

@@ -1,7 +1,7 @@
 """Calibration from a pose set in stages: prepare, fit, diagnose, collect the results, add notices.
 
 Each stage gets the frozen records of earlier stages, and only the options that it needs. `sarcal solve`, the session
-and the library call this.
+and the library call `calibrate`.
 """
 
 from collections.abc import Iterator, Mapping
@@ -192,9 +192,9 @@ class Fitted:
 def prepare(
     experiment: Experiment, *, by_paper: bool, search: bool, drop: bool, progress: Progress | None
 ) -> Prepared:
-    """Build the loops and the model of their fit; refuse poses that cannot be fitted.
+    """Build the loops and the model of their fit; raise an error if the poses cannot be fitted.
 
-    It refuses too few poses, readings out of range, placements with ambiguous parameters, unidentifiable parameters.
+    That is: too few poses, readings of another arm or unit, a placement with ambiguous or unidentifiable parameters.
     """
     model, arm, poses = experiment.loop(), experiment.arm, experiment.poses
     require_enough_poses(model, len(poses))
@@ -230,10 +230,10 @@ def prepare(
 
 
 def fit(prepared: Prepared, progress: Progress | None) -> Fitted:
-    """Fit by the implicit estimator from several starts; `estimate` is the paper's if that is chosen.
+    """Fit by the implicit estimator from several starts; `Fitted.estimate` is the paper's if that was chosen.
 
-    Raises `PosesDoNotFitError` if no start leads to a fit; the error lists the alternative models that fit. Refuses
-    parameters that are unidentifiable at the estimate.
+    Raises `PosesDoNotFitError` if no start leads to a fit; the error lists the alternative models that fit. Also raises
+    an error if parameters are unidentifiable at the estimate.
     """
     experiment, loops, distinct = prepared.experiment, prepared.loops, prepared.distinct
     rows = np.searchsorted(np.flatnonzero(loops.kept), distinct)
@@ -278,7 +278,7 @@ def fit(prepared: Prepared, progress: Progress | None) -> Fitted:
 def diagnose(
     fitted: Fitted, rereads: tuple[RepeatedReading, ...]
 ) -> tuple[PriorInformation, Adjudication]:
-    """Test the fit and every RVDT, compare placements and repeated poses, and rank the causes."""
+    """Test the fit, every RVDT, the fixture's geometry and repeated poses, and rank the causes of a misfit."""
     prepared, model, x = fitted.prepared, fitted.model, fitted.estimate.x
     loops, experiment = prepared.loops, prepared.experiment
     part, tested, shares = fitted.part, fitted.tested, fitted.shares
@@ -362,7 +362,7 @@ def _identifiability(prepared: Prepared, x: FloatArray) -> Identifiability:
 
 
 def _require_identifiable(prepared: Prepared, identified: Identifiability) -> Identifiability:
-    """Return `identified`, or raise an error with the unidentifiable directions or their cause.
+    """Return `identified` if acceptable; otherwise raise an error with the unidentifiable directions or their cause.
 
     The implicit estimator accepts directions that involve a parameter whose uncertainty the arm's file states.
     """
@@ -389,7 +389,7 @@ def _require_identifiable(prepared: Prepared, identified: Identifiability) -> Id
 
 
 def _identifiability_of(prepared: Prepared, part: Calibrated, x: FloatArray) -> Identifiability:
-    """Identifiability at the fitted `x`, from the fit or, with unsensed joints, from the loop closure."""
+    """Identifiability at the paper's estimate if chosen; else at `x`, by the fit or (joints unsensed) the closure."""
     loops = prepared.loops
     if prepared.by_paper and prepared.identifiability is not None:
         return prepared.identifiability
@@ -420,9 +420,9 @@ def _starts(prepared: Prepared) -> Iterator[FloatArray | None]:
 def _outliers(
     calibrated: Calibrated, of_each: IntArray, poses: PoseSet, adjudication: Adjudication
 ) -> tuple[str, ...]:
-    """Labels of the poses that a blocking cause names as outliers, else of those that the others do not predict.
+    """Labels of the outliers that a blocking cause names; if none does, of poses that the other poses do not predict.
 
-    `of_each`: indices of the poses of `calibrated`. Of poses not predicted, the worst is first.
+    `of_each`: for each pose of `calibrated`, its index in `poses`. Of poses not predicted, the worst is first.
     """
     from scipy.special import chdtrc
 

@@ -1,6 +1,6 @@
 """The calibrated arm without its loop: tool position, its uncertainty, and offsets that were fixed.
 
-Parameters of the mounting (`ground_side`, `hand_side`) change with the fixture; the arm's own remain.
+Parameters of the mounting (`ground_side`, `hand_side`) change with the fixture; the arm's own parameters do not.
 """
 
 from collections.abc import Collection, Mapping
@@ -38,14 +38,14 @@ Frame = Literal["tip", "flange"]
 TIP_NAMES = frozenset(TIP)
 
 NEWTON_STEPS = 3
-"""Number of Newton steps to an unknown place; for a ball, the closure is linear in the socket's coordinates."""
+"""Number of Newton steps to an unknown placement; for a ball, the closure is linear in the socket's coordinates."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CalibratedArm:
     """Links 1..n of a calibrated arm, and the tip: the point of its tool that the fixture holds.
 
-    The base frame is that of the arm's file: entries measured from the fixture keep the values that the file states.
+    The base frame is that of the arm's file: entries measured from the fixture on the table keep the file's values.
 
     `flange`: rows 1..n with the arm's own entries as calibrated, all others as in the arm's file.
     `hand`: the same rows, but with the calibrated values of the entries that locate the fixture on the tool.
@@ -82,7 +82,7 @@ class CalibratedArm:
     def T_base(
         self, q_rad: FloatArray, frame: Frame = "tip", *, corrected: bool = False
     ) -> FloatArray:
-        """Pose of the tip, or of frame n, in the base frame at readings (..., n): (..., 4, 4), m.
+        """Pose (..., 4, 4), m, of the tip, or of frame n if `frame` is "flange", in the base at readings (..., n).
 
         It uses the best table for uncorrected readings or, if `corrected`, the identified table with corrections added
         to the readings. The tip has the orientation of the last frame.
@@ -144,7 +144,7 @@ MOST_POSES_SAMPLED = 100
 
 NOTEWORTHY_SHARE = 0.9
 """The part of the tool's sigma that is due to parameters determined by the poses (and not by files) is reported only if
-it is below this share of the whole sigma."""
+it is below this share of the total sigma."""
 
 RANGE_SAMPLES = 300
 """Number of poses over the joints' ranges; the rms over them is accurate to about 4 %."""
@@ -206,9 +206,9 @@ def last_placement(solution: Solution) -> tuple[ClosureModel, dict[str, int]]:
 
 
 def calibrated_arm(solution: Solution, arm: ArmModel) -> CalibratedArm:
-    """Return the calibrated arm of a calibration."""
+    """Return `arm` with the values that `solution` identified; `arm` is the arm of the arm file."""
     estimate = solution.estimate
-    # If the fixture is remounted on the tool for every placement, the tool is that of the last one, which is mounted.
+    # If the fixture is remounted on the tool for every placement, the tool of the last placement counts.
     part, column = last_placement(solution)
     x = {name: float(estimate.x[k]) for name, k in column.items()}
     sensed = part.with_all_joints_sensed()
@@ -247,7 +247,7 @@ def calibrated_arm(solution: Solution, arm: ArmModel) -> CalibratedArm:
 def with_best_table(
     solution: Solution, arm: ArmModel, calibrated: Calibrated, q: FloatArray
 ) -> Solution:
-    """Add the corrections and the best table for readings `q` (m, n), rad; `calibrated`: the fit of the same poses."""
+    """Return `solution` with corrections and best table for readings `q` (m, n), rad, and their fit `calibrated`."""
     own = calibrated_arm(solution, arm)
     part, column = last_placement(solution)
     index = np.array([column[name] for name in own.free], dtype=np.int64)
@@ -295,7 +295,7 @@ def with_estimated_place(
 ) -> FloatArray:
     """Return parameters x (P,), rad and m, with those of `unknown` estimated from readings q (m, n) without a prior.
 
-    `unknown`: names of the parameters of a fixture's or an instrument's place.
+    `unknown`: names of parameters of a fixture's or an instrument's placement.
     """
     columns = [k for k, p in enumerate(model.parameters) if p.name in unknown]
     x = x.copy()
@@ -317,7 +317,7 @@ def closure_in_use(
     """Return the closure sigmas with the best table and with the corrections.
 
     `model`, `x`: a loop of the calibrated arm and the values of its parameters (P,), rad and m. `q`: readings (m, n).
-    `unknown`: parameters of a place that was not calibrated; they are estimated once with the table and once with
+    `unknown`: parameters of a placement that was not calibrated; they are estimated once with the table and once with
     the corrections.
     """
     best, corrections = solution.best, solution.corrections

@@ -219,7 +219,7 @@ def _loop(document: ParametersDocument) -> DhLoop:
     """Return the loop that a document describes.
 
     If the offset of the first or last joint was not identified, the joint counts as unsensed. Equivalent parameters
-    with opposite signs of a and alpha in the link beside it then need no change of that offset.
+    with opposite signs of a and alpha in the link next to this joint then need no change of its offset.
     """
     entries = tuple(DhEntry.parse(e.entry) for e in document.calibrated)
     known = {e.name for e in entries}
@@ -233,7 +233,7 @@ def _loop(document: ParametersDocument) -> DhLoop:
 
 
 def nearest_values(a: ParametersDocument, b: ParametersDocument) -> dict[str, float]:
-    """Return B's identified entries (rad, m), replaced by the equivalents nearest to A's."""
+    """Return the identified entries of `b` (rad, m); of equivalent values, those nearest to the values of `a`."""
     loop = _loop(b)
     rows_a, rows_b = a.table.stacked(), b.table.stacked()
     x = np.array([rows_b[e.kind, e.row] for e in loop.entries])
@@ -245,7 +245,7 @@ def nearest_values(a: ParametersDocument, b: ParametersDocument) -> dict[str, fl
 def sides_of(document: ParametersDocument) -> dict[str, Side]:
     """Return the side of each calibrated entry, by name: arm, or ground or tool side of the fixture.
 
-    Documents of version 1 state no sides: these follow from their D-H loop.
+    Documents of version 1 state no sides: their sides are derived from the D-H loop that they describe.
     """
     loop = _loop(document)
     sides = {e.name: Side.ARM for e in loop.entries}

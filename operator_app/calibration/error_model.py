@@ -31,10 +31,10 @@ from solver.loops.closure import ClosureModel, unsensed_at_readings
 from solver.loops.endpoints import GROUND
 
 MOVED_RAD, MOVED_SIGMAS = np.deg2rad(0.05), 4.0
-"""A joint has moved between two poses if its readings differ by more than MOVED_RAD and by more than MOVED_SIGMAS of a
-reading's standard deviations."""
+"""A joint has moved between two poses if its readings differ by more than MOVED_RAD and by more than MOVED_SIGMAS
+standard deviations of a reading."""
 MOVED_M = 1e-3
-"""Larger differences of an instrument's positions are motion, whatever the joints read."""
+"""The arm has moved if two positions measured by an instrument differ by more than this, whatever the joints read."""
 
 
 def error_model(
@@ -117,9 +117,9 @@ def _loads(experiment: Experiment, kept: IntArray) -> LoadBasis | None:
 
 
 def approach_of(arm: ArmModel, poses: PoseSet, kept: IntArray) -> FloatArray | None:
-    """Direction in which each joint approached the kept poses (m, n): 1 or -1; 0 until it first moves in a placement.
+    """Direction in which each joint last moved, at each kept pose (m, n): 1 or -1; 0 until it moves in a placement.
 
-    The directions follow from the times of the poses, not from their order in the file; None if times give no order.
+    The directions follow from the times of the poses, not from the order in the file; None if times give no order.
     """
     if poses.utc is None or not all(poses.utc):
         return None
@@ -158,7 +158,7 @@ def noise_model(experiment: Experiment) -> NoiseModel:
 
 
 def _instrument_variance(fixture: EndpointConstraint) -> FloatArray | None:
-    """Variance (6,) of the endpoint measurement along the closure components; None without an instrument."""
+    """Variance (6,), rad^2 then m^2, of an instrument's measurement by component; None without an instrument."""
     return fixture.endpoint_variance() if isinstance(fixture, Measured) else None
 
 
@@ -167,7 +167,7 @@ def averaged_at_rest(arm: ArmModel, poses: PoseSet) -> PoseSet:
 
     Such rows, as in a log at a fixed rate, repeat one pose with its deflection and play: only the noise of their
     readings is independent. Each row gets the mean reading, mean endpoint and sum of samples of its group, so that
-    `distinct_poses` counts the group once. If all such rows are equal already, the poses are returned unchanged.
+    `distinct_poses` counts the group once. If the rows of every group are equal, the poses are returned unchanged.
     """
     q, rows = poses.q_rad, [poses.q_rad, poses.placement[:, None]]
     limits = [_moves_rad(arm), np.zeros(1)]
@@ -182,7 +182,7 @@ def averaged_at_rest(arm: ArmModel, poses: PoseSet) -> PoseSet:
     first = np.zeros(len(q), dtype=np.int64)
     for k in range(1, len(q)):
         f = first[k - 1]
-        # Compared with the first row too: a slow motion is no rest.
+        # Each row is compared with the group's first row too, so that slow motion does not count as rest.
         first[k] = f if near[k - 1] and np.all(np.abs(table[k] - table[f]) <= limit) else k
     starts, which = np.unique(first, return_inverse=True)
     count = np.bincount(which)
@@ -289,7 +289,7 @@ def stated_priors(
 
 
 def freed(model: ClosureModel, names: Iterable[str]) -> ClosureModel:
-    """Return the loop in which the arm's entries `names` are free, too; other names are ignored."""
+    """Return `model` with the arm's entries `names` added to its free entries; other names are ignored."""
     known = {p.name for p in model.parameters}
     return model.freed(
         [DhEntry.parse(name) for name in names if name not in known and is_entry(name)]

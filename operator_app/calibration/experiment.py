@@ -75,11 +75,11 @@ class Experiment:
 
 
 def with_angles_of_unsensed(arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet) -> PoseSet:
-    """Return the poses with angles at which their loops close best, for the joints without a sensor.
+    """Return the poses; each joint without a sensor gets, in each pose, the angle with which the loop closes best.
 
     A poses file has a number for such a joint too. The number may be anything, and from an angle far off a loop closes
     wrongly or not at all. Each pose gets, of `ANGLES_TRIED` angles in the joint's range, that of the smallest closure
-    error (1 m : 1 rad) at the nominal parameters. With an instrument, whose base may be unknown, nothing is changed.
+    error (1 m like 1 rad) at the nominal parameters. With an instrument, whose base may be unknown, nothing is changed.
     """
     if not arm.unsensed_joints or isinstance(fixture, Measured):
         return poses
@@ -169,9 +169,9 @@ def _without_unidentifiable(
 def on_main_branch(model: ClosureModel, q: FloatArray) -> tuple[BoolArray, Estimate | None]:
     """Separate poses (m, n), rad, on the hinge's main branch, which has most poses, from those on the other branch.
 
-    It starts at the nominal placement, in which the tool of a flipped pose is upside down even if nominal values are
-    inaccurate; a fit to poses of both branches would lie between the branches. Returns a mask (m,) of the poses on the
-    main branch, and the paper's estimate from them as if all joints were sensed; None if there is no such estimate.
+    They are first separated at the nominal parameters, since even inaccurate values show whether a tool is upside down;
+    a fit to both branches would lie between the branches. Returns a mask (m,) of the poses on the main branch, and the
+    paper's estimate from them as if all joints were sensed; None if there is no such estimate.
     """
     everything = np.ones(len(q), dtype=np.bool_), None
     # Even the readings of unsensed joints are used: with errors of a degree they still distinguish the branches.
@@ -195,7 +195,7 @@ def on_main_branch(model: ClosureModel, q: FloatArray) -> tuple[BoolArray, Estim
 
 
 def pick_placements(poses: PoseSet, placements: tuple[int, ...]) -> PoseSet:
-    """Return the poses of some placements; ValueError if one does not exist."""
+    """Return the poses of `placements`; raises `ValueError` if one of these placements does not exist."""
     missing = sorted(set(placements) - set(poses.placements))
     if missing:
         known = ", ".join(str(p) for p in poses.placements)

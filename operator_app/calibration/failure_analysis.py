@@ -34,7 +34,7 @@ def explain_unidentifiable(
     paper: Estimate | None,
     saturated: PosesDoNotFitError | None,
 ) -> SolverError:
-    """Return `error`, or an error that names a stuck sensor or the reason why no loop closes."""
+    """Return `error` or, if found, an error that names its cause: stuck or saturated sensor, mistake, open loops."""
     stuck = explained(error, stated)
     if stuck is not error:
         return stuck
@@ -85,7 +85,7 @@ def _open_loops_text(paper: Estimate) -> str:
 
 
 def poses_do_not_fit(findings: tuple[Finding, ...]) -> PosesDoNotFitError:
-    """Return the error that names the mistakes whose correction makes these poses fit."""
+    """Return the error that gives `findings` as the reasons why the poses do not fit."""
     return PosesDoNotFitError(
         tuple(f.sentence for f in findings), codes=tuple(f.code for f in findings)
     )
@@ -102,11 +102,11 @@ def turned_unread(
     after_rad: FloatArray,
     still: Sequence[int],
 ) -> tuple[int, float] | None:
-    """Return the joint that turned at an unchanged reading, and its turn (rad); None if none did.
+    """Return the joint that turned although its reading did not change, and its turn (rad); None if none did.
 
-    The correction that closes the loop at the first reading is added to the second before closing it, so that placement
-    errors cancel. This is done once with all `still` joints fixed, and once for each `still` joint with that joint
-    free. No motion is linearised.
+    The correction that closes the loop at `before_rad` is added to `after_rad` before the loop is closed there, so that
+    placement errors cancel. The loop is closed once with all `still` joints fixed, and once for each `still` joint with
+    that joint free. No motion is linearised.
 
     `x`: approximate parameters (P,). `before_rad`, `after_rad`: readings (n,). `still`: joints (1-based) whose readings
     did not change.
@@ -137,13 +137,13 @@ def turned_unread(
 def _correction(
     model: ClosureModel, x: FloatArray, start_rad: FloatArray, sigma: FloatArray
 ) -> FloatArray | None:
-    """Smallest correction (n,), rad, in units of `sigma`, that closes the loop; None if there is none."""
+    """Correction (n,), rad, that closes the loop, the smallest relative to `sigma` (n,); None if it does not close."""
     closed = close_loops(model, x, start_rad[None], sigma_rad=sigma)
     return closed.q[0] - start_rad if closed.closed[0] else None
 
 
 def explained(error: UnidentifiableError, stated: Experiment) -> UnidentifiableError:
-    """Return an error that names a joint that moved at a constant reading; `error` if there is none."""
+    """Return an error that names a joint that moved at a constant reading; `error` if there is no such joint."""
     still = sorted({j for d in error.directions for j in d.immobile_joints})
     for joint in still:
         turned_rad = _turned_range(stated, joint)

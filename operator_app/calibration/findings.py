@@ -57,11 +57,11 @@ INSTRUMENT_KINDS = {
     FindingKind.FIXTURE_TURNS_RANDOMLY: FindingKind.INSTRUMENT_TURNS_RANDOMLY,
     FindingKind.FIXTURE_SHIFTS_RANDOMLY: FindingKind.INSTRUMENT_SHIFTS_RANDOMLY,
 }
-"""Kinds of finding for an instrument instead of a fixture that holds the tool."""
+"""For kinds of finding about a fixture, the kinds that replace them if an instrument measures the tool."""
 
 
 def _measured(design: LinearModel) -> bool:
-    """Return whether an instrument measures the tool, which no fixture holds."""
+    """Return whether an instrument measures the tool, instead of a fixture constraining it."""
     return isinstance(design.model.parts()[0][0], MeasuredClosure)
 
 
@@ -167,7 +167,7 @@ def reading_step(
 
 
 def range_finding(out_of_range: RangeFinding, poses: PoseSet, *, notice: bool = False) -> Finding:
-    """Report readings out of range; saturated readings block acceptance unless `notice`."""
+    """Return the finding of readings out of range: a `notice`, or a cause, which blocks if they are saturated."""
     return Finding(
         RANGE_KINDS[out_of_range.fault][notice],
         joint=out_of_range.joint,
@@ -232,7 +232,7 @@ def _smooth(joint: int, candidate: Candidate, evidence: Evidence, faults: FaultM
             unit="rad",
             figures=figures,
         )
-    # Displacement (rms over the poses, rad) that the explanation causes along the joint.
+    # Rotation of the joint (rms over the poses, rad) that comes closest to the explanation's closure error.
     B = faults.system.B[:, :, joint - 1]
     displacement = candidate.moves(evidence.b, len(B))
     along = (displacement * B).sum(-1) / np.maximum((B**2).sum(-1), 1e-300)
@@ -278,8 +278,8 @@ def _rms(values: FloatArray) -> float:
 def motion_causes(experiment: Experiment, labels: tuple[str, ...]) -> tuple[Finding, ...]:
     """Return a finding for each joint whose readings spread within a pose by more than its sensor's noise.
 
-    An RVDT that is noisy in most poses is left to its own verdict. If the arm moves during sampling, the mean of the
-    samples does not close the loop, even if the fit does not show this.
+    An RVDT that is noisy in most poses is reported by its RVDT verdict instead. If the arm moves during sampling, the
+    mean of the samples does not close the loop, even if the fit does not show this.
     """
     arm, sd_rad = experiment.arm, experiment.poses.sd_rad
     if sd_rad is None:
@@ -322,7 +322,7 @@ def motion_limit_rad(sensor: Encoder | Rvdt, spread_rad: FloatArray) -> float:
 
 
 WRONG_ROW_JOINTS = 3
-"""This many joints outside their ranges indicate a wrong row; fewer may be the effect of a tool upside down."""
+"""This many joints outside their ranges indicate a wrong row in the file; fewer may be due to a tool upside down."""
 
 
 def left_out_poses(
@@ -331,9 +331,9 @@ def left_out_poses(
     arm: ArmModel,
     poses: PoseSet,
 ) -> tuple[tuple[Finding, ...], tuple[RangeFinding, ...]]:
-    """Return findings that state why poses (indices) were left out, and the readings out of range.
+    """Return findings that state why the poses `left_out` (indices) were left out, and the readings out of range.
 
-    A joint's readings out of range are not returned if all of them are in poses that were left out as in radians.
+    A joint's readings out of range are omitted if all of them are in poses left out because they are in radians.
     """
     joints = {
         k: [f.joint for f in out_of_range if f.fault is ReadingFault.OUTSIDE and k in f.poses]

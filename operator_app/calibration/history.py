@@ -1,8 +1,8 @@
 """History of one arm's accepted calibrations and verifications: scatter, shifts, next due date.
 
-Only documents and verdicts are used; no file is read. Offsets of the arm itself are tested over all sessions;
-parameters of the mounting restart with each mounting. Each fixture and estimator has systematic errors of its own, and
-therefore its own history.
+Only documents and verdicts are used; no file is read. Offsets of the arm itself are tested over all sessions,
+parameters of the mounting only over the sessions of the last mounting. Each combination of fixture and estimator has
+its own history, because its systematic errors are its own.
 """
 
 import math
@@ -80,8 +80,8 @@ class EntryHistory:
 class ArmHistory:
     """Calibrations and verifications of one arm over time.
 
-    `parts`: for each fixture and estimator, offsets of the arm, and the parameters of the last mounting. `left_out`:
-    sessions that are left out, with the reason. `due`: date of the next calibration. `due_why`: reason for this date.
+    `parts`: for each fixture and estimator, histories of the arm's offsets and of the last mounting's parameters.
+    `left_out`: sessions not used, with the reason. `due`, `due_why`: date of the next calibration, and its reason.
     """
 
     calibrations: tuple[PastCalibration, ...]
@@ -104,7 +104,7 @@ def history_of(
     left_out: Sequence[tuple[str, str]] = (),
     interval: timedelta | None = None,
 ) -> ArmHistory:
-    """Order the accepted calibrations of one arm (at least one) by time, and test each against the earlier ones."""
+    """Order the accepted calibrations of one arm (at least one) by time, and test each against those before it."""
     ordered = sorted(calibrations, key=lambda c: c.document.utc)
     accepted: list[PastCalibration] = []
     skipped = list(left_out)
@@ -189,8 +189,8 @@ def _due(
 ) -> tuple[datetime, str]:
     """Return when and why the next calibration is due.
 
-    It is due from the date of a failed verification, or of the last calibration if that detected a shift; otherwise an
-    interval after the last calibration.
+    After a failed verification it is due on that verification's date; if the last calibration detected a shift, on the
+    date of that calibration; otherwise an interval after the last calibration.
     """
     last = accepted[-1].document.utc
     if failed := [v for v in checks if v.utc > last and not v.holds]:

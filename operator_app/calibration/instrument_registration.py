@@ -26,8 +26,8 @@ REGISTRATION_STEPS, LARGEST_STEP_RAD, NO_STEP = 25, 0.5, 1e-6
 in a step (rad), and step (rad, m) below which the iteration has converged."""
 
 POINT_ERROR_M, PRIOR_SIGMAS = 1e-3, 3.0
-"""Error of a point computed with the arm file's entries, and number of standard deviations in a tolerance. Both weight
-the target's stated place, which poses with a single orientation of the tool do not determine."""
+"""Error of a point computed with the arm file's entries, and number of standard deviations in a tolerance. Both set the
+weight of the target's stated position, which poses with a single orientation of the tool do not determine."""
 
 DIGITS = 4
 """Number of decimal places (m, rad) of a registered placement, which is only a start value of the calibration."""
@@ -71,7 +71,7 @@ def _refined(arm: ArmModel, fixture: Measured, poses: PoseSet) -> EndpointConstr
 
 
 def with_calibrated_places(fixture: EndpointConstraint, model: ClosureModel) -> EndpointConstraint:
-    """Return an instrument with the nominal placements of `model`; any other fixture unchanged."""
+    """Return `fixture`; if it is an instrument, with the nominal placements of `model`."""
     part = model.parts()[0][0]
     if not isinstance(fixture, Measured) or not isinstance(part, MeasuredClosure):
         return fixture
@@ -89,7 +89,7 @@ def with_calibrated_places(fixture: EndpointConstraint, model: ClosureModel) -> 
 class InstrumentStation:
     """Calibrated T_instrument_base and T_flange_target, (4, 4), m, of one placement.
 
-    `placement`: its number; None if it is the only one.
+    `placement`: number of the placement; None if there is only one.
     `full_pose`: whether orientations were measured; otherwise the rotation of the target is only nominal.
     """
 
@@ -126,8 +126,8 @@ def endpoints_at_nominal_base(
 ) -> PoseSet:
     """Return the poses with the endpoints of `placements` moved rigidly, as if measured from the nominal station.
 
-    The base's place of each of these placements is fitted with the calibrated arm and target. A place estimated from
-    the returned endpoints is therefore near the nominal one, however far the instrument was moved.
+    For each of these placements the base's pose is fitted with the calibrated arm and target. A base pose estimated
+    from the returned endpoints is therefore near the nominal one, however far the instrument was moved.
     """
     part, columns, _ = solution.model.parts()[0]
     if poses.endpoint is None or not isinstance(part, MeasuredClosure):

@@ -166,7 +166,7 @@ def _implausible(far: tuple[Parameter, float], times: float | None) -> Finding:
 
 
 def of_fixture(model: ClosureModel) -> set[str]:
-    """Names of the parameters that depend on the fixture's placement (the first if there are several).
+    """Names of the parameters that depend on the fixture's placement (on its first, if there are several).
 
     The placements of an instrument and of its target are left out: a large error in these means that a file is wrong.
     """
@@ -252,6 +252,6 @@ def _limit(parameter: Parameter) -> float:
 
 
 def _described(estimate: Estimate, judged: tuple[str, ...]) -> Estimate:
-    """Return the estimate of those `judged` parameters that do not belong to one placement of several."""
+    """Return the estimate of those `judged` parameters that are not specific to one of several placements."""
     names = [p.name for p in estimate.parameters]
     return estimate.without([n for n in names if n not in judged or n.endswith("]")])

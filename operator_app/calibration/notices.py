@@ -38,7 +38,7 @@ OWN_NOTICE = {
     FindingKind.SATURATED,
     FindingKind.PARALLEL_AXES,
 }
-"""Causes that have their own notice."""
+"""Kinds of causes that a separate notice already reports; `with_notices` does not repeat them."""
 
 K = FindingKind
 
@@ -55,7 +55,7 @@ def with_notices(
     as_stated: tuple[str, ...],
     limits: AcceptanceLimits,
 ) -> Solution:
-    """Add the accuracy of the tool, all notices in order, and the reasons for the verdict.
+    """Return the solution with the tool position error, all notices in order, and the reasons against acceptance.
 
     `whole`: fit of all poses. `tested`: fit of the tested poses. `repeats`: number of rows that repeat a pose. `same`:
     findings of indistinguishable placements. `as_stated`: parameters known from files rather than from the poses.
@@ -149,7 +149,7 @@ def _of_parameters(
 
 
 def _offsets_beyond_tolerance(estimate: Estimate, arm: ArmModel) -> Iterator[Finding]:
-    """Notices about offsets that differ from the file by over `OFFSET_NOTICE_SIGMAS` standard deviations."""
+    """Yield a notice for each offset that differs from the file by over `OFFSET_NOTICE_SIGMAS` times its tolerance."""
     sigma = arm.offset_tolerance_rad
     for p, x in zip(estimate.parameters, estimate.x.tolist(), strict=True):
         entry = DhEntry.parse(p.name) if is_entry(p.name) else None
@@ -196,12 +196,12 @@ def exceeded_limits(estimate: Estimate, limits: AcceptanceLimits) -> tuple[Findi
 
 
 def outliers_still_used(labels: tuple[str, ...]) -> tuple[Finding, ...]:
-    """Return the finding that some of the used poses do not fit the others."""
+    """Return the finding that the poses `labels` are used but do not fit the others; empty without such poses."""
     return (Finding(K.OUTLIERS_COUNT, poses=labels),) if labels else ()
 
 
 def _ill_conditioned(identified: Identifiability, limits: AcceptanceLimits) -> tuple[Finding, ...]:
-    """Return a warning if the condition number exceeds the procedure's limit; it does not affect acceptance."""
+    """Return a warning if the condition number exceeds the procedure's limit; this does not affect acceptance."""
     number, limit = identified.scaled_condition_number, limits.scaled_condition_number
     names, figures = identified.weakest.parameters, {"limit": limit}
     condition = Finding(K.CONDITION, names=names, size=number, figures=figures)

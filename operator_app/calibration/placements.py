@@ -1,7 +1,7 @@
 """Placements of a fixture: finds placements that do not differ, and distances between ball sockets.
 
-All placements share the arm's parameters; each has its own parameters of the fixture. If these agree within their
-covariance, the fixture was not remounted between the two placements, and they count as one.
+All placements share the arm's parameters; each has its own parameters of the fixture. If the fixture's parameters of
+two placements agree within their covariance, it was not remounted between them, and the two count as one.
 """
 
 import math
@@ -91,13 +91,13 @@ def _in_sigmas(difference: FloatArray, covariance: FloatArray) -> tuple[FloatArr
 
 
 MOST_PAIRS = 45
-"""Largest number of pairs of placements that are all listed (ten placements have 45). If there are more, only distances
-of neighbours and measured distances are listed."""
+"""Up to this number of pairs of placements, the distances of all pairs are listed (ten placements have 45 pairs). If
+there are more, only distances of neighbours and measured distances are listed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Distance:
-    """Distance between the points of two placements (given by their numbers), m, and its standard uncertainty.
+    """Distance between the sockets of two placements (`between`: their numbers), m, and its standard uncertainty.
 
     `measured`: the measured distance in the fixture's file, if any, which `value_m` takes into account. `deviation`:
     measured distance minus the distance from the poses alone, in sigmas of this difference.
@@ -158,7 +158,7 @@ def distances(
 
 
 def compared(experiment: Experiment, fit: LinearFit) -> tuple[tuple[KnownDistance, float], ...]:
-    """Return the measured distances used in a fit, each with its deviation in sigmas (`Distance`)."""
+    """Return the measured distances used in a fit, each with its deviation in sigmas (`Distance.deviation`)."""
     stated = stated_distances(experiment)
     return tuple(zip(stated, fit.distance_deviations().tolist(), strict=True))
 

@@ -71,8 +71,8 @@ def predict_new_poses(
 ) -> tuple[WhitenedResiduals, Chi2Test, Mapping[str, FloatArray]] | None:
     """Predict new poses from the poses of the calibration, `made_from`, which may include flipped poses.
 
-    `start`: values (rad, m) from which to start for parameters that the calibration lacks, such as another socket's
-    place, by their names in the loop of the new poses.
+    `start`: start values (rad, m) of the parameters that the calibration lacks, e.g. another socket's coordinates, by
+    their names in the loop of the new poses.
 
     Returns the whitened residuals of the new poses, in their order, with at least the stated variances; the chi2 test
     with the variances estimated in the calibration; and the derivatives (m, E, k) of the E closure equations of each
@@ -184,7 +184,7 @@ def fit_as_stated(
     old: int,
     variances: Callable[[Layout], FloatArray] = Layout.stated_variances,
 ) -> MixedFit:
-    """Fit old and new poses together; sag is expected along gravity only if the first `old` poses show this."""
+    """Fit old and new poses together; sag is expected along gravity only if the first `old` poses sag along it."""
     design = LinearModel(model, both.q_rad, errors, group=both.placement)
     v = variances(design)
     fitted = fit_mixed(design, x0, variances=v)
@@ -211,7 +211,7 @@ def _used(solution: Solution, poses: PoseSet) -> PoseSet:
 def _model(
     estimate: Estimate, old: PoseSet, both: Experiment, start: Mapping[str, float]
 ) -> tuple[ClosureModel, FloatArray, list[int | None]]:
-    """Return the loops of all poses, their parameters' values (P,), and their indices in the estimate."""
+    """Return the loops of all poses, the values (P,) of their parameters, and each parameter's index in `estimate`."""
     known = {p.name: k for k, p in enumerate(estimate.parameters)}
     model = both.loop()
     if len(both.poses.placements) > 1 and len(old.placements) == 1:

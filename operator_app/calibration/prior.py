@@ -3,9 +3,9 @@
 Earlier poses determine the arm's own entries. Offsets that are measured from the fixture change within the fixture's
 tolerance at each remounting. If the fixture was once mounted outside its tolerance, the prior is wider accordingly.
 
-In the same placement, earlier poses have also determined linearity deviation, sag and compliance near the reading, so
-that these errors add no uncertainty to its prediction, in contrast to a prediction from the parameters alone. The
-innovation is the deviation from this prediction.
+The innovation is the deviation of a reading from its prediction by earlier poses of the same placement. Nearby earlier
+poses have also determined linearity deviation, sag and compliance there: these errors add no uncertainty to this
+prediction, although they would add it to a prediction from the parameters alone.
 """
 
 from collections.abc import Mapping
@@ -161,7 +161,7 @@ def _by_files(
 
 
 NEAREST = 60
-"""Number of nearest poses that predict a reading, so that the computing time is bounded."""
+"""Largest number of poses, those nearest to a reading, that predict the reading; it limits the computing time."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -178,7 +178,7 @@ class Innovation:
     """Deviation of a reading from the prediction by earlier poses.
 
     `chi2`: chi2 of the reading; infinite if the loop does not close at the reading. `dof`: its degrees of freedom.
-    `usual`: largest chi2 of an earlier pose as predicted from the other poses; it is also large if the files are wrong.
+    `usual`: largest chi2 of an earlier pose predicted from the other earlier poses; also large if the files are wrong.
     `shifts`: shift of each used reading that would explain the deviation, by joint (1-based).
     """
 
@@ -205,7 +205,7 @@ def innovation(experiment: Experiment, reading: PoseSet) -> Innovation | None:
     errors = error_model(both, tolerance=tolerance)
     try:
         fitted = fit_as_stated(model, both.poses, errors, fit.x, old=count)
-        # Fitted without the tested reading: a wrong one would change the linearisation.
+        # Fitted without the tested reading: a wrong reading would change the linearisation.
         old = np.arange(count)
         own = fit_as_stated(model, before, errors.at_poses(old), fit.x, old=count).fit
         residuals = predicted_residuals(fitted.fit, np.arange(count + 1) == count)
@@ -223,7 +223,7 @@ def innovation(experiment: Experiment, reading: PoseSet) -> Innovation | None:
 
 
 LEAST, AT_MOST = 10, 60
-"""Smallest number of earlier poses for the test, and largest number (the latest) that its fit uses."""
+"""Smallest number of earlier poses that `is_unpredicted` needs, and largest number (the latest) that it uses."""
 
 
 def is_unpredicted(experiment: Experiment) -> bool:

@@ -77,7 +77,7 @@ def compare_readings(
     read: RepeatedReading,
     compliance: Compliance,
 ) -> Repeat | None:
-    """Compare two readings of one pose under the stated errors; None if the loop closes at any readings.
+    """Compare two readings of one pose under the stated errors; None if the chain allows any difference between them.
 
     `model`, `x`: the loop of this pose and its calibrated parameters, from which the motions of the chain follow.
     `compliance`: stated deflection of the fixture, which may differ between the readings if friction reverses.

@@ -94,7 +94,7 @@ def check_rvdts(
 def _noise_of_rvdts(
     sensors: Mapping[int, Rvdt], poses: PoseSet, kept: BoolArray, calibrated: Calibrated
 ) -> dict[int, SingleNoise]:
-    """Noise of single readings by joint, from the spread of samples or the closure, where known.
+    """Noise of a single reading, by joint, from the spread of samples or else from the closure; only where known.
 
     Poses in which a joint moved while it was read are left out; `motion_causes` reports them.
     """
@@ -132,7 +132,7 @@ def measured_deviations(
 
 
 def rvdt_causes(verdicts: tuple[RvdtVerdict, ...], arm: ArmModel) -> tuple[Finding, ...]:
-    """Findings of RVDTs out of specification but without other faults; the sigmas include the RVDTs' deviations."""
+    """Findings of RVDTs whose verdict is out of specification; the parameters' sigmas include their deviations."""
     deviations, causes = measured_deviations(verdicts, arm), list[Finding]()
     for v in verdicts:
         if v.verdict is not Soundness.OUT_OF_SPECIFICATION:
@@ -180,7 +180,7 @@ class ReadingTable:
         )
 
     def corrected(self, reading_rad: FloatArray) -> FloatArray:
-        """Correct readings; outside the table's range, by the correction at its nearer end."""
+        """Return corrected readings; outside the table's range, the correction at its nearer end is added."""
         return np.asarray(reading_rad + np.interp(reading_rad, self.reading_rad, self.add_rad))
 
     def beyond(self, reading_rad: FloatArray) -> int:

@@ -42,9 +42,9 @@ def to_dict(value: object) -> dict[str, Any]:
 
 
 def from_dict(of: type[T], data: Mapping[str, Any]) -> T:
-    """Return the dataclass from the data of `to_dict`, arrays read-only.
+    """Return the dataclass `of` from the data of `to_dict`; its arrays are read-only.
 
-    Raises `RecordError` if the data are of another version of the dataclass, or not a record.
+    Raises `RecordError` if the data have another `VERSION`, or do not match the dataclass.
     """
     try:
         if data["version"] != VERSION:
@@ -129,7 +129,7 @@ def _hints(of: type) -> dict[str, Any]:
 
 
 def _key(field: dataclasses.Field[Any]) -> str:
-    """Name under which a record holds a field: the field's name, or its name in earlier versions."""
+    """Name of a field in a record: the field's name or, for a renamed field, its name in earlier versions."""
     return str(field.metadata.get("record", field.name))
 
 

@@ -12,7 +12,7 @@ from solver.loops.closure import ClosureModel, pose_blocks
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TipSigma:
-    """Tool position uncertainty: standard deviation of the computed position from the true one, m.
+    """Tool position uncertainty: standard deviation of computed minus true position, m.
 
     `rms`, `worst`: root mean square and largest value over the poses of the calibration.
     """

@@ -50,7 +50,7 @@ from solver.loops.placements import Placements
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fixed:
-    """Parameters fixed before the poses were taken, with the other results of their calibration.
+    """Parameters of a calibration, fixed before the new poses were taken, and further results of this calibration.
 
     `values`: parameter values by name, rad and m.
     `covariance`: covariance (P, P) of `values`, in the same order.
@@ -120,7 +120,7 @@ class VerificationResult:
 def fixed_calibration(solution: Solution, placement: int | None = None) -> Fixed:
     """Return the calibrated parameters, their covariance, noise of sensors and fixture, and unsensed joints.
 
-    `placement`: only this placement's parameters are returned, under names without its number; None: those of all.
+    `placement`: return only this placement's parameters, under names without its number; None: those of all.
     """
     estimate, components = solution.estimate, solution.components
     names, columns = [p.name for p in estimate.parameters], np.arange(len(estimate.x))
@@ -143,7 +143,7 @@ def fixed_calibration(solution: Solution, placement: int | None = None) -> Fixed
 
 
 def predict(new: Experiment, fixed: Fixed) -> HeldOutPoses:
-    """Test new poses with the parameters fixed; linearity deviation, sag and compliance count as noise."""
+    """Predict new poses from fixed parameters and test them; linearity deviation, sag and compliance count as noise."""
     model = freed(new.loop(), fixed.values)
     x, covariance = _in_order(model, fixed)
     return verify(model, x, covariance, new.poses.q_rad, stated_noise(new, fixed))
@@ -160,11 +160,11 @@ def verify_poses(
 ) -> VerificationResult:
     """Test new poses of the same arm in the same fixture, of one calibrated placement or of all of them.
 
-    Linearity deviation, sag and compliance are known from the calibration's own poses, `made_from` (with those on the
-    flipped branch), and the test searches for one common shift. `elsewhere`: the new poses may be of other placements;
-    the place of the fixture or of the instrument is then estimated from them, with all other parameters fixed. Rows
-    that repeat a pose count once, as in the calibration. Raises `ValueError` if the parameters are not those of this
-    loop (another fixture, or another number of placements).
+    Linearity deviation, sag and compliance are known from the calibration's own poses, `made_from` (including those on
+    the flipped branch), and the test searches for one common shift. `elsewhere`: the new poses may be of other
+    placements, which are then estimated from the new poses with all other parameters fixed. Rows that repeat a pose
+    count once, as in the calibration. Raises `ValueError` if the parameters are not those of this loop (another
+    fixture, or another number of placements).
     """
     rows = averaged_at_rest(arm, poses)
     distinct, which = distinct_poses(rows, np.ones(len(rows), dtype=np.bool_))
@@ -247,10 +247,10 @@ def _with_prediction(
     *,
     scale: float,
 ) -> VerificationResult:
-    """Return the test that also uses the calibration's poses; for the arguments, see `predict_new_poses`.
+    """Return `result` with the tests by `residuals`, `sharp` and `subjects`, which `predict_new_poses` returned.
 
-    `scale`: factor by which the variances in the accepted calibration exceed the stated ones, at least 1. A single pose
-    is compared with these; all poses together may exceed the stated variances by `STATED_VARIANCE_FACTOR` anyway.
+    `scale`: factor, at least 1, by which the accepted calibration's variances exceed the stated variances. It widens
+    the test of each single pose; the test of all poses together is widened by at least `STATED_VARIANCE_FACTOR`.
     """
     from scipy.special import chdtrc
 
@@ -264,7 +264,7 @@ def _with_prediction(
         residuals = residuals.with_columns(subjects[shift.subject])
         outliers = find_outliers(residuals, scale=scale)
     chi2, dof = leave_one_out_chi2(residuals)
-    # Without its outliers, a single pose leaves nothing to test.
+    # If the only pose is an outlier, nothing is left to test.
     others = chi2_test(outliers.rest.chi2, outliers.rest.dof) if outliers.rest.dof > 0 else None
     return replace(
         result,
@@ -288,7 +288,7 @@ def _with_prediction(
 
 
 def stated_noise(experiment: Experiment, fixed: Fixed | None = None) -> NoiseModel:
-    """Return the stated noise of new readings, or the noise that `fixed` estimated if that is smaller.
+    """Return the stated noise of new readings or, if it is smaller, the noise estimated in the calibration (`fixed`).
 
     A larger estimate is not used: after a slip of the fixture during the calibration every later pose would pass.
     """
@@ -348,7 +348,7 @@ def _in_order(model: ClosureModel, fixed: Fixed) -> tuple[FloatArray, FloatArray
 
 
 HUNDREDTH_RAD = np.deg2rad(0.01)
-"""Readings that are all whole multiples of this were written with two decimals."""
+"""0.01 deg: if all readings are whole multiples of this, the file states degrees with two decimals."""
 
 NAMED = 5
 """Largest number of poses that a message names."""
@@ -357,8 +357,8 @@ DEFAULT_PLACEMENT = 1
 """Placement of poses whose file was written without regard to placements."""
 
 LEAST_POINTS, LEAST_FULL_POSES = 4, 2
-"""Smallest number of poses from another station for a test: measured points, or points with orientations. With three
-points, the station's place would take six of the nine equations."""
+"""Fewest poses from another station for a test: if only points are measured, and if orientations are measured too.
+With three points, the station's six unknowns would use up six of the nine equations."""
 
 
 class NoTestError(ValueError):
@@ -373,7 +373,7 @@ def verify_new_poses(
     made_from: PoseSet,
     new: PoseSet,
 ) -> VerificationResult:
-    """Test a calibration with poses that are not its own.
+    """Test a calibration with poses from which it was not made.
 
     `made_from`: the poses of `solution`. `new`: other poses, of one calibrated placement or of all of them. Raises
     `NoTestError` if the new poses cannot test this calibration.
@@ -399,7 +399,7 @@ def require_in_range(arm: ArmModel, new: PoseSet, solution: Solution) -> None:
 
 
 def may_be_elsewhere(fixture: EndpointConstraint) -> bool:
-    """Whether poses of another placement (another socket, or another station of an instrument) can be a test.
+    """Whether poses of another placement (another socket, or another station of an instrument) can test a calibration.
 
     They can if the ball or the instrument's target stays on the tool, and no file states the instrument's station.
     """
@@ -408,14 +408,14 @@ def may_be_elsewhere(fixture: EndpointConstraint) -> bool:
 
 
 def is_elsewhere(new: PoseSet, made_from: PoseSet, fixture: EndpointConstraint) -> bool:
-    """Whether the new poses may be of placements that were not calibrated, so that their place is estimated."""
+    """Whether the new poses may be of placements that were not calibrated and therefore have to be estimated."""
     if not may_be_elsewhere(fixture):
         return False
     return fixture.kind == "ball" or not _are_calibrated(new, made_from)
 
 
 def _are_calibrated(new: PoseSet, made_from: PoseSet) -> bool:
-    """Whether the new poses are of one calibrated placement or of all; placement 1 may be a file's default."""
+    """Whether the new poses are of one calibrated placement or all; 1 (a default) counts if only one was calibrated."""
     known, states = made_from.placements, new.placements
     if len(known) == 1 and states == (DEFAULT_PLACEMENT,):
         return True
@@ -425,7 +425,7 @@ def _are_calibrated(new: PoseSet, made_from: PoseSet) -> bool:
 def require_calibrated_placement(
     new: PoseSet, made_from: PoseSet, fixture: EndpointConstraint
 ) -> None:
-    """Raise `NoTestError` if the new poses are of another placement, and the fixture does not allow this."""
+    """Raise `NoTestError` unless the new poses are of one calibrated placement or all, or the fixture allows others."""
     if may_be_elsewhere(fixture) or _are_calibrated(new, made_from):
         return
     known, states = made_from.placements, new.placements
@@ -496,7 +496,7 @@ def _require_poses_at_a_place(
 
 
 def _are_among(new: PoseSet, made_from: PoseSet, *, measured: bool) -> BoolArray:
-    """Whether each new pose (m,) equals one of `made_from`, to the decimals that files have."""
+    """Return a mask (m,) of the new poses that equal a pose of `made_from`, within the rounding of files."""
     steps = [p.q_rad / HUNDREDTH_RAD for p in (new, made_from)]
     rounded = any(np.all(np.abs(s - np.round(s)) < 1e-6) for s in steps)
     same_rad = 0.5 * HUNDREDTH_RAD + limits.SAME_READING_RAD if rounded else limits.SAME_READING_RAD

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def bus_of_others(args: argparse.Namespace) -> BusSettings:
-    """Return the bus settings of ``-i -c -b``; raises UsageError for a bus inside this process."""
+    """Return the settings of a bus shared with other processes (``-i -c -b``); raises UsageError for a virtual bus."""
     from hardware.buses.python_can import bus_settings
 
     settings = bus_settings(
@@ -34,7 +34,7 @@ def bus_of_others(args: argparse.Namespace) -> BusSettings:
 
 
 def opening_from(args: argparse.Namespace) -> Opening:
-    """Return the `Opening` for the arm of a session, or for the arm given by the options."""
+    """Return the `Opening` of the session named in the options or, if none is named, for the arm file ``--arm``."""
     # The commands that call this function write no journal and do not need the operator's name.
     choices = choices_from(args, journal=False)
     if args.session is not None:

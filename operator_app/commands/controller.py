@@ -135,7 +135,7 @@ def _recorded(settings: BusSettings, path: Path | None) -> Iterator[None]:
 
 @contextmanager
 def _tracker(tracker: SimulatedTracker | None, port: int | None) -> Iterator[str]:
-    """Context that serves a tracker and yields the option ``--tracker`` of `sarcal run`, or ""."""
+    """Context that serves a tracker and yields the option ``--tracker`` of `sarcal run`; "" if there is no tracker."""
     if tracker is None:
         if port is not None:
             raise UsageError("--tracker-port: this fixture has no tracker; use --fixture tracker")

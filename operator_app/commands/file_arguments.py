@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from solver.chain.poses import PoseSet
 
 PLANNED_POSES = 12
-"""Number of poses to plan if the procedure's own capture is not planned."""
+"""Number of poses to plan if neither ``--poses`` nor a procedure with planned capture states it."""
 TRIES = 24
 OF_WHAT = {
     "arm": ("urdf", "base", "tip"),

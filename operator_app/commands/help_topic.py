@@ -21,11 +21,11 @@ from operator_app.safe_output import say
 WIDEST = 100
 """Longest line, in characters."""
 HELP_WIDTH = 78
-"""Longest line, in characters, of the help of a command, which cannot be folded again."""
+"""Longest line, in characters, of the help of a command, which is not wrapped again."""
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Print a page, the options of a command, or the list of topics."""
+    """Print a page, the options of a command, or the list of topics; with ``--files``, write the files of a page."""
     from operator_app.manual.shown import as_text
 
     pages = manual()
@@ -101,7 +101,7 @@ same as this page; what a command returns is on the page of [exit codes](exit-co
 
 
 def commands_page() -> str:
-    """Return the page of `sarcal` without a command, and of all commands."""
+    """Return the manual's page about `sarcal` without a command and about each command."""
     return "\n\n".join([INTRODUCTION, *map(command_section, (APP, *COMMANDS))]) + "\n"
 
 

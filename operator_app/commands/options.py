@@ -126,7 +126,7 @@ ARGUMENTS: Mapping[str, Mapping[str, Any]] = {
 """Further arguments to argparse for some options, by usage."""
 
 Declaration = Callable[[argparse._ActionsContainer], object]  # noqa: SLF001 - no public name
-"""Adds one or more arguments and options to a parser."""
+"""Function that adds arguments and options to a parser."""
 
 
 def option(usage: str, description: str, **more: Any) -> Declaration:
@@ -232,7 +232,7 @@ VIRTUAL_ARM = group(
     """,
 )
 ARM_BUS = declaration(BUS, VIRTUAL_ARM)
-"""The bus of a real or virtual arm."""
+"""Options that select the bus of a real or virtual arm."""
 ARM_AND_FIXTURE = declaration(
     option("--arm ARM", "arm file or built-in name", default="sarcos_dextrous"),
     option("--fixture FIXTURE", "fixture file or built-in name", default="hinge"),
@@ -240,7 +240,7 @@ ARM_AND_FIXTURE = declaration(
     --drop-unidentifiable  fix unidentifiable parameters at their nominal values, instead of refusing
     """,
 )
-"""Arm and fixture of a command with a file of poses."""
+"""Options that select arm and fixture, for a command that reads a file of poses."""
 SESSION_OR_ARM = declaration(
     "session? SESSION  session (folder, name or latest) whose arm file and bus are used",
     option(
@@ -250,7 +250,7 @@ SESSION_OR_ARM = declaration(
     ),
     shared("--sessions DIR"),
 )
-"""The arm of a command without poses: a session's arm, or that of an arm file."""
+"""Options that select the arm of a session or an arm file, for a command that uses no poses."""
 
 # -- values ----------------------------------------------------------------------------------------
 

@@ -64,8 +64,8 @@ def execute(args: argparse.Namespace) -> int:
 def _of_files(args: argparse.Namespace) -> tuple[Procedure, FloatArray | None, str]:
     """Return the procedure with the options' arm and fixture, None (no captured poses), and the plan's basis as text.
 
-    The planner chooses the drive joints, instead of those in the procedure, if the options replace the procedure's arm
-    or, in the default procedure, its kind of fixture.
+    The procedure states the drive joints; the planner chooses them if the options replace the procedure's arm or, in
+    the default procedure, its kind of fixture.
     """
     procedure = load_procedure(args.procedure or "hinge")
     if args.arm:

@@ -72,7 +72,7 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def probe_json(result: Probe) -> dict[str, Any]:
-    """Return a probe as JSON data; per node, `pdos`: valid PDOs; `room`: all PDO numbers, and bits per object."""
+    """Return a probe as JSON data; nodes have `pdos` (valid PDOs) and `room` (all PDO numbers, and bits per object)."""
     data = asdict(result)
     for node, shown in zip(result.nodes, data["nodes"], strict=True):
         shown["pdos"] = [

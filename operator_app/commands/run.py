@@ -204,13 +204,13 @@ def _advice(session: Session, solution: Solution, end: Finished | None) -> str:
 
 
 _WORD = "mounted"
-"""Word to be typed: an Enter typed earlier must not count as the confirmation, since the arm moves afterwards."""
+"""Word to type as confirmation: an Enter typed earlier must not count as one, since the arm moves afterwards."""
 
 
 def next_placement(
     opening: Opening, listener: ConsoleListener, *, root: Path, drives_off: bool = False
 ) -> Opening:
-    """Wait for the confirmation of the next placement, record it, and return the session to resume.
+    """Wait until the operator confirms the next placement, record the confirmation, and return the session to resume.
 
     `drives_off`: whether this program has just released the arm, and the drives confirmed that they are off. For an arm
     simulated by this program there is nothing to confirm. Raises `SessionError` if the mounting was not confirmed.

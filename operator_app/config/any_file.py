@@ -101,7 +101,7 @@ FileContent = ArmModel | FixtureSpec | Procedure | BusProfile | ParametersDocume
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FileRead:
-    """Result for one file: its kind, None if unknown, and its content if the file is valid."""
+    """One file: its kind (None if unknown) and its content (None if invalid)."""
 
     source: Resource
     kind: AnyKind | None
@@ -145,7 +145,7 @@ def kind_of(source: Resource) -> AnyKind | None:
 
 
 def _parsed(source: Resource, kind: AnyKind | None, joints: set[int]) -> FileContent:
-    """Read a file of this kind; `joints`: numbers of joints of the arms read so far. Raises ConfigError."""
+    """Read a file of this kind; `joints`: joint counts of the arms read so far. Raises ConfigError."""
     data, file = source.data, source.file
     # If the arms differ in their number of joints, the number for this file is not known.
     count = next(iter(joints)) if len(joints) == 1 else None
@@ -168,7 +168,7 @@ def _parsed(source: Resource, kind: AnyKind | None, joints: set[int]) -> FileCon
                 text = f"poses of {joint_count} joint{'s' if joint_count != 1 else ''}, the arms have {known}"
                 raise only(file, text, "is it the right arm?", line=1)
             return loaded
-    # If an error prevents reading the file, report that one.
+    # If the file is not valid YAML, report that instead.
     load_strict(data, file)
     kinds = ", ".join(FILES)
     remedy = f"begin it with `schema: sarcal/KIND/1`, KIND one of {kinds}; poses are a CSV file"

@@ -28,7 +28,7 @@ from solver.chain.statics import UPRIGHT_DOWN
 class RowModel(StrictModel):
     """One D-H row; ``fixture`` marks an entry that the fixture determines (asterisk in the paper's Table 1).
 
-    ``beta_deg`` is Hayati's angle, identified in place of s if the row joins parallel axes; ``s_m`` is then optional.
+    ``beta_deg`` is Hayati's angle, identified in place of s if the row joins parallel axes; it makes ``s_m`` optional.
     """
 
     row: quantities.Count

@@ -39,7 +39,7 @@ class BadCell(Exception):
 def read_records(text: str, file: str, *, example: str) -> Iterator[Record]:
     """Yield the records of a file, the header first; blank lines are skipped.
 
-    Raises ConfigError if the file is empty (with `example`, a valid header) or not CSV with commas.
+    Raises ConfigError if the file is empty (`example`, a valid header, is then the remedy) or not CSV with commas.
     """
     first = next((line for line in io.StringIO(text, newline=None) if line.strip()), None)
     if first is None:

@@ -1,7 +1,7 @@
 """Finds the dwells (times at rest) in a recording of an arm; each dwell becomes one pose.
 
-During a dwell, every joint's readings stay within the stated spread and drift by at most half of that spread. Long gaps
-between samples do not count as time at rest.
+During a dwell, every joint's readings spread by at most a limit and drift by at most half of it. Long gaps between
+samples do not count as time at rest.
 """
 
 import math
@@ -19,11 +19,11 @@ DWELL_SPREAD_DEG = 0.05
 
 LEAST_SAMPLES = 5
 GAP_STEPS, GAP_SHARE = 5.0, 0.25
-"""Of a gap between samples, at most GAP_STEPS median steps or GAP_SHARE of `dwell_s`, whichever is longer, counts as
-observed time."""
+"""A gap between samples counts as observed time only up to GAP_STEPS median sampling intervals or GAP_SHARE of
+`dwell_s`, whichever is longer."""
 
 MOST_BISECTIONS = 6
-"""Number of times that the spread is halved to separate dwells from slow motion between them."""
+"""Largest number of times that the limit of the spread is halved to separate dwells from slow motion between them."""
 
 EDGE_SIGMAS = 5.0
 """Samples at the ends of a dwell count as motion if they differ from its median by over this many sigmas."""
@@ -46,7 +46,7 @@ class Dwell:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RefusedDwell:
-    """A rest that does not count as a dwell: it was too short, or `joint` (1-based) moved by `moved_rad`."""
+    """A rest that is not a dwell: `joint` (from 1) moved by `moved_rad` or, if `joint` is 0, it was too short."""
 
     start_s: float
     seconds: float
@@ -116,7 +116,7 @@ def find_dwells(
 
 
 def smallest_spread_rad(time_s: FloatArray, q_rad: FloatArray, dwell_s: float) -> float:
-    """Return the spread, rad, of the joint that moves most in the calmest window of `dwell_s`; infinite without one."""
+    """Return the largest spread of any joint, rad, in the calmest window of `dwell_s`; infinite if there is none."""
     last = np.searchsorted(time_s, time_s + dwell_s * (1.0 - 1e-9))
     return float(_ranges(q_rad, last[last < len(time_s)]).max(axis=1).min(initial=np.inf))
 
@@ -133,7 +133,7 @@ def _dwell(
     ends: tuple[int, int],
     spread_rad: float,
 ) -> Dwell | RefusedDwell:
-    """Return the dwell between two indices (both included) without motion at either end, or the reason for none."""
+    """Return the dwell in samples `ends[0]` to `ends[1]`, without motion at its ends, or why it is refused."""
     at_rest = q_rad[ends[0] : ends[1] + 1]
     away = np.abs(at_rest - np.median(at_rest, axis=0))
     noise = 1.4826 * np.median(away, axis=0)
@@ -157,7 +157,7 @@ def _dwell(
 def _at_rest(
     at_s: FloatArray, q_rad: FloatArray, window_s: float, spread_rad: float
 ) -> Iterator[tuple[int, int]]:
-    """Yield first and last index of each region covered by windows of `window_s` with at most this spread."""
+    """Yield first and last index of each region covered by windows of `window_s` with spreads up to `spread_rad`."""
     count = len(at_s)
     first = np.arange(count)
     last = np.maximum(
@@ -176,7 +176,7 @@ def _at_rest(
 
 
 def _ranges(q_rad: FloatArray, last: IntArray) -> FloatArray:
-    """Return (len(last), n), by sparse tables: row k has the maximum minus the minimum of rows k to last[k]."""
+    """Return ranges (len(last), n): entry k is maximum minus minimum of `q_rad[k : last[k] + 1]` (by sparse tables)."""
     first = np.arange(len(last))
     length = last - first + 1
     ranges = np.zeros((len(last), q_rad.shape[1]))

@@ -65,7 +65,7 @@ class GiveModel(Uncertain):
     def compliance(self, held: Sequence[str]) -> Compliance:
         """Return the compliance as a domain object.
 
-        `held`: keys of what the fixture constrains (``position_mm``, ``orientation_mrad``).
+        `held`: keys of the components that the fixture constrains (``position_mm``, ``orientation_mrad``).
         """
         missing = (key for key in held if key not in self.model_fields_set)
         return Compliance(

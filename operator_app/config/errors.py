@@ -18,7 +18,7 @@ class Problem:
 
     `file`: name of the file as the user typed it, or ``packaged:<name>``. `line` counts from 1 and is None if the
     problem concerns the whole file. `column`: character in the line (YAML) or number of the field (CSV), from 1. `key`:
-    place in the document, e.g. ``joints[joint 6].sensor.bits``, or the CSV column; "" for the file. Items of a list are
+    path in the document, e.g. ``joints[joint 6].sensor.bits``, or the CSV column; "" for the file. Items of a list are
     named by their own number if they have one, else counted from 1.
     """
 
@@ -77,7 +77,7 @@ def decode_text(data: bytes, file: str) -> str:
 def only(
     file: str, text: str, remedy: str, *, line: int | None = None, column: int | None = None
 ) -> ConfigError:
-    """Build the error of a file that has one problem."""
+    """Return a ConfigError with a single problem."""
     return ConfigError((Problem(file=file, line=line, column=column, text=text, remedy=remedy),))
 
 
@@ -86,7 +86,7 @@ TYPES_IN_WORDS = {
     "float": "a number", "int": "a whole number", "bool": "true or false", "string": "text",
     "tuple": "a list", "list": "a list", "dict": MAPPING, "dataclass": MAPPING, "model": MAPPING,
 }  # fmt: skip
-"""Required type as text, by the first word of pydantic's name for the error."""
+"""Required type as text, keyed by the first word of pydantic's error type."""
 
 LIMITS_IN_WORDS = {
     "greater_than": ("gt", "greater than"),
@@ -153,7 +153,7 @@ NUMBER_HINTS = {
     r"[-+]?0\d+(\.\d*)?": "write the number without the leading zero",
     r"[-+]?[\d.]+\s*[A-Za-z]+": "write only the number, in the unit at the end of the key (_m, _mm, _rad, _deg)",
 }
-"""Remedies for text in place of a number, by its form; the first that matches applies."""
+"""Remedies for a text where a number is required, keyed by pattern; the first pattern that matches the text applies."""
 
 
 def _number_hint(value: Any, kind: str) -> str:

@@ -118,7 +118,7 @@ def wrong_header(header: list[str], width: int, file: str, line: int) -> ConfigE
 
 
 def unit_of(names: Sequence[str], unit: Unit | None, file: str, line: int) -> Unit | None:
-    """Return the unit in which all joint column names end, else `unit`; raises ConfigError if the two differ."""
+    """Return the unit with which all `names` end, else `unit`; raises ConfigError if these units conflict."""
     endings = {name.casefold().rpartition("_")[2] for name in names}
     stated: Unit | None = "rad" if endings == {"rad"} else "deg" if endings == {"deg"} else None
     if endings == {"rad", "deg"}:
@@ -147,7 +147,7 @@ def require_degrees(largest: float, count: str, file: str, *, stated: Unit | Non
 def read_numbers(
     body: list[Record], readers: Sequence[tuple[int, str, Callable[[str], float]]], file: str
 ) -> FloatArray:
-    """Return the numbers (m, k) of k columns, each with its index from 0, its name in messages and its reader.
+    """Return the numbers (m, k) in k columns; `readers`: index from 0, name in messages and reader of each column.
 
     Raises ConfigError with all problems, up to a hundred; a reader raises BadCell.
     """
@@ -172,7 +172,7 @@ def read_numbers(
 
 
 def _require_plausible(q: FloatArray, body: list[Record], file: str, *, radians: bool) -> None:
-    """Refuse angles (m, n), in the unit of the file, of which the largest is probably in counts."""
+    """Raise ConfigError if the largest of the angles (m, n), in the unit of the file, is probably in counts."""
     row, joint = np.unravel_index(np.argmax(np.abs(q)), q.shape)
     value, remedy = float(q[row, joint]), "give degrees"
     text = angle_doubt(math.degrees(value) if radians else value)
@@ -228,7 +228,7 @@ def is_number(cell: str) -> bool:
 
 
 def find_column(option: str, word: str, header: list[str], count: int, file: str) -> int:
-    """Return the index (from 0) of the column with this name or number (from 1); raises ConfigError."""
+    """Return the index (from 0) of the column whose name or number (from 1) is `word`; raises ConfigError."""
     if header.count(word) > 1:
         text = f"{option}: the header has {header.count(word)} columns {word!r}"
         raise only(file, text, f"give the number of the column, e.g. {header.index(word) + 1}")
@@ -251,7 +251,7 @@ def find_columns(
     file: str,
     joints: Sequence[str] = (),
 ) -> tuple[int, ...]:
-    """Return the indices (from 0) of the columns of joints 1 to n among `remaining`; raises ConfigError."""
+    """Return the indices (from 0) of the columns of joints 1 to n: in `option` or, if it is empty, in `remaining`."""
     count = remaining[-1] + 1 if remaining else 0
     if not option:
         named = [header[k] for k in remaining] if header else []
@@ -300,7 +300,7 @@ def joint_order(names: Sequence[str], joints: Sequence[str], count: int) -> tupl
     """Return the indices in `names` of joints 1 to `count`: of `joints` if `names` has them all, else of a series.
 
     The names of a series differ only in a number (from 0 or 1). Unless exactly one series exists, the result is empty.
-    Upper and lower case are distinguished (`Q1` is not part of `q1` to `q7`) unless there is then no series.
+    Case is ignored (`Q1` may be part of `q1` to `q7`) only if there is not exactly one series with case distinguished.
     """
     if len(set(joints)) == count and all(names.count(joint) == 1 for joint in joints):
         return tuple(names.index(joint) for joint in joints)

@@ -1,7 +1,7 @@
 """Measured endpoints: one measurement of an instrument, as a JSON object or as a row of CSV.
 
 ``{"pose": "12", "x_m": 1.23, "y_m": -0.4, "z_m": 0.87, "rx_deg": 1.5, "ry_deg": -2, "rz_deg": 91}``. Without `pose` the
-first measurement after the request counts. An instrument that does not see the target sends ``"lost"`` with the reason.
+first measurement after the request counts. An instrument that does not see the target sends the reason as ``"lost"``.
 
 The names of the columns state the representation of the orientation, since a rotation vector and three Euler angles
 look alike:
@@ -43,7 +43,7 @@ ROTATION_EXAMPLE = (
 )
 
 UNIT_WITHIN = 1e-3
-"""Largest deviation of a quaternion with few digits from unit length."""
+"""Largest accepted deviation of a quaternion's length from 1; rounding to few digits causes such deviations."""
 
 
 def group_of(name: str) -> tuple[str, ...] | None:
@@ -72,7 +72,7 @@ class QuaternionError(ValueError):
 
 
 def rotation_vectors(group: tuple[str, ...], values: FloatArray) -> FloatArray:
-    """Return rotation vectors (m, 3), rad, from the values (m, 3 or 4) of these columns, in deg or as quaternions.
+    """Return rotation vectors (m, 3), rad, of the `values` (m, 3 or 4), deg or quaternions, of the columns `group`.
 
     Raises `QuaternionError` for a quaternion that is not of unit length.
     """
@@ -101,10 +101,10 @@ WITHOUT_ENDPOINTS = (
 def endpoint_columns(
     header: Collection[str], file: str, line: int | None = None, *, needed: bool = False
 ) -> tuple[str, ...]:
-    """Return the columns of a log that hold measured endpoints: x_m, y_m, z_m and those of one orientation.
+    """Return the names of a log's columns of measured endpoints: x_m, y_m, z_m, then those of the orientation, if any.
 
-    If the positions are missing, the result is empty, or ConfigError is raised if they are `needed`. ConfigError is
-    also raised if a column occurs twice, if two orientations are stated, or if one is incomplete.
+    If a position column is missing, returns an empty tuple or, if `needed`, raises ConfigError. Also raises ConfigError
+    if a column occurs twice, or if the header has two orientations or an incomplete one.
     """
     if missing := [name for name in POSITION_COLUMNS if name not in header]:
         if not needed:
@@ -132,10 +132,10 @@ def endpoint_columns(
 def endpoints_of(
     columns: tuple[str, ...], values: FloatArray, file: str, lines: Sequence[int]
 ) -> FloatArray:
-    """Return positions (m) and rotation vectors (rad), (m, 3) or (m, 6), from values (m, k) of `endpoint_columns`.
+    """Return endpoints (m, 3) or (m, 6), in m and rad, from `values` (m, k); `columns`: from `endpoint_columns`.
 
-    `lines`: line of each row in the file. A row with a value that is not finite has no measurement, and is nan. Raises
-    ConfigError for implausible values.
+    `lines`: line number of each row in the file. A row with a value that is not finite has no measurement: its endpoint
+    is nan. Raises ConfigError for implausible values, and for quaternions that are not of unit length.
     """
     turn, seen = columns[3:], np.flatnonzero(np.all(np.isfinite(values), axis=1))
     out = np.full((len(values), 6 if turn else 3), np.nan)
@@ -160,7 +160,7 @@ def endpoints_of(
 
 
 def mean_endpoint(endpoints: FloatArray) -> FloatArray:
-    """Return the mean (3,) or (6,) of endpoints (m, 3) or (m, 6); rotations are averaged as rotations."""
+    """Return the mean (3,) or (6,) of endpoints (m, 3) or (m, 6); rotations are averaged as rotation matrices."""
     position = endpoints[:, :3].mean(axis=0)
     if endpoints.shape[1] == len(POSITION_COLUMNS):
         return np.asarray(position)
@@ -172,14 +172,14 @@ OTHER_KEYS = ("pose", "lost", "utc", "error")
 
 
 class BadLine(ValueError):
-    """An invalid line: problem and remedy."""
+    """An invalid line from an instrument; the text states the problem and, for most problems, the remedy."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EndpointLine:
     """One measurement: position (3,), m, or position and rotation vector (6,), m and rad; empty if the target is lost.
 
-    `pose`: name of the pose; empty if the instrument does not send it. `lost`: why there is no measurement.
+    `pose`: name of the pose; empty if the instrument does not send it. `lost`: why there is no measurement; else empty.
     """
 
     pose: str
@@ -208,7 +208,7 @@ def read_row(heading: str, text: str) -> EndpointLine:
 
 
 def require_heading(heading: str) -> None:
-    """Refuse a heading under which no row could be read; raises BadLine."""
+    """Raise BadLine for a heading with missing, unknown or conflicting columns, under which no row could be read."""
     _require_names([name.strip() for name in _cells(heading)])
 
 
@@ -245,7 +245,7 @@ def _line_of(fields: Mapping[str, Any]) -> EndpointLine:
 
 
 def _require_names(names: Any) -> None:
-    """Refuse unknown or missing names, and two representations of the orientation."""
+    """Raise BadLine for unknown or missing names, and for two orientations or an incomplete one."""
     known = (*POSITION_COLUMNS, *OTHER_KEYS, *ROTATION, *ROLL_PITCH_YAW, *QUATERNION)
     for name in names:
         if name in known or group_of(name) is not None:
@@ -287,8 +287,8 @@ LEAST_HEIGHT_M = 0.01
 measured."""
 
 MOST_OFF_M, MOST_OFF_SPREADS = 1e-3, 8.0
-"""Limits of the largest distance of a pose's targets from the common triangle: in metres, and relative to the median
-over the poses. If both limits are exceeded, a target has moved or two targets were exchanged."""
+"""Limits of the largest distance of a pose's targets from the common triangle: in metres, and as a multiple of its
+median over the poses. If both limits are exceeded, a target has moved or two targets were exchanged."""
 
 TRIANGLE_ITERATIONS = 5
 """Iterations of aligning all triangles with their mean; from the second one on, the mean changes only by terms
@@ -296,11 +296,11 @@ quadratic in the noise."""
 
 
 def poses_of_targets(points_m: FloatArray, labels: Sequence[str]) -> FloatArray:
-    """Return positions (m) and rotation vectors (rad), (m, 6), of the triangles of three points, (m, 9).
+    """Return poses (m, 6), position in m and rotation vector in rad, from three target points per pose (m, 9), in m.
 
     An instrument that measures only points can measure a pose with three targets: columns ``x1_m,y1_m,z1_m`` to
-    ``x3_m,y3_m,z3_m`` of a poses file. Their positions on the tool need not be known: the common triangle is the mean
-    over all poses. Its frame has its origin in the centroid, x towards target 1, and z normal to the triangle
+    ``x3_m,y3_m,z3_m`` of a poses file. The targets' positions on the tool need not be known: the common triangle is the
+    mean over all poses. Its frame has its origin in the centroid, x towards target 1, and z normal to the triangle
     (targets 1, 2, 3 counter-clockwise). If each coordinate has the standard deviation s, and the sides have length a,
     standard deviations are s / sqrt(3) for each coordinate of the origin, sqrt(2) s / a for a rotation about a line in
     the triangle's plane, and s / a for a rotation about its normal.

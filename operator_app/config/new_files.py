@@ -67,7 +67,7 @@ def copied(kind: Kind, packaged: str, *, name: str, **instead: str) -> bytes:
 
 
 def fixture_file(fixture: Hinge | Ball, *, name: str, arm: ArmModel) -> bytes:
-    """Return the file of a measured fixture for an arm."""
+    """Return the content of the fixture file for a hinge or ball whose placement was measured on this arm."""
     comment = MEASURED_HINGE if isinstance(fixture, Hinge) else MEASURED_BALL
     keys = (HingePlacement if isinstance(fixture, Hinge) else BallPlacement).model_fields
     in_si = {key: key.replace("_mm", "_m").replace("_deg", "_rad") for key in keys}
@@ -87,7 +87,7 @@ def fixture_file(fixture: Hinge | Ball, *, name: str, arm: ArmModel) -> bytes:
 
 
 def _placed(key: str, value: Any) -> Any:
-    """Return a length or an angle of a placement (SI units) in the unit of its key; 0 if an offset is None."""
+    """Convert a length or an angle of a placement from SI to the unit in its key; None (offset not stated) gives 0."""
     if isinstance(value, tuple):
         return [_placed(key, part) for part in value]
     return _millimetres(value) if key.endswith("_mm") else _degrees(value or 0.0)
@@ -102,7 +102,7 @@ def procedure_file(
     held: Mapping[str, str],
     closed: bool,
 ) -> bytes:
-    """Return the file of a procedure for an arm in a fixture; `closed`: the fixture constrains the tool."""
+    """Return the content of a procedure file; `closed`: whether the fixture constrains the tool (closed chain)."""
     joints = range(1, arm.joint_count + 1)
     slowest = min(math.degrees(j.max_speed_rad_per_s) for j in arm.joints)
     plan = "planned" if closed else "explore"

@@ -18,7 +18,7 @@ from solver.chain.parameters import DhEntry
 Int32 = Annotated[int, Field(strict=True, ge=-(2**31), le=2**31 - 1)]
 FORCED, NOT_ACCEPTED = "FORCED", "NOT_ACCEPTED"
 REFUSED = (FORCED, NOT_ACCEPTED)
-"""Codes of the warning that a calibration was not accepted: `FORCED` if it was nevertheless exported for a reason."""
+"""Codes of the warning that a calibration was not accepted; `FORCED`: it was exported with a stated reason."""
 Code = Annotated[str, StringConstraints(strict=True, pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
 Side = Literal["arm", "ground", "hand"]
 
@@ -75,7 +75,7 @@ class DhRow(StrictRecord):
 class CalibratedEntry(StrictRecord):
     """An entry that was calibrated, with its standard deviation: `sigma_deg` of an angle, `sigma_m` of a length.
 
-    `side` is arm, ground (table) or hand (tool): only arm entries stay valid in another mounting; None in version 1.
+    `side`: arm, or fixture's ground or hand (tool) side (version 1: None); only arm entries apply in other mountings.
     """
 
     entry: quantities.ExactText
@@ -125,7 +125,7 @@ class RvdtRemedy(StrictRecord):
     theta_off_deg
         Joint-angle offset to be used with corrected readings.
     gain
-        Change of reading per change of angle, ideally 1; included in the table.
+        Change of reading per change of angle, ideally 1; the corrections in `table` include it.
     table
         Corrections in rising order of the reading, over the range that the poses cover; to be interpolated linearly.
     """
@@ -175,13 +175,13 @@ class DocumentWarning(StrictRecord):
 
 CORRELATION_PLACES, SHARE_PLACES = 5, 4
 BUDGET_SUM_TOLERANCE = 0.01
-"""Rounding error of a sum of shares that should be 1."""
+"""Largest deviation from 1, due to rounding, of the sum of an entry's shares."""
 
 Correlation = Annotated[quantities.Number, Field(ge=-1.0, le=1.0)]
 Share = Annotated[quantities.Number, Field(ge=0.0, le=1.0)]
 
 Correlations = Mapping[str, tuple[Correlation, ...]]
-"""Correlations of each calibrated entry except the first with all entries before it, in their order."""
+"""Correlations of each calibrated entry except the first with all entries before it, in the order of `calibrated`."""
 Budget = Mapping[str, Mapping[str, Share]]
 """Share of each source of error in the variance of a calibrated entry."""
 
@@ -199,7 +199,7 @@ def correlations_of(names: Sequence[str], covariance: FloatArray) -> dict[str, t
 def budget_of(
     names: Sequence[str], variance: FloatArray, parts: Mapping[str, FloatArray]
 ) -> dict[str, dict[str, float]]:
-    """Return each source's share of a variance, by parameter, without shares that round to zero."""
+    """Return, by parameter, the share of each error source in its variance; shares that round to zero are left out."""
     by_source = {}
     for k, name in enumerate(names):
         if variance[k] > 0.0:

@@ -60,7 +60,7 @@ UtcTime = Annotated[
 ]
 
 BESIDE_THE_TABLE = {"ball": 6, "measured": 12}
-"""Number of parameters outside the D-H table: points of ball and socket, or poses of instrument and target."""
+"""Number of parameters outside the D-H table, by fixture: points of ball and socket, poses of instrument and target."""
 
 
 def _check_table(rows: Sequence[records.DhRow], fields: schema.Fields) -> Iterator[Complaint]:
@@ -175,13 +175,13 @@ class ParametersDocument(schema.StrictRecord):
     pose_set_sha256
         `solver.chain.poses.PoseSet.sha256` of the poses.
     correlations
-        Correlations of each calibrated entry except the first with all entries before it, in their order. Together
-        with the sigmas they define the whole covariance.
+        Correlations of each calibrated entry except the first with all entries before it, in the order of
+        `calibrated`. Together with the sigmas they define the whole covariance.
     budget
         Share of each source of error in the variance of each calibrated entry. Lengths and twists corrected within
         tolerances have no budget.
     rvdt
-        Corrections of the readings of each RVDT that the poses could determine.
+        For each RVDT whose errors the poses could determine: corrections of its readings.
     forced
         Reason for using a calibration that was not accepted; None if it was accepted.
     """

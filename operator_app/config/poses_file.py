@@ -38,7 +38,7 @@ from solver.arrays import FloatArray
 from solver.chain.poses import PoseSet
 
 LIMIT_BYTES = 32 * 1024 * 1024
-"""Limit of a file; 100,000 poses of seven joints with standard deviations need some 20 MB."""
+"""Largest size of a poses file; 100,000 poses of seven joints with standard deviations need some 20 MB."""
 
 BAG_SUFFIXES = (".mcap", ".db3")
 FEWEST_POSES_FOR_UNIT = 5
@@ -143,7 +143,7 @@ def save_poses(path: Path, poses: PoseSet) -> None:
 
 
 Complaint = tuple[int | None, str, str, str]
-"""Column from 1 (None if missing), name, text, remedy."""
+"""Problem of the header: number of the column from 1 (None if it is missing), its name, text, remedy."""
 
 
 def _complaints(names: tuple[str, ...], joint_count: int | None) -> Iterator[Complaint]:
@@ -213,7 +213,7 @@ def _known(name: str) -> bool:
 
 
 def _in_our_unit(name: str, candidates: list[str]) -> str:
-    """Return the candidate that is `name` in this format's unit (`x_mm`: `x_m`); empty if there is none."""
+    """Return the candidate that differs from `name` only in its unit (`x_m` for `x_mm`); empty if there is none."""
     unit = UNIT.fullmatch(name)
     return next((c for c in candidates if unit and c.rpartition("_")[0] == unit[1]), "")
 
@@ -260,7 +260,7 @@ def _quantity(name: str, cell: str) -> float:
 
 
 def _as_numbered(columns: Mapping[str, Sequence[Any]]) -> Mapping[str, Sequence[Any]]:
-    """Return the rows in order of placement and pose number, or in file order if the poses are not numbered."""
+    """Return `columns` with rows sorted by placement and pose number, or unchanged if the poses are not numbered."""
     numbers = [NUMBERED.fullmatch(label) for label in columns["pose"]]
     if not all(numbers) or len({m[1] for m in numbers if m}) > 1:
         return columns

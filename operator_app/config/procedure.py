@@ -70,7 +70,7 @@ class Modes(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Exploration(StrictRecord):
-    """Exploration range of a drive joint, relative to its start angle; a check of the file uses the angle at home."""
+    """Exploration range of a drive joint, relative to its angle at home."""
 
     joint: quantities.Count
     from_deg: Annotated[quantities.AngleDeg, Field(le=0.0)]
@@ -110,7 +110,7 @@ class SettleRule(StrictRecord):
     timeout_syncs: Annotated[int, Field(strict=True, ge=2, le=1_000_000)]
 
     def spread_rad(self, arm: ArmModel) -> tuple[float, ...]:
-        """Allowed spread of each joint's readings; infinite for a joint without a sensor."""
+        """Allowed spread of each joint's readings, rad; infinite for a joint without a sensor."""
         return tuple(
             math.inf
             if isinstance(joint.sensor, NoSensor)
@@ -135,8 +135,8 @@ class CapturePlan(StrictRecord):
     Attributes
     ----------
     strategy
-        Named ``plan`` in the file. ``explore``: visit waypoints in the box; ``planned``: explore a little, then plan
-        with the estimate and take `poses` further poses.
+        Named ``plan`` in the file. ``explore``: visit waypoints in the box; ``planned``: explore until an estimate
+        can be trusted, then plan and take `poses` further poses.
     poses
         Number of poses.
     exploration

@@ -77,7 +77,7 @@ class PdoSpec(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointSpec(StrictRecord):
-    """Settings of one joint; settings that are not stated are as for all joints."""
+    """Settings of one joint. By default its node number is the joint's number, and its PDOs are those of all joints."""
 
     joint: Annotated[Count, Field(le=objects.MAX_JOINTS)]
     node: NodeNumber | None = None
@@ -145,7 +145,7 @@ class ProfileFile(StrictRecord):
     )
 
     def for_joints(self, count: int | None) -> bus_profile.BusProfile:
-        """Return the profile for `count` joints (None: up to the highest listed, or all if no joint is listed)."""
+        """Return the profile for `count` joints (None: the highest number listed, else as many as fit on the bus)."""
         if count is None:
             listed = max((joint.joint for joint in self.joints), default=0)
             room = (
@@ -208,7 +208,7 @@ def load_profile(reference: str | Path, *, joints: int | None = None) -> bus_pro
 
 
 def format_profile(profile: bus_profile.BusProfile, *, comment: str) -> bytes:
-    """Format a profile so that reading it gives the same profile; settings common to all joints are written once."""
+    """Format a profile's supervisor, nodes, PDOs and compared objects; all other settings are left out (defaults)."""
     numbered = enumerate(profile.joints, 1)
     joints: list[dict[str, Any]] = [{"joint": k, "node": joint.node} for k, joint in numbered]
     shared: dict[str, Any] = {}

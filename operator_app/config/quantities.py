@@ -23,7 +23,7 @@ UNITS = {
     "rad_per_s": "radians per second",
     "nm": "newton metres",
 }
-"""Units, as the endings of keys."""
+"""Names of units, by the ending of a key."""
 UNIT = re.compile(rf"(.+?)_({'|'.join(sorted(UNITS, key=len, reverse=True))})")
 
 TO_SI: Mapping[str, tuple[str, Callable[[float], float]]] = {
@@ -122,7 +122,7 @@ BEYOND_A_TURN = "{:g} deg is more than a turn"
 TurnDeg = Annotated[Number, *_limited(360.0, BEYOND_A_TURN, "write degrees between -360 and 360")]
 """An offset, deg: between -360 and 360."""
 TwistDeg = Annotated[TurnDeg, AfterValidator(_twist_deg)]
-"""A nominal twist, deg: within a turn; a number such as 1.5708 (pi/2) is refused as one in radians."""
+"""A nominal twist, deg: within a turn; a number such as 1.5708 (pi/2) is refused, as it is probably in radians."""
 
 StatedMm = Annotated[NonNegativeNumber, *_uncertainty(50.0, "mm")]
 StatedDeg = Annotated[NonNegativeNumber, *_uncertainty(10.0, "deg")]

@@ -18,11 +18,11 @@ from operator_app.config.resources import exists, expanded, read_limited
 from solver.arrays import FloatArray
 
 RECORDING_LIMIT_BYTES = 1024 * 1024 * 1024
-"""Limit of a recording; a CSV log of seven joints at 1 kHz over an hour has some 500 MB."""
+"""Largest size of a recording; a CSV log of seven joints at 1 kHz over an hour has some 500 MB."""
 
 LARGEST_ANGLE_RAD = 20.0 * np.pi
 PER_SECOND = ((1e17, 1e9), (1e14, 1e6), (1e11, 1e3), (0.0, 1.0))
-"""For ns, us, ms and s: smallest end time of a recording in this unit, and units per second."""
+"""For times in ns, us, ms and s: a recording has this unit if it ends at this time or later; units per second."""
 
 SINCE_1970_S = 1e8
 """Times from this value on count from 1970; smaller ones count from the start of the recording."""
@@ -32,8 +32,8 @@ SINCE_1970_S = 1e8
 class JointRecording:
     """Angles (m, n), rad, at rising times (m,), s, of joints 1 to n with their names in the recording.
 
-    `source`: topic or column of times. `left_out`: number of messages or lines that lack a joint's angle or have the
-    same time as another message or line. `endpoint`: measured endpoints (m, 3) or (m, 6), m and rad, nan where the
+    `source`: text with the topic or the time column. `left_out`: number of messages or lines that lack a joint's angle
+    or have the same time as another one. `endpoint`: measured endpoints (m, 3) or (m, 6), m and rad, nan where the
     instrument did not see its target; None if there are none.
     """
 
@@ -110,7 +110,7 @@ def load_timed_log(
 
 
 def endpoints_at_rest(recording: JointRecording, dwells: Sequence[Dwell]) -> FloatArray | None:
-    """Return the mean endpoint, m and rad, of each dwell, (k, 3) or (k, 6); None without an instrument.
+    """Return the mean endpoint, m and rad, of each of k dwells, (k, 3) or (k, 6); None if none was measured.
 
     Raises ConfigError if the instrument measured nothing in one of the dwells.
     """
@@ -159,7 +159,7 @@ def recording_of(
 ) -> JointRecording:
     """Return the samples in order of time, without incomplete samples and repeated times.
 
-    Raises ConfigError if no complete sample remains, or if the values are not angles.
+    Raises ConfigError if no complete sample remains, or if an angle exceeds `LARGEST_ANGLE_RAD`.
     """
     complete = np.flatnonzero(np.isfinite(time_s) & np.all(np.isfinite(q_rad), axis=1))
     if not len(complete):

@@ -30,7 +30,7 @@ OPEN_ALREADY = ("/dev/stdin", "/dev/fd/", "/proc/self/fd/")
 class Resource:
     """Content of a file, and its name for messages: the path as typed, or ``packaged:<name>.yaml``.
 
-    `folder`: where relative references inside the file start; None for a built-in file.
+    `folder`: folder to which relative paths in the file refer; None for a built-in file.
     """
 
     file: str
@@ -47,7 +47,7 @@ def builtin_names(kind: Kind) -> tuple[str, ...]:
 def resolve(kind: Kind, reference: str | Path, *, folder: Path | None = None) -> Resource:
     """Find and read a file by built-in name or path, relative to `folder` (default: working directory).
 
-    Raises ConfigError if `reference` is no built-in name and no file, or if the file cannot be read.
+    Raises ConfigError if `reference` is neither a built-in name nor a file, or if the file cannot be read.
     """
     text = str(reference)
     names = builtin_names(kind)
@@ -75,7 +75,7 @@ def expanded(reference: str | Path) -> Path:
 
 
 def exists(path: Path) -> bool:
-    """Whether a file or folder exists; false, without an error, if the system refuses to look."""
+    """Whether a file or folder exists; false, instead of an error, if the system denies access."""
     return os.path.exists(path)  # noqa: PTH110
 
 

@@ -58,13 +58,13 @@ def adapter(model: type[M]) -> pydantic.TypeAdapter[M]:
 
 
 Fields = Mapping[str, Any]
-"""The valid fields before the one that is checked, by name."""
+"""Valid values of the fields that come before the checked field, by name."""
 
 
 def checked(check: Callable[[Any, Fields], Iterable[Complaint]]) -> pydantic.AfterValidator:
-    """Return the annotation of a field whose value is compared with other fields, without stopping the validation.
+    """Return an annotation that compares a field's value with the fields before it.
 
-    `check` yields problems, at any place of the file.
+    `check` yields the problems, at any place of the file; they are collected and do not stop the validation.
     """
 
     def validate(value: Any, info: pydantic.ValidationInfo) -> Any:
@@ -178,10 +178,10 @@ def _problems(
 def _without_alternatives(
     document: YamlDocument, placed: list[tuple[Path, ErrorDetails]]
 ) -> list[tuple[Path, ErrorDetails]]:
-    """Keep only one problem of a value that may be a word or of another type, but is neither.
+    """Keep the problems of one alternative if a value may be a keyword or of another type, but is neither.
 
-    Pydantic lists the problems of every alternative. The problem with the words is kept if the value is nearly one
-    of the words, or is text where no number is allowed.
+    Pydantic lists the problems of both alternatives. The problem with the keyword is kept if the value resembles an
+    allowed keyword, or is text where no number is allowed; otherwise, the problems with the type are kept.
     """
     remaining = list(placed)
     for path, error in placed:

@@ -36,7 +36,7 @@ Scalar = str | int | float | bool | None
 def load_strict(data: bytes, file: str) -> YamlDocument:
     """Read one YAML mapping; raises ConfigError for anything else.
 
-    Problems that leave the rest readable are in the result instead.
+    Problems that leave the rest readable are not raised, but are in `YamlDocument.problems` of the result.
     """
     if len(data) > YAML_LIMIT_BYTES:
         text = f"is larger than {YAML_LIMIT_BYTES // 1024} KiB"
@@ -152,8 +152,8 @@ Complaint = tuple[Path, str, str]
 class YamlDocument:
     """A YAML mapping: plain dicts, lists, str, int, float, bool, None; `load_strict` makes it.
 
-    `marks`: place of every key and list item, by path; ``()`` is the document. `complaints`: problems that leave the
-    rest readable, with their places. `unreadable`: paths whose values are placeholders because of a problem.
+    `marks`: line and column of every key and item, by path; ``()`` is the document. `complaints`: problems that leave
+    the rest readable, with their places. `unreadable`: paths whose values are placeholders because of a problem.
     """
 
     file: str
@@ -163,7 +163,7 @@ class YamlDocument:
     unreadable: set[Path] = field(default_factory=set)
 
     def build(self, node: Node, path: Path) -> Any:
-        """Return a node as plain data, and record its place and its problems."""
+        """Return a node as plain data, and record its line, column and problems."""
         self.marks.setdefault(path, _mark(node))
         if isinstance(node, ScalarNode):
             return self._scalar(node, path)
@@ -220,7 +220,7 @@ class YamlDocument:
         return tuple(self.problem(*complaint) for complaint in self.complaints)
 
     def problem(self, path: Path, text: str, remedy: str = "", mark: Mark | None = None) -> Problem:
-        """Build a problem at `path`; its line is that of `mark`, of `path` or of the nearest parent."""
+        """Return a problem at `path`, in the line of `mark` or, if that is None, of `path` or its nearest parent."""
         place = path
         while place and place not in self.marks:
             place = place[:-1]
@@ -239,7 +239,7 @@ class YamlDocument:
         return value
 
     def name(self, path: Path) -> str:
-        """Format the path of a key for people; a list item has its own number if it states one, otherwise its index."""
+        """Format a path for people; a list item is named by the row, joint or entry it states, else counted from 1."""
         text = ""
         for depth, part in enumerate(path):
             if isinstance(part, str):

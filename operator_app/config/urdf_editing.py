@@ -1,7 +1,7 @@
 """Writes a calibration as URDF: a new file, or new joint origins in the user's URDF or UR file.
 
-A D-H link ``Rz(q + theta_off) Tz(s) Tx(a) Rx(alpha) Ry(beta)`` is a revolute joint about z and then a fixed
-step; that step is the origin of the next joint, so that every joint value is a sensor reading.
+A D-H link ``Rz(q + theta_off) Tz(s) Tx(a) Rx(alpha) Ry(beta)`` becomes a revolute joint about z with the value q and
+a fixed transform, the origin of the next joint. As theta_off is in that origin, joint values are sensor readings.
 """
 
 import math
@@ -35,7 +35,7 @@ def format_urdf(
     """Return a URDF of links 1..n with the geometry of `table`, and ranges, speeds and torques of `arm`.
 
     Joints have the arm file's names if all are valid in a URDF (without spaces, and unique), else ``joint_1`` etc.
-    `T_tip`: pose of the link 'tip' relative to the last link at a reading of zero, (4, 4), m; None: no link 'tip'.
+    `T_tip`: pose of the link 'tip' in the frame of the link of joint n, (4, 4), m; None: no link 'tip'.
     `comment`: lines of a comment in the file.
     """
     names = [joint.name for joint in arm.joints]
@@ -119,15 +119,15 @@ def _is_yaml(file: str) -> bool:
 def with_calibration(
     data: bytes, file: str, chain: UrdfChain, table: DhTable, comment: Sequence[str]
 ) -> bytes:
-    """Return a file with the lines of a comment, and with joint origins of its `chain` changed to those of `table`."""
+    """Return `data` with a comment added, and with the joint origins of `chain` changed to match `table`."""
     origins = calibrated_origins(chain, table)
     return (_into_yaml if _is_yaml(file) else _into_xml)(data, origins, comment)
 
 
 def calibrated_origins(chain: UrdfChain, table: DhTable) -> dict[str, FloatArray]:
-    """Return the origins (4, 4), by joint, that have to change for the chain to match `table`.
+    """Return the new origin (4, 4), m, of each joint whose origin must change for the chain to match `table`.
 
-    With all joints at zero, ``C_j`` leads from frame j-1 to the file's own frame of joint j. If the offset of joint j
+    With all joints at zero, ``C_j`` is the pose of the file's frame of joint j in frame j-1. If the offset of joint j
     changes by d_j, the joint's link is at ``Rz(q_j + d_j) C_j`` in frame j-1, so that its mesh turns with the joint.
     """
     rows, stated = table.stacked().T, chain.table.stacked().T
@@ -160,7 +160,7 @@ def calibrated_origins(chain: UrdfChain, table: DhTable) -> dict[str, FloatArray
 
 
 def entries_without_origin(chain: UrdfChain) -> tuple[str, ...]:
-    """Return names of the D-H entries that no origin can hold: the last link's, if the chain ends at the last joint."""
+    """Return the D-H entries that no origin can represent: s, a, alpha, beta of link n if the chain ends at joint n."""
     n = len(chain.joints)
     behind = tuple(f"{kind}_{n}" for kind in ("s", "a", "alpha", "beta"))
     return behind if chain.steps[-1].joint is not None else ()
@@ -173,7 +173,7 @@ def _inverse(T: FloatArray) -> FloatArray:
 def _chains(data: bytes, file: str, arm: ArmModel) -> Iterator[UrdfChain]:
     """Yield the chains between every link fixed to the arm's base and every link fixed to its tool.
 
-    The arm is found by its joint names; if the file lacks these, it must be the only arm of the file.
+    The arm is found by its joint names; if the file lacks these names, it must contain only one arm.
     """
     tree = UrdfTree.read(data, file)
     ends = list(tree.around(arm.joints[0].name, arm.joints[-1].name))
@@ -269,7 +269,7 @@ def _ur_lines(data: bytes, file: str) -> Iterator[tuple[str, str, re.Match[bytes
 
 
 def _ur_chain(data: bytes, file: str) -> UrdfChain:
-    """Return the six joints of UR's kinematics file; the tip is the last link, wrist_3."""
+    """Return the chain of the six joints in UR's kinematics file; its tip is the last link, wrist_3."""
     values: dict[tuple[str, str], str] = {}
     for link, key, value, _ in _ur_lines(data, file):
         values[link, key] = value[2].decode()

@@ -30,7 +30,7 @@ TURNING = ("revolute", "continuous")
 GRIPPER = re.compile(r"finger|grip|jaw|knuckle|thumb", re.IGNORECASE)
 """Names of joints of a gripper, not of the arm."""
 FLANGES = ("tool0", "flange")
-"""Preferred ends among links with the same revolute joints (REP 199)."""
+"""Preferred ends of the arm (REP 199) if all possible ends are behind equally many revolute joints."""
 ENDS_SHOWN = 12
 REPORTED_RAD = 1e-8
 """A rounded angle is reported if it differs from the exact angle by more than this."""
@@ -40,7 +40,7 @@ REPORTED_RAD = 1e-8
 class UrdfJoint:
     """One revolute joint: axis (3,), range (rad), speed (rad/s) and torque (N m); the last two are None if not stated.
 
-    `unstated`: limits, as text, for which values are assumed: the file states none, or one too large for any arm.
+    `unstated`: one text per limit whose value is assumed because the file states none or one too large for any arm.
     """
 
     name: str
@@ -94,7 +94,7 @@ class UrdfChain:
 
     @property
     def unstated(self) -> list[str]:
-        """For each joint, the limits that the file does not state, or states too large for any arm, as text."""
+        """One text per joint with limits that the file does not state, or that are too large for any arm."""
         return [f"{j.name}: {', '.join(j.unstated)}" for j in self.joints if j.unstated]
 
     @property
@@ -106,7 +106,7 @@ class UrdfChain:
 def parse_urdf(data: bytes, file: str, *, base: str = "", tip: str = "") -> UrdfChain:
     """Read the chain of revolute joints between the links `base` and `tip`; the rest of the file is ignored.
 
-    Empty names stand for the file's root link, and for the link at the end of the only arm, without a gripper. Raises
+    An empty `base` is the file's root link; an empty `tip` is the end of the only arm, without its gripper. Raises
     ConfigError if the file is not a URDF, or if its joints are not a serial chain of revolute joints.
     """
     return UrdfTree.read(data, file).chain(base, tip)
@@ -179,7 +179,7 @@ class UrdfTree:
         )
 
     def around(self, first: str, last: str) -> Iterator[tuple[str, str]]:
-        """Yield possible pairs of base and tip: links fixed to either end of an arm with these end joints."""
+        """Yield (base, tip) for each link fixed before joint `first` and each one fixed after joint `last`."""
         named = {e.get("name", ""): e for e in self.elements.values()}
         if first not in named or last not in named:
             return
@@ -256,7 +256,7 @@ def _only_end(elements: Mapping[str, ET.Element], base: str, file: str) -> str:
 
 
 def _begins_a_gripper(element: ET.Element, later: Sequence[ET.Element]) -> bool:
-    """Whether a joint is of a gripper: by its name, or if it slides or mimics and no `later` joint is of an arm."""
+    """Whether a joint is a gripper's: by its name, or because it slides or mimics and no `later` joint is an arm's."""
     if _has_gripper_name(element):
         return True
     if element.get("type") != "prismatic" and element.find("mimic") is None:

@@ -14,8 +14,8 @@ from solver.chain.kinematics import DhTable, forward
 MEET_M = 1e-9
 """Distance below which axes count as intersecting."""
 MEETING_SINE, FAR_M = 1e-9, 2.0
-"""The last row follows the common normal of the last joint's axis and the tip's z axis only if the sine of the angle
-between these exceeds MEETING_SINE, and the row's s and a are below FAR_M."""
+"""If the tip's z axis is nearly parallel to the last joint's axis, the last row follows their common normal only if the
+sine of the angle between them exceeds MEETING_SINE, and the row's s and a are below FAR_M."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,9 +30,9 @@ class AxisLine:
 def rows_of(
     axes: Sequence[AxisLine], T_base_tip: FloatArray
 ) -> tuple[DhTable, tuple[FloatArray, ...]]:
-    """Return the D-H rows 1..n of axes 1..n and a tip at `T_base_tip` (4, 4), m, and their frames.
+    """Return the D-H rows 1..n for the joint `axes` 1..n and a tip at `T_base_tip` (4, 4), m, and the frames 0..n.
 
-    The frames 0..n, (4, 4) each, m, are in the base link's frame with all joints at zero. Frame 0 is on axis 1 near the
+    The frames, (4, 4) each, m, are in the base link's frame with all joints at zero. Frame 0 is on axis 1 near the
     base link's origin; frame n is as near to the tip as a D-H row allows.
     """
     z = axes[0].z
@@ -60,7 +60,7 @@ def rows_of(
 
 
 def link_transform(row: Sequence[float]) -> FloatArray:
-    """Return ``Rz(theta_off) Tz(s) Tx(a) Rx(alpha) Ry(beta)``, (4, 4); `row`: these entries in order, rad, m."""
+    """Return ``Rz(theta_off) Tz(s) Tx(a) Rx(alpha) Ry(beta)``, (4, 4), m; `row`: theta_off, s, a, alpha, beta."""
     link, T = forward(*np.reshape(row, (5, 1))), np.eye(4)
     T[:3, :3], T[:3, 3] = link.R_end, link.p_end
     return T
@@ -108,10 +108,10 @@ def _to_tip(before: FloatArray, tip: AxisLine, sine: float) -> tuple[float, ...]
 
 
 def _normal_to(line: AxisLine, apart: FloatArray, z: FloatArray) -> tuple[FloatArray, float]:
-    """Return the common normal of `line` and a second line, and the signed distance along it, m.
+    """Return the common normal (3,) of `line` and a second line, and the signed distance from that line to `line`, m.
 
-    `apart` (3,): vector from one line to the other, m. The normal points towards `line`'s x. If the lines intersect,
-    it is perpendicular to `z`, and the distance is 0.
+    `apart` (3,): vector from the second line to `line`, m. The normal is at most 90 deg from `line.x`. If the lines
+    intersect, it is perpendicular to `z`, and the distance is 0.
     """
     a = float(np.linalg.norm(apart))
     if a <= MEET_M:
@@ -121,7 +121,7 @@ def _normal_to(line: AxisLine, apart: FloatArray, z: FloatArray) -> tuple[FloatA
 
 
 def _across(z: FloatArray, *preferred: FloatArray) -> FloatArray:
-    """Return the unit vector orthogonal to z towards the first of `preferred`, x and y that is not parallel to z."""
+    """Return the unit vector perpendicular to z nearest to the first of `preferred`, x, y not nearly parallel to z."""
     across = (d - (d @ z) * z for d in (*preferred, *np.eye(3)[:2]))
     return next(x / np.linalg.norm(x) for x in across if np.linalg.norm(x) > 0.1)
 
@@ -131,7 +131,7 @@ def _angle(a: FloatArray, b: FloatArray, about: FloatArray) -> float:
 
 
 EXACT_PLACES = 13
-"""Number of decimal places from which on an angle counts as not rounded."""
+"""An angle with at least this many decimal places counts as not rounded."""
 
 
 def rotation_of_rpy(rpy: FloatArray) -> FloatArray:
@@ -165,7 +165,7 @@ def origin_words(T: FloatArray) -> dict[str, str]:
 def exact_deg(word: str) -> float | None:
     """Return the exact angle in deg behind a rounded or truncated value in rad; None if the value is not rounded.
 
-    Four decimals or more stand for a multiple of 15 deg (1.5708, 0.7854), two or three for a multiple of 90 deg (3.14).
+    With four or more decimals, it may be a multiple of 15 deg (1.5708, 0.7854); with two or three, of 90 deg (3.14).
     """
     match = re.fullmatch(r"[+-]?\d+\.(\d+)", word)
     if match is None or not 2 <= len(match[1]) < EXACT_PLACES:

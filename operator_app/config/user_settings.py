@@ -109,7 +109,7 @@ def usual_bus(named: str | None = None) -> BusSettings | None:
 
 
 def changed(texts: Mapping[str, str]) -> UserSettings:
-    """Return the user's settings with these keys set; an empty text removes a key.
+    """Return the user's settings with the keys of `texts` set; an empty text removes its key.
 
     An invalid file can be repaired in this way, key by key, and unknown keys can be removed. Raises ConfigError if a
     key is not a setting, or if the file is still invalid.

@@ -23,7 +23,7 @@ class ConsoleListener(Listener):
         say(sanitized(text), err=True)
 
     def resumed(self, session: Session) -> None:
-        """Report the number of poses of a resumed session."""
+        """Report an incomplete last line of the journal, if any, and the number of used poses of a resumed session."""
         if session.journal.contents.torn:
             self.report(f"{session.journal.contents.torn}.")
         self._late_times = session.state.late.times
@@ -70,7 +70,7 @@ def cut_short_lines(cut: CutShort) -> list[str]:
 
 
 def _danger(cut: CutShort) -> list[str]:
-    """Return a warning if a connected arm may not be holding; empty after an interrupt (the error is then raised)."""
+    """Return a warning if the connected arm may not be holding; empty after an interrupt (raised instead)."""
     error = cut.session.not_held
     if error is None or not cut.connected or isinstance(cut.cause, KeyboardInterrupt):
         return []
@@ -93,7 +93,7 @@ def _lateness_note(cut: CutShort) -> str:
 
 
 def _how_to_continue(cut: CutShort) -> list[str]:
-    """Return text on how to continue; empty if resuming would fail again."""
+    """Return lines on how to continue the session; empty if a resumed session would fail again."""
     cause, session = cut.cause, cut.session
     folder = session.journal.path.parent
     goes_on = f"Go on with: sarcal run --resume {folder}"

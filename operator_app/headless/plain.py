@@ -26,7 +26,7 @@ PAGE_WIDTH = 80
 
 
 class Terminal:
-    """Input and output of lines: standard input and output."""
+    """Reads lines from standard input and writes lines to standard output."""
 
     def say(self, text: str) -> None:
         """Write and flush lines."""
@@ -38,7 +38,7 @@ class Terminal:
         return input(sanitized(prompt))
 
     def touched(self, timeout_s: float) -> bool:
-        """Discard a line from a terminal, waiting up to `timeout_s`; return whether one came. A pipe is not read."""
+        """Wait up to `timeout_s` for a line typed at a terminal (not a pipe); discard it; return whether one came."""
         inputs = [sys.stdin] if sys.stdin.isatty() else []
         ready, _, _ = select.select(inputs, [], [], timeout_s)
         return bool(ready) and bool(sys.stdin.readline())
@@ -73,9 +73,9 @@ class Plain:
         self.runner: Runner = sessions.new() if resume is None else sessions.resumed(resume)
 
     def run(self) -> str:
-        """Show menus until the operator quits, and return the reason for the end. Ctrl-C means STOP.
+        """Show menus until the operator quits or the input ends, and return which of the two. Ctrl-C sends STOP.
 
-        If the arm is silent or not connected, Ctrl-C raises KeyboardInterrupt instead.
+        If no arm is connected, or no data arrive from it, Ctrl-C raises KeyboardInterrupt instead.
         """
         self._terminal.say(
             "sarcal, plain mode. Type a number and Enter. While the arm moves, Enter stops it; "
@@ -182,7 +182,7 @@ class Plain:
         self._terminal.say(sanitized(f"Not done: {reason}."))
 
     def ask(self, question: user_interface.Question, then: Callable[[str], None]) -> None:
-        """Ask a question whose answer is yes, a line of text or a number; call `then` with a valid answer."""
+        """Ask for yes (`YesNo`), text (`Typed`) or an option's number (`OneOf`); call `then` if the answer is valid."""
         match question:
             case user_interface.YesNo():
                 *rows, last = question.text.splitlines()
@@ -209,7 +209,7 @@ class Plain:
                     chosen.do()
 
     def pose(self, s: SessionSnapshot) -> int | None:
-        """Ask for the number of a pose; None if there is no such pose."""
+        """Ask for the number of a pose and return it; None if there is no such pose."""
         typed = self._terminal.ask("Pose number: ").strip()
         known = {str(p.number): p.number for p in s.state.poses}
         if typed in known:
@@ -227,7 +227,7 @@ class Plain:
         return None if row is None else user_interface.ShownAlarm(number=row, all_visible=True)
 
     def open(self, make: Callable[[], Runner]) -> None:
-        """Open another session; show the reason if that fails."""
+        """Open another session; if that fails, show the reason or, if no session is left open, raise the error."""
         try:
             self.runner = make()
         except EXPECTED as error:
@@ -262,7 +262,7 @@ class Plain:
             self._terminal.say(history_text(history))
 
     def _wait(self) -> None:
-        """Wait for the running task; Enter cancels a motion."""
+        """Wait until no task is running; Enter cancels a task that may move the arm."""
         s = self.snapshot()
         if s.task is not None and guards.stops_on_any_key(s.task) and not s.task.ending:
             self._terminal.say(f"{s.task.kind.value}: press Enter to stop it.")
@@ -274,7 +274,7 @@ class Plain:
             s = self.snapshot()
 
     def _stop(self) -> bool:
-        """Send STOP after Ctrl-C and return True; if the arm is silent or not connected, only return False."""
+        """Send STOP after Ctrl-C and return True; without an arm or data from it, send nothing and return False."""
         s = self.runner.snapshot()
         if not s.connected or s.data is DataState.LOST:
             return False

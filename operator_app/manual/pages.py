@@ -71,7 +71,7 @@ FILE = re.compile(r"<!-- file: ([\w.-]+) -->\n```\w+\n(.*?)```", re.DOTALL)
 """Pattern of the mark and the content of a code block that is a complete file."""
 
 FILES_OF = re.compile(r"<!-- files of: ([\w-]+) -->")
-"""Pattern of the mark of a page that includes the files of another page."""
+"""Pattern of the mark by which a page includes the files of another page."""
 
 NOTEBOOK = re.compile(r"<!-- notebook: ([\w.-]+) -->")
 NOTEBOOKS = files("operator_app") / "manual" / "notebooks"

@@ -18,7 +18,7 @@ PICTURE = re.compile(r"!\[([^\]]*)\]\([^)]*\)")
 HTML_COMMENT = re.compile(r"<!--.*?-->\n?", re.DOTALL)
 CODE, FENCE = re.compile(r"(`[^`\n]+`)"), re.compile(r"(^```.*?^```$)", re.DOTALL | re.MULTILINE)
 PLAIN_GLYPHS = str.maketrans("─•", "--")
-"""Replacements for terminals without these characters."""
+"""Replacements for characters that some terminals cannot show."""
 MANY_COLUMNS, TALLEST = 4, 8
 """A table with at least `MANY_COLUMNS` columns and, on average, over `TALLEST` lines per row is shown as blocks."""
 

@@ -38,7 +38,7 @@ def stopped_words(reason: str) -> str:
 
 
 def unstopped_words(joints: Sequence[int]) -> str:
-    """Return the clause on joints whose drives have not obeyed STOP."""
+    """Return the clause that names joints whose drives have not obeyed STOP."""
     return f"{joints_named(joints)} {'has' if len(joints) == 1 else 'have'} NOT stopped"
 
 
@@ -174,7 +174,7 @@ def connected_words(identity: ArmIdentity) -> str:
 
 
 def configured_words(identity: ArmIdentity) -> str:
-    """Return the sentence on drive objects that were changed as the bus profile requires; "" if none were."""
+    """Return the sentence that counts drive objects changed as the bus profile requires; "" if none were."""
     zeroed = identity.zeroed
     pdos = tuple(text for text in identity.configured if text not in zeroed)
     until = "configured as the bus profile requires (until the next connection or power cycle)"
@@ -192,7 +192,7 @@ def configured_words(identity: ArmIdentity) -> str:
 def lateness_words(late: HostLatency, times: int) -> str:
     """Return the message about the last `times` delays of this computer (host latency).
 
-    It is distinguished from an arm that does not answer, because the remedies differ.
+    An arm that does not answer has another message, because the remedies differ.
     """
     how = f"by {late.last_s:.1f} s"
     if times > 1:

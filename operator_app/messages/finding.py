@@ -1,4 +1,4 @@
-"""A finding: a fault or fact with place, magnitude, probability, and whether it blocks acceptance; its text and remedy.
+"""Findings: faults or facts, each with magnitude, probability, effect on acceptance, text and remedy.
 
 The kind of a finding has the templates of text and remedy; no code parses figures from these texts.
 """
@@ -20,7 +20,7 @@ CERTAIN = 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NamedSize:
-    """A parameter and a value in `unit`, "rad" or "m"; `share`: fraction of the information that is from the poses."""
+    """A parameter and a value in `unit`, "rad" or "m"; `share`: part of the information on it that poses give."""
 
     name: str
     size: float
@@ -171,9 +171,9 @@ OWN_FORMATS = {
 
 
 class _Amount(NamedTuple):
-    """A value (SI units) for a template, in which its format specification is the name of a `Kind`.
+    """A value (SI units) that a template formats; the format specification is the name of a `Kind`.
 
-    The specification ``A|B`` means the kind A for angles and the kind B for lengths.
+    The specification ``A|B`` means the kind A for angles and the kind B otherwise.
     """
 
     value: float
@@ -215,7 +215,7 @@ def fixed_briefly(offsets: tuple[str, ...]) -> str:
 
 
 def _holds(f: Finding) -> str:
-    """Return how an error of an offset that the fit held fixed moves the tool; `f.figures`: this movement, m/rad."""
+    """Return how far the tool is off per degree of error of a fixed offset; `f.figures`: that rate, m/rad, by name."""
     if not f.figures:
         return ""
     rates = ", ".join(

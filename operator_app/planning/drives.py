@@ -1,4 +1,4 @@
-"""Selects the drive joints by the rankings of `solver.design` and by measured trials, and states the reasons."""
+"""Selects the drive joints by the rankings of `solver.design` and by trials on the arm, and states the reasons."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -157,7 +157,7 @@ def choose_drives(
 
 
 def named_drives(prediction: DrivePrediction, drives: tuple[int, ...], kind: str) -> DriveChoice:
-    """Return the choice of the procedure's drive joints; raises `GuardError` if their number is wrong."""
+    """Return the procedure's `drives` as the choice; raises `GuardError` if a joint or their number is wrong."""
     motion = prediction.manifold.motion
     problem = modes_problem(
         drives, joint_count=motion.joint_count, mobility=motion.degrees, kind=kind
@@ -186,7 +186,7 @@ def _joint_out_of_range(arm: ArmModel, manifold: Manifold) -> str:
 
 
 def _usable(prediction: DrivePrediction, unsensed_joints: tuple[int, ...]) -> list[RankedDrives]:
-    """Return the drive sets usable at the pose and in the region, best first; inexact joints only if necessary."""
+    """Return the sets usable at the current pose and in the region, best first; with inexact joints only if needed."""
     usable_now = {r.drives for r in prediction.here if r.usable}
     usable = [
         r
@@ -203,7 +203,7 @@ def _with_complementary_sets(
         return float(PathGraph(manifold, sets, LIMITS).reachable(0).mean())
 
     chosen = [drives]
-    # A set that reaches little alone adds little: the first six are enough.
+    # A set that reaches few poses alone adds few poses: the first six sets are enough.
     others = [d for d in usable if d != drives][:6]
     while others and len(chosen) < MOST_SETS:
         share = [reach(*chosen, d) for d in others]
@@ -217,7 +217,7 @@ def _with_complementary_sets(
 def modes_problem(
     position_joints: tuple[int, ...], *, joint_count: int, mobility: int, kind: str
 ) -> GuardError | None:
-    """Return the error for a wrong set of joints in position mode; None for a valid one."""
+    """Return the error for a wrong set of joints in position mode; None if the set is valid."""
     have = len(set(position_joints))
     wrong = [j for j in position_joints if not 1 <= j <= joint_count]
     if wrong:

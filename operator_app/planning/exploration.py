@@ -1,7 +1,7 @@
-"""Waypoints of the drive joints for captures without a kinematic model, and watches that end a move.
+"""Waypoints of the drive joints for captures without a kinematic model, and callbacks that end a move.
 
 A low-discrepancy sequence fills the procedure's box (ranges of drive angles around home), so that even a short session
-covers all of it. Whether a waypoint can be reached shows only when the arm moves there.
+covers the whole box. Only the move itself shows whether a waypoint can be reached.
 """
 
 from collections.abc import Mapping
@@ -17,10 +17,10 @@ from solver.arrays import FloatArray, even_points
 from solver.chain.arm_model import ArmModel
 
 RANGE_END_MARGIN_RAD = float(np.deg2rad(2.0))
-"""A move ends when a joint comes this close to the end of its range: the braking distance."""
+"""Margin to both ends of a joint's range: a move ends before a joint comes closer than this."""
 
 DEFAULT_SPAN_DEG = 25.0
-"""Half width of the box along each drive joint that the procedure does not limit."""
+"""Half width of the box in each drive joint for which the procedure states no range."""
 
 BATCH = 8
 """Waypoints are sorted for short moves within batches of this size."""
@@ -30,8 +30,8 @@ BATCH = 8
 class Box:
     """Ranges of the drive joints' angles within which poses are explored.
 
-    `joints`: drive joints (1-based). `centre_rad`, `lower_rad`, `upper_rad` (d,): sensor coordinates, inside the
-    ranges of the joints.
+    `joints`: drive joints (1-based). `centre_rad`, `lower_rad`, `upper_rad` (d,): centre and limits of the box, sensor
+    coordinates; the limits are inside the joint ranges.
     """
 
     joints: tuple[int, ...]
@@ -40,9 +40,9 @@ class Box:
     upper_rad: tuple[float, ...]
 
     def beyond_rad(self, positions_rad: FloatArray) -> FloatArray:
-        """Return the distance (d,) of each drive joint from the box at these positions (n,); 0 inside."""
+        """Return the distance (d,) of each drive joint from the box at `positions_rad` (n,); 0 inside the box."""
         positions = positions_rad[[j - 1 for j in self.joints]]
-        # Where the joints start beyond the end of a range, a box may be empty: every position is outside it.
+        # If a joint starts beyond the end of its range, the box may be empty; then every position is outside it.
         below, above = np.subtract(self.lower_rad, positions), positions - self.upper_rad
         return np.maximum(np.maximum(below, above), 0.0)
 
@@ -55,9 +55,9 @@ def box_of(
     home_rad: FloatArray,
     start_rad: FloatArray,
 ) -> Box:
-    """Return the procedure's box around `home_rad` (n,) for these drive joints.
+    """Return the box of the drive joints `joints`: the ranges around `home_rad` (n,) that the procedure states.
 
-    A joint that the procedure does not limit gets `DEFAULT_SPAN_DEG` to each side of the start, `start_rad` (n,).
+    A joint without a stated range gets `DEFAULT_SPAN_DEG` to each side of its start angle in `start_rad` (n,).
     """
     known = {box.joint: box for box in plan.exploration}
     if set(joints) == set(known):
@@ -82,8 +82,8 @@ def box_of(
 def waypoints(box: Box, *, poses: int, seed: int) -> tuple[Mapping[int, float], ...]:
     """Return the targets (joint number: rad) of the drive joints, in visiting order.
 
-    There are three targets per requested pose, as some may be unreachable. A resumed session gets the same plan.
-    The result is cached, because each visit needs all waypoints.
+    There are three targets per requested pose, as some may be unreachable. The same arguments give the same targets,
+    so that a resumed session continues its plan. The result is cached, because it is needed again for every waypoint.
     """
     low, high = np.array(box.lower_rad), np.array(box.upper_rad)
     start = np.random.default_rng(seed).random(len(low))
@@ -111,9 +111,9 @@ def overload(arm: ArmModel, snapshot: ArmSnapshot) -> str:
 
 
 def range_watch(arm: ArmModel, braking_s: float) -> Watch:
-    """Return a watch that ends a move if a joint is about to leave its range, too fast or overloaded.
+    """Return a callback that ends a move if a joint is too fast, is overloaded, or is about to leave its range.
 
-    Free joints may be faster than the drives, so the range applies to the position where a joint would come to rest:
+    Free joints may be faster than the drives, so the range is checked at the position where a joint would come to rest:
     its position plus its speed times `braking_s` (`hardware.control.trajectory.coming_to_rest_s`; 0 for planned paths).
     """
     lower = arm.lower_rad + RANGE_END_MARGIN_RAD

@@ -31,9 +31,9 @@ class Feasibility:
     """Whether an arm can be calibrated in a fixture, and with which drive joints.
 
     `parameters`: unknowns of the calibration, without those that cannot be identified in the fixture's placement.
-    `mobility`: number of drive joints; None if no pose closes. `home_to_closed_rad` (n,): nearest closed pose minus
-    home; None for an open arm, or if no pose closes. `choice`: drive joints; None for an open arm, or if no joints can
-    drive for the reason `refusal`. `identifiability`: from poses over the whole reachable region; None without poses.
+    `mobility`: number of drive joints. `home_to_closed_rad` (n,): nearest closed pose minus home; None if none closes.
+    `choice`: drive joints; None if none can drive (see `refusal`). `identifiability`: from poses over all the reachable
+    region; None, like `mobility`, if no drives can be ranked. An open arm has only the first three fields.
     """
 
     parameters: tuple[Parameter, ...]
@@ -121,7 +121,7 @@ def home_to_closed_rad(arm: ArmModel, fixture: EndpointConstraint) -> FloatArray
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Chain:
-    """An arm in a fixture.
+    """An arm in a fixture, with the feasibility of its calibration.
 
     `procedure`: name of the procedure; empty without one. `held`: entries fixed at their value in the arm file, with
     the reason. `home`: proposed home (n,), rad, with its `Feasibility`; None if the arm's own home is good, or no home

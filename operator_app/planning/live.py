@@ -136,7 +136,7 @@ class Forecast:
 
     @property
     def reaches_nothing(self) -> bool:
-        """Whether no pose can be reached, usually because of wrong joint readings."""
+        """Whether all poses are unreachable, usually because of wrong joint readings."""
         return not bool(self.reachable.any())
 
     def span_rad(self, joint: int, poses: int) -> tuple[float, float]:
@@ -184,7 +184,7 @@ def _followed(
     """Return the poses (w, n) with the drive joints (`columns`) at `goal` (w, d), and which of them close (w,)."""
     start = close_loops(model, x, np.asarray(start_rad)[None, :])
     weight = np.ones(model.joint_count)
-    # The drive joints are given; the other joints follow.
+    # The drive joints keep their angles (weight 0); the other joints follow.
     weight[columns] = 0.0
     q, u = (np.repeat(angles, len(goal), axis=0) for angles in (start.q, start.u))
     begin = q[:, columns].copy()
@@ -203,9 +203,9 @@ def most_informative(
     forecast: Forecast,
     open_waypoints: Sequence[int],
 ) -> int | None:
-    """Return the waypoint among `open_waypoints` that adds most information to the poses `taken_rad` (m, n).
+    """Return the waypoint (index from `open_waypoints`) that adds most information to the poses `taken_rad` (m, n).
 
-    The result is None if none of these waypoints is reachable, or no pose is taken.
+    The result is None if `forecast` reaches none of these waypoints, or if `taken_rad` is empty.
     """
     candidates = [k for k in open_waypoints if forecast.reachable[k]]
     if not candidates or not len(taken_rad):

@@ -24,8 +24,8 @@ from solver.diagnostics.identifiability import Identifiability, identifiability
 class PlannedPose:
     """One pose of a plan.
 
-    `q_rad`: predicted readings (n,) of all joints. `drives`: drive joints (1-based). `route`: path from the previous
-    pose; None if no safe path was found.
+    `q_rad`: predicted readings (n,) of all joints. `drives`: drive joints (1-based). `route`: path from the last
+    pose that has a route, or from the start; None if no safe path was found.
     """
 
     q_rad: FloatArray
@@ -74,7 +74,7 @@ def preview(
     seed: int = 0,
     known_rad: FloatArray | None = None,
 ) -> Preview:
-    """Plan `poses` poses, starting at home or at the last of the captured poses `known_rad` (m, n).
+    """Plan `poses` poses, starting at the last captured pose in `known_rad` (m, n) or, if that is None, at home.
 
     Raises `SessionError` if no plan can be made, `SolverError` if the captured poses are too few for an estimate.
     """

@@ -126,7 +126,7 @@ def _in_a_hinge(arm: ArmModel, q: FloatArray, axis: FloatArray) -> FloatArray:
 
 
 def _drawn(arm: ArmModel) -> FloatArray:
-    """Return a fixed set of poses (m, n), evenly spread over the middle of the ranges."""
+    """Return poses (m, n), always the same, evenly spread over the middle of the ranges."""
     from scipy.stats import qmc
 
     ranges = _ranges(arm)
@@ -163,7 +163,7 @@ def hinge_between(arm: ArmModel, hand: Line, base: Line | None) -> Hinge:
     """Return the hinge in which the line `hand` of the tool frame coincides with the line `base` of the base frame.
 
     The points of the lines coincide too. Of the two directions of `base`, the one whose loop closes nearer to the arm's
-    home is used. If `base` is None, the tool's line at the home pose is used.
+    home is used. If `base` is None, it is the line where `hand` lies at the arm's home pose.
     """
     if base is None:
         return Hinge.between(arm, hand.in_frame(*_hand_at_home(arm)), hand)

@@ -75,7 +75,7 @@ def published(*, poses: int = PUBLISHED_POSES) -> Published:
     noise_only = replace(all_three, linearity_of_full_scale=0.0, lengths=None, loads=STIFF)
     poses_taken = capture_specimen(procedure, all_three, poses=poses)
     solution = _calibrated(procedure, poses_taken)
-    # Table 2 holds the specimen's true values, without length errors.
+    # The specimen's true values, without its length errors, are those of table 2 of the paper.
     table2 = all_three.truth.table.stacked()
     entries = {p.name: DhEntry.parse(p.name) for p in solution.estimate.parameters}
     printed = {name: float(table2[entry.kind, entry.row]) for name, entry in entries.items()}
@@ -162,7 +162,7 @@ AT_REST = 40
 
 
 def capture_specimen(procedure: Procedure, chosen: Scenario, *, poses: int) -> PoseSet:
-    """Capture `poses` poses of the scenario `chosen` at the waypoints of `procedure`, without a CAN bus."""
+    """Simulate the capture of `poses` poses in scenario `chosen` at the waypoints of `procedure`, without a CAN bus."""
     arm, plan = procedure.arm, procedure.capture
     plant = chosen.build(arm)
     sensors = [joint.sensor for joint in chosen.arm(arm).joints]

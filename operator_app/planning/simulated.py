@@ -28,7 +28,7 @@ OF_TOLERANCE = 0.5
 """Largest error of the placement, as a share of the fixture's tolerance."""
 SIMULATION_TRIES = 40
 ROOM = 4
-"""Number of closed poses per requested pose, from which the poses are chosen."""
+"""Number of closed poses generated per requested pose; the requested poses are drawn from them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -84,7 +84,7 @@ def _moving(
     rng: np.random.Generator,
     poses: int,
 ) -> tuple[FloatArray, Manifold]:
-    """Return the true values (P,) and the poses of the first drawn placement that allows `poses` poses."""
+    """Return the true values (P,) and closed poses of the first drawn placement with at least `poses` closed poses."""
     ranges, nominal = ranges_of(arm).within(margin_rad(arm)), nominal_vector(model.parameters)
     offset_rad = arm.offset_tolerance_rad or PLANTED_OFFSET_RAD
     mounted, tolerance = {*model.ground_side, *model.hand_side}, fixture.fixture.tolerance
@@ -113,7 +113,7 @@ def _moving(
 
 
 def _sensor(arm: ArmModel, joint: int, rng: np.random.Generator) -> JointSensor | None:
-    """Return the sensor of a joint (0-based), with the largest specified linearity deviation; None without a sensor."""
+    """Return the sensor of a joint (0-based), or None if it has none; an RVDT deviates by its specified linearity."""
     stated, curve = arm.joints[joint], None
     sensor = stated.sensor
     if isinstance(sensor, NoSensor):

@@ -24,7 +24,7 @@ from solver.estimators.implicit import NoiseModel
 from solver.loops.closure import ClosureModel
 
 MARGIN_RAD = float(np.deg2rad(3.0))
-"""Margin of planned poses to the ends of the ranges, in addition to sensor errors."""
+"""Margin of planned poses to the ends of the joint ranges, in addition to the linearity deviation."""
 
 CANDIDATES = 3000
 """Number of candidate poses of a plan."""
@@ -46,7 +46,7 @@ def margin_rad(arm: ArmModel) -> FloatArray:
 
 
 def require_closed_chain(fixture: EndpointConstraint) -> None:
-    """Raise `SessionError` for an open chain."""
+    """Raise `SessionError` if `fixture` is an instrument, which leaves the chain open."""
     if isinstance(fixture, Measured):
         raise SessionError(
             "planned poses need a closed chain, which an instrument does not provide",
@@ -55,7 +55,7 @@ def require_closed_chain(fixture: EndpointConstraint) -> None:
 
 
 def without_hidden(arm: ArmModel, fixture: EndpointConstraint, model: ClosureModel) -> ClosureModel:
-    """Return the loop; parameters that are unidentifiable in the fixture's placement are fixed at nominal values."""
+    """Return `model` with the parameters that are inseparable from an unknown placement fixed at nominal values."""
     part, *_ = model.parts()[0]
     nominal = nominal_vector(part.parameters)
     checks = fixture.placement_checks(arm, part, nominal)
@@ -118,7 +118,7 @@ def planning_task(
 
 
 def fixed_parameter_checks(procedure: Procedure) -> tuple[SetupCheck, ...]:
-    """Return a set-up check for each fixed entry, with the reason why it is fixed."""
+    """Return a set-up check for each entry that the procedure fixes, with the reason why it is fixed."""
     stacked = procedure.arm.table.stacked()
     checks = []
     for name, reason in procedure.held.items():
@@ -137,7 +137,7 @@ def fixed_parameter_checks(procedure: Procedure) -> tuple[SetupCheck, ...]:
 
 
 def entries_to_fix(arm: ArmModel, fixture: EndpointConstraint) -> Mapping[str, str]:
-    """Return the free entries of an arm that poses in this fixture cannot identify, with the reason."""
+    """Return the arm's free entries that cannot be identified from poses in `fixture`, each with the reason."""
     return {
         check.entry or f"theta_off_{check.joint}": check.text
         for check in setup_checks(fixture, arm, arm.home_rad)

@@ -1,4 +1,4 @@
-"""Parts of a calibration's JSON object that are in no table. The key names are a contract.
+"""Parts of a calibration's JSON object that are in no table. Scripts use the key names: do not change them.
 
 Angles in deg, lengths in m.
 """
@@ -134,7 +134,7 @@ def checks_data(checks: Checks | None) -> dict[str, Any]:
 def _components_data(components: VarianceComponents | None) -> dict[str, Any]:
     if components is None:
         return {}
-    # A rigid fixture has zeros, not missing keys.
+    # Zeros if no deflection of the fixture was estimated; otherwise figures of `components_table` replace them.
     rigid = {} if components.compliance is None else {"fixture_mm": 0.0, "fixture_mrad": 0.0}
     return {
         "variance_components": rigid,

@@ -43,7 +43,7 @@ CSV_HEADER = ("parameter", "side", "unit", "nominal", "value", "sigma")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Calibration:
-    """Content of an export; `forced`: reason for using a calibration that was not accepted, empty if it was."""
+    """Content of an export; `forced`: reason for using a calibration that was not accepted; else empty."""
 
     solution: Solution
     checks: Checks | None

@@ -51,18 +51,18 @@ class Facts:
 
     @property
     def notices_are_notes(self) -> bool:
-        """Whether the notices require no action: those of an accepted calibration are called notes."""
+        """Whether the calibration is accepted without warnings, so that its notices are called notes."""
         return self.verdict == Verdict.ACCEPTED.words
 
     @property
     def limits_met(self) -> str:
-        """Clause that an accepted calibration meets its limits; it names the condition number if that is too large."""
+        """Clause stating that the calibration meets its limits; it names the condition number if that is too large."""
         exceeded = (n for n in self.notices if n.kind is FindingKind.CONDITION)
         met = "the calibration meets its limits"
         return f"{met}, but its {finding.text}" if (finding := next(exceeded, None)) else met
 
     def table(self, ident: str) -> FactTable | None:
-        """Return the table with this name; None if the calibration has none."""
+        """Return the table whose identifier is `ident`; None if the calibration has no such table."""
         return next((t for t in self.tables if t.ident == ident), None)
 
 
@@ -146,7 +146,7 @@ def estimate_json(estimate: Estimate) -> dict[str, Any]:
 
 
 def merged(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any]:
-    """Return two JSON objects merged; if both have a value for a key, the value in `other` is used."""
+    """Return two JSON objects merged at all levels; if both have a value for a key, the value in `other` is used."""
     result = dict(one)
     for key, value in other.items():
         both = isinstance(value, Mapping) and isinstance(result.get(key), Mapping)

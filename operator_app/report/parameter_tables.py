@@ -21,7 +21,7 @@ MOST_PLACES = 6
 """Maximum number of decimal places: 1 nm and 1 udeg."""
 
 SEVERAL_SIGMAS = 3.0
-"""The note on both estimators mentions the largest difference if it is at least this many sigmas."""
+"""`estimators_table` names the largest difference between the estimators if it is at least this many sigmas."""
 
 
 def values_of(estimate: Estimate) -> list[tuple[Parameter, float, float]]:
@@ -31,23 +31,23 @@ def values_of(estimate: Estimate) -> list[tuple[Parameter, float, float]]:
 
 
 Format = Callable[..., Figure]
-"""Makes figures in the unit of one parameter, all with the same decimal places."""
+"""Function that returns figures in the unit of one parameter, all with the same number of decimal places."""
 
 
 def formats(estimate: Estimate) -> Callable[[Valued], Format]:
-    """Return a function that gives a parameter's format; the smallest sigma in its unit is shown with two digits."""
+    """Return a function from a parameter to its format, which shows the smallest sigma of that unit with two digits."""
     return formats_of(((p, sd) for p, _, sd in values_of(estimate)), most=MOST_PLACES)
 
 
 def formats_of(
     sigmas: Iterable[tuple[Valued, float]], *, most: int = 9
 ) -> Callable[[Valued], Format]:
-    """Return a function as `formats` does, from parameters with their sigmas; `most`: largest number of decimals."""
+    """Return a function like that of `formats`, for (parameter, sigma) pairs; `most`: largest number of decimals."""
     return _formats(sigmas, partial(places_to_show, least=3, most=most))
 
 
 def nominal_formats(values: Iterable[tuple[Valued, float]]) -> Callable[[Valued], Format]:
-    """Return a function that gives a parameter's format; all nominal values of its quantity are shown exactly."""
+    """Return a function from a parameter to its format, which shows all nominal `values` of that unit exactly."""
     return _formats(values, partial(places_needed, least=1, most=MOST_PLACES))
 
 
@@ -71,9 +71,9 @@ def parameter_table(
     nominal_key: bool = True,
     note: str = "",
 ) -> FactTable:
-    """Return the table of nominal and identified values, changes, sigmas, intervals and the other estimator's values.
+    """Return the table of nominal and identified values, changes, sigmas, intervals, and the values in `beside`.
 
-    `repeatability`: type A standard uncertainties (P,), rad and m. `sides`: arm, ground or tool, by parameter.
+    `beside`: the other estimate. `repeatability`: type A uncertainties (P,), rad and m. `sides`: arm, ground or tool.
     """
     own = f"{estimate.estimator} (chosen)"
     columns = [*words("parameter", "unit"), *figures("nominal")]
@@ -205,7 +205,7 @@ def dh_table(solution: Solution) -> FactTable | None:
 
 
 def instrument_table(solution: Solution) -> FactTable | None:
-    """Return the table of the calibrated places of base and target; None without an instrument."""
+    """Return the table of the calibrated poses of the arm's base and of the target; None without an instrument."""
     length, angle = Kind(units.LENGTH, places=3), Kind(units.ANGLE, places=4)
     rows: list[tuple[Cell, ...]] = []
     stations = instrument_stations(solution)
@@ -229,13 +229,13 @@ def instrument_table(solution: Solution) -> FactTable | None:
 
 
 def shown_kinds(*, with_beta: bool) -> tuple[DhKind, ...]:
-    """Return the columns of a D-H table, including beta only if some row uses it."""
+    """Return the kinds of entries that a D-H table shows as columns; beta only if `with_beta`."""
     beta = (DhKind.BETA,) if with_beta else ()
     return (DhKind.A, DhKind.S, DhKind.ALPHA, *beta, DhKind.THETA_OFF)
 
 
 def jackknife_table(estimate: Estimate, spread: FloatArray | None) -> FactTable | None:
-    """Return the table of sigmas and jackknife sigmas (each pose left out in turn); None if these were not computed."""
+    """Return the table of sigmas and jackknife sigmas (each pose left out in turn); None if `spread` is None."""
     if spread is None:
         return None
     format_of, rows = formats(estimate), []

@@ -17,7 +17,7 @@ from solver.loops.closure import ClosureSigmas
 BAR_PER_DECADE, BAR_DECADES = 10, 4
 """Length of the bar of a condition number: 20 characters for 100, 40 for 10,000 or more."""
 SMALL_STATED_CHI2 = 0.1
-"""chi2/dof at stated noise below which errors are on average a third of what the files state, or less."""
+"""Below this chi2/dof at stated noise, errors are on average less than a third of what the files state."""
 SMALLER_THAN_STATED = (
     f"chi2/dof at stated noise is below {SMALL_STATED_CHI2:g}: the files state errors that are on average more "
     "than three times as large as these poses show. Sigmas may be larger than necessary."
@@ -97,7 +97,7 @@ def hand_table(solution: Solution) -> FactTable | None:
 
 
 def accuracy_table(solution: Solution) -> FactTable | None:
-    """Return the table of the tool position error over the joint ranges, before and after; None if not computed."""
+    """Return the table of tool position error over joint ranges, before and after calibration; None if not computed."""
     accuracy = solution.accuracy
     if accuracy is None:
         return None
@@ -219,7 +219,7 @@ def closure_table(solution: Solution, beside: Estimate | None, checks: Checks | 
 def rows_in_use(
     best_table: ClosureSigmas | None, corrected: ClosureSigmas | None, *, name: str = "{}, after"
 ) -> Iterator[tuple[Cell, ...]]:
-    """Yield the rows that apply to a controller: best table, and identified entries at corrected readings."""
+    """Yield the closure rows that a controller can achieve: with the best D-H table, and with corrected readings."""
     if best_table is not None:
         yield closure_row(name.format("best table"), best_table, key=("with_best_table",))
     if corrected is not None:

@@ -23,7 +23,7 @@ short_entry = partial(entry, column=11)
 
 
 def wrapped_entry(label: str, text: str, width: int, column: int = 12) -> list[Line]:
-    """Make lines of `width` characters with a label at the left of the first; they do not break at U+00A0."""
+    """Wrap text to `width` characters, with a label at the left of the first line; no line breaks at U+00A0."""
     rows = textwrap.wrap(text, max(width - column, 8)) or [""]
     return [
         entry(label if k == 0 else "", row.replace("\xa0", " "), column=column)
@@ -68,9 +68,9 @@ def wrapped(text: str, width: int, role: str = "text", indent: str = "") -> list
 
 
 def window(rows: Sequence[Line], first: int, height: int) -> tuple[list[Line], int, int]:
-    """Return as many rows as fit, from `first` on; the number of these rows; and the index of the first one.
+    """Return the rows that fit from index `first` on, the number of rows shown, and the index of the first of them.
 
-    If not all rows fit, an additional last row states how many are below or, at the end of the list, above.
+    If not all rows fit, an extra last row, not counted, states how many are below or, at the end of the list, above.
     """
     if len(rows) <= height:
         return list(rows), len(rows), 0

@@ -136,7 +136,7 @@ def subject_of_session(
     torn: str = "",
     unidentifiable: UnidentifiableError | None = None,
 ) -> Subject:
-    """Return the subject of a session, from the events of its journal and its procedure with the connected arm.
+    """Return the subject of a session, from its name, the events of its journal, its procedure and its calibration.
 
     `calibration` is None if the poses do not determine every parameter; `unidentifiable` is then the error.
     """

@@ -102,7 +102,7 @@ class Headline:
 
 
 def keyed(tables: Iterable[FactTable]) -> dict[str, Any]:
-    """Return all figures that have a key as one JSON object; integer keys become lists."""
+    """Return all figures that have a key as one JSON object; parts with integer keys become lists."""
     tree: dict[str | int, Any] = {}
     for figure in (c for t in tables for row in t.rows for c in row if isinstance(c, Figure)):
         if figure.key:

@@ -23,7 +23,7 @@ WIDTH = 80
 def facts_text(facts: Facts, *, failed: str = "") -> str:
     """Return the result of a calibration as text, the most important facts first.
 
-    `failed` describes a failed test with new poses, which is added to the verdict's line.
+    `failed`: file of new poses that failed the test, to be named in the first line; empty if there is none.
     """
     blocks = [
         verdict_text(facts, failed=failed),
@@ -37,7 +37,7 @@ def facts_text(facts: Facts, *, failed: str = "") -> str:
 
 
 def verdict_text(facts: Facts, *, failed: str = "") -> str:
-    """Return the verdict with its reasons; its first line also names a `failed` test with new poses."""
+    """Return the verdict with its reasons; the first line also names `failed`, a file whose poses failed the test."""
     reasons = facts.reasons
     head = facts.verdict.upper()
     if failed:
@@ -98,7 +98,7 @@ def placed(table: FactTable, gap: str) -> tuple[list[list[str]], list[list[str]]
 
 
 ROLES = {"found": "bold"}
-"""Role that styles a figure in the terminal app, by the figure's own role."""
+"""Role of a figure in the terminal app, by its role in the table; roles that are not listed stay the same."""
 
 
 def table_spans(table: FactTable) -> tuple[list[Line], list[Line]]:
@@ -113,7 +113,7 @@ def table_spans(table: FactTable) -> tuple[list[Line], list[Line]]:
 
 
 def headline_spans(headlines: Sequence[Headline], width: int) -> Line:
-    """Return headlines side by side, without the notes of the last headlines if these do not fit."""
+    """Return headlines side by side; notes are left out, from the last headline back, until the line fits `width`."""
     row = ""
     for with_note in range(len(headlines), -1, -1):
         texts = [h.text if k < with_note else h.figure_text for k, h in enumerate(headlines)]

@@ -94,7 +94,7 @@ def budget_table(solution: Solution) -> FactTable | None:
 
 
 def sensitivity_table(solution: Solution) -> FactTable | None:
-    """Return the table of the largest sigmas, and of the effect of halving the main source of each; None if unknown."""
+    """Return the table of the largest sigmas, each also with its main source of error halved; None if unknown."""
     sensitivities = source_sensitivities(solution)
     rows: list[tuple[Cell, ...]] = []
     for h in sensitivities:
@@ -191,7 +191,7 @@ def best_table_table(solution: Solution) -> FactTable | None:
 
 
 def posterior_data(solution: Solution) -> dict[str, Any]:
-    """Return shares, scales, distances, best D-H table and corrections as JSON; deg and m unless the key has a unit."""
+    """Return information shares, distances, best D-H table and corrections as JSON; deg, m unless a key has a unit."""
     best = solution.best
     data: dict[str, Any] = {
         "shares": dict(solution.shares),
@@ -237,7 +237,7 @@ _PER_SI = np.array([np.rad2deg(1.0) if kind.is_angle else 1.0 for kind in DhKind
 
 
 def _correction_data(c: ReadingCorrection) -> dict[str, Any]:
-    """Return a correction with its coefficients in deg or, for gravity, in deg/(N m) times kg and times kg m."""
+    """Return a correction as JSON; coefficients in deg or, for gravity, in deg/(N m) kg and deg/(N m) kg m."""
     data: dict[str, Any] = {
         "source": c.source,
         "joint": c.joint,

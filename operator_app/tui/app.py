@@ -68,7 +68,7 @@ class _StartScreen(Screen[None]):
 
 
 class ActionProvider(Provider):
-    """Provides all actions to the palette, where they are found by their words."""
+    """Provides all actions to the command palette, which searches their labels, keys and help texts."""
 
     def _all(self) -> Iterator[tuple[str, dict[str, Any]]]:
         from operator_app.session.ui import action_table
@@ -86,7 +86,7 @@ class ActionProvider(Provider):
             yield DiscoveryHit(Content(text), **shown)
 
     async def search(self, query: str) -> Hits:
-        """Yield the actions whose words match."""
+        """Yield the actions whose label, key or help matches `query`."""
         matcher = self.matcher(query)
         for text, shown in self._all():
             score = matcher.match(f"{text} {shown['help']}")

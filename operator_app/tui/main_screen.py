@@ -160,7 +160,7 @@ class Footer(Lines, can_focus=False):
 
     step = Step.CONNECT
     _spots: Sequence[tuple[int, int, str]] = ()
-    """First column, end and action of each key."""
+    """For each key: its first column, the column after its last, and the name of its action."""
 
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         self._spots = spots = list[tuple[int, int, str]]()

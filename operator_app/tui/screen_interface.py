@@ -101,7 +101,7 @@ class ScreenInterface:
         self.do(action_table.by_name(name))
 
     def do_anywhere(self, action: user_interface.Action | user_interface.OnScreen) -> None:
-        """Do an action from the palette, after going to its step if necessary; if that step is closed, show why."""
+        """Do an action from the palette, after going to its step if necessary; if the step is not open, show why."""
         if self.app.step in action.steps or self.go(min(action.steps)):
             self.do(action)
 
@@ -112,16 +112,16 @@ class ScreenInterface:
             self.do_named(name)
 
     def snapshot(self) -> SessionSnapshot:
-        """Take and show a snapshot."""
+        """Take a snapshot, make it the current one of the app, and return it."""
         self.app.picture = self.runner.snapshot()
         return self.app.picture
 
     def retry_soon(self, work: Callable[[], None]) -> None:
-        """Call a function 0.1 s later, without blocking the screen."""
+        """Call `work` 0.1 s later, without blocking the screen."""
         self.app.set_timer(SOON_S, work)
 
     def refuse(self, reason: str) -> None:
-        """Show a refusal above the footer."""
+        """Show why something is refused, above the footer."""
         self.app.main.refuse(reason)
 
     def ask(self, question: user_interface.Question, then: Callable[[str], None]) -> None:
@@ -176,7 +176,7 @@ class ScreenInterface:
         return self.app.manual.topics
 
     def show_page(self, topic: str) -> None:
-        """Show a page of the manual; generated pages are made in a thread."""
+        """Show a page of the manual, which is read or generated in a thread."""
         self.app.run_worker(self._show_page(topic))
 
     async def _show_page(self, topic: str) -> None:
@@ -221,7 +221,7 @@ class ScreenInterface:
         self.ask(question, lambda _: self.open(lambda: self.sessions.resumed(name)))
 
     def open(self, make: Callable[[], Runner]) -> None:
-        """Switch to another session, in a thread, since closing the present one may take time."""
+        """Switch to the session that `make` opens, in a thread, since closing the present session may take time."""
         if self._opening:
             self.refuse("wait: another session is being opened")
             return
@@ -266,7 +266,7 @@ class ScreenInterface:
                 self.go(Step.RESULTS)
 
     def go(self, step: Step) -> bool:
-        """Show a step if it is open and return true; otherwise show what is missing."""
+        """Show a step and return True; if a later step is not open yet, show what is missing and return False."""
         s = self.snapshot()
         missing = guards.missing_for(step, s)
         # Going back is always allowed.

@@ -180,7 +180,7 @@ class Entries:
 
     @classmethod
     def of(cls, kinds: Sequence[int], rows: Sequence[int]) -> Entries:
-        """Entries `kinds` (`DhKind`) of links `rows`; row 0 is the first link of the chain."""
+        """Return the entries with columns `kinds` (`DhKind`) and rows `rows`; row 0 is the first link of the chain."""
         kind = np.array(kinds, dtype=np.int64)
         axis, turns = _AXIS[kind], _TURNS[kind]
         return cls(

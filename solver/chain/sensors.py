@@ -1,4 +1,4 @@
-"""Angle sensors of the joints: resolution, noise and the smooth curve of an analogue sensor."""
+"""Angle sensors of the joints: resolution, noise and systematic errors."""
 
 import math
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ def _variance_of_mean(resolution_rad: float, noise_counts: float, samples: int) 
 class Encoder:
     """Incremental encoder with `counts_per_rev` counts per turn and `noise_counts` counts of noise (rms).
 
-    `accuracy_rad`: one standard deviation of each of the two scale errors, of period one turn (eccentric disc) and half
+    `accuracy_rad`: one standard deviation of each of two periodic errors, of period one turn (eccentric disc) and half
     a turn (oval disc). These errors are systematic and not part of `sigma_rad`.
     """
 
@@ -40,7 +40,7 @@ class Encoder:
 
     @property
     def sigma_rad(self) -> float:
-        """Standard deviation of one reading: rounding (variance count^2/12) and the stated noise."""
+        """Standard deviation of one reading: rounding (variance count^2/12) and noise."""
         return self.resolution_rad * math.sqrt(1.0 / 12.0 + self.noise_counts**2)
 
     def variance_of_mean_rad2(self, samples: int) -> float:
@@ -86,7 +86,7 @@ class Rvdt:
 
     @property
     def gain_rad(self) -> float:
-        """Deviation, rms over full scale, caused by a gain error of one standard deviation."""
+        """Rms deviation over full scale caused by a gain error of one standard deviation."""
         return self.gain * self.full_scale_rad / math.sqrt(12.0)
 
 
@@ -108,10 +108,10 @@ Sensor = Encoder | Rvdt | NoSensor
 
 
 WAVES = 4
-"""Number of shapes of an encoder's error, `encoder_waves`."""
+"""Number of basis functions of an encoder's error, as returned by `encoder_waves`."""
 
 SATURATION = 1.2
-"""Largest angle from mid-scale at which a curve is evaluated, in units of half the full scale: beyond full scale a
+"""Largest angle from mid-scale at which a `SensorCurve` is evaluated, in units of half the full scale: beyond it a
 sensor saturates, and polynomials would diverge."""
 
 SHAPE_WEIGHTS = (1.0, 1.0, 0.5, 0.35, 0.25, 0.18, 0.14, 0.11, 0.09)
@@ -133,7 +133,7 @@ def _power_series() -> FloatArray:
 
 
 _POWERS = _power_series()
-"""Shapes as power series, so that one matrix product gives all of them; rounding costs only three of 16 digits."""
+"""The weighted P2..P10 as power series: one matrix product evaluates all; rounding costs only three of 16 digits."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -154,26 +154,26 @@ class SensorCurve:
 
     @property
     def lines(self) -> int:
-        """Number of lines: 1, or 0 if the gain is exact."""
+        """Number of basis functions for the gain error: 1, or 0 if the gain is exact."""
         return int(self.gain > 0.0)
 
     @property
     def bends(self) -> int:
-        """Number of Legendre polynomials among the shapes; may be 0."""
+        """Number of Legendre polynomials in the basis; 0 unless `bent`."""
         return len(SHAPE_WEIGHTS) if self.bent else 0
 
     @property
     def width(self) -> int:
-        """Number of shapes (line and polynomials); 0 for a sensor without systematic errors."""
+        """Number of basis functions (line and polynomials); 0 for a sensor without systematic errors."""
         return self.lines + self.bends
 
     def place(self, theta_rad: FloatArray) -> FloatArray:
-        """Sensor angles (m,) from mid-scale in units of half the full scale, limited to `SATURATION`."""
+        """Return x at sensor angles (m,): angle from mid-scale over half the full scale, clipped to +-`SATURATION`."""
         x = (theta_rad - self.middle_rad) / self.half_scale_rad
         return np.asarray(np.clip(x, -SATURATION, SATURATION))
 
     def basis(self, theta_rad: FloatArray) -> FloatArray:
-        """Shapes (m, width) at sensor angles (m,): a line of slope `gain`, then the weighted polynomials."""
+        """Basis functions (m, width) at sensor angles (m,): a line of slope `gain`, then the weighted polynomials."""
         x = self.place(theta_rad)
         shapes = [(self.gain * self.half_scale_rad * x)[:, None]] * self.lines
         if self.bent:
@@ -182,14 +182,14 @@ class SensorCurve:
 
 
 def encoder_waves(theta_rad: FloatArray) -> FloatArray:
-    """Shapes (..., `WAVES`) of an encoder's error at angles (...), rad: sine and cosine, once and twice a turn."""
+    """Sines and cosines of angles (...), rad, and of twice the angles, (..., `WAVES`): basis of an encoder's error."""
     double = 2.0 * theta_rad
     waves = np.sin(theta_rad), np.cos(theta_rad), np.sin(double), np.cos(double)
     return np.stack(waves, axis=-1)
 
 
 def powers_of(curve: SensorCurve, coefficients: FloatArray) -> FloatArray:
-    """Convert coefficients (width,) of the shapes to coefficients (11,), rad, of 1, x, ..., x^10."""
+    """Convert coefficients (width,) in the basis of `curve` to coefficients (11,), rad, of 1, x, ..., x^10."""
     powers = np.zeros(len(_POWERS))
     if curve.bent:
         powers += _POWERS @ coefficients[curve.lines :]

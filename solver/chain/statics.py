@@ -54,7 +54,7 @@ class LinkMasses:
     def moments_sd(self) -> FloatArray:
         """Square roots (n, 4, 4) of the covariances of `moments`, whose errors are ``moments_sd @ z``, z ~ N(0, I).
 
-        An error of the mass also changes the first moment (h = m c); an error of the centre changes only this moment.
+        An error of the mass also changes the first moment (h = m c); an error of the centre changes only that.
         """
         root = np.zeros((len(self.mass_kg), 4, 4))
         root[:, 0, 0] = self.mass_sd_kg
@@ -70,8 +70,8 @@ class LinkMasses:
 
 
 UNSTATED_KG, UNSTATED_CENTRE_M = 1.0, 0.1
-"""Mass of each link, and standard deviation of its centre of mass, if no file states masses. They determine only the
-shapes of sag; the magnitude of sag is stated separately."""
+"""Mass of each link, and standard deviation of its centre of mass, if no file states masses. They determine only
+how sag varies from pose to pose; the magnitude of sag is stated separately."""
 
 UPRIGHT_DOWN = 0.0, 0.0, -1.0
 """Direction of gravity in frame 0 of an arm that stands upright, if no file states another."""

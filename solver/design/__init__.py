@@ -1,1 +1,1 @@
-"""Design of a calibration: which joints drive, which poses to take, when to stop. No bus, no screen, no file."""
+"""Design of a calibration: which joints drive, which poses to take, when to stop. No input or output."""

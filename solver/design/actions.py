@@ -11,7 +11,7 @@ from solver.design.paths import Leg
 from solver.design.stop_rule import WeakParameter
 
 NOISE_RAD = float(np.deg2rad(0.3))
-"""Allowed drift of a resting joint's reading."""
+"""A joint that starts a move too close to an end of its range may come closer by this (drift of its reading)."""
 TOLERANCE_RAD = float(np.deg2rad(8.0))
 """Largest deviation of readings from the predicted trace of a planned move."""
 
@@ -38,7 +38,7 @@ class Capture:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChangeDrives:
-    """Stop; put these joints (1-based) into position mode and all others into free mode."""
+    """Stop; put the joints `drives` (1-based) into position mode and all others into free mode."""
 
     drives: tuple[int, ...]
     why: str
@@ -61,7 +61,7 @@ Action = GoTo | Capture | ChangeDrives | Finished
 
 
 def path_watch(trace_rad: FloatArray | None, ranges: Ranges) -> Callable[[FloatArray], str | None]:
-    """Return a function that checks readings (n,), rad, in a move: it returns why the move has to end, or None.
+    """Return a function that, for readings (n,), rad, during a move, returns why the move has to end, or None.
 
     `trace_rad`: predicted readings (t, n); None to check the ranges only. `ranges`: joint ranges, narrowed by the
     stopping distance.
@@ -91,7 +91,7 @@ def path_watch(trace_rad: FloatArray | None, ranges: Ranges) -> Callable[[FloatA
 def moves_along(
     route: Sequence[Leg], drives: tuple[int, ...], goal: str, *, of: str = ""
 ) -> list[GoTo | ChangeDrives]:
-    """Return moves and drive changes along a route, from the present `drives`; `goal`, `of`: words for the reasons."""
+    """Return moves and drive changes along a route, from the present `drives`; `goal`, `of`: parts of each `why`."""
     moves: list[GoTo | ChangeDrives] = []
     for leg in route:
         if leg.drives != drives:

@@ -103,7 +103,7 @@ class Campaign:
         return np.array(self._readings).reshape(-1, len(self._q))
 
     def propose(self) -> Action:
-        """Return the next action, always the same until its end is reported; the last one is `Finished`."""
+        """Return the next action, which stays the same until its end is reported; the last action is `Finished`."""
         while not self._queue:
             if self.exploring:
                 self._explore()

@@ -228,13 +228,13 @@ def pose_information(
     errors: ErrorModel,
     variances: Mapping[str, float] | None = None,
 ) -> PoseInformation:
-    """Return each pose's information about the parameters of `model` without a tolerance, for the errors `errors`.
+    """Return each pose's information about those parameters of `model` that have no tolerance, under `errors`.
 
     Raises `ValueError` if a closure component has no noise at all (exact joints and a stiff fixture).
 
     `x`: parameters (P + T,) of `model`, T of them toleranced. `q`: readings (m, n) of captured or planned poses.
-    `closed_q`, `closed_u`: closed poses at `x` nearest to the readings: (m, n), (m, U). `variances`: those of the
-    error model's components, by name; None: as stated.
+    `closed_q`, `closed_u`: closed poses at `x` nearest to the readings: (m, n), (m, U). `variances`: variances of
+    the error model's components, by name; None: the start values.
     """
     design = LinearModel(model, q, errors)
     equations = Linearisation(

@@ -74,9 +74,9 @@ def rank_over_region(manifold: Manifold) -> tuple[RankedDrives, ...]:
 class DriveTrial:
     """Measured trial motions of one drive set.
 
-    `drives`: joints (1-based) in position mode. `commanded_rad` (w, d): commanded displacement of the drives in each
-    trial motion, of rank d. `moved_rad` (w, n): measured displacement of every joint. `stopped`: why the trial ended
-    early, as text; empty if it did not end early.
+    `drives`: joints (1-based) in position mode. `commanded_rad` (w, d), of rank d: commanded displacement of
+    the drives in each trial motion. `moved_rad` (w, n): measured displacement of every joint. `stopped`: why the trial
+    ended early, as text; empty if it did not end early.
     """
 
     drives: tuple[int, ...]

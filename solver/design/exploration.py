@@ -87,7 +87,7 @@ class Explorer:
         return wiggles + [_Ray(direction=np.array(v), steps=steps) for v in signs]
 
     def _explore(self) -> Iterator[tuple[GoTo | Capture, ...]]:
-        """Yield the moves of all rays and returns; `observe` has stored the readings when a move is over."""
+        """Yield the moves along all rays and back to the start; `observe` stores the readings after each move."""
         trials = 2 * len(self.drives)
         # One drive has two rays and no diagonals: every step is captured.
         every = 1 if len(self.drives) == 1 else CAPTURE_EVERY
@@ -138,7 +138,7 @@ class Explorer:
         self.failure = f"the arm does not return to the start: {self._stopped or 'it stopped'}"
 
     def _ahead(self, move: FloatArray, rates: FloatArray, growth: float, *, trusted: bool) -> str:
-        """Reason not to make the step `move` (d,), rad, or "". `trusted`: whether `rates` (n, d) are learnt."""
+        """Return why the step `move` (d,), rad, is not allowed, or "". `trusted`: whether `rates` (n, d) are learnt."""
         change = rates @ move
         # Until the rates are learnt, assume the largest allowed rate.
         slack = RAY_MARGIN_RAD + 0.3 * np.abs(change)

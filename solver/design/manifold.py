@@ -79,7 +79,7 @@ def grow_manifold(
     points = front = np.concatenate((start.q, start.u), axis=-1)
     while len(front) and len(points) < most:
         tangent = chain_motion(model, x, front[:, :n], front[:, n:]).tangent
-        # Poses are kept apart in the joint angles, or on a one-dimensional manifold in all angles.
+        # Spacing is measured in the joint angles; on a one-dimensional manifold, in all angles.
         own = slice(n if tangent.shape[-1] > 1 else None)
         wave = _wave(front, tangent, step_rad, rng)
         wave = wave[ranges.clearance(wave[:, :n]) > -step_rad]

@@ -30,7 +30,7 @@ CHANGE_COST_RAD = 0.5
 ATTEMPTS = 20
 """Number of paths that are tried; another is searched after an edge has failed."""
 LINE_STEP_RAD = 0.03
-"""Spacing at which straight drive moves are followed."""
+"""Largest step of any drive joint in the prediction of a straight move."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,7 +52,7 @@ class Leg:
 
 
 class PathGraph:
-    """Graph of the poses that are reachable from each other, with their drive joints.
+    """Graph of paths between poses; a node is a pose with a drive set, and edges are moves or changes of drive set.
 
     `manifold`: poses and their neighbours. `drive_sets`: usable sets of drive joints, each of as many joints as the
     mobility. `limits`: limits of every path. `allowed` (m,): poses that a path may pass; all by default.

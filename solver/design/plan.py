@@ -204,7 +204,7 @@ def information_of(
     """Return the information (N, N) of captured readings (c, n) with priors, and the information of the candidates.
 
     `closed_q` (m, n), `closed_u` (m, U): candidates. Captured poses are evaluated on the nearest closed loops. Errors
-    have the variances estimated by a fit of the captured poses, or the stated variances if no fit is possible.
+    have the variances estimated by a fit of the captured poses, or their start values if no fit is possible.
     """
     c = len(readings)
     variance = np.broadcast_to(task.noise.joint_variance, (max(c, 1), readings.shape[-1]))

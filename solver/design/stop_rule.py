@@ -131,10 +131,10 @@ def _forecast(
     goal: FloatArray,
     poses_left: int,
 ) -> tuple[FloatArray, int | None]:
-    """Return the standard deviations after up to `poses_left` more poses, and the number of poses for all goals.
+    """Return the standard deviations after up to `poses_left` more poses, and after how many all goals are met.
 
     Each pose is the one that most reduces the variance of the parameter farthest above its goal. The number is None if
-    the goals are not met.
+    even `poses_left` poses do not meet all goals.
     """
     M = information.copy()
     if len(root) == 0:

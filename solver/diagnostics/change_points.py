@@ -17,16 +17,16 @@ from solver.diagnostics.limits import FALSE_ALARM_PROBABILITY, STEP_EDGE_POSES
 from solver.diagnostics.whitened_residuals import WhitenedResiduals
 
 AT_POSES = 0.4
-"""Ratio of the false-alarm rate of a test for steps only at poses to the rate of the continuous statistic.
+"""False-alarm rate of a test for steps at poses only, divided by the rate of the continuous statistic.
 
 The ratio was simulated for 10 to 300 poses.
 """
 
 AT_ONCE = 400_000
-"""Elements of the largest matrix for the suspects that are evaluated together; this limits the memory needed."""
+"""Largest number of matrix elements for suspects that are evaluated together; this limits the memory needed."""
 
 FREE = 1e-7
-"""A step along a column is detectable only if the fit leaves at least this share of the column's sum of squares."""
+"""A step is detectable only if the fit leaves at least this share of the sum of squares of the step's column."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,8 +57,8 @@ def steps(
     """Return the most significant step of each suspect, in order of significance.
 
     `residuals`: whitened residuals of the fit, poses in time order. `low_noise`: residuals whitened with smaller noise,
-    for lost counts, which shift a reading and not the geometry of the loop. `scale`: ratio of the variances to those of
-    the fit.
+    used to test for lost counts, which shift a reading and not the geometry of the loop. `scale`: factor by which the
+    variances exceed those of the fit; chi2 is divided by it.
     """
     m = len(residuals.white)
     if m < 2 * STEP_EDGE_POSES or not suspects:

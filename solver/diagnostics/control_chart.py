@@ -3,7 +3,7 @@
 Source: NIST/SEMATECH e-Handbook of Statistical Methods, 6.3.2 (Shewhart, EWMA) and 2.3.5 (control of a measurement
 process by a check standard: within- and between-session standard deviations). Without a long history that would fix the
 limits, each session is compared with earlier sessions. The last `RECENT` are left out if enough others remain, so that
-a shift is not part of its own baseline. The scatter is calculated between these sessions, because errors common to
+a shift is not part of its own baseline. The scatter is that between baseline sessions, because errors common to
 all sessions do not scatter. With few sessions the variance of a quantity is shrunk towards the common ratio of observed
 to stated variance, which counts as `PRIOR_DOF` degrees of freedom (Smyth 2004, "moderated t"). Since sessions do not
 all scatter equally, nearly all of the false-alarm probability is assigned to the EWMA, which averages sessions.
@@ -153,7 +153,7 @@ def _variances(
 
 
 def _change(values: FloatArray, baseline: int, variance: float) -> tuple[int, float, float]:
-    """Return the session (index after the baseline) at which a shift most probably began, its size and its sigma."""
+    """Return the most probable start of a shift (index in `values`, not below `baseline`), its size and its sigma."""
     best = (0, 0.0, 1.0)
     for k in range(baseline, len(values)):
         size = float(values[k:].mean() - values[:k].mean())

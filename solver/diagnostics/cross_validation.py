@@ -1,7 +1,7 @@
-"""Tests with held-out poses: hold-out of parts of a pose set, verification with new poses, their common shift.
+"""Tests with held-out poses: hold-out of parts of a pose set, verification with new poses, common shifts of new poses.
 
 Fitted and later poses form one mixed model. The fitted poses estimate the parameters and the effects common to all
-poses (sensor curves, harmonics, sag, compliance); this estimate, with its covariance, is the prior for the later poses.
+poses (sensor errors, sag, compliance); this estimate, with its covariance, is the prior for the later poses.
 """
 
 from collections.abc import Callable, Mapping
@@ -24,7 +24,7 @@ from solver.loops.closure import ClosureModel, ClosureSigmas, closure_sigmas
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeldOutPoses:
-    """Poses tested with parameters that were fixed before the poses were taken.
+    """Test results of poses that were not used to estimate the parameters.
 
     `chi2`: test of all poses together, with the parameters' own uncertainty included.
     `pose_chi2` (m,): chi2 of each pose alone. `pose_probability` (m,): probability of a larger chi2 of this pose.
@@ -134,9 +134,9 @@ def hold_out(
 ) -> HoldOut:
     """Test each part of the poses against its prediction from all other poses.
 
-    `estimate_of`: fits the model to the poses with these indices (k,). `fit`: fit of all poses, with the sizes of all
-    sources of error; `order` (m,): index of each of its poses. Raises `TooFewPosesError` if the rest is too small for
-    an estimate.
+    `estimate_of`: function that fits the poses with given indices (k,). `fit`: fit of all poses, with the variances of
+    all sources of error. `order` (m,): index in `q` of each pose of `fit`. Raises `TooFewPosesError` if the other poses
+    are too few for an estimate.
     """
     tested, outside, inside, rows = [], [], [], 0
     for poses in parts:
@@ -158,7 +158,7 @@ NOT_KNOWN = 0.1
 """Prior standard deviation (rad, m) of parameters that only the poses determine."""
 
 SEEN = 1e-9
-"""Share of the largest information below which a direction is not determined."""
+"""A direction with less than this share of the largest information counts as undetermined."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -183,8 +183,8 @@ def predicted_residuals(
 ) -> WhitenedResiduals:
     """Return the residuals of the `later` poses (mask (m,)) against their prediction from the other poses of `fit`.
 
-    With `given`, the prediction uses values of the h parameters without a prior, instead of the other poses: steps (h,)
-    from the linearisation point, and their covariance (h, h).
+    `given`, used instead of the other poses: steps (h,), from the linearisation point, of the h parameters without a
+    prior, and the covariance (h, h) of the steps.
     """
     width, hard = fit.design.width, fit.design.hard
     gram, right = np.zeros((width, width)), np.zeros(width)

@@ -1,7 +1,7 @@
 """Diagnosis of a fit: tests against the stated error model, and the faults that best explain a failed test.
 
 Tests and faults use one linear fit at the stated variances. If a test fires, the faults are compared, and the one that
-explains the residuals best is fitted. This is repeated until the residuals are as stated.
+explains the residuals best is fitted. This is repeated until no test fires.
 """
 
 from collections import Counter
@@ -152,9 +152,9 @@ def _residual_tests(
 ) -> tuple[Outliers, list[HypothesisTest]]:
     """Search `residuals`, whitened by the noise of the fit, for outliers and steps.
 
-    Steps of a single reading are searched for in `low_noise`, which is whitened by smaller motion noise if the poses
-    show it. The noise of the fit is not scaled down if the residuals are small: one sensor may exceed its specification
-    while most sources are below theirs. Only readings use `low_noise`, because deflections that the smooth model
+    Steps of a single reading are searched for in `low_noise`, which is whitened by less motion noise where the poses
+    show less. The noise of the fit is not scaled down if residuals are small: one sensor may exceed its specification
+    while most sources are below theirs. Other steps do not use `low_noise`, because deflections that the smooth model
     describes badly resemble a change of the geometry rather than a step of a single reading.
     """
     outliers = find_outliers(residuals)

@@ -13,7 +13,7 @@ from solver.diagnostics.limits import CERTAIN_SIGMAS
 
 
 class Cause(Enum):
-    """Kind of fault; `prior`: its prior probability, shared among its subjects."""
+    """Kind of fault; `prior`: its prior probability, divided equally among the candidates of this kind."""
 
     SLIPPED = ("slipped", 0.02)
     LOST_COUNTS = ("lost counts", 0.02)
@@ -36,7 +36,7 @@ class Cause(Enum):
 
 
 class PeakDeviation(NamedTuple):
-    """Largest deviation of a sensor over the poses and its sigma, rad; `from_line`: whether without the gain error."""
+    """Largest deviation of a sensor over the poses and its sigma, rad; `from_line`: gain error excluded."""
 
     peak: float
     sd: float
@@ -48,8 +48,8 @@ class PeakDeviation(NamedTuple):
 
 
 LENGTHS_SHARE = 0.1
-"""Share of the false alarms for a changed length, relative to other suspects: a metal link hardly ever changes its
-length during a session."""
+"""False-alarm probability of the step test of a length, relative to other suspects: a metal link hardly ever changes
+its length during a session."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -63,14 +63,14 @@ class Candidate:
     `expected_size` is (p * c,).
     `places`: number of alternatives (e.g. poses) among which this cause was found.
     `poses`: poses concerned, indices in time order; empty if all poses are concerned.
-    `most`: largest magnitude of this cause, in units of the expected magnitude.
-    `shapes`, `least`: the deviation in every pose is ``shapes @ b`` (m,), or b itself if `shapes` is None. It counts as
-    a cause if its rms is at least `least`.
+    `most`: largest credible magnitude of this cause, in units of the expected magnitude.
+    `shapes`, `least`: coefficients b cause the deviation ``shapes @ b`` (m,) in the poses, or b itself if `shapes` is
+    None. The deviation counts as a cause if its rms is at least `least`.
     `most_stated`: largest deviation that the files state, or 0. If not 0, only a deviation that exceeds it by
     `CERTAIN_SIGMAS` standard deviations counts as a cause.
-    `measured`: the sensor's linearity deviation, more accurate because it is from loops that do not use the sensor's
+    `measured`: the sensor's linearity deviation, determined more accurately by loops that do not use the sensor's
     readings; None if not determined.
-    `lines`: (m, 2), orthonormal: the constant and the straight line of a sensor's offset and gain.
+    `lines`: (m, 2), orthonormal columns: a constant (the sensor's offset) and a straight line (its gain).
     `entries`: names of the parameters whose values changed, one per column; empty if none changed.
     """
 
@@ -101,7 +101,7 @@ class Candidate:
         return replace(self, columns=columns, places=len(columns), poses=(first,))
 
     def within_specification(self, b: FloatArray, covariance: FloatArray) -> bool:
-        """Whether the deviation with coefficients b (c,) is within the stated values."""
+        """Whether the deviation caused by coefficients b (c,) is too small to be a cause (`most_stated`, `least`)."""
         size = b if self.shapes is None else self.shapes @ b
         if self.most_stated:
             return not self.deviation(b, covariance).beyond(self.most_stated)
@@ -118,8 +118,8 @@ class Candidate:
     def deviation(self, b: FloatArray, covariance: FloatArray) -> PeakDeviation:
         """Largest deviation over the poses, with the gain error included or from the best-fit line.
 
-        Of the two, the deviation that exceeds `most_stated` by more standard deviations is returned, because the poses
-        determine a sensor's linearity deviation far better than its gain.
+        Of the two, the one that exceeds `most_stated` by more standard deviations is returned, because the poses
+        determine a sensor's linearity deviation far better than its gain. `measured`, if known, replaces the second.
         """
         if self.measured is not None and self.measured.beyond(self.most_stated):
             return self.measured

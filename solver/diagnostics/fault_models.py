@@ -61,7 +61,7 @@ class FaultModels:
         most: float = 300.0,
         least: float = 0.0,
     ) -> Candidate:
-        """Return the candidate for an error of joint j's reading with `shapes` (m, c) and expected magnitude `size`."""
+        """Return the candidate for errors `shapes` (m, c) @ b of joint j's reading; `size`: expected magnitude of b."""
         return Candidate(
             cause=cause,
             subject=str(j),
@@ -101,7 +101,7 @@ class FaultModels:
         return candidates
 
     def persistent_faults(self) -> Iterator[Candidate]:
-        """Yield the causes that act in all poses, or in a run of them."""
+        """Yield the causes that act in all poses, or in a run of consecutive poses."""
         # One sensor is noisy because it is defective, or all are because the arm was not at rest.
         for j in self.sensed:
             yield self._independent(Cause.READING, str(j), (j,), most=300.0)
@@ -119,7 +119,7 @@ class FaultModels:
     def _independent(
         self, cause: Cause, subject: str, joints: tuple[int, ...], most: float
     ) -> Candidate:
-        """Return the candidate of independent errors of equal size in all readings of these joints (1-based)."""
+        """Return the candidate for independent errors of equal variance in all readings of `joints` (1-based)."""
         columns, m = [j - 1 for j in joints], len(self.readings)
         stated = self.design.noise_variance(self.design.stated_variances())[:, columns]
         return Candidate(

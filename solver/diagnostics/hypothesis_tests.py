@@ -21,7 +21,7 @@ from solver.estimators.layout import UNMODELLED
 from solver.estimators.linear_fit import LinearFit
 
 ENTRIES = ("lengths", "twists")
-"""Sources that are entries of the maker's table."""
+"""Sources of error that are entries of the maker's table."""
 
 SEEN = 1e-6
 """A column is tested only if the fit leaves at least this share of the column's sum of squares."""
@@ -63,7 +63,7 @@ class HypothesisTest:
     ) -> HypothesisTest:
         """Test the sum of squares of normal deviations z (k,), in sigmas, with this `covariance` (k, k).
 
-        The sum is taken as a shifted and scaled chi2 of the same mean, variance and skewness (Pearson 1959), which is
+        The sum is approximated by a shifted, scaled chi2 of equal mean, variance and skewness (Pearson 1959), which is
         exact for independent deviations.
         """
         from scipy.special import chdtri
@@ -132,7 +132,7 @@ def prediction_test(stated: LinearFit) -> HypothesisTest:
 
 
 def variance_tests(stated: LinearFit) -> list[HypothesisTest]:
-    """Test for every variance whether the slope of the likelihood at the stated variances exceeds chance.
+    """Test for every variance whether the likelihood's slope, at the stated variances, exceeds what chance explains.
 
     The slope is a sum of few squares (a sensor's gain and bow, for instance) minus its expectation. The sum is
     distributed as a scaled chi2, whose degrees of freedom follow from its mean and variance (Satterthwaite).
@@ -155,10 +155,10 @@ def variance_tests(stated: LinearFit) -> list[HypothesisTest]:
 def without_curves_in_specification(
     tests: Iterable[HypothesisTest], faults: FaultModels, residuals: WhitenedResiduals
 ) -> Iterable[HypothesisTest]:
-    """Return the tests without those that fire for a sensor curve within the linearity specification.
+    """Yield `tests`, except those that fire because of a sensor whose linearity deviation is within specification.
 
     A specification bounds the largest deviation only. Ripples within the specification may exceed the standard
-    deviation assumed for the whole curve.
+    deviation that the error model assumes.
     """
     for test in tests:
         joint = test.code.removeprefix("VARIANCE_CURVE_")

@@ -1,7 +1,7 @@
 """Identifiability of a pose set: rank, condition number, and names of the unidentifiable directions.
 
-The Jacobian is evaluated on poses that close exactly. Away from the closed loops, sensor noise fills its null space,
-and an unidentifiable parameter merely looks badly conditioned.
+The Jacobian is evaluated on poses that close exactly. At poses that do not close, sensor noise hides its null
+space, and an unidentifiable parameter merely looks badly conditioned.
 """
 
 from collections.abc import Collection, Sequence
@@ -20,7 +20,7 @@ from solver.estimators.paper import closure_problem
 from solver.loops.closure import ClosureModel, pose_blocks
 
 RANK_TOLERANCE = 1e-7
-"""A scaled singular value below this share of the largest is zero. On closed poses true zeros come
+"""A scaled singular value below this share of the largest counts as zero. On closed poses true zeros come
 out near 1e-12 and the weakest parameter of a usable pose set above 1e-4."""
 
 CLOSED = 1e-9
@@ -46,8 +46,8 @@ class Identifiability:
     `observability`: observability indices O1..O5 of the literature, for the scaled Jacobian of m poses.
     `directions`: the unidentifiable directions; () if the rank is full.
     `weakest`: the weakest of the directions that are still determined.
-    `trend`: pairs of a number k and the scaled condition number of the first k poses, at the same parameters; without
-    the k for which the rank is not full.
+    `trend`: pairs of a number k and the scaled condition number of the first k poses, at the same parameters; only for
+    k at which the rank is full.
     """
 
     rank: int

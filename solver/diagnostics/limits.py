@@ -126,7 +126,7 @@ STATED_VARIANCE_SHARE = 0.1
 variance may be larger than at these poses."""
 
 STATED_VARIANCE_FACTOR = 1.5
-"""The variance of new poses may be larger than stated by this factor: stated sizes of errors are known to a fifth at
+"""The variance of new poses may be larger than stated by this factor: stated sizes of errors are known to 20 % at
 best, and with hundreds of poses a test finds any difference significant."""
 
 LEARNED_VARIANCE_FACTOR = 2.0
@@ -250,8 +250,8 @@ STUCK_JOINT_TURN_RAD = np.deg2rad(3.0)
 `STUCK_JOINT_CORRECTION_RAD`."""
 
 STUCK_JOINT_CORRECTION_RAD = np.deg2rad(0.5)
-"""The loops determine the joint's angles only if they close, without the joint's reading, with corrections of the other
-joints (rms) no larger than this."""
+"""The loops determine the joint's angles only if corrections of the other joints no larger than this (rms) close the
+loops without the joint's reading."""
 
 STUCK_JOINT_CORRECTION_RATIO = 4.0
 """A joint has turned without a change of its reading if closing the loop takes this many times smaller corrections with

@@ -146,7 +146,7 @@ def _like_radians(arm: ArmModel, q: FloatArray) -> list[int]:
 
 
 def rows_in_radians(arm: ArmModel, q: FloatArray) -> list[int]:
-    """Poses (0-based) with several readings outside their ranges, but none if they are taken as radians."""
+    """Poses (0-based) with several readings outside their ranges, but none if all are taken as radians."""
     outside = (_outside(arm, q) > 0.0).sum(axis=1) > 1
     inside = ~(_outside(arm, np.rad2deg(q)) > 0.0).any(axis=1)
     small = (np.abs(q) < np.deg2rad(2.0 * np.pi)).all(axis=1)
@@ -154,7 +154,7 @@ def rows_in_radians(arm: ArmModel, q: FloatArray) -> list[int]:
 
 
 def mostly_in_range(arm: ArmModel, q: FloatArray) -> bool:
-    """Whether nine in ten poses lie inside all ranges."""
+    """Whether at least nine in ten poses lie inside all ranges."""
     return 10 * int((_outside(arm, q) > 0.0).any(axis=1).sum()) <= len(q)
 
 

@@ -44,8 +44,8 @@ class RvdtVerdict:
     `share`: share of the squared closure error at the readings that is removed by a correction of this joint's readings
     (0..1, negative if the error grows); 0 if the poses cannot decide.
     `figures`: measured figures; None if the poses cannot decide.
-    `noise`: noise of a single reading, known even if the poses do not determine the linearity deviation; None for an
-    unused joint without recorded spread.
+    `noise`: noise of a single reading, known even if the poses do not determine the linearity deviation; None if
+    the readings are not used and their spread is not recorded.
     """
 
     joint: int
@@ -73,9 +73,9 @@ def rvdt_verdicts(
 
     `model`: one placement's loop with the RVDT joints unsensed, so that their readings are not used.
     `errors`: stated errors of all other sources, which would otherwise look like noise of the RVDT.
-    `calibrated`: fit of these poses with the readings. It is the start, and states the variances of the other sources.
-    A variance below its start value is replaced by the start value, because part of this source may have been
-    attributed to the sensor.
+    `calibrated`: fit of these poses with the RVDTs' readings. It gives the start of the new fit, and the variances of
+    the other sources. A variance below its start value is replaced by the start value, because the fit may have
+    attributed part of that source to the RVDT.
     `noise`: noise of single readings by joint (1-based), if known.
     `samples`: number of readings averaged at each pose (m,).
     """
@@ -126,7 +126,7 @@ def rvdt_verdicts(
 
 
 def _beside(calibrated: Calibrated, model: ClosureModel, q: FloatArray) -> FitStart:
-    """Return, from the fit `calibrated`, the start of a fit of `model`, which has more unsensed joints."""
+    """Return the start for fitting `model`, derived from the fit `calibrated`, which has fewer unsensed joints."""
     estimate, had = calibrated.estimate, calibrated.linear.design.model.unsensed_joints
     corrections = np.zeros_like(q) if estimate.corrections is None else estimate.corrections.copy()
     own = calibrated.unsensed.shape[-1] - len(had)
@@ -151,9 +151,9 @@ def _beside(calibrated: Calibrated, model: ClosureModel, q: FloatArray) -> FitSt
 def _without_compliance(
     noise: Mapping[int, SingleNoise], fit: LinearFit
 ) -> Mapping[int, SingleNoise]:
-    """Return the noise; its lower limit is 0 if a fixture more compliant than stated may have caused it.
+    """Return `noise`, with lower limits of 0 if a fixture more compliant than stated may have caused the noise.
 
-    A turning fixture looks like noise of the wrist, and no pose separates the two. So if the fixture deflects more
+    A rotating fixture looks like noise of the wrist, and no pose separates the two. So if the fixture deflects more
     than stated, it may have caused all the scatter between poses.
     """
     uncertain = {j: replace(one, low=0.0) for j, one in noise.items() if not one.from_spread}

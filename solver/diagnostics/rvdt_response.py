@@ -1,6 +1,6 @@
 """Response of an RVDT against the angle that the closed loop measures: line, curve and noise of a single reading.
 
-The curve is a smooth one through noisy points: Legendre terms chosen by leave-one-out prediction.
+The curve is a Legendre series fitted to noisy points; its degree is chosen by leave-one-out prediction.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class SmoothCurve:
         return len(self.coefficients) - 1
 
     def __call__(self, abscissa: FloatArray) -> FloatArray:
-        """Value of the curve."""
+        """Values of the curve at `abscissa`."""
         return np.asarray(_basis(abscissa, self.low, self.high, self.degree) @ self.coefficients)
 
     def by_points(self, abscissa: FloatArray) -> FloatArray:
@@ -247,8 +247,8 @@ TERMS = 200
 class SingleNoise:
     """Noise of a single reading, without the error of rounding to whole LSB.
 
-    `lsb`, `low`, `high`: value and 95 % interval, LSB. `from_spread`: whether it follows from the spread within the
-    poses; otherwise from the scatter of the loops.
+    `lsb`, `low`, `high`: value and 95 % interval, LSB. `from_spread`: whether the noise follows from the spread of the
+    samples within each pose; if not, from the scatter of the loops.
     """
 
     lsb: float

@@ -121,7 +121,7 @@ FAMILIES = {
     "smooth_give": "compliance_smooth",
     "compliance": "compliance",
 }
-"""Names of the families in results, if they differ from the names of the components."""
+"""Names of families of errors in results, by name of the variance component, where the two differ."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

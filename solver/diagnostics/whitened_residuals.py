@@ -123,7 +123,7 @@ class OwnColumns:
     `poses`: (p,) indices.
     `white`, `turn`: (p, r, c): columns before rotation; (p, c, c): maps coefficients of the rotated columns to those of
     `white`.
-    `own`, `score`: (p * c,): squares and scores of the rotated columns.
+    `own`, `score`: (p * c,): sums of squares and scores of the rotated columns.
     `inside`: (p * c, K): projection of the rotated columns on the fit's columns.
     """
 
@@ -174,7 +174,7 @@ class OwnColumns:
         return np.asarray(self.residuals.to_x @ (self.inside.T @ solved.b))
 
     def drawn(self) -> WhitenedResiduals:
-        """Return the residuals with these columns, times N(0, 1) coefficients, as further noise of their poses."""
+        """Return the residuals if these columns, with N(0, 1) coefficients, count as additional noise of `poses`."""
         residuals, solved = self.residuals, self.solved(1.0)
         b = (self.turn @ solved.b.reshape(len(self.poses), -1, 1))[..., 0]
         white = residuals.white + residuals.U @ (self.inside.T @ solved.b)

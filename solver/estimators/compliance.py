@@ -139,11 +139,11 @@ class ArmPoses:
 
     @property
     def shapes(self) -> int:
-        """Number s of shapes of the torque, see `torques`."""
+        """Number s of columns that `torques` returns."""
         return 1 + 4 * len(self.masses.mass_kg) + len(self.masses.tilted)
 
     def torques(self, poses: IntArray | slice) -> FloatArray:
-        """Gravity's torque (m, n, s), N m; shapes: stated masses, each uncertain moment, tilts of the base."""
+        """Gravity's torque (m, n, s), N m: of stated masses, then per sigma of each mass moment and each base tilt."""
         rows, masses = self.arm_rows(), self.masses
         arm = forward(self.q[poses] + rows[DhKind.THETA_OFF], *rows[DhKind.S :])
         rates = torque_rates(arm, np.vstack((masses.down, masses.tilted)))

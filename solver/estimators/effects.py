@@ -6,7 +6,7 @@ At one linearisation the reduced closure of all poses reads
 
 with dx the steps of the parameters without a prior; w includes the expected play and sag.
 Noise (n, f) is independent from pose to pose. Effects b have one value for all poses: deviations of toleranced entries,
-harmonics of encoders, curves of analogue sensors, sag and compliance as functions of the pose. A variance component
+harmonics of encoders, deviations of analogue sensors, sag and compliance as functions of the pose. A variance component
 scales one or more groups; the stated value is the median of its prior (see `solver.estimators.layout`).
 """
 
@@ -29,7 +29,7 @@ from solver.estimators.shapes import JointShapes
 class System(ReducedEquations):
     """Reduced closure equations of m poses (see the module).
 
-    `angle` (m, n): corrected joint angles, rad, at which curves are evaluated. `distances`: misclosures (k,) and
+    `angle` (m, n): corrected joint angles, rad, at which sensor errors are evaluated. `distances`: misclosures (k,) and
     derivatives (k, P) of the equations of measured distances, which are independent of the poses.
     """
 
@@ -79,8 +79,8 @@ class NoiseSources:
 
     `names`: sources. `rates` (s, m, n + k): variance along joints and closure components, per unit of the variance
     component with index `component` (s,); the variance itself if the index is -1. `missed` (s,): whether the source is
-    the part of play that its columns do not represent. This part is reduced with the estimated size of play, but does
-    not determine it, because the side to which play is taken up repeats from pose to pose.
+    the part of play that the effects do not represent. This part falls with the estimated size of play, but does not
+    determine that size, because the side to which play is taken up repeats from pose to pose.
     `estimated` (c,): components that the noise determines. `derivatives` (m, n + k, c): derivatives of the variance by
     these components.
     """
@@ -113,11 +113,11 @@ class LinearModel(Layout):
 
     @cached_property
     def along_joints(self) -> JointShapes:
-        """Shapes of the effects that act along a joint."""
+        """Columns of the effects that change joint angles."""
         return JointShapes(self.q, self.accuracy, self.errors.curves, (self.play, self.sags))
 
     def at_poses(self, poses: IntArray) -> LinearModel:
-        """Return the design of a selection of poses, with smooth functions made from these poses only."""
+        """Return the model of a selection of poses; its smooth functions of the pose are made from these poses only."""
         return LinearModel(
             self.model.at_poses(poses),
             self.q[poses],
@@ -126,7 +126,7 @@ class LinearModel(Layout):
         )
 
     def unsigned(self) -> LinearModel:
-        """Return the design in which sag and play are equally likely to either side."""
+        """Return the model in which sag and play are equally likely in either direction."""
         errors = replace(self.errors, signed=False)
         return LinearModel(self.model, self.q, errors, group=self.group, like=self)
 
@@ -211,7 +211,7 @@ class LinearModel(Layout):
     def whiten(self, system: System, v: FloatArray, root: FloatArray, poses: slice) -> Whitened:
         """Whiten the equations `system` of these `poses`; raises `PosesDoNotFitError` (see `whitener`).
 
-        `root` (width - hard,): factors of the effects' columns, the square root of `group_variances` for unit variance.
+        `root` (width - hard,): factors that give the effects unit variance, the square roots of `group_variances`.
         """
         C, noise = system.noise_columns, self.noise_sources(poses).total(v)
         V = (C * noise[:, None, :]) @ np.swapaxes(C, -1, -2)
@@ -281,7 +281,7 @@ class State:
 
 
 class Linearisation:
-    """Equations of `design` at `state`, computed at each request for the requested poses.
+    """Equations of `design` at `state`, computed on request for the requested poses.
 
     The Jacobians of a hundred thousand poses are never in memory together. The last result is kept; it covers all
     poses if there are few.

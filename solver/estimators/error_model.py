@@ -18,7 +18,7 @@ from solver.chain.sensors import DITHER, Rvdt, SensorCurve
 from solver.estimators.load_effects import LoadBasis
 
 SD_OF_PEAK = 0.5
-"""Amplitude that the shapes of a curve need for a peak of 1: shapes of amplitude 1 add up to a peak of about 2."""
+"""Sigma of a `SensorCurve`'s coefficients for which its peak is about 1: with sigma 1 its terms add up to about 2."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -27,8 +27,8 @@ class AnalogueReading:
 
     `variance`: stated variance of a single reading, rad^2. `share` (m,): ratio of the variance of each pose's mean to
     `variance`. `spread_variance`: mean square, rad^2, of the spread of the samples within poses; 0 if spreads were not
-    recorded. `spread_dof`: degrees of freedom of `spread_variance`; 0 if spreads were not recorded. `curve`: shapes of
-    the sensor's systematic deviation; None if it has none. `curve_variance`: variance of the coefficients of `curve`
+    recorded. `spread_dof`: degrees of freedom of `spread_variance`; 0 if spreads were not recorded. `curve`: basis of
+    the sensor's systematic deviation; None if there is none. `curve_variance`: variance of the coefficients of `curve`
     (rad^2) that corresponds to the specification.
     """
 
@@ -79,7 +79,7 @@ class ErrorModel:
 
     @property
     def curves(self) -> tuple[SensorCurve, ...]:
-        """Curves (linearity and gain errors) of the analogue sensors that have any."""
+        """Linearity and gain errors of the analogue sensors that have such errors."""
         return tuple(a.curve for a in self.analogue if a.curve is not None)
 
     def at_poses(self, poses: IntArray) -> ErrorModel:
@@ -161,7 +161,7 @@ Names = tuple[str, str, str]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeasuredDistance:
-    """Measured distance between two points and its uncertainty, m; each point is given as its coordinates' names."""
+    """Measured distance between two points and its uncertainty, m; `first`, `second`: names of their coordinates."""
 
     first: Names
     second: Names
@@ -172,7 +172,7 @@ class MeasuredDistance:
 def distance_and_rates(
     first: Sequence[int], second: Sequence[int], x: FloatArray
 ) -> tuple[float, FloatArray]:
-    """Return the distance between two points, m, and its derivatives (P,) with respect to x (P,)."""
+    """Return the distance, m, of the points x[first] and x[second], and its derivatives (P,) with respect to x (P,)."""
     apart = x[list(second)] - x[list(first)]
     value = float(np.linalg.norm(apart))
     rates = np.zeros_like(x)

@@ -234,7 +234,7 @@ def linearise(
 def whitener(V: FloatArray) -> FloatArray:
     """Return ``L^-1`` (..., r, r) of the misclosures' covariances ``V = L L'``.
 
-    Raises `PosesDoNotFitError` if V has no such factor: these poses are far from closing.
+    Raises `PosesDoNotFitError` if V has no such factor, because poses are far from closing.
     """
     try:
         return np.asarray(np.linalg.inv(np.linalg.cholesky(V)))

@@ -43,11 +43,11 @@ LEAST_CURVE = 0.1
 """Smallest linearity deviation of an analogue sensor, as a share of its specification."""
 
 SPECIFICATION_DOF = 4
-"""Weight of a sensor's specification of linearity or gain, in degrees of freedom. Poses determine few of the shapes,
-and these imply little about the magnitude of the others."""
+"""Weight of a sensor's specification of linearity or gain, in degrees of freedom. Poses determine few of the
+coefficients, which imply little about the magnitude of the others."""
 
 DEFLECTION_RAISE_LIMIT = 5e-4
-"""Deflection (rad, m) to which any step may raise the estimate; also a start of the search if the misfit is large."""
+"""Deflection (rad, m) to which one step may raise the estimate; also a start of the search if the misfit is large."""
 
 LARGEST_SCALE = 10.0
 """Largest errors of lengths, twists and encoders, play and sag, in units of the stated errors. Larger errors are a
@@ -65,11 +65,11 @@ as the repeatable part (smooth in the pose, or on one side of a joint). The data
 well and the repeatable part poorly, so each part has its own scale."""
 
 UNMODELLED = "unmodelled"
-"""Component of the part of sag and deflection that the columns of these effects leave out. It acts like noise and is at
+"""Variance component of the part of sag and deflection that the effects' columns omit. It acts like noise and is at
 most as large as stated; the scatter of the poses shows how much smaller it is."""
 
 LEAST_UNMODELLED = 0.1
-"""Smallest variance of the unmodelled part, as a share of the stated: what is smooth in the pose hardly scatters."""
+"""Smallest variance of the unmodelled part, as a share of the stated one: a smooth function hardly scatters."""
 
 FIXTURE_NOISE = ("fixture_rad", "fixture_m")
 """Components of the part of a fixture's deflection that does not repeat: rotation, translation."""
@@ -81,11 +81,11 @@ placement."""
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class VarianceComponent:
-    """One variance to be estimated, with its start value and its limits; the defaults are for a stated scale.
+    """One variance to be estimated, with its start value and its limits; the defaults are for a scale (1: as stated).
 
     `stated` is the value in the files. With `scaled`, the variance has a log-normal prior with median `start` (method,
     section 10): it stays near `start` unless the poses determine it. `soft`: the variance v has a prior proportional to
-    exp(-v / (2 soft)). `floor`, `ceiling`: lower and upper limit. `raise_limit`: value to which any step may raise the
+    exp(-v / (2 soft)). `floor`, `ceiling`: lower and upper limit. `raise_limit`: value to which one step may raise the
     variance. `spread_variance` is an estimate of the variance with `spread_dof` degrees of freedom, from spreads within
     poses or from a specification.
     """
@@ -117,7 +117,7 @@ _SOURCES = {
     **dict.fromkeys((*FIXTURE_NOISE, "compliance", "smooth_give"), "fixture_give"),
     "play_sides": "joint_play",
 }
-"""Sources with several components, by component."""
+"""Name of the source, for components that share their source with other components."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -134,7 +134,7 @@ class Group:
     fixed: float = 0.0
 
     def variance(self, v: FloatArray) -> float:
-        """Variance of these columns' coefficients for component values `v` (K,)."""
+        """Variance of the coefficients of all columns in the group, for component values `v` (K,)."""
         return self.fixed + sum(rate * float(v[c]) for c, rate in self.rates)
 
 
@@ -144,8 +144,8 @@ class Layout:
     `like` is a layout of the same poses, whose smooth functions are reused. `floors`, `ceilings`, `raise_limits`,
     `test_floors` and `scaled` (K,) have one value per component. `index`: index of each component by name. `column`
     (P,): column of each parameter; the parameters without a prior come first. `expected` (m, n), rad: expected play and
-    sag. `deflection` (k,), rad and m: stated deflection of the fixture. `loaded`: effects of load on it; None if they
-    are unknown or zero.
+    sag. `deflection` (k,), rad and m: stated deflection of the fixture. `loaded`: effects of load on the fixture;
+    None if unknown or zero.
     """
 
     def __init__(
@@ -342,7 +342,7 @@ class Layout:
             self._group("sag", names, VarianceComponent(name="sag"))
 
     def play_and_sag(self, q: FloatArray, errors: ErrorModel) -> tuple[Shapes, Shapes]:
-        """Return the shapes of play and of sag at readings `q` (m, n), rad, with the loads in `errors`."""
+        """Return the effects of play and of sag at readings `q` (m, n), rad, with the loads in `errors`."""
         return (
             sides_of_play(q, errors, self.backlash),
             shapes_of_sag(q, errors, self.sag_basis, self.sag),
@@ -420,7 +420,7 @@ class Layout:
 
 LENGTHS, TWISTS, OFFSETS, PLACEMENT = "lengths", "twists", "offsets", "placement"
 _SOFT = (LENGTHS, TWISTS, OFFSETS, PLACEMENT)
-"""Sources of the parameters' priors, in the order of their columns."""
+"""Kinds of parameters with a prior, in the order of the parameters' columns."""
 
 _OFFSET = f"{DhKind.THETA_OFF.symbol}_"
 

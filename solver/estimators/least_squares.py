@@ -59,7 +59,7 @@ class Triangle:
         return 0.5 * (float(self.b @ self.b) + self.rest)
 
     def after(self, step: FloatArray) -> Triangle:
-        """Return these equations after a step (P,), in linear approximation."""
+        """Return the triangle after a step (P,), in linear approximation."""
         return replace(self, b=self.b + self.T @ step)
 
     def step(self, damping: float = 0.0) -> tuple[FloatArray, float]:

@@ -101,7 +101,7 @@ class LinearFit:
         return np.asarray(-(w + rows @ self.coefficients) / np.sqrt(np.maximum(known, 1e-12)))
 
     def chi2_without_distances(self, chosen: IntArray) -> float:
-        """chi2 of the fit without some measured distances (indices)."""
+        """chi2 of the fit without the measured distances `chosen` (indices)."""
         w, rows = self._distances()
         left = (w + rows @ self.coefficients)[chosen]
         inside = rows[chosen] @ self.half
@@ -147,14 +147,14 @@ class LinearFit:
 
     @cached_property
     def stated(self) -> LinearFit:
-        """The same linearisation under the stated variances instead of the fitted ones."""
+        """The same linearisation, solved for the variances that the files state instead of the fitted variances."""
         return LinearFit(self.design, self.system, self.design.as_stated(self.v))
 
     @cached_property
     def at_known_noise(self) -> LinearFit:
-        """The same linearisation with the smaller of estimated and stated noise.
+        """The same linearisation, solved for the smaller of estimated and stated noise.
 
-        Stated noise is the upper limit, so that a fault does not count as noise; with the smaller estimate, tests of
+        Stated noise is the upper limit, so that a fault does not count as noise. If the estimate is smaller, tests of
         single readings are more powerful.
         """
         v = self.design.as_stated(self.v)

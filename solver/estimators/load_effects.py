@@ -74,8 +74,8 @@ LEAST_TORQUE_NM = 1e-6
 class JointLoads:
     """Effects of gravity on n joints at m poses.
 
-    `expected`: expected twist (m, n). `columns` (m, n, c): deviations from it. `missed` (m, n): variance that these
-    columns leave out (all of it for a joint on which gravity has no lever arm). `side` (m, n): expected side,
+    `expected`: expected twist (m, n). `columns` (m, n, c): deviations from `expected`. `missed` (m, n): variance that
+    `columns` leave out (all of it for a joint on which gravity has no lever arm). `side` (m, n): expected side,
     between -1 and 1, to which gravity moves every joint within its play.
     """
 
@@ -91,9 +91,9 @@ class LoadBasis:
 
     `joints`: effects on the joints.
     `all_deflections`, `rows`: (M, k, c) deflection along the closure components in units of the stated deflection, and
-    the index (m,) of each pose in this array. It is by far the largest array, and is shared by every selection of
+    the index (m,) of each pose in this array. The array is by far the largest, and is shared by every selection of
     poses.
-    `deflection_missed`: (m, k) variance of the deflection that these columns leave out.
+    `deflection_missed`: (m, k) variance of the deflection that `all_deflections` leaves out.
     `gravity`: twists and sides as functions of gravity's torque, for other poses.
     """
 
@@ -104,7 +104,7 @@ class LoadBasis:
     gravity: Gravity
 
     def deflection_at(self, poses: slice = slice(None)) -> FloatArray:
-        """Deflections, array (m, k, c), at a slice of these poses."""
+        """Return the rows (m, k, c) of `all_deflections` for a slice of the poses."""
         return np.asarray(self.all_deflections[self.rows[poses]])
 
     def modelled_deflection(self, stated: FloatArray, poses: slice) -> FloatArray:
@@ -125,12 +125,12 @@ class LoadBasis:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Gravity:
-    """Each joint's twist as a function of gravity's torque on the arm `part`, given as s shapes tau (m, n, s).
+    """Each joint's twist as a function of gravity's torque on the arm `part`, given as s columns tau (m, n, s).
 
-    The first shape of the torque is its mean; the other shapes have coefficients ~ N(0, 1). Over the poses of the
+    The first column is the mean torque; the other columns have coefficients ~ N(0, 1). Over the poses of the
     basis, the mean square of the twist is 1. The expected twist is ``rate_j tau_j0``, `rate` (n,), 0 for a joint on
     which gravity has no lever; the columns of the deviations are ``tau_js turn_jsc``, `turn` (n, s, c). `size` (n, s):
-    root of the second moments of these deviations, for a unit of each shape.
+    root mean square of the deviation for a unit of each torque column.
     """
 
     part: ArmPoses
@@ -140,7 +140,7 @@ class Gravity:
 
     @classmethod
     def of(cls, part: ArmPoses, torque: FloatArray) -> Gravity:
-        """Return the twists whose mean square is 1 under torques (m, n, s)."""
+        """Return the functions by which torques (m, n, s) cause twists of mean square 1."""
         m, n, s = torque.shape
         cuts = pose_slices(m)
         rms = np.sqrt(sum(np.einsum("mns,mns->n", torque[cut], torque[cut]) for cut in cuts) / m)
@@ -226,7 +226,7 @@ def load_basis(
 
 
 def _side(torque: FloatArray) -> FloatArray:
-    """Expected sign (m, n) of a Gaussian torque: shape 0 is its mean, the other shapes are its sigmas."""
+    """Expected sign (m, n) of a Gaussian torque: column 0 is the mean, each other column an independent sigma."""
     from scipy.special import erf
 
     spread = np.sqrt(2.0 * (torque[..., 1:] ** 2).sum(-1))
@@ -236,7 +236,7 @@ def _side(torque: FloatArray) -> FloatArray:
 def _wrenches(
     part: ArmPoses, poses: IntArray | slice, torque: FloatArray | None = None
 ) -> FloatArray:
-    """Fixture's wrench W (m, k, 4 n, sets) per unit of each uncertain moment (four per link), for each driven set.
+    """Fixture's wrench W (m, k, 4 n, sets) per unit of each uncertain moment (four per link), for all `driven_sets`.
 
     `torque`: result of `torques` for these poses, if it was computed before.
     """
@@ -341,7 +341,7 @@ def driven_sets(joints: int, equations: int) -> list[tuple[int, ...]]:
 
 
 def farthest(points: FloatArray, count: int, *, first: int | None = None) -> IntArray:
-    """Indices of `count` of `points` (m, d): `first`, then always the farthest from those chosen.
+    """Indices of `count` of `points` (m, d): `first`, then each time the point farthest from all chosen points.
 
     By default, the first is the point nearest to the mean.
     """

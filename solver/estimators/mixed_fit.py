@@ -44,7 +44,7 @@ RELINEARISE_SIGMA = 1e-4
 """The next iteration reuses a linearisation if its error, in standard errors of a parameter, is at most this."""
 
 LEAST_GAIN = 0.3
-"""The iteration ends once the slope of the log-likelihood along the step after the last is expected to be below this.
+"""The iteration ends once the slope of the log-likelihood along the next step is expected to be below this.
 
 The slope is about twice the gain in log-likelihood that is still possible.
 """
@@ -62,7 +62,7 @@ at least the last step of the variances (in sigmas) if that step is smaller.
 
 FREE_ITERATIONS = 20
 NEGLIGIBLE_GAIN = 0.1
-"""From iteration `FREE_ITERATIONS` on, variances are fixed once a step would gain less than this in log-likelihood."""
+"""From iteration `FREE_ITERATIONS` on, variances stay constant once a step would raise the log-likelihood by less."""
 
 CHI2_LARGE_START = 4.0
 """If chi2/dof exceeds this, the search for the variances starts at large values."""
@@ -75,9 +75,9 @@ CURVATURE_SHARE = 3.0
 """Error of a Newton step as a share of the step, per rad or m of its largest component: the error is quadratic."""
 
 LEAST_MOTION_SHARE, WEAK_MOTION_SHARE, MOST_TURN_RAD, TINY = 1e-3, 0.01, 0.02, 1e-200
-"""Directions in which the joints move a loop by less than `LEAST_MOTION_SHARE` stay open. So do those with less than
-`WEAK_MOTION_SHARE` along which a deflection would turn joints by more than about `MOST_TURN_RAD`: a measured position
-may be beyond the reach of a stretched arm. `TINY` avoids a division by zero.
+"""A loop is not closed in a direction in which joints move it by less than `LEAST_MOTION_SHARE`, or by less than
+`WEAK_MOTION_SHARE` if closing it would turn joints by more than about `MOST_TURN_RAD`, because a measured position may
+be beyond the reach of a stretched arm. `TINY` avoids a division by zero.
 """
 
 POSES_FOR_VARIANCES = 600

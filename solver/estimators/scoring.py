@@ -53,7 +53,7 @@ usually has one in all. Half of the variance is common, so sources that the pose
 
 LARGEST_COMMON = 3.0 * SCALE_SD
 """Largest deviation of a scale's logarithm that is evidence about the others: an absent source (an eighth of the size
-stated, or less) does not make the others small. In a rigid mount, for instance, the poses hardly determine lengths."""
+stated, or less) does not make the others small."""
 
 FAST_SHARE = 0.45
 """Convergence is fast if a step is below this share of the step before."""
@@ -127,7 +127,7 @@ def likelihood_derivatives(fit: LinearFit) -> Derivatives:
 
 
 def with_priors(fit: LinearFit) -> Derivatives:
-    """Return the fit's derivatives with the variances' priors: specifications, spreads within poses, scales."""
+    """Return the fit's derivatives, priors of the variances included: specifications, spreads within poses, scales."""
     v, derivatives = fit.v, fit.derivatives
     dof, spread, soft = np.array(
         [(c.spread_dof, c.spread_variance, c.soft) for c in fit.design.components]
@@ -198,7 +198,7 @@ def scale_spread(fit: LinearFit, derivatives: Derivatives) -> FloatArray:
 class ScoringStep:
     """Newton's step of the variances.
 
-    `change` (K,): change of the variances, within their bounds. `largest`: largest change, in its standard errors.
+    `change` (K,): change of the variances, within their bounds. `largest`: largest change, in standard errors.
     `slope`: rise of the log-likelihood over the step if its slope stayed constant; about twice the actual rise.
     """
 
@@ -277,7 +277,7 @@ class VarianceSearch:
     If a variance leaves its floor, the curvature changes quickly, and plain steps may oscillate forever. The slope at a
     step's end, which is calculated anyway, locates the maximum along the step; the next iteration starts there.
 
-    `fast`: whether steps shrink so fast that all further steps are negligible; as given until two steps are known.
+    `fast`: whether steps shrink so fast that all further steps are negligible; as passed in until two steps are known.
     `slope_left`: expected slope of the log-likelihood along the step after the next variances.
     """
 

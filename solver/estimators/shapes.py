@@ -1,11 +1,11 @@
-"""Effects as shapes over the poses: errors of sensors, sides of play, sag and deflection.
+"""Effects as columns with one value per pose: errors of sensors, sides of play, sag and deflection.
 
-If masses are stated, the shapes follow from the load (`solver.estimators.load_effects`); otherwise they are smooth
-functions of the pose. Shapes have coefficients ~ N(0, 1); the rest of a stated variance is independent between poses.
+If masses are stated, sag and deflection follow from the load (`solver.estimators.load_effects`); otherwise they are
+smooth functions of the pose. Columns have coefficients ~ N(0, 1); the rest of a stated variance is independent noise.
 
 The smooth functions are a low-rank Gaussian process over joint space, with several length scales and a linear part. The
-values of the process at all poses are ``Phi b`` with b ~ N(0, I); ``Phi`` (m, k) is made from poses far apart
-(Nystroem), so the cost grows in proportion to the number of poses and not with its square.
+values of the process at all poses are ``Phi b`` with b ~ N(0, I); ``Phi`` (m, k) is computed from poses far apart
+(Nystroem), so the cost is proportional to the number of poses and not to its square.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class PoseProcess:
     variance: FloatArray
 
     def leading(self, columns: int) -> PoseBasis:
-        """Return the columns of largest variance."""
+        """Return the first `columns` columns, which have the largest variance."""
         phi = self.values @ self.turn[:, :columns]
         return PoseBasis(phi=phi, missed=np.maximum(self.variance - (phi**2).sum(-1), 0.0))
 
@@ -98,8 +98,8 @@ def pose_process(q: FloatArray, *, group: IntArray | None = None) -> PoseProcess
 class Shapes:
     """An effect that repeats at the same pose: play or sag of those joints that have any.
 
-    `joints` (d,): these joints, from 0. `columns` (m, d, c): shapes of the deviation from the expected value, rad.
-    `missed`, `expected` (m, n), of all joints: variance that the shapes leave out, rad^2, and the expected value, rad.
+    `joints` (d,): these joints, from 0. `columns` (m, d, c): columns of the deviation from the expected value, rad.
+    `missed`, `expected` (m, n), of all joints: variance that `columns` leave out, rad^2, and the expected value, rad.
     """
 
     joints: IntArray
@@ -111,7 +111,7 @@ class Shapes:
     def of(
         cls, sd_rad: FloatArray, columns: FloatArray, missed: FloatArray, expected: FloatArray
     ) -> Shapes:
-        """Scale shapes (m, n, c), variance and expected value (m, n) by each joint's standard deviation (n,)."""
+        """Scale columns (m, n, c), variance and expected value (m, n) by each joint's standard deviation (n,)."""
         joints = np.flatnonzero(sd_rad)
         return cls(
             joints=joints,
@@ -122,12 +122,12 @@ class Shapes:
 
     @property
     def width(self) -> int:
-        """Number c of shapes of one joint."""
+        """Number c of columns of one joint."""
         return int(self.columns.shape[-1])
 
 
 def sides_of_play(q: FloatArray, errors: ErrorModel, sd_rad: FloatArray) -> Shapes:
-    """Shapes of play: the side to which the load acts, and the side of approach if it is known.
+    """Effect of play: a column for the side to which the load acts, and one for the side of approach if it is known.
 
     It is unknown which of the two a joint follows. With probability p = 1 - `BY_APPROACH` the joint follows the load,
     and the link rests on the side to which gravity moves it. Otherwise the joint follows the approach, and since link
@@ -151,7 +151,7 @@ def sides_of_play(q: FloatArray, errors: ErrorModel, sd_rad: FloatArray) -> Shap
 def shapes_of_sag(
     q: FloatArray, errors: ErrorModel, basis: PoseBasis, sd_rad: FloatArray
 ) -> Shapes:
-    """Shapes of every joint's twist under gravity; without stated masses, the smooth functions `basis`.
+    """Effect of every joint's twist under gravity; without stated masses, its columns are the functions `basis`.
 
     `sd_rad`: sag of each joint at readings `q` (m, n), as a standard deviation (n,).
     """
@@ -204,7 +204,7 @@ class JointShapes:
         self._last: tuple[FloatArray, FloatArray] | None = None
 
     def at(self, angle: FloatArray, poses: slice) -> FloatArray:
-        """Shapes (m, c) at the poses of a slice; `angle` (m, n): their corrected joint angles, rad."""
+        """Columns (m, c) at a slice `poses`; `angle` (m, n): corrected joint angles of these poses, rad."""
         if self._constant is None or self._constant[0] != poses:
             self._constant, self._last = (poses, self._constant_shapes(poses)), None
         if self._last is None or not np.array_equal(self._last[0], angle):
@@ -215,11 +215,11 @@ class JointShapes:
         return self._last[1]
 
     def shift(self, b: FloatArray, angle: FloatArray, poses: slice) -> FloatArray:
-        """Joint corrections (m, n), rad, from coefficients b (c,)."""
+        """Joint corrections (m, n), rad, for coefficients b (c,) of the columns; other arguments as in `at`."""
         return np.asarray(self.at(angle, poses) @ (self._along * b[:, None]))
 
     def _constant_shapes(self, poses: slice) -> FloatArray:
-        """Shapes (m, c); those that depend on the corrected angles (linearity deviations) are zero."""
+        """Columns (m, c); columns that depend on the corrected angles (linearity deviations) are zero."""
         turn = self._q[poses, self._turning]
         m = len(turn)
         shapes = [(self._accuracy_rad * encoder_waves(turn)).reshape(m, -1)]

@@ -74,7 +74,7 @@ class VarianceComponents:
 
     `components`, `variances`: standard deviations of RVDTs and fixture with intervals; every estimated variance by
     component name.
-    `compliance`: test whether the fixture is more compliant than stated; None if it was not made.
+    `compliance`: test whether the fixture is more compliant than stated; None if not tested.
     `noise`: noise of each pose's readings, without effects, and of the fixture's deflection, at the estimated
     variances.
     `repeatability`: covariance (P, P) of the parameters from noise alone: the scatter if the same poses were taken
@@ -272,7 +272,7 @@ def _report(fitted: MixedFit, back: IntArray) -> VarianceComponents:
 
 
 LEAST_LEFT = 1e-12
-"""Share of a variance's information that is left if the other variances are estimated too; less is due to rounding."""
+"""Least share of a variance's information left if all variances are estimated; a smaller one is due to rounding."""
 
 MOST_CERTAIN = 1e6
 """Largest ratio of a variance to its standard error that `interval` uses."""
@@ -310,7 +310,7 @@ def compliance_test(stated: LinearFit, design: LinearModel) -> ComplianceTest | 
 def standard_errors(information: FloatArray, v: FloatArray, floor: FloatArray) -> FloatArray:
     """Standard errors (K,) of variances `v` (K,), from the likelihood's `information` (K, K).
 
-    For the other variances' errors, a variance at its floor counts as known; its own error includes their uncertainty.
+    A variance at its floor counts as known in the errors of the others; its error includes the others' uncertainty.
     """
     inner = v > floor * (1.0 + 1e-9)
     size = np.sqrt(np.maximum(np.diagonal(information), 1e-300))

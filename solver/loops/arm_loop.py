@@ -30,7 +30,7 @@ class ArmLoop(ClosureModel):
     OWN_ANGLES: ClassVar[tuple[str, ...]] = ()
     GROUND_SIDE: ClassVar[tuple[str, ...]] = ()
     """Names of the unknowns that an endpoint can have (`OWN`), of those that are angles (`OWN_ANGLES`), and of those
-    that state the fixture's place on the table (`GROUND_SIDE`)."""
+    that state where the fixture is on the table (`GROUND_SIDE`)."""
     ARRAYS: ClassVar[tuple[str, ...]] = ()
     """Fields that hold arrays."""
 
@@ -83,7 +83,7 @@ class ArmLoop(ClosureModel):
 
     @property
     def hand_side(self) -> tuple[str, ...]:
-        """Names of the endpoint's other unknowns."""
+        """Names of the endpoint's unknowns that are not in `GROUND_SIDE`."""
         return tuple(name for name in self.own if name not in self.GROUND_SIDE)
 
     def arm_rows(self) -> FloatArray:
@@ -152,7 +152,7 @@ class ArmLoop(ClosureModel):
         )
 
     def freed(self, entries: Sequence[DhEntry]) -> Self:
-        """Return the same loop with these entries of the arm's table unknown as well."""
+        """Return the same loop with `entries` of the arm's table as additional unknowns."""
         known = set(self.entries)
         new = tuple(e for e in entries if e not in known)
         return replace(self, entries=self.entries + new)
@@ -162,7 +162,7 @@ class ArmLoop(ClosureModel):
         return replace(self, table=table)
 
     def drawn(self, x: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-        """Origins of frames 0..n and the fixture's point (n + 2, 3), m, and a zero axis, for joint angles `q` (n,)."""
+        """Points to draw (n + 2, 3), m, at angles `q` (n,): origins 0..n and the fixture's point; and a zero axis."""
         frames = self.frames(x, q[None, :], np.zeros((1, len(self.unsensed_joints))))
         tip = self.OWN.index("tip_x")
         point = frames.p_end + frames.R_end[0] @ self.own_values(x)[0, tip : tip + 3]

@@ -148,12 +148,12 @@ class ClosureModel(ABC):
     @property
     @abstractmethod
     def ground_side(self) -> tuple[str, ...]:
-        """Names of the unknowns of the fixture's place on the table; the values change when the fixture is moved."""
+        """Names of the unknowns that state where the fixture is on the table; their values change if it is moved."""
 
     @property
     @abstractmethod
     def hand_side(self) -> tuple[str, ...]:
-        """Names of the unknowns of the fixture's place on the tool; the values change at every mounting."""
+        """Names of the unknowns that state where the fixture is on the tool; their values change at every mounting."""
 
     @abstractmethod
     def loop(self, x: FloatArray, q: FloatArray, u: FloatArray) -> LoopError:
@@ -173,7 +173,7 @@ class ClosureModel(ABC):
 
     @abstractmethod
     def freed(self, entries: Sequence[DhEntry]) -> Self:
-        """Return the same loop with these entries of the arm's table unknown as well."""
+        """Return the same loop with `entries` of the arm's table as additional unknowns."""
 
     def angle_of(self, u: FloatArray, joint: int) -> FloatArray:
         """Angle (..., m), rad, of an unsensed arm joint (1-based); in `u` (..., m, U) arm joints are last."""
@@ -197,7 +197,7 @@ class ClosureModel(ABC):
         )
 
     def equivalents(self, x: FloatArray) -> FloatArray:
-        """All parameter vectors that are equivalent to `x` (P,), shape (E, P)."""
+        """All parameter vectors (E, P) that describe the same loop as `x` (P,)."""
         return np.asarray(x, dtype=np.float64)[None, :]
 
     def at_poses(self, poses: IntArray) -> Self:
@@ -205,7 +205,7 @@ class ClosureModel(ABC):
         return self
 
     def parts(self) -> tuple[tuple[ClosureModel, Which, Which], ...]:
-        """Loops of one placement each, with the indices of their parameters and poses."""
+        """Return each placement's loop, with the indices of the loop's parameters and of its poses."""
         return ((self, slice(None), slice(None)),)
 
     def merged(self, errors: Sequence[ReducedError]) -> ReducedError:
@@ -217,7 +217,7 @@ class ClosureModel(ABC):
     ) -> tuple[FloatArray, FloatArray]:
         """Axes (m, 3, 3) of the fixture's two halves, on the table and on the tool, in the frame of the closure error.
 
-        The loop must be of one placement. The axes of a half that does not turn in that frame are the identity.
+        The loop must have a single placement. The axes of a half that does not turn in that frame are the identity.
         """
         still = np.broadcast_to(np.eye(3), (len(q), 3, 3))
         return still, still
@@ -252,14 +252,14 @@ class ClosureModel(ABC):
         return None
 
     def drawn(self, x: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-        """Points (k, 3), m, and fixture's axis (3,) for a drawing of the arm, in the base frame; None if not drawn.
+        """Points (k, 3), m, and fixture's axis (3,) for a drawing of the arm, in the base frame; None: no drawing.
 
         The last point is at the fixture; the axis is zero if the fixture has no axis.
         """
         return None
 
     def fixture_axis(self, x: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-        """Position (3,), m, and axis (3,) of the fixture, in the frame of `drawn`; None if it is not drawn."""
+        """Position (3,), m, and axis (3,) of the fixture, in the frame of `drawn`; None if there is no drawing."""
         return None
 
 

@@ -158,7 +158,7 @@ class DhLoop(ArmLoop):
     def constraint_entries(
         self, ground: Line, hand: Line, rotation: FloatArray
     ) -> dict[str, float]:
-        """D-H entries of the fixture by name, rad and m, for this constraint of the tool."""
+        """D-H entries of the fixture by name, rad and m: from `ground`, and `hand` (hinge) or `rotation` (rigid)."""
         if not self.hinge:
             return constrained_frame_entries(rotation, ground.point_m, self.joint_count)
         return constrained_axis_entries(ground, hand, self.joint_count)

@@ -201,7 +201,7 @@ class MeasuredClosure(ArmLoop):
         return np.stack(candidates)
 
     def at_poses(self, poses: IntArray) -> MeasuredClosure:
-        """Return the model bound to the measurements of these poses only."""
+        """Return the model bound to the measurements of `poses` only."""
         return select_poses(self, poses, "endpoint_m", "endpoint_rotation")
 
     def fixture_axis(self, x: FloatArray) -> tuple[FloatArray, FloatArray] | None:

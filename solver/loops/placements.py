@@ -64,11 +64,11 @@ class Placements(ClosureModel):
         object.__setattr__(self, "_columns", columns)
 
     def columns(self, number: int) -> IntArray:
-        """Indices (P_own,) of one placement's parameters in the whole vector."""
+        """Indices (P_own,) of one placement's parameters in the vector of all parameters."""
         return self._columns[self.numbers.index(number)]
 
     def of(self, number: int) -> tuple[ClosureModel, IntArray]:
-        """Model of a placement and indices of its parameters in the whole vector; ValueError for an unknown number."""
+        """Model of a placement and indices of its parameters among all; ValueError for an unknown number."""
         return self.models[self.numbers.index(number)], self.columns(number)
 
     def poses_of(self, number: int) -> IntArray:
@@ -183,12 +183,12 @@ class Placements(ClosureModel):
 
     @property
     def ground_side(self) -> tuple[str, ...]:
-        """Names of the unknowns of the fixture's place on the table, in all placements."""
+        """Names of the unknowns that state where the fixture is on the table, in all placements."""
         return self._side("ground_side")
 
     @property
     def hand_side(self) -> tuple[str, ...]:
-        """Names of the unknowns of the fixture's place on the tool."""
+        """Names of the unknowns that state where the fixture is on the tool, in all placements."""
         return self._side("hand_side")
 
     def without(self, names: Collection[str]) -> Placements:
@@ -200,7 +200,7 @@ class Placements(ClosureModel):
         return replace(self, models=tuple(models))
 
     def freed(self, entries: Sequence[DhEntry]) -> Placements:
-        """Return the same loops in which these entries of the arm's table are unknown, too."""
+        """Return the same loops with `entries` of the arm's table as additional unknowns."""
         return replace(self, models=tuple(model.freed(entries) for model in self.models))
 
     def at_poses(self, poses: IntArray) -> Placements:
@@ -249,8 +249,8 @@ class Placements(ClosureModel):
 def place(model: ClosureModel, placement: IntArray, *, same_hand: bool = False) -> Placements:
     """Bind a fixture's loop to the `placement` number of each pose of a data set, (m,).
 
-    `model`: its nominal values serve all placements; a `MeasuredClosure` must be bound to the measurements of all
-    poses, in the order of `placement`. `same_hand`: whether the tool kept its half of the fixture in all placements.
+    `model`: loop with the nominal values of all placements; a `MeasuredClosure` must be bound to the measurements of
+    all poses, in the order of `placement`. `same_hand`: whether the tool keeps its half of the fixture throughout.
     """
     numbers = tuple(np.unique(placement).tolist())
     models = tuple(model.at_poses(np.flatnonzero(placement == k)) for k in numbers)

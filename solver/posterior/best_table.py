@@ -42,7 +42,7 @@ class BestTable:
     `rows`: links 1..n (5, n), theta_off, s, a, alpha, beta; rad and m. `tip_m`: the tool's point in frame n (3,).
     `entries`, `covariance`: entries and tip coordinates that the fit determines (k,), and their covariance (k, k), rad
     and m. `left_m`: root mean square, including uncertainty, of the part of the tool corrections that no table can
-    represent. `sigma_m`: expected root mean square, over the arm's use, of the tool's distance from its true position.
+    represent. `sigma_m`: expected root mean square, where the arm is used, of the tool's position error.
     """
 
     rows: FloatArray

@@ -7,7 +7,7 @@ True angle = reading + theta_off + the sum of a joint's corrections, each a func
     gravity    tau_j of `solver.chain.statics`, with m_k, h_k per joint     twist under load
     offset     c1                                                           play taken up to one side
 
-`sarcal help corrections` shows a function in plain Python that applies them. `JointCorrections` gives their
+`sarcal help corrections` shows a function in plain Python that applies them. `JointCorrections` has their
 coefficients and covariance. A fixture's deflection is not included, because it depends on the mounting.
 """
 
@@ -145,7 +145,7 @@ def _play(
 
 
 def _gravity(sagging: Mapping[int, FloatArray], masses: LinkMasses) -> Iterator[ReadingCorrection]:
-    """Convert each joint's coefficients (s,) of the torque's shapes to coefficients of masses and first moments."""
+    """Convert each joint's coefficients (s,) of the torque's columns to coefficients of masses and first moments."""
     n, stated, sd = len(masses.mass_kg), masses.moments, masses.moments_sd
     downs = [tuple(down) for down in (masses.down.tolist(), *masses.tilted.tolist())]
     for joint, shapes in sagging.items():
@@ -162,7 +162,7 @@ def _gravity(sagging: Mapping[int, FloatArray], masses: LinkMasses) -> Iterator[
 class CorrectionShapes:
     """Parts of the corrections at readings `q` (m, n), rad.
 
-    `shapes`: (m, c), rad for a unit of each coefficient. `expected`: correction (m, n), rad, expected before the fit;
+    `shapes`: (m, c), rad per unit of each coefficient. `expected`: correction (m, n), rad, expected before the fit;
     `play`: expected play (m, n), rad, which `expected` includes.
     """
 
@@ -178,7 +178,7 @@ class CorrectionShapes:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class JointCorrections:
-    """The effects in a fit that act along joints; `fit`: the linear fit at the solution."""
+    """The effects in a fit that change joint angles; `fit`: the linear fit at the solution."""
 
     fit: LinearFit
 
@@ -199,7 +199,7 @@ class JointCorrections:
         return self.fit.b[self._effects]
 
     def at(self, q: FloatArray) -> CorrectionShapes:
-        """Return the shapes of the corrections at readings q (m, n), rad."""
+        """Return the parts of the corrections at readings q (m, n), rad."""
         design = self.fit.design
         errors, loads = design.errors, design.errors.loads
         errors_there = replace(

@@ -68,7 +68,7 @@ class LocalMinimum:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GlobalStart:
-    """Result of the search, made from a number of `starts`.
+    """Result of a search from `starts` starts.
 
     `minima`: distinct solutions, the best first; solutions with poses on the flipped branch come last. `set_aside`:
     poses (indices) taken with the tool upside down on the hinge: no solution uses them, and `LocalMinimum.flipped` does
@@ -129,7 +129,7 @@ def global_start(
 
 
 Search = Callable[[ClosureModel, FloatArray], list[tuple[FloatArray, int]]]
-"""`best_minima` with its starts: function from a model and its poses (m, n) to the best minima."""
+"""Function from a model and its poses (m, n) to the best minima: `best_minima` with all other arguments bound."""
 
 
 def _solve(

@@ -162,7 +162,7 @@ class InnerProblem:
 
     `model`: loop of the placement. `columns`: indices of the loop's parameters in the whole parameter vector. `table`:
     D-H rows 1..n; the offsets of joints 1 and n, s_1, and the lengths and twists of row n are zero. `searched`: joints
-    (1-based) whose offsets are sought, never 1 or n; the offsets of the others keep their values.
+    (1-based) whose offsets are sought, never 1 or n; the offsets of all other joints keep their values.
     `q`: joint angles (m, n), rad. `per_m`: weight of positions relative to directions, 1/m.
     """
 
@@ -216,7 +216,7 @@ class InnerProblem:
         return r, J - L @ np.linalg.solve(N, Lt @ J)
 
     def filled(self, offsets: FloatArray) -> FloatArray:
-        """Return all parameters (P,) of the loop: these joint offsets (K,), rad, and the endpoint that suits them."""
+        """Return all parameters (P,) of the loop: `offsets` (K,), rad, and the fixture's values that suit them."""
         frames = self._frames(offsets[None, :])
         M, p = frames.R_end, frames.p_end
         mean = M.mean(-3, keepdims=True)

@@ -1,4 +1,4 @@
-"""Tests that an arm meets the requirements of `sarcal`, for a package's simulator or an arm free to move.
+"""Tests that an arm added by a package, simulated or real and free to move, meets the requirements of `sarcal`.
 
 ::
 
@@ -39,7 +39,7 @@ class _ConnectedArm:
 
     @property
     def drives(self) -> tuple[int, ...]:
-        """Joints (from 1) in position mode: all for an open arm, else the procedure's set, or the best one."""
+        """Joints (from 1) in position mode: all of an open arm, else those of the procedure, else the best set here."""
         fixture = self.procedure.fixture.fixture
         if not fixture.holds_hand:
             return tuple(range(1, self.n + 1))

@@ -78,7 +78,7 @@ def calibrate(
     ConfigError
         A file is invalid; the text lists all problems.
     UnidentifiableError, SolverError, FixtureError
-        The poses do not suffice; the text says what is missing.
+        The poses do not suffice, or the placement of the fixture is refused; the text gives the reason.
 
     Examples
     --------
@@ -191,7 +191,7 @@ class Verification:
 
     @property
     def chi2_per_dof(self) -> float:
-        """chi2/dof with the uncertainties that the files state; about 1 or less if these are right."""
+        """chi2/dof with the uncertainties that the files state; about 1 if they are right, less if too large."""
         return self._result.verification.chi2.per_dof
 
     @property

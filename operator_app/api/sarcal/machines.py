@@ -18,7 +18,7 @@ from .calls import readings_rad, shown
 
 @dataclass(frozen=True, slots=True)
 class Arm:
-    """An arm as described in its file; made by `load_arm`. Two are equal if they were read from the same file.
+    """An arm as described in its file; made by `load_arm`. Two are equal if their file and its content are the same.
 
     Attributes
     ----------

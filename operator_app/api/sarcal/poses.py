@@ -104,8 +104,8 @@ def poses_of(
     Parameters
     ----------
     q_rad, q_deg
-        Sensor readings (m, n), in one of the two units: continuous beyond a turn, offsets not added. If they may be in
-        radians although given as `q_deg`, the result has a warning.
+        Sensor readings (m, n), in one of the two units: continuous beyond a turn, offsets not added. If `q_deg` looks
+        like radians, the `Result` of a calibration from these poses has a warning.
     placement
         Number (from 1) of the fixture placement of each pose (m,), or one number for all; None: a single placement.
     names
@@ -115,8 +115,8 @@ def poses_of(
         for all poses; the standard deviation may also be one number per joint (n,). None: one sample per pose.
     endpoint_m
         Endpoint measured by an instrument, for a ``measured`` fixture: (m, 3), or (m, 6) with a rotation vector of at
-        most half a turn, rad.
-        With any other fixture, the endpoint is not used, and the result has a warning.
+        most half a turn, rad. With any other fixture, `calibrate` does not use the endpoint, and its `Result` has a
+        warning.
 
     Raises
     ------
@@ -224,7 +224,7 @@ def load_poses(
     ValueError
         The `Poses` do not have `joint_count` joints.
     TypeError
-        `source` is none of these. For an array, use `poses_of`, which states the unit.
+        `source` is no path, data frame or `Poses`. For an array, use `poses_of`, which states the unit.
     """
     held = getattr(source, "poses", None)
     if isinstance(held, Poses):

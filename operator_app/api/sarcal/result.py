@@ -176,7 +176,7 @@ class Result:
     def fk(
         self, q_rad: ArrayLike, *, frame: Frame = "tip", corrections: bool = False
     ) -> FloatArray:
-        """Return the pose of the tool in the arm's base frame, by default from the best D-H table.
+        """Return the pose of the tool in the arm's base frame, by default from the best table for uncorrected readings.
 
         The base frame is that of the arm file. Entries of link 1 that depend on the mounting (`to_json`, ``side``:
         ``ground``), such as ``s_1`` with a hinge, do not move this frame, whatever their calibrated values. If the
@@ -368,7 +368,7 @@ class Result:
 
     @cached_property
     def _state_source(self) -> Journalled | ImportedSession:
-        """The state of the session from which the result was read, or which `save` would write."""
+        """Session, with its state and procedure, from which the result was read or that `save` would write."""
         origin = self._origin
         return origin if isinstance(origin, Journalled) else self._session(origin)
 

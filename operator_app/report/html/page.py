@@ -94,7 +94,7 @@ REPORT_NAME = "report.html"
 
 
 def write_report(session: Session) -> Path:
-    """Write the report page, return its path; raises GuardError if no calibration is current."""
+    """Write the report page and return its path; raises GuardError if the present poses have no calibration."""
     calibration = journal_calibration(session.state)
     if not isinstance(calibration, StoredCalibration):
         raise GuardError("There is no calibration of these poses", "Calibrate first (step 5)")

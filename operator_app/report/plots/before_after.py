@@ -38,7 +38,7 @@ class Pair:
 
 
 def hand_pair(solution: Solution, arm: ArmModel) -> Pair | None:
-    """Return pictures of the tool position error over the joint ranges before and after calibration, or None."""
+    """Return pictures of the tool position error before and after calibration; None if it was not computed."""
     accuracy = solution.accuracy
     if accuracy is None:
         return None
@@ -93,7 +93,7 @@ class _Seen:
 
 
 def arm_pair(subject: Subject) -> Pair | None:
-    """Draw the arm, before and after, in the pose with the largest nominal closure error; None if not possible."""
+    """Draw the arm before and after, in the pose with the largest nominal closure error; None if it cannot be drawn."""
     solution = subject.solution
     if solution is None or solution.model.unsensed_joints:
         return None

@@ -14,7 +14,7 @@ from solver.arrays import FloatArray
 
 _DOTS = ((0x01, 0x02, 0x04, 0x40), (0x08, 0x10, 0x20, 0x80))
 _LAST_BITS = 1e-6
-"""This is added to a position before rounding down, so that rounding errors do not change the dot."""
+"""Added to a position before it is rounded down, so that floating-point errors do not change the dot."""
 _ASCII_MARK = {"text": "*", "dim": ".", "accent": "o", "warn": "!", "alarm": "!"}
 
 
@@ -146,7 +146,7 @@ def coverage_lines(shown: Preview, *, ascii_only: bool) -> list[str]:
 
 
 class _Plane:
-    """The plane of two joints' angles on a canvas; `across`, `up`: joints (from 0) along the two axes."""
+    """A plot of two joints' angles on a canvas; `across`, `up`: joints (from 0) of the horizontal and vertical axis."""
 
     def __init__(self, shown: Preview, across: int, up: int, *, ascii_only: bool) -> None:
         self._canvas = Canvas(COLUMNS, BAR_ROWS, ascii_only=ascii_only)

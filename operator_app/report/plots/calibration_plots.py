@@ -19,7 +19,7 @@ SHAPES: tuple[tuple[Shape, str], ...] = (("dot", "a"), ("square", "b"), ("triang
 ROTATIONS = {2: ("dx", "dy"), 3: ("rx", "ry", "rz")}
 CURVE_POINTS = 61
 KNOWN_SIGMAS = 2.0
-"""Half-width of the band about a curve, in sigmas (95 %)."""
+"""Half-width of the uncertainty band about an RVDT's fitted deviations, in sigmas (95 %)."""
 FAR_OFF = 2.5
 """A pose is marked if its closure error exceeds the rms by this factor."""
 

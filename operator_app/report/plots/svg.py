@@ -94,7 +94,7 @@ class _Frame:
         yield from ticks(self.x, LEFT, RIGHT, self.bottom)
 
     def layer(self, layer: Layer, radius: float) -> Iterator[Html]:
-        """Yield the elements of a layer; marks without a size of their own have this radius."""
+        """Yield the elements of a layer; `radius`: radius of the marks of a layer without `sizes`."""
         match layer:
             case Band():
                 top = self.up(min(layer.high, self.y.high))

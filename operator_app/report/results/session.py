@@ -52,7 +52,7 @@ def unidentifiable_json(
 ) -> dict[str, Any]:
     """Return the object of `sarcal run --json` for poses that leave parameters undetermined.
 
-    `estimator` and `unsensed_joints` are used instead of those in the procedure.
+    `estimator` and `unsensed_joints`, unless None, are used instead of those in the procedure.
     """
     from operator_app.calibration.experiment import Experiment
     from operator_app.report.calibration_json import unidentifiable_data

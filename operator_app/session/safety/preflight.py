@@ -99,7 +99,7 @@ HOME_AT_ZERO_RAD = float(np.deg2rad(5.0))
 """A joint whose home is within this distance of zero is often at zero."""
 
 RESET_PROBABILITY_HOME_AT_ZERO = 1e-6
-"""The limit from `RESET_PROBABILITY` is reduced to this if the homes of all joints concerned are within
+"""The limit from `RESET_PROBABILITY` is at most this if the homes of all joints concerned are within
 `HOME_AT_ZERO_RAD` of zero."""
 
 EXPLAINED_PROBABILITY = 1e-2
@@ -160,7 +160,7 @@ def _reset_among(
 ) -> dict[int, float]:
     """Return the joints of `zeros` with reset counters, with the angles (rad) that close the loop; {} for none.
 
-    A counter counts as reset if, without a reset, its reading would raise chi2 this much less probably than `at_most`.
+    A counter counts as reset if its reading increases chi2, and so large an increase is less probable than `at_most`.
     The increase is tested, not chi2, because errors in the files raise chi2 with and without this reading.
     """
     from scipy.special import chdtrc

@@ -33,7 +33,7 @@ AT_ZERO_COUNTS = 2.5
 """Largest reading, in counts, of a counter that was just reset: the noise of its last bit."""
 
 MAX_SAG_RAD = float(np.deg2rad(5.0))
-"""Largest sag since the reset; a joint is rarely this close to zero by chance."""
+"""Largest sag between a reset and the next connection; a joint is rarely this close to zero by chance."""
 
 
 def counters_near_zero(arm: ArmModel, reading_rad: FloatArray) -> dict[int, float]:
@@ -102,7 +102,7 @@ The distance is in units of `AT_ZERO_COUNTS`. By chance, a joint is so close to 
 """
 
 REMAINDER_PROBABILITY = 1e-3
-"""A joint is not named if the chi2 that remains after its shift is less probable than this."""
+"""A joint is named only if the chi2 that its shift does not explain is at least this probable."""
 
 JOINT_ODDS = 100.0
 """A joint is named if its shift is this many times as likely as a shift of any other joint."""
@@ -255,7 +255,7 @@ def _cause_text(near: Innovation | None) -> str:
 
 
 def fixture_in_place(state: SessionState, procedure: Procedure) -> EndpointConstraint:
-    """Return the fixture with the nominal placement to which `parameters_from_poses` refers."""
+    """Return the fixture; an instrument gets the nominal placement that `parameters_from_poses` is based on."""
     known = journal_calibration(state)
     fixture = procedure.fixture.fixture
     if isinstance(known, StoredCalibration):

@@ -67,7 +67,7 @@ def check_repeat(state: SessionState, procedure: Procedure, *, refuse: bool) -> 
 
 
 def agreement(state: SessionState, procedure: Procedure) -> str:
-    """Return the message, with figures if any, that the last repeated pose agrees with its first reading."""
+    """Return the message that the last repeated pose agrees with its first reading, with chi2 if it can be computed."""
     state = state.here
     last = state.repeats[-1]
     agrees = f"Pose {last.first.number} measured again agrees with its first reading"
@@ -87,7 +87,7 @@ def _chi2_limit(repeat: Repeat) -> float:
 
 
 def _repeat(state: SessionState, procedure: Procedure) -> Repeat | None:
-    """Return the comparison of the last repeated pose with its first reading; None if any readings close the chain."""
+    """Return the comparison of the last repeated pose with its first reading; None if any readings close the loop."""
     arm, fixture = procedure.arm, procedure.fixture.fixture
     model = fixture.model(arm, unsensed_joints=procedure.unsensed_joints)
     fixed = resume_checks.parameters_from_poses(state, procedure)

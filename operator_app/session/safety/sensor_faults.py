@@ -23,7 +23,7 @@ TURNED_RAD = float(np.deg2rad(2.0))
 
 
 def require_no_sensor_fault(state: SessionState, refusal: str) -> None:
-    """Raise GuardError, with the text `refusal`, after a sensor fault until the first pose was measured again."""
+    """After a sensor fault, raise GuardError with the text `refusal` until the first pose has been measured again."""
     if state.sensor_jump:
         raise GuardError(
             f"{refusal}: {state.sensor_jump}",
@@ -112,7 +112,7 @@ class SensorFaults:
     def _poses_with_present_reading(self, joint: int) -> tuple[int, ...]:
         """Return the numbers of the latest consecutive poses with the present reading of `joint`.
 
-        The drive of the joint did not follow: its sensor may have been stuck in these poses while the joint moved.
+        For a drive that did not follow: its sensor may have been stuck in these poses while the joint moved.
         """
         poses = self._logbook.state.poses_here
         if not poses:

@@ -17,7 +17,7 @@ Check = Callable[[Any, int | None], str]
 """Function of a value and the number of joints (None if not known yet); returns the problem as text, "" if valid."""
 
 MAX_INTEGER = 2**53
-"""Larger integers have no exact double."""
+"""Not all larger integers are exact as double-precision numbers."""
 MAX_ANGLE_RAD = 20.0 * math.pi
 """Limit of sensor angles, as in a poses file: they may exceed one turn, but not ten."""
 MOST_JOINTS_RECORDED = 100

@@ -46,7 +46,7 @@ def new_folder(root: Path, name: str, utc: datetime) -> Path:
 
 
 def next_order(root: Path, *, but: Path) -> int:
-    """Return the order number of a new session below `root`: 1 more than the largest outside folder `but`."""
+    """Return the order number of a new session below `root`: 1 more than the largest in folders other than `but`."""
     try:
         folders = [p for p in root.iterdir() if p != but]
     except OSError:
@@ -87,7 +87,7 @@ def read_session(folder: Path) -> SessionEntry:
 
 
 def documents_of(state: SessionState) -> tuple[str, str]:
-    """Return the names of a session's procedure and of its arm and fixture; "not known" and "" if unreadable."""
+    """Return the name of the procedure, and "arm, fixture" in one text; "not known" and "" if unreadable."""
     from operator_app.config.strict_yaml import load_strict
 
     try:

@@ -40,7 +40,7 @@ Clock = Callable[[], datetime]
 
 
 def utc_now() -> datetime:
-    """Return the wall clock in UTC."""
+    """Return the current wall-clock time in UTC."""
     return datetime.now(UTC)
 
 

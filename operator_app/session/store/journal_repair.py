@@ -1,4 +1,4 @@
-"""Repairs a damaged journal: removes lines whose checksum does not match, and keeps a copy of the original.
+"""Repairs a damaged journal: restores or removes lines whose checksum does not match; keeps a copy of the original.
 
 The checksum of a line covers its bytes and the checksum of the line before it. The line after a damaged line can be
 verified if the checksum of the damaged line can be read. A single flipped bit is located by trying all bits.
@@ -44,7 +44,7 @@ POSE_NUMBER = re.compile(rb'"number":(\d{1,9})[,}]')
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RepairedLine:
-    """Result for one line. `event`: None if the line is lost. `words`: why it is lost, or what was restored."""
+    """Result for one line. `event`: None if lost. `words`: why it is lost, or what was restored; "" if intact."""
 
     number: int
     event: JournalEvent | None
@@ -74,7 +74,7 @@ class RepairResult:
 def repair_journal(folder: Path) -> RepairResult:
     """Repair the journal of a session if it is damaged, and return the result.
 
-    Raises JournalError if it is not a journal, has an unknown version, is in use, or cannot be written.
+    Raises JournalError if the file is not a journal, has an unknown version, is in use, or cannot be written.
     """
     path = folder / JOURNAL_NAME
     *complete, rest = read_bytes(path).split(b"\n")

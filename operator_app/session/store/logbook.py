@@ -135,7 +135,7 @@ class Logbook:
         self.record("solved", data)
 
     def check(self, solution: Solution, solver: Solver = solve_here) -> Checks:
-        """Cross-validate the last calibration and record the result."""
+        """Cross-validate `solution`, which must be the last recorded one, and record the result."""
         checks = solver(check, solution, self.model, self.fixture, self.state.pose_set())
         self.record("checked", {"record": to_dict(checks)})
         return checks

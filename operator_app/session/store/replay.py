@@ -236,5 +236,5 @@ def session_state(contents: JournalContents, *, joint_count: int | None = None) 
 
 
 def replay(events: Iterable[JournalEvent]) -> SessionState:
-    """Return the state after these events."""
+    """Return the state after these events, without checking them."""
     return reduce(apply, events, SessionState())

@@ -1,7 +1,7 @@
 """Runs a calibration in a separate process, which does not delay bus and screen and can be killed.
 
 The process uses neither bus nor terminal, and ends whenever its parent ends. This module contains both ends of the
-pipe between them.
+pipe between the two processes.
 """
 
 from __future__ import annotations

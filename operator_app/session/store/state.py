@@ -1,4 +1,4 @@
-"""Session state: immutable, made from journal events alone."""
+"""Session state: immutable, computed from journal events alone."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ class SessionState:
         Serial numbers (1018h) of the nodes that captured the poses, by node.
     start_rad, home_rad
         Joint angles (n,) when the drives were first enabled, and centre of the drive box: the procedure's home or, in
-        journals of earlier versions, the start. Both are None until then.
+        journals of earlier versions, the start. Both are None until the drives are first enabled.
     modes
         Mode of each joint as last confirmed by its drive; empty until set.
     poses, undone
@@ -206,7 +206,7 @@ class SessionState:
 
     @property
     def unconfirmed_placement(self) -> bool:
-        """Whether the current placement is not the first and has no used pose, which would confirm its mounting."""
+        """Whether the current placement is a later one without used poses, so that its mounting must be confirmed."""
         return self.placement > 1 and not self.poses_here
 
     @property

@@ -110,7 +110,7 @@ def solve(
 def with_checks(
     calibration: StoredCalibration, state: SessionState, procedure: Procedure
 ) -> StoredCalibration:
-    """Return the calibration with its cross-validation, which is computed again if the calibration was."""
+    """Return the calibration; if it was computed again, with a new cross-validation."""
     if not calibration.recalculated_because:
         return calibration
     fixture = procedure.fixture.fixture

@@ -42,7 +42,7 @@ def with_truth(solution: Solution, arm: ArmModel, truths: Truths, *, last: int =
             error = math.remainder(error, 2.0 * math.pi)
         of += 1
         inside += bool(low <= x + error <= high)
-    # The identified entries are compared, since the best table also includes errors of readings.
+    # Compare the identified entries: the best table for uncorrected readings also compensates errors of readings.
     calibrated = replace(calibrated_arm(solution, arm), best=None)
     part = last_placement(solution)[0].with_all_joints_sensed()
     values = dict(truths(last))

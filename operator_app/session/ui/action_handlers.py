@@ -156,13 +156,13 @@ def note(context: ActionContext) -> None:
 
 
 def calibrate(context: ActionContext) -> None:
-    """Calibrate with the chosen settings."""
+    """Calibrate with the selected estimator and unsensed joints."""
     s = context.s
     context.submit(TaskKind.CALIBRATE, lambda o: o.calibrate(s.estimator, s.unsensed_joints))
 
 
 def upload(context: ActionContext, forced: str = "") -> None:
-    """Upload, after the operator has typed the arm's serial number."""
+    """Upload after the operator has typed the serial number; `forced`: reason if the calibration was not accepted."""
     serial = "" if context.s.identity is None else context.s.identity.serial_number
     drives = context.s.arm.joints if context.s.arm is not None else ()
     held = any(j.drive is DriveState.OPERATION_ENABLED for j in drives)

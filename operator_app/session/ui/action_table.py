@@ -32,7 +32,7 @@ def stop_tested(context: ActionContext) -> None:
 
 
 def open_items(s: SessionSnapshot) -> dict[int, str]:
-    """Return the prompt for each item of the check list that is not ticked, by item (from 0)."""
+    """Return the prompt for each unticked item of the check list, by index of the item (from 0)."""
     items = s.procedure.fixture.checklist
     return {k: f"Confirm: {text}" for k, text in enumerate(items) if k not in s.ticked}
 
@@ -63,7 +63,7 @@ def mark(runner: Runner, joints: tuple[int, ...]) -> None:
 
 
 def other_joints(context: ActionContext) -> None:
-    """Ask for the drive joints."""
+    """Ask for the drive joints, and select them if they are a valid set."""
 
     def take(again: ActionContext, answer: str) -> None:
         numbers = answer.replace(",", " ").split()
@@ -94,7 +94,7 @@ def estimator(context: ActionContext) -> None:
 
 
 def _next_unsensed(s: SessionSnapshot) -> tuple[int, ...]:
-    """Return the next unsensed joints of the cycle: no joint, each RVDT joint alone, all RVDT joints."""
+    """Return the next set of unsensed joints in the cycle: no joint, each RVDT joint alone, all RVDT joints."""
     bent = [k for k, j in enumerate(s.procedure.arm.joints, 1) if isinstance(j.sensor, Rvdt)]
     choices: list[tuple[int, ...]] = [(), *((k,) for k in bent)]
     if len(bent) > 1:
@@ -317,7 +317,7 @@ def footer(step: Step) -> tuple[Action | OnScreen, ...]:
 
 
 def prompts(step: Step) -> tuple[list[Action], list[Action]]:
-    """Return the actions that plain mode shows at a step: first those of some steps, then those of all steps."""
+    """Return the actions that plain mode shows at a step, in two lists: those of some steps, those of all steps."""
     of_step = [a for a in ACTIONS if isinstance(a, Action) and step in a.steps]
     common = [a for a in of_step if a.steps == EVERYWHERE]
     return [a for a in of_step if a not in common], common

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 
 class CalibrationOperations(Listener):
-    """Operations on the calibration of a session; publishes its state and the quality of its poses.
+    """Operations on the calibration of a session; publishes the session's state and the quality of its poses.
 
     `solution`: the calibration from the current poses; None before there is one.
     """
@@ -91,7 +91,7 @@ class CalibrationOperations(Listener):
         )
 
     def _set_plan(self, plan: tuple[Mapping[int, float], ...], start_rad: FloatArray) -> None:
-        """Publish a plan, i.e. waypoints (rad, by joint) of a path from `start_rad` (n,), and predict its poses."""
+        """Publish a plan, i.e. waypoints (rad, by joint), and predict its poses when it starts at `start_rad` (n,)."""
         session, model = self._session, self._nominal_loop
         self._plan = plan
         self._forecast = predict(
@@ -181,7 +181,7 @@ class CalibrationOperations(Listener):
             self._compare()
 
     def _compare(self) -> None:
-        """Publish the differences from the document that is active in the controller, if there is one."""
+        """Publish the new parameters beside those active in the controller, if there are any."""
         session, solution = self._session, self._current_solution()
         document = self._active_document()
         active = parse_parameters(document, "active parameters") if document else None

@@ -1,6 +1,6 @@
 """Guards: pure functions that return why a step or an action is not allowed, as text; "" if it is allowed.
 
-Where harm is possible, the workflow repeats the check itself.
+Before an action that could do harm, the workflow makes the check again.
 """
 
 from collections.abc import Callable, Mapping
@@ -25,7 +25,7 @@ Guard = Callable[[SessionSnapshot], str]
 
 
 def all_of(*guards: Guard) -> Guard:
-    """Return a guard that gives the reason of the first of `guards` to refuse; its reason is "" if none refuses."""
+    """Return a guard that calls `guards` in order and returns the first reason that is not "", or "" if all allow."""
     return lambda s: next(filter(None, (guard(s) for guard in guards)), "")
 
 
@@ -46,7 +46,7 @@ def fixture_ready(s: SessionSnapshot) -> str:
 
 
 def modes_ready(s: SessionSnapshot) -> str:
-    """The Modes step needs a fixture that its checks do not refuse, and a completely ticked check list."""
+    """The Modes step needs a fixture that no check refuses, and a completely ticked check list."""
     if before := fixture_ready(s):
         return before
     if not s.checks:
@@ -161,7 +161,7 @@ def may_apply_modes(s: SessionSnapshot) -> str:
 
 
 def modes_problem(s: SessionSnapshot, position_joints: tuple[int, ...]) -> str:
-    """Return why this number of joints in position mode is wrong; "" if it is right."""
+    """Return why `position_joints` is a wrong set of joints for position mode; "" if it is right."""
     problem = drives.modes_problem(
         position_joints,
         joint_count=s.procedure.arm.joint_count,
@@ -198,13 +198,13 @@ def may_capture(s: SessionSnapshot) -> str:
 
 
 def may_run_automatically(s: SessionSnapshot) -> str:
-    """Automatic capture needs what `may_move` needs, and a missing pose or drift check."""
+    """Automatic capture needs what `may_move` needs, and a pose or a drift check that is still to be done."""
     complete = len(s.state.used_poses) >= s.required_poses and not lacks_drift_check(s)
     return may_move(s) or (f"all {s.required_poses} poses are captured" if complete else "")
 
 
 def lacks_drift_check(s: SessionSnapshot) -> bool:
-    """Whether a complete capture still needs a repeated pose: an explored one at its end, any after a sensor fault."""
+    """Whether all poses are captured, but one must still be repeated: after exploring, or after a sensor fault."""
     complete = len(s.state.used_poses) >= s.required_poses > 0
     explored = s.procedure.capture.strategy != "planned"
     unrepeated = explored and not s.state.repeated_since_capture

@@ -30,7 +30,7 @@ TEST_WIGGLE_RAD = float(np.deg2rad(2.0))
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Edit:
-    """A change of a pose, the calls that undo and redo it, and the number of captures until then."""
+    """A change of a pose: its number, the calls that undo and redo the change, the number of captures before it."""
 
     pose: int
     undo: Callable[[], object]
@@ -166,7 +166,7 @@ class Operations(CalibrationOperations):
         self.refresh()
 
     def capture(self, waypoint: int) -> None:
-        """Capture a pose at the current position."""
+        """Capture a pose at the current position; `waypoint`: its index (from 0) in the plan, -1 if not in the plan."""
         self._session.capture(waypoint)
         self.pose_captured(self._session.state)
         if text := place_warning(self._session):
@@ -181,7 +181,7 @@ class Operations(CalibrationOperations):
             self.report(suspect, Level.WARNING)
 
     def automatic(self) -> None:
-        """Capture the missing poses, by exploration or by plan."""
+        """Capture the missing poses by the strategy of the procedure, explored or planned."""
         try:
             end = take_poses(self._session, self)
         finally:
@@ -195,7 +195,7 @@ class Operations(CalibrationOperations):
             self.report(f"capture ended: {end.text}", Level.WARNING)
 
     def undo(self) -> None:
-        """Undo the last exclusion or note or, if there is none, remove the last pose."""
+        """Undo the last exclusion or note since the last capture; if there is none, remove the last pose."""
         session = self._session
         if self._edits and self._edits[-1].captured == session.state.captured:
             edit = self._edits.pop()
@@ -214,7 +214,7 @@ class Operations(CalibrationOperations):
         self.report(message)
 
     def redo(self) -> None:
-        """Redo the last undone change; raises GuardError if there is none, or poses were changed since."""
+        """Redo the last undone change; raises GuardError if there is none, or a pose was captured since."""
         if not self._undone or self._undone[-1].captured != self._session.state.captured:
             raise GuardError("There is nothing to redo", "Undo a change first (u)")
         edit = self._undone.pop()
@@ -250,7 +250,7 @@ class Operations(CalibrationOperations):
     # -- 7 Export ----------------------------------------------------------------------------------
 
     def verify(self, poses: int, joints: tuple[int, ...] = ()) -> None:
-        """Verify with new poses, after putting these joints, if any, into position mode."""
+        """Put `joints`, if any, into position mode, then verify the calibration with `poses` new poses."""
         if joints:
             self.set_modes(joints)
         super().verify(poses)
@@ -286,7 +286,7 @@ class Operations(CalibrationOperations):
         )
 
     def arrived(self, waypoint: int) -> None:
-        """Publish the waypoint."""
+        """Publish the waypoint where the arm is."""
         self._publish(at_waypoint=waypoint)
 
     def pose_captured(self, state: SessionState, total: int = 0) -> None:

@@ -117,7 +117,7 @@ class Runner:
     # -- publishing ----------------------------------------------------------------------------------
 
     def publish(self, change: Change) -> None:
-        """Replace the snapshot by a changed one; may be called from any thread."""
+        """Replace the snapshot by the result of `change`; may be called from any thread."""
         with self._publishing:
             self._base = change(self._base)
 
@@ -204,7 +204,7 @@ class Runner:
             self._jobs.put(job)
 
     def cancel(self, *, but: TaskKind | None = None) -> None:
-        """Cancel running and queued tasks, except those of kind `but`; a moving arm comes to rest and holds."""
+        """Cancel all tasks except uncancellable ones and those of kind `but`; a moving arm comes to rest and holds."""
         for job in tuple(self._waiting_jobs):
             if not job.uncancellable and job.kind is not but:
                 job.cancel.set()

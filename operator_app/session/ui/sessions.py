@@ -28,8 +28,8 @@ class Sessions:
     """Opens and closes the sessions of one folder.
 
     `procedure`: built-in name or path; None: `DEFAULT_PROCEDURE`. `choices`: options of the command line. `join`
-    returns a context manager with the `Rig` (the arm) of an `Opening`. `warning`: first message to the operator; "" for
-    none.
+    returns a context manager that provides the `Rig` (the arm) of an `Opening`. `warning`: first message to the
+    operator; "" for none.
 
     The other attributes are about the session that was closed last. `last`: its folder; None if the folder was empty
     and has been removed. `exported`: whether its parameters were written. `held`: whether its arm confirmed that it
@@ -66,7 +66,7 @@ class Sessions:
         return runner
 
     def resumed(self, reference: str) -> Runner:
-        """Resume a session, given by folder, name or ``latest``, and return its runner."""
+        """Resume a session and return its runner; `reference`: folder or name of the session, or ``latest``."""
         opening = resume(reference, self._choices, root=self.root)
         return self._open(opening, "another session was resumed")
 
@@ -97,9 +97,9 @@ class Sessions:
         return list_sessions(self.root)[::-1]
 
     def unfinished(self) -> SessionEntry | None:
-        """Return the newest session with poses but no export (of the named procedure, if one is named), or None.
+        """Return the newest session that has used poses and no export; None if there is none.
 
-        Sessions that a process uses are left out.
+        Leaves out sessions that a process uses and, if a procedure was chosen, sessions of other procedures.
         """
         named = None if self._procedure is None else load_procedure(self._procedure).name
         for entry in self.sessions():

@@ -143,7 +143,7 @@ class SessionSnapshot:
     motion
         Motion of the joints; None without fresh data.
     simulated, bus
-        Whether no real arm can move; name of the bus in messages.
+        Whether the arm is simulated; name of the bus in messages.
     unstopped_joints
         Joints whose drives report, `UNSTOPPED_S` after STOP, that they are still enabled.
     stop_tested, ticked
@@ -240,7 +240,7 @@ class SessionSnapshot:
 
     @property
     def chooses_by_plan(self) -> bool:
-        """Whether the next target is chosen by the plan of a planned capture and is not the next waypoint."""
+        """Whether a plan chooses the next target: in a planned capture while no task but AUTOMATIC is running."""
         by_hand = self.task is not None and self.task.kind is not TaskKind.AUTOMATIC
         return self.procedure.capture.strategy == "planned" and not by_hand
 

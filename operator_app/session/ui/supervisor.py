@@ -39,10 +39,10 @@ MIN_SAMPLES = 4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Motion:
-    """Motion of the joints over the last half second, for display only (the arm itself checks standstill).
+    """Motion of the joints, for display only (the arm itself checks standstill).
 
-    `speed_rad_per_s` (n,): slopes of straight lines fitted to the measured angles over time. `still`: whether the
-    spread of every joint is within the limit of the procedure's `SettleRule`. `held_s`: time at standstill so far.
+    `speed_rad_per_s` (n,): slopes of straight lines fitted to the measured angles of the last 0.5 s. `still`: whether
+    the spread of every joint is within the limit of the procedure's `SettleRule`. `held_s`: time at standstill so far.
     `needed_s`: time that settling and measuring a pose take. `worst_joint`: joint (1-based) with the largest ratio of
     spread to limit. `spread_share`: this ratio.
     """
@@ -67,7 +67,7 @@ class MotionMonitor:
         self._still_since_s: float | None = None
 
     def reset(self) -> None:
-        """Discard all samples, after a gap in the data."""
+        """Discard all samples; to be called after a gap in the data."""
         self._samples.clear()
         self._still_since_s = None
 
@@ -115,7 +115,7 @@ LATENESS_INTERVAL_S = 30.0
 
 
 class LatenessReporter:
-    """Makes the messages about new delays of one connection."""
+    """Returns messages about new delays of this computer (host latency) during one connection to the arm."""
 
     def __init__(self) -> None:
         self._reported = NO_LATENCY

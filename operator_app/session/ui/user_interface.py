@@ -69,7 +69,7 @@ class ShownAlarm:
 
 
 class UserInterface(Protocol):
-    """Interface to actions, implemented by the terminal app and by plain mode."""
+    """The methods of a user interface that actions call; implemented by the terminal app and by plain mode."""
 
     @property
     def runner(self) -> Runner:
@@ -178,7 +178,7 @@ class ActionContext:
     s: SessionSnapshot
 
     def submit(self, kind: TaskKind, work: Callable[[Operations], None], text: str = "") -> None:
-        """Submit a task to the runner without waiting for it; `text`: by default that of its kind."""
+        """Submit a task to the runner without waiting for it; `text`: description, by default of `kind`."""
         self.runner.submit(kind, text or kind.value, lambda: work(self.runner.operations))
 
     def ask(self, question: Question, then: Callable[[ActionContext, str], None]) -> None:
@@ -204,7 +204,7 @@ def perform_action(
     *,
     tries: int = SNAPSHOTS_TRIED,
 ) -> None:
-    """Do an action, or show why its guard refuses it; with stale data, try up to `tries` snapshots."""
+    """Do `work` (default: the action's) or show why the guard refuses; with stale data, try up to `tries` snapshots."""
     s, runner = interface.snapshot(), interface.runner
     missing = action.guard(s)
     late = s.data is DataState.STALE and not action.guard(replace(s, data=DataState.FRESH))

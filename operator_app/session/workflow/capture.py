@@ -32,7 +32,7 @@ from solver.design.actions import Finished
 from solver.loops.placements import Placements
 
 CANDIDATES_PER_POSE = 4
-"""Number of candidate targets per new pose if only targets with a clear straight path can be used."""
+"""Factor by which more targets are generated if only targets with a clear straight path can be used."""
 
 
 def connect(session: Session, listener: Listener, *, measuring: bool = True) -> ArmIdentity:
@@ -84,8 +84,8 @@ def take_poses(
     if homing and (planned is None or not planned.continues_in_place):
         go_home_if_outside(session, listener)
     drift_check = _DriftCheck(session, listener, planned)
-    # If all poses are captured, later shifts do not affect the calibration; but after a sensor fault this check comes
-    # first in any case.
+    # Once all poses are captured, shifts no longer affect the calibration, and no drift check comes first except after
+    # a sensor fault.
     captured = len(session.state.poses_here)
     missing = (
         captured < session.procedure.capture.poses if planned is None else not planned.complete
@@ -168,8 +168,8 @@ class _DriftCheck:
     """Repeats captured poses to show shifts of joints and fixture, independently of the model.
 
     In an explored capture (`planned` is None), the drives move straight, within the box; in a planned capture, along
-    paths of the plan. Every method raises GuardError if the arm of an explored capture is outside its box, or if a
-    joint or the fixture has shifted.
+    paths of the plan. Methods that move the arm raise GuardError if the arm of an explored capture is outside its
+    box, or if the repeated pose shows a shift (see `_repeat`).
     """
 
     session: Session

@@ -26,11 +26,11 @@ from solver.design.drive_joints import DriveTrial, RankedDrives
 
 WIGGLE_RAD = float(np.deg2rad(1.5))
 KEPT_CANDIDATES = 6
-"""Number of ranked sets recorded in the journal."""
+"""Number of sets of each ranking that are recorded in the journal."""
 
 
 def drives_of(session: Session, listener: Listener | None = None) -> tuple[int, ...]:
-    """Return the drive joints of the procedure or, if it lists none, those chosen earlier or now."""
+    """Return the procedure's drive joints; if it lists none, those chosen earlier; if there are none, choose now."""
     named = session.procedure.position_joints
     if named is not None:
         return named
@@ -105,7 +105,7 @@ def _facts(ranked: RankedDrives) -> dict[str, Any]:
 
 
 BOX_MARGIN_RAD = float(np.deg2rad(5.0))
-"""Tolerance at the edge of the box, since the loop may close at a pose slightly different from the arm file's home."""
+"""Tolerance at the edge of the box, since the loop may close at a pose slightly different from the procedure's home."""
 
 RESET_COUNTER_RAD = float(np.deg2rad(0.25))
 """Largest reading of a counter that was reset, including the motion of a joint when its drive is enabled."""
@@ -211,7 +211,7 @@ def waypoints_from(
 
 
 def verification_waypoints(session: Logbook, poses: int) -> tuple[Mapping[int, float], ...]:
-    """Return `poses` waypoints that differ from the waypoints of the session and of earlier verifications."""
+    """Return 3 * `poses` waypoints (some may be unreachable), unlike those of the session and earlier verifications."""
     seed = session.procedure.capture.seed + 1 + session.state.verifications
     return waypoints(drive_box(session), poses=poses, seed=seed)
 
@@ -246,7 +246,7 @@ def reach(
 
 
 def retrace(session: Session, stops: Sequence[Mapping[int, float]]) -> None:
-    """Go back to these angles (rad, by drive joint), the last first; raises GuardError if that fails."""
+    """Move to each of `stops` (rad, by drive joint), the last first; raises GuardError if one is not reached."""
     for stop in reversed(stops):
         if session.state.position_joints != tuple(stop):
             session.set_modes(tuple(stop))
@@ -274,7 +274,7 @@ def _last_reason(session: Session) -> str:
 
 
 def explore(session: Session, listener: Listener, after_pose: Callable[[], None]) -> None:
-    """Capture poses at waypoints, calling `after_pose` after each; raises GuardError if too few are reached."""
+    """Capture the missing poses at waypoints; call `after_pose` after each; raise GuardError if too few are reached."""
     plan, total = waypoints_of(session), session.procedure.capture.poses
     while (count := len(session.state.poses_here)) < total:
         waypoint = session.state.next_waypoint

@@ -32,13 +32,13 @@ class Exported:
 def export(
     session: Session, solution: Solution, *, upload_too: bool | None = None, forced: str = ""
 ) -> Exported:
-    """Write the session's files and, if `upload_too`, upload the parameters; if None, the procedure decides.
+    """Write the session's files and, if `upload_too` (None: if the procedure says so), upload the parameters.
 
-    A calibration that was not accepted needs a reason, `forced`, which is written to the journal and the file. Nothing
-    is exported, and an error is raised, without that reason (GuardError), if a joint's counter was reset before an
-    upload (ConnectAgainError), or if the journal was changed (JournalLostError). Raises JournalError if the journal
-    cannot be written; the message states what was uploaded. If the controller may hold all or part of the parameters,
-    records that and raises UploadUnknown or SessionError; a KeyboardInterrupt during the upload gets a note of it.
+    `forced`: reason for exporting a calibration that was not accepted; it is written to the journal and the file.
+    Exports nothing and raises GuardError if this reason is missing, ConnectAgainError if a joint's counter was reset
+    before an upload, and JournalLostError if the journal was changed. Raises JournalError if the journal cannot be
+    written; the message states what was uploaded. If the controller may have stored all or part of the parameters,
+    records that and raises UploadUnknown or SessionError; a KeyboardInterrupt during the upload gets a note on that.
     """
     forced = export_reason(solution, forced, stated_by="--force REASON")
     uploads = session.procedure.upload if upload_too is None else upload_too
@@ -122,7 +122,7 @@ def _record_export(session: Session, exported: Mapping[str, Any], *, report: str
 def _upload(
     arm: ArmInterface, document: bytes, expected_counts: tuple[int | None, ...]
 ) -> UploadReceipt:
-    """Upload a document, and compare the bytes and the home offsets (`expected_counts`) that are read back.
+    """Upload a document, read it and the home offsets back, and compare them with `document` and `expected_counts`.
 
     Raises SessionError if the document or a home offset that was read back differs from the uploaded one, and
     UploadUnknown if the document could not be read back.

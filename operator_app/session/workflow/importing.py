@@ -216,7 +216,7 @@ def _procedure(
 REPRODUCIBLE_EVENTS = frozenset(
     {"opened", "imported", "pose", "solved", "checked", "exported", "closed"}
 )
-"""A session with these events only can be made again from its poses."""
+"""A session that contains only such events can be made again from its poses."""
 
 
 def replace_session(

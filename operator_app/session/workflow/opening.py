@@ -44,7 +44,7 @@ LATER: frozenset[Kind] = frozenset({"profile"})
 """Kinds that are not in journals of earlier versions."""
 
 PLANNED_POSES = 12
-"""Number of poses of a planned capture if the procedure file describes an explored one."""
+"""Default maximum of poses in a planned capture if the procedure file describes an explored one."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,7 +85,7 @@ class Choices:
         return scenario(self.scenario or DEFAULT_SCENARIO, self.seed or 0)
 
     def bus(self, procedure: Procedure) -> BusSettings:
-        """Return the bus that one of these states first: choices, procedure, environment, can.conf, user settings."""
+        """Return the bus from the first that names one: choices, procedure, environment, can.conf, user settings."""
         from hardware.buses.python_can import bus_settings
         from operator_app.config.user_settings import usual_bus
 
@@ -116,7 +116,7 @@ class Opening:
 
     @property
     def effective_procedure(self) -> Procedure:
-        """The procedure; a scenario, if there is one, determines the sensors of the arm."""
+        """The procedure; on a virtual bus or with a chosen scenario, the scenario determines the sensors of its arm."""
         procedure, choices = self.procedure, self.choices
         if self.state.imported:
             return procedure
@@ -132,7 +132,7 @@ class Rig:
     """An arm ready to be connected, and the completed opening.
 
     `opening`: the opening with choices completed from the arm, the environment and defaults, as the journal records
-    them. `simulated`: whether no real arm can move. `instrument` measures the tool of an open arm; otherwise None.
+    them. `simulated`: whether the arm is simulated. `instrument` measures the tool of an open arm; otherwise None.
     `truths`: true parameters of an arm simulated in this process; otherwise None. `recording_ended` returns why a
     recording of the bus ended early, "" if it did not; it may be called from any thread.
     """
@@ -155,7 +155,7 @@ class Rig:
 
 
 def open_session(rig: Rig, *, clock: Clock = utc_now) -> Session:
-    """Create or open the journal of `rig` and return a session with its arm; raises JournalError."""
+    """Create the journal, or open that of a resumed session; return a session with the arm. Raises JournalError."""
     from operator_app.session.workflow.session import Session
 
     opening, settings = rig.opening, asdict(rig.opening.choices)
@@ -191,7 +191,7 @@ def open_session(rig: Rig, *, clock: Clock = utc_now) -> Session:
 
 
 def remove_if_empty(session: Session) -> bool:
-    """Remove the folder of a session that never connected, with its new parents; return whether the folder is gone."""
+    """Remove the folder, and parents created for it, of a session that never connected; return whether it is gone."""
     journal = session.journal
     if journal.loss is not None:
         # The folder may belong to another program now.

@@ -35,7 +35,7 @@ from solver.design.campaign import Campaign
 from solver.design.stop_rule import WeakParameter
 
 SAME_BRANCH_RAD = float(np.deg2rad(6.0))
-"""A larger distance of a joint from its last position, once the drives are back, means another branch of the loop."""
+"""A joint farther than this from its last position, when the drives are back at theirs, means another loop branch."""
 
 
 class PlannedCapture:
@@ -101,7 +101,7 @@ class PlannedCapture:
         return self._ended is not None or (self.campaign is not None and not self._moved)
 
     def run(self, after_pose: Callable[[], None] = lambda: None) -> Finished:
-        """Carry out the campaign, with the joints from `ready` in position mode, and return its end.
+        """Carry out the campaign, with the joints from `ready` in position mode, and return how it ended.
 
         Calls `after_pose` after each pose, before the campaign may change its plan, while a path back is still known.
         Raises GuardError if, during exploration, the arm was moved out of its box or does not return to its last

@@ -187,7 +187,7 @@ class PoseReader:
             )
 
     def _largest_spread_text(self) -> str:
-        """Return text on the joint that exceeds its spread limit most; "" if no joint does so any longer."""
+        """Sample again; return text on the joint that exceeds its spread limit most, "" if none does so any longer."""
         limits = np.asarray(self._rule.spread_rad(self._logbook.model))
         try:
             rows = [self._arm.capture(2).mean_rad for _ in range(self._rule.window_syncs)]
@@ -203,7 +203,7 @@ class PoseReader:
     def read(self) -> Reading:
         """Wait for standstill and measure a pose; records nothing.
 
-        Raises GuardError if the arm does not settle, or if a joint's samples spread in each of `READINGS` readings.
+        Raises GuardError if the arm does not settle, or a joint's samples spread too much in all `READINGS` readings.
         """
         for _ in range(READINGS):
             if not self.settle():

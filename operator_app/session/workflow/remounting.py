@@ -34,7 +34,7 @@ def require_mounted(state: SessionState) -> None:
 
 
 def record_in(folder: Path, event: Literal["remounting", "remounted"], placement: int) -> None:
-    """Record an event of this placement in the journal of a closed session."""
+    """Record `event` for `placement` in the journal of a closed session."""
     with closing(Journal.resume(folder)) as journal:
         journal.append(event, {"placement": placement})
 

@@ -117,7 +117,7 @@ class Session(Logbook):
     def mounted(self) -> None:
         """Record the operator's confirmation that the fixture is mounted.
 
-        Does nothing if the placement already has poses.
+        Does nothing in the first placement, or if the placement already has used poses.
         """
         if self.state.unconfirmed_placement:
             self.record("remounted", {"placement": self.state.placement})
@@ -202,7 +202,7 @@ class Session(Logbook):
         self._readings_checked = True
 
     def require_counters_of_poses(self) -> None:
-        """Raise GuardError before an upload if the joints' counters may not be those that the poses were read with.
+        """Before an upload, raise GuardError if counters or sensors may have changed since the poses were captured.
 
         After a lost connection, the readings are compared with the poses, as before the drives are enabled.
         """
@@ -220,7 +220,7 @@ class Session(Logbook):
         *,
         speed_rad_per_s: float | None = None,
     ) -> MoveResult:
-        """Move joints in position mode to `targets_rad`; the range watch or the watch `also` may end the move.
+        """Move joints in position mode to `targets_rad`; the joint ranges or the function `also` may end the move.
 
         Raises GuardError if the number of joints in position mode differs from the degrees of freedom of the chain,
         and Cancelled if the operator ended the move.
@@ -277,7 +277,7 @@ class Session(Logbook):
     # -- end -------------------------------------------------------------------------------------
 
     def release_holding(self) -> None:
-        """Release the arm, which then holds its position; set `held` to whether the arm confirmed that it holds.
+        """Hold and release the arm; set `held` to whether it confirmed that no drive follows commands any longer.
 
         First records data that only the arm object has: why the arm was stopped, and the host latency.
         """

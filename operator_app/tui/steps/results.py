@@ -23,7 +23,7 @@ from operator_app.units import CLOSURE_LENGTH, Figure, names, plural
 from solver.diagnostics.rvdt import RvdtVerdict
 
 TABLES = ("causes", "dh", "hand", "accuracy", "budget", "halving", "closure")
-"""Tables shown in the panel after the plots, if the calibration has them."""
+"""Names of the tables shown in the panel after the plots, if the calibration has them."""
 
 
 VERDICT_GLYPHS = {
@@ -125,7 +125,7 @@ class ResultsPlot(Lines):
     """Whether the frame shows the title; without a frame the title is the first line."""
 
     def count_pages(self, s: SessionSnapshot) -> None:
-        """Update the number of pages: residuals, one page for each RVDT, warnings, one page for each table."""
+        """Update the number of pages: residuals, one per RVDT, warnings, corrections by joint, one per table."""
         facts = facts_on(s)
         if s.solution is not None and facts is not None:
             self.words_from = 1 + len(s.solution.rvdt)

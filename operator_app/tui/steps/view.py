@@ -15,7 +15,7 @@ from operator_app.tui.widgets.list_panel import ListPanel
 class StepView(Container):
     """Panels of one step.
 
-    `PANELS`: names of the panels, in one column or in a left and a right one. `VIEWS`: groups of panels that a
+    `PANELS`: panels by name, in one column or in a left and a right column. `VIEWS`: groups of panels that a
     small terminal shows together; `v` shows the next group. `MAIN`: name of the panel whose rows the arrow keys mark.
     """
 
@@ -50,7 +50,7 @@ class StepView(Container):
         self._apply_view()
 
     def next_view(self) -> None:
-        """Show the next view."""
+        """On a small terminal, show the next group of `VIEWS`."""
         if self.compact and self.VIEWS:
             self.view = (self.view + 1) % len(self.VIEWS)
             self._apply_view()

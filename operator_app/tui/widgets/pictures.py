@@ -24,7 +24,7 @@ SERIES_ROLES = {"a": "text", "b": "accent", "c": "warn", "d": "dim"}
 
 
 def plot(of: Picture, width: int, height: int, *, ascii_only: bool) -> list[Line]:
-    """Return a picture of `height` lines; empty if it does not fit."""
+    """Return the plot `of` as `height` lines of `width` cells; empty if it does not fit."""
     if width < LABEL + 10 or height < 6:
         return []
     x, y = of.x, of.y
@@ -89,11 +89,11 @@ def _below(x: Axis, width: int) -> str:
 
 SPARKS = "▁▂▃▄▅▆▇█"
 LARGEST_BAR_RATIO = 30.0
-"""Largest ratio of the highest bar to the lowest, limited so that one bad first value does not flatten the rest."""
+"""Largest ratio of values on the scale, limited so that one bad first value does not flatten the rest."""
 
 
 def sparkline(values: Sequence[float], width: int) -> Span:
-    """Return a row of bars for all values, the newest at the right, on a log scale from lowest to highest."""
+    """Return a row of up to `width` bars for values (evenly sampled if more), newest at the right, on a log scale."""
     last, cells = len(values) - 1, max(1, min(width, len(values)))
     sampled = [values[round(k * last / max(1, cells - 1))] for k in range(cells)]
     finite = [v for v in sampled if math.isfinite(v) and v > 0.0] or [1.0]
@@ -113,7 +113,7 @@ _VIEW = np.array(
         [np.cos(_TILT), -np.sin(_TILT) * np.sin(_TURN), np.sin(_TILT) * np.cos(_TURN)],
     ]
 )
-"""The screen's right and up directions (2, 3), as rows in the base frame, whose x axis points up."""
+"""Directions (2, 3) in the base frame, whose x axis points up: the screen's right, then the screen's up."""
 _AXIS_M = 0.16
 """Half the length of the drawn hinge axis."""
 VISIBLE_RAD = 0.015

@@ -241,7 +241,7 @@ def paper_test(
     finding = Finding(
         FindingKind.PAPER_OFF,
         names=(p.name,),
-        size=abs(float(paper.x[worst]) - implicit.value(p.name)),
+        size=abs(float(apart[worst])),
         unit=p.unit,
         figures={"sigmas": float(z[worst])},
         blocking=True,

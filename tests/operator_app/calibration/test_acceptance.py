@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fixtures.base import Tolerance
-from operator_app.calibration.acceptance import Verdict, causes_of, each_once
+from operator_app.calibration.acceptance import Verdict, causes_of, each_once, paper_test
 from operator_app.calibration.calibrate import calibrate
 from operator_app.messages.finding import Finding, FindingKind
 from operator_app.report.text import unidentifiable_text
@@ -111,6 +111,14 @@ def test_paper_estimate_is_refused_if_its_distance_test_fires():
     solution = solved(session(SEED), estimator="paper")
     test = next(t for t in solution.adjudication.tests if t.code == "PAPER_DISTANCE")
     assert (solution.verdict is Verdict.NOT_ACCEPTED) == test.fires
+
+
+def test_distance_of_the_paper_estimate_is_less_than_half_a_turn(sound):
+    implicit = sound.estimate
+    joint = [p.name for p in implicit.parameters].index("theta_off_3")
+    paper = replace(implicit, x=implicit.x + np.deg2rad(359.0) * np.eye(len(implicit.x))[joint])
+    _, (finding,) = paper_test(paper, implicit)
+    assert finding.size == pytest.approx(np.deg2rad(1.0))
 
 
 def test_gross_outlier_is_refused_though_variances_grow():

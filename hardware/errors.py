@@ -109,6 +109,10 @@ class ProfileRemedy(Enum):
     SEND_ZERO = (
         ", or have a bus profile send it as 0 with the commands, or write 0 (pdo_maps: configured)"
     )
+    WRITE_PDO = (
+        ", or have this program write the expected values at every connection (`sarcal probe --draft FILE --configure` "
+        "makes that profile)"
+    )
     DESCRIBE_PDO = ", or describe them in a bus profile (`sarcal probe --draft FILE` writes one)"
 
 
@@ -157,13 +161,13 @@ class MappingChanged(HardwareError):
 
 
 def _remedies(differences: Sequence[ObjectMismatch]) -> Iterator[str]:
-    described = [each for each in differences if each.remedy is ProfileRemedy.DESCRIBE_PDO]
-    for kind in (ProfileRemedy.NONE, ProfileRemedy.HEARTBEAT_PERIOD, ProfileRemedy.SEND_ZERO):
-        if objects := sorted({each.object for each in differences if each.remedy is kind}):
+    others = [each for each in differences if each.remedy is not ProfileRemedy.DESCRIBE_PDO]
+    for kind in ProfileRemedy:
+        if objects := sorted({each.object for each in others if each.remedy is kind}):
             expected = "in these drives as expected, with their maker's tool"
             yield f"Set {', '.join(objects)} {expected}{kind.value}"
-    if described:
-        commission = "The rest: commission" if len(described) < len(differences) else "Commission"
+    if len(others) < len(differences):
+        commission = "The rest: commission" if others else "Commission"
         yield f"{commission} them as expected{ProfileRemedy.DESCRIBE_PDO.value}"
 
 

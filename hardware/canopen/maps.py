@@ -115,7 +115,10 @@ def pdo_differences(
         transmission = read_number(access, node, communication, 2)
         if transmission not in kind.transmission_types:
             expected = f"transmission type {' or '.join(map(str, kind.transmission_types))}"
-            yield ObjectMismatch(node, communication, 2, expected, _number(transmission, "d"))
+            actual = _number(transmission, "d")
+            # A drive that lacks this PDO needs a profile without it.
+            remedy = ProfileRemedy.DESCRIBE_PDO if transmission is None else ProfileRemedy.WRITE_PDO
+            yield ObjectMismatch(node, communication, 2, expected, actual, remedy)
         if kind is TPDO:
             yield from _on_every_sync(access, node, communication)
         entries = read_map(access, node, mapping)
@@ -124,9 +127,11 @@ def pdo_differences(
             actual = "no such object" if entries is None else format_map(entries)
             yield ObjectMismatch(node, mapping, None, expected, actual)
     for kind, number, value in conflicting_pdos(access, node, profile, joint):
-        index, actual = kind.records(number)[0], f"{value & IDENTIFIER:03X}h"
-        expected = "an identifier that no other frame of this arm has"
-        yield ObjectMismatch(node, index, 1, expected, actual)
+        index, cob_id = kind.records(number)[0], f"{value & IDENTIFIER:03X}h"
+        expected = "another identifier, or the PDO switched off (bit 31)"
+        risk = "send it too" if kind is TPDO else "obey what is meant for another"
+        actual = f"{cob_id}, the identifier of another frame of this arm: this drive could {risk}"
+        yield ObjectMismatch(node, index, 1, expected, actual, ProfileRemedy.WRITE_PDO)
 
 
 def read_records(access: ObjectAccess, node: int, kind: PdoKind) -> Iterator[tuple[int, int]]:
@@ -163,10 +168,11 @@ def _on_every_sync(access: ObjectAccess, node: int, index: int) -> Iterator[Obje
     inhibit = inhibit_s(access, node, index)
     if inhibit >= MAX_INHIBIT_S:
         limit = f"an inhibit time below {1e3 * MAX_INHIBIT_S:g} ms"
-        yield ObjectMismatch(node, index, INHIBIT, limit, f"{1e3 * inhibit:g} ms")
+        actual = f"{1e3 * inhibit:g} ms"
+        yield ObjectMismatch(node, index, INHIBIT, limit, actual, ProfileRemedy.WRITE_PDO)
     if start := read_number(access, node, index, SYNC_START):
         expected = "SYNC start value 0 (with the next SYNC)"
-        yield ObjectMismatch(node, index, SYNC_START, expected, f"{start}")
+        yield ObjectMismatch(node, index, SYNC_START, expected, f"{start}", ProfileRemedy.WRITE_PDO)
 
 
 def inhibit_s(access: ObjectAccess, node: int, index: int) -> float:

@@ -84,10 +84,11 @@ RPDO, TPDO = 0x1400, 0x1800
 )
 def test_unused_pdo_with_conflicting_cob_id_is_refused(bus, record, number, cob_id):
     bus.objects[4, record + number - 1, 1] = u32(cob_id)
-    assert connection_refusal(bus).differences == (
-        f"node 4, {record + number - 1:04X}h sub 1: expected an identifier that no other frame "  # noqa: ISC004
-        f"of this arm has, found {cob_id:03X}h",
-    )
+    refusal = connection_refusal(bus)
+    (difference,) = refusal.differences
+    assert difference.startswith(f"node 4, {record + number - 1:04X}h sub 1: ")
+    assert f"found {cob_id:03X}h, " in difference
+    assert "probe --draft FILE --configure" in str(refusal)
 
 
 def test_pdo_record_after_gaps_is_checked(bus):

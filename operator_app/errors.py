@@ -46,7 +46,8 @@ class DrivesNotOffError(SessionError):
             return
         super().__init__(
             "the arm did not answer the hold command at its release: its state is not known",
-            "look before you go near; its drives hold by themselves when they miss the operator heartbeat",
+            "look before you go near: only drives that have power and monitor the heartbeat (1016h, 6007h) hold by "
+            "themselves",
         )
 
 

@@ -243,7 +243,7 @@ def alarms(
     if down:
         has = "has" if len(down) == 1 else "have"
         yield errors.BusError(
-            f"{_nodes(down).capitalize()} {has} left operation, as after a loss of power. Reconnect."
+            f"{_nodes(down).capitalize()} {has} left operation, as after a loss of power"
         )
     if nodes.restarted:
         restarted = tuple(sorted(nodes.restarted))
@@ -287,6 +287,4 @@ def _silence(
         ("no answer to SYNC from", unanswered),
     )
     if silence := " and ".join(f"{what} {_nodes(numbers)}" for what, numbers in silent if numbers):
-        yield errors.BusError(
-            f"The arm has gone silent: {silence}. Check power and cable, then reconnect."
-        )
+        yield errors.BusError(f"The arm has gone silent: {silence}")

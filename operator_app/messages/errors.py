@@ -56,11 +56,11 @@ def _remedy(error: BaseException) -> str:
 
 
 REMEDIES: Mapping[type, str] = {
-    errors.BusError: "Without a heartbeat the drives hold by themselves. Check cable and interface, "
-    "then connect again",
+    errors.BusError: "Check power, cable and interface, then connect again. Drives that have power and monitor the "
+    "heartbeat (1016h, 6007h) hold by themselves",
     errors.EndlessAnswer: "Then connect again; if it happens again, have the node repaired by its maker",
-    errors.HostLatencyExceeded: "Without a heartbeat the drives hold by themselves. Close other programs on this "
-    "computer, then connect again",
+    errors.HostLatencyExceeded: "Close other programs on this computer, then connect again. Drives that monitor the "
+    "heartbeat (1016h, 6007h) hold by themselves",
     errors.NodeMissing: "Check that these nodes are powered and on the bus, then connect again",
     errors.NodeNotStarted: "Then connect again",
     errors.WrongArm: "Connect the arm that the arm file describes, or use the arm file of the connected arm",

@@ -31,8 +31,7 @@ STUCK = (
 @pytest.mark.parametrize(
     "error",
     [
-        BusError("The arm has gone silent"),
-        BusError("The arm has gone silent. Check power and cable, then reconnect."),
+        BusError("The arm has gone silent: no heartbeat from node 3"),
         NodeMissing((3, 5)),
         WrongArm("this is an arm of six joints"),
         ControlDenied(127),

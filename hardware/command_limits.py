@@ -72,7 +72,10 @@ def refuse_command(
     if not in_control:
         return f"joint {joint}: the program that sent this target does not control the arm"
     if drive is not DriveState.OPERATION_ENABLED:
-        return f"joint {joint}: the drive is in state {drive.value}"
+        return (
+            f"joint {joint} accepts no target: its drive is in state '{drive.value}', not "
+            f"'{DriveState.OPERATION_ENABLED.value}'"
+        )
     if mode is not JointMode.POSITION:
         known = "no known" if mode is None else mode.value
         return f"joint {joint}: the drive is in {known} mode"

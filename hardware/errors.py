@@ -268,8 +268,8 @@ class DriveDropout(DriveFault):
         text = (
             f"joint {joint}: its drive is enabled, but no longer follows its target{conditions}"
             if not_following
-            else f"joint {joint}: the drive is in state {state}{conditions}; it was enabled, and this program did not "
-            "disable it. It is not enabled again automatically"
+            else f"joint {joint}: the drive is in state '{state}'{conditions}; it was enabled, and this program did "
+            "not disable it. It is not enabled again automatically"
         )
         HardwareError.__init__(self, text)
 
@@ -375,7 +375,7 @@ class DriveNotReady(CommandRefused):
 
     def __init__(self, joint: int, state: str, *, failed: str = "", conditions: str = "") -> None:
         self.joint, self.state = joint, state
-        super().__init__(f"joint {joint}{failed}: the drive is in state {state}{conditions}")
+        super().__init__(f"joint {joint}{failed}: the drive is in state '{state}'{conditions}")
 
 
 class TargetRefused(CommandRefused):

@@ -240,7 +240,7 @@ class Connection:
         )
 
     def _fault(self, dropout: Dropout) -> Fault:
-        joint, text = dropout.joint, f"the drive is in state {dropout.state.value}"
+        joint, text = dropout.joint, f"the drive is in state '{dropout.state.value}'"
         if dropout.not_following:
             text = "the drive does not follow its target"
         node, at = self.profile.drives[joint - 1], dropout.sync_count

@@ -173,7 +173,9 @@ class StartUp:
                 return
         obeys = DriveState.OPERATION_ENABLED in enabled.values()
         if not takes_over and (obeys or (enabled and holder)):
-            named = [f"{profile.who(n)} is in state {state.value}" for n, state in enabled.items()]
+            named = [
+                f"{profile.who(n)} is in state '{state.value}'" for n, state in enabled.items()
+            ]
             raise errors.ArmInUse(named, timeout_s)
         self._link.found_powered = {profile.joint_of[n]: state for n, state in enabled.items()}
 

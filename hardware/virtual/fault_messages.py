@@ -115,7 +115,7 @@ FAULTS: Mapping[str, FaultDescription] = {
             "does not come to rest",
             "target refused",
             "overspeed",
-            "the drive is in",
+            "drive is in",
         ),
         arm=ArmReaction.LATE,
     ),
@@ -134,7 +134,7 @@ FAULTS: Mapping[str, FaultDescription] = {
             "range",
             "does not come to rest",
             "in control",
-            "the drive is in",
+            "drive is in",
             "STOP is latched",
             "the supervisor reports",
         ),
@@ -148,7 +148,7 @@ FAULTS: Mapping[str, FaultDescription] = {
     "bus-off": FaultDescription(
         "the bus fails for 3 s (bus-off, or a plug pulled and put back)",
         f"{_CABLE} The drives hold until then; `sarcal reset` clears their 8130h.",
-        texts=(*_BAD_FRAMES, "operator's heartbeat lost", "the drive is in"),
+        texts=(*_BAD_FRAMES, "operator's heartbeat lost", "drive is in"),
         arm=ArmReaction.HOLDS,
     ),
     "silent-node": FaultDescription(
@@ -261,14 +261,14 @@ FAULTS: Mapping[str, FaultDescription] = {
     "broken-sensor": FaultDescription(
         "a drive detects that its sensor has failed (7305h)",
         "Repair the sensor, reset (R, or `sarcal reset`), then go on.",
-        texts=("angle sensor failed", "the drive is in"),
+        texts=("angle sensor failed", "drive is in"),
         arm=ArmReaction.TRIPS,
         always_reported=True,
     ),
     "collision": FaultDescription(
         "a joint trips for excess torque (8311h)",
         "The arm holds. Remove the obstacle, reset (R, or `sarcal reset`), then go on.",
-        texts=("excess torque", "the drive is in"),
+        texts=("excess torque", "drive is in"),
         arm=ArmReaction.TRIPS,
         always_reported=True,
     ),
@@ -277,7 +277,7 @@ FAULTS: Mapping[str, FaultDescription] = {
         "Check that joint's valve; reset (R, or `sarcal reset`), then go on.",
         texts=(
             "excess torque",
-            "the drive is in",
+            "drive is in",
             "poses could be reached",
             "does not come to rest",
         ),
@@ -292,7 +292,7 @@ FAULTS: Mapping[str, FaultDescription] = {
             "excess torque",
             "poses could be reached",
             "does not come to rest",
-            "the drive is in",
+            "drive is in",
             "after it was stopped",
         ),
         arm=ArmReaction.STOPPED,
@@ -306,7 +306,7 @@ FAULTS: Mapping[str, FaultDescription] = {
     "bound-hinge": FaultDescription(
         "the hinge is blocked",
         "Clean and grease the hinge; reset (R, or `sarcal reset`), then go on.",
-        texts=("excess torque", "following error", "the drive is in"),
+        texts=("excess torque", "following error", "drive is in"),
         arm=ArmReaction.TRIPS,
     ),
     "stray": FaultDescription(
@@ -317,7 +317,7 @@ FAULTS: Mapping[str, FaultDescription] = {
             "after it was stopped",
             "excess torque",
             "does not come to rest",
-            "the drive is in",
+            "drive is in",
         ),
         arm=ArmReaction.STOPPED,
         always_reported=True,
@@ -327,7 +327,7 @@ FAULTS: Mapping[str, FaultDescription] = {
         "a drive loses its enable for a moment: it switches off, and sends no emergency",
         "Find out who switched it off, and why: it is not enabled again automatically. Reset (R, or "
         "`sarcal reset`) when it is safe, then go on.",
-        texts=("the drive is in",),
+        texts=("drive is in",),
     ),
     "deaf-drive": FaultDescription(
         "a drive in position mode does not move, and reports that it does not follow (6041h, bit 12)",
@@ -353,7 +353,7 @@ FAULTS: Mapping[str, FaultDescription] = {
     "external-stop": FaultDescription(
         "the external stop is pressed (5441h)",
         "Release it when it is safe, reset (R, or `sarcal reset`), then go on.",
-        texts=("external stop", "the drive is in"),
+        texts=("external stop", "drive is in"),
         arm=ArmReaction.BLOCKS,
         always_reported=True,
     ),

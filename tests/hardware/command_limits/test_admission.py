@@ -137,7 +137,7 @@ def test_position_mode_is_not_entered_at_an_old_position(before, approve):
 
 
 def test_not_enabled_reports_the_first_drive_not_enabled():
-    assert "joint 2: the drive is in state fault" in str(not_enabled(sample((ENABLED, FAULTY))))
+    assert "joint 2: the drive is in state 'fault'" in str(not_enabled(sample((ENABLED, FAULTY))))
 
 
 @pytest.mark.parametrize(

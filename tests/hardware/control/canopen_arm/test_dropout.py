@@ -39,7 +39,7 @@ def test_dropout_ends_operation_and_drive_stays_disabled(driven, bus, operation,
     drop(bus, joint)
     since = len(bus.sent)
     with pytest.raises(
-        DriveDropout, match=rf"joint {joint}: the drive is in state switched on"
+        DriveDropout, match=rf"joint {joint}: the drive is in state 'switched on'"
     ) as dropout:
         operation(driven)
     assert dropout.value.joint == joint
@@ -114,7 +114,7 @@ def test_dropout_is_detected_while_idle(live, bus):
     wait_for(lambda: bus.drives[3].status == OFF)
     wait_for(lambda: {d.status for j, d in bus.drives.items() if j != 3} == {STOPPED})
     (fault,) = live.snapshot().faults
-    assert (fault.joint, fault.node, fault.text) == (3, 3, "the drive is in state switched on")
+    assert (fault.joint, fault.node, fault.text) == (3, 3, "the drive is in state 'switched on'")
     with pytest.raises(DriveDropout, match="joint 3"):
         live.capture(1)
     assert live.close()

@@ -107,7 +107,7 @@ def test_enabled_drives_raise_arm_in_use_with_remedy(bus):
     error = refused(bus, ArmInUse)
     assert error.listened_s == pytest.approx(0.6)
     for part in (
-        "joint 2 (node 2) is in state operation enabled, joint 5 (node 5) is in state quick stop active",
+        "joint 2 (node 2) is in state 'operation enabled', joint 5 (node 5) is in state 'quick stop active'",
         "sarcal monitor",
         "sarcal reset",
         "Nothing was reset",
@@ -164,14 +164,14 @@ def test_take_over_resets_enabled_drives_once(arm, bus):
 
 def test_stopped_drives_with_token_held_are_in_use(bus):
     bus.drives[5].status, bus.token = QUICK_STOP, 127
-    refused(bus, ArmInUse, r"joint 5 \(node 5\) is in state quick stop active")
+    refused(bus, ArmInUse, r"joint 5 \(node 5\) is in state 'quick stop active'")
 
 
 @pytest.mark.parametrize("read", [1, 3])
 def test_lost_statusword_response_keeps_last_state(bus, read):
     bus.drives[2].status = ENABLED
     bus.drops = FrameLoss(0x582, b"\x4b" + STATUSWORD, skip=read - 1)
-    refused(bus, ArmInUse, r"joint 2 \(node 2\) is in state operation enabled")
+    refused(bus, ArmInUse, r"joint 2 \(node 2\) is in state 'operation enabled'")
     assert bus.drops.lost == 1
 
 

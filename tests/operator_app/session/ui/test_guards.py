@@ -68,7 +68,7 @@ def slipped(s):
 
 
 def switched_off(s):
-    fault = Fault(node=3, joint=3, code=0, text="the drive is in state switched on", sync_count=9)
+    fault = Fault(node=3, joint=3, code=0, text="the drive is in state 'switched on'", sync_count=9)
     return replace(s, arm=replace(s.arm, faults=(fault,)))
 
 

@@ -229,7 +229,8 @@ def _arrive(link: Connection) -> Steps[str]:
     at = away[0] - 1
     error_counts = loop.sample.counts[at] - commands[at].target_counts
     error_deg = math.degrees(error_counts / link.scales[at].counts_per_rad)
-    return f"joint {at + 1} is {error_deg:+.1f} deg from its target"
+    side = "below" if error_deg < 0.0 else "above"
+    return f"joint {at + 1} is {abs(error_deg):.1f} deg {side} its target"
 
 
 def incomplete_samples(sample: Sample) -> errors.BusError:

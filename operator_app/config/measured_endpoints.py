@@ -192,9 +192,13 @@ def read_json_line(text: str) -> EndpointLine:
     try:
         value = json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise BadLine(f"is not JSON ({error}): write one object per line") from error
+        shown = f"is not JSON, but {text.strip()[:40]!r}"
+        raise BadLine(f"{shown}: let the instrument send one JSON object per line") from error
     if not isinstance(value, dict):
-        raise BadLine("is not a JSON object: write one per line, with x_m, y_m and z_m")
+        raise BadLine(
+            f"is not a JSON object, but {text.strip()[:40]!r}: let the instrument send one object per line, with "
+            "x_m, y_m and z_m"
+        )
     return _line_of(value)
 
 
@@ -273,7 +277,7 @@ def _number(name: str, value: Any) -> float:
     try:
         value_read = number(str(value))
     except BadCell as error:
-        raise BadLine(f"has {name}: {error.text}") from error
+        raise BadLine(f"has an invalid {name}: {error.text}") from error
     check = length_doubt if name in POSITION_COLUMNS else angle_doubt
     if name not in QUATERNION and (doubt := check(value_read)):
         raise BadLine(f"has {name} {value_read:g}: {doubt}")

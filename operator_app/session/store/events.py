@@ -33,7 +33,9 @@ def event_problem(event: JournalEvent, joints: int | None, captured: int = 0) ->
         return "utc", f"{_quoted(event.utc)} is not a time such as 2026-01-31T12:00:00.000Z"
     key, problem = _first_problem(EVENTS.get(event.name, {}), event.data, joints)
     if not problem and event.name == "pose" and event.data["number"] <= captured:
-        return "number", f"pose {event.data['number']} is recorded after pose {captured}"
+        number = event.data["number"]
+        when = "twice" if number == captured else f"after pose {captured}"
+        return "number", f"pose {number} is recorded {when}"
     return key, problem
 
 

@@ -18,7 +18,7 @@ from operator_app.session.ui.snapshot import (
 )
 from operator_app.session.ui.steps import Step
 from operator_app.session.workflow.remounting import mounting_problem
-from operator_app.units import DATA_AGE, SILENCE, plural
+from operator_app.units import DATA_AGE, SILENCE, joints_named, plural
 from solver.loops.closure import poses_needed
 
 Guard = Callable[[SessionSnapshot], str]
@@ -239,7 +239,8 @@ def may_calibrate(s: SessionSnapshot) -> str:
     if missing := idle(s) or calibrate_ready(s):
         return missing
     if s.estimator == "paper" and s.unsensed_joints:
-        return "the paper's estimator needs every joint sensed: choose implicit"
+        unsensed = f"{joints_named(s.unsensed_joints)} {'is' if len(s.unsensed_joints) == 1 else 'are'} not"
+        return f"the paper's estimator needs every joint sensed, and {unsensed}: use the implicit estimator (e)"
     return ""
 
 

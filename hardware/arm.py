@@ -291,6 +291,6 @@ class PowerReporting(Protocol):
 
 @runtime_checkable
 class Recordable(Protocol):
-    """An arm that records its bus, from the next connection on, to the file `record_to`; None means no recording."""
+    """An arm that can record its bus. `record_to`: file for the next connection on, or None for no recording."""
 
     record_to: Path | None

@@ -84,7 +84,7 @@ SPEED_SYNCS = 5
 class CyclicView:
     """Latest sample for other threads; with the next sample, a new object replaces this one.
 
-    `earlier` is the sample at most `SPEED_SYNCS` SYNCs before, `late_at_s` the accumulated host latency when each joint
+    `earlier`: the sample at most `SPEED_SYNCS` SYNCs before. `late_at_s`: host latency accumulated until each joint
     answered, s.
     """
 

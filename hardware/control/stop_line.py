@@ -23,9 +23,9 @@ class _Press:
 
 
 class StopLatch:
-    """Latch of STOP, which outlives a connection. A reset releases only the press given to `release`.
+    """Latch of STOP, which outlives a connection. `release` ends only the press that it is given, not a later one.
 
-    The latch has no lock: `press` and `release` write one attribute each, so that no press is lost.
+    The latch has no lock: `press` and `release` write one attribute each, so a simultaneous press is not lost.
     """
 
     def __init__(self) -> None:
@@ -75,7 +75,7 @@ class StopLine:
         self._ways: tuple[Callable[[can.Message], None], ...] = (*own, spare.send_at_once)
 
     def send(self, last: Setpoints | None, counts: Sequence[int]) -> None:
-        """Send quick stop to every drive, with its target and mode in `last`.
+        """Send quick stop to every drive, repeating the target and mode that `last` has for it.
 
         If `last` is None, the target is the drive's position in `counts`. Raises `BusError` if a frame could not be
         sent; all other frames were sent.

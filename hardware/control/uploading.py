@@ -23,9 +23,9 @@ MAX_UPLOADS = 6
 def upload(link: Connection, document: bytes) -> UploadReceipt:
     """Write a document, stage it, read it back and commit it.
 
-    Steps are repeated after a missing answer or a lapse of control: nothing becomes active before the commit, and 2003h
-    and 2001h show whether a commit was carried out. After any error but `UploadUnknown`, the previous document
-    stays active.
+    Steps are repeated if an answer is missing or the control token has expired. That is safe: nothing becomes active
+    before the commit, and 2003h and 2001h show whether a commit was carried out. After any error but
+    `UploadUnknown`, the previous document stays active.
 
     Raises `UploadRefused` if the supervisor refused the document (its reason is given) or there is no supervisor,
     `ControlDenied` if the control token is not held, `BusError` if the supervisor does not answer, and `UploadUnknown`

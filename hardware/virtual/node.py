@@ -26,7 +26,7 @@ _NODE_BITS = 0x7F
 
 
 class ControllerNetwork:
-    """Sends the frames of a controller's nodes on an open bus, with the active faults."""
+    """Sends the frames of a controller's nodes on an open bus, and applies the active simulated faults to them."""
 
     def __init__(self, bus: can.BusABC, disturbances: Disturbances) -> None:
         self._bus, self._disturbances = bus, disturbances

@@ -154,8 +154,8 @@ RANGE_SAMPLES = 300
 class HandErrors:
     """Tool position before and after calibration at poses over the ranges of all joints.
 
-    `tip_m`: tool position by the calibrated arm, in the arm's base, (m, 3). `before_m` (m,): distance from
-    `tip_m` to the tool position by the arm file. `after_m` (m,): one standard deviation of the remaining error.
+    `tip_m`: tool position from the calibrated parameters, in the arm's base, (m, 3). `before_m` (m,): distance from
+    `tip_m` to the tool position from the arm file. `after_m` (m,): one standard deviation of the remaining error.
     """
 
     tip_m: FloatArray

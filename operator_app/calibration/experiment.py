@@ -167,11 +167,11 @@ def _without_unidentifiable(
 
 
 def on_main_branch(model: ClosureModel, q: FloatArray) -> tuple[BoolArray, Estimate | None]:
-    """Separate poses (m, n), rad, on the hinge's main branch, which has most poses, from those on the other branch.
+    """Find the poses (m, n), rad, on the hinge's main branch, the one that has most poses.
 
     They are first separated at the nominal parameters, since even inaccurate values show whether a tool is upside down;
     a fit to both branches would lie between the branches. Returns a mask (m,) of the poses on the main branch, and the
-    paper's estimate from them as if all joints were sensed; None if there is no such estimate.
+    paper's estimate from these poses, with all joints taken as sensed; None if there is none.
     """
     everything = np.ones(len(q), dtype=np.bool_), None
     # Even the readings of unsensed joints are used: with errors of a degree they still distinguish the branches.

@@ -60,7 +60,7 @@ SMALLEST_MM = 5.0
 
 
 class Placement(StrictModel):
-    """Base of nominal placements."""
+    """Base class of nominal placements of a fixture."""
 
     @model_validator(mode="after")
     def _in_millimetres(self) -> Self:

@@ -236,7 +236,7 @@ def format_profile(profile: bus_profile.BusProfile, *, comment: str) -> bytes:
 
 
 def _written(pdos: Sequence[bus_profile.Pdo], node: int | None) -> list[dict[str, Any]]:
-    """Return PDOs as in the file, with identifiers relative to `node`, or absolute if `node` is None."""
+    """Return PDOs in the form of the profile file, identifiers relative to `node`, or absolute if it is None."""
     return [
         {
             "pdo": pdo.number,

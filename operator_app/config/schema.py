@@ -178,7 +178,7 @@ def _problems(
 def _without_alternatives(
     document: YamlDocument, placed: list[tuple[Path, ErrorDetails]]
 ) -> list[tuple[Path, ErrorDetails]]:
-    """Keep the problems of one alternative if a value may be a keyword or of another type, but is neither.
+    """Where a keyword or another type is allowed and a value is neither, keep the problems of one alternative.
 
     Pydantic lists the problems of both alternatives. The problem with the keyword is kept if the value resembles an
     allowed keyword, or is text where no number is allowed; otherwise, the problems with the type are kept.

@@ -66,7 +66,7 @@ def assess_feasibility(
     position_joints: tuple[int, ...] | None = None,
     unsensed_joints: tuple[int, ...] = (),
 ) -> Feasibility:
-    """Predict whether `arm` can be calibrated in `fixture`; `position_joints`: the procedure's drive joints."""
+    """Predict whether `arm` can be calibrated in `fixture`; `position_joints`: drive joints; None: to be chosen."""
     unsensed = tuple(sorted({*unsensed_joints, *arm.unsensed_joints}))
     model = without_hidden(arm, fixture, fixture.model(arm, unsensed_joints=unsensed))
     parameters, checks = model.parameters, setup_checks(fixture, arm, arm.home_rad)

@@ -28,7 +28,7 @@ SIGMA_POS_M, SIGMA_ORI_RAD, PUBLISHED_CONDITION = 2.7e-3, 6.6e-3, 28.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Share:
-    """Closure error caused by one source of error, or by all: rms of eqs. 14 and 15 in m and rad."""
+    """Closure error caused by one source of error, or by all sources together: rms of eqs. 14 and 15, m and rad."""
 
     source: str
     position_m: float

@@ -126,7 +126,7 @@ class ArmModel:
         return np.array([joint.sensor.linearity_rad for joint in self.joints])
 
     def gain_rad(self) -> FloatArray:
-        """Rms deviation over full scale caused by a gain error of one sigma of each RVDT, (n,); 0 for other sensors."""
+        """Rms deviation within full scale from a gain error of one sigma, (n,), rad; 0 for sensors other than RVDTs."""
         return np.array([joint.sensor.gain_rad for joint in self.joints])
 
     @property

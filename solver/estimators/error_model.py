@@ -45,15 +45,15 @@ class AnalogueReading:
 class ErrorModel:
     """Error model of m readings of n joints.
 
-    `joint_variance`: (m, n), rad^2: variance of each mean reading from resolution and stated noise. For joints in
-    `analogue` (sensors whose noise is estimated), only the part that is not estimated with the noise of the sensor.
+    `joint_variance`: (m, n), rad^2: variance of each mean reading from resolution and stated noise. Joints in
+    `analogue` have sensors whose noise is estimated; for these it is the remaining known variance only.
     `endpoint_variance`: (6,), rad^2 then m^2: variance of an instrument that measures the end point.
     `accuracy_rad`, `backlash_rad`, `sag_rad`: (n,): standard deviations of each joint's encoder errors (of period one
     and half a turn), play, and twist under load.
     `give_rad`, `give_m`: standard deviation of the fixture's deflection along each closure component; None without a
     fixture.
-    `tolerance`, `prior`: standard deviations (rad, m), by name, of the maker's table entries that are corrected within
-    this tolerance, and of the identified parameters whose uncertainty a file states.
+    `tolerance`: standard deviation (rad, m), by name, of each of the maker's table entries that is corrected within it.
+    `prior`: standard deviation, by name, of each identified parameter whose uncertainty a file states.
     `distances`: measured distances between points of the loop.
     `discrepancy`: whether a smooth misfit without a stated source is estimated.
     `loads`: effects of gravity if masses are stated; None: sag and compliance are smooth functions of the pose.

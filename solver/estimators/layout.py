@@ -349,7 +349,7 @@ class Layout:
         )
 
     def _lay_out_deflection(self) -> None:
-        """Add the part of the fixture's deflection that repeats at the same pose or under the same load."""
+        """Add columns of the fixture's deflection that repeats at the same pose or under the same load."""
         # The basis has a variance of 2: a constant and a linear part in addition to its scales.
         self.free_deflection = 1.0 if self.loaded is None else 0.5 * UNMODELLED_SHARE
         discrepancies: tuple[tuple[int, float], ...] = ()

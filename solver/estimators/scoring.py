@@ -292,7 +292,7 @@ class VarianceSearch:
     ) -> FloatArray:
         """Variances (K,) for the next iteration; `newton_step` is Newton's step from the variances of `fit`.
 
-        `far`: whether the next linearisation will be so different that slopes cannot be compared.
+        `far`: whether the next linearisation is so far away that the likelihood's slopes cannot be compared.
         """
         size, last_size = newton_step.largest, self._last_size
         self.slope_left, self._last_size = newton_step.slope, size

@@ -215,7 +215,7 @@ class JointShapes:
         return self._last[1]
 
     def shift(self, b: FloatArray, angle: FloatArray, poses: slice) -> FloatArray:
-        """Joint corrections (m, n), rad, for coefficients b (c,) of the columns; other arguments as in `at`."""
+        """Joint corrections (m, n), rad: the columns times their coefficients b (c,); other arguments as in `at`."""
         return np.asarray(self.at(angle, poses) @ (self._along * b[:, None]))
 
     def _constant_shapes(self, poses: slice) -> FloatArray:

@@ -102,7 +102,7 @@ class DhLoop(ArmLoop):
     def fixture_axes(
         self, x: FloatArray, q: FloatArray, u: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Axes (m, 3, 3) of table and of tool in frame -1, which is fixed to the tool; the table turns by theta_0."""
+        """Axes (m, 3, 3) of table and tool in frame -1. The tool is fixed in it, and the table turns by theta_0."""
         table, hand = ClosureModel.fixture_axes(self, x, q, u)
         if self.hinge:
             table = rotation_about_z(u[..., 0])

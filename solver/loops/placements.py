@@ -124,7 +124,7 @@ class Placements(ClosureModel):
     def _gathered(
         self, errors: Sequence[LoopError | ReducedError], **trailing: int
     ) -> dict[str, Any]:
-        """Join arrays of the placements' errors; `trailing`: number of axes after the poses, by field."""
+        """Concatenate the placements' errors, field by field; `trailing`: array dimensions after that of the poses."""
         arrays = {name: [getattr(e, name) for e in errors] for name in trailing}
         if arrays["jac_x"][0].shape[-1]:
             # From each placement's parameters to all parameters.

@@ -91,7 +91,7 @@ def _entries_of(names: Sequence[str]) -> list[DhEntry]:
 
 
 def every_entry(links: int, hayati: Sequence[int] = ()) -> list[DhEntry]:
-    """Entries of links 1..n that a table can have: the offset, s or Hayati's beta (rows `hayati`), a and alpha."""
+    """Entries that a table of links 1..n can have: offset, s (in rows `hayati` beta instead), a and alpha."""
     return [
         DhEntry(kind, row)
         for row in range(1, links + 1)

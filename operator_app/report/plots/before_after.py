@@ -93,7 +93,7 @@ class _Seen:
 
 
 def arm_pair(subject: Subject) -> Pair | None:
-    """Draw the arm before and after, in the pose with the largest nominal closure error; None if it cannot be drawn."""
+    """Draw the arm before and after calibration, in the pose of largest nominal closure error; None if impossible."""
     solution = subject.solution
     if solution is None or solution.model.unsensed_joints:
         return None

@@ -159,7 +159,7 @@ class _Plane:
         self._low, self._size = low - room, high - low + 2.0 * room
 
     def region(self) -> None:
-        """Set one dot in every cell that contains a reachable pose."""
+        """Draw the reachable region: one dot in every character cell that contains a reachable pose."""
         for q in self._shown.plan.manifold.q[self._shown.plan.allowed]:
             x, y = self._at(q)
             self._canvas.dot(2 * (int(x) // 2), 4 * (int(y) // 4) + 1, "dim")

@@ -181,7 +181,7 @@ class CalibrationOperations(Listener):
             self._compare()
 
     def _compare(self) -> None:
-        """Publish the new parameters beside those active in the controller, if there are any."""
+        """Show the new parameters, beside the controller's active ones if it has any."""
         session, solution = self._session, self._current_solution()
         document = self._active_document()
         active = parse_parameters(document, "active parameters") if document else None

@@ -217,7 +217,7 @@ def moves_real_arm(s: SessionSnapshot) -> bool:
 
 
 def may_remount(s: SessionSnapshot) -> str:
-    """Remounting needs a fixture, an explored capture, and all poses of the current placement."""
+    """Remounting needs a fixture, a capture that is not planned, and all poses of the current placement."""
     if missing := idle(s):
         return missing
     if problem := mounting_problem(s.procedure, s.state.placement + 1):

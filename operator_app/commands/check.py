@@ -103,7 +103,9 @@ def _chain(
         arm=arm,
         fixture=spec,
         feasibility=prospect,
-        home=closing_home(arm, spec.fixture, prospect),
+        home=closing_home(
+            arm, spec.fixture, prospect, position_joints=drives, unsensed_joints=unsensed
+        ),
         procedure="" if procedure is None else procedure.name,
         held={} if procedure is None else procedure.held,
         poses=tuple(identified),

@@ -55,11 +55,16 @@ def bent_home(arm: ArmModel) -> FloatArray | None:
 
 
 def closing_home(
-    arm: ArmModel, fixture: EndpointConstraint, from_home: Feasibility
+    arm: ArmModel,
+    fixture: EndpointConstraint,
+    from_home: Feasibility,
+    *,
+    position_joints: tuple[int, ...] | None = None,
+    unsensed_joints: tuple[int, ...] = (),
 ) -> tuple[FloatArray, Feasibility] | None:
     """Return a home pose (n,), rad, within a degree of a closed pose near the arm's home, and its `Feasibility`.
 
-    `from_home`: feasibility at the home in the arm file. Returns None if this home is good enough, if the arm is open,
+    `from_home`: feasibility at the home in the arm file, with the same joints. Returns None if this home is good enough, if the arm is open,
     or if no pose is found.
     """
     distance_rad = from_home.home_to_closed_rad
@@ -73,7 +78,9 @@ def closing_home(
     x = nominal_vector(model.parameters)
     for q in _closed(arm, model, x):
         arm_there = replace(arm, home_rad=frozen(_whole_degrees(q)))
-        prospect = assess_feasibility(arm_there, fixture)
+        prospect = assess_feasibility(
+            arm_there, fixture, position_joints=position_joints, unsensed_joints=unsensed_joints
+        )
         identified = prospect.identifiability
         if prospect.refused or prospect.home_to_closed_rad is None:
             continue

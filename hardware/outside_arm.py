@@ -103,6 +103,8 @@ class OutsideArm:
 
     def set_modes(self, modes: Sequence[JointMode]) -> None:
         """Set one mode per joint and check that the arm reports these modes; if it does not, hold all joints."""
+        if len(modes) != len(self._limits):
+            raise ValueError(f"{len(self._limits)} joints need one mode each, not {len(modes)}")
         self._require_no_stop()
         if not self._in_control:
             raise errors.CommandRefused("the drives are not under control: take control first")

@@ -74,6 +74,8 @@ class CanopenArm(ConnectableArm):
         report that it follows its target. If a drive does not report the mode, all joints are first put into position
         mode, because with too few joints in position mode the arm would sag.
         """
+        if len(modes) != self.joints:
+            raise ValueError(f"{self.joints} joints need one mode each, not {len(modes)}")
         try:
             self._set_modes(modes)
         except errors.ModeNotReached:

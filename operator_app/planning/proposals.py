@@ -64,8 +64,8 @@ def closing_home(
 ) -> tuple[FloatArray, Feasibility] | None:
     """Return a home pose (n,), rad, within a degree of a closed pose near the arm's home, and its `Feasibility`.
 
-    `from_home`: feasibility at the home in the arm file, with the same joints. Returns None if this home is good enough, if the arm is open,
-    or if no pose is found.
+    `from_home`: feasibility at the home in the arm file, with the same joints. Returns None if this home is good
+    enough, if the arm is open, or if no pose is found.
     """
     distance_rad = from_home.home_to_closed_rad
     if not fixture.holds_hand or (

@@ -79,7 +79,8 @@ class ResidualSigma:
     @classmethod
     def of(cls, rows: FloatArray) -> ResidualSigma:
         """Return the standard deviation of residuals (m, k); 0 if there are none."""
-        total, count = float(np.sum(rows**2)), max(rows.size, 1)
+        # In one order of memory, so that a residual read from a journal has the same sum to the last digit.
+        total, count = float(np.sum(np.square(rows, order="C"))), max(rows.size, 1)
         return cls(rms=math.sqrt(total / count), as_printed=math.sqrt(total) / count)
 
 

@@ -32,8 +32,8 @@ _NO_REASON_AGAINST_UPLOAD: Final = (
     errors.TargetRefused,
     errors.ControlDenied,
 )
-"""Alarms that do not prevent an upload, because they leave the joints' counters unchanged. If another node has control,
-the upload itself raises an error."""
+"""Alarms that do not prevent an upload, because they leave the joints' counters unchanged, unless a drive's sensor has
+failed. If another node has control, the upload itself raises an error."""
 
 
 class CanopenArm(ConnectableArm):
@@ -71,8 +71,8 @@ class CanopenArm(ConnectableArm):
         """Set one mode per joint; return when 6061h of every drive confirms it.
 
         Raises `ModeNotReached` for the first joint whose drive does not report the mode or, in position mode, does not
-        report that it follows its target. If a drive does not report the mode, all joints are first put into position
-        mode, because with too few joints in position mode the arm would sag.
+        report that it follows its target. If a drive does not report the mode, all joints are put into position mode
+        before the error is raised: with too few joints in position mode, the arm would sag.
         """
         if len(modes) != self.joints:
             raise ValueError(f"{self.joints} joints need one mode each, not {len(modes)}")
@@ -170,11 +170,14 @@ class CanopenArm(ConnectableArm):
         """Stage, read back and commit a document, and read the home offsets back.
 
         The drives may be off, stopped or in fault; control is taken if no other node has it. If an alarm makes the home
-        offsets doubtful, such as a drive that has restarted or has lost counts, it is raised before anything is sent.
-        Otherwise raises the errors of `hardware.control.uploading.upload`.
+        offsets doubtful, such as a drive that has restarted or has lost counts, or whose sensor has failed (7305h), it
+        is raised before anything is sent. Otherwise raises the errors of `hardware.control.uploading.upload`.
         """
         link = self._link
         link.loop.run(motion_steps.check_alarms(link.loop), despite=_NO_REASON_AGAINST_UPLOAD)
+        for fault in link.loop.nodes.faults:
+            if fault.joint is not None and fault.code == objects.EmergencyCode.SENSOR:
+                raise errors.DriveFault(fault.joint, fault.code, fault.text, tripped=False)
         if not link.in_control:
             if link.token or link.other_operator():
                 raise errors.CommandRefused(

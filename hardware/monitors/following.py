@@ -198,7 +198,7 @@ class Dropout:
     @property
     def state(self) -> DriveState:
         """The drive's state."""
-        return cia402.state_of(self.status)
+        return state_of(self.status)
 
     @property
     def not_following(self) -> bool:
@@ -226,7 +226,7 @@ class _EnabledJoint:
             self.enabled_syncs = self.disabled_syncs = 0
             self.following_syncs = self.not_following_syncs = 0
             return False
-        if cia402.state_of(status) is not DriveState.OPERATION_ENABLED:
+        if state_of(status) is not DriveState.OPERATION_ENABLED:
             self.following_syncs = self.not_following_syncs = 0
             self.disabled_syncs += self.enabled_syncs > 0
             was_enabled = self.enabled_syncs >= CONFIRMED_SYNCS
@@ -234,9 +234,9 @@ class _EnabledJoint:
         self.enabled_syncs, self.disabled_syncs = self.enabled_syncs + 1, 0
         if command.mode != CYCLIC_POSITION:
             self.following_syncs = self.not_following_syncs = 0
-        elif status & cia402.StatusBit.FOLLOWING_ERROR:
+        elif status & StatusBit.FOLLOWING_ERROR:
             self.not_following_syncs += 1
-        elif status & cia402.StatusBit.FOLLOWS_COMMAND:
+        elif status & StatusBit.FOLLOWS_COMMAND:
             self.following_syncs, self.not_following_syncs = self.following_syncs + 1, 0
         elif self.following_syncs < CONFIRMED_SYNCS:
             self.not_following_syncs = 0

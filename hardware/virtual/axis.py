@@ -172,7 +172,8 @@ class AxisSettings:
                 per_turn = Fraction(360 * _MILLIONTHS * 2**rvdt.bits, self.full_scale_microdeg)
             case NoSensor():
                 raise ValueError(f"joint {joint.name!r} has no sensor for a drive to report")
-        """2100h, and the ends of an RVDT's converter, at which the sensor counts as failed; infinite for an encoder."""
+        """`sensor_kind`, `converter_bits`, `full_scale_microdeg`: 2100h. `lowest_counts`, `highest_counts`: ends of an
+        RVDT's converter, at which the sensor counts as failed; infinite for an encoder."""
         self.scale = scale = JointScale(counts_per_rad=per_rad)
         ends_rad = joint.lower_rad, joint.upper_rad
         self.limits = joint_limits(number, scale, ends_rad, joint.max_speed_rad_per_s)
@@ -180,12 +181,15 @@ class AxisSettings:
         self.max_torque_nm = joint.max_torque_nm
         """Trip level of torque; also the rated torque."""
         self.following_window_counts = max(1, scale.to_counts(FOLLOWING_WINDOW_RAD))
+        """Trip level of the following error (6065h)."""
         self.max_speed_counts_per_s = round(joint.max_speed_rad_per_s * scale.counts_per_rad)
+        """Value of 607Fh."""
         self.home_offset_limit_counts = round(HOME_OFFSET_LIMIT_RAD * scale.counts_per_rad)
+        """Largest magnitude of 607Ch."""
         if per_turn.numerator > _LARGEST_U32:
             per_turn = per_turn.limit_denominator(10_000)
         self.increments, self.revolutions = per_turn.numerator, per_turn.denominator
-        """In order: 6065h, at which the drive trips; 607Fh; largest magnitude of 607Ch; subs 1 and 2 of 608Fh."""
+        """Subs 1 and 2 of 608Fh."""
 
 
 def arm_axes(arm: ArmModel) -> tuple[AxisSettings, ...]:

@@ -55,7 +55,7 @@ class ChainPoint:
         self.error = np.zeros(components)
         """(k,) closure error; its components are stated by the subclass."""
         self.jacobian = np.zeros((components, links))
-        """(k, n + 1) derivative of `error` by theta_0, theta'_1 .. theta'_n; column 0 is zero without a hinge."""
+        """(k, n + 1) derivative of `error` with respect to theta_0, theta'_1 .. theta'_n; column 0: 0 without hinge."""
         # Axis and origin of every joint, (2, x y z x y, n + 1): a cross product is two products of slices.
         self._joints = np.empty((2, 5, links))
         self._axes_and_origins = self._frames[:-1, :3, 2:].transpose(2, 1, 0)

@@ -59,7 +59,7 @@ def without_reading(stated: Experiment, joint: int) -> Experiment:
 
 
 def start(alternative: Experiment) -> tuple[FloatArray, float]:
-    """Return start values (P,) and cost: mean square closure error or, with unsensed joints, reading correction."""
+    """Return start values (P,) and cost: mean square closure error; with unsensed joints, of corrections (rad^2)."""
     if alternative.unsensed:
         fit = without_readings(alternative)
         return fit.x, float((fit.corrections**2).mean())

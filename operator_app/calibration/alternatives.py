@@ -96,29 +96,30 @@ def find_alternatives(
     as_it_is = np.inf if near or stated.unsensed else cost_of(stated)
     weighted: list[tuple[Finding, float]] = []
     fits: list[Experiment] = []
-    blind = _without_each_reading(stated)
+    blind, same_loop = _without_each_reading(stated), _same_loop(stated)
     if near or of_files:
-        families: list[Iterable[Alternative]] = [_same_loop(stated), *([blind] if sensors else [])]
+        families: list[Iterable[Alternative]] = [same_loop, *([blind] if sensors else [])]
     else:
         elsewhere = chain(other_fixtures(replace(stated, unsensed=())), blind)
-        families = [_frozen(stated), _without_worst(stated), _same_loop(stated), elsewhere]
+        families = [_frozen(stated), _without_worst(stated), same_loop, elsewhere]
     for family in families:
-        for finding, alternative in _closest(
-            family, deadline, below=PROMISING_COST_SHARE * as_it_is
-        ):
-            if near and not is_near(alternative):
-                continue
-            if thread_time() > deadline:
-                break
-            ratio, dof_left = solved(alternative)
-            if alternative.fixture is not stated.fixture and closes(alternative, far=as_it_is):
-                # Loops never close this well by chance: the fixture is not excluded even if chi2/dof is too large.
-                ratio = min(ratio, 0.99 * limits.CHI2_PER_DOF_ALTERNATIVE)
-            if ratio < limits.CHI2_PER_DOF_ALTERNATIVE and (
-                near or limits.ALTERNATIVE_CHI2_RATIO * ratio < scale
-            ):
-                weighted.append((finding, _weight(ratio, dof_left, dof)))
-                fits.append(alternative)
+        closest = _closest(family, deadline, below=PROMISING_COST_SHARE * as_it_is)
+        # The fixture may also be far from its stated placement: tried only if no mistake alone explains the misfit.
+        for anywhere in (False, True) if family is same_loop else (False,):
+            for finding, alternative in closest if not weighted else ():
+                if near and not is_near(alternative):
+                    continue
+                if thread_time() > deadline:
+                    break
+                ratio, dof_left = solved(alternative, anywhere=anywhere)
+                if alternative.fixture is not stated.fixture and closes(alternative, far=as_it_is):
+                    # Loops never close this well by chance: the fixture is not excluded even if chi2/dof is too large.
+                    ratio = min(ratio, 0.99 * limits.CHI2_PER_DOF_ALTERNATIVE)
+                if ratio < limits.CHI2_PER_DOF_ALTERNATIVE and (
+                    near or limits.ALTERNATIVE_CHI2_RATIO * ratio < scale
+                ):
+                    weighted.append((finding, _weight(ratio, dof_left, dof)))
+                    fits.append(alternative)
         if weighted:
             break
     weighted += [
@@ -188,7 +189,7 @@ def wrong_distances(
             fit_stated.chi2_without_distances(chosen), fit_stated.dof - count
         )
         if again and not fits:
-            ratio, dof = solved(alternative)
+            ratio, dof = solved(alternative, anywhere=True)
             fits = ratio * dof <= most_chi2 and _as_stated(ratio * dof, dof)
         if fits:
             findings = [contradiction(known[c][0].between, known[c][1]) for c in order[:count]]

@@ -194,7 +194,7 @@ def prepare(
 ) -> Prepared:
     """Build the loops and the model of their fit; raise an error if the poses cannot be fitted.
 
-    That is: too few poses, readings of another arm or unit, a placement with ambiguous or unidentifiable parameters.
+    Reasons: too few poses, readings of another arm or unit, a placement with ambiguous or unidentifiable parameters.
     """
     model, arm, poses = experiment.loop(), experiment.arm, experiment.poses
     require_enough_poses(model, len(poses))

@@ -41,6 +41,7 @@ from solver.diagnostics.hypothesis_tests import find_outliers, leave_one_out_chi
 from solver.diagnostics.range_checks import ReadingsOutOfRangeError, range_findings
 from solver.diagnostics.statistics import Chi2Test, chi2_test
 from solver.diagnostics.whitened_residuals import WhitenedResiduals
+from solver.errors import SolverError
 from solver.estimators.error_model import SD_OF_PEAK
 from solver.estimators.estimate import closure_at_readings
 from solver.estimators.implicit import NoiseModel
@@ -164,13 +165,15 @@ def verify_poses(
     the flipped branch), and the test searches for one common shift. `elsewhere`: the new poses may be of other
     placements, which are then estimated from the new poses with all other parameters fixed. Rows that repeat a pose
     count once, as in the calibration. Raises `ValueError` if the parameters are not those of this loop (another
-    fixture, or another number of placements).
+    fixture, or another number of placements), `NoTestError` if the new poses only determine where their own socket or
+    station is.
     """
     rows = averaged_at_rest(arm, poses)
     distinct, which = distinct_poses(rows, np.ones(len(rows), dtype=np.bool_))
-    result = _verify_distinct(
-        arm, fixture, rows.at_poses(distinct), solution, made_from, elsewhere=elsewhere
-    )
+    new = rows.at_poses(distinct)
+    if elsewhere:
+        _require_poses_at_a_place(new, made_from, fixture)
+    result = _verify_distinct(arm, fixture, new, solution, made_from, elsewhere=elsewhere)
     of_rows = select_poses(result.verification, which, "pose_chi2", "pose_probability", "closed")
     odd = tuple(int(distinct[k]) for k in result.odd_poses)
     return replace(result, verification=of_rows, odd_poses=odd)
@@ -361,7 +364,7 @@ LEAST_POINTS, LEAST_FULL_POSES = 4, 2
 With three points, the station's six unknowns would use up six of the nine equations."""
 
 
-class NoTestError(ValueError):
+class NoTestError(SolverError, ValueError):
     """These poses cannot test the calibration; the text states why."""
 
 
@@ -451,12 +454,10 @@ def require_calibrated_placement(
 def require_new(new: PoseSet, made_from: PoseSet, fixture: EndpointConstraint) -> None:
     """Raise `NoTestError` if the new set contains poses of the calibration, which fit in any case.
 
-    With an instrument, a pose measured again at the same joint readings counts as new. Also raises `NoTestError` if
-    the new poses only determine where their own socket or station is.
+    With an instrument, a pose measured again at the same joint readings counts as new.
     """
     if new.joint_count != made_from.joint_count:
         return
-    _require_poses_at_a_place(new, made_from, fixture)
     own = np.flatnonzero(_are_among(new, made_from, measured=fixture.kind == "measured"))
     if len(own) == 0:
         return
@@ -474,13 +475,11 @@ def require_new(new: PoseSet, made_from: PoseSet, fixture: EndpointConstraint) -
 def _require_poses_at_a_place(
     new: PoseSet, made_from: PoseSet, fixture: EndpointConstraint
 ) -> None:
-    if not is_elsewhere(new, made_from, fixture):
-        return
     others = [k for k in new.placements if k not in made_from.placements]
     if fixture.kind == "ball" and len(new) <= len(others):
         raise NoTestError(
-            "a single pose in another socket only determines where that socket is: use at least two poses in one of "
-            "the sockets"
+            "a single pose in another socket only determines where that socket is: use at least two different poses "
+            "in one of the sockets"
         )
     if isinstance(fixture, Measured):
         full = fixture.full_pose and all(
@@ -490,8 +489,8 @@ def _require_poses_at_a_place(
         few = [k for k in others if int((new.placement == k).sum()) < least]
         if few:
             raise NoTestError(
-                f"placement {few[0]} was not calibrated, and fewer than {least} poses only determine where the "
-                f"instrument stands: measure at least {least} poses from there"
+                f"placement {few[0]} was not calibrated, and fewer than {least} different poses only determine where "
+                f"the instrument stands: measure at least {least} different poses from there"
             )
 
 

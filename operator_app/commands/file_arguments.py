@@ -144,13 +144,13 @@ new = declaration(
         """
         --arm ARM  arm file or built-in name, for a fixture or a procedure
         --kind  what constrains the tool
-        --hand-point X,Y,Z  a point of the hinge axis, the same one on tool and base, or the ball's
-            centre, in the last frame of the arm's D-H table, mm
+        --hand-point X,Y,Z  a point of the hinge axis, or the ball's centre, in mm in the last frame of
+            the arm's D-H table
         --hand-direction X,Y,Z  along the hinge axis, in the last frame of the arm's D-H table
-        --base-point X,Y,Z  a point of the hinge axis, the same one on tool and base, or the ball's
-            centre, in its frame 0; default: its position at the arm's home_deg, mm
-        --base-direction X,Y,Z  along the hinge axis, in its frame 0; default: its position at the
-            arm's home_deg
+        --base-point X,Y,Z  the same point, in mm in frame 0 of the table (default: where it is at the
+            arm's home_deg)
+        --base-direction X,Y,Z  along the hinge axis, in frame 0 of the table (default: its direction at
+            the arm's home_deg)
         --tolerance-mm MM  tolerance of the positions
         --tolerance-deg DEG  tolerance of the directions
         """,

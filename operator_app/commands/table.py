@@ -41,7 +41,6 @@ COMMANDS = {
 APP = "app"
 """Name for `sarcal` without a command, which opens the terminal app."""
 
-
 ON_A_BUS = ("arm-check", "controller", "export", "monitor", "probe", "reset", "run", "verify", APP)
 """Commands that open a bus."""
 

@@ -9,7 +9,7 @@ from array import array
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, MutableSequence
 from typing import Any
 
-from operator_app.config.errors import ConfigError, Problem, only
+from operator_app.config.errors import ConfigError, Problem, only, shortened
 from operator_app.safe_output import sanitized
 
 MOST_PROBLEMS = 100
@@ -129,7 +129,7 @@ def number(cell: str) -> float:
         raise BadCell("the cell is empty", "fill it in or remove the row")
     if CSV_NUMBER.fullmatch(cell) and math.isfinite(float(cell)):
         return float(cell)
-    shown = cell[:40]
+    shown = shortened(cell)
     if NOT_FINITE.fullmatch(cell) or CSV_NUMBER.fullmatch(cell):
         raise BadCell(f"{shown} is not a finite number", "measure the pose again or remove the row")
     if re.fullmatch(r"[-+]?\d+,\d+", cell):
@@ -139,12 +139,12 @@ def number(cell: str) -> float:
 
 def whole_number(cell: str) -> int:
     """Read a whole number of at least 1; raises BadCell."""
-    value = number(cell)
+    value, shown = number(cell), shortened(cell.strip())
     plain = not any(c in cell for c in ".eE")
     if plain and value > 2**53:
-        raise BadCell(f"{cell.strip()[:40]} is too large", f"use a whole number of at most {2**53}")
+        raise BadCell(f"{shown} is too large", f"use a whole number of at most {2**53}")
     if not plain or value < 1:
-        raise BadCell(f"{cell.strip()} is not a whole number of at least 1", "correct the number")
+        raise BadCell(f"{shown} is not a whole number of at least 1", "correct the number")
     return int(cell)
 
 

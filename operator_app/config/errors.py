@@ -132,6 +132,11 @@ def words_for(error: ErrorDetails) -> tuple[str, str]:
     return str(error["msg"]), "correct the value"
 
 
+def shortened(text: str) -> str:
+    """Return text for a message: its first 40 characters, followed by ``...`` if it is longer."""
+    return text if len(text) <= 40 else f"{text[:40]}..."
+
+
 def value_in_words(value: Any) -> str:
     """Describe a value for use in a sentence."""
     if value is None:
@@ -139,7 +144,7 @@ def value_in_words(value: Any) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
-        return f"the text {value!r}" if len(value) <= 40 else f"the text '{value[:40]}...'"
+        return f"the text {shortened(value)!r}"
     if isinstance(value, list | tuple):
         return "a list"
     if isinstance(value, dict):
@@ -160,7 +165,8 @@ def _number_hint(value: Any, kind: str) -> str:
     if value is None:
         return "state it"
     if kind == "string_type" and isinstance(value, int | float):
-        return f"write it in quotes: '{value}'"
+        # Of a number with a point, the digits in the file are not known (1.10).
+        return "write it in quotes" + (f": '{value}'" if type(value) is int else "")
     if not isinstance(value, str):
         return "correct the value"
     if kind == "bool_type":

@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 
 from operator_app.config.csv_table import BadCell, number
-from operator_app.config.errors import only
+from operator_app.config.errors import only, shortened
 from operator_app.config.quantities import UNIT, angle_doubt, length_doubt
 from operator_app.units import LENGTH, Figure
 from solver.arrays import FloatArray, frozen
@@ -192,11 +192,11 @@ def read_json_line(text: str) -> EndpointLine:
     try:
         value = json.loads(text)
     except (ValueError, RecursionError) as error:
-        shown = f"is not JSON, but {text.strip()[:40]!r}"
+        shown = f"is not JSON, but {shortened(text.strip())!r}"
         raise BadLine(f"{shown}: let the instrument send one JSON object per line") from error
     if not isinstance(value, dict):
         raise BadLine(
-            f"is not a JSON object, but {text.strip()[:40]!r}: let the instrument send one object per line, with "
+            f"is not a JSON object, but {shortened(text.strip())!r}: let the instrument send one object per line, with "
             "x_m, y_m and z_m"
         )
     return _line_of(value)

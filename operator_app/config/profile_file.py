@@ -16,7 +16,7 @@ from hardware.arm import JointMode
 from hardware.canopen import bus_profile, objects
 from hardware.canopen.drive_settings import DESCRIPTION_OBJECTS
 from operator_app.config.atomic import dump_strict
-from operator_app.config.errors import ConfigError
+from operator_app.config.errors import ConfigError, shortened
 from operator_app.config.quantities import Count, Integer, Name, PositiveNumber, Text, refuse
 from operator_app.config.resources import resolve
 from operator_app.config.schema import StrictRecord, check_model
@@ -35,7 +35,7 @@ def _form(
 
     def check(text: str) -> str:
         if not re.fullmatch(pattern, text):
-            raise refuse(f"{text[:40]!r} is not a valid {what}", f"write e.g. {example}")
+            raise refuse(f"{shortened(text)!r} is not a valid {what}", f"write e.g. {example}")
         return text
 
     schema = {"type": "string", "pattern": f"^{pattern}$"}
@@ -208,7 +208,7 @@ def load_profile(reference: str | Path, *, joints: int | None = None) -> bus_pro
 
 
 def format_profile(profile: bus_profile.BusProfile, *, comment: str) -> bytes:
-    """Format a profile's supervisor, nodes, PDOs and compared objects; all other settings are left out (defaults)."""
+    """Format name, supervisor or serial number, nodes, PDOs, `pdo_maps` and compared objects, and no other settings."""
     numbered = enumerate(profile.joints, 1)
     joints: list[dict[str, Any]] = [{"joint": k, "node": joint.node} for k, joint in numbered]
     shared: dict[str, Any] = {}

@@ -11,7 +11,7 @@ import numpy as np
 from operator_app.config import joint_log
 from operator_app.config.csv_table import BadCell
 from operator_app.config.dwells import Dwell
-from operator_app.config.errors import ConfigError, decode_text, only
+from operator_app.config.errors import ConfigError, decode_text, only, shortened
 from operator_app.config.measured_endpoints import endpoint_columns, endpoints_of, mean_endpoint
 from operator_app.config.poses_file import BAG_SUFFIXES
 from operator_app.config.resources import exists, expanded, read_limited
@@ -137,7 +137,7 @@ def _time_s(cell: str) -> float:
         time = datetime.fromisoformat(cell)
     except ValueError as error:
         remedy = "write seconds, or a time such as 2026-01-31T12:00:00.250Z"
-        raise BadCell(f"{cell[:40]!r} is not a time", remedy) from error
+        raise BadCell(f"{shortened(cell)!r} is not a time", remedy) from error
     return (time if time.tzinfo else time.replace(tzinfo=UTC)).timestamp()
 
 
@@ -145,7 +145,7 @@ def _number(cell: str) -> float:
     try:
         return float(cell or "nan")
     except ValueError as error:
-        raise BadCell(f"{cell[:40]!r} is not a number", "correct the cell") from error
+        raise BadCell(f"{shortened(cell)!r} is not a number", "correct the cell") from error
 
 
 def recording_of(

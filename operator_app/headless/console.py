@@ -70,7 +70,7 @@ def cut_short_lines(cut: CutShort) -> list[str]:
 
 
 def _danger(cut: CutShort) -> list[str]:
-    """Return a warning if the connected arm may not be holding; empty after an interrupt (raised instead)."""
+    """Return a warning if the connected arm may not be holding; empty after an interrupt, when an error is raised."""
     error = cut.session.not_held
     if error is None or not cut.connected or isinstance(cut.cause, KeyboardInterrupt):
         return []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
@@ -62,7 +63,7 @@ class PoseSet:
         if any(not label or label != label.strip() for label in self.label):
             raise ValueError("every pose needs a label without white space around it")
         if len(set(self.keys)) != len(self):
-            placement, label = next(key for key in self.keys if self.keys.count(key) > 1)
+            (placement, label), _ = Counter(self.keys).most_common(1)[0]
             raise ValueError(
                 f"two poses of placement {placement} have the name {label!r}: give each its own"
             )

@@ -126,7 +126,7 @@ def check_closure_without_poses(
     if reset:
         where = zero_position(arm, reading.mean_rad, list(reset))
         remedy = (
-            f"home {joints_named(list(reset))}, then connect again. If it really is {where}, move it by "
+            f"home {joints_named(list(reset))}, then connect again. If a joint really is {where}, move it by "
             f"hand by {WHOLE_DEGREES(2.0 * MAX_SAG_RAD).with_unit} while its drives are off"
         )
         raise ConnectAgainError(_reset_text(reset, where), remedy, probability=probability)
@@ -185,9 +185,11 @@ def _reset_among(
 
 def _reset_text(reset: dict[int, float], where: str) -> str:
     instead = names(f"joint {j} near {REACH(near).with_unit}" for j, near in reset.items())
+    one = len(reset) == 1
+    counters, are, were = ("counter", "is", "was") if one else ("counters", "are", "were")
     return (
-        f"the counter of {joints_named(list(reset))} is {where}, and the loop does not close with this reading; it "
-        f"closes with {instead}. The counter was reset, as after a loss of power"
+        f"the {counters} of {joints_named(list(reset))} {are} {where}, and with that the loop does not close; it "
+        f"closes with {instead}. The {counters} {were} reset, as after a loss of power"
     )
 
 

@@ -99,7 +99,7 @@ def documents_of(state: SessionState) -> tuple[str, str]:
 
 
 def list_sessions(root: Path) -> tuple[SessionEntry, ...]:
-    """Return all sessions below `root` in the order of opening, which does not depend on the clock."""
+    """Return all sessions below `root` in the order of opening; those without an order number first, by time."""
     try:
         folders = sorted(p for p in root.iterdir() if os.path.lexists(p / JOURNAL_NAME))
     except FileNotFoundError:

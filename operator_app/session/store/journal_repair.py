@@ -1,7 +1,7 @@
 """Repairs a damaged journal: restores or removes lines whose checksum does not match; keeps a copy of the original.
 
 The checksum of a line covers its bytes and the checksum of the line before it. The line after a damaged line can be
-verified if the checksum of the damaged line can be read. A single flipped bit is located by trying all bits.
+verified if the checksum of the damaged line can be read. A single flipped bit inside a line is located by trying all.
 """
 
 import hashlib

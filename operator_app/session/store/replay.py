@@ -168,7 +168,8 @@ def _apply_results(state: SessionState, event: JournalEvent) -> SessionState:
             return replace(
                 state,
                 readings=(*state.readings, reading),
-                resumed=False,
+                # After a sensor fault, only the event return_holds shows that the poses are still valid.
+                resumed=bool(state.sensor_jump),
                 missed_repeat="" if back else state.missed_repeat,
             )
         case "return_missed":
@@ -179,7 +180,7 @@ def _apply_results(state: SessionState, event: JournalEvent) -> SessionState:
         case "sensor_fault" if state.poses:
             return replace(state, sensor_jump=data["text"], resumed=True)
         case "return_holds":
-            return replace(state, sensor_jump="")
+            return replace(state, sensor_jump="", resumed=False)
         case "verified":
             return replace(state, verifications=state.verifications + 1)
         case _:

@@ -126,8 +126,8 @@ class SessionState:
     drives, drive_sets
         Chosen drive joints, and all sets that a plan may use; empty until chosen.
     resumed
-        Whether, since the last check reading, the session was resumed or repaired, the arm was connected again, or a
-        sensor failed.
+        Whether, since the last check reading, the session was resumed or repaired or the arm was connected again, or a
+        sensor fault is still open (`sensor_jump`).
     placement
         Number of the current mounting of the fixture, from 1; start, home, waypoints and modes are of this placement.
     mounted

@@ -151,7 +151,7 @@ class CalibrationOperations(Listener):
             receipt = None if exported is None else exported.receipt
             self._publish(cross_checks=known.checks, written=exported, receipt=receipt)
             if known.solution.accepted:
-                self._compare()
+                self._compare(active)
 
     def calibrate(self, estimator: str, unsensed_joints: tuple[int, ...]) -> None:
         """Calibrate in a separate process and publish each iteration; cancelling ends the process immediately."""
@@ -178,13 +178,12 @@ class CalibrationOperations(Listener):
             checks = self._session.check(solution, solver)
         self._publish(cross_checks=checks)
         if solution.accepted:
-            self._compare()
+            self._compare(self._active_document())
 
-    def _compare(self) -> None:
-        """Show the new parameters, beside the controller's active ones if it has any."""
+    def _compare(self, active_document: bytes) -> None:
+        """Show the new parameters, beside those of the controller's active document unless it is empty."""
         session, solution = self._session, self._current_solution()
-        document = self._active_document()
-        active = parse_parameters(document, "active parameters") if document else None
+        active = parse_parameters(active_document, "active parameters") if active_document else None
         self._publish(diff=diff_rows(session.document(solution), active))
 
     def _active_document(self) -> bytes:
@@ -210,7 +209,7 @@ class CalibrationOperations(Listener):
             self.report(f"written: {exported.parameters}")
         else:
             self._publish(receipt=receipt)
-            self._compare()
+            self._compare(self._active_document())
             self.report(
                 f"uploaded to slot {receipt.slot} and read back: the same {receipt.length} bytes"
             )

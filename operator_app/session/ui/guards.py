@@ -150,6 +150,11 @@ def may_use_data(s: SessionSnapshot) -> str:
 may_check_fixture = all_of(idle, may_use_data)
 
 
+def may_tick_all(s: SessionSnapshot) -> str:
+    """With a real arm, the items of the check list must be ticked one at a time."""
+    return "" if s.simulated else "on a real arm the items are checked and ticked one at a time"
+
+
 def may_suggest(s: SessionSnapshot) -> str:
     """Suggesting drive joints needs their ranking, which is made after connecting."""
     return "" if s.ranked else "no ranking yet: connect first (step 1)"

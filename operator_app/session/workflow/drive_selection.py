@@ -270,7 +270,7 @@ def visit(session: Session, index: int) -> bool:
 
 def _last_reason(session: Session) -> str:
     reasons = [reason for reason in session.state.skipped_waypoints.values() if reason]
-    return f"; the last waypoint was skipped because {reasons[-1]}" if reasons else ""
+    return f"; the last skipped waypoint was skipped because {reasons[-1]}" if reasons else ""
 
 
 def explore(session: Session, listener: Listener, after_pose: Callable[[], None]) -> None:

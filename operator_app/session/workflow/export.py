@@ -35,10 +35,11 @@ def export(
     """Write the session's files and, if `upload_too` (None: if the procedure says so), upload the parameters.
 
     `forced`: reason for exporting a calibration that was not accepted; it is written to the journal and the file.
-    Exports nothing and raises GuardError if this reason is missing, ConnectAgainError if a joint's counter was reset
-    before an upload, and JournalLostError if the journal was changed. Raises JournalError if the journal cannot be
-    written; the message states what was uploaded. If the controller may have stored all or part of the parameters,
-    records that and raises UploadUnknown or SessionError; a KeyboardInterrupt during the upload gets a note on that.
+    Exports nothing and raises GuardError if this reason is missing or, before an upload, if counters or sensors may
+    have changed since the poses were captured, and JournalLostError if the journal was changed. Raises JournalError if
+    the journal cannot be written; the message states what was uploaded. If the controller may have stored all or part
+    of the parameters, records that and raises UploadUnknown or SessionError; a KeyboardInterrupt during the upload gets
+    a note on that.
     """
     forced = export_reason(solution, forced, stated_by="--force REASON")
     uploads = session.procedure.upload if upload_too is None else upload_too

@@ -42,7 +42,8 @@ def record_in(folder: Path, event: Literal["remounting", "remounted"], placement
 def mounting_problem(procedure: Procedure, count: int) -> SessionError | None:
     """Return the error if the procedure does not allow `count` placements; None if it does."""
     if not 1 <= count <= MOST_PLACEMENTS:
-        return SessionError(f"{count} placements were requested", f"request 1 to {MOST_PLACEMENTS}")
+        happened = f"a session has 1 to {MOST_PLACEMENTS} placements of the fixture, not {count}"
+        return SessionError(happened, f"request 1 to {MOST_PLACEMENTS}")
     if count > 1 and not procedure.fixture.fixture.holds_hand:
         return SessionError(
             f"{procedure.fixture.name} is an instrument: there is no fixture to remount",

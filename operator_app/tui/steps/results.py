@@ -112,10 +112,10 @@ class ResultsPlot(Lines):
 
     TITLE = "Residuals (v: next)"
     HELP = (
-        "v turns over: residual of each pose, corrections by joint, the linearity deviation of each RVDT "
-        "by the loops, the warnings or notes in full, then tables: possible causes, D-H, tool position "
-        "uncertainty, uncertainty budget, closure of held-out poses. The first line of an RVDT's "
-        "plot states its specification."
+        "v turns over: residual of each pose, the linearity deviation of each RVDT by the loops, the "
+        "warnings or notes in full, then tables: corrections by joint, possible causes, D-H, tool "
+        "position uncertainty, uncertainty budget, closure of held-out poses. The first line of an "
+        "RVDT's plot states its specification."
     )
     page = 0
     count = 1

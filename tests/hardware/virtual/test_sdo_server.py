@@ -23,8 +23,7 @@ def arm(arm):
     return arm
 
 
-DOCUMENT = b"abcdefghijklmnopqr"
-ABC = DOCUMENT[:7].hex()
+ABC = b"abcdefg".hex()
 TOO_LONG = (LONGEST_DOCUMENT + 1).to_bytes(4, "little").hex()
 NO_DOCUMENT = "> 40002000 < 8000200024000008"
 NO_TRANSFER = f"> 10{ABC} < 8061626301000405 {NO_DOCUMENT}"

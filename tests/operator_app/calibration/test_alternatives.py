@@ -51,6 +51,8 @@ def test_panda_poses_do_not_fit_an_iiwa_and_blame_no_joint():
     [
         ((1, 2), lambda q: np.where(np.arange(7) == 3, q[0], q), "FROZEN_JOINT_4"),
         ((1,), np.deg2rad, "RADIANS"),
+        # This socket is 1.2 m from the place that the fixture file states.
+        ((1,), lambda q: q * (1.0 - 2.0 * np.eye(7)[4]), "SIGN_JOINT_5"),
     ],
 )
 def test_misread_poses_are_named(sockets, misread, code):

@@ -34,10 +34,8 @@ def test_state_folder_is_created_empty(tmp_path):
 
 
 def test_the_command_to_run_needs_a_procedure_of_this_arm_in_this_fixture():
-    assert procedure_of("sarcos_dextrous", "tracker", kind="measured") == (
-        "open_loop --go-home",
-        "",
-    )
+    tracker = procedure_of("sarcos_dextrous", "tracker", kind="measured")
+    assert tracker == ("open_loop --go-home", "")
     assert procedure_of("sarcos_dextrous", "hinge", kind="hinge") == ("hinge", "")
     for names in (("ur5e", "hinge"), ("sarcos_dextrous", "my_hinge.yaml")):
         run, advice = procedure_of(*names, kind="hinge")

@@ -88,7 +88,7 @@ BAD = [
     ("estimator: paper", "estimator: best", "estimator"),
     ("12:00:00.250000Z", "12:00:00+01:00", "utc"),
     ("2026-01-31", "2026-02-31", "utc"),
-    ("0123456789abcdef0123", "XYZ3456789abcdef0123", "pose_set_sha256"),
+    ("0123456789abcdef0123", "XYZ\t456789abcdef0123", "pose_set_sha256"),
     ("serial: SDA-0007", "serial: ''", "arm.serial"),
     ("serial: SDA-0007", "serial: 7", "arm.serial"),
     ("rank: 14", "rank: 15", "quality.rank"),

@@ -138,6 +138,7 @@ def test_upload_after_a_sensor_fault_needs_the_first_pose_repeated(session):
     session.arm.jumps_at_capture = session.arm.captures + 1
     with pytest.raises(SensorFault):
         session.take_check_reading("verification")
+    session.take_check_reading("verification")  # does not show whether the first pose is unchanged
     with pytest.raises(GuardError, match="upload is refused: joint 3 jumped"):
         session.require_counters_of_poses()
 

@@ -364,9 +364,8 @@ async def test_while_the_program_loads_a_click_focuses_nothing():
         await pilot.click("#middle")
         focused, strip = app.screen.focused, app.screen.query_one("#strip")
         ready.set()
-        while not app.screen.query(
-            "#body"
-        ):  # leaving while the main screen is mounted is another matter
+        # Leaving while the main screen is mounted is another matter.
+        while not app.screen.query("#body"):
             await pilot.pause()
         assert strip.shown
         assert focused is None

@@ -49,6 +49,7 @@ def test_upload_is_staged_verified_and_committed_without_enabling_drives(arm, bu
     [
         ([(0x703, b"\x00"), (0x703, b"\x05")], errors.NodeRestarted),
         ([(0x000, b"\x81\x03")], errors.OtherMaster),
+        ([(0x083, b"\x05\x73\x20" + bytes(5))], errors.DriveFault),  # its sensor has failed
         ([(0x083, b"\x11\x86\x20" + bytes(5))], None),  # a drive in fault still has its counter
     ],
 )

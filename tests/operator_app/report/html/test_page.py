@@ -270,6 +270,11 @@ def test_page_has_rvdt_verdicts_and_condition(page, subject):
     assert rows["rank"] == ["14", "of 14"]
     indices = list(subject.facts.json["observability"].values())
     assert indices == pytest.approx(list(subject.solution.identifiability.observability))
+    for chi2, small in ((0.099, True), (0.101, False)):
+        adjudication = replace(subject.solution.adjudication, stated_chi2_per_dof=chi2)
+        solution = replace(subject.solution, adjudication=adjudication)
+        note = replace(subject, solution=solution).facts.table("determined").note
+        assert ("below 0.1" in note) is small
 
 
 def test_page_of_the_paper_estimator(folder, parse_page):

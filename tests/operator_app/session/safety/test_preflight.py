@@ -86,7 +86,7 @@ def test_counter_resets_are_named_in_any_position(name, zeros):
     refusals = [text for text in refusals if text]
     assert len(refusals) == 4 or (name == "ball" and len(refusals) >= 2)
     for text in refusals:
-        named = re.search(r"counter of (joints? [\d, and]+) is at zero", text)
+        named = re.search(r"counters? of (joints? [\d, and]+) (?:is|are) at zero", text)
         assert {int(j) for j in re.findall(r"\d", named[1])} <= set(zeros)
         assert f"Home {named[1]}" in text
     # Of a hinge, all that were reset are named at some pose.

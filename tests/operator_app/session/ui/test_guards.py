@@ -6,7 +6,7 @@ import pytest
 
 from fixtures.base import CheckKind, SetupCheck, Severity
 from hardware.arm import DriveState, Fault, JointMode
-from operator_app.session.ui import guards
+from operator_app.session.ui import action_table, guards
 from operator_app.session.ui.snapshot import (
     ARM_RECOVERY,
     Level,
@@ -173,6 +173,12 @@ def test_unmet_conditions_are_reported(guard, name, change, approve):
 def test_with_all_conditions_met_nothing_is_missing(guard, name, change):
     s = story()[name]
     assert getattr(guards, guard)(s if change is None else change(s)) == ""
+
+
+def test_the_check_list_of_a_real_arm_is_ticked_item_by_item():
+    guard = action_table.by_name("confirm_all").guard  # the palette lists it for every arm
+    assert guard(real(story()["connected"]))
+    assert not guard(story()["connected"])
 
 
 @pytest.mark.parametrize(

@@ -162,7 +162,7 @@ def test_unreachable_poses_have_one_message_in_all_interfaces(make_session, run_
     # In both directions from home joint 7 reaches an end of its range.
     home, margin = session.arm.snapshot().positions_rad[6], np.deg2rad(2.5)
     session.model = with_range(session.model, home - margin, home + margin)
-    reason = "of 3 poses could be reached; the last waypoint was skipped because joint 7 came"
+    reason = "3 poses could be reached; the last skipped waypoint was skipped because joint 7 came"
     with pytest.raises(GuardError, match=reason) as error:
         run_session(session)
     approve(error.value.remedy)

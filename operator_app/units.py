@@ -12,6 +12,9 @@ from typing import Protocol
 
 Key = tuple[str | int, ...]
 
+MOST_WHOLE = 2**53
+"""Largest whole number in files and options: not all larger ones are exact as double-precision numbers."""
+
 
 @dataclass(frozen=True, slots=True)
 class Quantity:

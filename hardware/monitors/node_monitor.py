@@ -200,9 +200,8 @@ class NodeMonitor:
             self._emergency(node, code, 0, sync_count)
 
     def forget_faults(self) -> None:
-        """Clear emergencies and foreign commands."""
+        """Clear emergencies; restarts and another master's commands remain until `expect_boot_up`."""
         self.faults = ()
-        self.foreign_command = ""
 
     def _heartbeat(self, node: int, state: int) -> None:
         if node == objects.OPERATOR_NODE:

@@ -11,6 +11,7 @@ from typing import Any
 
 from operator_app.config.errors import ConfigError, Problem, only, shortened
 from operator_app.safe_output import sanitized
+from operator_app.units import MOST_WHOLE
 
 MOST_PROBLEMS = 100
 CSV_NUMBER = re.compile(r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
@@ -141,8 +142,8 @@ def whole_number(cell: str) -> int:
     """Read a whole number of at least 1; raises BadCell."""
     value, shown = number(cell), shortened(cell.strip())
     plain = not any(c in cell for c in ".eE")
-    if plain and value > 2**53:
-        raise BadCell(f"{shown} is too large", f"use a whole number of at most {2**53}")
+    if plain and value > MOST_WHOLE:
+        raise BadCell(f"{shown} is too large", f"use a whole number of at most {MOST_WHOLE}")
     if not plain or value < 1:
         raise BadCell(f"{shown} is not a whole number of at least 1", "correct the number")
     return int(cell)

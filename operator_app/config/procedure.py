@@ -15,6 +15,7 @@ from pydantic import Field, ValidationInfo, field_validator
 
 from operator_app.config import quantities
 from operator_app.config.schema import StrictRecord
+from operator_app.units import MOST_WHOLE
 from solver.chain.sensors import NoSensor
 
 if TYPE_CHECKING:
@@ -157,7 +158,7 @@ class CapturePlan(StrictRecord):
     speed_deg_per_s: Annotated[quantities.PositiveNumber, Field(ge=0.05, le=360.0)]
     settle: SettleRule
     samples_per_pose: Annotated[quantities.Count, Field(le=100_000)]
-    seed: Annotated[quantities.Whole, Field(le=2**63 - 1)] = 0
+    seed: Annotated[quantities.Whole, Field(le=MOST_WHOLE)] = 0
     requested_sigma: dict[str, quantities.PositiveNumber] = field(default_factory=dict)
 
     @property

@@ -21,6 +21,7 @@ from operator_app.session.safety.resume_checks import (
     check_closure_by_poses,
     check_counters,
     counters_near_zero,
+    reset_text,
     zero_position,
 )
 from operator_app.session.store.logbook import Logbook
@@ -129,7 +130,9 @@ def check_closure_without_poses(
             f"home {joints_named(list(reset))}, then connect again. If a joint really is {where}, move it by "
             f"hand by {WHOLE_DEGREES(2.0 * MAX_SAG_RAD).with_unit} while its drives are off"
         )
-        raise ConnectAgainError(_reset_text(reset, where), remedy, probability=probability)
+        closed_at = names(f"joint {j} near {REACH(q).with_unit}" for j, q in reset.items())
+        text = reset_text(list(reset), where, f"; it closes with {closed_at}")
+        raise ConnectAgainError(text, remedy, probability=probability)
     if probability >= (
         LOOP_FALSE_REFUSAL_PROBABILITY if known is None else FALSE_REFUSAL_PROBABILITY_KNOWN_ARM
     ):
@@ -181,16 +184,6 @@ def _reset_among(
         ):
             return {joint: float(explaining.q_rad[joint - 1])}
     return {j: float(without.q_rad[j - 1]) for j in zeros}
-
-
-def _reset_text(reset: dict[int, float], where: str) -> str:
-    instead = names(f"joint {j} near {REACH(near).with_unit}" for j, near in reset.items())
-    one = len(reset) == 1
-    counters, are, were = ("counter", "is", "was") if one else ("counters", "are", "were")
-    return (
-        f"the {counters} of {joints_named(list(reset))} {are} {where}, and with that the loop does not close; it "
-        f"closes with {instead}. The {counters} {were} reset, as after a loss of power"
-    )
 
 
 def _not_closing_text(explaining: dict[int, ClosureFit]) -> str:

@@ -22,7 +22,7 @@ from operator_app.config.procedure import Procedure
 from operator_app.errors import ClosureRefusedError, ConnectAgainError, GuardError
 from operator_app.session.store.state import CheckReading, SessionState, pose_set_of
 from operator_app.session.store.stored_calibration import StoredCalibration, journal_calibration
-from operator_app.units import POSITION, SLIP_SIGMA, SPAN
+from operator_app.units import POSITION, SLIP_SIGMA, SPAN, joints_named
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import Encoder
@@ -54,6 +54,17 @@ def zero_position(arm: ArmModel, reading_rad: FloatArray, joints: Sequence[int])
     """Return ``at zero`` if these joints are within `AT_ZERO_COUNTS` counts of zero, else ``near zero``."""
     times = counters_near_zero(arm, reading_rad)
     return "at zero" if all(times.get(j, np.inf) <= 1.0 for j in joints) else "near zero"
+
+
+def reset_text(joints: Sequence[int], where: str, closes_with: str = "") -> str:
+    """Describe counters that were reset: those of `joints`, which read zero (`where`)."""
+    counters, are, were = (
+        ("counter", "is", "was") if len(joints) == 1 else ("counters", "are", "were")
+    )
+    return (
+        f"the {counters} of {joints_named(joints)} {are} {where}, and with that the loop does not close{closes_with}. "
+        f"The {counters} {were} reset, as after a loss of power"
+    )
 
 
 def check_counters(arm: ArmModel, reading_rad: FloatArray) -> None:
@@ -217,9 +228,8 @@ def _refusal(
     zeros = sorted(j for j, t in times.items() if t <= NEAR_ZERO_RATIO)
     if zeros:
         return ClosureRefusedError(
-            f"the counter of joint {' and '.join(map(str, zeros))} is {zero_position(arm, reading.mean_rad, zeros)}, "
-            "and the loop does not close with this reading: the counter was reset, as after a loss of power",
-            f"home the joint; {NEW_SESSION_REMEDY}",
+            reset_text(zeros, zero_position(arm, reading.mean_rad, zeros)),
+            f"home {joints_named(zeros)}; {NEW_SESSION_REMEDY}",
             probability=probability,
         )
     size = f"{probability:.0e}" if probability > LEAST_STATED_PROBABILITY else "below 1e-12"

@@ -12,12 +12,11 @@ from typing import Any
 
 from hardware.virtual import SCENARIOS
 from operator_app.session.store.journal_format import JournalEvent
+from operator_app.units import MOST_WHOLE
 
 Check = Callable[[Any, int | None], str]
 """Function of a value and the number of joints (None if not known yet); returns the problem as text, "" if valid."""
 
-MAX_INTEGER = 2**53
-"""Not all larger integers are exact as double-precision numbers."""
 MAX_ANGLE_RAD = 20.0 * math.pi
 """Limit of sensor angles, as in a poses file: they may exceed one turn, but not ten."""
 MOST_JOINTS_RECORDED = 100
@@ -90,7 +89,7 @@ def between(least: float, most: float) -> Check:
     return check
 
 
-def integer(least: int, most: int = MAX_INTEGER) -> Check:
+def integer(least: int, most: int = MOST_WHOLE) -> Check:
     """Return a check for an integer from `least` to `most`."""
     return both(of_type("a whole number", int), between(least, most))
 
@@ -186,7 +185,7 @@ def _quoted(value: Any) -> str:
             return "null"
         case bool():
             return "true" if value else "false"
-        case int() if abs(value) > MAX_INTEGER:
+        case int() if abs(value) > MOST_WHOLE:
             return f"a number of {len(str(abs(value)))} digits"
         case int() | float():
             return f"{value}"

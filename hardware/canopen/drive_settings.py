@@ -27,7 +27,7 @@ DESCRIPTION_OBJECTS: Final = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DrivePdo:
-    """A PDO of a drive: TPDO if `sent`, else RPDO; unless `valid`, type and map are not read."""
+    """A PDO of a drive: a TPDO if `sent`, otherwise an RPDO. `transmission` and `entries` are read only if `valid`."""
 
     sent: bool
     number: int
@@ -197,7 +197,7 @@ def operator_monitoring_differences(
 def following_windows_counts(
     access: ObjectAccess, profile: BusProfile, scales: Sequence[JointScale]
 ) -> tuple[float, ...]:
-    """Return each joint's largest allowed following error, counts: 6065h / 3, at most 1 deg, at least 10 counts."""
+    """Return each joint's allowed following error, counts: the smaller of 6065h / 3 and 1 deg, at least 10 counts."""
     windows = []
     for node, scale in zip(profile.drives, scales, strict=True):
         drive_window = read_number(access, node, objects.FOLLOWING_WINDOW, 0)

@@ -54,7 +54,7 @@ class Calibration:
 
     @property
     def by_itself(self) -> CalibratedArm:
-        """The calibrated arm without its loop."""
+        """The calibrated arm as an open chain, without the fixture."""
         return calibrated_arm(self.solution, self.arm)
 
 

@@ -1,6 +1,6 @@
 """A calibration in the formats of other tools: JSON, CSV, URDF, MATLAB, as bytes.
 
-Each format states the side of every parameter (arm, ground or tool): only parameters of the arm remain valid
+Each format states the side of every parameter (arm, ground or hand): only parameters of the arm remain valid
 when the fixture is dismounted. A URDF contains only the arm itself.
 """
 

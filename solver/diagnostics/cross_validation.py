@@ -55,7 +55,7 @@ class HoldOut:
 
     @staticmethod
     def upgraded_record(data: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Convert a record of an earlier version, which had an estimate for each part, to the current format."""
+        """Convert a hold-out's record of an earlier version, with an estimate for each part, to the current format."""
         parts = [part.get("verification", {"chi2": part})["chi2"] for part in data["parts"]]
         return {**data, "parts": parts}
 

@@ -160,7 +160,7 @@ def _reset_among(
 ) -> dict[int, float]:
     """Return the joints of `zeros` whose counters were reset, with the angles (rad) that close the loop; {} for none.
 
-    Counters were reset if the increase of chi2 that their readings cause has a smaller probability than `at_most`.
+    The counters count as reset if the increase of chi2 that their readings cause is less probable than `at_most`.
     The increase is tested, not chi2, because errors in the files raise chi2 with and without these readings.
     """
     from scipy.special import chdtrc

@@ -91,7 +91,7 @@ class CalibrationOperations(Listener):
         )
 
     def _set_plan(self, plan: tuple[Mapping[int, float], ...], start_rad: FloatArray) -> None:
-        """Publish `plan`, the waypoints (rad, by joint), and predict the poses there of an arm that starts at `start_rad`."""
+        """Publish `plan`, the waypoints (rad, by joint), and predict its poses if the arm starts at `start_rad`."""
         session, model = self._session, self._nominal_loop
         self._plan = plan
         self._forecast = predict(
@@ -125,7 +125,7 @@ class CalibrationOperations(Listener):
         )
 
     def _loop_of(self, state: SessionState) -> ClosureModel:
-        """Return the loop of the used poses. On an open arm, the first sufficient poses locate the instrument."""
+        """Return the loop of the used poses; with enough poses of an open arm, the instrument is located first."""
         session, model = self._session, self._nominal_loop
         if session.fixture.holds_hand:
             return model

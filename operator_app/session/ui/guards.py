@@ -1,7 +1,6 @@
 """Guards: pure functions that return why a step or an action is not allowed, as text; "" if it is allowed.
 
-A guard also contains the guards that it needs: of an earlier step, or `idle`. Before an action that could do harm, the
-workflow makes the check again.
+Before an action that could do harm, the workflow makes the check again. Most guards of actions include `idle`.
 """
 
 from collections.abc import Callable, Mapping
@@ -47,7 +46,7 @@ def fixture_ready(s: SessionSnapshot) -> str:
 
 
 def modes_ready(s: SessionSnapshot) -> str:
-    """Return why the Modes step is closed; "" if the fixture passed its checks and every item is ticked."""
+    """Return why the Modes step is closed; "" if Fixture is open, its checks passed and every item is ticked."""
     if before := fixture_ready(s):
         return before
     if not s.checks:
@@ -65,7 +64,7 @@ def modes_ready(s: SessionSnapshot) -> str:
 
 
 def capture_ready(s: SessionSnapshot) -> str:
-    """Return why the Capture step is closed; "" if all drives are enabled in their confirmed modes."""
+    """Return why the Capture step is closed; "" if Modes is open and every drive is enabled in its confirmed mode."""
     if before := modes_ready(s):
         return before
     if s.stopped:
@@ -118,7 +117,7 @@ _STEPS: Mapping[Step, Guard] = {
 
 
 def idle(s: SessionSnapshot) -> str:
-    """Return that the running task must end first; "" if no task is running."""
+    """Return a request to wait for the running task; "" if no task is running."""
     return "" if s.task is None else f"wait: {s.task.text}"
 
 
@@ -152,12 +151,12 @@ may_check_fixture = all_of(idle, may_use_data)
 
 
 def may_tick_all(s: SessionSnapshot) -> str:
-    """Return why the check list cannot be ticked at once; "" for a simulated arm."""
+    """Return why ticking all items at once is refused; "" for a simulated arm."""
     return "" if s.simulated else "on a real arm the items are checked and ticked one at a time"
 
 
 def may_suggest(s: SessionSnapshot) -> str:
-    """Return why no drive joints can be suggested; "" if they are ranked, as they are after connecting."""
+    """Return why drive joints cannot be suggested; "" if they have been ranked, which connecting does."""
     return "" if s.ranked else "no ranking yet: connect first (step 1)"
 
 
@@ -167,7 +166,7 @@ def may_apply_modes(s: SessionSnapshot) -> str:
 
 
 def modes_problem(s: SessionSnapshot, position_joints: tuple[int, ...]) -> str:
-    """Return why exactly `position_joints` cannot be put into position mode; "" if they can."""
+    """Return why `position_joints` is not a valid set of joints for position mode; "" if it is valid."""
     problem = drives.modes_problem(
         position_joints,
         joint_count=s.procedure.arm.joint_count,

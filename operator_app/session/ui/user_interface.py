@@ -204,7 +204,7 @@ def perform_action(
     *,
     tries: int = SNAPSHOTS_TRIED,
 ) -> None:
-    """Do `work` (default: the action's), or show why it is refused: for stale data, only after `tries` snapshots."""
+    """Do `work` (default: the action's), or show why it is refused. If data are stale, try up to `tries` snapshots."""
     s, runner = interface.snapshot(), interface.runner
     missing = action.guard(s)
     late = s.data is DataState.STALE and not action.guard(replace(s, data=DataState.FRESH))

@@ -273,7 +273,7 @@ class _DriftCheck:
 def verify(
     session: Session, solution: Solution, poses: int, listener: Listener
 ) -> tuple[VerificationResult, PoseSet]:
-    """Capture new poses, different from the session's, and test a calibration with them; it does not change.
+    """Test a calibration with new poses, different from the session's; the calibration does not change.
 
     The modes must be set. The result and the new poses are recorded in the journal.
     Raises `GuardError` if fewer than `poses` can be reached.

@@ -35,10 +35,10 @@ def export(
     """Write the session's files and, if `upload_too` (None: as in the procedure), upload the parameters.
 
     `forced`: reason for exporting a calibration that was not accepted; it is written to the journal and the file.
-    Raises GuardError, and exports nothing, if this reason is missing. Before an upload, does the same if counters or
-    sensors may have changed since the poses were captured. Raises JournalLostError, and exports nothing, if the journal
-    was changed; JournalError if it cannot be written, with a message on what was uploaded; UploadUnknown or
-    SessionError if the controller may have stored all or part of the parameters, which the journal then records. After a
+    Exports nothing and raises GuardError if this reason is missing or if, before an upload, counters or sensors may
+    have changed since the poses were captured. Exports nothing and raises JournalLostError if the journal was changed.
+    Raises JournalError if the journal cannot be written; the message states what was uploaded. Raises UploadUnknown or
+    SessionError, and records it, if the controller may have stored all or part of the parameters. After a
     KeyboardInterrupt during the upload, a note to the exception states that the result is unknown.
     """
     forced = export_reason(solution, forced, stated_by="--force REASON")

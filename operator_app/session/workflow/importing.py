@@ -229,9 +229,9 @@ def replace_session(
 ) -> None:
     """Replace the journal in `folder` with `lines` (`events` as text), after removing the files named in `stale`.
 
-    Unless `overwrite` is true, the old journal must have the same poses, arm and fixture. Raises JournalError, and
-    changes nothing, if it has not, has other events than `REPRODUCIBLE_EVENTS` (was captured on an arm, or edited),
-    cannot be read, or is in use. Raises WriteError if the disk cannot be written.
+    The old journal may contain only `REPRODUCIBLE_EVENTS`: a session that was captured on an arm, or edited, is never
+    replaced. Unless `overwrite` is true, its poses, arm and fixture must be the same. Raises JournalError, and changes
+    nothing, if this is not so, or if the old journal cannot be read or is in use. Raises WriteError if writing fails.
     """
     path = folder / JOURNAL_NAME
     with os_errors_as_journal_errors(f"cannot open {path}", "name another folder"):

@@ -85,7 +85,7 @@ class Choices:
         return scenario(self.scenario or DEFAULT_SCENARIO, self.seed or 0)
 
     def bus(self, procedure: Procedure) -> BusSettings:
-        """Return the bus; the first that names one counts: choices, procedure, environment, can.conf, user settings."""
+        """Return the bus named by the first of: choices, procedure, environment, can.conf, user settings."""
         from hardware.buses.python_can import bus_settings
         from operator_app.config.user_settings import usual_bus
 

@@ -64,7 +64,7 @@ class PlannedCapture:
         self._ended: Finished | None = None
 
     def ready(self) -> tuple[int, ...]:
-        """Decide whether `run` continues the recorded campaign or starts a new one; return its drive joints."""
+        """Prepare to continue the recorded campaign if possible, else to start a new one; return the drive joints."""
         session = self._session
         log = session.state.campaign
         self.campaign, self._moved, self._ended = None, False, None

@@ -152,7 +152,7 @@ class Session(Logbook):
         return self.model.joint_count - loop.equations_per_pose
 
     def check_modes(self, position_joints: tuple[int, ...]) -> None:
-        """Raise GuardError if exactly these joints cannot be put into position mode."""
+        """Raise GuardError if these joints are not a valid set for position mode."""
         problem = modes_problem(
             position_joints,
             joint_count=self.model.joint_count,
@@ -204,7 +204,7 @@ class Session(Logbook):
     def require_counters_of_poses(self) -> None:
         """Before an upload, raise GuardError if counters or sensors may have changed since the poses were captured.
 
-        After a reconnection, the readings are also checked as in `take_control`, unless this has been done.
+        If the arm was connected again, also checks the readings as `take_control` does, once for each connection.
         """
         check_counters(self.model, self.arm.snapshot().positions_rad)
         require_no_sensor_fault(self.state, "an upload is refused")
@@ -222,8 +222,8 @@ class Session(Logbook):
     ) -> MoveResult:
         """Move joints in position mode to `targets_rad`; `range_watch` or the function `also` may end the move early.
 
-        Raises GuardError if the number of joints in position mode is not `mobility`, and Cancelled if the operator
-        ended the move.
+        Raises GuardError if the number of joints in position mode differs from `mobility`, and Cancelled if the
+        operator ended the move.
         """
         self.check_modes(self.state.position_joints)
         self.raise_if_cancelled()

@@ -277,7 +277,10 @@ def _local_minimum_causes(case: _Case) -> tuple[Finding, ...]:
 
 
 def _fit_causes(case: _Case, *, without_motion: bool) -> tuple[Finding, ...]:
-    """Causes from the fit itself: no convergence, or large sigmas of parameters that are not known from the files."""
+    """Return the causes from the fit itself: no convergence and, unless `without_motion`, large sigmas.
+
+    Sigmas that are large because of parameters known from the files do not count.
+    """
     estimate = case.estimate.given(case.known.by_files)
     open_end = Finding(
         FindingKind.NOT_CONVERGED, figures={"iterations": estimate.iterations}, blocking=True

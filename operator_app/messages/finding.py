@@ -188,14 +188,14 @@ class _Amount(NamedTuple):
 
 
 class _Choice(int):
-    """A flag; ``{certain:drifts|may drift}`` is the first text if `certain` is true, else the second."""
+    """A flag for templates: ``{certain:drifts|may drift}`` becomes "drifts" if `certain` is true, else "may drift"."""
 
     def __format__(self, spec: str) -> str:
         return spec.split("|")[not self]
 
 
 class _FindingFields(dict[str, object]):
-    """Values by the names that a template may use: the figures of a finding, and the values of `FIELDS`."""
+    """Values that a template may use, by name: figures of a finding, and results of the functions in `FIELDS`."""
 
     def __init__(self, finding: Finding) -> None:
         figures = {"size": finding.size, "sigma": finding.sigma, **finding.figures}
@@ -215,7 +215,7 @@ def fixed_briefly(offsets: tuple[str, ...]) -> str:
 
 
 def _holds(f: Finding) -> str:
-    """Return how far the tool is off per degree of error of a fixed offset; `f.figures`: that rate, m/rad, by name."""
+    """Return the text on fixed offsets of unknown uncertainty; `f.figures`: tool error, m/rad, by offset name."""
     if not f.figures:
         return ""
     rates = ", ".join(

@@ -223,7 +223,7 @@ class StartUp:
         return unwatching if profile.configures_pdos else self._check_arm(identity)
 
     def _check_arm(self, identity: ArmIdentity) -> tuple[int, ...]:
-        """Do the part of `_check_drives` without PDOs; set heartbeat time-out, following limits and rated torques."""
+        """Do `_check_drives` except for PDOs; set heartbeat time-out, following-error limits and rated torques."""
         access, profile, loop, link = self._access, self._profile, self._loop, self._link
         identifying.check_arm(access, identity, link.on_bus.description, profile)
         timeout_s = drive_settings.heartbeat_timeout_s(

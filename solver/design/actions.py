@@ -110,5 +110,5 @@ def moves_along(
 
 
 def straight_move(q_rad: FloatArray, drives: tuple[int, ...], why: str) -> GoTo:
-    """Return a straight move of the joints `drives` to their angles in the pose `q_rad` (n,), without prediction."""
+    """Return a straight move of the joints `drives` to their angles in the pose `q_rad` (n,); no trace is predicted."""
     return GoTo(targets_rad={j: float(q_rad[j - 1]) for j in drives}, why=why)

@@ -89,9 +89,7 @@ def choose_poses(
     apart_rad: float = 0.0,
     seed: int = 0,
 ) -> tuple[int, ...]:
-    """Choose `count` different candidates whose information, added to `fixed`, has the largest log det.
-
-    Returns the indices of the candidates.
+    """Return the indices of `count` different candidates whose information, added to `fixed`, has the largest log det.
 
     Raises `TooFewCandidatesError` if fewer than `count` candidates are allowed and far enough apart.
 
@@ -202,8 +200,8 @@ class PoseInformation:
     """Square roots of the information of m poses about P parameters and K effects of stated errors.
 
     `parameters`: names, in column order. `root` (m, r, P + K): a pose's information is ``root' root``. With V = L L'
-    the covariance of the pose's equations, root is ``L^-1 [A, Z]``: derivatives A with respect to the parameters, and Z
-    with respect to the effects, each of which has the prior N(0, 1).
+    the covariance of the pose's equations, `root` is ``L^-1 [A, Z]``, where A are the derivatives with respect to the
+    parameters, and Z those with respect to the effects, each of which has the prior N(0, 1).
     """
 
     parameters: tuple[str, ...]
@@ -229,7 +227,7 @@ def pose_information(
     errors: ErrorModel,
     variances: Mapping[str, float] | None = None,
 ) -> PoseInformation:
-    """Return each pose's information about the parameters of `model` without tolerance, for errors as in `errors`.
+    """Return each pose's information about those parameters of `model` that have no tolerance; `errors`: error model.
 
     Raises `ValueError` if a closure component has no noise at all (exact joints and a stiff fixture).
 

@@ -37,7 +37,7 @@ def implicit_interim(
 
     The function uses the implicit estimator. It starts from the last trusted estimate or, if there is none, from the
     nominal values. If the closure errors are far larger than the joint sensors' noise explains, the excess is
-    attributed to the fixture's compliance and the poses are fitted again, since the covariance would be too small.
+    attributed to the fixture's compliance and the poses are fitted again: otherwise the covariance would be too small.
     """
     start: FloatArray | None = None
     explained = noise

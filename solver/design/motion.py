@@ -95,7 +95,7 @@ class ChainMotion:
         return np.asarray(self.tangent[:, : self.joint_count] @ inverse)
 
     def passive_conditioning(self, drives: Sequence[int]) -> FloatArray:
-        """Smallest singular value of the passive joints' closure Jacobian (m,); 1 m counts as 1 rad."""
+        """Smallest singular value (m,) of the passive joints' closure Jacobian; 1 m counts as 1 rad."""
         passive = [c for c in range(self.jacobian.shape[-1]) if c + 1 not in drives]
         return np.asarray(np.linalg.svd(self.jacobian[..., passive], compute_uv=False)[..., -1])
 

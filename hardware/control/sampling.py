@@ -34,7 +34,7 @@ class CommandSender:
         self._sent: list[Setpoint | None] = [None] * len(self._frames)
 
     def send(self, commands: Setpoints, sync_count: int, *, moving: bool) -> None:
-        """Send changed commands; in case a frame was lost, also repeat the command of one joint per SYNC, in rotation."""
+        """Send changed commands; in case a frame was lost, also repeat one joint's command per SYNC, in rotation."""
         repeated = sync_count % len(self._frames)
         dropout = self._watch.dropout
         for joint, joint_command in enumerate(commands):

@@ -23,7 +23,7 @@ def set_hardware_filters(bus: can.BusABC, filters: list[CanFilter]) -> None:
 
     python-can's own software filter is used on the in-process bus only. With that filter, a `recv` that does not wait
     returns None for a dropped frame, and a reader that reads until None would leave answers in the queue. (The
-    in-process bus has no such readers.) If an adapter has room for fewer filters (Kvaser, SYSTEC, Vector: one),
+    in-process bus has no such readers.) If an adapter cannot take all filters (Kvaser, SYSTEC, Vector: only one),
     python-can uses its software filter and sets `_is_filtered` to false; the filters are then removed again.
     """
     if isinstance(bus, VirtualBus):

@@ -76,7 +76,7 @@ def bus_settings(
 ) -> BusSettings:
     """Return the settings of a bus: from the arguments, or else from the environment, or else from ``can.conf``.
 
-    If none of these names an interface, the interface and all other missing settings are those of `otherwise`. Raises
+    If none of these names an interface, `otherwise` gives the interface, and the channel and bitrate if missing. Raises
     `BusSettingsError` for an unknown interface, an invalid bitrate or a missing channel.
     """
     stated = {"interface": interface, "channel": channel, "bitrate": bitrate}

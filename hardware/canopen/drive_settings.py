@@ -141,9 +141,8 @@ def _heartbeat_consumers(access: ObjectAccess, node: int) -> tuple[int, ...] | N
 def heartbeat_timeout_s(access: ObjectAccess, profile: BusProfile, min_s: float) -> float:
     """Return the time without a heartbeat, s, after which a node counts as lost.
 
-    The time is 2.5 heartbeat periods (1017h) of the slowest node, but at least `min_s`.
-
-    Raises `MappingMismatch` for nodes that send no heartbeat or whose period is too long.
+    The time is 2.5 heartbeat periods (1017h) of the slowest node, but at least `min_s`. Raises `MappingMismatch` for
+    nodes that send no heartbeat or whose period is too long.
     """
     mismatches, longest_s = [], 0.0
     for node in profile.nodes:

@@ -238,7 +238,7 @@ def _misfit_causes(
     if by_tests and explained and not _single_cause(diagnosis):
         by_tests = (*_exceeded_specifications(case.fit.linear, diagnosis), *by_tests)
     if scale > limits.CHI2_PER_DOF_REFUSED and by_tests:
-        # The misfit has widened the sigmas, so that no cause exceeds them: the first one has to block.
+        # The misfit has widened the sigmas, so that no cause's effect exceeds them: the first has to block.
         by_tests = (replace(by_tests[0], blocking=True), *by_tests[1:])
     return by_tests, alternatives, nothing_fits
 

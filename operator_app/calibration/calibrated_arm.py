@@ -328,7 +328,7 @@ def closure_in_use(
         if is_entry(name):
             entry = DhEntry.parse(name)
             changes[name] = float(change[entry.kind, entry.row - 1])
-    # The best table also changes entries that were not calibrated; the mounting is the same for both.
+    # The best table also changes entries that were not calibrated: they become parameters of the loop too.
     whole = freed(model, best.entries)
     at_best = in_order(whole, model, x)
     at_best += [changes.get(p.name.partition("[")[0], 0.0) for p in whole.parameters]

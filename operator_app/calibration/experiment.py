@@ -144,7 +144,7 @@ def identifiable_loops(
     if unidentifiable:
         require_enough_poses(model, len(q))
         if search:
-            # Fixing parameters changes their values: the search is repeated without them.
+            # Fixing parameters at nominal values affects the others: the search is repeated for the others only.
             choice = global_start(model, q, progress=progress)
     paper = None
     if not experiment.unsensed:

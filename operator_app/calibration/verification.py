@@ -249,7 +249,7 @@ def _with_prediction(
     *,
     scale: float,
 ) -> VerificationResult:
-    """Return `result` with tests of the new poses against their prediction by the poses of the calibration.
+    """Return `result` with tests of the new poses against their prediction from the calibration's poses.
 
     `residuals`, `sharp`, `subjects`: the prediction, i.e. what `predict_new_poses` returned.
     `scale`: factor, at least 1, by which the accepted calibration's variances exceed the stated variances. It widens
@@ -404,7 +404,7 @@ def require_in_range(arm: ArmModel, new: PoseSet, solution: Solution) -> None:
 def may_be_elsewhere(fixture: EndpointConstraint) -> bool:
     """Whether poses of another placement (another socket, or another station of an instrument) can test a calibration.
 
-    The ball or the instrument's target must stay on the tool. No file may fix the instrument's station.
+    For this, the ball or the instrument's target must stay on the tool, and no file may fix the instrument's station.
     """
     moves = fixture.kind == "ball" or (isinstance(fixture, Measured) and not fixture.base_known)
     return moves and fixture.stays_on_hand

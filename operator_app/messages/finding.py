@@ -20,7 +20,7 @@ CERTAIN = 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NamedSize:
-    """A parameter and a value in `unit`, "rad" or "m"; `share`: part of the information on it that poses give."""
+    """A parameter and a value in `unit`, "rad" or "m"; `share`: share of the information that comes from the poses."""
 
     name: str
     size: float
@@ -35,7 +35,8 @@ class Finding:
     Attributes
     ----------
     joint, joints
-        The joint (1-based, 0 for none), and all joints if several; or, in `joints`, numbers of placements or sockets.
+        The joint (1-based; 0: none), and all joints if there are several. For findings about placements or sockets,
+        `joints` has their numbers.
     sensor
         "RVDT" or "ENCODER" if the finding is about a joint's sensor.
     names

@@ -71,7 +71,7 @@ def live_quality(
         )
     shared = len(quality.numbers)
     for count in range(shared + 1, len(numbers) + 1):
-        # If many poses are added at once, as after a resume, an estimate follows the last one.
+        # If many poses are added at once, as after a resume, the parameters are estimated after the last pose.
         last_of_many = count == len(numbers) > shared + 1
         quality = _with_one_more(
             arm, model, q_rad[:count], numbers[:count], quality, at_once=last_of_many

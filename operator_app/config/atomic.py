@@ -1,4 +1,4 @@
-"""Writes files so that a power cut leaves the old or the new one, and formats YAML that `strict_yaml` reads exactly.
+"""Writes a file whole or not at all, even in a power cut, and formats YAML that `strict_yaml` reads back exactly.
 
 A float has as many digits as are needed to read the same double (at most 17). A text is quoted if it could be read as
 another type.
@@ -23,8 +23,8 @@ def write_atomically(path: Path, data: bytes, *, through_link: bool = False) -> 
     """Write `data` to a temporary file in the same folder, fsync, rename it to `path`, and fsync the folder.
 
     A reader finds the old file or the new one, never a part, even after a power cut. The permissions of an existing
-    file are kept. A symbolic link is replaced by a file, not followed, since a folder from somebody else may link to
-    any file; with `through_link`, its target is replaced instead.
+    file are kept. A symbolic link is replaced by a file, not followed, since a folder from somebody else may contain
+    links to any file; with `through_link`, its target is replaced instead.
 
     Raises WriteError if the system refuses, or if `path` is or links to a device or a pipe: root could otherwise
     replace `/dev/null`. Nothing has changed then, and no temporary file remains.

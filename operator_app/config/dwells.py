@@ -82,7 +82,7 @@ def find_dwells(
     dwell_s: float = DWELL_S,
     spread_rad: float = math.radians(DWELL_SPREAD_DEG),
 ) -> tuple[tuple[Dwell, ...], tuple[RefusedDwell, ...]]:
-    """Return the dwells in samples `q_rad` (m, n) at rising times `time_s` (m,), and the rests that are no dwells."""
+    """Return the dwells in samples `q_rad` (m, n) at rising times `time_s` (m,), and the rests that are not dwells."""
     if len(time_s) < LEAST_SAMPLES:
         return (), ()
     step = np.diff(time_s)
@@ -116,7 +116,7 @@ def find_dwells(
 
 
 def smallest_spread_rad(time_s: FloatArray, q_rad: FloatArray, dwell_s: float) -> float:
-    """Return the spread, rad, of the joint that moves most in the calmest `dwell_s`; inf for a shorter recording."""
+    """Return the spread, rad, of the joint that moves most in the calmest window of `dwell_s`; inf if none fits."""
     last = np.searchsorted(time_s, time_s + dwell_s * (1.0 - 1e-9))
     return float(_ranges(q_rad, last[last < len(time_s)]).max(axis=1).min(initial=np.inf))
 

@@ -112,7 +112,7 @@ def load_joint_log(
 
 
 def wrong_header(header: list[str], width: int, file: str, line: int) -> ConfigError:
-    """Return the error of a log whose header does not have `width` cells, as its first row of angles has."""
+    """Return the error for a header whose number of cells is not `width`, that of the first row of angles."""
     text = f"the header has {len(header)} cells, but the first row of angles has {width}"
     return only(file, text, "name each column, or remove the header", line=line)
 
@@ -252,7 +252,7 @@ def find_columns(
     file: str,
     joints: Sequence[str] = (),
 ) -> tuple[int, ...]:
-    """Return the indices (from 0) of joints 1 to n: the columns named in `option`, else recognised in `remaining`."""
+    """Return the column indices (from 0) of joints 1 to n: as named in `option`, else as recognised in `remaining`."""
     count = remaining[-1] + 1 if remaining else 0
     if not option:
         named = [header[k] for k in remaining] if header else []

@@ -58,7 +58,7 @@ def group_of(name: str) -> tuple[str, ...] | None:
 
 
 def groups_in(names: Collection[str]) -> tuple[tuple[str, ...], ...]:
-    """Return the group of columns of each orientation of which `names` has a column; a file should have one group."""
+    """Return the groups of columns (see `group_of`) of which `names` has at least one; a file should have one group."""
     groups = {group: None for name in names if (group := group_of(name)) is not None}
     return tuple(groups)
 
@@ -72,7 +72,7 @@ class QuaternionError(ValueError):
 
 
 def rotation_vectors(group: tuple[str, ...], values: FloatArray) -> FloatArray:
-    """Return rotation vectors (m, 3), rad, from `values` in the columns `group`: (m, 3), deg, or quaternions (m, 4).
+    """Return rotation vectors (m, 3), rad, from the values of columns `group`: (m, 3), deg, or quaternions (m, 4).
 
     Raises `QuaternionError` for a quaternion that is not of unit length.
     """
@@ -132,7 +132,7 @@ def endpoint_columns(
 def endpoints_of(
     columns: tuple[str, ...], values: FloatArray, file: str, lines: Sequence[int]
 ) -> FloatArray:
-    """Return endpoints (m, 3) or (m, 6), in m and rad, from `values` (m, k); `columns`: from `endpoint_columns`.
+    """Return endpoints (m, 3) or (m, 6), m and rad, from the `values` (m, k) in `columns`, see `endpoint_columns`.
 
     `lines`: line number of each row in the file. If a value of a row is not finite, the endpoint of this row is nan.
     Raises ConfigError for implausible values, and for quaternions that are not of unit length.
@@ -306,8 +306,8 @@ def poses_of_targets(points_m: FloatArray, labels: Sequence[str]) -> FloatArray:
     ``x3_m,y3_m,z3_m`` of a poses file. The targets' positions on the tool need not be known, since their triangle is
     taken as the mean over all poses. The tool's frame has its origin in the centroid, x towards target 1, and z normal
     to the triangle (targets 1, 2, 3 counter-clockwise). If each coordinate has the standard deviation s, and the sides
-    have length a, standard deviations are s / sqrt(3) for each coordinate of the origin, sqrt(2) s / a for a rotation
-    about a line in the triangle's plane, and s / a for a rotation about its normal.
+    have length a, the standard deviations are s / sqrt(3) for each coordinate of the origin, sqrt(2) s / a for a
+    rotation about a line in the triangle's plane, and s / a for a rotation about its normal.
 
     Raises `ValueError` if the targets are nearly in line, or if one pose's triangle differs from the others.
     """

@@ -76,7 +76,7 @@ class CalibratedEntry(StrictRecord):
     """A calibrated D-H entry and its standard deviation: `sigma_deg` of an angle, `sigma_m` of a length.
 
     `side`: what the entry describes: the arm, or where the fixture is on the table ("ground") or on the tool ("hand").
-    Only entries of the arm stay valid in another mounting. None in files of version 1.
+    Only entries of the arm stay valid in another mounting. In version 1, `side` is None.
     """
 
     entry: quantities.ExactText
@@ -148,7 +148,7 @@ class RvdtRemedy(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TwoFigures(StrictRecord):
-    """Sigma by eq. 14 or 15: `rms` divides by the number of residuals inside the root, `as_printed` outside."""
+    """Sigma by eq. 14 or 15; `rms` divides by the number of residuals inside the root, `as_printed` outside."""
 
     rms: quantities.NonNegativeNumber
     as_printed: quantities.NonNegativeNumber
@@ -200,7 +200,7 @@ def correlations_of(names: Sequence[str], covariance: FloatArray) -> dict[str, t
 def budget_of(
     names: Sequence[str], variance: FloatArray, parts: Mapping[str, FloatArray]
 ) -> dict[str, dict[str, float]]:
-    """Return, by parameter and error source, the shares `parts` / `variance` without those that round to 0."""
+    """Return, by parameter and error source, the shares of `parts` in `variance`, without shares that round to 0."""
     by_source = {}
     for k, name in enumerate(names):
         if variance[k] > 0.0:

@@ -32,8 +32,8 @@ DEFAULT_PROFILE = "sarcos"
 class AcceptanceLimits(StrictRecord):
     """Limits for the acceptance of a calibration, in addition to the tests of every calibration; None means no limit.
 
-    The sigmas are those of eqs. 14 and 15 with ``rms`` (see `TwoFigures`). A condition number above its limit causes a
-    warning and does not prevent acceptance.
+    `sigma_pos_mm`, `sigma_ori_mrad`: limits of the `rms` values of eqs. 14 and 15 (`parameter_records.TwoFigures`). A
+    condition number above `scaled_condition_number` causes a warning and does not prevent acceptance.
     """
 
     scaled_condition_number: Annotated[quantities.PositiveNumber, Field(ge=1.0)] = 100.0
@@ -58,7 +58,7 @@ class ProcedureBus(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Modes(StrictRecord):
-    """Drive joints: numbers from 1, or ``auto`` if the program chooses; `trial`: the choice also uses small motions."""
+    """Drive joints: numbers from 1, or ``auto`` if the program chooses; `trial`: the choice also uses trial motions."""
 
     position: Literal["auto"] | Annotated[tuple[quantities.Count, ...], Field(min_length=1)]
     trial: quantities.Yes = False

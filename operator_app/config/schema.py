@@ -74,7 +74,7 @@ def checked(check: Callable[[Any, Fields], Iterable[Complaint]]) -> pydantic.Aft
 
 
 def numbered(place: str, key: str, first: int = 1) -> pydantic.AfterValidator:
-    """Return an annotation for the list at `place`, whose items must have the `key` `first`, `first` + 1, ... in order."""
+    """Return an annotation for the list at `place`: the `key` of its items must count from `first`, in order."""
 
     def check(items: Sequence[Any], _: Fields) -> Iterator[Complaint]:
         for k, item in enumerate(items):

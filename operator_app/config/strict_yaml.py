@@ -220,7 +220,7 @@ class YamlDocument:
         return tuple(self.problem(*complaint) for complaint in self.complaints)
 
     def problem(self, path: Path, text: str, remedy: str = "", mark: Mark | None = None) -> Problem:
-        """Return a problem at `path`, in the line of `mark`; None: the line of `path` or of its nearest parent in the file."""
+        """Return a problem at `path`, in the line of `mark`; None: in the line of `path` or of its nearest parent."""
         place = path
         while place and place not in self.marks:
             place = place[:-1]

@@ -160,7 +160,7 @@ def calibrated_origins(chain: UrdfChain, table: DhTable) -> dict[str, FloatArray
 
 
 def entries_without_origin(chain: UrdfChain) -> tuple[str, ...]:
-    """Return the D-H entries that no origin represents: s, a, alpha, beta of link n if no fixed joint follows it."""
+    """Return the D-H entries that no origin can represent: s, a, alpha, beta of link n if no fixed joint follows."""
     n = len(chain.joints)
     behind = tuple(f"{kind}_{n}" for kind in ("s", "a", "alpha", "beta"))
     return behind if chain.steps[-1].joint is not None else ()

@@ -38,7 +38,7 @@ REPORTED_RAD = 1e-8
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UrdfJoint:
-    """One revolute joint: axis (3,), range, largest speed and torque; the last two are None if not stated.
+    """One revolute joint: axis (3,), range (rad), speed (rad/s), torque (N m); the last two are None if not stated.
 
     `unstated`: a text for each limit that the file does not state, or states too large for any arm.
     """
@@ -179,7 +179,7 @@ class UrdfTree:
         )
 
     def around(self, first: str, last: str) -> Iterator[tuple[str, str]]:
-        """Yield all pairs of a base link fixed to joint `first`'s parent and a tip link fixed to joint `last`'s child."""
+        """Yield all pairs of a base link, fixed to joint `first`'s parent, and a tip link, fixed to `last`'s child."""
         named = {e.get("name", ""): e for e in self.elements.values()}
         if first not in named or last not in named:
             return
@@ -256,7 +256,7 @@ def _only_end(elements: Mapping[str, ET.Element], base: str, file: str) -> str:
 
 
 def _begins_a_gripper(element: ET.Element, later: Sequence[ET.Element]) -> bool:
-    """Whether a joint has a gripper's name, or slides or mimics another joint and has no joint of an arm behind it."""
+    """Whether a joint has a gripper's name, or is a sliding or mimicking joint that no joint of an arm follows."""
     if _has_gripper_name(element):
         return True
     if element.get("type") != "prismatic" and element.find("mimic") is None:

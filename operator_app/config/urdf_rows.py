@@ -20,7 +20,7 @@ sine of the angle between them exceeds MEETING_SINE, and the row's s and a are b
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisLine:
-    """A joint's axis in the base link's frame, all joints at zero: direction z, a point on it, a preferred x axis."""
+    """A joint's axis in the base link's frame, all joints at zero: direction z, a point, a preferred x axis (3,)."""
 
     z: FloatArray
     point_m: FloatArray
@@ -67,7 +67,7 @@ def link_transform(row: Sequence[float]) -> FloatArray:
 
 
 def _by_common_normal(before: FloatArray, line: AxisLine) -> tuple[float, ...]:
-    """Return the D-H row from frame `before` along the common normal to an axis `line` that is not parallel to z."""
+    """Return the D-H row from frame `before` to an axis `line` not parallel to its z axis, along the common normal."""
     x, z, origin = before[:3, 0], before[:3, 2], before[:3, 3]
     normal = np.cross(z, line.z)
     normal /= np.linalg.norm(normal)
@@ -124,7 +124,7 @@ def _normal_to(line: AxisLine, apart: FloatArray, z: FloatArray) -> tuple[FloatA
 
 
 def _across(z: FloatArray, *preferred: FloatArray) -> FloatArray:
-    """Return a unit vector normal to `z`: the projection of the first of `preferred`, x, y not nearly parallel to `z`."""
+    """Return a unit vector normal to `z`: the projection of the first of `preferred`, x, y not along `z`."""
     across = (d - (d @ z) * z for d in (*preferred, *np.eye(3)[:2]))
     return next(x / np.linalg.norm(x) for x in across if np.linalg.norm(x) > 0.1)
 

@@ -157,7 +157,7 @@ def choose_drives(
 
 
 def named_drives(prediction: DrivePrediction, drives: tuple[int, ...], kind: str) -> DriveChoice:
-    """Return the procedure's `drives` as the choice; raises `GuardError` if a joint or the number of joints is wrong."""
+    """Return the procedure's `drives` as the choice; raises `GuardError` if a joint or the joint count is wrong."""
     motion = prediction.manifold.motion
     problem = modes_problem(
         drives, joint_count=motion.joint_count, mobility=motion.degrees, kind=kind

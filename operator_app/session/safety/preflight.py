@@ -38,7 +38,7 @@ def require_plausible_readings(
 
     `endpoint`: function that measures the tool with the instrument; called if this placement has poses. Returns the
     joints (1-based) whose shift since the last pose could not be detected at the current pose. Raises
-    ClosureRefusedError, which names the joint if a wrong reading of one joint explains that the loop does not close.
+    ClosureRefusedError; the message names a joint whose wrong reading alone would explain the closure error.
     """
 
     def record(text: str, probability: float | None, *, refused: bool = False) -> None:
@@ -112,11 +112,11 @@ MAX_NAMED_JOINTS = 3
 def check_closure_without_poses(
     procedure: Procedure, reading: Reading, known: KnownArm | None = None
 ) -> float | None:
-    """Refuse readings with which the loop cannot close within the tolerances of the files.
+    """Refuse readings with which the loop cannot close within the tolerances of arm file and fixture file.
 
-    `known`: information on the arm from earlier placements of the fixture. Returns the probability of a larger chi2,
-    None for an open arm. Raises ClosureRefusedError if the loop cannot close or a counter was reset; the error names
-    joints whose reading alone explains this.
+    `known`: information on the arm from earlier placements of the fixture. Returns the probability of a larger chi2;
+    None for an open arm. Raises ClosureRefusedError if the loop cannot close or a counter was reset; the message names
+    the joints whose wrong reading alone would explain the closure error.
     """
     if not procedure.fixture.fixture.holds_hand:
         return None
@@ -161,10 +161,10 @@ def _reset_counters(arm: ArmModel, loop: LoopAtReading, closure: ClosureFit) -> 
 def _reset_among(
     arm: ArmModel, loop: LoopAtReading, closure: ClosureFit, zeros: tuple[int, ...], at_most: float
 ) -> dict[int, float]:
-    """Return the joints of `zeros` with reset counters, with the angles (rad) that close the loop; {} for none.
+    """Return the joints of `zeros` whose counters were reset, with the angles (rad) that close the loop; {} for none.
 
-    A counter counts as reset if its reading increases chi2, and so large an increase is less probable than `at_most`.
-    The increase is tested, not chi2, because errors in the files raise chi2 with and without this reading.
+    The counters count as reset if the increase of chi2 that their readings cause is less probable than `at_most`.
+    The increase is tested, not chi2, because errors in the files raise chi2 with and without these readings.
     """
     from scipy.special import chdtrc
 

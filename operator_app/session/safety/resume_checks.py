@@ -1,7 +1,7 @@
 """Resume checks before the drives are enabled: same nodes, no counter reset, closure as predicted.
 
-They move nothing; `return_check` follows once the arm may move. A reset sets a counter to zero at the current position.
-Until the next connection, the arm may sag, because hydraulic valves leak; then the counter is not exactly zero.
+These checks move nothing. When the arm may move, `return_check` compares a repeated pose. A reset sets a counter to
+zero at the current position. If the arm then sags before it is connected, the counter is not exactly zero.
 """
 
 from collections.abc import Sequence
@@ -39,8 +39,8 @@ MAX_SAG_RAD = float(np.deg2rad(5.0))
 def counters_near_zero(arm: ArmModel, reading_rad: FloatArray) -> dict[int, float]:
     """Return the distance from zero of each counter within `MAX_SAG_RAD` of zero, by joint, nearest first.
 
-    Joints are numbered from 1. The distance is in units of `AT_ZERO_COUNTS` counts, at least 1. The probability that a
-    joint is that close to zero by chance is proportional to the distance.
+    Joints are numbered from 1. The distance is in units of `AT_ZERO_COUNTS` counts; 1 stands for any smaller one. The
+    probability that a joint is this close to zero by chance is proportional to the distance.
     """
     times = {
         j: max(1.0, abs(float(q)) / (AT_ZERO_COUNTS * joint.sensor.resolution_rad))
@@ -109,7 +109,7 @@ CHI2_RATIO_TO_LIMIT = 2.0
 NEAR_ZERO_RATIO = 100.0
 """A closure error is attributed to a reset counter if a reading is within this distance of zero.
 
-The distance is in units of `AT_ZERO_COUNTS`. By chance, a joint is so close to zero in one of 300 positions.
+The distance is in units of `AT_ZERO_COUNTS`. By chance, a joint is this close to zero in one of 300 positions.
 """
 
 REMAINDER_PROBABILITY = 1e-3
@@ -124,7 +124,7 @@ NEW_SESSION_REMEDY = (
 
 
 def check_identity(state: SessionState, identity: ArmIdentity) -> None:
-    """Raise GuardError if the arm has no nodes, or other serial numbers than the session's arm and nodes."""
+    """Raise GuardError if the arm has no nodes, or if its serial number or a node's differs from the session's."""
     if not identity.nodes:
         raise GuardError(
             f"arm {identity.serial_number} has no nodes: it cannot be moved or read",
@@ -214,9 +214,9 @@ def _refusal(
 ) -> ClosureRefusedError:
     """Return the error, with its likely cause, for a reading that contradicts the captured poses.
 
-    `near`: innovation of the reading; None for an open arm, or if the poses cannot be fitted. `probability`: that of a
-    larger chi2 with the parameters from the poses; None if the poses do not determine them. `closes`: whether the loop
-    closes at all with these parameters.
+    `near`: innovation of the reading; None for an open arm, or if the poses cannot be fitted. `probability`:
+    probability of a larger chi2 with the parameters from the poses; None if the poses do not determine parameters.
+    `closes`: whether these parameters allow the loop to close.
     """
     from scipy.special import chdtrc
 
@@ -265,7 +265,7 @@ def _cause_text(near: Innovation | None) -> str:
 
 
 def fixture_in_place(state: SessionState, procedure: Procedure) -> EndpointConstraint:
-    """Return the fixture; an instrument gets the nominal placement that `parameters_from_poses` is based on."""
+    """Return the fixture; for an instrument, with the placement from the calibration, else from the file or poses."""
     known = journal_calibration(state)
     fixture = procedure.fixture.fixture
     if isinstance(known, StoredCalibration):

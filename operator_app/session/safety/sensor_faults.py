@@ -120,9 +120,9 @@ class SensorFaults:
         return tuple(pose.number for pose in self._logbook.state.poses[-1:])
 
     def _poses_with_present_reading(self, joint: int) -> tuple[int, ...]:
-        """Return the numbers of the latest consecutive poses with the present reading of `joint`.
+        """Return the numbers of the latest consecutive poses in which `joint` reads the same as now.
 
-        For a drive that did not follow: its sensor may have been stuck in these poses while the joint moved.
+        Used when a drive did not follow: its sensor may have been stuck in these poses while the joint moved.
         """
         poses = self._logbook.state.poses_here
         if not poses:

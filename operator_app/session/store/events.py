@@ -115,7 +115,7 @@ def joint_number(value: Any, joints: int | None) -> str:
 
 
 def joint_key(value: Any, joints: int | None) -> str:
-    """Check a joint number in a JSON key, i.e. as text; return the problem, "" if it is valid."""
+    """Check a JSON key that is a joint number; return the problem as text, "" if the key is valid."""
     if not re.fullmatch(r"[1-9]\d{0,2}", value):
         return f"must be the number of a joint, not {_quoted(value)}"
     return joint_number(int(value), joints)

@@ -45,7 +45,7 @@ class ListPanel(Lines):
 
 
 class TablePanel(ListPanel):
-    """A table from `_table`, which subclasses override. No row is marked; `cursor` is the first visible row."""
+    """A scrolling table; subclasses override `_table`. No row is marked: `cursor` is the first visible row."""
 
     def _table(self, s: SessionSnapshot) -> FactTable | None:
         return None
@@ -71,7 +71,7 @@ _SENSORS: Mapping[type[Sensor], str] = {Encoder: "enc", Rvdt: "RVDT", NoSensor: 
 
 
 class JointTable(ListPanel):
-    """List with one row per joint; with `show_selected`, mark, sensor and requested mode replace speed and state."""
+    """List of joints; if `show_selected`, one is marked, and sensor and requested mode replace speed and state."""
 
     TITLE = "Joints"
     HELP = (

@@ -253,7 +253,7 @@ def find_columns(
     joints: Sequence[str] = (),
 ) -> tuple[int, ...]:
     """Return the column indices (from 0) of joints 1 to n: as named in `option`, else as recognised in `remaining`."""
-    count = remaining[-1] + 1 if remaining else 0
+    count = len(body[0][1])
     if not option:
         named = [header[k] for k in remaining] if header else []
         if order := joint_order(named, joints, joint_count):
@@ -282,6 +282,9 @@ def find_columns(
     if over := [k for k in columns if k >= count]:
         text = f"--columns: there is no column {over[0] + 1}"
         raise only(file, text, f"the file has {count}")
+    if taken := [k + 1 for k in columns if k not in remaining]:
+        text = f"--columns: column {taken[0]} has the times, the placement or a measured endpoint"
+        raise only(file, text, "name the columns of the joints")
     if len(columns) != joint_count or len(set(columns)) != len(columns):
         text = f"--columns names {len(set(columns))} columns for an arm of {joint_count} joints"
         raise only(file, text, "name one for each joint, in the order of the joints")

@@ -194,7 +194,7 @@ def _find_joints(
         listed = tuple(part.strip() for part in columns.split(","))
         if missing := [name for name in listed if name not in names]:
             text = f"--columns: there is no joint {missing[0]!r}"
-            raise only(file, text, f"there is {', '.join(names)}")
+            raise only(file, text, f"there is {', '.join(names[:40])}")
         if len(listed) != count or len(set(listed)) != count:
             text = f"--columns names {len(set(listed))} joints of an arm of {count}"
             raise only(file, text, "name one for each joint, in the order of the joints")

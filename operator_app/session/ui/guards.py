@@ -204,7 +204,9 @@ def may_capture(s: SessionSnapshot) -> str:
 
 def may_run_automatically(s: SessionSnapshot) -> str:
     """Return why automatic capture is refused; "" if moving is allowed and a pose or a drift check is missing."""
-    complete = len(s.state.used_poses) >= s.required_poses and not lacks_drift_check(s)
+    complete = len(s.state.used_poses) >= s.required_poses
+    if lacks_drift_check(s) or (s.state.resumed and s.state.poses_here and not complete):
+        return may_go_home(s)  # a captured pose is measured again: no unvisited waypoint is needed
     return may_move(s) or (f"all {s.required_poses} poses are captured" if complete else "")
 
 

@@ -77,7 +77,7 @@ class JointTable(ListPanel):
     HELP = (
         "One row per joint. POSITION: the joint moves to its target. FREE: it follows the closed "
         "chain with no torque of its own. The bar shows the joint's place in its range. "
-        "Numbers older than 100 ms are marked with ?; speed and torque are then left out."
+        "A position older than 100 ms is marked with ?; speed and torque are then shown as ?."
     )
 
     def __init__(self, *, id: str | None = None, show_selected: bool = False) -> None:  # noqa: A002

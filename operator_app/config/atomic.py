@@ -10,6 +10,7 @@ import re
 import stat
 import tempfile
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -52,12 +53,13 @@ def _replace(target: Path, data: bytes) -> None:
         # Also on Ctrl-C: a half-written temporary file is useless.
         Path(name).unlink(missing_ok=True)
         raise
-    # The rename survives a power cut only once the folder is on the disk.
-    folder = os.open(target.parent, os.O_RDONLY)
-    try:
-        os.fsync(folder)
-    finally:
-        os.close(folder)
+    # The rename survives a power cut only once the folder is on the disk; without read permission that cannot be had.
+    with suppress(OSError):
+        folder = os.open(target.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
 
 
 def _mode(target: Path) -> int:

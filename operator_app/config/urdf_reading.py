@@ -25,7 +25,9 @@ ONLY_REVOLUTE = "only revolute joints are supported: exclude others with --base 
 NO_LIMIT_RAD = math.pi
 """Range of a continuous joint, in either direction."""
 PLACEHOLDER_ANGLE_RAD, PLACEHOLDER_RAD_PER_S = math.radians(3600.0), math.radians(3600.0)
-"""Limits of angle and speed above these are placeholders, such as 1e6 rad or 100 rad/s: they count as not stated."""
+PLACEHOLDER_NM = 1e5
+"""Limits above these, such as 1e6 rad, 100 rad/s or 1e7 N m, and speeds and torques of 0 or less are placeholders: they
+count as not stated."""
 TURNING = ("revolute", "continuous")
 GRIPPER = re.compile(r"finger|grip|jaw|knuckle|thumb", re.IGNORECASE)
 """Names of joints of a gripper, not of the arm."""
@@ -323,16 +325,14 @@ def _step(element: ET.Element, file: str) -> UrdfStep:
             if not low < high:
                 shown = f"lower is {low:g} rad and upper is {high:g} rad"
                 raise refuse(shown, "state lower and upper, lower below upper")
-        speed, effort = (
-            float(numbers(stated, key, "0", 1)[0]) or None for key in ("velocity", "effort")
-        )
+        speed, effort = (float(numbers(stated, k, "0", 1)[0]) for k in ("velocity", "effort"))
         joint = UrdfJoint(
             name=name,
             axis=axis / np.linalg.norm(axis),
             lower_rad=low,
             upper_rad=high,
-            velocity_rad_per_s=speed,
-            effort_nm=effort,
+            velocity_rad_per_s=speed if speed > 0.0 else None,
+            effort_nm=effort if effort > 0.0 else None,
             unstated=() if kind == "revolute" else ("no range",),
         )
         joint = _with_plausible_limits(joint)
@@ -343,6 +343,7 @@ def _step(element: ET.Element, file: str) -> UrdfStep:
 
 def _with_plausible_limits(joint: UrdfJoint) -> UrdfJoint:
     low, high, speed = joint.lower_rad, joint.upper_rad, joint.velocity_rad_per_s
+    effort = joint.effort_nm
     unstated = [*joint.unstated]
     if max(-low, high) > PLACEHOLDER_ANGLE_RAD:
         unstated.append(f"range of {low:g} to {high:g} rad")
@@ -353,11 +354,15 @@ def _with_plausible_limits(joint: UrdfJoint) -> UrdfJoint:
     elif speed > PLACEHOLDER_RAD_PER_S:
         unstated.append(f"velocity of {speed:g} rad/s")
         speed = None
-    if joint.effort_nm is None:
+    if effort is None:
         unstated.append("no effort")
+    elif effort > PLACEHOLDER_NM:
+        unstated.append(f"effort of {effort:g} N m")
+        effort = None
     return replace(
-        joint, lower_rad=low, upper_rad=high, velocity_rad_per_s=speed, unstated=tuple(unstated)
-    )
+        joint, lower_rad=low, upper_rad=high, velocity_rad_per_s=speed, effort_nm=effort,
+        unstated=tuple(unstated),
+    )  # fmt: skip
 
 
 def arm_file_of(chain: UrdfChain, *, name: str) -> Mapping[str, object]:

@@ -100,3 +100,16 @@ def test_file_is_synced_before_rename_and_folder_after_it(tmp_path, monkeypatch)
     monkeypatch.setattr(os, "fsync", record_sync)
     write_atomically(path, b"x")
     assert syncs == [(False, False), (True, True)]
+
+
+def test_in_a_folder_that_may_not_be_read_the_file_is_written(tmp_path, monkeypatch):
+    os_open = os.open
+
+    def refuse_folder(path, *options):
+        if path == tmp_path:
+            raise PermissionError(13, "Permission denied")
+        return os_open(path, *options)
+
+    monkeypatch.setattr(os, "open", refuse_folder)
+    write_atomically(tmp_path / "a.yaml", b"new")
+    assert (tmp_path / "a.yaml").read_bytes() == b"new"

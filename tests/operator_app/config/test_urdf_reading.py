@@ -132,11 +132,16 @@ def test_chain_has_joints_between_base_and_tip_only(more, base, tip, expected):
 def test_simulator_joints_and_placeholder_limits_are_ignored():
     nested = "<gazebo><joint name='screw' type='screw'><parent>l1</parent></joint></gazebo>"
     unlimited = joint("j1", "l0", "l1", axis="0 0 1", ends=(-1e6, 1.0), velocity=100, effort=0)
-    chain = parse_urdf(robot(unlimited, *six_joints()[1:], nested, nested).encode(), "arm.urdf")
+    simulated = joint("j2", "l1", "l2", axis="0 1 0", velocity=-1, effort=1e7)
+    joints = unlimited, simulated, *six_joints()[2:]
+    chain = parse_urdf(robot(*joints, nested, nested).encode(), "arm.urdf")
     assert [j.name for j in chain.joints] == [f"j{k}" for k in range(1, 7)]
     first = chain.joints[0]
     assert (first.lower_rad, first.upper_rad, first.velocity_rad_per_s) == (-np.pi, 1.0, None)
-    assert chain.unstated == ["j1: range of -1e+06 to 1 rad, velocity of 100 rad/s, no effort"]
+    assert chain.unstated == [
+        "j1: range of -1e+06 to 1 rad, velocity of 100 rad/s, no effort",
+        "j2: no velocity, effort of 1e+07 N m",
+    ]
     parse_arm(dump_strict(dict(arm_file_of(chain, name="arm"))), "arm")
 
 

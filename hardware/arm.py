@@ -135,7 +135,7 @@ class HostLatency:
     longest_s: float = 0.0
 
     def with_event(self, by_s: float, *, new: bool) -> Self:
-        """Return a copy with one more latency, `by_s`, if `new`; otherwise `by_s` replaces a shorter last latency."""
+        """Return a copy with another latency `by_s` if `new`, otherwise with the last one raised to at least `by_s`."""
         last_s = by_s if new else max(by_s, self.last_s)
         longest_s = max(last_s, self.longest_s)
         return replace(self, times=self.times + new, last_s=last_s, longest_s=longest_s)

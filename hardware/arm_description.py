@@ -74,7 +74,7 @@ class JointDescription:
     lower_rad, upper_rad
         Range in sensor coordinates.
     max_speed_rad_per_s, max_torque_nm
-        Limits of commands; above them a drive trips.
+        Largest allowed speed and torque; a drive that exceeds either trips.
     sensor
         Sensor that 608Fh and 2100h should report.
     """

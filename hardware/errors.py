@@ -101,7 +101,7 @@ class WrongArm(HardwareError):
 
 
 class ProfileRemedy(Enum):
-    """End of the remedy text for an object that differs from the required one: how a bus profile can accept it."""
+    """How a bus profile can accept an object that differs from what is required; ends the text of the remedy."""
 
     NONE = " (no bus profile can accept another value)"
     HEARTBEAT_PERIOD = ", or allow that period in a bus profile (heartbeat: slowest_ms)"

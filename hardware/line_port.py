@@ -191,7 +191,7 @@ class TcpLines(LinePort):
         self._stream: LineStream | None = None
 
     def open(self) -> str:
-        """Connect, or reconnect."""
+        """Connect or reconnect; return an empty string, since there is no header line."""
         self.close()
         try:
             self._socket = socket.create_connection(self._at, timeout=CONNECT_S)
@@ -250,7 +250,7 @@ class StdinLines(LinePort):
         return LineStream(self._descriptor)
 
     def open(self) -> str:
-        """Start reading; discard earlier lines."""
+        """Start reading and discard earlier lines; return an empty string, since there is no header line."""
         self._stream.forget()
         return ""
 

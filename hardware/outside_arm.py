@@ -32,8 +32,8 @@ from hardware.control.stop_line import StopLatch
 class OutsideArm:
     """An `ArmInterface` that wraps the arm of another package; `connect` calls `make` to make that arm.
 
-    Moves are limited to the ranges and speeds of the joints in `description`. `keeps_parameters`: whether the arm,
-    by its `ArmOffer`, stores a parameter document. `record_to`: file to record the next connection to, or None.
+    Moves are limited to the ranges and speeds of the joints in `description`. `keeps_parameters`: whether the arm
+    stores a parameter document, as its `ArmOffer` states. `record_to`: file for recording the next connection, or None.
     """
 
     def __init__(

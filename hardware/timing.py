@@ -106,16 +106,16 @@ REPORTED_S = 0.3
 
 
 class LatencyMonitor:
-    """Accumulates host latency; the receiving thread calls it for every poll of the bus.
+    """Accumulates host latency; the receiving thread reports every poll of the bus.
 
     On a busy computer the receiving thread may be suspended for a second while frames wait in a queue. That time does
-    not count as silence of the arm, and a frame's age counts from the time of arrival in its stamp. The stamping clock
-    may be set during operation, so a frame's age is limited to the time since the queue was last empty. A
-    frame without a usable stamp counts as having arrived when it is read.
+    not count as silence of the arm. The age of a frame counts from its time stamp or, without a usable stamp, from the
+    time when it is read. If the stamping clock is set, a stamp may be wrong; so the computed wait of a frame is limited
+    to the time since the queue was last empty.
 
-    `clock` returns monotonic time, s; `stamps` returns the time, s, of the clock that stamps frames, and is None if
-    that clock is not this computer's. `arm_waits`: whether simulated time stops while the host is busy
-    (`Pace.FAST_FORWARD`), so that there is no latency.
+    `clock` returns monotonic time, s. `stamps` returns the time of the clock that stamps frames, s; None if this is not
+    a clock of this computer. `arm_waits`: whether simulated time stops while the host is busy (`Pace.FAST_FORWARD`);
+    if so, no latency is reported.
     """
 
     def __init__(
@@ -154,7 +154,7 @@ class LatencyMonitor:
 
     @property
     def late_s(self) -> float:
-        """Sum of the gaps between polls, each less `MAX_POLL_GAP_S`, s."""
+        """Accumulated host latency, s: of every gap between polls, the part beyond `MAX_POLL_GAP_S`."""
         return self._late_at(self._clock())
 
     @property

@@ -137,7 +137,7 @@ ALSO_CALLED = {
 
 
 class _Parser(argparse.ArgumentParser):
-    """Parser whose error messages suggest a command if the typed one is unknown, and have no control characters."""
+    """Parser that suggests a command if the typed one is unknown, and prints errors without control characters."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(**options)

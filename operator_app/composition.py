@@ -63,7 +63,7 @@ _channels = count(1)
 
 @cache
 def prepare_real_time() -> None:
-    """Set up the interpreter, once per process, so that it answers every SYNC in time."""
+    """Set thread switching and garbage collection, and import libraries, once per process, so that no SYNC waits."""
     sys.setswitchinterval(SWITCH_INTERVAL_S)
     for library in COMPILED:
         import_module(library)

@@ -29,7 +29,7 @@ def _interrupt(_number: int, _frame: object) -> None:
 
 
 def _ignore(_number: int, _frame: object) -> None:
-    """Ignore a signal, also a pending one; unlike SIG_IGN, this handler is not inherited by child processes."""
+    """Ignore a signal, even one already pending; unlike SIG_IGN, this handler is not inherited by child processes."""
 
 
 def interrupted() -> bool:
@@ -68,7 +68,7 @@ def ending_signals_interrupt(*, for_good: bool = False) -> Iterator[None]:
 
 @contextmanager
 def ending_signals_ignored() -> Iterator[None]:
-    """Context in which ending signals are ignored: for holding the arm and closing the journal (< 1 s)."""
+    """Context that ignores `ENDING` signals while the arm is held and the journal closed, which takes under 1 s."""
     before = {number: signal.getsignal(number) for number in ENDING}
     while any(signal.getsignal(number) is not _ignore for number in ENDING):
         with suppress(BaseException):  # a signal that came before its handler was replaced
@@ -100,7 +100,7 @@ class ProcessEnd:
         os._exit(self._code)
 
     def _if_interrupted(self) -> None:
-        """After an interrupt, exit with 130; Python itself might instead end by SIGINT, e.g. after ``python -c``."""
+        """Exit with 130 after an interrupt; in some cases, such as ``python -c``, Python itself would end by SIGINT."""
         if self._code == INTERRUPTED:
             for stream in (sys.stdout, sys.stderr):
                 with suppress(OSError, ValueError):

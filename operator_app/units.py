@@ -12,6 +12,9 @@ from typing import Protocol
 
 Key = tuple[str | int, ...]
 
+MOST_WHOLE = 2**53
+"""Largest whole number in files and options: not all larger ones are exact as double-precision numbers."""
+
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
@@ -105,10 +108,7 @@ class Figure:
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """Display format of one kind of quantity.
-
-    Calling it with a value in SI units returns a `Figure`.
-    """
+    """Display format of one kind of quantity; called with a value in SI units, it returns a `Figure`."""
 
     quantity: Quantity
     places: int | None = None
@@ -224,7 +224,7 @@ def typeset(text: str) -> str:
 
 
 def places_to_show(precisions: Iterable[float], *, least: int = 1, most: int = 9) -> int:
-    """Return the number of decimal places, from `least` to `most`, that shows the finest precision with two digits."""
+    """Return how many decimal places, from `least` to `most`, show the smallest positive precision with two digits."""
     finest = min((p for p in precisions if math.isfinite(p) and p > 0.0), default=0.0)
     if finest == 0.0:
         return least

@@ -31,10 +31,7 @@ SERIAL_NUMBER = "SDA-0001"
 def virtual_arm(
     arm: ArmModel, fixture: FixtureSpec, choices: Choices, placement: int = 1
 ) -> Scenario:
-    """Return the scenario of a virtual arm in a fixture; `placement`: number of the fixture's placement.
-
-    Raises `SessionError` if no virtual arm can be built from `arm` and `fixture`.
-    """
+    """Return a virtual arm in placement number `placement` of a fixture; raises SessionError if it cannot be built."""
     named = choices.virtual_arm
     try:
         return scenario_of(named.name, named.seed, arm, fixture.fixture, placement)
@@ -65,10 +62,11 @@ def run_controller(
     script: Sequence[ScriptedFault] = (),
     attended: bool = False,
 ) -> Iterator[VirtualController]:
-    """Run the virtual controller of an arm on a bus, with parameter slots in folder `slots` (None: in memory).
+    """Start the virtual controller of an arm on a bus, yield the controller, and close it at the end.
 
-    The plant is this arm in `fixture` and `placement`; raises SessionError if it cannot be built. `script`: faults,
-    each with the SYNC at which it begins. `attended`: whether this program calls `VirtualController.attend`.
+    The simulated arm is `arm` in `fixture` at `placement`. `slots`: folder of the parameter slots; None: in memory.
+    `script`: faults to inject. `attended`: the caller is in this process and calls `VirtualController.attend` while it
+    waits for frames. Raises SessionError if the arm cannot be built or the slots cannot be read.
     """
     chosen = virtual_arm(arm, fixture, choices, placement)
     carried = chosen.arm(arm)
@@ -103,10 +101,7 @@ def run_controller(
 
 
 def slots_in(folder: Path | None) -> ParameterStore:
-    """Return the parameter slots in `folder` (None: in memory), after reading each to check it.
-
-    Raises `SessionError` if the folder cannot be used, or a slot in it cannot be read.
-    """
+    """Return the parameter slots in `folder` (None: in memory); raises SessionError if the slots cannot be used."""
     if folder is None:
         return ParameterStore()
     try:
@@ -129,7 +124,7 @@ def virtual_instrument(tracker: SimulatedTracker, fixture: Measured) -> Instrume
 
 
 def validated_parameters(data: bytes) -> ValidatedParameters:
-    """Parse a document for the virtual supervisor; raises ValueError if it is invalid."""
+    """Return what the virtual supervisor needs of a parameters document; raises ValueError if it is invalid."""
     try:
         document = parse_parameters(data)
     except ConfigError as error:

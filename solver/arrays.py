@@ -45,7 +45,7 @@ def select_poses(record: Record, poses: IntArray | BoolArray | slice, *fields: s
 
 
 def join_poses(records: Iterable[Record], *fields: str) -> Record:
-    """Return a copy of the first record, with the arrays `fields` (m, ...) of all `records` concatenated in it."""
+    """Return a copy of the first record in which each array of `fields` (m, ...) is that of all `records` joined."""
     parts = list(records)
     joined = {name: np.concatenate([getattr(p, name) for p in parts]) for name in fields}
     return replace(parts[0], **joined)

@@ -66,10 +66,10 @@ class ReducedEquations:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Rates:
-    """Negative derivatives of the unsensed angles with respect to parameters, joint angles and displacements.
+    """Terms of the steps of the unsensed angles, ``du = -(closed + by_x dx + by_q e + down deflection)``.
 
-    `closed`: ``N+ (c - J_q e)`` (m, U), where e are the joint corrections at which the loops were linearised. `by_x`,
-    `by_q`, `down`: ``N+ C`` (m, U, P), ``N+ J_q`` (m, U, n) and ``N+`` (m, U, k).
+    `closed`: ``N+ (c - J_q e0)`` (m, U), where e0 are the joint corrections at which the loops were linearised. `by_x`,
+    `by_q`, `down`: ``N+ C`` (m, U, P), ``N+ J_q`` (m, U, n) and ``N+`` (m, U, k), with the symbols of the module.
     """
 
     closed: FloatArray
@@ -195,9 +195,9 @@ def unsensed_step(error: LoopError, displacement: FloatArray) -> FloatArray:
 def left_null_space(N: FloatArray) -> FloatArray:
     """Orthonormal E (..., k, k - U) with ``E' N = 0`` for N of shape (..., k, U) and rank U.
 
-    Householder's reflections turn the columns of N, one after the other, into the first axes; so they turn the
-    other axes into directions orthogonal to all columns. For the single column of a hinge there is a closed form. With
-    a unit column (a, b') and s = sign(a),
+    Householder's reflections turn the columns of N, one after the other, into the first U axes. In reverse order, they
+    turn the other axes into the columns of E. A single column, as of a hinge, needs one reflection H. With the unit
+    column (a, b') and s = sign(a),
 
         H = [-s a  -s b'; -s b  1 - b b' / (1 + |a|)],      E = H without its first column.
     """

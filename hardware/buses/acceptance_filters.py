@@ -21,10 +21,10 @@ _FUNCTION_CODE = 0x780
 def set_hardware_filters(bus: can.BusABC, filters: list[CanFilter]) -> None:
     """Set filters on the in-process bus, and on buses whose adapter or kernel applies them; other buses get none.
 
-    python-can's own software filter is used on the in-process bus only. With that filter, a non-waiting `recv` returns
-    None for a dropped frame, so a reader that empties the queue would stop while answers are left (the in-process bus
-    has no such readers). For adapters with room for fewer filters (Kvaser, SYSTEC and Vector: one), python-can falls
-    back to its software filter and sets `_is_filtered` to false; the filters are then removed again.
+    python-can's own software filter is used on the in-process bus only. With that filter, a `recv` that does not wait
+    returns None for a dropped frame, and a reader that reads until None would leave answers in the queue. (The
+    in-process bus has no such readers.) If an adapter cannot take all filters (Kvaser, SYSTEC, Vector: only one),
+    python-can uses its software filter and sets `_is_filtered` to false; the filters are then removed again.
     """
     if isinstance(bus, VirtualBus):
         bus.set_filters(filters)

@@ -1,9 +1,9 @@
-"""Settings of a CAN bus and of its arm, and functions that open the bus through python-can.
+"""Settings of a CAN bus and of the arm on it, and functions that open the bus through python-can.
 
 Settings use python-can's names and sources, in order of precedence: command-line options (``-i/--interface -c/--channel
 -b/--bitrate``), the environment (``CAN_INTERFACE``, ``CAN_CHANNEL``, ``CAN_BITRATE``, ``CAN_CONFIG``) and ``can.conf``;
-by default the interface is ``virtual``. The interface may also be the name of an arm of another package
-(`hardware.arm_plugins`). Such an arm has a channel but no CAN bus.
+by default the interface is ``virtual``. Instead of an interface, the settings may name an arm that another package
+provides (`hardware.arm_plugins`). Such an arm has a channel, but no CAN bus.
 """
 
 import errno
@@ -32,8 +32,8 @@ for _library in ("can", "canopen"):
 
 DEFAULT_INTERFACE = "virtual"
 _OPENED_ONCE = frozenset({"virtual", "slcan", "serial", "robotell", "seeedstudio"})
-"""The in-process bus, which queues frames for every handle, and adapters on a serial line, where opening or closing a
-second handle closes the first handle as well."""
+"""Interfaces of which only one handle is opened. The in-process bus would queue every frame for a second handle too. On
+a serial line, opening or closing a second handle closes the first."""
 _HOST_STAMPED = frozenset({"socketcan", "loopback", "udp_multicast", "virtual"})
 """Interfaces whose frames this computer stamps on arrival, with its time of day."""
 _OWN_CHANNEL = frozenset({"virtual", "loopback"})
@@ -74,9 +74,10 @@ def bus_settings(
     *,
     otherwise: BusSettings | None = None,
 ) -> BusSettings:
-    """Return settings from options, the environment and ``can.conf``; if none names an interface, use `otherwise`.
+    """Return the settings of a bus: from the arguments, or else from the environment, or else from ``can.conf``.
 
-    Raises `BusSettingsError` for an unknown interface, an invalid bitrate or a missing channel.
+    If none of these names an interface, `otherwise` gives the interface, and the channel and bitrate if missing. Raises
+    `BusSettingsError` for an unknown interface, an invalid bitrate or a missing channel.
     """
     stated = {"interface": interface, "channel": channel, "bitrate": bitrate}
     options: dict[str, Any] = {name: value for name, value in stated.items() if value is not None}

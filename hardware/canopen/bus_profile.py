@@ -31,7 +31,7 @@ DEFAULT_ENABLING_TIMEOUT_S: Final = 0.5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PdoKind:
-    """RPDOs or TPDOs of a drive; `communication`, `mapping` and `cob_id` are those of the first PDO."""
+    """RPDOs or TPDOs. PDO 1 has the objects `communication` and `mapping`; its COB-ID is `cob_id` + the node number."""
 
     name: str
     communication: int
@@ -44,7 +44,7 @@ class PdoKind:
     """Objects that the PDOs of a joint carry together."""
 
     def records(self, number: int) -> tuple[int, int]:
-        """Return the indices of the communication record and of the map of a PDO, numbered from 1."""
+        """Return the object indices of the communication record and of the map of PDO `number` (1 is the first)."""
         return self.communication + number - 1, self.mapping + number - 1
 
 

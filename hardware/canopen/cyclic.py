@@ -21,7 +21,7 @@ MAX_LATE_SYNCS: Final = 100
 
 @dataclass(frozen=True, slots=True)
 class Setpoint:
-    """Command of one joint: 6040h, 607Ah and 6060h; the mode is a code of CiA 402, not of the maker."""
+    """Command of one joint (6040h, 607Ah, 6060h). `mode` is a CiA 402 code, also for drives with codes of their own."""
 
     controlword: int
     target_counts: int
@@ -78,11 +78,11 @@ class PdoFields:
         return self._struct.size
 
     def pack(self, values: Mapping[int, int]) -> bytes:
-        """Return the data of a PDO with `values`, by object index."""
+        """Return the data of a PDO that carries `values`, which are given by object index."""
         return self._struct.pack(*(values[index] for index in self._indices))
 
     def unpack(self, data: bytes | bytearray) -> dict[int, int] | None:
-        """Return the value of each object index in `data`; None if `data` has the wrong length."""
+        """Return the values in `data` by object index; None if `data` has the wrong length."""
         if len(data) != self.size:
             return None
         return dict(zip(self._indices, self._struct.unpack(data), strict=True))
@@ -119,7 +119,7 @@ class JointFrames:
         return tuple(frame for frame in self.pack(setpoint) if frame[0] in self._controlling)
 
     def decode_command(self, identifier: int, data: bytes) -> dict[int, int]:
-        """Return an RPDO's values by object index, the mode as a CiA 402 code; empty on wrong length."""
+        """Return the values in an RPDO by object index, with the mode as a CiA 402 code; empty for a wrong length."""
         values = self.commands[identifier].unpack(data) or {}
         if MODE in values:
             values[MODE] = self._modes.get(values[MODE], values[MODE])

@@ -27,7 +27,7 @@ DESCRIPTION_OBJECTS: Final = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DrivePdo:
-    """A PDO of a drive: TPDO if `sent`, else RPDO; unless `valid`, type and map are not read."""
+    """A PDO of a drive: a TPDO if `sent`, otherwise an RPDO. `transmission` and `entries` are read only if `valid`."""
 
     sent: bool
     number: int
@@ -141,9 +141,8 @@ def _heartbeat_consumers(access: ObjectAccess, node: int) -> tuple[int, ...] | N
 def heartbeat_timeout_s(access: ObjectAccess, profile: BusProfile, min_s: float) -> float:
     """Return the time without a heartbeat, s, after which a node counts as lost.
 
-    The time is 2.5 heartbeat periods (1017h) of the slowest node, but at least `min_s`.
-
-    Raises `MappingMismatch` for nodes that send no heartbeat or whose period is too long.
+    The time is 2.5 heartbeat periods (1017h) of the slowest node, but at least `min_s`. Raises `MappingMismatch` for
+    nodes that send no heartbeat or whose period is too long.
     """
     mismatches, longest_s = [], 0.0
     for node in profile.nodes:
@@ -197,7 +196,7 @@ def operator_monitoring_differences(
 def following_windows_counts(
     access: ObjectAccess, profile: BusProfile, scales: Sequence[JointScale]
 ) -> tuple[float, ...]:
-    """Return each joint's largest allowed following error, counts: 6065h / 3, at most 1 deg, at least 10 counts."""
+    """Return each joint's allowed following error, counts: the smaller of 6065h / 3 and 1 deg, at least 10 counts."""
     windows = []
     for node, scale in zip(profile.drives, scales, strict=True):
         drive_window = read_number(access, node, objects.FOLLOWING_WINDOW, 0)

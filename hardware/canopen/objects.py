@@ -200,7 +200,7 @@ class SlotState(IntEnum):
 
 
 class SensorKind(IntEnum):
-    """Kind of sensor: 2100h sub 1."""
+    """Kind of a joint's sensor, as coded in 2100h sub 1."""
 
     NONE = 0
     ENCODER = 1

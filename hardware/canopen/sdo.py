@@ -52,9 +52,9 @@ class _Sender:
 
 
 class _Client(SdoClient):
-    """An SDO client that queues answers in a `TimedQueue`, which is based on a queue written in C.
+    """An SDO client that queues answers in a `TimedQueue` instead of canopen's `queue.Queue`.
 
-    Ctrl-C during a wait can leave the lock of a `queue.Queue` locked, which would block the receiving thread.
+    Ctrl-C during a wait can leave a `queue.Queue` locked, which would block the receiving thread.
     """
 
     @property

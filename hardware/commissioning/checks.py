@@ -1,4 +1,4 @@
-"""Checks of a moving arm (it reaches targets; a watch function, Ctrl-C and STOP halt it) and of an arm on a CAN bus.
+"""Checks of an arm that moves to targets and is halted on the way, and of an arm on a CAN bus.
 
 `sarcal arm-check` and the contract test for arms of other packages use these checks and those of `clauses`.
 """
@@ -28,13 +28,14 @@ ENOUGH: Final = "that is enough"
 
 @dataclass(slots=True)
 class MidwayWatch:
-    """A watch function that calls `act` once, when the joint has moved by `after_rad` (to the position `at_rad`)."""
+    """A watch function that calls `act` once, as soon as the joint has moved by `after_rad`."""
 
     joint: int
     after_rad: float
     act: Callable[[], str | None]
     start_rad: float
     at_rad: float | None = None
+    """Position at which `act` was called; None before."""
 
     def __call__(self, snapshot: ArmSnapshot) -> str | None:
         """Return the result of `act` when the joint has moved by `after_rad` for the first time, otherwise None."""
@@ -193,7 +194,7 @@ def drive_settings(facts: Sequence[DriveFacts]) -> Iterator[Clause]:
 
 
 def _guard(drive: DriveFacts) -> Clause:
-    """Check a drive's operator time-out; `passed` is None between the advised limit and the limit of a run."""
+    """Check a drive's operator time-out; `passed` is None if it is longer than advised, but short enough for a run."""
     guard = drive.operator_timeout_s
     if guard is None:
         text = "1016h: the drive does not monitor this program's heartbeat, and keeps moving if this program dies"
@@ -231,7 +232,7 @@ def keeps_time(arm: CanopenArm, bounds: Bounds) -> Iterator[Clause]:
 
 
 def excludes_others(arm: CanopenArm) -> Clause:
-    """Check that a second program is refused before it sends anything, and that this program can go on."""
+    """Check that a second program cannot connect to the arm, and that the arm still answers this program afterwards."""
     other = CanopenArm(arm.on_bus)
     try:
         other.connect()

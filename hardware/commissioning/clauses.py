@@ -149,7 +149,7 @@ def reads(arm: ArmInterface, joints: int, bounds: Bounds) -> Iterator[Clause]:
 
 
 def settles(arm: ArmInterface, joints: int, bounds: Bounds) -> Iterator[Clause]:
-    """Check that `settle` returns true for an arm at rest, and false for a negative spread."""
+    """Check that `settle` returns true for an arm at rest, and false for a negative spread, which is impossible."""
     wide = [bounds.single_sample_rad] * joints
     rests = arm.settle(window=_WINDOW, spread_rad=wide, timeout_syncs=_LONG_SYNCS)
     never = arm.settle(window=_WINDOW, spread_rad=[-1.0] * joints, timeout_syncs=_SHORT_SYNCS)
@@ -295,9 +295,9 @@ def is_still(name: str, before: FloatArray, arm: ArmInterface, bounds: Bounds) -
 
 
 def seconds_to_stop(arm: ArmInterface, begun_s: float) -> tuple[float, str]:
-    """Wait until no drive is enabled, at most `STOPS_WITHIN_S` from `begun_s`.
+    """Wait until no drive is enabled, but no longer than until `STOPS_WITHIN_S` after `begun_s` (monotonic time).
 
-    Returns the time, s, and a sentence on the joints that are then still enabled; empty if there are none.
+    Returns the time since `begun_s`, s, and a sentence that names the joints still enabled (empty if there are none).
     """
     while True:
         seconds, enabled = time.monotonic() - begun_s, enabled_joints(arm)

@@ -73,8 +73,8 @@ class FoundNode:
 class Probe:
     """Result of a probe.
 
-    `busy` describes another master that was heard first, so that nothing was sent; `meanwhile` describes a master that
-    was heard later: some answers may be to its requests. Both are empty if no master was heard.
+    `busy` describes another master that was heard before the first request; the probe then sent nothing. `meanwhile`
+    describes a master that was heard later; some answers may be to its requests. Both are empty if none was heard.
     """
 
     busy: str

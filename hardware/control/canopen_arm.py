@@ -169,9 +169,9 @@ class CanopenArm(ConnectableArm):
     def upload_parameters(self, document: bytes) -> UploadReceipt:
         """Stage, read back and commit a document, and read the home offsets back.
 
-        The drives may be off, stopped or in fault; control is taken if no other node has it. If an alarm makes the home
-        offsets doubtful, such as a drive that has restarted or has lost counts, or whose sensor has failed (7305h), it
-        is raised before anything is sent. Otherwise raises the errors of `hardware.control.uploading.upload`.
+        The drives may be off, stopped or in fault. The control token is taken if nobody has it. An error is raised
+        before anything is sent if another node is in control, or if the home offsets are doubtful: a drive has
+        restarted, lost counts, or has a failed sensor (7305h). Later errors: `hardware.control.uploading.upload`.
         """
         link = self._link
         link.loop.run(motion_steps.check_alarms(link.loop), despite=_NO_REASON_AGAINST_UPLOAD)

@@ -108,9 +108,9 @@ class Connection:
         return self.loop.failure is not None or bool(self.loop.nodes.silent())
 
     def require_same_maps(self) -> None:
-        """Raise `MappingChanged` if, at rest, a drive's TPDOs no longer carry its position (6064h).
+        """Raise `MappingChanged` if the positions in TPDOs differ from those read by SDO (6064h); call this at rest.
 
-        If a node does not answer by SDO, nothing is checked.
+        If a node does not answer by SDO, nothing is checked, neither now nor in later calls.
         """
         differs = self._differing_positions()
         if differs is None:
@@ -164,10 +164,10 @@ class Connection:
         self.token, self.in_control, self.took_control = objects.OPERATOR_NODE, True, True
 
     def may_repeat(self, error: errors.HardwareError) -> bool:
-        """Whether an upload may repeat its step after this error.
+        """Return whether an upload may repeat the step that failed with `error`.
 
-        The result is false if the arm is silent, or if control lapsed for a reason other than host latency. If control
-        lapsed because of host latency, control is requested again.
+        The result is false if the arm is silent, or if this program lost control for a reason other than host latency.
+        If host latency is the reason, this method first requests control again.
         """
         if self.is_lost():
             return False

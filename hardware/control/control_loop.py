@@ -242,10 +242,10 @@ class ControlLoop:
         self._beat()
 
     def _must_resample(self) -> bool:
-        """Whether, because of host latency, the sample is too old for the next command.
+        """Return whether host latency has made the sample too old to derive the next command from it.
 
-        If so, a new sample is taken first while the drives hold, but never twice in a row, so that the steps run and
-        can react to alarms and interrupts.
+        If so, the loop first takes a new sample while the drives hold. The result is never true twice in a row: the
+        steps must run in between, to react to alarms and interrupts.
         """
         real_time = self._pace is Pace.REAL_TIME and self._syncing
         late = real_time and self._clock() - self._synced_s > MAX_SAMPLE_AGE_S

@@ -65,11 +65,11 @@ def first_complete_sample(loop: ControlLoop, *, at_least: int = 2) -> Steps[Samp
 def drive_to(
     loop: ControlLoop, target: cia402.TargetState, syncs: int = TRANSITION_SYNCS
 ) -> Steps[tuple[int, ...]]:
-    """Bring all drives to a state within `syncs` SYNCs, in position mode at their current positions.
+    """Bring all drives to the state `target`, in position mode; return the joints not in it after `syncs` SYNCs.
 
-    Until a drive has power its target follows its joint, which may sink while a brake opens. A drive that has reached
-    the state keeps its controlword; if it leaves the state again, that is an alarm. A joint that does not answer is
-    not enabled, but is switched off in its last mode. Returns the joints that did not reach the state in time.
+    The target of a drive is its measured position until the drive has power, since the joint may sink while a brake
+    opens. A drive that has reached the state keeps its controlword; an alarm is raised if it leaves the state again.
+    A joint that does not answer at first is not enabled: its drive is switched off in the mode last commanded.
     """
     if target is cia402.TargetState.ENABLED:
         sample = yield from first_complete_sample(loop, at_least=1)
@@ -154,9 +154,9 @@ def move(
 ) -> Steps[MoveResult]:
     """Move joints along a straight line in joint space, so that all arrive together.
 
-    The move waits while samples are incomplete, and at its end for the joints to arrive. A non-empty result of `watch`
-    ends the move and is its reason. On an alarm other than STOP, the joints first come to rest along the line, then the
-    alarm is raised; if a drive trips, all others hold their positions.
+    While samples are incomplete, the targets stay the same. After the last target, the move waits for the joints to
+    arrive. A non-empty text from `watch` ends the move and becomes `MoveResult.reason`. An alarm other than STOP is
+    raised after the joints have come to rest along the line. If a drive trips, all other drives hold their positions.
     """
     loop, scales = link.loop, link.scales
     sample = yield None
@@ -217,7 +217,7 @@ def move(
 
 
 def _arrive(link: Connection) -> Steps[str]:
-    """Wait for the joints in position mode to reach their targets; return why one does not; empty if all do."""
+    """Wait until the joints in position mode are at their targets; return which joint is not, or "" if all are."""
     loop, commands = link.loop, _last_commands(link.loop)
     away = loop.watch.following.away(loop.sample, commands)
     for _ in range(ARRIVAL_SYNCS):

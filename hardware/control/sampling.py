@@ -34,7 +34,7 @@ class CommandSender:
         self._sent: list[Setpoint | None] = [None] * len(self._frames)
 
     def send(self, commands: Setpoints, sync_count: int, *, moving: bool) -> None:
-        """Send changed commands; also repeat the command of one joint, in turn, since a frame may have been lost."""
+        """Send changed commands; in case a frame was lost, also repeat one joint's command per SYNC, in rotation."""
         repeated = sync_count % len(self._frames)
         dropout = self._watch.dropout
         for joint, joint_command in enumerate(commands):
@@ -150,7 +150,7 @@ class Sampler:
     ) -> bool:
         """Take in a frame; return whether the frame is a TPDO of a joint. `late_s`: accumulated host latency, s.
 
-        A TPDO of the wrong length is no answer; see `wrong_lengths`.
+        A TPDO of the wrong length does not count as an answer; see `wrong_lengths`.
         """
         part_read = self._parts.get(identifier)
         if part_read is None:

@@ -82,10 +82,10 @@ class StartUp:
         self._pressed: Callable[[], bool] = lambda: False
 
     def run(self, press: object | None, *, takes_over: bool) -> ArmIdentity:
-        """Find the nodes, check them, start heartbeat and SYNC; set the connection's rated torques, token and modes.
+        """Find and check the nodes, start heartbeat and SYNC, and read rated torques, token and modes.
 
-        A STOP pressed after `press` cancels the start-up. With `takes_over`, drives that stay enabled although no
-        operator is heard are taken over; otherwise `ArmInUse` is raised.
+        `press`: latest press of STOP before the start-up; a later press cancels the start-up. `takes_over`: whether to
+        take over drives that stay enabled although no operator is heard; otherwise `ArmInUse` is raised.
         """
         try:
             return self._run(press, takes_over=takes_over)
@@ -138,15 +138,15 @@ class StartUp:
         return replace(identity, unwatching=unwatching, configured=configured, zeroed=zeroed)
 
     def _require_unused(self, *, takes_over: bool) -> None:
-        """Check that no other operator can be using the arm; `takes_over` as in `run`.
+        """Raise an error if another operator may be using the arm; `takes_over` as in `run`.
 
-        An operator may be silent for up to the drives' time-out (1016h), and a communication reset would then hit a
-        moving arm. So if drives are enabled or the token is held, this program listens for that time (at least
-        `Timing.operator_timeout_s`): either an operator is heard, or the drives stop.
+        An operator that moves the arm may be silent for up to the drives' time-out (1016h). So if a drive has power or
+        a node holds the token, this program listens for that time, at least for `Timing.operator_timeout_s`. By then
+        the operator has been heard, or the drives have stopped, and a communication reset cannot hit a moving arm.
 
-        Raises `ControlDenied` if the holder of the token is heard, `ArmInUse` if a drive stays enabled beyond its
-        time-out, or is stopped while the token is still held. If the token is free, a stopped drive is accepted: no
-        operator uses that drive, and connecting enables nothing.
+        Raises `ControlDenied` if the holder of the token is heard. Unless `takes_over`, raises `ArmInUse` if a drive is
+        still enabled after that time, or is stopped while a node still holds the token. With a free token, a stopped
+        drive is accepted: no operator uses it, and connecting enables nothing.
         """
         access, profile, timeout_s = self._access, self._profile, self._timing.operator_timeout_s
         statuswords = [(node, objects.STATUSWORD) for node in profile.drives]
@@ -223,7 +223,7 @@ class StartUp:
         return unwatching if profile.configures_pdos else self._check_arm(identity)
 
     def _check_arm(self, identity: ArmIdentity) -> tuple[int, ...]:
-        """Check the arm except for its PDOs; set heartbeat time-out, following windows and rated torques."""
+        """Do `_check_drives` except for PDOs; set heartbeat time-out, following-error limits and rated torques."""
         access, profile, loop, link = self._access, self._profile, self._loop, self._link
         identifying.check_arm(access, identity, link.on_bus.description, profile)
         timeout_s = drive_settings.heartbeat_timeout_s(

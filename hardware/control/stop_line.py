@@ -62,9 +62,9 @@ class StopLatch:
 class StopLine:
     """Sends quick stop to all drives.
 
-    `bus` is a handle used for STOP only; `close` shuts it down. If the adapter can be opened only once, `bus` is None,
-    and STOP uses the shared handle without taking its lock. The shared bus `spare` sends the frames that `bus` does not
-    accept, and records all frames that are sent.
+    `bus`: handle that only STOP uses, shut down by `close`; None if the adapter can be opened only once. `spare`: the
+    shared bus, used without taking its lock. It sends the frames that `bus` does not accept (all if `bus` is None),
+    and records every frame that STOP sends.
     """
 
     def __init__(

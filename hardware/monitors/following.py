@@ -48,9 +48,9 @@ class Divergence:
 
 
 class FollowingMonitor:
-    """Compares samples with commands; `windows_counts` has each joint's window (empty: no check).
+    """Finds joints that do not follow their targets. `windows_counts` has a window for each joint (empty: no check).
 
-    A joint may leave the range of its latest targets by no more than its window. The latest targets are those of
+    A joint may be outside the range of its latest targets by at most its window. The latest targets are those of
     `LAG_SYNCS` SYNCs, plus one more for each SYNC that the joint has not answered yet.
     """
 
@@ -71,7 +71,7 @@ class FollowingMonitor:
         return () if commands is None else tuple(self._find(sample, commands, refusing_joints))
 
     def away(self, sample: Sample, commands: Setpoints) -> tuple[int, ...]:
-        """Return the joints in position mode that are outside their windows, or did not answer."""
+        """Return the joints in position mode that are farther from their targets than the window, or did not answer."""
         errors = zip(sample.counts, commands, self._windows, strict=False)  # no windows: no joint
         return tuple(
             joint
@@ -214,7 +214,7 @@ class Dropout:
 
 @dataclass(slots=True)
 class _EnabledJoint:
-    """Counts SYNCs since the command to enable, separately for each condition that the drive reports."""
+    """Counts the answers of a drive that is commanded to be enabled: enabled, disabled, following, not following."""
 
     enabled_syncs: int = 0
     disabled_syncs: int = 0
@@ -272,7 +272,7 @@ class DropoutMonitor:
         return Setpoint(word, command.target_counts, command.mode)
 
     def update(self, sample: Sample, commands: Setpoints | None, *, stopped: bool) -> None:
-        """Compare a sample with the commands sent last; while `stopped`, quick stop is sent and nothing is compared."""
+        """Look for dropouts in a sample, given the commands sent last, unless STOP is latched (`stopped`)."""
         if commands is None or stopped:
             self._joints = ()
             return

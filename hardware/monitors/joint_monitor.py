@@ -1,4 +1,4 @@
-"""Monitors of the samples, including one for count loss, and the alarms that end a command, by priority.
+"""Monitors that check every sample, one of them for count loss; the alarms that end a command, in order of priority.
 
 Position is smooth from SYNC to SYNC: the increment of one period can be predicted from the two increments before and
 the two after. A single outlying increment in one joint alone, with no other outlier shortly before or after, is neither
@@ -67,7 +67,7 @@ class ContinuityMonitor:
         self._jerk_syncs_left = 0
 
     def expect_jerk(self) -> None:
-        """Suspend detection; called when a drive is enabled, changes its mode or gets a target outside a move."""
+        """Suspend detection for `JERK_SYNCS`: a drive is enabled, changes its mode or gets a target outside a move."""
         self._jerk_syncs_left = JERK_SYNCS
         self._candidate = None
 
@@ -147,9 +147,9 @@ class JointMonitor:
     def set_following_windows(
         self, windows_counts: Sequence[float], scales: Sequence[JointScale]
     ) -> None:
-        """Set the limit of each joint's distance from its target or, once it is stopped, from its rest position.
+        """Set how far each joint may be from its target or, after a quick stop, from the position where it rests.
 
-        Call before SYNC starts.
+        `scales` convert the counts to angles. Call before SYNC starts.
         """
         self._counts_per_rad = tuple(scale.counts_per_rad for scale in scales)
         self.following = FollowingMonitor(windows_counts)

@@ -93,7 +93,7 @@ _TIMEOUT_FACTOR = 5
 
 
 class NodeMonitor:
-    """State of the nodes of `profile`; `clock` returns the time in s without host latency."""
+    """State of the nodes of `profile`. `clock` returns monotonic time less the host latency so far, s."""
 
     def __init__(
         self,
@@ -200,9 +200,8 @@ class NodeMonitor:
             self._emergency(node, code, 0, sync_count)
 
     def forget_faults(self) -> None:
-        """Clear emergencies and foreign commands."""
+        """Clear emergencies; restarts and another master's commands remain until `expect_boot_up`."""
         self.faults = ()
-        self.foreign_command = ""
 
     def _heartbeat(self, node: int, state: int) -> None:
         if node == objects.OPERATOR_NODE:
@@ -231,7 +230,7 @@ class NodeMonitor:
         self.faults = (*self.faults, fault)
 
     def _is_command(self, identifier: int, data: bytes) -> bool:
-        """Whether a frame is a command to this arm; quick stop does not count, since STOP may send it."""
+        """Whether a frame commands this arm. Quick stop does not count: this program's STOP sends it too."""
         if identifier == objects.COB_SYNC:
             return len(data) <= 1  # with a counter or without
         if frames := self._commanded.get(identifier):

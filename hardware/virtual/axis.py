@@ -58,7 +58,7 @@ class LinearityDeviation:
 
     @classmethod
     def drawn(cls, rng: np.random.Generator, *, full_scale_rad: float, peak: float) -> Self:
-        """Draw random coefficients, smaller in high degrees, with peak deviation `peak` (fraction of full scale)."""
+        """Draw random coefficients, smaller for P_4 and P_5; `peak`: largest deviation as a fraction of full scale."""
         shape = rng.choice((-1.0, 1.0), 4) * rng.uniform(0.4, 1.0, 4) * (1.0, 1.0, 0.4, 0.2)
         unit = cls(coefficients_rad=tuple(shape.tolist()), half_scale_rad=0.5 * full_scale_rad)
         scale = peak * full_scale_rad / unit.peak_rad()
@@ -153,7 +153,7 @@ class AxisSettings:
     """Settings of the drive of joint `number`; `ValueError` for a joint without a sensor or without a node."""
 
     mode_switch_cycles = trip_cycles = 3
-    """Control periods from a new 6060h to the new 6061h, and from excess torque or following error to the trip."""
+    """Control periods from a mode request to the new mode, and from excess torque or following error to the trip."""
 
     def __init__(self, number: int, joint: Joint) -> None:
         self.joint = joint_node(number)
@@ -183,13 +183,13 @@ class AxisSettings:
         self.following_window_counts = max(1, scale.to_counts(FOLLOWING_WINDOW_RAD))
         """Trip level of the following error (6065h)."""
         self.max_speed_counts_per_s = round(joint.max_speed_rad_per_s * scale.counts_per_rad)
-        """Value of 607Fh."""
+        """Speed limit (607Fh)."""
         self.home_offset_limit_counts = round(HOME_OFFSET_LIMIT_RAD * scale.counts_per_rad)
-        """Largest magnitude of 607Ch."""
+        """Largest magnitude of the home offset (607Ch)."""
         if per_turn.numerator > _LARGEST_U32:
             per_turn = per_turn.limit_denominator(10_000)
         self.increments, self.revolutions = per_turn.numerator, per_turn.denominator
-        """Subs 1 and 2 of 608Fh."""
+        """Encoder resolution: subs 1 and 2 of 608Fh."""
 
 
 def arm_axes(arm: ArmModel) -> tuple[AxisSettings, ...]:

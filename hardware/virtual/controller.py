@@ -49,9 +49,9 @@ _STORM_EMERGENCY = objects.EMCY.pack(0x1000, objects.ErrorBit.GENERIC, bytes(5))
 class VirtualController:
     """Simulated controller on one bus: a drive node for each of `axes`, and a supervisor.
 
-    `bus` is open; the controller sets its filters, and does not close it. `axes`: see `hardware.virtual.axis.arm_axes`.
-    By default `store` is in memory. `heartbeat_timeout_s`: silence after which the operator is lost. `attended`: the
-    operator is in this process and calls `attend` while it waits for frames.
+    `bus` must be open; the controller sets its filters, but does not close it. `hardware.virtual.axis.arm_axes` makes
+    `axes`. By default `store` is in memory. `heartbeat_timeout_s`: time without a heartbeat after which the operator
+    counts as lost. `attended`: the operator is in this process and calls `attend` while it waits for frames.
     """
 
     def __init__(
@@ -76,7 +76,7 @@ class VirtualController:
         self.sync_count = 0
         """SYNCs answered so far."""
         self.tracker: SimulatedTracker | None = None
-        """Tracker of an open arm; the tracker is not on the bus. None with a fixture."""
+        """Tracker that measures an open arm; it is not on the bus. None for an arm in a fixture."""
         self.failure: Exception | None = None
         """Error that ended the control loop; None if there is none. The context manager raises it on exit."""
         self._latency = LatencyMonitor(clock)
@@ -119,7 +119,7 @@ class VirtualController:
         )
 
     def start(self) -> None:
-        """Step the plant once for a first reading, boot all nodes, inject the faults of SYNC 0, start both threads."""
+        """Take a first reading, boot all nodes, inject the faults of SYNC 0, then start the controller's threads."""
         self.group.step()
         for node in self._nodes:
             node.boot()
@@ -304,7 +304,7 @@ class VirtualController:
                     node.beat()
 
     def _lost(self, node: int) -> bool:
-        """Whether a node was silent too long; host latency is excluded, since it may delay the node too."""
+        """Whether no heartbeat of a node was heard for too long; host latency (`LatencyMonitor`) is not counted."""
         return self._latency.listened_s - self._heard_s.get(node, -math.inf) > self._timeout_s
 
     def _run_work(self) -> None:

@@ -132,7 +132,7 @@ class Disturbances:
         return self.wire_out.delays or self.wire_in.delays
 
     def sends_heartbeat(self, node: int, now_s: float) -> bool:
-        """Whether a node sends a heartbeat now; for a node with a changed period, true starts the next period."""
+        """Whether a node sends the heartbeat that is due now; a node with a longer period skips some of them."""
         if node in self.no_heartbeat:
             return False
         period_s = self.heartbeat_period_s.get(node)
@@ -152,13 +152,13 @@ class Disturbances:
         return counts + self.lost_counts.get(joint, 0) + noise
 
     def loses_tpdo(self, joint: int) -> bool:
-        """Whether this TPDO1 of a joint is lost; if so, decrement the number still to be lost."""
+        """Whether the TPDO1 that a joint is about to send is lost; if so, `lost_tpdos` is reduced by one."""
         remaining = self.lost_tpdos.get(joint, 0)
         self.lost_tpdos[joint] = max(0, remaining - 1)
         return remaining > 0
 
     def divergence(self, joint: int) -> int:
-        """Return the distance of a joint from its drive's target in this period, counts; each call increases it."""
+        """Return a joint's distance from its drive's target, counts, and increase it for the next control period."""
         counts = self.diverged_counts.get(joint)
         if counts is None:
             return 0

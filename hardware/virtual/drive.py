@@ -52,7 +52,7 @@ class Drive:
         self._command: JointCommand | None = None
 
     def obey(self, controlword: int, target_counts: int, mode_code: int) -> None:
-        """Act on an RPDO1."""
+        """Act on the values of an RPDO1: first the controlword, then the mode, then the target."""
         self.obey_controlword(controlword)
         self.ask_for_mode(mode_code)
         self.obey_target(target_counts)
@@ -80,7 +80,7 @@ class Drive:
             self._end(EmergencyCode.REFERENCE_LIMIT)
 
     def ask_for_mode(self, mode_code: int) -> None:
-        """Act on 6060h; 6061h follows a few control periods later."""
+        """Request a mode (6060h); the drive changes to this mode (6061h) a few control periods later."""
         if mode_code != self.mode_request:
             self.mode_request = mode_code
             self._switching_for = 0

@@ -31,7 +31,7 @@ _HIGHEST_I32: Final = 2**31 - 1
 
 
 class DriveNode(VirtualNode):
-    """Node of one joint; the node has the joint's number. `reports_speed`: TPDO1 carries 606Ch in place of 6064h."""
+    """Node of one joint; both have the same number. If `reports_speed`, TPDO1 has the speed instead of the position."""
 
     def __init__(
         self, axis: AxisSettings, network: ControllerNetwork, *, serial_number: int
@@ -64,12 +64,12 @@ class DriveNode(VirtualNode):
         return TPDO1.pack(word, position, self._torque_per_mille())
 
     def power_up(self) -> None:
-        """Power up; the supervisor sets the home offset again."""
+        """Power up the drive; its home offset is kept until the supervisor sets it."""
         super().power_up()
         self.drive.power_up()
 
     def left_operational(self) -> None:
-        """Stop and hold, as no more commands can arrive."""
+        """Stop and hold the joint, because no further command can arrive by PDO."""
         self.drive.quick_stop()
 
     def _register(self) -> ErrorBit:
@@ -171,7 +171,7 @@ class DriveGroup:
                 node.drive.lose_heartbeat()
 
     def lose_heartbeat_at(self, joint: int) -> None:
-        """Report a lost operator heartbeat to one drive if it is under control and has not reacted yet."""
+        """Report a lost operator heartbeat to one drive, if it is under control and has not yet reported the loss."""
         node = self.drives[joint - 1]
         with node.lock:
             if node.drive.in_control and EmergencyCode.HEARTBEAT_LOST not in node.drive.errors:
@@ -186,7 +186,7 @@ class DriveGroup:
             self.quick_stop()
 
     def set_home_offsets(self, counts: Sequence[int]) -> None:
-        """Set 607Ch of joints 1..n."""
+        """Set the home offsets (607Ch) of joints 1..n, counts."""
         for node, offset in zip(self.drives, counts, strict=True):
             with node.lock:
                 node.home_offset_counts = offset

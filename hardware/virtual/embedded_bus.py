@@ -71,8 +71,8 @@ class EmbeddedBus(VirtualBus):
 class AttendingBus(EmbeddedBus):
     """Embedded bus whose readers run the virtual arm while they wait for a frame.
 
-    While a reader waits and no frame is queued, `attend` (`VirtualController.attend`) is called. A reader that waits
-    while another thread sends a frame is woken.
+    A reader that finds no frame in the queue calls `attend` (`VirtualController.attend`) before it waits. If another
+    thread sends a frame meanwhile, the reader wakes and calls `attend` again.
     """
 
     def __init__(self, channel: str, attend: Callable[[], None], **kwargs: Any) -> None:
@@ -106,5 +106,5 @@ class AttendingBus(EmbeddedBus):
 
 
 def attended_opener(controller: VirtualController) -> Callable[[BusSettings], can.BusABC]:
-    """Return the bus opener for an operator in the same process as `controller`, which was made with `attended`."""
+    """Return the bus opener for an operator in the process of `controller`, which must be `attended`."""
     return lambda settings: AttendingBus(settings.channel, controller.attend)

@@ -104,14 +104,14 @@ def _swap_tpdo_id(arm: VirtualController, joint: int) -> None:
 
 
 def _report_speed(arm: VirtualController, joint: int) -> None:
-    """Map the speed into TPDO1 in place of the position; the map in 1A00h then shows it."""
+    """Make TPDO1 carry the speed in place of the position; the PDO map (1A00h) states the speed too."""
     node = arm.drives[joint - 1]
     node.answers[objects.TPDO1_MAP, 2] = objects.VELOCITY_ACTUAL << 16 | 32
     node.reports_speed = True
 
 
 def _restart_node(arm: VirtualController, joint: int) -> None:
-    """Power-cycle one drive; it then starts by itself, and its counter reads zero."""
+    """Power-cycle one drive, which then becomes *operational* by itself; its position counts restart at zero."""
     node = arm.drives[joint - 1]
     with node.lock:
         lose_counts(arm, joint, -node.drive.counts)

@@ -52,9 +52,9 @@ class ControllerNetwork:
 class VirtualNode:
     """A node on the bus; `serial_number` is 1018h sub 4.
 
-    Reading an object returns its entry in `answers` (a value, or a function's result), or else its default. Writing an
-    object (sub-index 0) calls its entry in `writers`, which may raise `SdoAbortedError`; without an entry, the write is
-    refused. Methods that handle frames take `lock`.
+    `answers` has the values of objects, or functions that return values; other objects have their default values.
+    `writers` has the functions that write objects (sub-index 0) and may raise `SdoAbortedError`; other objects refuse a
+    write. Methods that handle frames acquire `lock`.
     """
 
     def __init__(self, node: int, network: ControllerNetwork, *, serial_number: int) -> None:
@@ -126,7 +126,7 @@ class VirtualNode:
         """Called when the node leaves *operational*; from then on it exchanges no PDOs."""
 
     def send_emergency(self, code: EmergencyCode, register: ErrorBit) -> None:
-        """Send EMCY for an error, or for its end (`NONE`), and update 1001h and 1003h."""
+        """Send the emergency of an error or of its end (`NONE`); update error register and history (1001h, 1003h)."""
         self.error_register = register
         if code is not EmergencyCode.NONE:
             self._history = [int(code), *self._history][: objects.ERROR_HISTORY]

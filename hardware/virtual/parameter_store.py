@@ -28,7 +28,7 @@ _LONGEST: Final = 1 << 20
 
 
 class Disk:
-    """Files in memory. In `FolderDisk` an operation is durable: once it returns, a power cut does not undo it."""
+    """Files in memory. The subclass `FolderDisk` is durable: once a method returns, a power cut does not undo it."""
 
     def __init__(self) -> None:
         self.files: dict[str, bytes] = {}
@@ -90,7 +90,7 @@ class FolderDisk(Disk):
 
 
 class ParameterStore:
-    """Slots A and B on `disk` (default: in memory). `OSError` of the disk is passed on."""
+    """Parameter documents in slots A and B on `disk` (default: in memory). Raises `OSError` if the disk fails."""
 
     def __init__(self, disk: Disk | None = None) -> None:
         self._disk = Disk() if disk is None else disk

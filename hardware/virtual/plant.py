@@ -1,13 +1,13 @@
 """The arm in its fixture as a quasi-static compliant closed chain.
 
 At calibration speeds, the damping of hydraulic joints far outweighs their inertia. In each control period the increment
-D of the true angles (first the hinge's, or an unused angle without a hinge; then the joints') minimises
+D of the true angles (the hinge angle, unused without a hinge, then the joint angles) minimises
 
     1/2 sum_position k (target - theta - D)^2 + 1/2 e(theta + D)' K e(theta + D)
         + 1/2 sum d D^2 / dt - gravity' D + friction(D)
 
-with e the closure error, K and k the stiffness of fixture and servos, d the damping (backward Euler). With a hinge two
-drives move the arm; with one drive the arm sags, and a third drive with an inconsistent target builds up torque.
+with e the closure error, K and k the stiffness of fixture and servos, d the damping (backward Euler). Two drives move
+an arm of seven joints in a hinge. With one drive it sags; a third drive with an inconsistent target builds up torque.
 """
 
 from collections.abc import Sequence
@@ -65,10 +65,10 @@ class Loads:
             object.__setattr__(self, name, frozen(getattr(self, name)))
 
     def of(self, arm: ArmModel) -> Self:
-        """Return loads for another arm; friction, if there is any, is in proportion to each drive's torque.
+        """Return these loads for another arm, with friction (unless it is 0) proportional to the drives' torque limits.
 
-        If the number of joints differs, the largest mass is placed at mid-arm and near the wrist. If a drive is weaker
-        than the paper's, all masses are reduced in proportion: in a closed chain any drive may have to carry them.
+        If the number of joints differs, frames n // 2 and n - 2 each carry the largest mass. If a drive is weaker than
+        the paper's, all masses are reduced in proportion: in a closed chain any drive may have to carry them.
         """
         weakest = min(joint.max_torque_nm for joint in arm.joints) / PAPER_TORQUE_NM
         n, payload = arm.joint_count, self.payload_kg * min(1.0, weakest)
@@ -225,7 +225,7 @@ class Plant:
         self._angles = angles
 
     def _rub(self, increment: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the dry friction (n + 1,), N m, and its derivative by `increment`, N m/rad; elastic until sliding."""
+        """Return dry friction (n + 1,), N m, after motion `increment`, and its slope, N m/rad (0 if a joint slides)."""
         deflection = (self._bristle + increment) / PRESLIDING_RAD
         slope = np.where(np.abs(deflection) < 1.0, self._friction / PRESLIDING_RAD, 0.0)
         return self._friction * np.clip(deflection, -1.0, 1.0), slope
@@ -244,7 +244,7 @@ class Plant:
 
 
 def _gravity_levers(loads: Loads) -> tuple[FloatArray, FloatArray]:
-    """Return M (n, n + 2), kg, and G (3, 3): ``M @ origins_m`` are mass moments about each joint; ``p x g = p @ G``."""
+    """Return M (n, n + 2), kg, and G (3, 3): ``M @ origins_m`` is mass times lever at each joint; ``p x g = p @ G``."""
     mass, g = loads.payload_kg, GRAVITY_M_PER_S2 * loads.down
     n = len(mass)
     lever = np.zeros((n, n + 2))

@@ -77,7 +77,7 @@ class Scenario:
     placement: int = 1
 
     def arm(self, arm: ArmModel) -> ArmModel:
-        """Return `arm` with the sensors of this virtual arm."""
+        """Return `arm` with the sensors of this scenario: those of `arm`, or encoders on all joints."""
         if not self.encoders_only:
             return arm
         encoder = Encoder(counts_per_rev=ENCODER_COUNTS_PER_REV)
@@ -118,7 +118,7 @@ class Scenario:
         )
 
     def tracker(self, plant: Plant, instrument: Measured) -> SimulatedTracker | None:
-        """Return the simulated instrument of an open arm, with the noise of `instrument`; None with a fixture."""
+        """Return a tracker of an open arm, with the noise of `instrument`; None if the arm is in a fixture."""
         if not isinstance(plant.truth.loop, MeasuredClosure):
             return None
         rng = self._rng(_Stream.TRACKER)
@@ -154,11 +154,11 @@ def scenario(name: str, seed: int = 0) -> Scenario:
 def scenario_of(
     name: str, seed: int, arm: ArmModel, fixture: EndpointConstraint, placement: int = 1
 ) -> Scenario:
-    """Return the scenario for an arm and a fixture; its truth is the paper's arm if the files allow it.
+    """Return the scenario for an arm and a fixture, with its usual true arm if the files can describe the paper's arm.
 
-    Otherwise the truth is drawn by seed within the tolerances of the files; in ``datasheet`` and ``wild`` this includes
-    lengths and twists that the calibration does not identify. From the second `placement` on, the fixture is drawn
-    again, and the arm stays the same.
+    If not, the true arm is drawn by seed within the tolerances of the files; in ``datasheet`` and ``wild`` lengths and
+    twists that the calibration does not identify are drawn too. From the second `placement` on, the true placement of
+    the fixture is drawn anew, while the arm stays the same.
 
     Raises `ValueError` if there is no such scenario, or if no plant can be built from these files.
     """

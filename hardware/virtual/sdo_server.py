@@ -29,7 +29,6 @@ LONGEST_DOCUMENT: Final = 256 * 1024
 
 Steps = Generator[bytes, bytes, tuple[bytes, bytes | None]]
 """Steps of a transfer: the generator yields the answer to a frame and receives the client's next frame.
-
 It returns the last answer and the data received (None for an upload); it may raise `SdoAbortedError`."""
 
 
@@ -100,7 +99,7 @@ class NodeSdoServer:
         return _upload(request, document)
 
     def _finish(self, index: int, subindex: int, document: bytes | None) -> None:
-        """Write the received data, if there are any, to the node, and answer unless the node defers its answer."""
+        """Write received data (if not None) to the node; then answer, unless the node defers its answer."""
         abort: int | None = None
         try:
             if document is not None:

@@ -1,7 +1,7 @@
-"""Specimens of any arm in any fixture: true geometry drawn by seed within the tolerances of their files.
+"""Specimens of any arm in any fixture: true geometry drawn by seed within the tolerances of the two files.
 
-The draw covers offsets within `SPECIMEN_OFFSET_RAD`, the fixture within the tolerance of its file (three sigma), and
-the maker's lengths and twists with the standard deviations of the arm file. Free entries that are not
+Offsets are drawn within `SPECIMEN_OFFSET_RAD`, the fixture's placement within the tolerance of its file (three sigma),
+the maker's lengths and twists with the standard deviations of the arm file. Unknowns of the calibration that are not
 observable keep their nominal values.
 """
 
@@ -24,7 +24,7 @@ from solver.loops.endpoints import MeasuredClosure, PointClosure
 SPECIMEN_OFFSET_RAD = float(np.deg2rad(3.0))
 """Largest difference of true offsets from those of the arm file."""
 OFFSET_TOLERANCE_RAD = float(np.deg2rad(10.0))
-"""Largest difference of true offsets from those of an arm file that may still describe the arm."""
+"""An arm file describes an arm only if no true offset differs from the file's by more than this."""
 NEAR_HOME_RAD = float(np.deg2rad(15.0))
 """Largest difference of a specimen's start pose from the start pose of the nominal geometry."""
 RANGE_MARGIN_RAD = float(np.deg2rad(3.0))
@@ -80,9 +80,9 @@ def _first_that_closes(
 
 
 def _arm_differences(arm: ArmModel, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-    """Draw an arm's differences from its file, rad and m: free entries (5, n), the maker's s, a, alpha, beta (4, n).
+    """Draw an arm's differences from its file, rad and m: (5, n) for the calibration's unknowns, (4, n) for the rest.
 
-    All differences are drawn, whether needed or not, so that a seed always gives the same arm.
+    Rows: theta_off (of the unknowns only), s, a, alpha, beta. All are drawn, so that a seed always gives the same arm.
     """
     n, hayati = arm.joint_count, [row - 1 for row in arm.hayati_rows]
     stated = np.array([arm.length_tolerance_m, arm.length_tolerance_m, arm.twist_tolerance_rad])
@@ -151,9 +151,9 @@ def files_allow(
 def open_truth(
     arm: ArmModel, fixture: EndpointConstraint, truth: Truth, rng: np.random.Generator
 ) -> Truth:
-    """Return the arm of `truth` with a target in place of its fixture; the instrument's placement is drawn at random.
+    """Return the truth of the same arm with a target in place of its fixture; base and target are placed at random.
 
-    Entries that cannot be separated from the placements of base and target are nominal.
+    D-H entries that cannot be separated from these two placements have their nominal values.
     """
     model = fixture.model(arm)
     if not isinstance(model, MeasuredClosure):
@@ -173,8 +173,8 @@ def remount_truth(
     """Return the truth of the same arm and fixture, mounted again within the tolerance of the fixture file.
 
     The fixture's placement on the table changes and, unless the fixture stays on the tool, its placement on the tool.
-    theta_off of the first or last joint, which is measured from the fixture, changes too. `ValueError` if no drawn
-    placement lets the arm close near home.
+    If theta_off_1 or theta_off_n is measured from the fixture, it changes too. Raises `ValueError` if no
+    drawn placement lets the arm close near home.
     """
     model = fixture.model(arm)
     if not isinstance(model, DhLoop | PointClosure):

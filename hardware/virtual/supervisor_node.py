@@ -29,7 +29,7 @@ class ArmLabel:
 
     @property
     def number(self) -> int:
-        """The digits of the serial number as a number, for 1018h sub 4."""
+        """Number for 1018h sub 4: the digits of `serial_number`, modulo 2**32."""
         digits = "".join(c for c in self.serial_number if c.isascii() and c.isdigit())
         return int(digits or "0") % 2**32
 
@@ -98,7 +98,7 @@ class SupervisorNode(VirtualNode):
             self._take(0)
 
     def external_stop(self, *, active: bool) -> None:
-        """Send the emergency of the external stop's contact or, if it is not `active`, the end of the error."""
+        """Send the emergency of a pressed external stop (`active`), or the end of this error when it is released."""
         with self.lock:
             if active:
                 register = ErrorBit.GENERIC | ErrorBit.MANUFACTURER

@@ -25,9 +25,9 @@ ENDPOINT_FIELDS = ("x_m", "y_m", "z_m", "rx_deg", "ry_deg", "rz_deg")
 
 
 class SimulatedTracker:
-    """Measures the target on the tool of the open arm of `plant`, whose closure model is `loop`.
+    """Simulated instrument: measures the target on the tool of `plant`, an open arm with the closure model `loop`.
 
-    The noise has the standard deviations of `instrument`, or is 0 without `noise`.
+    With `noise`, the measurements have the standard deviations of `instrument`; otherwise they are exact.
     """
 
     def __init__(

@@ -62,7 +62,7 @@ class ChainPoint:
         self._lever = np.empty((5, links))
 
     def at(self, theta_rad: FloatArray) -> FloatArray:
-        """Evaluate at true angles theta_0, theta'_1 .. theta'_n, shape (n + 1,), rad; return the last frame (4, 4)."""
+        """Compute all frames at true angles theta_0, theta'_1 .. theta'_n (n + 1,), rad; return frame n (4, 4)."""
         cosine, sine = np.cos(theta_rad), np.sin(theta_rad)
         np.multiply(self._even, cosine[:, None, None], out=self._links)
         self._links += self._odd * sine[:, None, None]
@@ -85,9 +85,9 @@ class ChainPoint:
 
 
 class LoopPoint(ChainPoint):
-    """Chain with frame n constrained to frame -1; the error is a rotation vector (rad), then a position (m).
+    """Chain in a hinge or rigid fixture, which closes when frame n coincides with frame -1, where the chain begins.
 
-    If `hinge` is false, theta_0 must stay 0.
+    The error is a rotation vector (rad), then a position (m). Without `hinge`, theta_0 must stay 0.
     """
 
     def __init__(self, table: DhTable, *, hinge: bool = True) -> None:
@@ -95,7 +95,7 @@ class LoopPoint(ChainPoint):
         self._hinge = hinge
 
     def at(self, theta_rad: FloatArray) -> FloatArray:
-        """Evaluate frames, error and Jacobian as `ChainPoint.at` does."""
+        """Compute all frames as `ChainPoint.at` does, then closure error and Jacobian."""
         end = super().at(theta_rad)
         r0, r1, r2 = _rotation_vector(end[:3, :3].tolist())
         p = end[:3, 3]
@@ -130,7 +130,7 @@ class BallPoint(ChainPoint):
         self._tip, self._ground = tip_m, ground_m
 
     def at(self, theta_rad: FloatArray) -> FloatArray:
-        """Evaluate frames, error and Jacobian as `ChainPoint.at` does."""
+        """Compute all frames as `ChainPoint.at` does, then closure error and Jacobian."""
         end = super().at(theta_rad)
         ball = end[:3, :3] @ self._tip + end[:3, 3]
         self.error[:] = ball - self._ground
@@ -167,7 +167,7 @@ class Truth:
     """True geometry of an arm and its fixture: a closure model without unknowns, in sensor coordinates.
 
     The fixture is a hinge or a rigid attachment (`DhLoop`), or a ball on the tool in a socket on the table
-    (`PointClosure`). An open arm has a target on its tool (`MeasuredClosure`, not bound to measurements).
+    (`PointClosure`). An open arm has a target on its tool (`MeasuredClosure`, here without measured poses).
     """
 
     loop: DhLoop | PointClosure | MeasuredClosure
@@ -191,7 +191,7 @@ class Truth:
         return self.table.theta_off_rad[1:]
 
     def named(self) -> dict[str, float]:
-        """Return the true values (rad, m) by parameter name; of base, tip and ground, only positions are included."""
+        """Return the true values (rad, m) by parameter name, without the rotations of base and tip."""
         stacked, points = self.table.stacked(), dict[str, FloatArray]()
         match self.loop:
             case PointClosure(tip_m=tip, ground_m=ground):
@@ -231,7 +231,7 @@ class Truth:
 
 
 def hinge_truth(table: DhTable) -> Truth:
-    """Return the truth of an arm in a hinge, from D-H rows 0..n."""
+    """Return the true geometry of an arm in a hinge; row 0 of `table` is the hinge, rows 1..n are the arm."""
     return Truth(DhLoop(table=table, entries=(), hinge=True))
 
 

@@ -148,7 +148,7 @@ def _unnamed(diagnosis: Diagnosis) -> Iterable[Finding]:
 
 
 def _left(diagnosis: Diagnosis) -> float:
-    """Return the chi2/dof that the last explanation leaves; if none is possible, the chi2/dof of the stated model."""
+    """Return chi2/dof after the best cause of the last ranking; without a possible cause, that of the stated model."""
     last = diagnosis.rankings[-1].best if diagnosis.rankings else None
     if last is None or _impossible_compliance(diagnosis):
         return diagnosis.stated_chi2_per_dof
@@ -169,7 +169,7 @@ def _impossible_compliance(diagnosis: Diagnosis) -> bool:
 def each_once(causes: Iterable[Finding]) -> tuple[Finding, ...]:
     """Return one finding for each code; it blocks if any finding of that code blocks.
 
-    A code occurs twice if the first fit of its cause left part of that cause's misfit.
+    A code occurs twice if a cause was accepted a second time, for a misfit that its first fit left unexplained.
     """
     by_code: dict[str, Finding] = {}
     for cause in causes:
@@ -279,9 +279,10 @@ def return_tests(
 def proven_by_return(
     since: tuple[Finding, ...], by_tests: tuple[Finding, ...]
 ) -> tuple[tuple[Finding, ...], tuple[Finding, ...]]:
-    """Return the blocking causes that repeated poses prove, and the remaining causes from tests.
+    """Return the blocking causes that repeated poses prove, and the causes from tests that are not among these.
 
-    A proven slip blocks even if it is smaller than the parameters' sigmas, because the slip has increased the sigmas.
+    `since`, `by_tests`: causes from repeated poses, and from tests of the fit. A proven slip blocks even if it is
+    smaller than the parameters' sigmas, because the slip has increased the sigmas.
     """
     proven: list[Finding] = []
     for returned in since:

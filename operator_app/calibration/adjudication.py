@@ -238,7 +238,7 @@ def _misfit_causes(
     if by_tests and explained and not _single_cause(diagnosis):
         by_tests = (*_exceeded_specifications(case.fit.linear, diagnosis), *by_tests)
     if scale > limits.CHI2_PER_DOF_REFUSED and by_tests:
-        # The misfit has widened the sigmas, so that no cause exceeds them: the first one has to block.
+        # The misfit has widened the sigmas, so that no cause's effect exceeds them: the first has to block.
         by_tests = (replace(by_tests[0], blocking=True), *by_tests[1:])
     return by_tests, alternatives, nothing_fits
 
@@ -277,7 +277,10 @@ def _local_minimum_causes(case: _Case) -> tuple[Finding, ...]:
 
 
 def _fit_causes(case: _Case, *, without_motion: bool) -> tuple[Finding, ...]:
-    """Causes from the fit itself: no convergence, or large sigmas of parameters that are not known from the files."""
+    """Return the causes from the fit itself: no convergence and, unless `without_motion`, large sigmas.
+
+    Sigmas that are large because of parameters known from the files do not count.
+    """
     estimate = case.estimate.given(case.known.by_files)
     open_end = Finding(
         FindingKind.NOT_CONVERGED, figures={"iterations": estimate.iterations}, blocking=True

@@ -59,7 +59,7 @@ def without_reading(stated: Experiment, joint: int) -> Experiment:
 
 
 def start(alternative: Experiment) -> tuple[FloatArray, float]:
-    """Return start values (P,) and cost: mean square closure error; with unsensed joints, of corrections (rad^2)."""
+    """Return start values (P,), and mean square closure error (with unsensed joints: reading correction, rad^2)."""
     if alternative.unsensed:
         fit = without_readings(alternative)
         return fit.x, float((fit.corrections**2).mean())
@@ -93,7 +93,7 @@ def is_near(alternative: Experiment) -> bool:
 
 
 def closes(alternative: Experiment, *, far: float) -> bool:
-    """Whether a loop closes much better in another fixture than in the file's, beyond what noise explains.
+    """Whether the loops close much better in the fixture of `alternative` than in the fixture that the file states.
 
     `far`: mean square closure error in the file's fixture, rotations included. Noise alone makes `far` a few times as
     large as the error in the other fixture; a tool that tilts in a rigid fixture makes `far` about 100 times as large.
@@ -107,7 +107,7 @@ def closes(alternative: Experiment, *, far: float) -> bool:
 
 
 def cost_of(alternative: Experiment) -> float:
-    """Return the cost of an alternative as in `start`; infinite if it cannot be solved."""
+    """Return the mean square error that `start` gives for an alternative; infinite if it cannot be solved."""
     return tried(lambda: start(alternative)[1], np.inf)
 
 
@@ -125,8 +125,8 @@ def solved(alternative: Experiment, *, anywhere: bool = False) -> tuple[float, i
 def fitted(alternative: Experiment, *, anywhere: bool = False) -> MixedFit:
     """Return the fit of an alternative at stated variances; raises an error if it cannot be solved.
 
-    `anywhere`: whether the fixture may be far from its stated placement without a larger chi2, as in the stated model.
-    If not, of two alternatives that fit, the one with the fixture nearer to that placement has the smaller chi2.
+    `anywhere`: whether to ignore the stated tolerance of the fixture's placement. If False, a fixture far from its
+    stated placement increases chi2: of two alternatives that fit, the one with the nearer fixture has the smaller chi2.
     """
     arm, poses = alternative.arm, alternative.poses
     x, _ = start(alternative)

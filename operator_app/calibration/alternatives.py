@@ -309,13 +309,13 @@ def _without_worst(stated: Experiment) -> Iterator[Alternative]:
 
 
 def _refitted(stated: Experiment, poses: PoseSet) -> Experiment:
-    """Return the experiment with its poses replaced by `poses`; an instrument is registered again from them."""
+    """Return the experiment with `poses`; instrument placements that no file states are estimated from these poses."""
     fixture = with_registered_instrument(stated.arm, stated.fixture, poses)
     return replace(stated, poses=poses, fixture=fixture)
 
 
 def _other_rows(stated: Experiment, endpoint: FloatArray, rows: int) -> Alternative:
-    """Return the alternative in which each pose's endpoint stands `rows` rows further down in the file."""
+    """Return the alternative in which the endpoint of each pose is read `rows` rows further down in the file."""
     kept = np.arange(max(-rows, 0), len(endpoint) - max(rows, 0))
     poses = replace(stated.poses.at_poses(kept), endpoint=endpoint[kept + rows])
     names = ("further down" if rows > 0 else "further up",)
@@ -381,8 +381,7 @@ def _without_each_reading(stated: Experiment) -> Iterator[Alternative]:
 def _shifted(blind: Experiment, unsensed: tuple[int, ...]) -> list[tuple[Finding, float, int]]:
     """Return the finding of a step in one joint's readings, with chi2/dof and dof after correction of the step.
 
-    That joint is the only one that is unsensed in `blind` but not in `unsensed`. If there is no such joint or no step,
-    the list is empty.
+    That joint is the only one that is unsensed in `blind` but not in `unsensed`. The list is empty without such a step.
     """
     more = [j for j in blind.unsensed if j not in unsensed]
     if len(more) != 1:

@@ -165,9 +165,10 @@ class Prepared:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Fitted:
-    """The implicit fit of the distinct poses (`whole`), and the chosen estimator's result from all poses.
+    """The implicit fit, and the result of the chosen estimator (`estimate`).
 
-    `part`: the fit of the poses that are tested. `tested`: indices of these poses.
+    `whole`: implicit fit of the distinct poses. `part`: the same fit, reduced to at most `MOST_DIAGNOSED_POSES` poses
+    for the tests. `tested`: indices of the poses in `part`.
     `shares`: share of each parameter's information that comes from the poses; empty with the paper's estimator.
     """
 
@@ -389,11 +390,12 @@ def _require_identifiable(prepared: Prepared, identified: Identifiability) -> Id
 
 
 def _identifiability_of(prepared: Prepared, part: Calibrated, x: FloatArray) -> Identifiability:
-    """Identifiability at the paper's estimate if chosen; else at `x`, by the fit or (joints unsensed) the closure."""
+    """Return the identifiability at the result of the chosen estimator; `x` (P,): result of the implicit estimator."""
     loops = prepared.loops
     if prepared.by_paper and prepared.identifiability is not None:
         return prepared.identifiability
     if loops.paper is None:
+        # Some joints are unsensed: the loop closure is used instead of the linear fit.
         return _identifiability(prepared, in_order(loops.identifiable, prepared.model, x))
     names = tuple(p.name for p in loops.identifiable.parameters)
     identified = identifiability_of_fit(part.linear, names, taken=part.order)
@@ -401,7 +403,7 @@ def _identifiability_of(prepared: Prepared, part: Calibrated, x: FloatArray) -> 
 
 
 def _starts(prepared: Prepared) -> Iterator[FloatArray | None]:
-    """Yield start values (P,): fixture fitted alone, first estimate, nominal, best solution near nominal."""
+    """Yield start values (P,) for the implicit fit, in the order to be tried; None: the fit finds its own start."""
     loops, unsensed = prepared.loops, prepared.experiment.unsensed
     model, q, identifiable = prepared.model, loops.q, loops.identifiable
     if prepared.prior and loops.search is None and not unsensed:
@@ -420,9 +422,10 @@ def _starts(prepared: Prepared) -> Iterator[FloatArray | None]:
 def _outliers(
     calibrated: Calibrated, of_each: IntArray, poses: PoseSet, adjudication: Adjudication
 ) -> tuple[str, ...]:
-    """Labels of the outliers that a blocking cause names; if none does, of poses that the other poses do not predict.
+    """Return the labels of the outliers that a blocking cause names.
 
-    `of_each`: for each pose of `calibrated`, its index in `poses`. Of poses not predicted, the worst is first.
+    If no blocking cause names any, return the labels of the poses that the other poses do not predict, the worst first.
+    `of_each`: for each pose of `calibrated`, its index in `poses`.
     """
     from scipy.special import chdtrc
 

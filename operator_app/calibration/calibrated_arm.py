@@ -52,8 +52,7 @@ class CalibratedArm:
     `tip_m`: the tip in the last frame of `hand`, (3,), m: the ball's centre or the instrument's target. It is zero for
     a rigid attachment and for a hinge (the hinge's axis is the z axis of that frame).
     `identified`: entries of `flange` that were calibrated.
-    `best`: the D-H table that is best for uncorrected readings. `corrections`: corrections of the readings. Both are
-    None if not computed.
+    `best`: best D-H table for uncorrected readings. `corrections`: corrections of the readings. None if not computed.
     """
 
     flange: DhTable
@@ -119,7 +118,7 @@ class CalibratedArm:
     def rate_m_per_rad(self, joint: int, rates: dict[str, float], q_rad: FloatArray) -> FloatArray:
         """Tip displacement (m,), m, per rad of error in the fixed offset of `joint`, at readings (m, n).
 
-        `rates`: change of the other parameters per rad, by name; with several placements, those of the last apply.
+        `rates`: change of each other parameter per rad, by name. Of several placements, only the last is used.
         """
         plain = {name.partition("[")[0]: rate for name, rate in rates.items()}
         names = (DhEntry(DhKind.THETA_OFF, joint).name, *self.free)
@@ -127,7 +126,7 @@ class CalibratedArm:
         return np.asarray(np.linalg.norm(self._rates(q_rad, names)[1] @ along, axis=-1))
 
     def _rates(self, q_rad: FloatArray, names: tuple[str, ...]) -> tuple[FloatArray, FloatArray]:
-        """Tip positions (m, 3), m, by the identified entries, and derivatives (m, 3, k) with respect to k `names`."""
+        """Return tip positions (m, 3), m, and their derivatives (m, 3, k) with respect to the k parameters `names`."""
         return tool_positions(self.hand, self.tip_m, names, q_rad)[:2]
 
 
@@ -247,7 +246,7 @@ def calibrated_arm(solution: Solution, arm: ArmModel) -> CalibratedArm:
 def with_best_table(
     solution: Solution, arm: ArmModel, calibrated: Calibrated, q: FloatArray
 ) -> Solution:
-    """Return `solution` with corrections and best table for readings `q` (m, n), rad, and their fit `calibrated`."""
+    """Return `solution` with corrections and best table; `calibrated`: implicit fit of the readings `q` (m, n), rad."""
     own = calibrated_arm(solution, arm)
     part, column = last_placement(solution)
     index = np.array([column[name] for name in own.free], dtype=np.int64)
@@ -280,7 +279,7 @@ def with_best_table(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClosureInUse:
-    """Closure sigmas with the results that a controller uses; None if not computed.
+    """Closure sigmas for the two ways in which a controller can use a calibration; None if not computed.
 
     `best_table`: sigmas with the best D-H table, at uncorrected readings. `corrected`: sigmas with the identified
     entries, at readings to which the corrections are added.
@@ -317,8 +316,7 @@ def closure_in_use(
     """Return the closure sigmas with the best table and with the corrections.
 
     `model`, `x`: a loop of the calibrated arm and the values of its parameters (P,), rad and m. `q`: readings (m, n).
-    `unknown`: parameters of a placement that was not calibrated; they are estimated once with the table and once with
-    the corrections.
+    `unknown`: parameters of a placement that was not calibrated; they are estimated separately for each result.
     """
     best, corrections = solution.best, solution.corrections
     if best is None or corrections is None:
@@ -330,7 +328,7 @@ def closure_in_use(
         if is_entry(name):
             entry = DhEntry.parse(name)
             changes[name] = float(change[entry.kind, entry.row - 1])
-    # The best table also changes entries that were not calibrated; the mounting is the same for both.
+    # The best table also changes entries that were not calibrated: they become parameters of the loop too.
     whole = freed(model, best.entries)
     at_best = in_order(whole, model, x)
     at_best += [changes.get(p.name.partition("[")[0], 0.0) for p in whole.parameters]

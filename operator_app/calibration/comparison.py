@@ -53,8 +53,7 @@ class ParameterChange:
     """One parameter in two calibrations, SI units.
 
     `before`, `after`: values in the first and in the second calibration; of equivalent values, `after` is the one
-    nearest to `before`.
-    `change`: after minus before; for angles the equivalent within half a turn.
+    nearest to `before`. `change`: after minus before; for angles the equivalent within half a turn.
     `sigma`: standard deviation of the change.
     `significant`: whether the change exceeds noise at the level of the comparison; always false for two estimates from
     the same poses, whose noise is the same.
@@ -82,10 +81,8 @@ class CalibrationComparison:
     """Result of the comparison of two calibrations of one arm.
 
     `drifts`: one entry for each parameter that both calibrations identified and that can be compared.
-    `level`, `threshold_sigmas`: false-alarm probability over all free parameters, and the corresponding change in
-    sigmas.
-    `scale_before`, `scale_after`: factor applied to each document's standard deviations: sqrt(chi2/dof) if that is
-    above 1.
+    `level`, `threshold_sigmas`: false-alarm probability over all free parameters; corresponding change in sigmas.
+    `scale_before`, `scale_after`: factor applied to each document's standard deviations: sqrt(chi2/dof), at least 1.
     `left_out`: parameters that were not compared, with the reason.
     """
 
@@ -218,8 +215,8 @@ def _different_arms(a: ParametersDocument, b: ParametersDocument) -> tuple[str, 
 def _loop(document: ParametersDocument) -> DhLoop:
     """Return the loop that a document describes.
 
-    If the offset of the first or last joint was not identified, the joint counts as unsensed. Equivalent parameters
-    with opposite signs of a and alpha in the link next to this joint then need no change of its offset.
+    If the offset of the first or last joint was not identified, the joint counts as unsensed. Otherwise equivalent
+    parameters, which have other signs of a and alpha in the adjacent link, would need another offset of this joint.
     """
     entries = tuple(DhEntry.parse(e.entry) for e in document.calibrated)
     known = {e.name for e in entries}

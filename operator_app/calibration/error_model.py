@@ -117,9 +117,10 @@ def _loads(experiment: Experiment, kept: IntArray) -> LoadBasis | None:
 
 
 def approach_of(arm: ArmModel, poses: PoseSet, kept: IntArray) -> FloatArray | None:
-    """Direction in which each joint last moved, at each kept pose (m, n): 1 or -1; 0 until it moves in a placement.
+    """Return the direction (m, n), 1 or -1, in which each joint moved last before each kept pose.
 
-    The directions follow from the times of the poses, not from the order in the file; None if times give no order.
+    The direction is 0 as long as the joint has not moved in the pose's placement. The order of the poses follows from
+    their times, not from the file; the result is None if the times do not determine the order.
     """
     if poses.utc is None or not all(poses.utc):
         return None
@@ -203,7 +204,7 @@ def averaged_at_rest(arm: ArmModel, poses: PoseSet) -> PoseSet:
 
 
 def _moves_rad(arm: ArmModel) -> FloatArray:
-    """Difference (n,) of two readings, rad, that shows that a joint has moved."""
+    """Return the difference of two readings (n,), rad, above which a joint counts as moved."""
     return np.maximum(MOVED_RAD, MOVED_SIGMAS * arm.sigma_rad())
 
 

@@ -75,11 +75,11 @@ class Experiment:
 
 
 def with_angles_of_unsensed(arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet) -> PoseSet:
-    """Return the poses; each joint without a sensor gets, in each pose, the angle with which the loop closes best.
+    """Return the poses, with the angle of each joint without a sensor replaced by the one that closes the loop best.
 
     A poses file has a number for such a joint too. The number may be anything, and from an angle far off a loop closes
-    wrongly or not at all. Each pose gets, of `ANGLES_TRIED` angles in the joint's range, that of the smallest closure
-    error (1 m like 1 rad) at the nominal parameters. With an instrument, whose base may be unknown, nothing is changed.
+    wrongly or not at all. `ANGLES_TRIED` angles over the joint's range are tried at the nominal parameters, where
+    1 m of closure error counts like 1 rad. With an instrument, whose base may be unknown, nothing is changed.
     """
     if not arm.unsensed_joints or isinstance(fixture, Measured):
         return poses
@@ -144,7 +144,7 @@ def identifiable_loops(
     if unidentifiable:
         require_enough_poses(model, len(q))
         if search:
-            # Fixing parameters changes their values: the search is repeated without them.
+            # Fixing parameters at nominal values affects the others: the search is repeated for the others only.
             choice = global_start(model, q, progress=progress)
     paper = None
     if not experiment.unsensed:
@@ -157,7 +157,8 @@ def identifiable_loops(
 def _without_unidentifiable(
     model: ClosureModel, arm: ArmModel, x0: FloatArray | None, q: FloatArray, *, drop: bool
 ) -> tuple[ClosureModel, tuple[str, ...]]:
-    """Fix unidentifiable parameters if `drop`, or if all are offsets of stated uncertainty; otherwise fix none."""
+    """Return the model with unidentifiable parameters fixed, and their names; `model` and () if none may be fixed."""
+    # They may be fixed if `drop`, or if all of them are offsets whose uncertainty the arm's file states.
     if not drop and arm.offset_tolerance_rad is None:
         return model, ()
     smaller, unidentifiable = drop_unidentifiable(model, x0, q, sigma_rad=arm.sigma_rad())
@@ -171,7 +172,8 @@ def on_main_branch(model: ClosureModel, q: FloatArray) -> tuple[BoolArray, Estim
 
     They are first separated at the nominal parameters, since even inaccurate values show whether a tool is upside down;
     a fit to both branches would lie between the branches. Returns a mask (m,) of the poses on the main branch, and the
-    paper's estimate from these poses, with all joints taken as sensed; None if there is none.
+    paper's estimate from these poses, with all joints taken as sensed. The estimate is None if there are too few poses
+    for it, or if it separates the poses differently.
     """
     everything = np.ones(len(q), dtype=np.bool_), None
     # Even the readings of unsensed joints are used: with errors of a degree they still distinguish the branches.
@@ -204,7 +206,7 @@ def pick_placements(poses: PoseSet, placements: tuple[int, ...]) -> PoseSet:
 
 
 def in_order(model: ClosureModel, other: ClosureModel, x: FloatArray) -> FloatArray:
-    """Return values (P,) of the parameters of `model`: from `x` if `other` has the parameter too, otherwise nominal."""
+    """Return values (P,) for the parameters of `model`: from `x`, the values of `other`'s parameters, else nominal."""
     known = {p.name: float(v) for p, v in zip(other.parameters, x, strict=True)}
     return nominal_vector(model.parameters, known)
 

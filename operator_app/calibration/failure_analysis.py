@@ -63,7 +63,7 @@ def explain_unidentifiable(
 def saturated_readings(
     findings: tuple[RangeFinding, ...], poses: PoseSet
 ) -> PosesDoNotFitError | None:
-    """Return the error for poses with readings at the end of full scale; None if there are no such readings."""
+    """Return the error that lists the saturated readings among `findings`; None if no reading is saturated."""
     known = tuple(range_finding(f, poses) for f in findings if f.fault is ReadingFault.SATURATED)
     return poses_do_not_fit(known) if known else None
 

@@ -167,7 +167,7 @@ def reading_step(
 
 
 def range_finding(out_of_range: RangeFinding, poses: PoseSet, *, notice: bool = False) -> Finding:
-    """Return the finding of readings out of range: a `notice`, or a cause, which blocks if they are saturated."""
+    """Return the finding of readings out of range; unless it is a `notice`, saturated readings block acceptance."""
     return Finding(
         RANGE_KINDS[out_of_range.fault][notice],
         joint=out_of_range.joint,
@@ -331,9 +331,10 @@ def left_out_poses(
     arm: ArmModel,
     poses: PoseSet,
 ) -> tuple[tuple[Finding, ...], tuple[RangeFinding, ...]]:
-    """Return findings that state why the poses `left_out` (indices) were left out, and the readings out of range.
+    """Return findings that state why poses were left out, and those of `out_of_range` that remain to be reported.
 
-    A joint's readings out of range are omitted if all of them are in poses left out because they are in radians.
+    `left_out`: indices of the poses. Readings out of range are not reported again if all of them belong to poses that
+    were left out because their angles are in radians.
     """
     joints = {
         k: [f.joint for f in out_of_range if f.fault is ReadingFault.OUTSIDE and k in f.poses]

@@ -57,8 +57,7 @@ class EntryHistory:
     `values`, `sigma`, `within`: (sessions, entries), rad and m: values (in the equivalent parameter vector nearest to
     the first session's), their standard uncertainty, and the type A part of this uncertainty.
     `chart`: control limits of each session, and the shifts of entries in the order in which they were detected.
-    `smallest`: shift of each entry that the next three sessions would detect in 90 % of cases; NaN if sessions are too
-    few.
+    `smallest`: shift of each entry that the next three sessions detect in 90 % of cases; NaN with too few sessions.
     """
 
     side: Side

@@ -159,8 +159,7 @@ def placed_by_poses(
 ) -> Measured:
     """Return the instrument with the unknown placements of base and target estimated from the measured poses.
 
-    `values` of the arm's entries (rad, m), by name, replace those of its file. Raises `EndpointMissingError` if the
-    poses have no endpoints.
+    `values`: entries (rad, m), by name, that replace the arm file's. Raises `EndpointMissingError` without endpoints.
     """
     if poses.endpoint is None:
         raise EndpointMissingError

@@ -34,7 +34,7 @@ def fit_from_starts(
 ) -> Calibrated:
     """Fit from each start until a fit explains the readings within the stated errors; return the best fit.
 
-    Raises `PosesDoNotFitError` if no start leads to a fit.
+    `group` (m,): placement of each pose. Raises `PosesDoNotFitError` if no start leads to a fit.
     """
     starts, several = iter(starts), len(q) > 2 * SCREENING_POSES
     first = islice(starts, 1) if several else starts

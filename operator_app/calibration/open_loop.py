@@ -26,8 +26,7 @@ class OpenLoopCheck:
 
     `solution`: calibration of the open arm.
     `differences`: differences of all parameters of the arm that both calibrations identified; `before` is the value
-    from the closed loop, `after` the value from the open arm.
-    `chi2`: chi2 of all differences together.
+    from the closed loop, `after` the value from the open arm. `chi2`: chi2 of all differences together.
     `left_out`: offsets that one of the two calibrations cannot separate from its mounting.
     """
 
@@ -52,8 +51,7 @@ def check_open_loop(
 ) -> OpenLoopCheck:
     """Check a closed-loop calibration with measured endpoints of the open arm.
 
-    Raises `EndpointMissingError` if the poses have no endpoints, `SolverError` if the endpoints do not suffice for a
-    calibration.
+    Raises `EndpointMissingError` if the poses have no endpoints, `SolverError` if these do not suffice to calibrate.
     """
     own = {*closed.model.ground_side, *closed.model.hand_side}
     values = {n: v for n, v in closed.estimate.values_by_name.items() if n not in own}

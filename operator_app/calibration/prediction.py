@@ -136,7 +136,7 @@ def errors_as_calibrated(
 ) -> ErrorModel:
     """Return the stated errors of `poses`, with the tolerances and priors that a calibration used.
 
-    `model`: loops of the poses with the calibration's parameters; those in `without` get no prior.
+    `model`: loops of the poses with the calibration's parameters. `without`: parameters that get no prior.
     """
     tolerated = {p.name for p in model.parameters} & set(solution.tolerated)
     sought = model.without(tuple(tolerated))
@@ -184,7 +184,7 @@ def fit_as_stated(
     old: int,
     variances: Callable[[Layout], FloatArray] = Layout.stated_variances,
 ) -> MixedFit:
-    """Fit old and new poses together; sag is expected along gravity only if the first `old` poses sag along it."""
+    """Fit old and new poses together; sag is expected along gravity unless the first `old` poses show otherwise."""
     design = LinearModel(model, both.q_rad, errors, group=both.placement)
     v = variances(design)
     fitted = fit_mixed(design, x0, variances=v)
@@ -198,7 +198,7 @@ def fit_as_stated(
 
 
 def _used(solution: Solution, poses: PoseSet) -> PoseSet:
-    """Return the poses that the calibration used, each once, at most `MOST`."""
+    """Return the distinct poses that the calibration used; if there are more than `MOST`, that many of them."""
     on_branch = np.ones(len(poses), dtype=np.bool_)
     on_branch[list(solution.dropped_flipped)] = False
     distinct = distinct_poses(poses, on_branch)[0]

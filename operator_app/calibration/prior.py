@@ -42,7 +42,7 @@ class KnownArm:
     """Information about the arm from poses in earlier placements of a fixture.
 
     `names`, `values` (k,), `covariance` (k, k): the k entries that are the same in every placement, rad and m.
-    `ends`: mean over the earlier placements of each offset that is measured from the fixture, rad, by name.
+    `ends`: offsets that are measured from the fixture, by name: mean of each over the earlier placements, rad.
     `placement_ratio`: deviation of the fixture from its nominal placement, rms over parameters and earlier placements,
     in units of the standard deviation that its tolerance implies; at least 1.
     """
@@ -143,8 +143,7 @@ def _by_files(
 ) -> FloatArray:
     """Standard deviation (P,) of each unknown, from the files.
 
-    An offset has at least the uncertainty of a protractor, even if the arm's file states less, as the arm may not be
-    calibrated yet.
+    Offsets have at least a protractor's uncertainty, whatever the arm's file states: the arm may not be calibrated yet.
     """
     offset = max(ROUGH_PLACEMENT.orientation_rad / WITHIN, arm.offset_tolerance_rad or 0.0)
     tolerance = fixture.tolerance
@@ -166,7 +165,7 @@ NEAREST = 60
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ShiftOfReading:
-    """Most likely shift of a joint in one reading, its sigma (rad), and the chi2 that it explains."""
+    """Shift of one joint's reading at one pose: its most likely size and sigma (rad), and how much chi2 it explains."""
 
     size_rad: float
     sigma_rad: float
@@ -179,7 +178,7 @@ class Innovation:
 
     `chi2`: chi2 of the reading; infinite if the loop does not close at the reading. `dof`: its degrees of freedom.
     `usual`: largest chi2 of an earlier pose predicted from the other earlier poses; also large if the files are wrong.
-    `shifts`: shift of each used reading that would explain the deviation, by joint (1-based).
+    `shifts`: by joint (1-based), the shift of this joint's reading that would explain most of the deviation.
     """
 
     chi2: float
@@ -188,7 +187,7 @@ class Innovation:
     shifts: Mapping[int, ShiftOfReading]
 
     def unseen(self, shift_rad: float, chi2: float) -> tuple[int, ...]:
-        """Return the joints in which a shift of `shift_rad` would explain less than `chi2` on average."""
+        """Return the joints in which a shift by `shift_rad` would raise chi2 by less than `chi2` on average."""
         return tuple(j for j, s in self.shifts.items() if (shift_rad / s.sigma_rad) ** 2 < chi2)
 
 

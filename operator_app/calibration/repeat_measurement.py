@@ -51,12 +51,10 @@ class Repeat:
 
     `difference_rad`: (n,) second reading minus the first, all joints.
     `chi2`, `dof`: chi2 of the part of the difference that no motion of the chain explains, under stated noise, play and
-    compliance.
-    `joint`: joint (1-based) whose slip would explain more of this chi2 than the slip of any other joint.
+    compliance. `joint`: joint (1-based) whose slip would explain more of this chi2 than the slip of any other joint.
     `size_rad`, `sigma_rad`: most likely value of that slip, and its standard uncertainty.
     `joint_odds`: likelihood ratio between a slip of that joint and a slip of the fixture, each at its most likely
-    magnitude.
-    `turned_rad`, `shifted_m`: rotation and displacement of the fixture, if the fixture slipped.
+    magnitude. `turned_rad`, `shifted_m`: rotation and displacement of the fixture, if the fixture slipped.
     """
 
     difference_rad: FloatArray
@@ -141,7 +139,10 @@ def compare_readings(
 
 
 def _of_fixture(d: FloatArray, columns: FloatArray) -> tuple[float, FloatArray]:
-    """Gain in log-likelihood from a slip of the fixture, and the slip as coefficients of `columns`."""
+    """Return the gain in log-likelihood from a slip of the fixture, and the slip (k,), for the difference `d` (r,).
+
+    `columns` (r, k): change of `d` per unit slip along each component. `d` is whitened: its noise has unit variance.
+    """
     values, vectors = np.linalg.eigh(columns @ columns.T)
     along = vectors.T @ d
     spread = 1.0 + SLIP_SIZES[:, None] ** 2 * np.maximum(values, 0.0)

@@ -41,28 +41,24 @@ class Solution:
     `tolerated`: lengths and twists corrected within their tolerance; they are parameters of `estimate` as well.
     `components`: further results: noise and linearity deviations of the RVDTs, compliance of the fixture, and the
     uncertainty budget of every parameter.
-    `outliers`: labels of poses whose readings do not fit the others, the worst first. They are still used: the operator
-    decides on their exclusion.
+    `outliers`: labels of poses whose readings do not fit the others, the worst first; the calibration still uses them.
     `rvdt`: verdict on each RVDT, from a fit in which its joint was taken as unsensed.
     `reasons`: reasons why the calibration is not accepted; empty if it is accepted.
     `adjudication`: all tests, and the causes that they support.
     `assumed`: values of the error model for which defaults were used, because no file states them.
-    `hand`: tool position uncertainty at the poses of the calibration; None in records of earlier versions.
-    `accuracy`: tool position error before and after calibration over the joints' ranges; None in records of earlier
-    versions.
-    `condition_at_readings`: scaled condition number at the readings, as in the paper; None with unsensed joints, and in
-    records of earlier versions.
+    `hand`: tool position uncertainty at the poses of the calibration.
+    `accuracy`: tool position error before and after calibration over the joints' ranges.
+    `condition_at_readings`: scaled condition number at the readings, as in the paper; None with unsensed joints.
     `implicit`: estimate of the implicit estimator, if the paper's estimator was chosen.
-    `best`: the best D-H table for use without corrections, and its uncertainty; None with the paper's estimator, and in
-    records of earlier versions.
+    `best`: best D-H table for uncorrected readings, with sigmas; None with the paper's estimator or unsensed joints.
     `corrections`: corrections that a controller may add to the readings; None in the same cases as `best`.
     `with_best_table`, `with_corrections`: closure sigmas with `best`, and with the identified entries at readings plus
     `corrections`; None in the same cases as `best`.
     `shares`: share of each parameter's information that comes from the poses, by name.
-    `unsensed_offsets`: offsets, by joint, of joints whose readings were not used; None in records of earlier versions.
-    `length_tolerance_m`: requested standard deviation of the link lengths, used instead of the arm file's; None if not
-    requested.
+    `unsensed_offsets`: offsets, by joint, of joints whose readings were not used.
+    `length_tolerance_m`: standard deviation of the link lengths requested in place of the arm file's; else None.
     `truth`: errors relative to the true values; None if these are unknown, as for any real arm.
+    `hand`, `accuracy`, `condition_at_readings`, `best` and `unsensed_offsets` are None in records of earlier versions.
     """
 
     model: ClosureModel
@@ -136,5 +132,5 @@ class Solution:
         return self.implicit if self.estimate.estimator == "paper" else self.paper
 
     def with_notices(self, notices: Iterable[Finding]) -> Solution:
-        """Return the same solution with further warnings."""
+        """Return the solution with `notices` added to its `warnings`."""
         return replace(self, warnings=(*self.warnings, *notices))

@@ -94,9 +94,10 @@ def check_rvdts(
 def _noise_of_rvdts(
     sensors: Mapping[int, Rvdt], poses: PoseSet, kept: BoolArray, calibrated: Calibrated
 ) -> dict[int, SingleNoise]:
-    """Noise of a single reading, by joint, from the spread of samples or else from the closure; only where known.
+    """Return the noise of a single reading of each RVDT, by joint; RVDTs whose noise cannot be determined are missing.
 
-    Poses in which a joint moved while it was read are left out; `motion_causes` reports them.
+    The noise follows from the spread of the samples at each pose or, if there is none, from the closure. Poses in
+    which a joint moved while it was read are left out; `motion_causes` reports them.
     """
     samples = poses.sample_counts[kept]
     spread = None if poses.sd_rad is None else poses.sd_rad[kept]
@@ -151,8 +152,7 @@ def rvdt_causes(verdicts: tuple[RvdtVerdict, ...], arm: ArmModel) -> tuple[Findi
 class ReadingTable:
     """Corrections of the readings of one joint.
 
-    `joint`: 1-based.
-    `theta_off_rad`: offset to be used with corrected readings.
+    `joint`: 1-based. `theta_off_rad`: offset to be used with corrected readings.
     `gain`: change of reading per change of angle, ideally 1; included in the corrections.
     `reading_rad`, `add_rad`, `sigma_rad` (k,): readings in rising order; corrections to add to the readings, to be
     interpolated linearly; and their standard uncertainty.
@@ -167,7 +167,7 @@ class ReadingTable:
 
     @classmethod
     def of(cls, remedy: RvdtRemedy) -> ReadingTable:
-        """Return the corrections that a parameters file states for one joint."""
+        """Return the corrections of one joint from `remedy`, their record in a parameters file."""
         rows = [(row.reading_deg, row.add_deg, row.sigma_deg) for row in remedy.table]
         reading, add, sigma = np.deg2rad(rows).T
         return cls(

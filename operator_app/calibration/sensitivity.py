@@ -1,4 +1,4 @@
-"""Sensitivity of the largest sigmas: the main source of each, and the sigma with half that source.
+"""Sensitivity of the largest sigmas: the main source of each, and the sigma if the error from that source were halved.
 
 If a source's standard deviation is halved, at unchanged weights, the variance falls by 3/4 of the source's share.
 """
@@ -20,9 +20,9 @@ WORST = 3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SourceSensitivity:
-    """One parameter: its sigma, the main source of this sigma, and the sigma with half that source.
+    """Sensitivity of one parameter's standard deviation `sigma` (rad or m) to its main source of error.
 
-    `sigma` and `then` (after halving) are in rad or m; `share` is the source's share of the variance.
+    `share`: share of the variance that comes from `source`. `then`: sigma if the error from this source were halved.
     """
 
     parameter: Parameter

@@ -44,9 +44,10 @@ class HeldOffset:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeasuredOffset:
-    """Offset of a joint whose readings were not used: mean over the poses of angle from the loop minus reading.
+    """Offset of a joint whose readings were not used: the joint's angle in the closed loop minus its reading.
 
-    `sigma_rad`: standard deviation of one such difference, which includes the linearity deviation of the sensor.
+    `value_rad`, `sigma_rad`: mean and standard deviation of this difference over the poses; the standard deviation
+    includes the linearity deviation of the sensor.
     """
 
     value_rad: float
@@ -62,8 +63,8 @@ class HandAccuracy:
     `after`: remaining error from the covariance of the parameters, one standard deviation.
     `poses`: number of poses, evenly spread over all joints' ranges.
     `holds_for`: fixed offsets whose uncertainty no file states: `after` is valid only if their fixed values are right.
-    `stated`, `after_by_poses`: parameters known from the files rather than from the poses, and `after` without their
-    uncertainty and that of fixed offsets; () and None if they contribute little.
+    `stated`: parameters known from the files rather than from the poses. `after_by_poses`: `after` without the
+    uncertainty of these parameters and of fixed offsets. They are () and None if this uncertainty contributes little.
     """
 
     before: Spread

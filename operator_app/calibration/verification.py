@@ -53,8 +53,7 @@ from solver.loops.placements import Placements
 class Fixed:
     """Parameters of a calibration, fixed before the new poses were taken, and further results of this calibration.
 
-    `values`: parameter values by name, rad and m.
-    `covariance`: covariance (P, P) of `values`, in the same order.
+    `values`: parameter values by name, rad and m. `covariance` (P, P): their covariance, in the same order.
     `rvdt_sd_rad`: standard deviation, by joint, of an RVDT's noise and linearity deviation together, as estimated.
     `fixture_variance`: estimated compliance variance of the fixture (6,), rad^2 and m^2; None if not estimated.
     `fixture_variance` and `rvdt_sd_rad` are used only if they are smaller than stated.
@@ -250,8 +249,9 @@ def _with_prediction(
     *,
     scale: float,
 ) -> VerificationResult:
-    """Return `result` with the tests by `residuals`, `sharp` and `subjects`, which `predict_new_poses` returned.
+    """Return `result` with tests of the new poses against their prediction from the calibration's poses.
 
+    `residuals`, `sharp`, `subjects`: the prediction, i.e. what `predict_new_poses` returned.
     `scale`: factor, at least 1, by which the accepted calibration's variances exceed the stated variances. It widens
     the test of each single pose; the test of all poses together is widened by at least `STATED_VARIANCE_FACTOR`.
     """
@@ -404,7 +404,7 @@ def require_in_range(arm: ArmModel, new: PoseSet, solution: Solution) -> None:
 def may_be_elsewhere(fixture: EndpointConstraint) -> bool:
     """Whether poses of another placement (another socket, or another station of an instrument) can test a calibration.
 
-    They can if the ball or the instrument's target stays on the tool, and no file states the instrument's station.
+    For this, the ball or the instrument's target must stay on the tool, and no file may fix the instrument's station.
     """
     moves = fixture.kind == "ball" or (isinstance(fixture, Measured) and not fixture.base_known)
     return moves and fixture.stays_on_hand
@@ -418,8 +418,9 @@ def is_elsewhere(new: PoseSet, made_from: PoseSet, fixture: EndpointConstraint) 
 
 
 def _are_calibrated(new: PoseSet, made_from: PoseSet) -> bool:
-    """Whether the new poses are of one calibrated placement or all; 1 (a default) counts if only one was calibrated."""
+    """Whether the new poses are of one calibrated placement or of all calibrated placements."""
     known, states = made_from.placements, new.placements
+    # Files have placement 1 by default: it stands for the only calibrated placement, whatever its number.
     if len(known) == 1 and states == (DEFAULT_PLACEMENT,):
         return True
     return states == known or (len(states) == 1 and states[0] in known)
@@ -428,7 +429,7 @@ def _are_calibrated(new: PoseSet, made_from: PoseSet) -> bool:
 def require_calibrated_placement(
     new: PoseSet, made_from: PoseSet, fixture: EndpointConstraint
 ) -> None:
-    """Raise `NoTestError` unless the new poses are of one calibrated placement or all, or the fixture allows others."""
+    """Raise `NoTestError` if the new poses must be of one calibrated placement or of all of them, but are not."""
     if may_be_elsewhere(fixture) or _are_calibrated(new, made_from):
         return
     known, states = made_from.placements, new.placements
@@ -495,7 +496,10 @@ def _require_poses_at_a_place(
 
 
 def _are_among(new: PoseSet, made_from: PoseSet, *, measured: bool) -> BoolArray:
-    """Return a mask (m,) of the new poses that equal a pose of `made_from`, within the rounding of files."""
+    """Return a mask (m,) of the new poses that equal a pose of `made_from`, apart from rounding in their files.
+
+    `measured`: whether measured endpoints have to be equal too, if both sets have them.
+    """
     steps = [p.q_rad / HUNDREDTH_RAD for p in (new, made_from)]
     rounded = any(np.all(np.abs(s - np.round(s)) < 1e-6) for s in steps)
     same_rad = 0.5 * HUNDREDTH_RAD + limits.SAME_READING_RAD if rounded else limits.SAME_READING_RAD

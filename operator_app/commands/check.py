@@ -1,4 +1,4 @@
-"""`sarcal check`: lists all problems of files; if none, states whether a calibration can succeed."""
+"""`sarcal check`: lists all problems of files; if there are none, states whether a calibration can succeed."""
 
 import argparse
 
@@ -54,7 +54,7 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _read(kind: AnyKind | None, name: str) -> Resource:
-    """Read a file; a built-in name is refused unless an option states its kind."""
+    """Read a file, or a built-in file if `kind` is its kind; raises UsageError for a built-in name without kind."""
     if kind in FILE_ARGUMENTS:
         return resolve(kind, name)
     builtin, path = [k for k in FILE_ARGUMENTS if name in builtin_names(k)], expanded(name)

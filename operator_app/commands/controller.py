@@ -93,7 +93,7 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def procedure_of(arm: str, fixture: str, *, kind: str) -> tuple[str, str]:
-    """Return the argument of `sarcal run` for an arm in a fixture, and how to make a procedure if none is built in."""
+    """Return the arguments of `sarcal run`, and a text on how to make a procedure, empty if a built-in one fits."""
     if arm != "sarcos_dextrous" or fixture not in builtin_names("fixture"):
         made_by = f"sarcal new procedure --arm {arm} --fixture {fixture}"
         return "PROCEDURE", f" (to make PROCEDURE: {made_by})"
@@ -135,7 +135,7 @@ def _recorded(settings: BusSettings, path: Path | None) -> Iterator[None]:
 
 @contextmanager
 def _tracker(tracker: SimulatedTracker | None, port: int | None) -> Iterator[str]:
-    """Context that serves a tracker and yields the option ``--tracker`` of `sarcal run`; "" if there is no tracker."""
+    """Serve a tracker while the context is open; yields the option ``--tracker`` for `sarcal run`, else ""."""
     if tracker is None:
         if port is not None:
             raise UsageError("--tracker-port: this fixture has no tracker; use --fixture tracker")
@@ -146,7 +146,7 @@ def _tracker(tracker: SimulatedTracker | None, port: int | None) -> Iterator[str
 
 
 def fault_table() -> str:
-    """Return the table of faults: what is broken, what the operator sees, reaction of the arm, remedy."""
+    """Return the table of faults: what is broken, what the operator sees, what the arm does, what is kept, remedy."""
     rows = []
     for kind, fault in FAULTS.items():
         facts = {

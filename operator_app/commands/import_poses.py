@@ -1,4 +1,4 @@
-"""`sarcal import`: makes a session from poses, or from a recording, of another program."""
+"""`sarcal import`: makes a session from poses or recordings that another program wrote."""
 
 import argparse
 from dataclasses import replace
@@ -98,7 +98,7 @@ def execute(args: argparse.Namespace) -> int:
 def _poses(
     args: argparse.Namespace, joints: tuple[str, ...], *, instrument: bool
 ) -> tuple[PoseSet, dict[str, list[dict[str, Any]]]]:
-    """Return the poses of all files (if several, each file is one placement), and the JSON data of recordings."""
+    """Return the poses of all files, one placement per file if there are several, and JSON data on the recordings."""
     unit: Unit | None = "rad" if args.rad else "deg" if args.deg else None
     pose_sets, recordings = [], []
     of_recordings = (args.dwell_s, args.spread_deg, args.topic) != (None, None, None)

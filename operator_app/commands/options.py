@@ -12,6 +12,7 @@ from typing import Any
 from hardware.virtual import DEFAULT_SCENARIO, SCENARIOS
 from operator_app.config.errors import shortened
 from operator_app.exit_codes import UsageError
+from operator_app.units import MOST_WHOLE
 
 MOST_POSES = 100_000
 """Largest number of poses in a poses file or a procedure."""
@@ -20,16 +21,13 @@ STAGES = ("look", "hold", "move", "free", "leave", "silence")
 FORMATS = ("yaml", "json", "csv", "urdf", "mat")
 
 
-def whole(least: int, most: int | None = None) -> Callable[[str], int]:
-    """Return a parser of whole numbers from `least` to `most` or, if None, of at most 18 digits."""
-    limits = (
-        f"of at least {least} and at most 18 digits" if most is None else f"from {least} to {most}"
-    )
+def whole(least: int, most: int = MOST_WHOLE) -> Callable[[str], int]:
+    """Return a parser of whole numbers from `least` to `most`."""
 
     def parse(text: str) -> int:
         value = int(text) if re.fullmatch(r"\d{1,18}", text) else -1
-        if value < least or (most is not None and value > most):
-            raise argparse.ArgumentTypeError(f"{shortened(text)} is not a whole number {limits}")
+        if not least <= value <= most:
+            raise argparse.ArgumentTypeError(f"{text} is not a whole number from {least} to {most}")
         return value
 
     return parse

@@ -1,4 +1,4 @@
-"""`sarcal plan`: drive joints and poses, before anything moves."""
+"""`sarcal plan`: chooses drive joints and poses before anything moves."""
 
 import argparse
 import sys
@@ -62,10 +62,10 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _of_files(args: argparse.Namespace) -> tuple[Procedure, FloatArray | None, str]:
-    """Return the procedure with the options' arm and fixture, None (no captured poses), and the plan's basis as text.
+    """Return the procedure with the options' arm and fixture, None for the captured poses, and "nominal geometry".
 
-    The procedure states the drive joints; the planner chooses them if the options replace the procedure's arm or, in
-    the default procedure, its kind of fixture.
+    The drive joints are the procedure's, unless the options replace the arm or, with the default procedure, the kind of
+    fixture: then the planner chooses them.
     """
     procedure = load_procedure(args.procedure or "hinge")
     if args.arm:
@@ -90,7 +90,7 @@ def _of_files(args: argparse.Namespace) -> tuple[Procedure, FloatArray | None, s
 
 
 def _of_session(args: argparse.Namespace) -> tuple[Procedure, FloatArray | None, str]:
-    """Return the session's procedure, its captured poses (m, n), rad, and the plan's basis as text."""
+    """Return the session's procedure, its captured poses (m, n), rad, and a text on what the plan is based on."""
     if args.procedure or args.arm or args.fixture:
         raise UsageError(
             "--session: a session states procedure, arm and fixture; leave those options out"

@@ -36,7 +36,7 @@ MAPS = {
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Probe the bus and print the result; exit 3 if no node answers or something differs."""
+    """Probe the bus and print the result; exit 3 if no node answers or a node differs from the profile."""
     if args.configure and args.draft is None:
         raise UsageError("--configure needs --draft FILE")
     settings = bus_of_others(args)
@@ -72,7 +72,10 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def probe_json(result: Probe) -> dict[str, Any]:
-    """Return a probe as JSON data; nodes have `pdos` (valid PDOs) and `room` (all PDO numbers, and bits per object)."""
+    """Return a probe as JSON data; each node has ``pdos``, its valid PDOs, and ``room``, what a new profile may use.
+
+    ``room``: numbers of all PDOs that the node receives ("taken") and sends ("sent"), and bits of each required object.
+    """
     data = asdict(result)
     for node, shown in zip(result.nodes, data["nodes"], strict=True):
         shown["pdos"] = [

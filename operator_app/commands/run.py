@@ -1,6 +1,6 @@
-"""`sarcal run`: carries out a procedure from Connect to Export without questions.
+"""`sarcal run`: carries out a procedure from Connect to Export, without asking except for a remounted fixture.
 
-The confirmation of a remounted fixture goes into the journal before the arm is connected, so that an interrupted
+The confirmation that the fixture is remounted goes into the journal before the arm is connected, so that an interrupted
 session resumes in the right placement.
 """
 
@@ -126,8 +126,8 @@ def _report(args: argparse.Namespace, session: Session, result: RunResult) -> No
 class RunResult:
     """Result of a run.
 
-    `exported`: None if the calibration was not exported. `capture`: end of a planned capture, None for an explored
-    capture. `advice`: text on a hinge placement that would make the imprecise parameters more precise, "" for none.
+    `exported`: None if the calibration was not exported. `capture`: why a planned capture ended; None if the poses were
+    not planned. `advice`: hinge placement that would determine imprecise parameters better, as text, or "".
     """
 
     solution: Solution
@@ -150,8 +150,8 @@ def run(
     Returns None if the current placement is complete and the fixture has to be remounted for the next placement.
 
     `forced`: reason for exporting a calibration that is not accepted; without a reason, such a calibration is not
-    exported. `homing`: whether the operator agrees that an arm outside its exploration box goes home. `solver`: runs
-    the calibration; on a real bus, in a separate process, so that SYNC is not delayed.
+    exported. `homing`: whether an arm outside its exploration ranges may go home. `solver`: runs the calibration; on a
+    real bus, in a separate process, so that SYNC is not delayed.
     """
     if session.procedure.position_joints is not None:
         session.check_modes(session.procedure.position_joints)
@@ -210,10 +210,10 @@ _WORD = "mounted"
 def next_placement(
     opening: Opening, listener: ConsoleListener, *, root: Path, drives_off: bool = False
 ) -> Opening:
-    """Wait until the operator confirms the next placement, record the confirmation, and return the session to resume.
+    """Wait until the operator confirms that the fixture is remounted, record this, and return the session to resume.
 
-    `drives_off`: whether this program has just released the arm, and the drives confirmed that they are off. For an arm
-    simulated by this program there is nothing to confirm. Raises `SessionError` if the mounting was not confirmed.
+    For an arm simulated by this program, nothing is asked. `drives_off`: whether this program has just released the arm
+    and its drives reported that they are off. Raises `SessionError` if the operator did not confirm.
     """
     # Take the bus from the journal, since the options may leave it to the environment.
     opening = resume(str(opening.folder), opening.choices, root=root)
@@ -227,9 +227,9 @@ def next_placement(
 
 
 def require_mounted(opening: Opening, listener: ConsoleListener) -> None:
-    """Before the first pose of a later placement, wait for the confirmation that the fixture is mounted.
+    """If a later placement has no pose yet, wait until the operator confirms its mounting, and record this.
 
-    Records the confirmation. Raises `SessionError` if the mounting was not confirmed.
+    Raises `SessionError` if the operator did not confirm.
     """
     if not opening.state.unconfirmed_placement:
         return
@@ -245,7 +245,7 @@ def require_mounted(opening: Opening, listener: ConsoleListener) -> None:
 def _confirm(
     opening: Opening, listener: ConsoleListener, number: int, lines: tuple[str, ...]
 ) -> None:
-    """Write `lines`, and wait for the confirming word; text typed earlier is ignored."""
+    """Write `lines`, and wait until the operator types the word "mounted"; text typed before is ignored."""
     try:
         for line in lines:
             listener.report(line)
@@ -270,10 +270,7 @@ def _confirm(
 
 
 def remounting_lines(opening: Opening, *, drives_off: bool) -> tuple[str, ...]:
-    """Return the instructions between two placements.
-
-    If `drives_off` is false, the instructions ask the operator to make sure that the drives are off.
-    """
+    """Return the instructions between two placements; if not `drives_off`, the operator must check the drives."""
     off = (
         "Nothing commands the arm any more: its drives are off."
         if drives_off

@@ -119,7 +119,7 @@ def _test_poses(
 
 
 def _tables(args: argparse.Namespace, arm: ArmModel) -> tuple[str, tuple[ReadingTable, ...]]:
-    """Return SHA-256 of the poses behind the tables in file ``--rvdt-table``, and the tables; "" and () without it."""
+    """Return the SHA-256 of the poses from which file ``--rvdt-table`` was made, and its RVDT tables; else "", ()."""
     if not args.rvdt_table:
         return "", ()
     document, option = load_parameters(args.rvdt_table), f"--rvdt-table {args.rvdt_table}"

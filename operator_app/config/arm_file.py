@@ -1,6 +1,6 @@
 """The arm file (``sarcal/arm/1``): D-H rows, free entries, ranges, sensors.
 
-Defaults of errors that are not stated are as in `error_model`: one standard deviation in an ordinary workshop.
+Uncertainties that the file does not state have default values: one standard deviation in an ordinary workshop.
 """
 
 import math
@@ -28,7 +28,7 @@ from solver.chain.statics import UPRIGHT_DOWN
 class RowModel(StrictModel):
     """One D-H row; ``fixture`` marks an entry that the fixture determines (asterisk in the paper's Table 1).
 
-    ``beta_deg`` is Hayati's angle, identified in place of s if the row joins parallel axes; it makes ``s_m`` optional.
+    ``beta_deg``: Hayati's angle, for a row between parallel axes, identified in place of s; ``s_m`` is then optional.
     """
 
     row: quantities.Count
@@ -48,7 +48,7 @@ class RowModel(StrictModel):
 
 
 class SensorFields(StrictModel):
-    """Base of sensor models: keys other than `kind` are the domain object's arguments in file units."""
+    """Base of sensor models: each key except `kind` is an argument of the class `makes`, in the units of the file."""
 
     makes: ClassVar[type[Sensor]]
 
@@ -100,7 +100,7 @@ SensorModel = Annotated[EncoderModel | RvdtModel | NoSensorModel, Field(discrimi
 
 
 class JointModel(StrictModel):
-    """One joint."""
+    """One joint of an arm file."""
 
     joint: quantities.Count
     name: quantities.Text
@@ -127,7 +127,7 @@ class JointModel(StrictModel):
 def check_home(
     home_deg: Sequence[float], ranges_deg: Sequence[tuple[float, float]]
 ) -> Iterator[Complaint]:
-    """Yield a problem if home does not have one angle per joint, or for each angle outside the joint's range."""
+    """Yield a problem for each home angle outside its joint's range, or one problem if their number is wrong."""
     if len(home_deg) != len(ranges_deg):
         text = f"has {len(home_deg)} angles for {len(ranges_deg)} joints"
         yield ("home_deg",), text, "write one angle per joint"
@@ -219,7 +219,7 @@ class ArmFile(StrictModel):
     @field_validator("offset_tolerance_deg", mode="before")
     @classmethod
     def _require_tolerance_or_unknown(cls, value: Any) -> Any:
-        """Refuse a value that is neither a number nor `unknown`, with one error; pydantic would report two."""
+        """Refuse a value that is neither a number nor `unknown`, with one error instead of pydantic's two."""
         number = isinstance(value, int | float) and not isinstance(value, bool)
         if value == "unknown" or (number and 0.0 < value <= 180.0):
             return value

@@ -1,7 +1,7 @@
-"""Writes files atomically, even in a power cut, and formats YAML that `strict_yaml` reads back exactly.
+"""Writes a file whole or not at all, even in a power cut, and formats YAML that `strict_yaml` reads back exactly.
 
-Floats are written with as many digits as are needed to read the same double (at most 17); text is quoted whenever it
-could be read as another type.
+A float has as many digits as are needed to read the same double (at most 17). A text is quoted if it could be read as
+another type.
 """
 
 import math
@@ -20,14 +20,14 @@ from operator_app.config.strict_yaml import resolve_plain
 
 
 def write_atomically(path: Path, data: bytes, *, through_link: bool = False) -> None:
-    """Write `data` to `path`: temporary file in the same folder, fsync, rename, fsync of the folder.
+    """Write `data` to a temporary file in the same folder, fsync, rename it to `path`, and fsync the folder.
 
-    A reader sees the old file or the new one, never a part. The permissions of an existing file are kept. A symbolic
-    link is replaced by a file and its target is not changed, since the folder may come from somebody else. With
-    `through_link` the target is replaced instead. A device, a pipe or a link to one is refused, since root could
-    otherwise replace `/dev/null` for every program.
+    A reader finds the old file or the new one, never a part, even after a power cut. The permissions of an existing
+    file are kept. A symbolic link is replaced by a file, not followed, since a folder from somebody else may contain
+    links to any file; with `through_link`, its target is replaced instead.
 
-    Raises WriteError if the system refuses; nothing was changed then, and no temporary file remains.
+    Raises WriteError if the system refuses, or if `path` is or links to a device or a pipe: root could otherwise
+    replace `/dev/null`. Nothing has changed then, and no temporary file remains.
     """
     try:
         if path.exists() and not (path.is_file() or path.is_dir()):

@@ -11,12 +11,13 @@ from typing import Any
 
 from operator_app.config.errors import ConfigError, Problem, only, shortened
 from operator_app.safe_output import sanitized
+from operator_app.units import MOST_WHOLE
 
 MOST_PROBLEMS = 100
 CSV_NUMBER = re.compile(r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
 NOT_FINITE = re.compile(r"[-+]?(?:nan|inf|infinity|#n/a|n/a|na)", re.IGNORECASE)
 FORMULA = re.compile(r"'*(?:\s*[=+\-@]|[\t\r\n])")
-"""Text that a spreadsheet reads as a formula, also after apostrophes; a further apostrophe makes the text plain."""
+"""Text that a spreadsheet may read as a formula, also after apostrophes; one more apostrophe prevents this."""
 ESCAPED = re.compile(r"(\\+)u\{([0-9a-f]{1,6})\}")
 LOOKS_ESCAPED = re.compile(r"(\\+)(u\{[0-9a-f]{1,6}\})")
 HIDDEN_CANDIDATE = re.compile(r"(\\*)([^\\])", re.DOTALL)
@@ -39,7 +40,7 @@ class BadCell(Exception):
 def read_records(text: str, file: str, *, example: str) -> Iterator[Record]:
     """Yield the records of a file, the header first; blank lines are skipped.
 
-    Raises ConfigError if the file is empty (`example`, a valid header, is then the remedy) or not CSV with commas.
+    Raises ConfigError if the file is empty or not CSV with commas. `example`: remedy for an empty file.
     """
     first = next((line for line in io.StringIO(text, newline=None) if line.strip()), None)
     if first is None:
@@ -75,8 +76,8 @@ def read_columns(
     """Return the values of each column, by name and in the order of the rows, from all records below the header.
 
     `columns`: name of each column of the file, in order, and the function that reads its cells or raises `BadCell`.
-    `packed`: columns to be stored as floats of 8 bytes, a quarter of the memory of Python objects. `unique`: columns
-    whose values together have to differ between rows. Raises ConfigError with all problems, up to a hundred.
+    `packed`: columns stored as floats of 8 bytes, which takes a quarter of the memory of Python objects. `unique`:
+    columns whose combined values must differ between rows. Raises ConfigError with all problems, up to a hundred.
     """
     problems: list[Problem] = []
     values_by_name: dict[str, MutableSequence[Any]] = {
@@ -141,8 +142,8 @@ def whole_number(cell: str) -> int:
     """Read a whole number of at least 1; raises BadCell."""
     value, shown = number(cell), shortened(cell.strip())
     plain = not any(c in cell for c in ".eE")
-    if plain and value > 2**53:
-        raise BadCell(f"{shown} is too large", f"use a whole number of at most {2**53}")
+    if plain and value > MOST_WHOLE:
+        raise BadCell(f"{shown} is too large", f"use a whole number of at most {MOST_WHOLE}")
     if not plain or value < 1:
         raise BadCell(f"{shown} is not a whole number of at least 1", "correct the number")
     return int(cell)

@@ -31,9 +31,9 @@ EDGE_SIGMAS = 5.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Dwell:
-    """The arm at rest: start (s), duration (s), number of samples, mean and standard deviation (n,), rad.
+    """A time at rest: start and duration (s), number of samples, their mean and standard deviation (n,), rad.
 
-    `first`: index of its first sample in the recording.
+    `first`: index of the first sample in the recording.
     """
 
     start_s: float
@@ -46,7 +46,7 @@ class Dwell:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RefusedDwell:
-    """A rest that is not a dwell: `joint` (from 1) moved by `moved_rad` or, if `joint` is 0, it was too short."""
+    """A rest that is not a dwell: `joint` (from 1) moved by `moved_rad` or, if `joint` is 0, the rest was too short."""
 
     start_s: float
     seconds: float
@@ -82,7 +82,7 @@ def find_dwells(
     dwell_s: float = DWELL_S,
     spread_rad: float = math.radians(DWELL_SPREAD_DEG),
 ) -> tuple[tuple[Dwell, ...], tuple[RefusedDwell, ...]]:
-    """Return the dwells of samples `q_rad` (m, n) at rising times `time_s` (m,), and the rests refused as dwells."""
+    """Return the dwells in samples `q_rad` (m, n) at rising times `time_s` (m,), and the rests that are not dwells."""
     if len(time_s) < LEAST_SAMPLES:
         return (), ()
     step = np.diff(time_s)
@@ -116,7 +116,7 @@ def find_dwells(
 
 
 def smallest_spread_rad(time_s: FloatArray, q_rad: FloatArray, dwell_s: float) -> float:
-    """Return the largest spread of any joint, rad, in the calmest window of `dwell_s`; infinite if there is none."""
+    """Return the spread, rad, of the joint that moves most in the calmest window of `dwell_s`; inf if none fits."""
     last = np.searchsorted(time_s, time_s + dwell_s * (1.0 - 1e-9))
     return float(_ranges(q_rad, last[last < len(time_s)]).max(axis=1).min(initial=np.inf))
 
@@ -133,7 +133,7 @@ def _dwell(
     ends: tuple[int, int],
     spread_rad: float,
 ) -> Dwell | RefusedDwell:
-    """Return the dwell in samples `ends[0]` to `ends[1]`, without motion at its ends, or why it is refused."""
+    """Return the dwell in samples `ends[0]` to `ends[1]`, less any motion at its ends, or a `RefusedDwell`."""
     at_rest = q_rad[ends[0] : ends[1] + 1]
     away = np.abs(at_rest - np.median(at_rest, axis=0))
     noise = 1.4826 * np.median(away, axis=0)
@@ -176,7 +176,7 @@ def _at_rest(
 
 
 def _ranges(q_rad: FloatArray, last: IntArray) -> FloatArray:
-    """Return ranges (len(last), n): entry k is maximum minus minimum of `q_rad[k : last[k] + 1]` (by sparse tables)."""
+    """Return ranges (len(last), n); row k is the maximum minus the minimum of `q_rad[k : last[k] + 1]`."""
     first = np.arange(len(last))
     length = last - first + 1
     ranges = np.zeros((len(last), q_rad.shape[1]))

@@ -1,7 +1,7 @@
 """Uncertainties and masses in files, and defaults for uncertainties that are not stated.
 
-The defaults are what an ordinary workshop achieves. All are one standard deviation; 0 means exact. A mapping replaced
-by a plain 0, such as ``give: 0``, has 0 for all its uncertainties.
+The defaults are what an ordinary workshop achieves. All are one standard deviation; 0 means exact. A plain 0 instead of
+a mapping, such as ``give: 0``, sets all uncertainties of the mapping to 0.
 """
 
 import math
@@ -19,10 +19,7 @@ from solver.chain.statics import LinkMasses
 
 
 class Uncertain(StrictModel):
-    """Base of mappings of uncertainties.
-
-    A file may have a plain 0 in place of the mapping, which sets all its uncertainties to 0.
-    """
+    """Base of mappings of uncertainties; a plain 0 instead of the mapping sets all of them to 0."""
 
     # In JSON Schema, bounds apply to numbers only and keys to mappings only.
     model_config = ConfigDict(
@@ -37,7 +34,7 @@ class Uncertain(StrictModel):
 
 
 class ToleranceModel(Uncertain):
-    """Uncertainty of lengths and twists in the maker's table."""
+    """Uncertainty of the lengths (s, a) and twists (alpha) in the D-H table of the arm's maker."""
 
     length_mm: quantities.StatedMm = 0.5
     twist_deg: quantities.StatedDeg = 0.1

@@ -18,8 +18,8 @@ class Problem:
 
     `file`: name of the file as the user typed it, or ``packaged:<name>``. `line` counts from 1 and is None if the
     problem concerns the whole file. `column`: character in the line (YAML) or number of the field (CSV), from 1. `key`:
-    path in the document, e.g. ``joints[joint 6].sensor.bits``, or the CSV column; "" for the file. Items of a list are
-    named by their own number if they have one, else counted from 1.
+    path in the document, e.g. ``joints[joint 6].sensor.bits``, or name of the CSV column; "" for the whole file. An
+    item of a list is named by the row or joint that it states, else by its position from 1.
     """
 
     file: str
@@ -48,7 +48,7 @@ class ConfigError(Exception):
         super().__init__("\n".join(str(problem) for problem in self.problems))
 
     def __reduce__(self) -> tuple[type[ConfigError], tuple[tuple[Problem, ...]]]:
-        """Pickle the problems, since the error may come from another process."""
+        """Pickle the problems, which are the argument of `__init__`; the error may be raised in another process."""
         return type(self), (self.problems,)
 
 

@@ -1,4 +1,4 @@
-"""The fixture file (``sarcal/fixture/1``): placement, tolerances, and the fixture built from them."""
+"""Reads the fixture file (``sarcal/fixture/1``), and builds the fixture from its placement and tolerances."""
 
 import math
 from abc import ABC, abstractmethod
@@ -99,14 +99,13 @@ class CommonFields(StrictModel, ABC):
 
     @abstractmethod
     def own(self) -> dict[str, Any]:
-        """Return those arguments of the domain object that only this kind of fixture has."""
+        """Return the arguments that only this kind of fixture needs, by name."""
 
 
 class MetalFields(CommonFields):
     """Common fields in the files of fixtures that constrain the tool.
 
-    `stiffness` was a field of earlier versions and had no effect; files that state it are still read. The compliance is
-    in `give`.
+    `give`: compliance. `stiffness`: has no effect; files of earlier versions may state it.
     """
 
     holds: ClassVar[tuple[str, ...]] = ("position_mm", "orientation_mrad")
@@ -115,12 +114,12 @@ class MetalFields(CommonFields):
     stiffness: Any = None
 
     def own(self) -> dict[str, Any]:
-        """Return the compliance."""
+        """Return the compliance, as an argument of the fixture."""
         return {"compliance": self.give.compliance(self.holds)}
 
 
 class RigidPlacement(Placement):
-    """Nominal placement of a rigid attachment."""
+    """Nominal placement of a tool attached rigidly to the ground."""
 
     a_0_mm: quantities.LengthMm
     s_0_mm: quantities.LengthMm
@@ -131,8 +130,8 @@ class RigidPlacement(Placement):
 class HingePlacement(RigidPlacement):
     """Nominal placement of a hinge.
 
-    The last two keys are the offsets of the first and the last joint, measured from the common normals to the hinge
-    axis. If they are missing, the offsets in the arm file are used.
+    ``theta_off_1_deg`` and ``theta_off_n_deg`` are the offsets of the first and the last joint in the closed chain,
+    where x_0 and x_n are the common normals to the hinge axis. A missing key means the offset in the arm file.
     """
 
     a_n_mm: quantities.LengthMm
@@ -151,7 +150,7 @@ class HingeModel(MetalFields):
 
 
 class RigidModel(MetalFields):
-    """A rigid attachment."""
+    """A rigid attachment of the tool to the ground."""
 
     makes = Rigid
     kind: Literal["rigid"]
@@ -166,7 +165,7 @@ class BallPlacement(Placement):
 
 
 class DistanceModel(StrictModel):
-    """A measured distance between two sockets."""
+    """Measured distance between the sockets of two placements, mm."""
 
     between: tuple[PlacementNumber, PlacementNumber]
     mm: Annotated[quantities.LengthMm, Field(gt=0.0)]
@@ -201,7 +200,7 @@ class BallModel(MetalFields):
         return value
 
     def own(self) -> dict[str, Any]:
-        """Return the compliance, and the measured distances between sockets."""
+        """Return the compliance and the measured distances between sockets, as arguments of the ball."""
         known = tuple(
             KnownDistance(between=d.between, value_m=d.mm / 1e3, sigma_m=d.sigma_mm / 1e3)
             for d in self.distance

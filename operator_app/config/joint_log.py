@@ -54,16 +54,16 @@ def load_joint_log(
     Parameters
     ----------
     unit
-        Unit of the angles; None: that of the header (``q1_rad``), else degrees, but angles that look like radians are
-        refused.
+        Unit of the angles; None: the unit in the header (``q1_rad``) or, without one, degrees. Angles that look like
+        radians are then refused, unless the header states radians.
     columns
-        Columns of joints 1 to n, in this order: numbers from 1 (``2-8``, ``3,1,2``) or names of the header; empty:
-        those with the names in `joints` (of the arm file), else those numbered in the header, else all columns.
+        Columns of joints 1 to n, in this order, by number from 1 (``2-8``, ``3,1,2``) or by name. If empty, the header
+        is searched for the arm file's names `joints`, then for numbered names; else all remaining columns are used.
     placement
-        Number or name of the column that states the fixture's placement for each pose: a whole number, or a name; names
-        are numbered in order of appearance. Empty: one placement.
+        Number or name of the column with the fixture's placement at each pose. The placements are whole numbers, or
+        names, which are then numbered in order of appearance. Empty: all poses have the same placement.
     instrument
-        Whether a log has to have the endpoints measured by an instrument.
+        Whether the log must have columns of measured endpoints.
     """
     data, file = read_limited(expanded(path), str(path), limit=poses_file.LIMIT_BYTES), str(path)
     rows = read_rows(decode_text(data, file))
@@ -112,7 +112,7 @@ def load_joint_log(
 
 
 def wrong_header(header: list[str], width: int, file: str, line: int) -> ConfigError:
-    """Return the error of a log whose header does not have the `width` cells of its rows."""
+    """Return the error for a header whose number of cells is not `width`, that of the first row of angles."""
     text = f"the header has {len(header)} cells, but the first row of angles has {width}"
     return only(file, text, "name each column, or remove the header", line=line)
 
@@ -131,9 +131,9 @@ def unit_of(names: Sequence[str], unit: Unit | None, file: str, line: int) -> Un
 
 
 def require_degrees(largest: float, count: str, file: str, *, stated: Unit | None) -> None:
-    """Raise ConfigError if the `largest` angle may be in radians.
+    """Raise ConfigError if the `largest` angle is below 2 pi, as in radians, and the file does not state radians.
 
-    `count`: number of rows, as text. `stated`: unit that the header states.
+    `count`: text for the message, such as "40 poses". `stated`: unit in the header; None if the header states none.
     """
     if largest < 2.0 * np.pi and stated != "rad":
         text = f"does not state the unit of its angles, and none in {count} exceeds {largest:.3g}"
@@ -147,9 +147,10 @@ def require_degrees(largest: float, count: str, file: str, *, stated: Unit | Non
 def read_numbers(
     body: list[Record], readers: Sequence[tuple[int, str, Callable[[str], float]]], file: str
 ) -> FloatArray:
-    """Return the numbers (m, k) in k columns; `readers`: index from 0, name in messages and reader of each column.
+    """Return the numbers (m, k) in k columns of a log; raises ConfigError with all problems, up to a hundred.
 
-    Raises ConfigError with all problems, up to a hundred; a reader raises BadCell.
+    `readers`: for each column its index from 0, its name in messages, and the function that reads a cell or raises
+    `BadCell`.
     """
     problems: list[Problem] = []
     values, width = array("d"), len(body[0][1])
@@ -172,7 +173,7 @@ def read_numbers(
 
 
 def _require_plausible(q: FloatArray, body: list[Record], file: str, *, radians: bool) -> None:
-    """Raise ConfigError if the largest of the angles (m, n), in the unit of the file, is probably in counts."""
+    """Raise ConfigError if an angle of `q` (m, n), in rad or deg, exceeds ten turns and is probably in counts."""
     row, joint = np.unravel_index(np.argmax(np.abs(q)), q.shape)
     value, remedy = float(q[row, joint]), "give degrees"
     text = angle_doubt(math.degrees(value) if radians else value)
@@ -184,7 +185,7 @@ def _require_plausible(q: FloatArray, body: list[Record], file: str, *, radians:
 
 
 def _placements(body: list[Record], by: int, file: str) -> tuple[list[int], tuple[str, ...] | None]:
-    """Return each row's placement number from column `by` and, if that column has names, notes with these names."""
+    """Return the placement number of each row, from column `by`, and notes with the names if the column has names."""
     names = [cells[by] for _, cells in body]
     if "" in names:
         line, remedy = body[names.index("")][0], "give the placement a number or a name"
@@ -251,8 +252,8 @@ def find_columns(
     file: str,
     joints: Sequence[str] = (),
 ) -> tuple[int, ...]:
-    """Return the indices (from 0) of the columns of joints 1 to n: in `option` or, if it is empty, in `remaining`."""
-    count = remaining[-1] + 1 if remaining else 0
+    """Return the column indices (from 0) of joints 1 to n: as named in `option`, else as recognised in `remaining`."""
+    count = len(body[0][1])
     if not option:
         named = [header[k] for k in remaining] if header else []
         if order := joint_order(named, joints, joint_count):
@@ -281,6 +282,9 @@ def find_columns(
     if over := [k for k in columns if k >= count]:
         text = f"--columns: there is no column {over[0] + 1}"
         raise only(file, text, f"the file has {count}")
+    if taken := [k + 1 for k in columns if k not in remaining]:
+        text = f"--columns: column {taken[0]} has the times, the placement or a measured endpoint"
+        raise only(file, text, "name the columns of the joints")
     if len(columns) != joint_count or len(set(columns)) != len(columns):
         text = f"--columns names {len(set(columns))} columns for an arm of {joint_count} joints"
         raise only(file, text, "name one for each joint, in the order of the joints")
@@ -297,10 +301,11 @@ def _is_time(name: Sequence[str], body: list[Record], column: int) -> bool:
 
 
 def joint_order(names: Sequence[str], joints: Sequence[str], count: int) -> tuple[int, ...]:
-    """Return the indices in `names` of joints 1 to `count`: of `joints` if `names` has them all, else of a series.
+    """Return the indices in `names` of joints 1 to `count`; empty if the joints cannot be recognised.
 
-    The names of a series differ only in a number (from 0 or 1). Unless exactly one series exists, the result is empty.
-    Case is ignored (`Q1` may be part of `q1` to `q7`) only if there is not exactly one series with case distinguished.
+    The joints have the names `joints`. If some of these are missing, the joints are the only series in `names`, that
+    is, `count` names that differ only in a number, counted from 0 or 1. The case of letters is ignored (`Q1` may belong
+    to `q2` .. `q7`) only if no series is found otherwise.
     """
     if len(set(joints)) == count and all(names.count(joint) == 1 for joint in joints):
         return tuple(names.index(joint) for joint in joints)

@@ -1,10 +1,10 @@
-"""Measured endpoints: one measurement of an instrument, as a JSON object or as a row of CSV.
+"""Reads measured endpoints: an instrument sends each measurement as a JSON object or as a row of CSV.
 
-``{"pose": "12", "x_m": 1.23, "y_m": -0.4, "z_m": 0.87, "rx_deg": 1.5, "ry_deg": -2, "rz_deg": 91}``. Without `pose` the
-first measurement after the request counts. An instrument that does not see the target sends the reason as ``"lost"``.
+``{"pose": "12", "x_m": 1.23, "y_m": -0.4, "z_m": 0.87, "rx_deg": 1.5, "ry_deg": -2, "rz_deg": 91}``. If ``pose`` is
+missing, the first measurement after the program's request is used. An instrument that does not see the target sends the
+reason as ``"lost"``.
 
-The names of the columns state the representation of the orientation, since a rotation vector and three Euler angles
-look alike:
+Since a rotation vector and three Euler angles look alike, the names of the columns state which of them is meant:
 
 ====================================  ==============================================================
 ``rx_deg, ry_deg, rz_deg``            a rotation vector: axis times angle
@@ -47,7 +47,7 @@ UNIT_WITHIN = 1e-3
 
 
 def group_of(name: str) -> tuple[str, ...] | None:
-    """Return all columns of the orientation that this column is part of; None for other columns."""
+    """Return the columns that together state the orientation, if `name` is one of them; else None."""
     for group in (ROTATION, ROLL_PITCH_YAW, QUATERNION):
         if name in group:
             return group
@@ -58,7 +58,7 @@ def group_of(name: str) -> tuple[str, ...] | None:
 
 
 def groups_in(names: Collection[str]) -> tuple[tuple[str, ...], ...]:
-    """Return all columns of each orientation that has a column in `names`; a file may have at most one orientation."""
+    """Return the groups of columns (see `group_of`) of which `names` has at least one; a file should have one group."""
     groups = {group: None for name in names if (group := group_of(name)) is not None}
     return tuple(groups)
 
@@ -72,7 +72,7 @@ class QuaternionError(ValueError):
 
 
 def rotation_vectors(group: tuple[str, ...], values: FloatArray) -> FloatArray:
-    """Return rotation vectors (m, 3), rad, of the `values` (m, 3 or 4), deg or quaternions, of the columns `group`.
+    """Return rotation vectors (m, 3), rad, from the values of columns `group`: (m, 3), deg, or quaternions (m, 4).
 
     Raises `QuaternionError` for a quaternion that is not of unit length.
     """
@@ -101,7 +101,7 @@ WITHOUT_ENDPOINTS = (
 def endpoint_columns(
     header: Collection[str], file: str, line: int | None = None, *, needed: bool = False
 ) -> tuple[str, ...]:
-    """Return the names of a log's columns of measured endpoints: x_m, y_m, z_m, then those of the orientation, if any.
+    """Return the names of the columns of measured endpoints: x_m, y_m, z_m, then those of the orientation, if any.
 
     If a position column is missing, returns an empty tuple or, if `needed`, raises ConfigError. Also raises ConfigError
     if a column occurs twice, or if the header has two orientations or an incomplete one.
@@ -132,10 +132,10 @@ def endpoint_columns(
 def endpoints_of(
     columns: tuple[str, ...], values: FloatArray, file: str, lines: Sequence[int]
 ) -> FloatArray:
-    """Return endpoints (m, 3) or (m, 6), in m and rad, from `values` (m, k); `columns`: from `endpoint_columns`.
+    """Return endpoints (m, 3) or (m, 6), m and rad, from the `values` (m, k) in `columns`, see `endpoint_columns`.
 
-    `lines`: line number of each row in the file. A row with a value that is not finite has no measurement: its endpoint
-    is nan. Raises ConfigError for implausible values, and for quaternions that are not of unit length.
+    `lines`: line number of each row in the file. If a value of a row is not finite, the endpoint of this row is nan.
+    Raises ConfigError for implausible values, and for quaternions that are not of unit length.
     """
     turn, seen = columns[3:], np.flatnonzero(np.all(np.isfinite(values), axis=1))
     out = np.full((len(values), 6 if turn else 3), np.nan)
@@ -212,7 +212,7 @@ def read_row(heading: str, text: str) -> EndpointLine:
 
 
 def require_heading(heading: str) -> None:
-    """Raise BadLine for a heading with missing, unknown or conflicting columns, under which no row could be read."""
+    """Raise BadLine for a heading with missing, unknown or conflicting columns: no row below it could be read."""
     _require_names([name.strip() for name in _cells(heading)])
 
 
@@ -248,7 +248,7 @@ def _line_of(fields: Mapping[str, Any]) -> EndpointLine:
 
 
 def _require_names(names: Any) -> None:
-    """Raise BadLine for unknown or missing names, and for two orientations or an incomplete one."""
+    """Raise BadLine if a name is unknown or missing, or if the names state two orientations or an incomplete one."""
     known = (*POSITION_COLUMNS, *OTHER_KEYS, *ROTATION, *ROLL_PITCH_YAW, *QUATERNION)
     for name in names:
         if name in known or group_of(name) is not None:
@@ -302,11 +302,11 @@ def poses_of_targets(points_m: FloatArray, labels: Sequence[str]) -> FloatArray:
     """Return poses (m, 6), position in m and rotation vector in rad, from three target points per pose (m, 9), in m.
 
     An instrument that measures only points can measure a pose with three targets: columns ``x1_m,y1_m,z1_m`` to
-    ``x3_m,y3_m,z3_m`` of a poses file. The targets' positions on the tool need not be known: the common triangle is the
-    mean over all poses. Its frame has its origin in the centroid, x towards target 1, and z normal to the triangle
-    (targets 1, 2, 3 counter-clockwise). If each coordinate has the standard deviation s, and the sides have length a,
-    standard deviations are s / sqrt(3) for each coordinate of the origin, sqrt(2) s / a for a rotation about a line in
-    the triangle's plane, and s / a for a rotation about its normal.
+    ``x3_m,y3_m,z3_m`` of a poses file. The targets' positions on the tool need not be known, since their triangle is
+    taken as the mean over all poses. The tool's frame has its origin in the centroid, x towards target 1, and z normal
+    to the triangle (targets 1, 2, 3 counter-clockwise). If each coordinate has the standard deviation s, and the sides
+    have length a, the standard deviations are s / sqrt(3) for each coordinate of the origin, sqrt(2) s / a for a
+    rotation about a line in the triangle's plane, and s / a for a rotation about its normal.
 
     Raises `ValueError` if the targets are nearly in line, or if one pose's triangle differs from the others.
     """

@@ -61,7 +61,7 @@ class JointParameters(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DhRow(StrictRecord):
-    """One D-H row, 0 (the fixture) to n; `beta_deg` is Hayati's angle, written if it is not zero."""
+    """One D-H row; row 0 describes the fixture. `beta_deg` is Hayati's angle, written if it is not 0."""
 
     row: quantities.Whole
     theta_off_deg: quantities.TurnDeg
@@ -73,9 +73,10 @@ class DhRow(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CalibratedEntry(StrictRecord):
-    """An entry that was calibrated, with its standard deviation: `sigma_deg` of an angle, `sigma_m` of a length.
+    """A calibrated D-H entry and its standard deviation: `sigma_deg` of an angle, `sigma_m` of a length.
 
-    `side`: arm, or fixture's ground or hand (tool) side (version 1: None); only arm entries apply in other mountings.
+    `side`: what the entry describes: the arm, or where the fixture is on the table ("ground") or on the tool ("hand").
+    Only entries of the arm stay valid in another mounting. In version 1, `side` is None.
     """
 
     entry: quantities.ExactText
@@ -85,7 +86,7 @@ class CalibratedEntry(StrictRecord):
 
     @classmethod
     def of(cls, entry: str, sigma: float, side: Side | None = None) -> CalibratedEntry:
-        """Return the record of an entry with its `sigma` in deg (angle) or m (length)."""
+        """Return the record of an entry; `sigma` is in deg for an angle, in m for a length."""
         if DhEntry.parse(entry).kind.is_angle:
             return cls(entry=entry, side=side, sigma_deg=sigma)
         return cls(entry=entry, side=side, sigma_m=sigma)
@@ -147,7 +148,7 @@ class RvdtRemedy(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TwoFigures(StrictRecord):
-    """One quantity according to both interpretations of eqs. 14 and 15."""
+    """Sigma by eq. 14 or 15; `rms` divides by the number of residuals inside the root, `as_printed` outside."""
 
     rms: quantities.NonNegativeNumber
     as_printed: quantities.NonNegativeNumber
@@ -199,7 +200,7 @@ def correlations_of(names: Sequence[str], covariance: FloatArray) -> dict[str, t
 def budget_of(
     names: Sequence[str], variance: FloatArray, parts: Mapping[str, FloatArray]
 ) -> dict[str, dict[str, float]]:
-    """Return, by parameter, the share of each error source in its variance; shares that round to zero are left out."""
+    """Return, by parameter and error source, the shares of `parts` in `variance`, without shares that round to 0."""
     by_source = {}
     for k, name in enumerate(names):
         if variance[k] > 0.0:

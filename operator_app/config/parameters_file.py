@@ -249,7 +249,7 @@ def load_parameters(path: str | Path) -> ParametersDocument:
 def format_parameters(document: ParametersDocument) -> bytes:
     """Format a document so that `parse_parameters` returns the same document, bit for bit.
 
-    Raises ConfigError if the document is invalid, e.g. after a diverged fit, since a controller may use it.
+    Raises ConfigError for an invalid document, e.g. after a diverged fit: a controller must not get such a file.
     """
     # An entry has one sigma of the two (deg or m); the other is left out.
     body = schema.adapter(ParametersDocument).dump_python(document, exclude_defaults=True)
@@ -283,7 +283,7 @@ def rows_from_table(table: DhTable) -> tuple[records.DhRow, ...]:
 def joints_from_table(
     arm: ArmModel, table: DhTable, calibrated: tuple[records.CalibratedEntry, ...]
 ) -> tuple[records.JointParameters, ...]:
-    """Return the joints of a document: offsets of rows 1..n of `table`, their sigmas and counts."""
+    """Return the joints of a document: offset of each row 1..n of `table`, in deg and counts, and its sigma."""
     sigma = {entry.entry: entry.sigma for entry in calibrated}
     return tuple(
         records.JointParameters(

@@ -1,7 +1,7 @@
 """A procedure (``sarcal/procedure/1``): the settings of ``sarcal run``.
 
-`ProcedureFile` has the content of the file, in the file's units and in SI units; `procedure_file`
-checks it against the arm. `Procedure` adds the arm, the fixture and the operator's choices.
+`ProcedureFile` is the content of the file, also in SI units; `procedure_file` checks this content against the arm.
+`Procedure` adds the arm, the fixture and the operator's choices.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from pydantic import Field, ValidationInfo, field_validator
 
 from operator_app.config import quantities
 from operator_app.config.schema import StrictRecord
+from operator_app.units import MOST_WHOLE
 from solver.chain.sensors import NoSensor
 
 if TYPE_CHECKING:
@@ -32,7 +33,8 @@ DEFAULT_PROFILE = "sarcos"
 class AcceptanceLimits(StrictRecord):
     """Limits for the acceptance of a calibration, in addition to the tests of every calibration; None means no limit.
 
-    Sigmas are compared by the ``rms`` interpretation of eqs. 14 and 15. A larger condition number is only reported.
+    `sigma_pos_mm`, `sigma_ori_mrad`: limits of the `rms` values of eqs. 14 and 15 (`parameter_records.TwoFigures`). A
+    condition number above `scaled_condition_number` causes a warning and does not prevent acceptance.
     """
 
     scaled_condition_number: Annotated[quantities.PositiveNumber, Field(ge=1.0)] = 100.0
@@ -43,9 +45,9 @@ class AcceptanceLimits(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProcedureBus(StrictRecord):
-    """The bus, in python-can's terms; None: as in python-can's own configuration.
+    """The bus: `interface`, `channel` and `bitrate` as in python-can, whose configuration applies to missing values.
 
-    `sdo_timeout_s` is the time-out of an object access; `profile` names the bus profile, by built-in name or path.
+    `sdo_timeout_s`: time-out of an SDO access. `profile`: built-in name or path of the bus profile.
     """
 
     interface: quantities.Text
@@ -57,14 +59,14 @@ class ProcedureBus(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Modes(StrictRecord):
-    """Drive joints, listed or chosen by the program; `trial`: the program also uses small trial motions to choose."""
+    """Drive joints: numbers from 1, or ``auto`` if the program chooses; `trial`: the choice also uses trial motions."""
 
     position: Literal["auto"] | Annotated[tuple[quantities.Count, ...], Field(min_length=1)]
     trial: quantities.Yes = False
 
     @property
     def listed(self) -> tuple[int, ...]:
-        """The joints listed in the file; empty if the program chooses them."""
+        """Drive joints listed in the file; empty if the program chooses them."""
         return () if self.position == "auto" else self.position
 
 
@@ -98,10 +100,10 @@ class Exploration(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SettleRule(StrictRecord):
-    """Criterion for standstill: every joint's spread over `window_syncs` SYNCs is small.
+    """Criterion for standstill: the spread of every joint's readings over `window_syncs` SYNCs is below a limit.
 
-    The limit is `spread_sigmas` standard deviations of the joint's sensor, but at least `spread_min_deg`; after
-    `timeout_syncs` the pose is skipped.
+    The limit is `spread_sigmas` standard deviations of the joint's sensor, but at least `spread_min_deg`. If the arm
+    does not stand still within `timeout_syncs` SYNCs, the pose is skipped.
     """
 
     window_syncs: Annotated[int, Field(strict=True, ge=2, le=10_000)]
@@ -135,16 +137,16 @@ class CapturePlan(StrictRecord):
     Attributes
     ----------
     strategy
-        Named ``plan`` in the file. ``explore``: visit waypoints in the box; ``planned``: explore until an estimate
-        can be trusted, then plan and take `poses` further poses.
+        The key ``plan`` of the file. ``explore``: capture poses at waypoints inside the ranges `exploration`.
+        ``planned``: explore until an estimate is good enough for planning, then capture planned poses.
     poses
-        Number of poses.
+        Number of poses; with ``planned``, those of the exploration are not counted.
     exploration
-        Ranges of the drive joints' angles ("box"); empty if the modes are chosen automatically.
+        Range of each drive joint; empty if the program chooses the drive joints.
     speed_deg_per_s
-        Command speed of the drive joints.
+        Speed at which the drive joints are commanded to move.
     samples_per_pose
-        SYNC samples averaged into one pose.
+        Readings averaged into one pose, one per SYNC.
     seed
         Seed of the sequence of poses.
     requested_sigma
@@ -157,12 +159,12 @@ class CapturePlan(StrictRecord):
     speed_deg_per_s: Annotated[quantities.PositiveNumber, Field(ge=0.05, le=360.0)]
     settle: SettleRule
     samples_per_pose: Annotated[quantities.Count, Field(le=100_000)]
-    seed: Annotated[quantities.Whole, Field(le=2**63 - 1)] = 0
+    seed: Annotated[quantities.Whole, Field(le=MOST_WHOLE)] = 0
     requested_sigma: dict[str, quantities.PositiveNumber] = field(default_factory=dict)
 
     @property
     def speed_rad_per_s(self) -> float:
-        """Command speed of the drive joints."""
+        """Speed at which the drive joints are commanded to move, rad/s."""
         return math.radians(self.speed_deg_per_s)
 
     @property
@@ -175,18 +177,18 @@ class CapturePlan(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExportChoice(StrictRecord):
-    """Use of the result: whether the parameters are uploaded to the controller."""
+    """Use of the result; `upload`: whether the parameters are uploaded to the controller."""
 
     upload: quantities.Yes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProcedureFile(StrictRecord):
-    """Content of a procedure file, without the key ``schema``; arm and fixture are given by name or path.
+    """Content of a procedure file, without the key ``schema``.
 
-    `home_deg` replaces the arm's home, for example if the loop does not close there. `held`: free entries of the arm
-    that are fixed in this procedure, each with the reason. `tracker`: the source of an instrument's measurements, as
-    in ``--tracker``.
+    `arm`, `fixture`: built-in names or paths. `home_deg` replaces the arm's home, for example if the loop does not
+    close there. `held`: entries that are free in the arm file but fixed in this procedure, each with the reason.
+    `tracker`: source of an instrument's measurements, as in ``--tracker``.
     """
 
     name: quantities.Name
@@ -205,7 +207,7 @@ class ProcedureFile(StrictRecord):
 
     @property
     def chosen_modes(self) -> Modes:
-        """The modes, from either form that the file may use (``auto`` or a mapping)."""
+        """The key ``modes`` as `Modes`, also if the file has the word ``auto`` instead of a mapping."""
         return Modes(position="auto") if self.modes == "auto" else self.modes
 
 
@@ -216,9 +218,9 @@ class Procedure:
     Attributes
     ----------
     arm, fixture
-        As read from their files, except that the arm has this procedure's home and the entries in `held` are not free.
+        As in their files, except that the arm has this procedure's home, and that the entries in `held` are fixed.
     sources
-        The four files as read (procedure, arm, fixture, profile), of which the session keeps copies.
+        The files of procedure, arm, fixture and profile. The session keeps copies of them.
     position_joints
         Joints (1-based) in position mode; None: chosen automatically.
     trial

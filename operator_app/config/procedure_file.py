@@ -1,4 +1,4 @@
-"""The procedure file (``sarcal/procedure/1``) with the files it names: reading and checks."""
+"""Reads and checks the procedure file (``sarcal/procedure/1``) and the files that it names."""
 
 import difflib
 import math
@@ -31,10 +31,8 @@ def parse_procedure(
 ) -> Procedure:
     """Read a procedure with its arm, fixture and bus profile.
 
-    Names are built-in names or paths; relative paths start from the procedure's own folder. Files in
-    `snapshot` (by kind) are used instead of the files that the procedure names.
-
-    Raises ConfigError with all problems of the four files.
+    A procedure names these files by built-in name or path; relative paths start from the procedure's folder. Files in
+    `snapshot` (by kind) replace the named files. Raises ConfigError with all problems of the four files.
     """
     document = load_strict(source.data, source.file)
     sources, problems = dict[str, Resource](), list[Problem]()

@@ -1,4 +1,4 @@
-"""The bus profile (``sarcal/profile/1``), which states the set-up of an arm's nodes: reading, checks, drafts.
+"""Reads, checks and formats the bus profile (``sarcal/profile/1``): the set-up of an arm's nodes on the bus.
 
 `ProfileFile` has the content of the file; `ProfileFile.for_joints` returns the profile for the hardware.
 """
@@ -44,7 +44,7 @@ def hexadecimal(text: str) -> int:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PdoSpec(StrictRecord):
-    """One PDO: its number, its identifier (``180h + node``), and its objects (``6064h(32)``)."""
+    """One PDO: number, identifier (``180h + node``), and mapped objects with their bits (``6064h(32)``)."""
 
     pdo: Annotated[Count, Field(le=512)]
     cob_id: CobId
@@ -65,7 +65,7 @@ class PdoSpec(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointSpec(StrictRecord):
-    """Settings of one joint. By default its node number is the joint's number, and its PDOs are those of all joints."""
+    """Settings of one joint. Defaults: the node has the joint's number, and the PDOs common to all joints apply."""
 
     joint: Annotated[Count, Field(le=objects.MAX_JOINTS)]
     node: NodeNumber | None = None
@@ -133,7 +133,7 @@ class ProfileFile(StrictRecord):
     )
 
     def for_joints(self, count: int | None) -> bus_profile.BusProfile:
-        """Return the profile for `count` joints (None: the highest number listed, else as many as fit on the bus)."""
+        """Return the profile for joints 1..`count`; None: up to the last one listed, else as many as fit on the bus."""
         if count is None:
             listed = max((joint.joint for joint in self.joints), default=0)
             room = (
@@ -196,7 +196,7 @@ def load_profile(reference: str | Path, *, joints: int | None = None) -> bus_pro
 
 
 def format_profile(profile: bus_profile.BusProfile, *, comment: str) -> bytes:
-    """Format name, supervisor or serial number, nodes, PDOs, `pdo_maps` and compared objects, and no other settings."""
+    """Format the name, supervisor or serial number, nodes, PDOs, `pdo_maps` and `compared`; nothing else is written."""
     numbered = enumerate(profile.joints, 1)
     joints: list[dict[str, Any]] = [{"joint": k, "node": joint.node} for k, joint in numbered]
     shared: dict[str, Any] = {}
@@ -224,7 +224,7 @@ def format_profile(profile: bus_profile.BusProfile, *, comment: str) -> bytes:
 
 
 def _written(pdos: Sequence[bus_profile.Pdo], node: int | None) -> list[dict[str, Any]]:
-    """Return PDOs in the form of the profile file, identifiers relative to `node`, or absolute if it is None."""
+    """Return PDOs in the form of the file, with identifiers relative to `node` or, if that is None, absolute ones."""
     return [
         {
             "pdo": pdo.number,

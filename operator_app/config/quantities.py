@@ -38,7 +38,7 @@ LONGEST_M = 10.0
 """Largest length of an arm or fixture; a larger number was probably written in millimetres or degrees."""
 
 LARGEST_DEG = 3600.0
-"""Sensor angles are continuous and may exceed one turn, but not ten; a larger number probably means counts."""
+"""Sensor angles are continuous and may exceed one turn. A number above ten turns is probably in counts."""
 
 
 def refuse(text: str, remedy: str = "") -> PydanticCustomError:
@@ -61,7 +61,7 @@ def in_form(
 
 
 def in_si(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Convert numbers (and tuples of numbers) to SI units, and rename them accordingly: a_mm to a_m."""
+    """Return numbers (or tuples of numbers) in SI units, with keys renamed to match: ``a_mm`` becomes ``a_m``."""
     converted = {}
     for key, value in values.items():
         match = UNIT.fullmatch(key)
@@ -154,8 +154,8 @@ Name = Annotated[str, *in_form(r"[A-Za-z][A-Za-z0-9_.-]{0,63}", "name", _NAME_RU
 def degrees_for_file(angle_rad: FloatArray | float) -> FloatArray:
     """Return degrees whose ``np.deg2rad`` is exactly `angle_rad`; if there is no such double, the nearest.
 
-    If there are several, the double with the fewest digits is returned. An angle that came from a file in degrees
-    always has such a double, so that reading, writing and reading again changes no bit.
+    Of several such doubles, the one with the fewest digits is returned. An angle that was read from a file in degrees
+    always has such a double, so that writing the angle and reading it again changes no bit.
     """
     target_rad = np.asarray(angle_rad, dtype=np.float64)
     degrees = [_degrees(float(value)) for value in target_rad.reshape(-1)]
@@ -178,5 +178,5 @@ def _degrees(angle_rad: float) -> float:
 
 
 def short_degrees(angle_rad: FloatArray) -> list[float]:
-    """Return proposed angles (n,) in degrees, rounded to 1e-6 deg so that they can be copied into a file."""
+    """Return angles (n,) in degrees, rounded to 1e-6 deg, for a proposal that the user copies into a file."""
     return [round(angle, 6) + 0.0 for angle in np.rad2deg(angle_rad).tolist()]

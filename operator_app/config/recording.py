@@ -30,11 +30,11 @@ SINCE_1970_S = 1e8
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointRecording:
-    """Angles (m, n), rad, at rising times (m,), s, of joints 1 to n with their names in the recording.
+    """Angles (m, n), rad, of joints 1 to n at rising times (m,), s.
 
-    `source`: text with the topic or the time column. `left_out`: number of messages or lines that lack a joint's angle
-    or have the same time as another one. `endpoint`: measured endpoints (m, 3) or (m, 6), m and rad, nan where the
-    instrument did not see its target; None if there are none.
+    `joints`: names in the recording. `source`: text with the topic or the time column. `left_out`: number of messages
+    or lines without an angle of every joint, or with a repeated time. `endpoint`: measured endpoints (m, 3) or (m, 6),
+    m and rad, nan where the instrument did not see its target; None if there are none.
     """
 
     file: str
@@ -47,7 +47,7 @@ class JointRecording:
 
 
 def utc_text(time_s: float) -> str:
-    """Return a time since 1970 in the format of poses files; empty if the time does not count from 1970."""
+    """Return a time (s since 1970) in the format of poses files; empty if the time counts from another start."""
     if time_s < SINCE_1970_S:
         return ""
     return f"{datetime.fromtimestamp(time_s, UTC):%Y-%m-%dT%H:%M:%S.%f}"[:-3] + "Z"
@@ -64,10 +64,9 @@ def load_timed_log(
 ) -> JointRecording:
     """Read a CSV log of angles over time; raises ConfigError if the file is invalid.
 
-    `time`: the column of times, by name or number; times are in s, in ms, us or ns since 1970, or in ISO 8601. `joints`
-    and `columns` are as in `load_bag`; `columns` may also be numbers. `unit`: unit of the angles; None: that of the
-    header (``q1_rad``), else degrees, but angles that look like radians are refused. `instrument`: whether the log has
-    to have measured endpoints.
+    `time`: name or number of the column of times. Times are in s (from any start); in ms, us or ns since 1970; or in
+    ISO 8601. `joints`, `columns`: as in `load_bag`, but `columns` may also be numbers. `unit`, `instrument`: as in
+    `joint_log.load_joint_log`.
     """
     file = str(path)
     text = decode_text(read_limited(expanded(path), file, limit=RECORDING_LIMIT_BYTES), file)
@@ -185,16 +184,17 @@ def recording_of(
 def _find_joints(
     names: Sequence[str], joints: Sequence[str], *, file: str, columns: str = ""
 ) -> tuple[str, ...]:
-    """Return the names of joints 1 to n: those in `columns`, else `joints` (the arm file's), else a series.
+    """Return the names of joints 1 to n in a recording with the joints `names`.
 
-    A series is n names that differ only in a number, such as panda_joint1 to panda_joint7; there must be only one.
+    They are those in `columns` or, if it is empty, the arm file's names `joints` or the only series of numbered names
+    (panda_joint1 to panda_joint7). Raises ConfigError if the joints are not found.
     """
     count = len(joints)
     if columns:
         listed = tuple(part.strip() for part in columns.split(","))
         if missing := [name for name in listed if name not in names]:
             text = f"--columns: there is no joint {missing[0]!r}"
-            raise only(file, text, f"there is {', '.join(names)}")
+            raise only(file, text, f"there is {', '.join(names[:40])}")
         if len(listed) != count or len(set(listed)) != count:
             text = f"--columns names {len(set(listed))} joints of an arm of {count}"
             raise only(file, text, "name one for each joint, in the order of the joints")
@@ -223,9 +223,9 @@ def load_bag(
 ) -> JointRecording:
     """Read the joint states of a ROS 2 bag: a file (.mcap, .db3) or its folder.
 
-    `joints`: the arm's names of joints 1 to n. `columns`: their names in the bag; empty: the arm's names, or the only
-    series of numbered names. `topic`: topic of the joint states; empty: ``/joint_states``, or else the only topic of
-    that type. Raises ConfigError if the bag cannot be read, or if the optional package for bags is not installed.
+    `joints`: names of joints 1 to n in the arm file. `columns`: their names in the bag, separated by commas; empty: the
+    same names, or the only series of numbered names. `topic`: topic of the joint states; empty: ``/joint_states``, or
+    else the only topic of that type. Raises ConfigError if the bag cannot be read, or if rosbags is not installed.
     """
     file = str(path)
     try:

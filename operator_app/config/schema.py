@@ -1,11 +1,10 @@
 """Converts a strict YAML document to a checked model, and reports all problems at once.
 
-Wraps pydantic: its errors become `Problem`s with file, line and key; for an unknown key, the key
-that was probably meant is suggested, and is then not also reported as missing.
+Wraps pydantic: its errors become `Problem`s with file, line and key. For an unknown key, the key that was probably
+meant is suggested, and is not reported as missing as well.
 
-A model is a `StrictModel` that builds a domain object, or a dataclass derived from `StrictRecord` that is itself a
-domain object. Such a dataclass is checked when it is read from a file or written to one, but not when it is made in the
-program.
+A model is either a `StrictModel`, which builds a domain object, or a dataclass derived from `StrictRecord`, which is a
+domain object itself. A dataclass is checked when it is read or written, but not when the program makes it.
 """
 
 import difflib
@@ -27,7 +26,7 @@ from operator_app.config.quantities import TO_SI, UNIT, UNITS, length_doubt
 from operator_app.config.strict_yaml import Complaint, Path, YamlDocument, load_strict
 
 VERSIONS: Mapping[str, tuple[int, ...]] = {"parameters": (1, 2, 3)}
-"""Versions of the format that can be read, by kind of file; the last one is written. Other kinds: only version 1."""
+"""Readable versions of the format, by kind of file; the last one is written. All other kinds have only version 1."""
 
 UNKNOWN_KEY = ("extra_forbidden", "unexpected_keyword_argument")
 
@@ -62,9 +61,9 @@ Fields = Mapping[str, Any]
 
 
 def checked(check: Callable[[Any, Fields], Iterable[Complaint]]) -> pydantic.AfterValidator:
-    """Return an annotation that compares a field's value with the fields before it.
+    """Return an annotation that makes pydantic call `check` with a field's value and the valid fields before it.
 
-    `check` yields the problems, at any place of the file; they are collected and do not stop the validation.
+    `check` yields problems, anywhere in the file. They are added to the validation context and do not stop pydantic.
     """
 
     def validate(value: Any, info: pydantic.ValidationInfo) -> Any:
@@ -75,7 +74,7 @@ def checked(check: Callable[[Any, Fields], Iterable[Complaint]]) -> pydantic.Aft
 
 
 def numbered(place: str, key: str, first: int = 1) -> pydantic.AfterValidator:
-    """Return an annotation for the list at `place`: the `key` of its items has to count from `first` upwards."""
+    """Return an annotation for the list at `place`: the `key` of its items must count from `first`, in order."""
 
     def check(items: Sequence[Any], _: Fields) -> Iterator[Complaint]:
         for k, item in enumerate(items):
@@ -92,7 +91,7 @@ def read_model(model: type[M], data: bytes, *, kind: str, file: str) -> M:
 
 
 def check_model(model: type[M], document: YamlDocument, *, kind: str) -> M:
-    """Check a document that has already been read; otherwise like `read_model`."""
+    """Return the model of a `document` that has already been read; raises ConfigError with all its problems."""
     problems = [*document.problems, *_check_schema(document, kind)]
     body = {key: value for key, value in document.data.items() if key != "schema"}
     notes: list[Complaint] = []
@@ -109,7 +108,7 @@ def check_model(model: type[M], document: YamlDocument, *, kind: str) -> M:
 
 
 def read_by_kind(models: Mapping[str, type[M]], data: bytes, *, kind: str, file: str) -> M:
-    """Read a file whose key ``kind`` selects its model; otherwise like `read_model`."""
+    """Read a file whose key ``kind`` selects one of `models`; otherwise the same as `read_model`."""
     document = load_strict(data, file)
     which = document.data.get("kind")
     if isinstance(which, str) and which in models:
@@ -178,10 +177,10 @@ def _problems(
 def _without_alternatives(
     document: YamlDocument, placed: list[tuple[Path, ErrorDetails]]
 ) -> list[tuple[Path, ErrorDetails]]:
-    """Where a keyword or another type is allowed and a value is neither, keep the problems of one alternative.
+    """Return the errors, with those of only one alternative for each field that allows a keyword or another type.
 
-    Pydantic lists the problems of both alternatives. The problem with the keyword is kept if the value resembles an
-    allowed keyword, or is text where no number is allowed; otherwise, the problems with the type are kept.
+    Pydantic reports both alternatives if a value is neither. The error about the keyword is kept if the value resembles
+    an allowed keyword, or is text in a field that allows no number; otherwise, the errors about the type are kept.
     """
     remaining = list(placed)
     for path, error in placed:
@@ -199,7 +198,7 @@ def _without_alternatives(
 
 
 def _path(document: YamlDocument, error: ErrorDetails) -> Path:
-    """Return pydantic's location without the tags of unions, which do not occur in the file."""
+    """Return pydantic's location as a path in the file, without the names of alternatives that pydantic inserts."""
     path: Path = ()
     loc = error["loc"]
     for depth, part in enumerate(loc):
@@ -210,7 +209,7 @@ def _path(document: YamlDocument, error: ErrorDetails) -> Path:
 
 
 def _unknown_key(document: YamlDocument, model: type[M], path: Path) -> tuple[str, str, Path]:
-    """Return text and remedy for an unknown key, and the path of the key that was probably meant (empty: none)."""
+    """Return text and remedy for an unknown key, and the path of the key probably meant; empty if none is similar."""
     key, parent = str(path[-1]), path[:-1]
     known = _keys(document, model, parent)
     present = document.at(parent)
@@ -254,7 +253,7 @@ def _keys(document: YamlDocument, model: type[M], path: Path) -> list[str]:
 
 
 def _choices(node: dict[str, Any], schema: dict[str, Any], value: Any) -> list[dict[str, Any]]:
-    """Resolve a node of a JSON Schema into models; models of another `kind` than that of `value` are left out."""
+    """Return the schemas that a node of a JSON Schema allows for `value`, without those of another `kind`."""
     if "$ref" in node:
         return [schema["$defs"][node["$ref"].rpartition("/")[2]]]
     # Older versions of pydantic write a reference with a default as allOf of one.

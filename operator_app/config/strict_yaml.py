@@ -1,9 +1,9 @@
 """Reads strict YAML and records the line of every key.
 
-A subset of YAML 1.2: mappings, lists and plain scalars. Numbers are decimal, booleans are ``true``
-and ``false``; values that YAML 1.1 would read as another type (``yes``, ``12:30``, ``0x1F``, ``010``, dates) remain
-text, so that a schema that requires a number refuses them with a message. Anchors, aliases, tags, merge keys, duplicate
-keys and non-finite numbers are refused.
+A subset of YAML 1.2: mappings, lists and plain scalars. Numbers are decimal, booleans are ``true`` and ``false``.
+Values that only YAML 1.1 reads as another type (``yes``, ``12:30``, ``0x1F``, ``010``, dates) remain text, which a
+schema then refuses where a number is required. Anchors, aliases, tags, merge keys, duplicate keys and non-finite
+numbers are refused.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ Scalar = str | int | float | bool | None
 def load_strict(data: bytes, file: str) -> YamlDocument:
     """Read one YAML mapping; raises ConfigError for anything else.
 
-    Problems that leave the rest readable are not raised, but are in `YamlDocument.problems` of the result.
+    A problem of a single key or value is not raised, but listed in `YamlDocument.problems` of the result.
     """
     if len(data) > YAML_LIMIT_BYTES:
         text = f"is larger than {YAML_LIMIT_BYTES // 1024} KiB"
@@ -74,7 +74,7 @@ def load_strict(data: bytes, file: str) -> YamlDocument:
 
 @lru_cache(maxsize=16)
 def _composed(text: str) -> Node | None:
-    """Compose the single document; cached, as opening a session reads the same built-in files several times."""
+    """Return the root node of a text. Results are cached, since a session reads the same built-in files repeatedly."""
     node: Node | None = StrictLoader(text).get_single_node()
     return node
 
@@ -154,8 +154,8 @@ Complaint = tuple[Path, str, str]
 class YamlDocument:
     """A YAML mapping: plain dicts, lists, str, int, float, bool, None; `load_strict` makes it.
 
-    `marks`: line and column of every key and item, by path; ``()`` is the document. `complaints`: problems that leave
-    the rest readable, with their places. `unreadable`: paths whose values are placeholders because of a problem.
+    `marks`: line and column of every key and item, by path; ``()`` is the document. `complaints`: problems of single
+    keys and values, with their places. `unreadable`: paths of values that could not be read; their data is a stand-in.
     """
 
     file: str
@@ -218,11 +218,11 @@ class YamlDocument:
 
     @property
     def problems(self) -> tuple[Problem, ...]:
-        """Problems that leave the rest of the document readable."""
+        """Problems of single keys and values; the rest of the document was read."""
         return tuple(self.problem(*complaint) for complaint in self.complaints)
 
     def problem(self, path: Path, text: str, remedy: str = "", mark: Mark | None = None) -> Problem:
-        """Return a problem at `path`, in the line of `mark` or, if that is None, of `path` or its nearest parent."""
+        """Return a problem at `path`, in the line of `mark`; None: in the line of `path` or of its nearest parent."""
         place = path
         while place and place not in self.marks:
             place = place[:-1]
@@ -241,7 +241,7 @@ class YamlDocument:
         return value
 
     def name(self, path: Path) -> str:
-        """Format a path for people; a list item is named by the row, joint or entry it states, else counted from 1."""
+        """Return a path as text; a list item is named by its own row, joint or entry, else by its position from 1."""
         text = ""
         for depth, part in enumerate(path):
             if isinstance(part, str):

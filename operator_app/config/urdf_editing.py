@@ -1,7 +1,7 @@
 """Writes a calibration as URDF: a new file, or new joint origins in the user's URDF or UR file.
 
 A D-H link ``Rz(q + theta_off) Tz(s) Tx(a) Rx(alpha) Ry(beta)`` becomes a revolute joint about z with the value q and
-a fixed transform, the origin of the next joint. As theta_off is in that origin, joint values are sensor readings.
+a fixed transform, the origin of the next joint. Since the origins include theta_off, joint values are sensor readings.
 """
 
 import math
@@ -34,8 +34,8 @@ def format_urdf(
 ) -> bytes:
     """Return a URDF of links 1..n with the geometry of `table`, and ranges, speeds and torques of `arm`.
 
-    Joints have the arm file's names if all are valid in a URDF (without spaces, and unique), else ``joint_1`` etc.
-    `T_tip`: pose of the link 'tip' in the frame of the link of joint n, (4, 4), m; None: no link 'tip'.
+    Joints have their names in the arm file if all names are unique and have no spaces, else ``joint_1``, ``joint_2``...
+    `T_tip`: pose (4, 4), m, of an additional link ``tip`` in the link of joint n; None: no such link.
     `comment`: lines of a comment in the file.
     """
     names = [joint.name for joint in arm.joints]
@@ -88,22 +88,22 @@ def _xml_comment(lines: Iterable[str]) -> bytes:
 
 
 def _xml_text(text: str) -> str:
-    """Escape the characters that XML does not allow; serial numbers and names may contain them."""
+    """Escape unprintable characters, which XML does not allow; names and serial numbers may contain some."""
     return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
 
 
 SAME = 1e-11
 """Origins nearer to each other than this (m, or entries of a rotation) count as equal."""
 OTHER_ARM_M, OTHER_ARM_RAD = 0.05, math.radians(10.0)
-"""Largest difference between the D-H rows of a file and those of the arm: a larger one means another arm."""
+"""Largest differences of lengths and angles between the D-H rows of a file and those of the same arm."""
 
 UR_LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 UR_KEYS = ("x", "y", "z", "roll", "pitch", "yaw")
-"""Keys of each block in UR's kinematics file: pose of a joint, which turns about z, relative to the link before it."""
+"""Keys of each block in UR's kinematics file: the pose of a joint, which turns about z, in the previous link."""
 
 
 def chain_of(data: bytes, file: str, arm: ArmModel) -> UrdfChain:
-    """Find the chain of the calibrated arm in a file; `arm` has the nominal values of the arm file.
+    """Return the chain in a file that matches `arm`, the nominal arm of the arm file.
 
     The file is a URDF, a xacro whose chain has literal numbers, or UR's ``default_kinematics.yaml``. Raises ConfigError
     if the file cannot be read or describes another arm.
@@ -127,8 +127,8 @@ def with_calibration(
 def calibrated_origins(chain: UrdfChain, table: DhTable) -> dict[str, FloatArray]:
     """Return the new origin (4, 4), m, of each joint whose origin must change for the chain to match `table`.
 
-    With all joints at zero, ``C_j`` is the pose of the file's frame of joint j in frame j-1. If the offset of joint j
-    changes by d_j, the joint's link is at ``Rz(q_j + d_j) C_j`` in frame j-1, so that its mesh turns with the joint.
+    Let ``C_j`` be the pose, in D-H frame j-1, of the file's frame of joint j with all joints at zero. At reading q_j,
+    this frame moves to ``Rz(q_j + d_j) C_j``, where d_j is the change of the offset, so that the link's mesh moves too.
     """
     rows, stated = table.stacked().T, chain.table.stacked().T
     turned = [
@@ -160,7 +160,7 @@ def calibrated_origins(chain: UrdfChain, table: DhTable) -> dict[str, FloatArray
 
 
 def entries_without_origin(chain: UrdfChain) -> tuple[str, ...]:
-    """Return the D-H entries that no origin can represent: s, a, alpha, beta of link n if the chain ends at joint n."""
+    """Return the D-H entries that no origin can represent: s, a, alpha, beta of link n if no fixed joint follows."""
     n = len(chain.joints)
     behind = tuple(f"{kind}_{n}" for kind in ("s", "a", "alpha", "beta"))
     return behind if chain.steps[-1].joint is not None else ()
@@ -171,9 +171,9 @@ def _inverse(T: FloatArray) -> FloatArray:
 
 
 def _chains(data: bytes, file: str, arm: ArmModel) -> Iterator[UrdfChain]:
-    """Yield the chains between every link fixed to the arm's base and every link fixed to its tool.
+    """Yield the chains from every link fixed to the arm's base to every link fixed to the arm's last link.
 
-    The arm is found by its joint names; if the file lacks these names, it must contain only one arm.
+    The arm is found by the names of its joints. A file without these names must contain only one arm.
     """
     tree = UrdfTree.read(data, file)
     ends = list(tree.around(arm.joints[0].name, arm.joints[-1].name))
@@ -256,7 +256,7 @@ def _replaced(data: bytes, cuts: Sequence[tuple[int, int, bytes]]) -> bytes:
 
 
 def _ur_lines(data: bytes, file: str) -> Iterator[tuple[str, str, re.Match[bytes], int]]:
-    """Yield link, key, match of the value in its line, and position of that line in the file (bytes)."""
+    """Yield each value in UR's kinematics file: its link, its key, its match in the line, and the line's first byte."""
     decode_text(data, file)
     link, at = "", 0
     for line in data.splitlines(keepends=True):

@@ -30,7 +30,7 @@ TURNING = ("revolute", "continuous")
 GRIPPER = re.compile(r"finger|grip|jaw|knuckle|thumb", re.IGNORECASE)
 """Names of joints of a gripper, not of the arm."""
 FLANGES = ("tool0", "flange")
-"""Preferred ends of the arm (REP 199) if all possible ends are behind equally many revolute joints."""
+"""Preferred last links of the arm (REP 199), if all possible last links have the same number of revolute joints."""
 ENDS_SHOWN = 12
 REPORTED_RAD = 1e-8
 """A rounded angle is reported if it differs from the exact angle by more than this."""
@@ -38,9 +38,9 @@ REPORTED_RAD = 1e-8
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UrdfJoint:
-    """One revolute joint: axis (3,), range (rad), speed (rad/s) and torque (N m); the last two are None if not stated.
+    """One revolute joint: axis (3,), range (rad), speed (rad/s), torque (N m); the last two are None if not stated.
 
-    `unstated`: one text per limit whose value is assumed because the file states none or one too large for any arm.
+    `unstated`: a text for each limit that the file does not state, or states too large for any arm.
     """
 
     name: str
@@ -54,9 +54,9 @@ class UrdfJoint:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UrdfStep:
-    """One joint of the file: its pose (4, 4), m, relative to the link `parent`; `joint` is None if it is fixed.
+    """One joint element of the file: its pose `T` (4, 4), m, in link `parent`; `joint`: None for a fixed joint.
 
-    `rounded`: angles that the file rounds by more than `REPORTED_RAD`, as text, each with the exact angle, deg.
+    `rounded`: exact angle, deg, for each angle that the file rounds by more than `REPORTED_RAD`, keyed by its text.
     """
 
     name: str
@@ -68,19 +68,19 @@ class UrdfStep:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UrdfChain:
-    """The serial chain between the links `base` and `tip` of a URDF in D-H terms.
+    """The serial chain between the links `base` and `tip` of a URDF, and its D-H rows.
 
     Attributes
     ----------
     steps
         All joints between `base` and `tip`, including fixed ones.
     table
-        Rows 1..n.
+        D-H rows 1..n.
     frames
-        Frames 0..n with all joints at zero, in the base link's frame, (4, 4), m.
+        D-H frames 0..n with all joints at zero, in the base link's frame, (4, 4), m.
     T_flange_tip
-        Fixed transform from frame n to the tip, (4, 4), m. D-H rows represent neither this nor frame 0; both are the
-        identity for a file written by this program.
+        Fixed transform from frame n to the tip, (4, 4), m. This transform and frame 0 are not part of the D-H rows; in
+        a file written by this program, both are the identity.
     """
 
     name: str
@@ -94,12 +94,12 @@ class UrdfChain:
 
     @property
     def unstated(self) -> list[str]:
-        """One text per joint with limits that the file does not state, or that are too large for any arm."""
+        """A text for each joint with limits that the file does not state, or states too large for any arm."""
         return [f"{j.name}: {', '.join(j.unstated)}" for j in self.joints if j.unstated]
 
     @property
     def rounded(self) -> dict[str, float]:
-        """Angles that the file rounds by more than `REPORTED_RAD`, each with the exact angle, deg."""
+        """Exact angle, deg, for each angle that the file rounds by more than `REPORTED_RAD`, keyed by its text."""
         return {word: deg for step in self.steps for word, deg in step.rounded.items()}
 
 
@@ -179,7 +179,7 @@ class UrdfTree:
         )
 
     def around(self, first: str, last: str) -> Iterator[tuple[str, str]]:
-        """Yield (base, tip) for each link fixed before joint `first` and each one fixed after joint `last`."""
+        """Yield all pairs of a base link, fixed to joint `first`'s parent, and a tip link, fixed to `last`'s child."""
         named = {e.get("name", ""): e for e in self.elements.values()}
         if first not in named or last not in named:
             return
@@ -208,7 +208,7 @@ def _robot(data: bytes, file: str) -> ET.Element:
 
 
 def _links(element: ET.Element) -> tuple[str, str]:
-    """Return parent link and child link of a joint; empty if the file does not name the link."""
+    """Return the parent link and the child link of a joint; a link that the file does not name is empty."""
     ends = (element.find(key) for key in ("parent", "child"))
     parent, child = ("" if e is None else e.get("link", "") for e in ends)
     return parent, child
@@ -225,7 +225,7 @@ def _joints_to(link: str, elements: Mapping[str, ET.Element], file: str) -> list
 
 
 def _only_end(elements: Mapping[str, ET.Element], base: str, file: str) -> str:
-    """Return the link at the end of the only arm, not counting links that a gripper moves."""
+    """Return the last link of the only arm, before any gripper; raises ConfigError unless there is exactly one arm."""
     parents = {_links(e)[0] for e in elements.values()}
     leaves = [child for child in elements if child not in parents]
     # A cycle has no end; `_joints_to` reports the cycle from any of its links.
@@ -256,7 +256,7 @@ def _only_end(elements: Mapping[str, ET.Element], base: str, file: str) -> str:
 
 
 def _begins_a_gripper(element: ET.Element, later: Sequence[ET.Element]) -> bool:
-    """Whether a joint is a gripper's: by its name, or because it slides or mimics and no `later` joint is an arm's."""
+    """Whether a joint has a gripper's name, or is a sliding or mimicking joint that no joint of an arm follows."""
     if _has_gripper_name(element):
         return True
     if element.get("type") != "prismatic" and element.find("mimic") is None:

@@ -20,7 +20,7 @@ sine of the angle between them exceeds MEETING_SINE, and the row's s and a are b
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisLine:
-    """A joint's axis in the base link's frame, all joints at zero: direction z, a point, a preferred x, (3,) each."""
+    """A joint's axis in the base link's frame, all joints at zero: direction z, a point, a preferred x axis (3,)."""
 
     z: FloatArray
     point_m: FloatArray
@@ -67,7 +67,7 @@ def link_transform(row: Sequence[float]) -> FloatArray:
 
 
 def _by_common_normal(before: FloatArray, line: AxisLine) -> tuple[float, ...]:
-    """Return the D-H row from frame `before` to a non-parallel axis, along the common normal."""
+    """Return the D-H row from frame `before` to an axis `line` not parallel to its z axis, along the common normal."""
     x, z, origin = before[:3, 0], before[:3, 2], before[:3, 3]
     normal = np.cross(z, line.z)
     normal /= np.linalg.norm(normal)
@@ -79,7 +79,10 @@ def _by_common_normal(before: FloatArray, line: AxisLine) -> tuple[float, ...]:
 
 
 def _hayati(before: FloatArray, line: AxisLine) -> tuple[float, ...]:
-    """Return the D-H row to a nearly parallel axis; origin j is where the axis crosses z = 0 of frame j-1 [9]."""
+    """Return Hayati's row [9] from frame `before` to a nearly parallel axis `line`.
+
+    The origin of the next frame is where `line` crosses the x-y plane of frame `before`.
+    """
     x, z, origin = before[:3, 0], before[:3, 2], before[:3, 3]
     apart = line.point_m - origin
     apart = apart - (apart @ z) / (line.z @ z) * line.z
@@ -91,10 +94,10 @@ def _hayati(before: FloatArray, line: AxisLine) -> tuple[float, ...]:
 
 
 def _to_tip(before: FloatArray, tip: AxisLine, sine: float) -> tuple[float, ...]:
-    """Return the D-H row to a tip whose z is nearly parallel to the last joint's axis.
+    """Return the last D-H row, from frame `before` to a tip whose z axis is nearly parallel to the last joint's axis.
 
-    The row follows the common normal if its s and a are below `FAR_M`; otherwise it leads to the tip's origin, and the
-    angle between the axes is neglected.
+    The row follows the common normal of the two axes if its s and a are then below `FAR_M`. Otherwise, also for exactly
+    parallel axes, the row leads to the tip's origin, and the angle between the axes is neglected.
     """
     if sine > MEETING_SINE:
         row = _by_common_normal(before, tip)
@@ -108,10 +111,10 @@ def _to_tip(before: FloatArray, tip: AxisLine, sine: float) -> tuple[float, ...]
 
 
 def _normal_to(line: AxisLine, apart: FloatArray, z: FloatArray) -> tuple[FloatArray, float]:
-    """Return the common normal (3,) of `line` and a second line, and the signed distance from that line to `line`, m.
+    """Return the x axis (3,) of the next frame, along `apart`, and the signed distance to `line` along this axis, m.
 
-    `apart` (3,): vector from the second line to `line`, m. The normal is at most 90 deg from `line.x`. If the lines
-    intersect, it is perpendicular to `z`, and the distance is 0.
+    `apart` (3,): vector from the axis `z` to `line`, perpendicular to `z`, m. The x axis is at most 90 deg from
+    `line.x`. If `apart` is zero, the x axis is perpendicular to `z`, and the distance is 0.
     """
     a = float(np.linalg.norm(apart))
     if a <= MEET_M:
@@ -121,7 +124,7 @@ def _normal_to(line: AxisLine, apart: FloatArray, z: FloatArray) -> tuple[FloatA
 
 
 def _across(z: FloatArray, *preferred: FloatArray) -> FloatArray:
-    """Return the unit vector perpendicular to z nearest to the first of `preferred`, x, y not nearly parallel to z."""
+    """Return a unit vector normal to `z`: the projection of the first of `preferred`, x, y not along `z`."""
     across = (d - (d @ z) * z for d in (*preferred, *np.eye(3)[:2]))
     return next(x / np.linalg.norm(x) for x in across if np.linalg.norm(x) > 0.1)
 
@@ -163,9 +166,9 @@ def origin_words(T: FloatArray) -> dict[str, str]:
 
 
 def exact_deg(word: str) -> float | None:
-    """Return the exact angle in deg behind a rounded or truncated value in rad; None if the value is not rounded.
+    """Return the exact angle in deg that `word`, in rad, rounds or truncates; None if `word` is not rounded.
 
-    With four or more decimals, it may be a multiple of 15 deg (1.5708, 0.7854); with two or three, of 90 deg (3.14).
+    A word with four or more decimals may be a multiple of 15 deg (1.5708, 0.7854), with two or three of 90 deg (3.14).
     """
     match = re.fullmatch(r"[+-]?\d+\.(\d+)", word)
     if match is None or not 2 <= len(match[1]) < EXACT_PLACES:

@@ -1,7 +1,7 @@
 """Default settings of a user (``sarcal/settings/1``): interface, channel, bitrate, theme, operator.
 
-One file in the platform's folder for settings. The command line, a session, a procedure, the environment and
-``can.conf`` override it. An invalid file is an error and not ignored: it may name another bus.
+They are in one file in the platform's folder for settings. The command line, a session, a procedure, the environment
+and ``can.conf`` override them. An invalid file is an error: without its settings, another bus might be used.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ SETTINGS_SCHEMA = "sarcal/settings/1"
 class UserSettings(StrictRecord):
     """Content of the settings file; None for missing settings.
 
-    Interface, channel and bitrate are like ``-i``, ``-c`` and ``-b``; channel and bitrate are used only if the
-    interface is also from this file. The journal of every session records the operator's name.
+    `interface`, `channel`, `bitrate`: defaults of ``-i``, ``-c`` and ``-b``; the last two are used only together with
+    the interface of this file. `operator`: name that the journal of every session records.
     """
 
     interface: Text | None = None
@@ -53,7 +53,7 @@ KEYS = tuple(field.name for field in fields(UserSettings))
 
 
 def settings_path() -> Path:
-    """Return the path of the file, whether or not it exists."""
+    """Return the path of the settings file, which need not exist."""
     return user_config_path("sarcal", appauthor=False) / FILE_NAME
 
 
@@ -90,9 +90,9 @@ def parse_settings(data: bytes, file: str) -> UserSettings:
 
 
 def usual_bus(named: str | None = None) -> BusSettings | None:
-    """Return the bus in the user's settings; None if no interface is set there. Raises ConfigError.
+    """Return the bus in the user's settings; None if they name no interface. Raises ConfigError for an invalid file.
 
-    If an interface is `named`, or set in the environment, None is returned without reading the settings.
+    If an interface is `named`, or set in the environment, returns None without reading the settings.
     """
     from hardware.buses.python_can import BusSettings
 
@@ -146,7 +146,7 @@ def changed(texts: Mapping[str, str]) -> UserSettings:
 
 
 def save_settings(settings: UserSettings) -> Path:
-    """Write the user's file; return its path."""
+    """Write the settings file, and return its path."""
     path = settings_path()
     path.parent.mkdir(parents=True, exist_ok=True)
     # The file may be a link to settings kept elsewhere.

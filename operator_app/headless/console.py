@@ -35,7 +35,7 @@ class ConsoleListener(Listener):
             self.report(line)
 
     def pose_captured(self, state: SessionState, total: int) -> None:
-        """Report the pose, and new delays of this computer."""
+        """Report the pose, the number of used poses out of `total`, and any new delays of this computer."""
         if new := state.late.times - self._late_times:
             self._late_times = state.late.times
             self.report(f"Warning: {lateness_words(state.late, new)}.")
@@ -70,7 +70,7 @@ def cut_short_lines(cut: CutShort) -> list[str]:
 
 
 def _danger(cut: CutShort) -> list[str]:
-    """Return a warning if the connected arm may not be holding; empty after an interrupt, when an error is raised."""
+    """Return a warning if the arm may not be holding; empty after an interrupt, when `unattended` raises the error."""
     error = cut.session.not_held
     if error is None or not cut.connected or isinstance(cut.cause, KeyboardInterrupt):
         return []
@@ -78,7 +78,7 @@ def _danger(cut: CutShort) -> list[str]:
 
 
 def _lateness_note(cut: CutShort) -> str:
-    """Return the message that this computer was late, if drives tripped on its missing heartbeat; else ""."""
+    """Return a message if drives tripped because this computer sent its heartbeat too late; else ""."""
     cause = cut.cause
     if not (isinstance(cause, errors.DriveFault) and cause.code == EmergencyCode.HEARTBEAT_LOST):
         return ""

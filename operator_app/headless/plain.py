@@ -73,9 +73,9 @@ class Plain:
         self.runner: Runner = sessions.new() if resume is None else sessions.resumed(resume)
 
     def run(self) -> str:
-        """Show menus until the operator quits or the input ends, and return which of the two. Ctrl-C sends STOP.
+        """Show menus until the operator quits or the input ends; return ``left`` or ``end of input``.
 
-        If no arm is connected, or no data arrive from it, Ctrl-C raises KeyboardInterrupt instead.
+        Ctrl-C sends STOP. If no arm is connected or its data are lost, Ctrl-C raises KeyboardInterrupt instead.
         """
         self._terminal.say(
             "sarcal, plain mode. Type a number and Enter. While the arm moves, Enter stops it; "
@@ -274,7 +274,7 @@ class Plain:
             s = self.snapshot()
 
     def _stop(self) -> bool:
-        """Send STOP after Ctrl-C and return True; without an arm or data from it, send nothing and return False."""
+        """Send STOP and return True; if no arm is connected or its data are lost, send nothing and return False."""
         s = self.runner.snapshot()
         if not s.connected or s.data is DataState.LOST:
             return False

@@ -25,7 +25,7 @@ EXAMPLES: Mapping[str, str] = {
     "procedure": "hinge",
     "profile": "sarcos",
 }
-"""Built-in file that the page of a kind of file shows completely, by kind; its comments explain the keys."""
+"""For each kind of file: the built-in file that its manual page shows in full; comments in it explain the keys."""
 
 PURPOSE: Mapping[FileKind, str] = {
     "arm": "An arm file has the Denavit-Hartenberg table, the sensors and the ranges of an arm, and their "

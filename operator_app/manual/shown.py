@@ -37,7 +37,7 @@ def as_text(markdown: str, width: int) -> str:
 
 
 def _inline(text: str) -> str:
-    """Replace links by text that names their target; keep the backticks of code, since no colour marks it."""
+    """Replace links by text that names their target; keep the backticks of code, which has no colour of its own."""
     text = PICTURE.sub(r"\\[Picture: \1]", text)
     text = LINK.sub(lambda m: m[1] + _target(m[2]), text)
     return CODE.sub(r"`` \1 ``", text)

@@ -1,7 +1,4 @@
-"""Messages for errors of arm, solver and disk: event and remedy.
-
-The screen and plain mode show the same sentences.
-"""
+"""Messages for errors of arm, solver and disk, on the screen and in plain mode: what happened, and the remedy."""
 
 from collections.abc import Mapping, Sequence
 
@@ -20,7 +17,7 @@ EXPECTED = (SessionError, errors.HardwareError, SolverError, FixtureError, Confi
 
 
 def words(error: BaseException) -> SessionError:
-    """Return an error as a `SessionError` with event and remedy for the operator."""
+    """Return an error as a `SessionError`, which states for the operator what happened, and the remedy."""
     if isinstance(error, SessionError):
         return SessionError(_capital(error.happened), _capital(error.remedy))
     return SessionError(_capital(str(error).removesuffix(".")), _remedy(error))
@@ -174,7 +171,7 @@ def connected_words(identity: ArmIdentity) -> str:
 
 
 def configured_words(identity: ArmIdentity) -> str:
-    """Return the sentence that counts drive objects changed as the bus profile requires; "" if none were."""
+    """Return the text that states how many drive objects were changed for the bus profile; "" if none were changed."""
     zeroed = identity.zeroed
     pdos = tuple(text for text in identity.configured if text not in zeroed)
     until = "configured as the bus profile requires (until the next connection or power cycle)"

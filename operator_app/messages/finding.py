@@ -20,7 +20,7 @@ CERTAIN = 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NamedSize:
-    """A parameter and a value in `unit`, "rad" or "m"; `share`: part of the information on it that poses give."""
+    """A parameter and a value in `unit`, "rad" or "m"; `share`: share of the information that comes from the poses."""
 
     name: str
     size: float
@@ -35,7 +35,8 @@ class Finding:
     Attributes
     ----------
     joint, joints
-        The joint (1-based, 0 for none), and all joints if several; or, in `joints`, numbers of placements or sockets.
+        The joint (1-based; 0: none), and all joints if there are several. For findings about placements or sockets,
+        `joints` has their numbers.
     sensor
         "RVDT" or "ENCODER" if the finding is about a joint's sensor.
     names
@@ -188,14 +189,14 @@ class _Amount(NamedTuple):
 
 
 class _Choice(int):
-    """A flag; ``{certain:drifts|may drift}`` is the first text if `certain` is true, else the second."""
+    """A flag for templates: ``{certain:drifts|may drift}`` becomes "drifts" if `certain` is true, else "may drift"."""
 
     def __format__(self, spec: str) -> str:
         return spec.split("|")[not self]
 
 
 class _FindingFields(dict[str, object]):
-    """Values by the names that a template may use: the figures of a finding, and the values of `FIELDS`."""
+    """Values that a template may use, by name: figures of a finding, and results of the functions in `FIELDS`."""
 
     def __init__(self, finding: Finding) -> None:
         figures = {"size": finding.size, "sigma": finding.sigma, **finding.figures}
@@ -215,7 +216,7 @@ def fixed_briefly(offsets: tuple[str, ...]) -> str:
 
 
 def _holds(f: Finding) -> str:
-    """Return how far the tool is off per degree of error of a fixed offset; `f.figures`: that rate, m/rad, by name."""
+    """Return the text on fixed offsets of unknown uncertainty; `f.figures`: tool error, m/rad, by offset name."""
     if not f.figures:
         return ""
     rates = ", ".join(

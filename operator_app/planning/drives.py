@@ -157,7 +157,7 @@ def choose_drives(
 
 
 def named_drives(prediction: DrivePrediction, drives: tuple[int, ...], kind: str) -> DriveChoice:
-    """Return the procedure's `drives` as the choice; raises `GuardError` if a joint or their number is wrong."""
+    """Return the procedure's `drives` as the choice; raises `GuardError` if a joint or the joint count is wrong."""
     motion = prediction.manifold.motion
     problem = modes_problem(
         drives, joint_count=motion.joint_count, mobility=motion.degrees, kind=kind
@@ -186,7 +186,7 @@ def _joint_out_of_range(arm: ArmModel, manifold: Manifold) -> str:
 
 
 def _usable(prediction: DrivePrediction, unsensed_joints: tuple[int, ...]) -> list[RankedDrives]:
-    """Return the sets usable at the current pose and in the region, best first; with inexact joints only if needed."""
+    """Return the sets usable at the current pose and in the region, best first; inexact ones only if no others are."""
     usable_now = {r.drives for r in prediction.here if r.usable}
     usable = [
         r

@@ -33,7 +33,8 @@ class Feasibility:
     `parameters`: unknowns of the calibration, without those that cannot be identified in the fixture's placement.
     `mobility`: number of drive joints. `home_to_closed_rad` (n,): nearest closed pose minus home; None if none closes.
     `choice`: drive joints; None if none can drive (see `refusal`). `identifiability`: from poses over all the reachable
-    region; None, like `mobility`, if no drives can be ranked. An open arm has only the first three fields.
+    region. `mobility` and `identifiability` are None if drive joints cannot be ranked.
+    For an open arm, only `parameters`, `checks` and `mobility` are given.
     """
 
     parameters: tuple[Parameter, ...]

@@ -38,8 +38,7 @@ class LiveQuality:
     nominal values before the first estimate. `scaled_condition_number`, `weakest`: scaled condition number of the
     captured poses, and parameters of the weakest direction; inf and () with too few poses. `history`: (poses, scaled
     condition number) after each estimate, oldest first. `coverage`: lowest and highest captured angle of each joint,
-    rad; empty without poses. `predicted_m`: by pose number, position closure error of that pose with the estimate from
-    the poses before it, m.
+    rad; empty without poses. `predicted_m`: by pose number, position closure error, m, at the previous estimate.
     """
 
     needed: int
@@ -72,7 +71,7 @@ def live_quality(
         )
     shared = len(quality.numbers)
     for count in range(shared + 1, len(numbers) + 1):
-        # If many poses are added at once, as after a resume, an estimate follows the last one.
+        # If many poses are added at once, as after a resume, the parameters are estimated after the last pose.
         last_of_many = count == len(numbers) > shared + 1
         quality = _with_one_more(
             arm, model, q_rad[:count], numbers[:count], quality, at_once=last_of_many
@@ -126,8 +125,8 @@ class Forecast:
     """Predicted poses of a plan.
 
     `q_rad` (w, n): joint angles at every waypoint. `reachable` (w,): whether the loop closes at each waypoint with
-    every joint inside its range. `scaled_condition_number`: that of the first reachable poses, as many as are
-    requested; inf if these poses do not determine all parameters.
+    every joint inside its range. `scaled_condition_number`: scaled condition number of the first reachable poses, up
+    to the requested number of poses; inf if these do not determine all parameters.
     """
 
     q_rad: FloatArray

@@ -38,7 +38,7 @@ class Share:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Remedy:
-    """True errors after a remedy: rms errors of the offsets (rad) and of the lengths (m)."""
+    """Errors of a calibration with a remedy: rms deviation of offsets (rad) and lengths (m) from the true values."""
 
     name: str
     paragraph: str

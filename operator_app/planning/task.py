@@ -36,7 +36,7 @@ UNSENSED_SIGMA_RAD = 1.0
 
 
 def ranges_of(arm: ArmModel) -> Ranges:
-    """Return the ranges of all joints, sensor coordinates."""
+    """Return the ranges of all joints in sensor coordinates."""
     return Ranges(lower_rad=arm.lower_rad, upper_rad=arm.upper_rad)
 
 
@@ -88,7 +88,7 @@ def planning_task(
     variance[blind] = UNSENSED_SIGMA_RAD**2
 
     def errors_at(q_rad: FloatArray) -> ErrorModel:
-        """Return the error model of poses (m, n), rad, that are means of `samples` readings."""
+        """Return the stated errors of poses (m, n), rad; each pose is the mean of `samples` readings."""
         m = len(q_rad)
         poses = PoseSet(
             placement=np.ones(m, dtype=np.int64),

@@ -121,7 +121,7 @@ def estimate_data(estimate: Estimate) -> dict[str, Any]:
 
 
 def checks_data(checks: Checks | None) -> dict[str, Any]:
-    """Return the data of the checks (jackknife, hold-out, far block); empty if they were not computed."""
+    """Return the data of jackknife, held-out folds and a held-out block of far poses; empty if not computed."""
     if checks is None:
         return {}
     data: dict[str, Any] = {"jackknife_sigma": None}

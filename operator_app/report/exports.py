@@ -1,6 +1,6 @@
 """A calibration in the formats of other tools: JSON, CSV, URDF, MATLAB, as bytes.
 
-Each format states the side of every parameter (arm, ground or tool): only parameters of the arm remain valid
+Each format states the side of every parameter (arm, ground or hand): only parameters of the arm remain valid
 when the fixture is dismounted. A URDF contains only the arm itself.
 """
 
@@ -54,7 +54,7 @@ class Calibration:
 
     @property
     def by_itself(self) -> CalibratedArm:
-        """The calibrated arm without its loop."""
+        """The calibrated arm as an open chain, without the fixture."""
         return calibrated_arm(self.solution, self.arm)
 
 

@@ -56,7 +56,7 @@ class Facts:
 
     @property
     def limits_met(self) -> str:
-        """Clause stating that the calibration meets its limits; it names the condition number if that is too large."""
+        """Clause "the calibration meets its limits", with the condition number as an exception if that is too large."""
         exceeded = (n for n in self.notices if n.kind is FindingKind.CONDITION)
         met = "the calibration meets its limits"
         return f"{met}, but its {finding.text}" if (finding := next(exceeded, None)) else met

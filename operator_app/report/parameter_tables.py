@@ -35,19 +35,19 @@ Format = Callable[..., Figure]
 
 
 def formats(estimate: Estimate) -> Callable[[Valued], Format]:
-    """Return a function from a parameter to its format, which shows the smallest sigma of that unit with two digits."""
+    """Return a function that maps a parameter to its `Format`: the smallest sigma in the same unit has two digits."""
     return formats_of(((p, sd) for p, _, sd in values_of(estimate)), most=MOST_PLACES)
 
 
 def formats_of(
     sigmas: Iterable[tuple[Valued, float]], *, most: int = 9
 ) -> Callable[[Valued], Format]:
-    """Return a function like that of `formats`, for (parameter, sigma) pairs; `most`: largest number of decimals."""
+    """Do as `formats` does, but from (parameter, sigma) pairs; `most`: largest number of decimal places."""
     return _formats(sigmas, partial(places_to_show, least=3, most=most))
 
 
 def nominal_formats(values: Iterable[tuple[Valued, float]]) -> Callable[[Valued], Format]:
-    """Return a function from a parameter to its format, which shows all nominal `values` of that unit exactly."""
+    """Return a function that maps a parameter to its `Format`: nominal `values` in the same unit are shown exactly."""
     return _formats(values, partial(places_needed, least=1, most=MOST_PLACES))
 
 
@@ -73,7 +73,8 @@ def parameter_table(
 ) -> FactTable:
     """Return the table of nominal and identified values, changes, sigmas, intervals, and the values in `beside`.
 
-    `beside`: the other estimate. `repeatability`: type A uncertainties (P,), rad and m. `sides`: arm, ground or tool.
+    `beside`: estimate by the other estimator. `repeatability`: type A uncertainties (P,), rad and m. `sides`: what each
+    parameter describes, as `side_of` returns it. `nominal_key`: whether the nominal values are in JSON.
     """
     own = f"{estimate.estimator} (chosen)"
     columns = [*words("parameter", "unit"), *figures("nominal")]

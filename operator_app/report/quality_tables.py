@@ -181,10 +181,11 @@ CLOSURE_COLUMNS = (
     *figures("rms", "as printed", group="sigma_pos [mm]"),
     *figures("rms", "as printed", group="sigma_ori [mrad]"),
 )
+"""Columns of closure sigmas: "as printed" is the paper's formula taken literally, see `ResidualSigma`."""
 
 
 def closure_table(solution: Solution, beside: Estimate | None, checks: Checks | None) -> FactTable:
-    """Return the table of closure sigmas (rms, and as printed in the paper): before, after, and of held-out poses."""
+    """Return the table of closure sigmas: nominal, calibrated, by the other estimator (`beside`), of held-out poses."""
     estimate = solution.identified
     rows = [
         closure_row("nominal, before", solution.before, key=("before",)),
@@ -219,7 +220,10 @@ def closure_table(solution: Solution, beside: Estimate | None, checks: Checks | 
 def rows_in_use(
     best_table: ClosureSigmas | None, corrected: ClosureSigmas | None, *, name: str = "{}, after"
 ) -> Iterator[tuple[Cell, ...]]:
-    """Yield the closure rows that a controller can achieve: with the best D-H table, and with corrected readings."""
+    """Yield the closure rows of the best D-H table and of corrected readings: a controller uses one of the two.
+
+    If an argument is None, its row is left out. `name`: format of the rows' names.
+    """
     if best_table is not None:
         yield closure_row(name.format("best table"), best_table, key=("with_best_table",))
     if corrected is not None:
@@ -231,7 +235,8 @@ def closure_row(
 ) -> tuple[Cell, ...]:
     """Return one row of closure sigmas.
 
-    `key`: key of the figures in JSON; None: no figure is in JSON. `reading`: key of the rms if only the rms is in JSON.
+    `key`: beginning of the figures' keys in JSON; None: no figure is in JSON. `reading`: if not empty, only the rms is
+    in JSON, and `reading` ends its key.
     """
     cells: list[Cell] = [name]
     turned = sigmas.orientation_rad
@@ -251,7 +256,7 @@ def closure_row(
 
 
 def causes_table(solution: Solution) -> FactTable | None:
-    """Return the table of possible faults, the main one first (sentences only in HTML); None if there are none."""
+    """Return the table of possible faults, the main one first; None if there are none. Only HTML explains them."""
     rows: list[tuple[Cell, ...]] = []
     for cause in solution.causes:
         role, effect = "text", "a warning"
@@ -273,7 +278,7 @@ def causes_table(solution: Solution) -> FactTable | None:
 
 
 def tests_table(solution: Solution) -> FactTable | None:
-    """Return the table of the verdict's hypothesis tests, with marks at tests that fired; None if there are none."""
+    """Return the table of the verdict's hypothesis tests, marking those above their threshold; None if no tests."""
     rows: list[tuple[Cell, ...]] = []
     for t in solution.adjudication.tests:
         statistic = Figure(t.statistic, role="warn" if t.fires else "text")

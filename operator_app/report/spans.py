@@ -68,9 +68,9 @@ def wrapped(text: str, width: int, role: str = "text", indent: str = "") -> list
 
 
 def window(rows: Sequence[Line], first: int, height: int) -> tuple[list[Line], int, int]:
-    """Return the rows that fit from index `first` on, the number of rows shown, and the index of the first of them.
+    """Return the visible rows of a list scrolled to index `first`, their number, and the index of the first of them.
 
-    If not all rows fit, an extra last row, not counted, states how many are below or, at the end of the list, above.
+    If not all rows fit, a last row is added but not counted: it states how many rows are hidden below, or else above.
     """
     if len(rows) <= height:
         return list(rows), len(rows), 0

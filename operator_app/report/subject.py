@@ -93,7 +93,7 @@ class Subject:
 
     @property
     def implicit(self) -> Estimate | None:
-        """The implicit estimator's estimate, even if another is used; None if there is none."""
+        """The estimate by the implicit estimator, whether or not it was chosen; None if this estimator was not used."""
         if self.solution is None:
             return None
         both = (self.solution.identified, self.solution.beside)
@@ -106,7 +106,7 @@ class Subject:
 
     @property
     def flipped(self) -> tuple[int, ...]:
-        """Numbers of poses that were left out because they lie on the other branch of the hinge."""
+        """Numbers of poses left out because the tool was upside down on the hinge (flipped branch)."""
         dropped = () if self.solution is None else self.solution.dropped_flipped
         return tuple(self._counting[k].number for k in dropped)
 
@@ -178,7 +178,7 @@ def no_facts(s: SessionSnapshot) -> str:
 
 
 class _SnapshotKey:
-    """Cache key of a snapshot (there are 20 per second): the parts that the facts depend on."""
+    """Cache key, equal for snapshots with the same facts, so that facts are not built again 20 times per second."""
 
     def __init__(self, s: SessionSnapshot) -> None:
         self.s = s

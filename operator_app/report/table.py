@@ -18,10 +18,10 @@ def shown(cell: Cell) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """One column of a table, with a title, and a unit in brackets.
+    """One column of a table. The header is the title; if there is a unit, it follows in brackets.
 
     `words`: the cells are text, aligned to the left. `group`: header above neighbouring columns that belong together.
-    `detail`: only the HTML page shows the column. `summary`: the column replaces detail columns where there is no room.
+    `detail`: only the HTML page shows the column. `summary`: the column replaces detail columns in all other outputs.
     """
 
     title: str
@@ -70,7 +70,7 @@ class FactTable:
 
     @property
     def whole(self) -> FactTable:
-        """The table without its summary columns."""
+        """The table with its detail columns, and without the summary columns that replace them in text."""
         return self._of([k for k, column in enumerate(self.columns) if not column.summary])
 
     def _of(self, rows: list[int]) -> FactTable:
@@ -102,7 +102,7 @@ class Headline:
 
 
 def keyed(tables: Iterable[FactTable]) -> dict[str, Any]:
-    """Return all figures that have a key as one JSON object; parts with integer keys become lists."""
+    """Return all figures that have a key as a nested JSON object; a part whose keys are all integers becomes a list."""
     tree: dict[str | int, Any] = {}
     for figure in (c for t in tables for row in t.rows for c in row if isinstance(c, Figure)):
         if figure.key:

@@ -23,7 +23,7 @@ WIDTH = 80
 def facts_text(facts: Facts, *, failed: str = "") -> str:
     """Return the result of a calibration as text, the most important facts first.
 
-    `failed`: file of new poses that failed the test, to be named in the first line; empty if there is none.
+    `failed`: file of new poses that disagree with the calibration; the first line names it. Empty if there is none.
     """
     blocks = [
         verdict_text(facts, failed=failed),
@@ -37,7 +37,7 @@ def facts_text(facts: Facts, *, failed: str = "") -> str:
 
 
 def verdict_text(facts: Facts, *, failed: str = "") -> str:
-    """Return the verdict with its reasons; the first line also names `failed`, a file whose poses failed the test."""
+    """Return verdict and reasons; the first line also names `failed`, a file of poses that contradict the verdict."""
     reasons = facts.reasons
     head = facts.verdict.upper()
     if failed:
@@ -124,7 +124,7 @@ def headline_spans(headlines: Sequence[Headline], width: int) -> Line:
 
 
 def warnings_text(notices: Iterable[Finding], mark: str = "!") -> str:
-    """Return warnings, or notes with another mark, one paragraph each."""
+    """Return one paragraph for each notice, beginning with `mark`: ``!`` for warnings, ``-`` for notes."""
     return "\n".join(warning(n.sentence, mark) for n in notices)
 
 

@@ -94,7 +94,7 @@ def budget_table(solution: Solution) -> FactTable | None:
 
 
 def sensitivity_table(solution: Solution) -> FactTable | None:
-    """Return the table of the largest sigmas, each also with its main source of error halved; None if unknown."""
+    """Return the table of the largest sigmas, now and if their main source were halved; None if not computed."""
     sensitivities = source_sensitivities(solution)
     rows: list[tuple[Cell, ...]] = []
     for h in sensitivities:
@@ -119,7 +119,7 @@ def sensitivity_table(solution: Solution) -> FactTable | None:
 
 
 def source_words(source: str) -> str:
-    """Return the name of a source of the budget in words: ``RVDT curve 6``."""
+    """Return the name of a source in the uncertainty budget as text, such as ``RVDT curve 6``."""
     return source.replace("_", " ").replace("rvdt", "RVDT")
 
 
@@ -191,7 +191,10 @@ def best_table_table(solution: Solution) -> FactTable | None:
 
 
 def posterior_data(solution: Solution) -> dict[str, Any]:
-    """Return information shares, distances, best D-H table and corrections as JSON; deg, m unless a key has a unit."""
+    """Return the JSON data of information shares, distances between sockets, best D-H table and corrections.
+
+    Angles are in deg and lengths in m, unless the key states another unit.
+    """
     best = solution.best
     data: dict[str, Any] = {
         "shares": dict(solution.shares),
@@ -237,7 +240,7 @@ _PER_SI = np.array([np.rad2deg(1.0) if kind.is_angle else 1.0 for kind in DhKind
 
 
 def _correction_data(c: ReadingCorrection) -> dict[str, Any]:
-    """Return a correction as JSON; coefficients in deg or, for gravity, in deg/(N m) kg and deg/(N m) kg m."""
+    """Return a correction as JSON; coefficients in deg or, for gravity, in deg kg/(N m) and deg kg m/(N m)."""
     data: dict[str, Any] = {
         "source": c.source,
         "joint": c.joint,

@@ -179,7 +179,7 @@ class SarcalApp(App[str]):
         await self.interface.begin()
 
     def _asked_to_end(self, reason: str, loop: asyncio.AbstractEventLoop) -> None:
-        """End the program through the event loop or, if that does not respond, without restoring the terminal."""
+        """Ask the event loop to end the program; if that fails, a thread ends it without restoring the terminal."""
         with contextlib.suppress(RuntimeError):  # the loop is closed: leaving already
             loop.call_soon_threadsafe(self.exit, reason)
         if self.owns_process:
@@ -307,11 +307,11 @@ class SarcalApp(App[str]):
         self.main.forget()
 
     def action_help_quit(self) -> None:
-        """Leave, as for the key q; called for Ctrl+C."""
+        """Leave the program, as the key q does; Textual calls this method for Ctrl+C."""
         self.interface.leave()
 
     async def action_quit(self) -> None:
-        """Leave, as for the key q; called for Ctrl+Q."""
+        """Leave the program, as the key q does; Textual calls this method for Ctrl+Q."""
         self.interface.leave()
 
 

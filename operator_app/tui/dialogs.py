@@ -36,7 +36,7 @@ class Dialog(ModalScreen[str | None], Generic[Shown]):
         self.query_one(self.FOCUS).focus()
 
     def on_resize(self, event: events.Resize) -> None:
-        """Leave the safety strip and the list of steps uncovered in both layouts."""
+        """Choose the layout in which the dialog covers neither the safety strip nor the list of steps."""
         app: Any = self.app
         self.set_class(is_compact(*event.size), "-compact")
         self.set_class(app.look.ascii_only, "-ascii")
@@ -73,7 +73,7 @@ class Confirm(Dialog[YesNo]):
             yield Button(self._plain(f"{self._question.yes}  y"), id="yes", compact=True)
 
     def on_button_pressed(self, event: Button.Pressed) -> None:
-        """Close with the answer."""
+        """Close the dialog with the answer ``yes`` or, for Cancel, None."""
         self.dismiss("yes" if event.button.id == "yes" else None)
 
 
@@ -109,11 +109,11 @@ class Choose(Dialog[OneOf]):
         yield OptionList(cancel, *rows, id="options", compact=True)
 
     def on_mount(self) -> None:
-        """Mark Cancel."""
+        """Highlight the option Cancel."""
         self.query_one(OptionList).highlighted = 0
 
     def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
-        """Close with the answer."""
+        """Close the dialog with the key of the option or, for Cancel, None."""
         self.dismiss(event.option.id or None)
 
 

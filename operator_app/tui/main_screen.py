@@ -29,7 +29,7 @@ from operator_app.tui.widgets.status import Banner, Log, SafetyStrip
 
 
 def done(step: Step, s: SessionSnapshot) -> bool:
-    """Whether a step is done: all poses captured (Capture), files written (Export), or the next step open (others)."""
+    """Whether a step is done: Capture has its poses, Export has written files, and others have opened the next step."""
     if step is Step.EXPORT:
         return s.written is not None
     if step is Step.RESULTS:
@@ -289,7 +289,7 @@ class MainScreen(Screen[None]):
             self.call_after_refresh(self.forget)
 
     def _shown_at_once(self, s: SessionSnapshot) -> object:
-        """Return the parts of a snapshot whose changes are shown immediately; changed ages and rates may wait."""
+        """Return what is shown immediately when it changes; changes of ages and rates wait for a later snapshot."""
         joints = () if s.arm is None else tuple((j.mode, j.drive) for j in s.arm.joints)
         latest = s.messages[-1].number if s.messages else 0
         return (
@@ -301,7 +301,7 @@ class MainScreen(Screen[None]):
         )  # fmt: skip
 
     def forget(self) -> None:
-        """Rebuild and repaint everything."""
+        """Discard all lines built for an earlier theme or layout; repaint everything."""
         for panel in self.query(Lines):
             panel.forget()
 

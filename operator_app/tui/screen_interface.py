@@ -121,7 +121,7 @@ class ScreenInterface:
         self.app.set_timer(SOON_S, work)
 
     def refuse(self, reason: str) -> None:
-        """Show why something is refused, above the footer."""
+        """Show above the footer why an action is refused."""
         self.app.main.refuse(reason)
 
     def ask(self, question: user_interface.Question, then: Callable[[str], None]) -> None:

@@ -109,7 +109,7 @@ class ArmModel:
         return replace(self, tolerances=rows)
 
     def maker_entries(self, row: int) -> tuple[DhEntry, ...]:
-        """Entries for lengths and twists in a row of the maker's table: a, s, alpha; in a Hayati row a, alpha, beta."""
+        """Lengths and twists of a row of the maker's table: a, s, alpha or, in one of `hayati_rows`, a, alpha, beta."""
         ours = (
             (DhKind.A, DhKind.ALPHA, DhKind.BETA)
             if row in self.hayati_rows
@@ -131,12 +131,12 @@ class ArmModel:
 
     @property
     def length_tolerance_m(self) -> FloatArray:
-        """Standard deviation of the maker's s and a of rows 1..n, shape (n,); 0 means exact."""
+        """Standard deviation of s and a in each row of the maker's table, shape (n,); 0 means exact."""
         return np.array([row.length_m for row in self.tolerances])
 
     @property
     def twist_tolerance_rad(self) -> FloatArray:
-        """Standard deviation of the maker's alpha and beta of rows 1..n, shape (n,); 0 means exact."""
+        """Standard deviation of alpha and beta in each row of the maker's table, shape (n,); 0 means exact."""
         return np.array([row.twist_rad for row in self.tolerances])
 
     @property

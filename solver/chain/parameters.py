@@ -100,6 +100,6 @@ def wrap_angle(angle_rad: FloatArray | float) -> FloatArray:
 
 
 def wrap_angles(parameters: Sequence[Parameter], x: FloatArray) -> FloatArray:
-    """Bring the angles of parameter vectors (..., P) into (-pi, pi]; lengths stay."""
+    """Bring the angles of parameter vectors (..., P) into (-pi, pi]; lengths do not change."""
     is_angle = np.array([p.is_angle for p in parameters])
     return np.where(is_angle, wrap_angle(x), x)

@@ -198,6 +198,6 @@ def powers_of(curve: SensorCurve, coefficients: FloatArray) -> FloatArray:
 
 
 def rms_per_amplitude() -> float:
-    """Expected rms over full scale of the polynomials when their coefficients have standard deviation 1."""
+    """Return the expected rms, within full scale, of the weighted polynomials for coefficients of variance 1."""
     degrees = np.arange(LOWEST, LOWEST + len(SHAPE_WEIGHTS))
     return float(np.sqrt((np.array(SHAPE_WEIGHTS) ** 2 / (2.0 * degrees + 1.0)).sum()))

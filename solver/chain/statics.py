@@ -54,7 +54,7 @@ class LinkMasses:
     def moments_sd(self) -> FloatArray:
         """Square roots (n, 4, 4) of the covariances of `moments`, whose errors are ``moments_sd @ z``, z ~ N(0, I).
 
-        An error of the mass also changes the first moment (h = m c); an error of the centre changes only that.
+        An error of the mass changes mass and first moment (h = m c); an error of the centre, only the first moment.
         """
         root = np.zeros((len(self.mass_kg), 4, 4))
         root[:, 0, 0] = self.mass_sd_kg

@@ -61,7 +61,7 @@ Action = GoTo | Capture | ChangeDrives | Finished
 
 
 def path_watch(trace_rad: FloatArray | None, ranges: Ranges) -> Callable[[FloatArray], str | None]:
-    """Return a function that, for readings (n,), rad, during a move, returns why the move has to end, or None.
+    """Return a function that checks readings (n,), rad, during a move and returns the reason to end it, or None.
 
     `trace_rad`: predicted readings (t, n); None to check the ranges only. `ranges`: joint ranges, narrowed by the
     stopping distance.
@@ -91,7 +91,7 @@ def path_watch(trace_rad: FloatArray | None, ranges: Ranges) -> Callable[[FloatA
 def moves_along(
     route: Sequence[Leg], drives: tuple[int, ...], goal: str, *, of: str = ""
 ) -> list[GoTo | ChangeDrives]:
-    """Return moves and drive changes along a route, from the present `drives`; `goal`, `of`: parts of each `why`."""
+    """Return moves and drive changes along a route, from the present `drives`; `goal` and `of` are texts for `why`."""
     moves: list[GoTo | ChangeDrives] = []
     for leg in route:
         if leg.drives != drives:
@@ -110,5 +110,5 @@ def moves_along(
 
 
 def straight_move(q_rad: FloatArray, drives: tuple[int, ...], why: str) -> GoTo:
-    """Return the straight move of the drives to their angles in `q_rad` (n,), without a predicted trace."""
+    """Return a straight move of the joints `drives` to their angles in the pose `q_rad` (n,); no trace is predicted."""
     return GoTo(targets_rad={j: float(q_rad[j - 1]) for j in drives}, why=why)

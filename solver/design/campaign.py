@@ -50,11 +50,11 @@ BACK = "to a captured pose"
 class Campaign:
     """Policy of a campaign. Repeat: call `propose`, carry out the action, report it with `observe` or `captured`.
 
-    `task`: the first of its drive sets is in position mode now. `start_rad` (n,): readings at the start. `poses`:
-    planned poses, in addition to those of the exploration. `requested`: standard deviations (rad, m) by parameter name
-    (default: none requested). `captured` (m, n), `taken`: readings at still valid poses of an earlier campaign on the
-    same loop, and how many of these poses were planned; if they suffice for a trusted estimate, nothing is explored
-    again. `at_rad` (n,): readings at the arm's present pose; by default `start_rad`. Attribute `exploring`: whether the
+    `task`: needs drive sets, the first of which is in position mode now. `start_rad` (n,): readings at the start.
+    `poses`: number of planned poses, in addition to those of the exploration. `requested`: standard deviations (rad, m)
+    by parameter name; None: no request. `captured` (m, n): readings at still valid poses of an earlier campaign on the
+    same loop; if they suffice for a trusted estimate, there is no exploration. `taken`: how many of them were planned.
+    `at_rad` (n,): readings at the arm's present pose; by default `start_rad`. Attribute `exploring`: whether the
     campaign has neither planned a pose nor ended.
     """
 
@@ -259,8 +259,8 @@ class Campaign:
     def _route(self, plan: PosePlan, target: int) -> tuple[Leg, ...] | None:
         """Return a path from the current pose to a candidate of `plan`; None if no safe path is found.
 
-        Along the path four fifths of the planning margin are enough: between two poses that keep the whole margin, a
-        joint may come nearer to the end of its range than at either pose.
+        The path keeps four fifths of the planning margin, not all of it: between two poses inside the margin, a joint
+        may come nearer to the end of its range than at either pose.
         """
         return plan.graph.route(
             self.task.ranges.within(0.8 * np.asarray(self.task.margin_rad)),

@@ -89,9 +89,7 @@ def choose_poses(
     apart_rad: float = 0.0,
     seed: int = 0,
 ) -> tuple[int, ...]:
-    """Choose `count` different candidates whose information, added to `fixed`, has the largest log det.
-
-    Returns the indices of the candidates.
+    """Return the indices of `count` different candidates whose information, added to `fixed`, has the largest log det.
 
     Raises `TooFewCandidatesError` if fewer than `count` candidates are allowed and far enough apart.
 
@@ -136,7 +134,7 @@ def choose_poses(
 class _Search:
     """Search for candidates that determine the first `parameters` unknowns best.
 
-    `root` (m, r, N): square root of each candidate's information, in comparable units.
+    `root` (m, r, N): square root of each candidate's information, with the N unknowns scaled to similar size.
     """
 
     root: FloatArray
@@ -164,7 +162,7 @@ class _Search:
         return chosen
 
     def fill(self, M: FloatArray, chosen: list[int], count: int) -> None:
-        """Add the best candidate to `chosen`, and its information to `M`, until `count` are chosen."""
+        """Add the best candidates to `chosen` until it has `count`, and their information to `M` (N, N)."""
         while len(chosen) < count:
             gain = self.gains(M, chosen)
             best = int(np.argmax(gain))
@@ -176,7 +174,7 @@ class _Search:
             chosen.append(best)
 
     def exchange(self, M: FloatArray, chosen: list[int]) -> None:
-        """Replace one pose at a time by the best candidate, until a whole sweep changes nothing."""
+        """Replace poses in `chosen`, one at a time, by better candidates while that helps; update `M` (N, N)."""
         for _ in range(MAX_SWEEPS):
             changed = False
             for k, old in enumerate(chosen):
@@ -199,10 +197,11 @@ built-in arms they carry 99.9 % of the information, and a choice among 3,000 pos
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PoseInformation:
-    """Square roots of the information of m poses about P parameters and K effects.
+    """Square roots of the information of m poses about P parameters and K effects of stated errors.
 
-    `parameters`: names, in column order. `root` (m, r, P + K): ``L^-1 [A, Z]`` with ``V = L L'``; a pose's information
-    is ``root' root``. The last K columns are effects, with a standard normal prior.
+    `parameters`: names, in column order. `root` (m, r, P + K): a pose's information is ``root' root``. With V = L L'
+    the covariance of the pose's equations, `root` is ``L^-1 [A, Z]``, where A are the derivatives with respect to the
+    parameters, and Z those with respect to the effects, each of which has the prior N(0, 1).
     """
 
     parameters: tuple[str, ...]
@@ -213,7 +212,7 @@ class PoseInformation:
         return summed_information(self.root, poses)
 
     def about(self, parameters: Sequence[str]) -> PoseInformation:
-        """Return the information about `parameters` and the effects; the other parameters count as known."""
+        """Return the information about `parameters` and all effects; all other parameters count as known."""
         columns = [self.parameters.index(name) for name in parameters]
         columns += range(len(self.parameters), self.root.shape[-1])
         return replace(self, parameters=tuple(parameters), root=self.root[..., columns])
@@ -228,13 +227,13 @@ def pose_information(
     errors: ErrorModel,
     variances: Mapping[str, float] | None = None,
 ) -> PoseInformation:
-    """Return each pose's information about those parameters of `model` that have no tolerance, under `errors`.
+    """Return each pose's information about those parameters of `model` that have no tolerance; `errors`: error model.
 
     Raises `ValueError` if a closure component has no noise at all (exact joints and a stiff fixture).
 
     `x`: parameters (P + T,) of `model`, T of them toleranced. `q`: readings (m, n) of captured or planned poses.
     `closed_q`, `closed_u`: closed poses at `x` nearest to the readings: (m, n), (m, U). `variances`: variances of
-    the error model's components, by name; None: the start values.
+    the components of `errors`, by name; None: the start values that `errors` states.
     """
     design = LinearModel(model, q, errors)
     equations = Linearisation(

@@ -1,8 +1,7 @@
 """Which joints should drive a closed chain: ranking of drive sets, predicted or measured by trial motions.
 
-A predicted ranking, at one pose or over a region, uses the leverage of the drives and the share of poses that they
-reach. A ranking by trial, as in the paper, uses the measured motion of the other joints. Every rank has its reasons as
-text.
+At one pose, sets are ranked by the leverage of the drives and the motion of the other joints: predicted, or measured in
+trial motions as in the paper. Over a region, they are ranked by the share of poses that they reach, and by leverage.
 """
 
 from collections.abc import Iterable, Sequence
@@ -28,13 +27,12 @@ class RankedDrives:
     """One set of drive joints with its figures of merit.
 
     `drives`: joints (1-based) to be put into position mode. `score`: value by which sets are ranked, in [0, 1].
-    `leverage`: smallest singular value of the drives' share in the self-motion, from 0 at a singularity to 1 if the
-    drives determine all motion; over a region, the median over the poses that the set reaches. `passive_conditioning`:
-    smallest singular value of the passive joints' closure Jacobian, over a region the median; None after trials.
-    `fastest_passive`: largest ratio of a passive joint's speed to the drives' speed. `fastest_joint`: joint with this
-    ratio. `still`: passive joints that hardly move. `reach`: share of the region's poses that can be reached from pose
-    0; None if the ranking is not over a region. `reasons`: the most important first. `sarcal plan --json` has all
-    fields.
+    `leverage`: how well the drives determine all motion, from 0 at a singularity to 1 (see `ChainMotion.leverage`);
+    over a region, the median over the poses that the set reaches. `passive_conditioning`: smallest singular value of
+    the passive joints' closure Jacobian, over a region the median; None after trials. `fastest_passive`: largest ratio
+    of a passive joint's speed to the drives' speed. `fastest_joint`: joint with this ratio. `still`: passive joints
+    that hardly move. `reach`: share of the region's poses that can be reached from pose 0; None if the ranking is not
+    over a region. `reasons`: reasons for the rank, as text, the most important first.
     """
 
     drives: tuple[int, ...]

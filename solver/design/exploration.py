@@ -46,8 +46,8 @@ class _Ray:
 class Explorer:
     """Policy of the exploration. Alternate `propose` and `observe` until `propose` returns an empty tuple.
 
-    `start_rad`: readings at the start (n,), to which every ray returns. `drives`: joints (1-based) in position mode.
-    `ranges`: ranges of all joints, sensor coordinates.
+    `start_rad`: readings (n,) at the start. Each ray, a series of steps of the drives in one direction, begins and
+    ends there. `drives`: joints (1-based) in position mode. `ranges`: ranges of all joints, sensor coordinates.
     """
 
     def __init__(self, *, start_rad: FloatArray, drives: tuple[int, ...], ranges: Ranges) -> None:
@@ -138,9 +138,12 @@ class Explorer:
         self.failure = f"the arm does not return to the start: {self._stopped or 'it stopped'}"
 
     def _ahead(self, move: FloatArray, rates: FloatArray, growth: float, *, trusted: bool) -> str:
-        """Return why the step `move` (d,), rad, is not allowed, or "". `trusted`: whether `rates` (n, d) are learnt."""
+        """Return why the drives must not take the step `move` (d,), rad, or "" if they may.
+
+        `rates` (n, d): motion of the joints per motion of the drives; unless `trusted`, the largest allowed rate is
+        assumed for all joints. `growth`: factor by which the largest rate grows from step to step.
+        """
         change = rates @ move
-        # Until the rates are learnt, assume the largest allowed rate.
         slack = RAY_MARGIN_RAD + 0.3 * np.abs(change)
         if not trusted:
             slack = np.full(len(change), 2.0 * MOST_RATE * np.abs(move).max())
@@ -161,11 +164,11 @@ class Explorer:
         return ""
 
     def _most_rate(self, direction: FloatArray) -> float:
-        """Largest allowed ratio of a joint's motion to the drives' along a ray in this direction."""
+        """Largest allowed ratio of a joint's motion to the drives' motion, for a ray in `direction`."""
         return float(np.clip(1.3 * self._start_rate(direction), MOST_RATE, 2.0 * MOST_RATE))
 
     def _start_rate(self, direction: FloatArray) -> float:
-        """Largest ratio, at the start, of a joint's motion to the drives' in this direction."""
+        """Largest ratio of a joint's motion to the drives' motion in `direction`, at the start."""
         return float(np.abs(self._start_rates @ direction).max() / np.abs(direction).max())
 
     def _move(self, target: FloatArray, reason: str) -> GoTo:

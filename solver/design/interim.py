@@ -35,9 +35,9 @@ def implicit_interim(
 ) -> Callable[[FloatArray], InterimEstimate]:
     """Return a function that estimates the parameters from readings (m, n); it raises SolverError for too few poses.
 
-    The function uses the implicit estimator, started at nominal values and later at the last trusted estimate. If the
-    closure errors are far larger than the joint sensors' noise, the excess is attributed to the fixture's compliance
-    and the poses are fitted again: otherwise the covariance would be too small.
+    The function uses the implicit estimator. It starts from the last trusted estimate or, if there is none, from the
+    nominal values. If the closure errors are far larger than the joint sensors' noise explains, the excess is
+    attributed to the fixture's compliance and the poses are fitted again: otherwise the covariance would be too small.
     """
     start: FloatArray | None = None
     explained = noise
@@ -77,7 +77,7 @@ def implicit_interim(
 def _with_fixture_variance(noise: NoiseModel, estimate: Estimate, used: NoiseModel) -> NoiseModel:
     """Return `noise` with a fixture variance that explains the closure errors.
 
-    This is the fixture variance of `used` times chi2/dof; if `used` has none, the squared closure sigmas.
+    The variance is that of `used` times chi2/dof or, if `used` has none, the squares of the closure sigmas.
     """
     if used.fixture_variance is not None:
         scale = estimate.chi2_per_dof or 1.0

@@ -127,7 +127,7 @@ def candidate_poses(
 def _wave(
     points: FloatArray, tangent: FloatArray, step_rad: float, rng: np.random.Generator
 ) -> FloatArray:
-    """Return the ends of tangent steps from each of the f `points`, (f * directions, n + U), rad."""
+    """Return the ends (f * directions, n + U), rad, of steps from f `points` in several directions of `tangent`."""
     poses, angles, degrees = tangent.shape
     if degrees == 1:
         directions = np.broadcast_to([[[1.0], [-1.0]]], (poses, 2, 1))
@@ -162,7 +162,7 @@ def _far_from(others: FloatArray, points: FloatArray, distance: float) -> BoolAr
 
 
 def _spread(points: FloatArray, distance: float) -> IntArray:
-    """Indices of points of which no two are within `distance`; of two points nearer than that, the earlier is kept."""
+    """Return the indices that remain when, of every two points within `distance`, the later one is dropped."""
     dropped = np.zeros(len(points), dtype=np.bool_)
     if len(points):
         pairs = _tree(points).query_pairs(distance, output_type="ndarray")
@@ -174,7 +174,7 @@ def _spread(points: FloatArray, distance: float) -> IntArray:
 
 
 def _neighbours(points: FloatArray, motion: ChainMotion, step_rad: float) -> IntArray:
-    """Pairs of poses that are neighbours along the manifold (E, 2)."""
+    """Return the index pairs (E, 2) of poses that are neighbours along the manifold."""
     pairs = _tree(points).query_pairs(NEIGHBOUR_STEPS * step_rad, output_type="ndarray")
     if len(pairs) == 0:
         return np.zeros((0, 2), dtype=np.int64)

@@ -14,7 +14,7 @@ from solver.loops.closure import ClosureModel
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ranges:
-    """Allowed measured joint angles: (n,) rad each, sensor coordinates."""
+    """Lower and upper ends of the joints' ranges, each (n,), rad, in sensor coordinates."""
 
     lower_rad: FloatArray
     upper_rad: FloatArray
@@ -95,7 +95,7 @@ class ChainMotion:
         return np.asarray(self.tangent[:, : self.joint_count] @ inverse)
 
     def passive_conditioning(self, drives: Sequence[int]) -> FloatArray:
-        """Smallest singular value of the passive joints' closure Jacobian (m,); 1 m weighs as 1 rad."""
+        """Smallest singular value (m,) of the passive joints' closure Jacobian; 1 m counts as 1 rad."""
         passive = [c for c in range(self.jacobian.shape[-1]) if c + 1 not in drives]
         return np.asarray(np.linalg.svd(self.jacobian[..., passive], compute_uv=False)[..., -1])
 
@@ -134,7 +134,7 @@ class DriveTraces:
     closed: BoolArray
 
     def safe(self, ranges: Ranges, limits: MotionLimits) -> BoolArray:
-        """Whether each move (b,) stays inside the ranges, away from singularities and below the largest rate."""
+        """Whether each move (b,) can be followed to its end, inside `ranges` and within `limits`."""
         return np.asarray(
             self.closed
             & (ranges.clearance(self.q).min(-1) >= 0.0)

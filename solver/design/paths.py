@@ -2,7 +2,7 @@
 
 The graph has one layer per drive set, each with all poses of the manifold. Two neighbouring poses are joined in a layer
 if its drives can move the chain between them: the drives have leverage at both poses and cross no singularity. A route
-is computed exactly before it is accepted, and an edge that fails is removed.
+is accepted only if the exact prediction of all its moves is safe; otherwise the edge that fails is removed.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ LINE_STEP_RAD = 0.03
 class Leg:
     """Straight moves of one set of drive joints, one after the other.
 
-    `drives`: joints (1-based) in position mode; all others are free. `waypoints_rad` (k, n): end of each straight move,
-    all joints; only the drives are commanded. `trace_rad` (t, n): all joints along the leg, start included, closely
-    spaced.
+    `drives`: joints (1-based) in position mode; all others are free. `waypoints_rad` (k, n): angles of all joints at
+    the end of each move, of which only the drives' are commanded. `trace_rad` (t, n): predicted angles of all joints
+    from the start to the end of the leg, closely spaced.
     """
 
     drives: tuple[int, ...]
@@ -120,7 +120,7 @@ class PathGraph:
         return None
 
     def _passable(self, layer: int) -> BoolArray:
-        """Whether the drives of a layer can move the chain along each edge (E,)."""
+        """Whether the drive set of a layer can move the chain along each edge (E,)."""
         i, j = self.manifold.neighbours.T
         motion, drives = self.manifold.motion, self.drive_sets[layer]
         volume = np.linalg.det(motion.tangent[:, [j - 1 for j in drives]])
@@ -150,7 +150,7 @@ class PathGraph:
     def _search(
         self, source: int, target: int, drives: tuple[int, ...]
     ) -> list[tuple[int, int]] | None:
-        """Cheapest path as (layer, pose) pairs; None if there is no path."""
+        """Cheapest path as pairs of indices, of a drive set (layer) and a pose; None if there is no path."""
         from scipy.sparse.csgraph import dijkstra
 
         size = self.manifold.size
@@ -181,7 +181,7 @@ class PathGraph:
         return tuple(legs)
 
     def _leg(self, ranges: Ranges, layer: int, poses: list[int]) -> Leg | None:
-        """Join poses by few safe straight moves. If a pose has none, remove the edge after it and return None."""
+        """Join poses by few safe straight moves; if none leads on from a pose, remove the next edge and return None."""
         drives = self.drive_sets[layer]
         columns = [j - 1 for j in drives]
         q, u = self.manifold.q[poses], self.manifold.u[poses]

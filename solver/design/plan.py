@@ -1,7 +1,7 @@
 """Makes a plan from an estimate: which poses to visit, in which order, with which drive joints.
 
-A plan combines manifold, drive ranking, paths and D-optimal choice, within the region where the estimate predicts the
-free joints reliably.
+The poses are a D-optimal choice from those that the drives can reach by safe paths, within the region where the
+estimate predicts the free joints reliably.
 """
 
 from collections.abc import Callable, Mapping
@@ -80,9 +80,9 @@ class PosePlan:
     The candidates are the m poses of `manifold`. `information`: information from each candidate. `graph`: paths between
     candidates. `allowed` (m,): whether each candidate can be reached, is predicted reliably, and gives the drives
     enough leverage. `visits`: indices of the chosen candidates in visiting order. `ranked`: drive sets ranked over all
-    candidates, best first; empty when the task states its drive sets. `predicted_sigma` (P,): standard deviations with
-    all chosen and captured poses; inf if undetermined. `design`: identifiability from the chosen poses under the
-    paper's Jacobian.
+    candidates, best first; empty if `PlanningTask.drive_sets` states the sets. `predicted_sigma` (P,): standard
+    deviations predicted from all captured and chosen poses; inf if undetermined. `design`: identifiability of the
+    parameters from the chosen poses alone, with the paper's Jacobian.
     """
 
     manifold: Manifold
@@ -122,8 +122,8 @@ def make_plan(
 
     `captured`: joint angles (c, n) of poses captured already; their information is included. `covariance`: covariance
     (P, P) of `x`; None: predictions from `x` count as reliable everywhere. `avoid_rad`: readings (b, n) where a move
-    had to be stopped: nothing is planned within `AVOID_RADIUS_RAD` of them, or within half their distance from
-    `q_start` if that is less.
+    had to be stopped. No pose is planned within `AVOID_RADIUS_RAD` of such a reading or, if that is less, within half
+    the distance between the reading and `q_start`.
     """
     manifold = candidate_poses(
         task.model,

@@ -131,10 +131,10 @@ def _forecast(
     goal: FloatArray,
     poses_left: int,
 ) -> tuple[FloatArray, int | None]:
-    """Return the standard deviations after up to `poses_left` more poses, and after how many all goals are met.
+    """Return the standard deviations of the unknowns `columns` after more poses, and the number of these poses.
 
-    Each pose is the one that most reduces the variance of the parameter farthest above its goal. The number is None if
-    even `poses_left` poses do not meet all goals.
+    Poses are added until each standard deviation is within its `goal`. If `poses_left` poses are not enough, the number
+    is None. Each pose is the one that most reduces the variance of the parameter farthest above its goal.
     """
     M = information.copy()
     if len(root) == 0:

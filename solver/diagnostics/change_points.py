@@ -1,7 +1,7 @@
 """Change points: score tests for a step change of any quantity ("suspect") at any pose.
 
-A suspect is a candidate that acts in all poses (a joint's offset, a length or a side of the fixture); its step is a
-constant from pose k on. Poses are in time order; sums from the last pose backwards give all k at once.
+A suspect is a candidate that acts in all poses: a joint's offset, a length, or the placement of a half of the fixture.
+Its step is a constant change from pose k on. The poses are in time order, so cumulative sums test every k at once.
 """
 
 import math
@@ -134,7 +134,7 @@ def step_threshold(poses: int, dof: int, false_alarm: float) -> float:
         P(max > x) ~ x^(d/2) e^(-x/2) / (2^(d/2) Gamma(d/2)) ((1 - d/x) T + 4/x),
         T = log((1-h)^2 / h^2).
 
-    The formula includes maxima between poses, more than half of its alarms; `AT_POSES` corrects for this.
+    The formula also counts maxima between two poses, more than half of all its alarms; `AT_POSES` corrects for this.
     """
     from scipy.special import chdtri, gammaln
 

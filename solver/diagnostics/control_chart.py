@@ -1,12 +1,12 @@
 """Control charts of several quantities measured in every session: Shewhart and EWMA, with change points.
 
 Source: NIST/SEMATECH e-Handbook of Statistical Methods, 6.3.2 (Shewhart, EWMA) and 2.3.5 (control of a measurement
-process by a check standard: within- and between-session standard deviations). Without a long history that would fix the
-limits, each session is compared with earlier sessions. The last `RECENT` are left out if enough others remain, so that
-a shift is not part of its own baseline. The scatter is that between baseline sessions, because errors common to
-all sessions do not scatter. With few sessions the variance of a quantity is shrunk towards the common ratio of observed
-to stated variance, which counts as `PRIOR_DOF` degrees of freedom (Smyth 2004, "moderated t"). Since sessions do not
-all scatter equally, nearly all of the false-alarm probability is assigned to the EWMA, which averages sessions.
+process by a check standard: within- and between-session standard deviations). There is no long history to fix the
+limits, so each session is compared with a baseline of earlier sessions. The baseline omits the last `RECENT` sessions
+if enough others remain: a shift then stays out of its own baseline. The limits follow from the scatter between the
+sessions of the baseline. With few sessions, a quantity's variance is shrunk towards its stated variance times a ratio
+common to all quantities; the ratio counts as `PRIOR_DOF` degrees of freedom (Smyth 2004, "moderated t"). Nearly all of
+the false-alarm probability goes to the EWMA: averages suffer less from sessions that scatter more than others.
 """
 
 from collections.abc import Sequence
@@ -25,11 +25,11 @@ RECENT = 3
 enough others remain."""
 
 LAMBDA = 0.3
-"""Weight of the newest value in the EWMA; the Handbook has 0.2 to 0.3."""
+"""Weight of the newest value in the EWMA; the Handbook recommends 0.2 to 0.3."""
 
 PRIOR_DOF = 8.0
-"""Degrees of freedom given to the ratio of observed to stated scatter that is common to all quantities: the ratio of a
-single quantity differs from it by about 25 %."""
+"""Weight, in degrees of freedom, of the ratio of observed to stated scatter that is common to all quantities. The ratio
+of a single quantity differs from the common ratio by about 25 %."""
 
 SHEWHART_SHARE = 0.1
 """Probability of a false alarm in the chart of single sessions, as a share of that of the EWMA. Shifts of six times the

@@ -45,8 +45,7 @@ class HoldOut:
 
     `parts`: test of each part with the estimate from the rest.
     `sigmas`: sigma_pos and sigma_ori over all poses held out, each pose with the parameters estimated from the rest.
-    `inside_sigmas`: sigma_pos and sigma_ori of the fitted poses, as rms over the parts: these should be similar to
-    `sigmas`.
+    `inside_sigmas`: the same for the fitted poses, as rms over the parts; they should be similar to `sigmas`.
     """
 
     parts: tuple[Chi2Test, ...]
@@ -55,7 +54,7 @@ class HoldOut:
 
     @staticmethod
     def upgraded_record(data: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Convert a record of an earlier version, which had an estimate for each part, to the current format."""
+        """Convert a hold-out's record of an earlier version, with an estimate for each part, to the current format."""
         parts = [part.get("verification", {"chi2": part})["chi2"] for part in data["parts"]]
         return {**data, "parts": parts}
 

@@ -112,7 +112,7 @@ def diagnose(
     `fit`: the mixed model at its solution. The fit is tested at the *stated* variances; single readings are tested at
     the estimated noise if it is smaller.
     `taken` (m,): position of each pose of the fit in time order.
-    `measured`: linearity deviations of sensors as determined by the loops, by joint (1-based).
+    `measured`: for joints (1-based), the linearity deviation of the joint's sensor as the loops determine it.
     """
     stated = fit.stated
     order = np.argsort(taken, kind="stable")
@@ -152,10 +152,10 @@ def _residual_tests(
 ) -> tuple[Outliers, list[HypothesisTest]]:
     """Search `residuals`, whitened by the noise of the fit, for outliers and steps.
 
-    Steps of a single reading are searched for in `low_noise`, which is whitened by less motion noise where the poses
-    show less. The noise of the fit is not scaled down if residuals are small: one sensor may exceed its specification
-    while most sources are below theirs. Other steps do not use `low_noise`, because deflections that the smooth model
-    describes badly resemble a change of the geometry rather than a step of a single reading.
+    Steps of a single reading are searched for in `low_noise`, whose motion noise is reduced to what the poses show. All
+    other steps are searched for in `residuals`, because deflections that the smooth model describes badly resemble a
+    change of the geometry. Small residuals do not reduce the noise of the fit: one sensor may exceed its specification
+    while most sources of error are below theirs.
     """
     outliers = find_outliers(residuals)
     most_significant = steps(residuals, faults.changes(), low_noise=low_noise)[:1]

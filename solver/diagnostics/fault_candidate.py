@@ -36,7 +36,7 @@ class Cause(Enum):
 
 
 class PeakDeviation(NamedTuple):
-    """Largest deviation of a sensor over the poses and its sigma, rad; `from_line`: gain error excluded."""
+    """Largest deviation of a sensor over the poses, with its sigma, rad; `from_line`: relative to the best-fit line."""
 
     peak: float
     sd: float
@@ -64,10 +64,10 @@ class Candidate:
     `places`: number of alternatives (e.g. poses) among which this cause was found.
     `poses`: poses concerned, indices in time order; empty if all poses are concerned.
     `most`: largest credible magnitude of this cause, in units of the expected magnitude.
-    `shapes`, `least`: coefficients b cause the deviation ``shapes @ b`` (m,) in the poses, or b itself if `shapes` is
-    None. The deviation counts as a cause if its rms is at least `least`.
-    `most_stated`: largest deviation that the files state, or 0. If not 0, only a deviation that exceeds it by
-    `CERTAIN_SIGMAS` standard deviations counts as a cause.
+    `shapes`: (m, c): with coefficients b, a reading deviates by ``shapes @ b``, rad; None if b itself is the deviation.
+    `least`: smallest rms of the deviation that counts as a cause.
+    `most_stated`: largest deviation that the files state, 0 if they state none. Only a deviation that exceeds a stated
+    one by `CERTAIN_SIGMAS` of its standard deviations counts as a cause.
     `measured`: the sensor's linearity deviation, determined more accurately by loops that do not use the sensor's
     readings; None if not determined.
     `lines`: (m, 2), orthonormal columns: a constant (the sensor's offset) and a straight line (its gain).
@@ -108,7 +108,7 @@ class Candidate:
         return float(np.sqrt(np.mean(size**2))) < self.least
 
     def moves(self, b: FloatArray, poses: int) -> FloatArray:
-        """Change of the misclosures (m, r) caused by coefficients b; `poses`: the number m of all poses."""
+        """Return the change of the misclosures (m, r) that coefficients `b` cause; `poses`: number of all poses, m."""
         if self.own is None:
             return np.asarray(self.columns @ b)
         out = np.zeros((poses, self.columns.shape[1]))
@@ -116,10 +116,10 @@ class Candidate:
         return out
 
     def deviation(self, b: FloatArray, covariance: FloatArray) -> PeakDeviation:
-        """Largest deviation over the poses, with the gain error included or from the best-fit line.
+        """Return the largest deviation over the poses: with the gain error, or from the best-fit line.
 
-        Of the two, the one that exceeds `most_stated` by more standard deviations is returned, because the poses
-        determine a sensor's linearity deviation far better than its gain. `measured`, if known, replaces the second.
+        The one that exceeds `most_stated` by more standard deviations is returned: poses determine the deviation from
+        the line far better than the gain. `measured`, if known, is taken as the deviation from the line.
         """
         if self.measured is not None and self.measured.beyond(self.most_stated):
             return self.measured

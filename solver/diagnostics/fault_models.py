@@ -26,8 +26,8 @@ SCALE = 1e-2
 class FaultModels:
     """Fault models of a fit at the stated variances, with poses in the order in which they were taken.
 
-    `order` (m,): the fit's index of the k-th pose taken. `readings` (m, n), rad, and `system` are in time order.
-    `measured`: linearity deviations of sensors as determined by the loops, by joint (1-based).
+    `order` (m,): for each pose in time order, its index in the fit. `readings` (m, n), rad, and `system` are in time
+    order. `measured`: for joints (1-based), the linearity deviation of the joint's sensor as the loops determine it.
     """
 
     def __init__(
@@ -133,7 +133,7 @@ class FaultModels:
         )
 
     def scales(self) -> Iterator[Candidate]:
-        """Yield a candidate for each encoder: the file states a wrong number of counts per turn."""
+        """Yield a candidate for each encoder: its number of counts per turn differs from the one in the arm file."""
         for j in self.sensed:
             if isinstance(self.arm.joints[j - 1].sensor, Encoder):
                 turn = self.readings[:, j - 1]

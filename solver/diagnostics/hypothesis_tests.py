@@ -109,7 +109,7 @@ def pull_tests(
 
 
 def scale_tests(faults: FaultModels, residuals: WhitenedResiduals) -> list[HypothesisTest]:
-    """Test the scale of every encoder: loops reveal an error of 1 %, and no other test covers scales."""
+    """Test the scale of every encoder. The loops reveal scale errors of 1 %, for which there is no other test."""
     z = []
     for candidate in faults.scales():
         s, C = residuals.score(candidate.columns)

@@ -78,7 +78,7 @@ def identifiability(
 
 
 def _trend(J: FloatArray) -> tuple[tuple[int, float], ...]:
-    """Scaled condition number of the first poses of `J` (m, r, P), at about `TREND_POINTS` pose counts."""
+    """Return pairs of k and the scaled condition number of the first k poses of `J` (m, r, P), for some values of k."""
     m, r, P = J.shape
     fewest = -(-P // max(r, 1))
     if m < fewest or not r:
@@ -116,7 +116,7 @@ def condition_at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> 
 def well_conditioned_at_readings(paper: Estimate, q: FloatArray) -> bool:
     """Whether the readings `q` (m, n) show, without closing the loops, that all directions are identifiable.
 
-    The test uses the covariance of `paper`, the paper's estimate: the inverse normal matrix times a factor.
+    `paper`: the paper's estimate. Its covariance is proportional to the inverse of the normal matrix that is tested.
     """
     sd = paper.standard_deviation
     if not (sd > 0.0).all() or _immobile(np.ptp(q, axis=0)):
@@ -207,11 +207,11 @@ def _immobile_offsets(
     spans_rad: FloatArray,
     known: tuple[UnidentifiableDirection, ...],
 ) -> tuple[UnidentifiableDirection, ...]:
-    """Directions for the offsets of joints that do not move, unless `known` directions include them.
+    """Return a direction for the offset of each immobile joint that the `known` directions do not include.
 
-    The offset of such a joint is one more constant of the geometry. If the link lengths are taken as exact, the
-    equations still have full rank (rigid fixture, full turn of the elbow: scaled condition number 9.6), but an error
-    of a millimetre in a length then looks like an offset. So such an offset is reported as unidentifiable.
+    The offset of an immobile joint is one more constant of the geometry. If link lengths are taken as exact, the rank
+    may still be full, and the scaled condition number low: 9.6 with a rigid fixture and a full turn of the elbow. But a
+    length error of a millimetre then looks like an offset, so the offset is reported as unidentifiable.
     """
     named = {name for direction in known for name in direction.parameters}
     return tuple(

@@ -11,8 +11,8 @@ FALSE_ALARM_PROBABILITY = 1e-3
 """Probability that a test, or any test of a family (all poses, joints, entries), fires although there is no fault."""
 
 ENTRY_SUSPICION_PROBABILITY = 0.1
-"""False-alarm probability of the tests of lengths and twists whose result is only reported. It is large because an
-error of a few tolerances spoils a calibration before any test can be certain of the error."""
+"""False-alarm probability of the tests that only report suspected lengths and twists. It is large because an error of a
+few tolerances spoils a calibration before any test can be certain of the error."""
 
 CHI2_BAND_PROBABILITY = 0.99
 """chi2/dof outside the central band of this probability contradicts the noise model."""
@@ -254,8 +254,8 @@ STUCK_JOINT_CORRECTION_RAD = np.deg2rad(0.5)
 loops without the joint's reading."""
 
 STUCK_JOINT_CORRECTION_RATIO = 4.0
-"""A joint has turned without a change of its reading if closing the loop takes this many times smaller corrections with
-the joint free than with the joint at rest, and if `STUCK_JOINT_MOTION_SHARE` is reached as well."""
+"""A joint has turned without a change of its reading if the corrections that close the loop are smaller by this factor
+with the joint free than with the joint at rest, and if `STUCK_JOINT_MOTION_SHARE` is reached as well."""
 
 STUCK_JOINT_MOTION_SHARE = 0.1
 """With the joint at rest, the corrections have to be at least this share of the change of the readings. Smaller

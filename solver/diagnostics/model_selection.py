@@ -201,7 +201,7 @@ def _choose(
     directions: tuple[UnidentifiableDirection, ...],
     fixture: set[str],
 ) -> int:
-    """Index of the parameter to fix: an immobile joint's offset, else the arm's (else fixture's) weakest entry."""
+    """Index of the parameter to fix: an immobile joint's offset, else the weakest of the arm, else of the fixture."""
     for direction in directions:
         for joint in direction.immobile_joints:
             if f"theta_off_{joint}" in direction.parameters:

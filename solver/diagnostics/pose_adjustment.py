@@ -85,10 +85,9 @@ def adjust_poses(
 class LoopAngle:
     """True angle of one unsensed joint at every pose, with the covariance ``diag(own) + common common'``, rad^2.
 
-    `joint`: 1-based.
-    `angle_rad`: theta' (m,), continuous, near the reading plus the nominal offset.
-    `own` (m,): independent variance of each angle, due to the pose's readings.
-    `common` (m, c): part common to all angles, due to errors of the parameters.
+    `joint`: 1-based. `angle_rad` (m,): angle of the D-H table, not wrapped: near the reading plus the nominal offset.
+    `own` (m,): variance of each angle due to the readings of its pose, independent from pose to pose.
+    `common` (m, c): root of the covariance due to errors of the parameters, which are common to all poses.
     """
 
     joint: int
@@ -117,8 +116,10 @@ def loop_angles(
 ) -> tuple[LoopAngle, ...]:
     """Estimate the angles of the unsensed arm joints from readings `q` (m, n), rad.
 
-    `x` (P,), `covariance` (P, P): parameters. With c + J_q e + f + N du = 0 and S the covariance of J_q e + f, the best
-    estimate of du has the covariance ``N^+ (S - S E (E' S E)^-1 E' S) N^+'``. `near`: as in `adjust_poses`.
+    `x` (P,), `covariance` (P, P): the parameters and their covariance. `near`: as in `adjust_poses`. The linearised
+    loop is c + J_q e + f + N du = 0, with e the errors of the readings, f the deflection of the fixture, and du the
+    change of the unsensed angles. With S the covariance of J_q e + f, and E the left null space of N, the best estimate
+    of du has the covariance ``N^+ (S - S E (E' S E)^-1 E' S) N^+'``, in addition to that from the parameters.
     """
     adjusted = adjust_poses(model, x, q, noise, near=near)
     error = adjusted.error

@@ -120,7 +120,7 @@ class RvdtFigures:
     `theta_off_rad`: offset that makes the deviations average to zero over the covered range.
     `gain`: slope of the best-fit line, reading per true angle; 1 means no error.
     `linearity`, `linearity_sd`: largest deviation from the best-fit line over the covered range, as a fraction of full
-    scale, and its standard deviation. Over the full scale it may be larger or, occasionally, smaller.
+    scale, and its standard deviation. Over the full scale, the largest deviation may be larger, rarely smaller.
     `half_range`: half the peak-to-peak deviation from unit gain, as a fraction of full scale.
     `noise`: noise of a single reading.
     `loop_sd_rad`: standard deviation (rms over the poses) of an angle that the loop measures.

@@ -48,7 +48,7 @@ class WhitenedResiduals:
         return np.asarray(self.whitener @ G)
 
     def score(self, G: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Score (c,) of columns G (m, r, c), and its covariance (c, c)."""
+        """Return the score G'Pw (c,) of further columns G (m, r, c), and the score's covariance G'PG (c, c)."""
         white = self.whiten(G).reshape(-1, G.shape[-1])
         inside = self.U.reshape(len(white), -1).T @ white
         return white.T @ self.white.reshape(-1), white.T @ white - inside.T @ inside
@@ -121,8 +121,8 @@ class OwnColumns:
     """Whitened columns of some poses, rotated to be orthogonal within each pose.
 
     `poses`: (p,) indices.
-    `white`, `turn`: (p, r, c): columns before rotation; (p, c, c): maps coefficients of the rotated columns to those of
-    `white`.
+    `white`: (p, r, c): columns before they are rotated.
+    `turn`: (p, c, c): maps coefficients of the rotated columns to coefficients of `white`.
     `own`, `score`: (p * c,): sums of squares and scores of the rotated columns.
     `inside`: (p * c, K): projection of the rotated columns on the fit's columns.
     """
@@ -161,7 +161,7 @@ class OwnColumns:
         )
 
     def coefficients(self, solved: SolvedColumns) -> tuple[FloatArray, FloatArray]:
-        """Coefficients (p * c,) of the columns before rotation, and their variances."""
+        """Return the coefficients (p * c,) of the columns `white`, and the variances of these coefficients."""
         p, _, c = self.white.shape
         spread = self.inside / solved.total[:, None] @ solved.back.T
         spread = self.turn @ spread.reshape(p, c, -1)
@@ -170,11 +170,11 @@ class OwnColumns:
         return b, variance.reshape(-1)
 
     def moved(self, solved: SolvedColumns) -> FloatArray:
-        """Change of the parameters (P,) when these columns are fitted."""
+        """Return the change of the parameters (P,) when the columns are fitted with the coefficients in `solved`."""
         return np.asarray(self.residuals.to_x @ (self.inside.T @ solved.b))
 
     def drawn(self) -> WhitenedResiduals:
-        """Return the residuals if these columns, with N(0, 1) coefficients, count as additional noise of `poses`."""
+        """Return the residuals if the noise of `poses` also includes these columns, with coefficients ~ N(0, 1)."""
         residuals, solved = self.residuals, self.solved(1.0)
         b = (self.turn @ solved.b.reshape(len(self.poses), -1, 1))[..., 0]
         white = residuals.white + residuals.U @ (self.inside.T @ solved.b)
@@ -199,10 +199,11 @@ class OwnColumns:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SolvedColumns:
-    """Coefficients of the rotated columns (p * c,), the reduction of chi2, and log det (1 + variance C).
+    """Coefficients `b` (p * c,) of the rotated columns of `OwnColumns`, each with the prior variance v.
 
-    The coefficients have the covariance ``D + D W back' back W' D``, where D = diag(1 / total), W is `inside` of
-    `OwnColumns`, and ``back' back = (I - W' D W)^-1``, (K, K).
+    `drop`: reduction of chi2. `logdet`: ``log det (I + v C)``, with C the covariance of the columns' scores.
+    `total` (p * c,), `back` (K, K): the covariance of `b` is ``D + D W back' back W' D``, with D = diag(1 / total), W
+    `inside` of `OwnColumns`, and ``back' back = (I - W' D W)^-1``.
     """
 
     b: FloatArray

@@ -33,9 +33,9 @@ WISHART_DOF = 6.0
 class FixtureLoads:
     """Loads on a fixture at m poses, under uncertain masses and centres.
 
-    `pull` (m, k, a): wrenches S W for a unit of each uncertain coefficient (a), in the frame of the deflection.
-    `halves`: for each half, its share of the compliance and the rotation (m, k, k) of its axes in this frame (None if
-    the axes are those of the frame). A rotation acts on angles and positions separately, so it commutes with S.
+    `pull` (m, k, a): wrench W for a unit of each of the a uncertain coefficients, multiplied by S (see the module), in
+    the frame of the deflection. `halves`: for each half, its share of the deflection's standard deviation, and the
+    rotation (m, k, k) of its axes in this frame, None for no rotation. This rotation commutes with S.
     """
 
     pull: FloatArray
@@ -48,10 +48,10 @@ class FixtureLoads:
 
 
 def compliance_sizes(stated_deflection: tuple[float, float], *, rotations: int) -> FloatArray:
-    """S (k,) for which unit moments and forces cause the stated deflection (give_rad, give_m), rms of each component.
+    """Return the diagonal (k,) of S for which unit moments and forces cause the stated deflection.
 
-    Let a and b be the squares of the two scales in S. The covariance in the module's docstring, summed over three
-    components, is
+    `stated_deflection`: give_rad, give_m, rms of each component. Let a be the square of the scale of angles in S, and
+    b that of positions. The covariance in the module's docstring, summed over three components, is
 
         a^2 (1 + 4 / nu) + 3 a b / nu = 3 give_rad^2,   b^2 (1 + 4 / nu) + 3 a b / nu = 3 give_m^2.
     """
@@ -75,9 +75,9 @@ def blocks(k: int) -> list[slice]:
 
 
 def covariance(one: FixtureLoads, two: FixtureLoads, s: FloatArray) -> FloatArray:
-    """Covariance (k m, k m') of the displacements at two sets of poses: the formula in the module's docstring.
+    """Return the covariance (m k, m' k) of the displacements at two sets of poses, by the module's formula.
 
-    The first term of the formula does not depend on how the axes of the fixture's halves are rotated.
+    `s` (k,): diagonal of S. The formula's first term does not depend on the rotation of the axes of the halves.
     """
     k, a, b = len(s), len(one.pull), len(two.pull)
     product = (one.pull.reshape(a * k, -1) @ two.pull.reshape(b * k, -1).T).reshape(a, k, b, k)
@@ -143,7 +143,7 @@ class ArmPoses:
         return 1 + 4 * len(self.masses.mass_kg) + len(self.masses.tilted)
 
     def torques(self, poses: IntArray | slice) -> FloatArray:
-        """Gravity's torque (m, n, s), N m: of stated masses, then per sigma of each mass moment and each base tilt."""
+        """Return gravity's torque (m, n, s), N m: the mean, then changes for one sigma of each moment and base tilt."""
         rows, masses = self.arm_rows(), self.masses
         arm = forward(self.q[poses] + rows[DhKind.THETA_OFF], *rows[DhKind.S :])
         rates = torque_rates(arm, np.vstack((masses.down, masses.tilted)))
@@ -153,7 +153,7 @@ class ArmPoses:
 
 
 def _by_moment(rates: FloatArray, masses: LinkMasses) -> FloatArray:
-    """Torque (m, n, 4 n), N m, for one standard deviation of each mass and each component of a centre."""
+    """Return the torque (m, n, 4 n), N m, for one sigma of each link's mass and of each coordinate of its centre."""
     m, n = rates.shape[:2]
     # One product for each link: all joints at all poses with its moments.
     by_link = rates.transpose(2, 0, 1, 3).reshape(n, m * n, 4) @ masses.moments_sd

@@ -30,7 +30,7 @@ class System(ReducedEquations):
     """Reduced closure equations of m poses (see the module).
 
     `angle` (m, n): corrected joint angles, rad, at which sensor errors are evaluated. `distances`: misclosures (k,) and
-    derivatives (k, P) of the equations of measured distances, which are independent of the poses.
+    derivatives (k, P) of the measured distances; these equations do not depend on the poses.
     """
 
     angle: FloatArray
@@ -67,7 +67,7 @@ class Whitened:
     noise: FloatArray
 
     def times(self, coefficients: FloatArray) -> FloatArray:
-        """Columns times coefficients (width, ...): (m, r, ...), as one product for all poses."""
+        """Multiply the columns by coefficients (width, ...), as one product for all poses. Returns (m, r, ...)."""
         m, r, width = self.M.shape
         product = self.M.reshape(m * r, width) @ coefficients
         return product.reshape(m, r, *coefficients.shape[1:])
@@ -79,8 +79,8 @@ class NoiseSources:
 
     `names`: sources. `rates` (s, m, n + k): variance along joints and closure components, per unit of the variance
     component with index `component` (s,); the variance itself if the index is -1. `missed` (s,): whether the source is
-    the part of play that the effects do not represent. This part falls with the estimated size of play, but does not
-    determine that size, because the side to which play is taken up repeats from pose to pose.
+    the part of play that the effects do not represent. Its variance falls with the estimated variance of the play, but
+    is not used to estimate it, because the side to which play is taken up repeats from pose to pose.
     `estimated` (c,): components that the noise determines. `derivatives` (m, n + k, c): derivatives of the variance by
     these components.
     """
@@ -211,7 +211,7 @@ class LinearModel(Layout):
     def whiten(self, system: System, v: FloatArray, root: FloatArray, poses: slice) -> Whitened:
         """Whiten the equations `system` of these `poses`; raises `PosesDoNotFitError` (see `whitener`).
 
-        `root` (width - hard,): factors that give the effects unit variance, the square roots of `group_variances`.
+        `root` (width - hard,): square roots of `group_variances`; the effects' columns are multiplied by these factors.
         """
         C, noise = system.noise_columns, self.noise_sources(poses).total(v)
         V = (C * noise[:, None, :]) @ np.swapaxes(C, -1, -2)
@@ -283,8 +283,8 @@ class State:
 class Linearisation:
     """Equations of `design` at `state`, computed on request for the requested poses.
 
-    The Jacobians of a hundred thousand poses are never in memory together. The last result is kept; it covers all
-    poses if there are few.
+    The Jacobians of a hundred thousand poses are never in memory together. The last result is kept; if
+    there are few poses, it covers them all.
     """
 
     def __init__(self, design: LinearModel, state: State) -> None:
@@ -303,7 +303,7 @@ class Linearisation:
         return self._of(poses)[0] if isinstance(poses, slice) else self._made(poses)[0]
 
     def rates(self, poses: slice) -> Rates:
-        """`Rates` of the unsensed angles at a slice of the poses."""
+        """Return the derivatives of the unsensed angles at a slice of the poses."""
         return self._of(poses)[1]
 
     def _of(self, poses: slice) -> tuple[System, Rates]:

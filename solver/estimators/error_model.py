@@ -1,4 +1,4 @@
-"""Errors that the files of an arm and a fixture state.
+"""Errors that the arm file and the fixture file state.
 
 Every source of error has a standard deviation; 0 means exact. In the linear mixed model (`solver.estimators.effects`) a
 source is noise, which is independent from pose to pose, or an effect, which has one value for all poses.
@@ -45,14 +45,14 @@ class AnalogueReading:
 class ErrorModel:
     """Error model of m readings of n joints.
 
-    `joint_variance`: (m, n), rad^2: variance of each mean reading from resolution and stated noise. Joints in
-    `analogue` have sensors whose noise is estimated; for these it is the remaining known variance only.
+    `joint_variance`: (m, n), rad^2: variance of each mean reading from resolution and stated noise. For the joints in
+    `analogue`, whose noise is estimated, it is only the part that is not estimated.
     `endpoint_variance`: (6,), rad^2 then m^2: variance of an instrument that measures the end point.
     `accuracy_rad`, `backlash_rad`, `sag_rad`: (n,): standard deviations of each joint's encoder errors (of period one
     and half a turn), play, and twist under load.
     `give_rad`, `give_m`: standard deviation of the fixture's deflection along each closure component; None without a
     fixture.
-    `tolerance`: standard deviation (rad, m), by name, of each of the maker's table entries that is corrected within it.
+    `tolerance`: standard deviation (rad, m), by name, of each entry of the maker's table that the fit may correct.
     `prior`: standard deviation, by name, of each identified parameter whose uncertainty a file states.
     `distances`: measured distances between points of the loop.
     `discrepancy`: whether a smooth misfit without a stated source is estimated.
@@ -186,7 +186,8 @@ def distance_rows(
 ) -> tuple[FloatArray, FloatArray]:
     """Return misclosures (k,) and their derivatives (k, P) at x (P,), in units of each distance's uncertainty s.
 
-    ``(d(x) - d_measured) / s + u . (dp_b - dp_a) / s,  u = (p_b - p_a) / d``: one equation for each distance.
+    The equation of a distance d from point p_a to p_b is ``(d(x) - d_measured) / s + u . (dp_b - dp_a) / s = 0``, with
+    ``u = (p_b - p_a) / d``.
     """
     index = {p.name: k for k, p in enumerate(parameters)}
     w, rows = np.zeros(len(distances)), np.zeros((len(distances), len(x)))

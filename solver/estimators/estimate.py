@@ -34,7 +34,7 @@ class Estimate:
     half a turn of their nominal values if they have a prior.
     `residual`, `rotation_rows`: reduced closure error (m, r) at the *measured* joints; the first `rotation_rows` rows
     are rad, the others m.
-    `flipped`: indices of poses on the flipped branch of the hinge.
+    `flipped`: indices of poses on the other branch of the closure (tool upside down on the hinge).
     `dof`: degrees of freedom: equations minus parameters.
     `chi2`, `pose_chi2`: weighted sum of squared residuals, and each pose's share of it (m,); None without a noise
     model.
@@ -118,7 +118,7 @@ class Estimate:
 
 
 def require_enough_poses(model: ClosureModel, poses: int, *, known: int = 0) -> int:
-    """Return the degrees of freedom that `poses` poses leave; TooFewPosesError if none is left.
+    """Return the degrees of freedom that `poses` poses leave. Raises `TooFewPosesError` if none is left.
 
     `known`: number of parameters with a prior; they are not counted, because each prior adds an equation.
     """

@@ -47,8 +47,8 @@ class NoiseModel:
     """Noise of a pose: of its joint readings and of the fixture.
 
     `joint_variance`: variance of each joint reading, (n,) or (m, n), rad^2. `fixture_variance`: variance of the
-    fixture's deflection along the closure components, (6,), rad^2 then m^2; a model without rotations (ball) uses the
-    last three.
+    fixture's deflection along the closure components, (6,), rad^2 then m^2. The model of a ball, whose closure has no
+    rotations, uses the last three.
     """
 
     joint_variance: FloatArray
@@ -244,7 +244,7 @@ def whitener(V: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Block:
-    """Linearised equations of some poses: w, A, B and E' in units of their noise, and rates of the unsensed angles."""
+    """Linearised equations of some poses: whitened w, A, B and E', and the derivatives of the unsensed angles."""
 
     w: FloatArray
     A: FloatArray

@@ -142,10 +142,10 @@ class Layout:
     """Groups and components of a closure model with stated errors, for readings `q` (m, n), rad.
 
     `like` is a layout of the same poses, whose smooth functions are reused. `floors`, `ceilings`, `raise_limits`,
-    `test_floors` and `scaled` (K,) have one value per component. `index`: index of each component by name. `column`
-    (P,): column of each parameter; the parameters without a prior come first. `expected` (m, n), rad: expected play and
-    sag. `deflection` (k,), rad and m: stated deflection of the fixture. `loaded`: effects of load on the fixture;
-    None if unknown or zero.
+    `test_floors` and `scaled` (K,) have one value per component. `index`: index of each component by name. `width`:
+    number of columns, of which the first `hard` are the parameters without a prior. `column` (P,): column of each
+    parameter. `expected` (m, n), rad: expected play and sag. `deflection` (k,), rad and m: stated deflection of the
+    fixture. `loaded`: effects of load on the fixture; None if unknown or zero.
     """
 
     def __init__(
@@ -406,7 +406,7 @@ class Layout:
         return np.asarray(np.clip(v, self.floors, self.ceilings))
 
     def as_stated(self, v: FloatArray) -> FloatArray:
-        """`stated_variances` (K,); for the fixture's placement, the estimate in `v` (K,) if it is larger."""
+        """Return `stated_variances` (K,), but for the fixture's placement the estimate in `v` (K,) if it is larger."""
         stated = self.stated_variances()
         for k, c in enumerate(self.components):
             if c.name == PLACEMENT:

@@ -34,11 +34,11 @@ LEAST_RESOLVED_SHARE = 1e-3
 class LinearFit:
     """The mixed model of `design` at one linearisation, solved for given variance components `v` (K,).
 
-    `unit` (P,): unit of each parameter's column. `change` (P,): change of each parameter, rad and m: the step dx if the
-    parameter has no prior, its deviation from the nominal value if it has one. `b`: predicted coefficients of the
-    effects, unscaled (width - hard,). `half`: upper triangular root (width, width) of the inverse, ``H^-1 = half
-    half'``. `chi2`: ``w' P w``. `dof`: expectation of `chi2` if the variances are right: number of equations minus
-    number of parameters without a prior.
+    `unit` (P,): change of each parameter, rad or m, for a coefficient of 1. `change` (P,): fitted change of each
+    parameter, rad or m: the step dx if the parameter has no prior, the deviation from its nominal value if it has one.
+    `b` (width - hard,): predicted coefficients of the effects, not scaled to unit variance. `half` (width, width):
+    upper triangular root of the inverse, ``H^-1 = half half'``. `chi2`: ``w' P w``. `dof`: number of equations minus
+    number of parameters without a prior, which is the expectation of `chi2` if the variances are right.
     """
 
     def __init__(self, design: LinearModel, system: System | Linearisation, v: FloatArray) -> None:
@@ -95,7 +95,7 @@ class LinearFit:
         return w, rows
 
     def distance_deviations(self) -> FloatArray:
-        """Measured distances (k,) minus those calculated from the poses alone, in sigmas of this difference."""
+        """Return each measured distance minus its prediction from all other data (k,), in sigmas of the difference."""
         w, rows = self._distances()
         known = 1.0 - ((rows @ self.half) ** 2).sum(-1)
         return np.asarray(-(w + rows @ self.coefficients) / np.sqrt(np.maximum(known, 1e-12)))
@@ -112,7 +112,7 @@ class LinearFit:
         return self.design.whiten(self.system.at_poses(poses), self.v, self.root, poses)
 
     def parts(self) -> Iterator[Whitened]:
-        """Yield whitened poses, with effects scaled to unit variance; they are computed again if not kept."""
+        """Yield the whitened poses in parts, effects scaled to unit variance; each call computes several parts anew."""
         yield from self._whitened or (self._whiten(poses) for poses in self.design.parts())
 
     def residual(self, part: Whitened) -> FloatArray:
@@ -120,7 +120,7 @@ class LinearFit:
         return part.w + part.times(self.coefficients)
 
     def orthonormal(self, part: Whitened) -> FloatArray:
-        """Columns times `half` (m, r, width); with the rows of the prior they are orthonormal."""
+        """Return ``M half`` (m, r, width); over all poses, with the rows of the prior, its columns are orthonormal."""
         from scipy.linalg import blas
 
         M = part.M.reshape(-1, self.design.width)
@@ -132,7 +132,7 @@ class LinearFit:
         return gain, np.eye(part.w.shape[1]) - gain @ np.swapaxes(part.M, -1, -2)
 
     def _columns(self, G: FloatArray) -> Iterator[tuple[Whitened, FloatArray]]:
-        """Yield the whitened poses in parts, each with the whitened columns G (m, r, k) of its poses as (m r, k)."""
+        """Yield the parts of the whitened poses, each with its rows (m r, k) of the columns G (m, r, k), whitened."""
         for part in self.parts():
             yield part, (part.L_inverse @ G[part.poses]).reshape(-1, G.shape[-1])
 
@@ -193,10 +193,10 @@ class LinearFit:
         return np.asarray(self.H_inverse[self.design.column] * self.unit[:, None])
 
     def budget(self) -> dict[str, FloatArray]:
-        """Contribution of each source to the variance of every parameter (P,); their sum is the covariance's diagonal.
+        """Return the contribution (P,) of each source to the variances of the parameters; their sum is the total.
 
-        The estimate is ``H^-1 M'`` times the errors, i.e. linear in them, so each contribution is exact: the amount by
-        which the variance would fall without this source, at the same weights.
+        The estimate is linear in the errors, so each contribution is exact: without the source, the variance would be
+        smaller by this amount if the weights of the fit stayed the same.
         """
         design, gain = self.design, self._gain()
         variances: dict[str, FloatArray] = {}
@@ -299,7 +299,7 @@ class LinearFit:
         return np.where(remaining < 1.0 - LEAST_PULL_INFORMATION, z, 0.0)
 
     def pull_covariance(self, effects: IntArray) -> FloatArray:
-        """Covariance (k, k) of the pulls of some effects (indices) if the model is right.
+        """Return the covariance (k, k) of the `pulls` of some effects (indices (k,)) if the model is right.
 
         If the poses determine only the sum of some effects, their pulls are correlated. Rows of effects without
         information are zero.
@@ -332,7 +332,7 @@ def _held_out(N: FloatArray, residual: FloatArray) -> tuple[float, int]:
 
 
 def _square_in(V: FloatArray, w: FloatArray) -> float | None:
-    """Return ``w' V^-1 w``; None if V is so nearly singular that its rank has to be determined."""
+    """Return ``w' V^-1 w``; None if V may be singular, so that its rank has to be determined first."""
     from scipy.linalg import lapack
 
     factor, failed = lapack.dpotrf(V, lower=True)
@@ -361,7 +361,7 @@ def inverse_root(H: FloatArray) -> tuple[FloatArray, float]:
 
 
 def _square(K: FloatArray) -> FloatArray:
-    """Return ``K K'`` for an upper triangular K, without products of its zero block."""
+    """Return ``K K'`` for an upper triangular K, without multiplying K's lower left block, which is zero."""
     n = len(K)
     first, second = slice(0, n // 2), slice(n // 2, n)
     A, B, C = K[first, first], K[first, second], K[second, second]

@@ -1,4 +1,4 @@
-"""Deflections under load, from static equilibrium: a few columns instead of a free function of the pose.
+"""Deflections under load, from static equilibrium: a few columns instead of a general function of the pose.
 
 A joint's drive carries the arm, so the joint's twist follows gravity's torque: sag of joint j is a compliance
 times tau_j(q). The compliance has a known sign and an unknown magnitude, so it is taken as half-normal, |z| with
@@ -75,8 +75,8 @@ class JointLoads:
     """Effects of gravity on n joints at m poses.
 
     `expected`: expected twist (m, n). `columns` (m, n, c): deviations from `expected`. `missed` (m, n): variance that
-    `columns` leave out (all of it for a joint on which gravity has no lever arm). `side` (m, n): expected side,
-    between -1 and 1, to which gravity moves every joint within its play.
+    `columns` leave out (all of it for a joint on which gravity has no lever arm). `side` (m, n): side of its play to
+    which gravity moves each joint, -1 or 1; between these where the sign of the torque is uncertain.
     """
 
     expected: FloatArray
@@ -90,9 +90,9 @@ class LoadBasis:
     """Effects of load at m poses; coefficients ~ N(0, 1), columns of mean square 1 over the poses.
 
     `joints`: effects on the joints.
-    `all_deflections`, `rows`: (M, k, c) deflection along the closure components in units of the stated deflection, and
-    the index (m,) of each pose in this array. The array is by far the largest, and is shared by every selection of
-    poses.
+    `all_deflections`: (M, k, c) deflection along the closure components, in units of the stated deflection. This array
+    is large, so all selections of poses share it.
+    `rows`: (m,) index of each pose in `all_deflections`.
     `deflection_missed`: (m, k) variance of the deflection that `all_deflections` leaves out.
     `gravity`: twists and sides as functions of gravity's torque, for other poses.
     """
@@ -125,11 +125,11 @@ class LoadBasis:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Gravity:
-    """Each joint's twist as a function of gravity's torque on the arm `part`, given as s columns tau (m, n, s).
+    """Each joint's twist as a function of gravity's torque on the arm `part`.
 
-    The first column is the mean torque; the other columns have coefficients ~ N(0, 1). Over the poses of the
-    basis, the mean square of the twist is 1. The expected twist is ``rate_j tau_j0``, `rate` (n,), 0 for a joint on
-    which gravity has no lever; the columns of the deviations are ``tau_js turn_jsc``, `turn` (n, s, c). `size` (n, s):
+    The torque tau (m, n, s) has s columns: the mean, then columns with coefficients ~ N(0, 1). The mean square of the
+    twist over the poses of the basis is 1. `rate` (n,): the expected twist is ``rate_j tau_j0``; 0 for a joint on which
+    gravity has no lever. `turn` (n, s, c): the columns of the deviations are ``sum_s tau_js turn_jsc``. `size` (n, s):
     root mean square of the deviation for a unit of each torque column.
     """
 
@@ -140,7 +140,7 @@ class Gravity:
 
     @classmethod
     def of(cls, part: ArmPoses, torque: FloatArray) -> Gravity:
-        """Return the functions by which torques (m, n, s) cause twists of mean square 1."""
+        """Return the twists as functions of the torque, scaled for a mean square of 1 at `torque` (m, n, s)."""
         m, n, s = torque.shape
         cuts = pose_slices(m)
         rms = np.sqrt(sum(np.einsum("mns,mns->n", torque[cut], torque[cut]) for cut in cuts) / m)
@@ -226,7 +226,7 @@ def load_basis(
 
 
 def _side(torque: FloatArray) -> FloatArray:
-    """Expected sign (m, n) of a Gaussian torque: column 0 is the mean, each other column an independent sigma."""
+    """Return the expected sign (m, n) of a torque: mean in column 0, independent one-sigma deviations in the others."""
     from scipy.special import erf
 
     spread = np.sqrt(2.0 * (torque[..., 1:] ** 2).sum(-1))
@@ -259,9 +259,9 @@ def _wrenches(
 def _load_deflection(
     part: ArmPoses, stated_deflection: tuple[float, float], columns: int, torque: FloatArray | None
 ) -> tuple[FloatArray, FloatArray]:
-    """Return basis functions (m, k, c) of the deflection in units of the stated one, and the omitted variance (m, k).
+    """Return columns (m, k, c) of the deflection over the stated deflection, and the variance (m, k) they leave out.
 
-    `torque`: gravity's torque at all poses if they are few, else None.
+    `torque`: gravity's torque at all poses; None: it is calculated for some poses at a time, to save memory.
     """
     m, k = len(part.q), part.model.components
     centres = farthest(part.q, CENTRES)
@@ -323,8 +323,8 @@ def wrench_of(
 ) -> FloatArray:
     """Fixture's wrench (..., k, c) that keeps free joints at rest under torques (..., f, c).
 
-    `J`: columns of the free joints (..., k, f). `E`: left null space (..., k, r) of the fixture's own degrees of
-    freedom. `friction_m`: friction torque of a free joint per force at the fixture, N m/N.
+    `J` (..., k, f): columns of the closure Jacobian for the free joints. `E` (..., k, r): left null space of those for
+    the fixture's own degrees of freedom. `friction_m`: friction torque of a free joint per force at the fixture, N m/N.
     """
     K = np.swapaxes(E, -1, -2) @ J
     square = K @ np.swapaxes(K, -1, -2) + friction_m**2 * np.eye(K.shape[-2])

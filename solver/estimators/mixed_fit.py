@@ -87,7 +87,7 @@ estimates by only a few per cent."""
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MixedFit:
-    """Result of the iteration, with the poses in the order given; `fit`: the linear fit at the solution.
+    """Result of `fit_mixed`, with the poses in the order given; `fit`: the linear fit at the solution.
 
     `x`: parameters (P,). `corrections`, `unsensed`: joint corrections e (m, n) and unsensed angles (m, U), rad.
     `final_derivatives`: derivatives of the likelihood at the solution, from the poses that determined the variances;
@@ -130,8 +130,8 @@ def fit_mixed(
 ) -> MixedFit:
     """Fit parameters, effects, joint corrections and variances to the readings of `design`, from `x0` (P,).
 
-    `variances` (K,), if given, and `errors.signed` of the design stay fixed; otherwise both are estimated. `near`:
-    another fit to start from; only with fixed variances.
+    If `variances` (K,) are given, they and the design's `errors.signed` stay fixed; otherwise the fit determines both.
+    `near`: another fit to start from; for fixed variances only.
     """
     if variances is not None or len(design.q) <= 2 * POSES_FOR_VARIANCES:
         return _iterate(design, x0, variances, progress, near)
@@ -222,9 +222,9 @@ def _iterate(
 
 
 def expected_variances(fit: LinearFit, derivatives: Derivatives, v: FloatArray) -> FloatArray:
-    """Return the variances `v` (K,) found at `fit`, those of estimated scales at their posterior means.
+    """Return the variances `v` (K,) found at `fit`, with estimated scales raised from posterior mode to mean.
 
-    At the mode, sigmas would not include the uncertainty of the scales. With a scale exp(t), t ~ N(t_mode, s^2), the
+    Variances at the mode would not include the uncertainty of the scales. With a scale exp(t), t ~ N(t_mode, s^2), the
     expected variance of an error is exp(2 t_mode + 2 s^2) times the stated one.
     """
     return np.asarray(
@@ -247,7 +247,7 @@ def gravity_share(fit: LinearFit) -> float:
 
 
 def _start(design: LinearModel, x0: FloatArray, v: FloatArray, near: FitStart | None) -> State:
-    """Return the state of `near`; if None, the state at the readings, where unsensed angles close the loops best."""
+    """Return the first state: that of `near`, or else the readings, with unsensed angles that best close the loops."""
     x, q = np.array(x0, dtype=float), design.q
     if near is not None:
         e, u = near.corrections, near.unsensed

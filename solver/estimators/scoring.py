@@ -127,7 +127,7 @@ def likelihood_derivatives(fit: LinearFit) -> Derivatives:
 
 
 def with_priors(fit: LinearFit) -> Derivatives:
-    """Return the fit's derivatives, priors of the variances included: specifications, spreads within poses, scales."""
+    """Return the likelihood's derivatives at `fit`, with priors from specifications, samples' spreads and scales."""
     v, derivatives = fit.v, fit.derivatives
     dof, spread, soft = np.array(
         [(c.spread_dof, c.spread_variance, c.soft) for c in fit.design.components]
@@ -148,11 +148,11 @@ def with_priors(fit: LinearFit) -> Derivatives:
 
 
 def _scale_prior(design: Layout, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Derivatives of the energy (minus the log density) of the scales' logarithms `t` (K,).
+    """Differentiate the energy (minus the log density) of the scales' logarithms `t` (K,).
 
     Returns the gradient (K,), and the second derivative as a positive definite matrix (K, K) plus a diagonal (K,). With
     ``g = L tanh(t / L)`` and L = `LARGEST_COMMON`, the energy is ``(sum t^2 / own - shared (sum g)^2) / 2 SCALE_SD^2``,
-    with a sum of g for each group; for small t, this is the energy of normal variables.
+    with a sum of g for each group. For small t, this is the energy of normal variables with `SCALE_CORRELATION`.
     """
     scaled, groups = design.scaled.astype(float), _scale_groups(design)
     own = 1.0 - SCALE_CORRELATION * groups.sum(axis=0)
@@ -170,10 +170,10 @@ def _scale_prior(design: Layout, t: FloatArray) -> tuple[FloatArray, FloatArray,
 
 
 def _scale_groups(design: Layout) -> FloatArray:
-    """Groups of correlated scales, (groups, K), each 1 or 0: lengths and twists; then joints, sensors and fixture.
+    """Return masks (groups, K) of correlated scales: lengths and twists; then joints, sensors and fixture.
 
-    Joints and a fixture that are better than stated do not make the lengths and twists of the maker's table more
-    certain. The scale of the fixture's placement is independent of both groups.
+    There are two groups because joints and a fixture that are better than stated do not make the lengths and twists of
+    the maker's table more certain. The scale of the fixture's placement is in neither group.
     """
     names = np.array(list(design.index), dtype=str)
     of_links = np.isin(names, (LENGTHS, TWISTS))
@@ -233,7 +233,7 @@ def step(fit: LinearFit, derivatives: Derivatives) -> ScoringStep:
     moving = determined & (above | (score > 0.0)) & (below | (score < 0.0))
 
     def changed(change: FloatArray) -> FloatArray:
-        """Variances after a change in units of standard errors."""
+        """Return the variances (K,) after `change` (K,), which is in units of standard errors."""
         grown = v * np.exp(np.clip(2.0 * change / size, -50.0, 50.0))
         return np.where(scaled, grown, v + change / size)
 
@@ -242,7 +242,7 @@ def step(fit: LinearFit, derivatives: Derivatives) -> ScoringStep:
         return np.where(scaled, 0.5 * np.log(np.maximum(bound, TINY) / v), bound - v) * size
 
     def bounded(metric: FloatArray) -> FloatArray:
-        """Solve for the change; set variances that would leave their bounds to the bounds, and solve for the rest."""
+        """Solve ``metric @ change = score``, with variances that would leave their bounds constrained to the bounds."""
         change, free = np.zeros(len(v)), moving.copy()
         ridged = metric + 1e-9 * np.eye(len(v))
         while free.any():
@@ -277,8 +277,8 @@ class VarianceSearch:
     If a variance leaves its floor, the curvature changes quickly, and plain steps may oscillate forever. The slope at a
     step's end, which is calculated anyway, locates the maximum along the step; the next iteration starts there.
 
-    `fast`: whether steps shrink so fast that all further steps are negligible; as passed in until two steps are known.
-    `slope_left`: expected slope of the log-likelihood along the step after the next variances.
+    `fast`: whether steps shrink so fast that further steps are negligible. As passed in until two steps are known.
+    `slope_left`: slope of the log-likelihood expected along the step that starts at the next variances.
     """
 
     def __init__(self, *, fast: bool = False) -> None:
@@ -292,7 +292,7 @@ class VarianceSearch:
     ) -> FloatArray:
         """Variances (K,) for the next iteration; `newton_step` is Newton's step from the variances of `fit`.
 
-        `far`: whether the next linearisation is so far away that the likelihood's slopes cannot be compared.
+        `far`: whether the parameters changed too much for the likelihood's slopes before and after to be compared.
         """
         size, last_size = newton_step.largest, self._last_size
         self.slope_left, self._last_size = newton_step.slope, size

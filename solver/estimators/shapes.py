@@ -49,8 +49,8 @@ class PoseBasis:
 class PoseProcess:
     """Low-rank approximation of a random process over the poses.
 
-    `values` (m, c): one column for each centre. `turn` (c, c): rotates `values` to orthogonal columns in order of
-    decreasing variance. `variance` (m,): variance of the process itself.
+    `values` (m, c): columns that, with coefficients ~ N(0, 1), approximate the process. `turn` (c, c): rotates `values`
+    to orthogonal columns in order of decreasing variance. `variance` (m,): variance of the process itself.
     """
 
     values: FloatArray
@@ -64,7 +64,7 @@ class PoseProcess:
 
 
 def pose_process(q: FloatArray, *, group: IntArray | None = None) -> PoseProcess:
-    """Return the process at joint angles `q` (m, n), rad, independent between the groups of poses in `group` (m,)."""
+    """Return the smooth random process at joint angles `q` (m, n), rad; poses of different `group` are independent."""
     spread = np.maximum(q.std(axis=0), 1e-9)
     moving = np.ptp(q, axis=0) > np.deg2rad(0.5)
     angle = q[:, moving]
@@ -111,7 +111,7 @@ class Shapes:
     def of(
         cls, sd_rad: FloatArray, columns: FloatArray, missed: FloatArray, expected: FloatArray
     ) -> Shapes:
-        """Scale columns (m, n, c), variance and expected value (m, n) by each joint's standard deviation (n,)."""
+        """Multiply columns (m, n, c) and `expected` (m, n) by each joint's sigma (n,), and `missed` by its square."""
         joints = np.flatnonzero(sd_rad)
         return cls(
             joints=joints,
@@ -172,11 +172,11 @@ def shapes_of_sag(
 
 
 class JointShapes:
-    """Errors of joint angles, each a column with one value for each pose with readings `q` (m, n), rad.
+    """Errors of joint angles as columns, each with one value per pose; `q` (m, n): readings at the poses, rad.
 
-    The columns are, in this order, harmonics of encoders with standard deviations `accuracy_rad` (n,), gains and
-    nonlinearity of analogue sensors, and further effects. Nonlinearity depends on the corrected angle; all other
-    columns are constant during a fit. `joint_of` (c,): index, from 0, of the joint whose angle each column changes.
+    The columns are, in this order: harmonics of encoders, with standard deviations `accuracy_rad` (n,); gains and
+    nonlinearity of analogue sensors; further effects. Those of analogue sensors depend on the corrected angle, which
+    changes during a fit. `joint_of` (c,): index, from 0, of the joint whose angle each column changes.
     """
 
     def __init__(
@@ -219,7 +219,7 @@ class JointShapes:
         return np.asarray(self.at(angle, poses) @ (self._along * b[:, None]))
 
     def _constant_shapes(self, poses: slice) -> FloatArray:
-        """Columns (m, c); columns that depend on the corrected angles (linearity deviations) are zero."""
+        """Columns (m, c); those of analogue sensors, which depend on the corrected angles, are zero."""
         turn = self._q[poses, self._turning]
         m = len(turn)
         shapes = [(self._accuracy_rad * encoder_waves(turn)).reshape(m, -1)]

@@ -72,15 +72,13 @@ class ComplianceTest:
 class VarianceComponents:
     """Results of a fit in addition to the parameters.
 
-    `components`, `variances`: standard deviations of RVDTs and fixture with intervals; every estimated variance by
-    component name.
+    `components`: standard deviations of RVDTs and fixture, with intervals.
+    `variances`: every estimated variance by component name.
     `compliance`: test whether the fixture is more compliant than stated; None if not tested.
     `noise`: noise of each pose's readings, without effects, and of the fixture's deflection, at the estimated
     variances.
-    `repeatability`: covariance (P, P) of the parameters from noise alone: the scatter if the same poses were taken
-    again.
-    `budget`: contribution of each source to the variance of every parameter (P,); the sum of all is the estimate's
-    variance.
+    `repeatability`: covariance (P, P) of the parameters from noise alone: their scatter if all poses were repeated.
+    `budget`: contribution (P,) of each source to the parameters' variances; the sum over all sources is the total.
     `signed`: whether joints are taken to sag in the direction of gravity; False if the readings contradict this.
     """
 
@@ -193,7 +191,7 @@ def settle(
     variances: Callable[[Layout], FloatArray] | Mapping[str, float] | None = None,
     progress: Progress | None = None,
 ) -> tuple[MixedFit, IntArray]:
-    """Return the fit of `estimate_with_errors`, without the report, and the caller's index (m,) of each of its poses.
+    """Return the fit on which `estimate_with_errors` reports, and the caller's index (m,) of each pose of the fit.
 
     `near`: see `fit_mixed`. `variances`: fixed variances by name, or a function of the layout that returns them (K,).
     """
@@ -310,7 +308,7 @@ def compliance_test(stated: LinearFit, design: LinearModel) -> ComplianceTest | 
 def standard_errors(information: FloatArray, v: FloatArray, floor: FloatArray) -> FloatArray:
     """Standard errors (K,) of variances `v` (K,), from the likelihood's `information` (K, K).
 
-    A variance at its floor counts as known in the errors of the others; its error includes the others' uncertainty.
+    The errors of the other variances treat a variance at its floor as known; its own error includes their uncertainty.
     """
     inner = v > floor * (1.0 + 1e-9)
     size = np.sqrt(np.maximum(np.diagonal(information), 1e-300))

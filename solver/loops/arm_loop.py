@@ -68,7 +68,7 @@ class ArmLoop(ClosureModel):
         object.__setattr__(self, "parameters", tuple(parameters))
 
     def _own_nominal(self) -> FloatArray:
-        """Nominal values (O,) of all unknowns listed in `OWN`."""
+        """Nominal values (O,) of all unknowns that the endpoint can have, in the order of `OWN`."""
         return np.zeros(0)
 
     @property
@@ -78,12 +78,12 @@ class ArmLoop(ClosureModel):
 
     @property
     def ground_side(self) -> tuple[str, ...]:
-        """Names of the endpoint's unknowns among `GROUND_SIDE`."""
+        """Names of the endpoint's unknowns that state where the fixture is on the table."""
         return tuple(name for name in self.own if name in self.GROUND_SIDE)
 
     @property
     def hand_side(self) -> tuple[str, ...]:
-        """Names of the endpoint's unknowns that are not in `GROUND_SIDE`."""
+        """Names of the endpoint's other unknowns, which state where the fixture is on the tool."""
         return tuple(name for name in self.own if name not in self.GROUND_SIDE)
 
     def arm_rows(self) -> FloatArray:
@@ -110,7 +110,7 @@ class ArmLoop(ClosureModel):
         return stacked
 
     def own_values(self, x: FloatArray) -> FloatArray:
-        """Values of all unknowns in `OWN` for parameter vectors (..., P): (..., 1, O), to broadcast over poses."""
+        """Values (..., 1, O) of all unknowns in `OWN` at parameters (..., P); the 1 is for broadcasting over poses."""
         x = np.asarray(x, dtype=np.float64)
         values = np.broadcast_to(self._own_nominal(), (*x.shape[:-1], len(self.OWN))).copy()
         values[..., self._own_indices()] = x[..., len(self.entries) :]
@@ -162,7 +162,7 @@ class ArmLoop(ClosureModel):
         return replace(self, table=table)
 
     def drawn(self, x: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-        """Points to draw (n + 2, 3), m, at angles `q` (n,): origins 0..n and the fixture's point; and a zero axis."""
+        """Origins 0..n and the fixture's point at readings `q` (n,), as points (n + 2, 3), m, and zeros as the axis."""
         frames = self.frames(x, q[None, :], np.zeros((1, len(self.unsensed_joints))))
         tip = self.OWN.index("tip_x")
         point = frames.p_end + frames.R_end[0] @ self.own_values(x)[0, tip : tip + 3]
@@ -182,7 +182,7 @@ class ArmLoop(ClosureModel):
     def loop_error(
         self, residual: FloatArray, J: FloatArray, jac_own: FloatArray | None = None
     ) -> LoopError:
-        """Assemble the loop error from `J`, returned by `columns`, and `jac_own` (..., k, O), the columns of `OWN`."""
+        """Assemble the loop error; `J`: from `columns`; `jac_own` (..., k, O): derivatives by all unknowns in `OWN`."""
         split = len(self.entries)
         jac_x, jac_theta = J[..., :split], J[..., split:]
         jac_q = jac_theta[..., 1 - self.FIRST_LINK :]

@@ -202,7 +202,7 @@ class ClosureModel(ABC):
         return np.asarray(x, dtype=np.float64)[None, :]
 
     def at_poses(self, poses: IntArray) -> Self:
-        """Return the model for a selection of poses, in any order; the same model unless it is bound to poses."""
+        """Return the model for a selection of poses, in any order; a model without data of poses returns itself."""
         return self
 
     def parts(self) -> tuple[tuple[ClosureModel, Which, Which], ...]:
@@ -243,8 +243,8 @@ class ClosureModel(ABC):
         """Values of the fixture's unknowns, by name; ValueError if the tool is not constrained.
 
         `ground`, `hand`: lines of the table and of the tool that a hinge makes coincide, in the frames of
-        `constrained_axis_entries`; other fixtures use their points only. `rotation`: mean (3, 3) of the tool's rotation
-        matrices over the poses, in the frame of `ground`; the mean is itself a rotation only with a rigid fixture.
+        `constrained_axis_entries`; with other fixtures only the lines' points matter. `rotation`: mean (3, 3) of the
+        tool's rotation matrices over the poses, in the frame of `ground`; a rotation only if the fixture is rigid.
         """
         raise ValueError(f"{type(self).__name__} does not constrain the tool")
 
@@ -253,14 +253,14 @@ class ClosureModel(ABC):
         return None
 
     def drawn(self, x: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-        """Points (k, 3), m, and fixture's axis (3,) for a drawing of the arm, in the base frame; None: no drawing.
+        """Points (k, 3), m, and fixture's axis (3,) for drawing the arm, in its base frame; None if it cannot be drawn.
 
         The last point is at the fixture; the axis is zero if the fixture has no axis.
         """
         return None
 
     def fixture_axis(self, x: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-        """Position (3,), m, and axis (3,) of the fixture, in the frame of `drawn`; None if there is no drawing."""
+        """Position (3,), m, and axis (3,) of the fixture, in the arm's base frame; None if they are not known."""
         return None
 
 

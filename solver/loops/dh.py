@@ -68,7 +68,7 @@ class DhLoop(ArmLoop):
 
         The two rotation components are the swing that carries z_-1 onto z_n. To first order they equal
         ``dx = -R23``, ``dy = R13`` of eq. 12. Unlike dx and dy, the swing does not vanish again when the tool is upside
-        down, so a pose on the flipped branch does not look closed.
+        down (the flipped branch), so such a pose does not count as closed.
 
         Raises `ValueError` if arm joints are unsensed; eqs. 10-13 eliminate the hinge only.
         """
@@ -102,7 +102,7 @@ class DhLoop(ArmLoop):
     def fixture_axes(
         self, x: FloatArray, q: FloatArray, u: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Axes (m, 3, 3) of table and tool in frame -1. The tool is fixed in it, and the table turns by theta_0."""
+        """Axes (m, 3, 3) of table and tool in frame -1, in which the tool is at rest and the table turns by theta_0."""
         table, hand = ClosureModel.fixture_axes(self, x, q, u)
         if self.hinge:
             table = rotation_about_z(u[..., 0])
@@ -158,7 +158,7 @@ class DhLoop(ArmLoop):
     def constraint_entries(
         self, ground: Line, hand: Line, rotation: FloatArray
     ) -> dict[str, float]:
-        """D-H entries of the fixture by name, rad and m: from `ground`, and `hand` (hinge) or `rotation` (rigid)."""
+        """Fixture's D-H entries by name, rad and m; a hinge uses both lines, a rigid one `ground` and `rotation`."""
         if not self.hinge:
             return constrained_frame_entries(rotation, ground.point_m, self.joint_count)
         return constrained_axis_entries(ground, hand, self.joint_count)
@@ -185,7 +185,7 @@ class DhLoop(ArmLoop):
 def _swing(
     n: ComplexArray, nz: FloatArray, w: ComplexArray, wz: FloatArray
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Rotation vector in the xy plane that carries z onto a unit vector, and its rates.
+    """Return the swing, the rotation vector in the xy plane that turns z onto a unit vector, and the swing's rates.
 
     With vectors perpendicular to z as complex numbers, x + iy, the swing is ``i f n``, where f is the angle between z
     and the unit vector, divided by its sine. Spatial angular increments w turn n by ``dn = i (w_z n - n_z w)``, so that

@@ -30,7 +30,7 @@ class Line:
 
 
 def constrained_axis_entries(ground: Line, hand: Line, n: int) -> dict[str, float]:
-    """D-H entries of links 0, 1 and n, by name, with alpha_0 and alpha_n in [0, pi], for two lines that coincide.
+    """Return the D-H entries of links 0, 1 and n, by name, that make two lines coincide; alphas are in [0, pi].
 
     If neighbouring axes are parallel (Hayati [9]), their common normal is not unique; the normal through the tool's or
     the table's point is taken.

@@ -71,9 +71,8 @@ class PointClosure(ArmLoop):
     def constraint_entries(
         self, ground: Line, hand: Line, rotation: FloatArray
     ) -> dict[str, float]:
-        """Centres of ball and socket by name, m: the points of `hand` and `ground`, with nominal rows n and 1."""
+        """Centres by name, m: of the ball from `hand` and nominal link n, of the socket from `ground` and link 1."""
         table = self.table
-        # Links n and 1 have their nominal values.
         c, s = np.cos(table.theta_off_rad), np.sin(table.theta_off_rad)
         ca, sa = np.cos(table.alpha_rad[-1]), np.sin(table.alpha_rad[-1])
         x, y, z = hand.point_m
@@ -98,7 +97,7 @@ TIP_TURN = ("tip_rx", "tip_ry", "tip_rz")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeasuredClosure(ArmLoop):
-    """An arm of links 1..n observed by an instrument, bound to the measured poses.
+    """An arm of links 1..n whose target an instrument measures; `with_endpoints` binds it to the measurements.
 
     base_* places the arm's base frame in the instrument's frame, and tip_* places the target in the flange frame. Each
     is a point and a rotation vector r that is applied to the nominal rotation, ``R = exp(r) R_nominal`` (so that r
@@ -107,7 +106,7 @@ class MeasuredClosure(ArmLoop):
 
     `base_m`, `base_rotation`, `tip_m`, `tip_rotation`: nominal placements, positions (3,) and rotations (3, 3).
     `full_pose`: whether orientations are measured too. `endpoint_m`, `endpoint_rotation`: measured positions (m, 3)
-    and, of a full pose, orientations (m, 3, 3) of the target in the instrument's frame; None before binding.
+    and, for full poses, orientations (m, 3, 3) of the target in the instrument's frame; None if not yet bound.
     """
 
     OWN: ClassVar[tuple[str, ...]] = BASE + TIP + TIP_TURN
@@ -136,7 +135,7 @@ class MeasuredClosure(ArmLoop):
     def with_endpoints(
         self, position_m: FloatArray, rotation: FloatArray | None = None
     ) -> MeasuredClosure:
-        """Bind the model to measured positions (m, 3) and, for a full pose, rotations (m, 3, 3)."""
+        """Return the model bound to m measured positions (m, 3) and, for full poses, orientations (m, 3, 3)."""
         if self.full_pose != (rotation is not None):
             requirement = "needs" if self.full_pose else "does not use"
             raise ValueError(f"this measurement {requirement} orientations")

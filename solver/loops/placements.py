@@ -124,7 +124,7 @@ class Placements(ClosureModel):
     def _gathered(
         self, errors: Sequence[LoopError | ReducedError], **trailing: int
     ) -> dict[str, Any]:
-        """Concatenate the placements' errors, field by field; `trailing`: array dimensions after that of the poses."""
+        """Join the placements' errors field by field; `trailing`: number of a field's dimensions after the poses."""
         arrays = {name: [getattr(e, name) for e in errors] for name in trailing}
         if arrays["jac_x"][0].shape[-1]:
             # From each placement's parameters to all parameters.
@@ -136,7 +136,7 @@ class Placements(ClosureModel):
         return {name: self._in_order(arrays[name], axes) for name, axes in trailing.items()}
 
     def _in_order(self, arrays: Sequence[NDArray[Any]], trailing: int) -> NDArray[Any]:
-        """Join values (..., m_k, <trailing>) of each placement's poses in the order of all poses."""
+        """Join the placements' arrays in the order of all poses; `trailing`: number of dimensions after the poses."""
         order, axis = np.concatenate([poses for *_, poses in self.parts()]), -1 - trailing
         return np.take(np.concatenate(arrays, axis=axis), back_to_caller(order), axis=axis)
 

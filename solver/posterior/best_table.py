@@ -91,7 +91,7 @@ def _entries_of(names: Sequence[str]) -> list[DhEntry]:
 
 
 def every_entry(links: int, hayati: Sequence[int] = ()) -> list[DhEntry]:
-    """Entries that a table of links 1..n can have: offset, s (in rows `hayati` beta instead), a and alpha."""
+    """Return every possible entry of a D-H table of links 1..n: offset, s (but beta in rows `hayati`), a and alpha."""
     return [
         DhEntry(kind, row)
         for row in range(1, links + 1)
@@ -132,13 +132,13 @@ def best_table(
     fixed: Sequence[str] = (),
     tip: bool = True,
 ) -> BestTable:
-    """Return the table near `table` that best replaces the corrections where the arm is used.
+    """Return the table near `table` whose tool positions without corrections best match those with corrections.
 
     `readings`: poses where the arm is used. `weight` (m,): weights of these poses, of sum 1; see `where_used`. `known`:
-    names of the fitted entries of `table` and coordinates of the tip (k,). `covariance`: of these values and of the
-    coefficients of the corrections (k + c, k + c). `fixed`: entries that do not change, because they describe the
-    fixture's placement. `tip`: whether the tool's point may move in the last frame too, as needed for a ball, whose
-    centre is no D-H entry.
+    names (k,) of the fitted entries of `table` and coordinates of the tip. `covariance` (k + c, k + c): covariance of
+    the values of `known` and the coefficients of `corrections`. `fixed`: entries that do not change, because they
+    describe the fixture's placement. `tip`: whether the tool's point may move in the last frame too, as needed for a
+    ball, whose centre is no D-H entry.
     """
     m = len(weight)
     every = (*(entry.name for entry in every_entry(table.links, hayati)), *TIP)

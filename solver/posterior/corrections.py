@@ -4,10 +4,10 @@ True angle = reading + theta_off + the sum of a joint's corrections, each a func
 
     harmonic   c1 sin q_j + c2 cos q_j + c3 sin 2 q_j + c4 cos 2 q_j        encoder, once and twice a turn
     linearity  sum_k c_k x^k,  x = (q_j - middle) / half, |x| <= 1.2        RVDT, gain and linearity deviation
-    gravity    tau_j of `solver.chain.statics`, with m_k, h_k per joint     twist under load
+    gravity    tau_j of `solver.chain.statics`, with m_k, h_k of joint j    twist under load
     offset     c1                                                           play taken up to one side
 
-`sarcal help corrections` shows a function in plain Python that applies them. `JointCorrections` has their
+`sarcal help corrections` shows a function in plain Python that applies the corrections. `JointCorrections` has their
 coefficients and covariance. A fixture's deflection is not included, because it depends on the mounting.
 """
 
@@ -37,8 +37,8 @@ class ReadingCorrection:
 
     `source`: name of the source in an uncertainty budget. `coefficients`: (c,), rad; for gravity (4 n,): mass (kg) and
     first moment (kg m) of each link, each multiplied by the joint's compliance, rad/(N m). `middle_rad`,
-    `half_scale_rad`: for linearity, the sensor's electrical zero and half of its full scale. `down`: for gravity, its
-    direction in the base frame (3,), or the direction's change by a tilt of the base.
+    `half_scale_rad` (linearity only): the sensor's electrical zero and half of its full scale. `down` (gravity only):
+    direction of gravity in the base frame (3,), or the change of this direction by a tilt of the base.
     """
 
     source: str
@@ -133,7 +133,7 @@ def corrections_of(joints: JointCorrections, readings: CorrectionShapes) -> Corr
 def _play(
     joints: JointCorrections, readings: CorrectionShapes, columns: slice
 ) -> Iterator[ReadingCorrection]:
-    """Yield each joint's correction for play: expected plus fitted part, as mean over the readings."""
+    """Yield a correction for each column of play, its mean over the readings; a joint's first has the expected play."""
     mean = (readings.shapes[:, columns] * joints.coefficients[columns]).mean(axis=0)
     for k, j in enumerate(joints.joint_of[columns]):
         size = float(mean[k])
@@ -145,7 +145,7 @@ def _play(
 
 
 def _gravity(sagging: Mapping[int, FloatArray], masses: LinkMasses) -> Iterator[ReadingCorrection]:
-    """Convert each joint's coefficients (s,) of the torque's columns to coefficients of masses and first moments."""
+    """Yield corrections for gravity from each joint's twists (s,) per unit of the columns of `ArmPoses.torques`."""
     n, stated, sd = len(masses.mass_kg), masses.moments, masses.moments_sd
     downs = [tuple(down) for down in (masses.down.tolist(), *masses.tilted.tolist())]
     for joint, shapes in sagging.items():
@@ -189,7 +189,7 @@ class JointCorrections:
 
     @property
     def _effects(self) -> slice:
-        """Range of these effects among all effects of the fit: they follow the toleranced parameters."""
+        """Slice, among all effects of the fit, of those that change joint angles."""
         first = len(self.fit.design.soft_index)
         return slice(first, first + len(self.joint_of))
 

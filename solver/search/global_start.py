@@ -31,7 +31,7 @@ REFINED_COST_RATIO = 100.0
 because no alternative solution has ten times the rms closure. The `rms` of such a minimum is an upper bound."""
 
 BRANCHES_MIXED_RMS = 0.03
-"""An rms closure (1 m : 1 rad) above this is larger than that of any real arm: the pose set may mix poses of both
+"""An rms closure (1 m as 1 rad) above this is larger than that of any real arm: the pose set may mix poses of both
 branches."""
 
 HINGE_EQUATIONS = 5
@@ -56,7 +56,7 @@ class LocalMinimum:
     """One solution of the search.
 
     `x`: parameters (P,), the nearest to the nominal values among equivalent vectors. `rms`: root mean square of the
-    reduced closure error over all poses (1 m : 1 rad). `starts`: number of starts that ended here. `flipped`: poses
+    reduced closure error over all poses (1 m as 1 rad). `starts`: number of starts that ended here. `flipped`: poses
     (indices) on the flipped branch of this solution; a solution with such poses is invalid.
     """
 
@@ -172,10 +172,10 @@ def _solve(
 def _main_branch(
     model: ClosureModel, q: FloatArray, search: Search, rng: np.random.Generator
 ) -> BoolArray:
-    """Whether each pose is on the majority branch (m,), from fits to a few poses at a time.
+    """Whether each pose (m,) is on the majority branch, according to fits to a few poses at a time.
 
-    A few poses taken with the tool upside down spoil a fit of all poses. Some small sample contains none of them; the
-    loop fitted to it closes at the poses of the same branch and is upside down at the other poses.
+    A few poses taken with the tool upside down spoil a fit of all poses, but a small sample may contain none of them. A
+    loop fitted to such a sample closes at the poses of its branch; at the others, its rotation error is near pi.
     """
     best = np.ones(len(q), dtype=np.bool_)
     score = (0, -np.inf)

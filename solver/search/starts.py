@@ -14,7 +14,7 @@ For given offsets of joints 2 .. n-1 the tool's h and t and the constants follow
 dominant right singular vector of the mean of M_i, t solves linear equations, the constants are means. So a
 hinge problem with 14 unknowns is a search over 5 angles (variable projection, Golub & Pereyra, with
 Kaufman's Jacobian), without any guess about the fixture. The direction of the line is common to all
-poses, so a pose on the flipped branch never looks closed.
+poses, so a pose with the tool upside down (on the flipped branch) never counts as closed.
 """
 
 from collections.abc import Callable, Sequence
@@ -94,7 +94,7 @@ def best_minima(
 def _all_equations(
     model: ClosureModel, q: FloatArray, x: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """The `BatchProblem` over all unknowns, for models whose fixture cannot be projected out."""
+    """Residuals (S, R) and Jacobian (S, R, P) at parameters `x` (S, P): a `BatchProblem` with no projection."""
     error, count = model.reduced(x, q), len(x)
     return error.residual.reshape(count, -1), error.jac_x.reshape(count, -1, x.shape[1])
 
@@ -216,7 +216,7 @@ class InnerProblem:
         return r, J - L @ np.linalg.solve(N, Lt @ J)
 
     def filled(self, offsets: FloatArray) -> FloatArray:
-        """Return all parameters (P,) of the loop: `offsets` (K,), rad, and the fixture's values that suit them."""
+        """Return all parameters (P,) of the loop: `offsets` (K,), rad, and the fixture's unknowns fitted to them."""
         frames = self._frames(offsets[None, :])
         M, p = frames.R_end, frames.p_end
         mean = M.mean(-3, keepdims=True)
@@ -241,7 +241,7 @@ class InnerProblem:
     def _projected(
         self, M: FloatArray, M_c: FloatArray, p: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Best direction h (S, 3) and point t (S, 3) of the tool; t is zero for a rigid fixture."""
+        """Best h and t (S, 3); t = 0 if rigid. `M`, `p`: M_i and p_i at all poses; `M_c`: M_i minus their mean."""
         count = len(M)
         if self.model.constrained_part is ConstrainedPart.FRAME:
             return np.tile([0.0, 0.0, 1.0], (count, 1)), np.zeros((count, 3))

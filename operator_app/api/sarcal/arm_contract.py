@@ -39,7 +39,7 @@ class _ConnectedArm:
 
     @property
     def drives(self) -> tuple[int, ...]:
-        """Joints (from 1) in position mode: all of an open arm, else those of the procedure, else the best set here."""
+        """Joints (from 1) in position mode: the procedure's, else the best for this pose; all if the tool is free."""
         fixture = self.procedure.fixture.fixture
         if not fixture.holds_hand:
             return tuple(range(1, self.n + 1))
@@ -90,7 +90,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[_ConnectedArm]:
 
 
 def fulfils(tried: Clause | Iterable[Clause]) -> None:
-    """Assert that every clause holds; skip the test, with reasons, if none fails but some could not be tested."""
+    """Assert that no clause fails; if some could not be tested, skip the test and state the reasons."""
     count, unknown = 0, []
     for clause in [tried] if isinstance(tried, Clause) else tried:
         count += 1

@@ -156,9 +156,9 @@ R = TypeVar("R")
 def one_blas_thread(function: Callable[P, R]) -> Callable[P, R]:
     """Return a function that runs `function` with one BLAS thread.
 
-    Matrices here have some tens of rows: several threads wait for each other and, on busy cores, take seconds
-    instead of a third of a second. The limit applies to the whole process until `function` returns. If calls in several
-    threads overlap, only the first sets and removes the limit: the others would restore the first's limit.
+    The matrices have some tens of rows, for which several threads wait for each other: on busy cores, a call takes
+    seconds instead of a third of a second. The limit applies to the whole process until `function` returns. If calls
+    overlap, only the first one sets and removes the limit; a later one, at its end, would set the limit again.
     """
 
     @wraps(function)

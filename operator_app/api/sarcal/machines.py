@@ -1,4 +1,4 @@
-"""Arm and fixture of the library, read from their files."""
+"""`Arm` and `Fixture`, and the functions that read them from files."""
 
 from dataclasses import dataclass, field
 from os import PathLike, fspath
@@ -18,7 +18,7 @@ from .calls import readings_rad, shown
 
 @dataclass(frozen=True, slots=True)
 class Arm:
-    """An arm as described in its file; made by `load_arm`. Two are equal if their file and its content are the same.
+    """An arm as described in its file; made by `load_arm`. Arms of the same file and content are equal.
 
     Attributes
     ----------

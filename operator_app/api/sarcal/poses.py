@@ -104,15 +104,15 @@ def poses_of(
     Parameters
     ----------
     q_rad, q_deg
-        Sensor readings (m, n), in one of the two units: continuous beyond a turn, offsets not added. If `q_deg` looks
-        like radians, the `Result` of a calibration from these poses has a warning.
+        Sensor readings (m, n), in one of the two units, without offsets added. They must not jump by a turn at +-180
+        deg. If `q_deg` looks like radians, the `Result` of a calibration from these poses has a warning.
     placement
         Number (from 1) of the fixture placement of each pose (m,), or one number for all; None: a single placement.
     names
         Name of each pose; None: 1 to m.
     samples, sd_rad
-        Number of samples averaged in each pose (m,), and their standard deviation (m, n), rad. Each may be one number
-        for all poses; the standard deviation may also be one number per joint (n,). None: one sample per pose.
+        Number of samples averaged in each pose (m,), and their standard deviation (m, n), rad. One number applies to
+        all poses; standard deviations may also be one per joint (n,). `samples` None: one sample per pose.
     endpoint_m
         Endpoint measured by an instrument, for a ``measured`` fixture: (m, 3), or (m, 6) with a rotation vector of at
         most half a turn, rad. With any other fixture, `calibrate` does not use the endpoint, and its `Result` has a
@@ -160,7 +160,7 @@ def poses_of(
 
 
 def _one_a_pose(name: str, value: Any, poses: int) -> IntArray:
-    """Return whole numbers, 1 or more, one per pose (m,); a single number applies to all poses."""
+    """Return one whole number (1 or more) per pose, (m,), from as many numbers or from one for all poses."""
     values = [value] * poses if np.ndim(value) == 0 else value
     numbers_read = [whole(name, number, least=1) for number in values]
     if len(numbers_read) != poses:

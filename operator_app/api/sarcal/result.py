@@ -131,7 +131,7 @@ class Result:
 
     @property
     def corrections(self) -> tuple[Mapping[str, Any], ...]:
-        """Corrections of the readings, as in `to_json`; `fk` applies them with ``corrections=True``."""
+        """Corrections of the readings, as in `to_json`; `fk` adds them to the readings if ``corrections=True``."""
         return tuple(self.to_json()["corrections"])
 
     @property
@@ -176,12 +176,13 @@ class Result:
     def fk(
         self, q_rad: ArrayLike, *, frame: Frame = "tip", corrections: bool = False
     ) -> FloatArray:
-        """Return the pose of the tool in the arm's base frame, by default from the best table for uncorrected readings.
+        """Return the calibrated pose of the tool in the arm's base frame.
 
-        The base frame is that of the arm file. Entries of link 1 that depend on the mounting (`to_json`, ``side``:
-        ``ground``), such as ``s_1`` with a hinge, do not move this frame, whatever their calibrated values. If the
-        fixture was remounted, the tool is that of the last placement. If a joint's readings were not used, its offset
-        is the mean, over the poses, of the angle from the loop minus the reading.
+        By default, this uses the D-H table that gives the best tool positions from readings without corrections. The
+        base frame is that of the arm file: calibrated entries that depend on the mounting (``side`` is ``ground`` in
+        `to_json`), such as ``s_1`` with a hinge, do not move it. If the fixture was remounted, the tool is that of the
+        last placement. If a joint's readings were not used, its offset is the mean, over the poses, of the angle from
+        the loop minus the reading.
 
         Parameters
         ----------
@@ -189,11 +190,11 @@ class Result:
             Sensor readings (n,) or (m, n), rad.
         frame
             ``tip``: the point of the tool at the fixture, with the orientation of the last D-H frame (with a hinge, z
-            is along its axis); ``flange``: frame n of the arm's own D-H table, as in an exported URDF, which stays
-            valid in another mounting.
+            is along the hinge axis). ``flange``: frame n of the arm's own D-H table, as in an exported URDF; this pose
+            is valid in any mounting.
         corrections
-            Use, instead of the best table, the identified table and the corrections of the readings
-            (`Result.corrections`). The result is more accurate, but the controller has to apply the corrections.
+            Use the identified table instead, and add `Result.corrections` to the readings. This is more accurate, but
+            a controller then has to apply the corrections too.
 
         Returns
         -------
@@ -208,11 +209,10 @@ class Result:
         return self._calibrated_arm.T_base(self._readings(q_rad), frame, corrected=corrections)
 
     def tip_sigma(self, q_rad: ArrayLike) -> FloatArray:
-        """Return the standard deviation of the tip position from `fk`, m.
+        """Return the standard deviation of the tip position from `fk`, m: the root of the summed variances of x, y, z.
 
-        This is the root of the sum of the variances of x, y and z, from the covariance of the parameters and, for a
-        joint whose readings were not used, from the readings' scatter about the angles from the loops. Other errors of
-        the readings are not included.
+        It includes the covariance of the parameters and, for a joint whose readings were not used, the scatter of the
+        readings about the angles that follow from the loops. Other errors of the readings are not included.
 
         Parameters
         ----------
@@ -232,19 +232,19 @@ class Result:
     def save(self, folder: str | PathLike[str], *, overwrite: bool = False) -> Path:
         """Write a session folder (journal, poses.csv, report.html, parameters.yaml) and return its path.
 
-        ``sarcal report``, ``compare``, ``verify`` and ``export`` work on this folder. parameters.yaml is left out
-        if the calibration was not accepted, or has no D-H table of the whole loop (such as with a ball).
+        ``sarcal report``, ``compare``, ``verify`` and ``export`` work on this folder. parameters.yaml is left out if
+        the calibration was not accepted, or if a D-H table cannot describe the whole loop (e.g. with a ball).
 
-        A session of the same poses, arm and fixture in the folder is replaced, and its exports are removed, so that a
-        notebook cell or a script may be run again. Other files remain.
+        If the folder has a session of the same poses, arm and fixture, as when a notebook cell or script is run again,
+        this session is replaced and its exports are removed. Other files remain.
 
         Parameters
         ----------
         folder
             A new folder, a folder without a session, or one with a session of the same poses, arm and fixture.
         overwrite
-            Also replace a saved or imported session of other data. A session that was captured from an arm or edited
-            (notes, excluded poses) is never replaced.
+            Also replace a saved or imported session of other data. A session that was captured from an arm, or that
+            has notes or excluded poses, is never replaced.
 
         Raises
         ------
@@ -293,22 +293,22 @@ class Result:
         ----------
         path
             Path whose ending selects the format: ``.yaml`` parameters file, ``.json`` everything, ``.csv`` one row per
-            parameter, ``.urdf`` the arm without its mounting, ``.mat`` MATLAB.
+            parameter, ``.urdf`` the arm without fixture, ``.mat`` MATLAB.
         force
             Reason, written into the file, for using a calibration that is not accepted; ignored if it is accepted.
         into
-            Your own URDF, xacro with literal numbers or UR ``default_kinematics.yaml``: the output is that file with
-            only the joint origins changed, whatever the ending.
+            Your own URDF, xacro with literal numbers, or UR ``default_kinematics.yaml``. A copy of this file is then
+            written in which only the joint origins are changed, whatever the ending of `path`.
 
         Raises
         ------
         ValueError
-            The path has an unknown ending, or is the file of `into` itself.
+            `path` has an unknown ending, or is the same file as `into`.
         ConfigError
             The file `into` cannot be read, or describes another arm.
         SessionError
-            The calibration is not accepted and `force` gives no reason; or a parameters file was requested but there is
-            no D-H table of the whole loop (such as with a ball).
+            The calibration is not accepted and `force` gives no reason, or a parameters file was requested and a D-H
+            table cannot describe the whole loop (e.g. with a ball).
         WriteError
             The file cannot be written.
         """
@@ -368,7 +368,7 @@ class Result:
 
     @cached_property
     def _state_source(self) -> Journalled | ImportedSession:
-        """Session, with its state and procedure, from which the result was read or that `save` would write."""
+        """The session from which the result was read, or else the session that `save` would write."""
         origin = self._origin
         return origin if isinstance(origin, Journalled) else self._session(origin)
 

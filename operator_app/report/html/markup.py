@@ -147,7 +147,7 @@ def table_html(table: FactTable) -> Html:
 
 
 def _words(cell: Cell) -> Html:
-    """Return the content of a cell; text longer than 40 characters is isolated (see `spoken`)."""
+    """Return a cell as HTML; the writing direction of text over 40 characters does not affect other text."""
     if isinstance(cell, Figure):
         content = text(typeset(cell.shown))
         return element("span", "▲ ", content, class_="warn") if cell.role == "warn" else content

@@ -1,7 +1,4 @@
-"""Pictures before and after calibration: arm and fixture in one pose, tool error over the workspace.
-
-Both pictures of a pair have the same axes.
-"""
+"""Pictures before and after calibration: arm and fixture in one pose, tool error over the workspace."""
 
 from dataclasses import dataclass
 
@@ -30,7 +27,7 @@ PANEL_GAP_SHARE = 0.15
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pair:
-    """Two pictures side by side, with a note on how to read them."""
+    """Two pictures side by side, with the same axes, and a note on how to read them."""
 
     before: Picture
     after: Picture
@@ -79,7 +76,7 @@ def hand_pair(solution: Solution, arm: ArmModel) -> Pair | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Seen:
-    """Points and axes of arm and fixture, in the arm's base frame, m; a zero axis is not drawn."""
+    """Points, m, and axis directions of arm and fixture, base frame. If `pin_axis` is zero, no axis is drawn."""
 
     chain: FloatArray
     hand_axis: FloatArray
@@ -93,7 +90,10 @@ class _Seen:
 
 
 def arm_pair(subject: Subject) -> Pair | None:
-    """Draw the arm before and after calibration, in the pose of largest nominal closure error; None if impossible."""
+    """Draw the arm before and after calibration, in the first placement's pose of largest nominal closure error.
+
+    Return None if there is no calibration, if a joint is unsensed, or if the fixture has no drawing.
+    """
     solution = subject.solution
     if solution is None or solution.model.unsensed_joints:
         return None

@@ -1,4 +1,4 @@
-"""Figures for a paper: the report's pictures as SVG files and, with the extra ``[plots]``, as PDF files.
+"""Figures for a paper: the report's pictures as SVG files and, if ``sarcal[plots]`` is installed, as PDF files.
 
 One column of a scientific journal is 88 mm wide, two are 180 mm. Colours are those of the page's light theme; bars have
 the colours of Okabe and Ito, which colour-blind readers can tell apart, and marks differ in shape as well.
@@ -154,9 +154,9 @@ class Bars:
     Attributes
     ----------
     bars
-        By label: start and end of a bar for each row.
+        For each label: start and end of one bar per row.
     marks
-        By label: one value for each row; non-finite values are not drawn.
+        For each label: one value per row; non-finite values are not drawn.
     """
 
     x: Axis
@@ -166,7 +166,7 @@ class Bars:
 
 
 def bars(of: Bars) -> svg.Drawn:
-    """Draw the rows below a legend with three labels per line."""
+    """Draw a legend with three labels per line and, below it, the rows."""
     bars, labels = list(of.bars.values()), [*of.bars, *of.marks]
     top = LEGEND * -(-len(labels) // 3) + 6.0
     foot = top + BAR_HEIGHT * len(of.names)

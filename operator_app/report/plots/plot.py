@@ -1,7 +1,4 @@
-"""The content of a plot: axes with units and ticks at round numbers, bands, lines and marks.
-
-Values are in the units of their axes.
-"""
+"""The content of a plot: axes, bands, lines and marks. Values are in the units of their axes."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -24,7 +21,7 @@ class Axis:
     ticks: tuple[float, ...]
 
     def place(self, value: float, start: float, end: float) -> float:
-        """Return the coordinate of a value; `low` is at `start`, `high` at `end`."""
+        """Return the coordinate of `value` on the drawn axis, where `low` is at `start` and `high` at `end`."""
         return start + (value - self.low) / (self.high - self.low) * (end - start)
 
     @property
@@ -104,7 +101,7 @@ class LogAxis(Axis):
     """A logarithmic axis; ticks are at powers of ten and, if these are few, at 2 and 5 times powers of ten."""
 
     def place(self, value: float, start: float, end: float) -> float:
-        """Return the coordinate of a positive value; `low` is at `start`, `high` at `end`."""
+        """Return the coordinate of a positive `value`, as `Axis.place` does, but on a logarithmic scale."""
         share = math.log(value / self.low) / math.log(self.high / self.low)
         return start + share * (end - start)
 
@@ -153,7 +150,7 @@ class Ribbon:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Polyline:
-    """Points joined by a line. `class_` is a line style: ``a``, ``b``, ``dashed``, ``gap``."""
+    """Points joined by a line. `class_`: colour ``a`` or ``b``, or ``dashed``, or ``gap`` (colour of errors)."""
 
     x: Sequence[float]
     y: Sequence[float]

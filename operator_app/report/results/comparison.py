@@ -21,7 +21,7 @@ NOTHING_FOLLOWS = "same poses: nothing follows for the arm"
 
 
 def comparison_text(comparison: CalibrationComparison) -> str:
-    """Return the comparison for a terminal of 80 columns, the verdict first."""
+    """Return the comparison as text for a terminal of 80 columns, the verdict first."""
     table = _table(comparison)
     blocks = [
         _verdict(comparison, table),

@@ -29,7 +29,7 @@ HOW = (
 )
 
 SCATTER_TYPE_A, SCATTER_SIGMAS = 5.0, 3.0
-"""The verdict names an entry if it scatters between sessions by more than these multiples of type A and of sigma."""
+"""The verdict names an entry whose scatter between sessions exceeds these multiples of both type A and sigma."""
 
 FRAMED = 72
 """Columns available inside a frame on a terminal of 80 columns."""

@@ -124,7 +124,7 @@ def _sigma(parameter: Parameter, sigma: float) -> list[str]:
 def advice_text(
     ranked: tuple[PlacementReport, ...], parameters: dict[str, Parameter], joints: int
 ) -> str:
-    """Return text on ranked hinge placements: difference from the present placement, and predicted sigmas."""
+    """Return text on ranked hinge placements: tilt and shift from the present placement, and predicted sigmas."""
     if not ranked:
         return "No placement near the present one can be used."
     rows = [
@@ -176,7 +176,7 @@ def _placement(
 
 
 def plan_json(shown: Preview, *, basis: str) -> dict[str, Any]:
-    """Return the JSON object for a plan."""
+    """Return a plan as a JSON object; `basis` states what the plan is based on, such as ``nominal geometry``."""
     choice, identifiability = shown.choice, shown.identifiability
     return {
         "basis": basis,

@@ -31,7 +31,7 @@ def published_text(reproduction: Published) -> str:
 
 
 def published_json(reproduction: Published) -> dict[str, Any]:
-    """Return the JSON object with the figures of all tables; angles in deg, lengths in m, closure in mm and mrad."""
+    """Return the reproduced and the published figures as JSON; angles in deg, lengths in m, closure in mm and mrad."""
     numbers = keyed(_tables(reproduction))
     shares = zip(reproduction.shares, numbers["shares"], strict=True)
     remedies = zip(reproduction.remedies, numbers["remedies"], strict=True)

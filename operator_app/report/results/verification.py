@@ -62,7 +62,7 @@ def _shift_json(shift: CommonShift, why: str) -> dict[str, Any]:
 
 
 def verification_text(verdict: VerificationResult, poses: PoseSet, folder: str) -> str:
-    """Return the result for a terminal of 80 columns, the verdict first."""
+    """Return the verification as text for a terminal of 80 columns, the verdict first."""
     tested = verdict.verification
     # chi2 of the test that decided the verdict.
     chi2 = verdict.stated if verdict.stated.per_dof > verdict.stated.high else tested.chi2
@@ -102,7 +102,7 @@ def verification_text(verdict: VerificationResult, poses: PoseSet, folder: str) 
 
 
 def verified_words(result: VerificationResult) -> str:
-    """Return a verification in one line: verdict, closure sigmas (with the best table), chi2/dof."""
+    """Return a verification in one line: verdict, closure sigmas with the best D-H table if known, chi2/dof."""
     sigmas = result.in_use.best_table or result.verification.sigmas
     ratio = CHI2(result.verification.chi2.per_dof).shown
     turned = sigmas.orientation_rad
@@ -135,7 +135,7 @@ def open_loop_json(check: OpenLoopCheck) -> dict[str, Any]:
 
 
 def open_loop_text(check: OpenLoopCheck, folder: str) -> str:
-    """Return the result for a terminal of 80 columns, the verdict first."""
+    """Return the open-loop check as text for a terminal of 80 columns, the verdict first."""
     poses, verdict = check.solution.poses, _verdict(check)
     if verdict == UNSOUND:
         head = (

@@ -36,8 +36,8 @@ UNKNOWN_RAD = math.pi
 class ClosureFit:
     """The most probable closure of the loop at one reading.
 
-    `chi2`: chi2 of the changes of unknowns and readings that close the loop; infinite if no changes do. `dof`: number
-    of equations of the pose minus number of ignored readings. `q_rad`: joint angles (n,) at which the loop closes.
+    `chi2`: chi2 of the corrections to unknowns and readings that close the loop; infinite if it cannot close. `dof`:
+    number of equations of the pose minus number of ignored readings. `q_rad`: joint angles (n,) of the closed loop.
     """
 
     chi2: float

@@ -21,6 +21,7 @@ from operator_app.session.safety.resume_checks import (
     check_closure_by_poses,
     check_counters,
     counters_near_zero,
+    reset_text,
     zero_position,
 )
 from operator_app.session.store.logbook import Logbook
@@ -37,7 +38,7 @@ def require_plausible_readings(
 
     `endpoint`: function that measures the tool with the instrument; called if this placement has poses. Returns the
     joints (1-based) whose shift since the last pose could not be detected at the current pose. Raises
-    ClosureRefusedError, which names the joint if a wrong reading of one joint explains that the loop does not close.
+    ClosureRefusedError; the message names a joint whose wrong reading alone would explain the closure error.
     """
 
     def record(text: str, probability: float | None, *, refused: bool = False) -> None:
@@ -111,11 +112,11 @@ MAX_NAMED_JOINTS = 3
 def check_closure_without_poses(
     procedure: Procedure, reading: Reading, known: KnownArm | None = None
 ) -> float | None:
-    """Refuse readings with which the loop cannot close within the tolerances of the files.
+    """Refuse readings with which the loop cannot close within the tolerances of arm file and fixture file.
 
-    `known`: information on the arm from earlier placements of the fixture. Returns the probability of a larger chi2,
-    None for an open arm. Raises ClosureRefusedError if the loop cannot close or a counter was reset; the error names
-    joints whose reading alone explains this.
+    `known`: information on the arm from earlier placements of the fixture. Returns the probability of a larger chi2;
+    None for an open arm. Raises ClosureRefusedError if the loop cannot close or a counter was reset; the message names
+    the joints whose wrong reading alone would explain the closure error.
     """
     if not procedure.fixture.fixture.holds_hand:
         return None
@@ -129,7 +130,9 @@ def check_closure_without_poses(
             f"home {joints_named(list(reset))}, then connect again. If a joint really is {where}, move it by "
             f"hand by {WHOLE_DEGREES(2.0 * MAX_SAG_RAD).with_unit} while its drives are off"
         )
-        raise ConnectAgainError(_reset_text(reset, where), remedy, probability=probability)
+        closed_at = names(f"joint {j} near {REACH(q).with_unit}" for j, q in reset.items())
+        text = reset_text(list(reset), where, f"; it closes with {closed_at}")
+        raise ConnectAgainError(text, remedy, probability=probability)
     if probability >= (
         LOOP_FALSE_REFUSAL_PROBABILITY if known is None else FALSE_REFUSAL_PROBABILITY_KNOWN_ARM
     ):
@@ -158,10 +161,10 @@ def _reset_counters(arm: ArmModel, loop: LoopAtReading, closure: ClosureFit) -> 
 def _reset_among(
     arm: ArmModel, loop: LoopAtReading, closure: ClosureFit, zeros: tuple[int, ...], at_most: float
 ) -> dict[int, float]:
-    """Return the joints of `zeros` with reset counters, with the angles (rad) that close the loop; {} for none.
+    """Return the joints of `zeros` whose counters were reset, with the angles (rad) that close the loop; {} for none.
 
-    A counter counts as reset if its reading increases chi2, and so large an increase is less probable than `at_most`.
-    The increase is tested, not chi2, because errors in the files raise chi2 with and without this reading.
+    The counters count as reset if the increase of chi2 that their readings cause is less probable than `at_most`.
+    The increase is tested, not chi2, because errors in the files raise chi2 with and without these readings.
     """
     from scipy.special import chdtrc
 
@@ -181,16 +184,6 @@ def _reset_among(
         ):
             return {joint: float(explaining.q_rad[joint - 1])}
     return {j: float(without.q_rad[j - 1]) for j in zeros}
-
-
-def _reset_text(reset: dict[int, float], where: str) -> str:
-    instead = names(f"joint {j} near {REACH(near).with_unit}" for j, near in reset.items())
-    one = len(reset) == 1
-    counters, are, were = ("counter", "is", "was") if one else ("counters", "are", "were")
-    return (
-        f"the {counters} of {joints_named(list(reset))} {are} {where}, and with that the loop does not close; it "
-        f"closes with {instead}. The {counters} {were} reset, as after a loss of power"
-    )
 
 
 def _not_closing_text(explaining: dict[int, ClosureFit]) -> str:

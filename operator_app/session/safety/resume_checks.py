@@ -1,7 +1,7 @@
 """Resume checks before the drives are enabled: same nodes, no counter reset, closure as predicted.
 
-They move nothing; `return_check` follows once the arm may move. A reset sets a counter to zero at the current position.
-Until the next connection, the arm may sag, because hydraulic valves leak; then the counter is not exactly zero.
+These checks move nothing. When the arm may move, `return_check` compares a repeated pose. A reset sets a counter to
+zero at the current position. If the arm then sags before it is connected, the counter is not exactly zero.
 """
 
 from collections.abc import Sequence
@@ -22,7 +22,7 @@ from operator_app.config.procedure import Procedure
 from operator_app.errors import ClosureRefusedError, ConnectAgainError, GuardError
 from operator_app.session.store.state import CheckReading, SessionState, pose_set_of
 from operator_app.session.store.stored_calibration import StoredCalibration, journal_calibration
-from operator_app.units import POSITION, SLIP_SIGMA, SPAN
+from operator_app.units import POSITION, SLIP_SIGMA, SPAN, joints_named
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import Encoder
@@ -39,8 +39,8 @@ MAX_SAG_RAD = float(np.deg2rad(5.0))
 def counters_near_zero(arm: ArmModel, reading_rad: FloatArray) -> dict[int, float]:
     """Return the distance from zero of each counter within `MAX_SAG_RAD` of zero, by joint, nearest first.
 
-    Joints are numbered from 1. The distance is in units of `AT_ZERO_COUNTS` counts, at least 1. The probability that a
-    joint is that close to zero by chance is proportional to the distance.
+    Joints are numbered from 1. The distance is in units of `AT_ZERO_COUNTS` counts; 1 stands for any smaller one. The
+    probability that a joint is this close to zero by chance is proportional to the distance.
     """
     times = {
         j: max(1.0, abs(float(q)) / (AT_ZERO_COUNTS * joint.sensor.resolution_rad))
@@ -54,6 +54,17 @@ def zero_position(arm: ArmModel, reading_rad: FloatArray, joints: Sequence[int])
     """Return ``at zero`` if these joints are within `AT_ZERO_COUNTS` counts of zero, else ``near zero``."""
     times = counters_near_zero(arm, reading_rad)
     return "at zero" if all(times.get(j, np.inf) <= 1.0 for j in joints) else "near zero"
+
+
+def reset_text(joints: Sequence[int], where: str, closes_with: str = "") -> str:
+    """Describe counters that were reset: those of `joints`, which read zero (`where`)."""
+    counters, are, were = (
+        ("counter", "is", "was") if len(joints) == 1 else ("counters", "are", "were")
+    )
+    return (
+        f"the {counters} of {joints_named(joints)} {are} {where}, and with that the loop does not close{closes_with}. "
+        f"The {counters} {were} reset, as after a loss of power"
+    )
 
 
 def check_counters(arm: ArmModel, reading_rad: FloatArray) -> None:
@@ -98,7 +109,7 @@ CHI2_RATIO_TO_LIMIT = 2.0
 NEAR_ZERO_RATIO = 100.0
 """A closure error is attributed to a reset counter if a reading is within this distance of zero.
 
-The distance is in units of `AT_ZERO_COUNTS`. By chance, a joint is so close to zero in one of 300 positions.
+The distance is in units of `AT_ZERO_COUNTS`. By chance, a joint is this close to zero in one of 300 positions.
 """
 
 REMAINDER_PROBABILITY = 1e-3
@@ -113,7 +124,7 @@ NEW_SESSION_REMEDY = (
 
 
 def check_identity(state: SessionState, identity: ArmIdentity) -> None:
-    """Raise GuardError if the arm has no nodes, or other serial numbers than the session's arm and nodes."""
+    """Raise GuardError if the arm has no nodes, or if its serial number or a node's differs from the session's."""
     if not identity.nodes:
         raise GuardError(
             f"arm {identity.serial_number} has no nodes: it cannot be moved or read",
@@ -203,9 +214,9 @@ def _refusal(
 ) -> ClosureRefusedError:
     """Return the error, with its likely cause, for a reading that contradicts the captured poses.
 
-    `near`: innovation of the reading; None for an open arm, or if the poses cannot be fitted. `probability`: that of a
-    larger chi2 with the parameters from the poses; None if the poses do not determine them. `closes`: whether the loop
-    closes at all with these parameters.
+    `near`: innovation of the reading; None for an open arm, or if the poses cannot be fitted. `probability`:
+    probability of a larger chi2 with the parameters from the poses; None if the poses do not determine parameters.
+    `closes`: whether these parameters allow the loop to close.
     """
     from scipy.special import chdtrc
 
@@ -217,9 +228,8 @@ def _refusal(
     zeros = sorted(j for j, t in times.items() if t <= NEAR_ZERO_RATIO)
     if zeros:
         return ClosureRefusedError(
-            f"the counter of joint {' and '.join(map(str, zeros))} is {zero_position(arm, reading.mean_rad, zeros)}, "
-            "and the loop does not close with this reading: the counter was reset, as after a loss of power",
-            f"home the joint; {NEW_SESSION_REMEDY}",
+            reset_text(zeros, zero_position(arm, reading.mean_rad, zeros)),
+            f"home {joints_named(zeros)}; {NEW_SESSION_REMEDY}",
             probability=probability,
         )
     size = f"{probability:.0e}" if probability > LEAST_STATED_PROBABILITY else "below 1e-12"
@@ -255,7 +265,7 @@ def _cause_text(near: Innovation | None) -> str:
 
 
 def fixture_in_place(state: SessionState, procedure: Procedure) -> EndpointConstraint:
-    """Return the fixture; an instrument gets the nominal placement that `parameters_from_poses` is based on."""
+    """Return the fixture; for an instrument, with the placement from the calibration, else from the file or poses."""
     known = journal_calibration(state)
     fixture = procedure.fixture.fixture
     if isinstance(known, StoredCalibration):

@@ -87,7 +87,7 @@ def _chi2_limit(repeat: Repeat) -> float:
 
 
 def _repeat(state: SessionState, procedure: Procedure) -> Repeat | None:
-    """Return the comparison of the last repeated pose with its first reading; None if any readings close the loop."""
+    """Compare the last repeated pose with its first reading; None if the chain allows any difference between them."""
     arm, fixture = procedure.arm, procedure.fixture.fixture
     model = fixture.model(arm, unsensed_joints=procedure.unsensed_joints)
     fixed = resume_checks.parameters_from_poses(state, procedure)

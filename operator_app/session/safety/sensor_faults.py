@@ -6,7 +6,7 @@ from itertools import takewhile
 
 import numpy as np
 
-from hardware.arm import ArmInterface, Reading
+from hardware.arm import ArmInterface, Fault, Reading
 from hardware.canopen.objects import EmergencyCode
 from hardware.errors import DriveDiverged, DriveFault, SensorFault
 from operator_app.calibration.failure_analysis import turned_unread
@@ -42,6 +42,7 @@ class SensorFaults:
     def __init__(self, logbook: Logbook, arm: ArmInterface) -> None:
         self._logbook, self._arm = logbook, arm
         self._recorded: tuple[str, int | None] = ("", None)
+        self._failed: list[Fault] = []
         self.read_until = -1
 
     @contextmanager
@@ -53,7 +54,7 @@ class SensorFaults:
             # A fault that persists is raised again by every call: record it once.
             if fault.since_sync is None or (str(fault), fault.since_sync) != self._recorded:
                 self._recorded = str(fault), fault.since_sync
-                self._logbook.record("sensor_fault", {"joint": fault.joint, "text": str(fault)})
+                self._record(fault.joint, str(fault))
                 self._exclude(self._affected_poses(fault), fault.joint)
             raise
         except DriveFault as fault:
@@ -62,8 +63,14 @@ class SensorFaults:
             raise
 
     def record_stop_cause(self) -> None:
-        """Record and raise the fault that made the arm stop by itself while idle, if there was one."""
-        if self._arm.snapshot().stopped_for:
+        """Record failed sensors; record and raise the fault that made the arm stop by itself while idle, if any."""
+        snapshot = self._arm.snapshot()
+        for fault in snapshot.faults:
+            sensor_failed = fault.code == EmergencyCode.SENSOR and fault not in self._failed
+            if sensor_failed and fault.joint is not None:
+                self._failed.append(fault)
+                self._record(fault.joint, f"joint {fault.joint}: {fault.text}")
+        if snapshot.stopped_for:
             with self.recorded():
                 self._arm.capture(1)
 
@@ -94,6 +101,9 @@ class SensorFaults:
                     stuck=True,
                 )
 
+    def _record(self, joint: int, text: str) -> None:
+        self._logbook.record("sensor_fault", {"joint": joint, "text": text})
+
     def _exclude(self, numbers: tuple[int, ...], joint: int) -> None:
         for number in numbers:
             self._logbook.exclude(number, f"joint {joint} read wrong at that time")
@@ -110,9 +120,9 @@ class SensorFaults:
         return tuple(pose.number for pose in self._logbook.state.poses[-1:])
 
     def _poses_with_present_reading(self, joint: int) -> tuple[int, ...]:
-        """Return the numbers of the latest consecutive poses with the present reading of `joint`.
+        """Return the numbers of the latest consecutive poses in which `joint` reads the same as now.
 
-        For a drive that did not follow: its sensor may have been stuck in these poses while the joint moved.
+        Used when a drive did not follow: its sensor may have been stuck in these poses while the joint moved.
         """
         poses = self._logbook.state.poses_here
         if not poses:

@@ -12,12 +12,11 @@ from typing import Any
 
 from hardware.virtual import SCENARIOS
 from operator_app.session.store.journal_format import JournalEvent
+from operator_app.units import MOST_WHOLE
 
 Check = Callable[[Any, int | None], str]
 """Function of a value and the number of joints (None if not known yet); returns the problem as text, "" if valid."""
 
-MAX_INTEGER = 2**53
-"""Not all larger integers are exact as double-precision numbers."""
 MAX_ANGLE_RAD = 20.0 * math.pi
 """Limit of sensor angles, as in a poses file: they may exceed one turn, but not ten."""
 MOST_JOINTS_RECORDED = 100
@@ -90,7 +89,7 @@ def between(least: float, most: float) -> Check:
     return check
 
 
-def integer(least: int, most: int = MAX_INTEGER) -> Check:
+def integer(least: int, most: int = MOST_WHOLE) -> Check:
     """Return a check for an integer from `least` to `most`."""
     return both(of_type("a whole number", int), between(least, most))
 
@@ -116,7 +115,7 @@ def joint_number(value: Any, joints: int | None) -> str:
 
 
 def joint_key(value: Any, joints: int | None) -> str:
-    """Check a joint number in a JSON key, i.e. as text; return the problem, "" if it is valid."""
+    """Check a JSON key that is a joint number; return the problem as text, "" if the key is valid."""
     if not re.fullmatch(r"[1-9]\d{0,2}", value):
         return f"must be the number of a joint, not {_quoted(value)}"
     return joint_number(int(value), joints)
@@ -186,7 +185,7 @@ def _quoted(value: Any) -> str:
             return "null"
         case bool():
             return "true" if value else "false"
-        case int() if abs(value) > MAX_INTEGER:
+        case int() if abs(value) > MOST_WHOLE:
             return f"a number of {len(str(abs(value)))} digits"
         case int() | float():
             return f"{value}"

@@ -87,7 +87,7 @@ def read_session(folder: Path) -> SessionEntry:
 
 
 def documents_of(state: SessionState) -> tuple[str, str]:
-    """Return the name of the procedure, and "arm, fixture" in one text; "not known" and "" if unreadable."""
+    """Return the procedure's name, and a text "ARM, FIXTURE"; "not known" and "" if the procedure is unreadable."""
     from operator_app.config.strict_yaml import load_strict
 
     try:

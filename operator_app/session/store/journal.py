@@ -253,7 +253,7 @@ class Journal:
 
     @property
     def kept_folder(self) -> Path:
-        """Folder that contains all entries: the session's or, after a loss, the rescue copy."""
+        """Folder with the complete journal: the session's or, if that journal was lost, the folder of the copy."""
         if self.loss is not None and self.loss.rescued is not None:
             return self.loss.rescued
         return self.path.parent

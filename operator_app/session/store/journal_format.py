@@ -87,7 +87,7 @@ def format_line(event: JournalEvent, chain: str) -> tuple[bytes, str]:
 
 
 def format_lines(events: Iterable[JournalEvent]) -> list[bytes]:
-    """Return the lines of a whole journal; raises ValueError like `format_line`."""
+    """Return the lines of a whole journal; raises ValueError as `format_line` does."""
     chain, lines = "", list[bytes]()
     for event in events:
         line, chain = format_line(event, chain)
@@ -256,7 +256,7 @@ def require_own_format(complete: list[bytes], rest: bytes, path: Path) -> None:
 
 
 def _require_version(first: bytes, path: Path) -> None:
-    """Raise JournalForeignError if line 1 states an unknown version, unless the checksum fits the current version."""
+    """Raise JournalForeignError if line 1 states an unknown version, unless only the stated version is damaged."""
     match = re.match(rb'\{"schema":"([^"\\]{0,60})"', first)
     split = split_checksum(first)
     if match is None or match[1].decode(errors="replace") == JOURNAL_SCHEMA:

@@ -1,7 +1,7 @@
 """Repairs a damaged journal: restores or removes lines whose checksum does not match; keeps a copy of the original.
 
 The checksum of a line covers its bytes and the checksum of the line before it. The line after a damaged line can be
-verified if the checksum of the damaged line can be read. A single flipped bit inside a line is located by trying all.
+verified if the checksum of the damaged line can be read. A single flipped bit in a line is found by trying each bit.
 """
 
 import hashlib
@@ -44,7 +44,7 @@ POSE_NUMBER = re.compile(rb'"number":(\d{1,9})[,}]')
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RepairedLine:
-    """Result for one line. `event`: None if lost. `words`: why it is lost, or what was restored; "" if intact."""
+    """One line after the repair. `event`: None if it is lost. `words`: why, or what was restored; "" if intact."""
 
     number: int
     event: JournalEvent | None

@@ -127,7 +127,7 @@ class Logbook:
         return solution
 
     def record_solution(self, solution: Solution) -> None:
-        """Record a solution of the used poses; raises JournalLostError if the journal has changed."""
+        """Record a solution from the used poses; raises JournalLostError if the journal has changed."""
         self.require_journal(unchanged=True)
         data = solution_data(
             solution, self.state, length_tolerance_m=self.procedure.length_tolerance_m

@@ -17,16 +17,14 @@ from operator_app.session.store.state import (
     CheckReading,
     SessionState,
 )
+from operator_app.units import MOST_WHOLE
 from solver.arrays import frozen
-
-MOST_ORDER = 2**53
-"""Larger order numbers are ignored."""
 
 
 def order_of(opened: Mapping[str, Any]) -> int:
     """Return the order number from the data of an `opened` event; 0 if it has none."""
     order = opened.get("order")
-    return order if type(order) is int and 0 < order < MOST_ORDER else 0
+    return order if type(order) is int and 0 < order < MOST_WHOLE else 0
 
 
 def apply(state: SessionState, event: JournalEvent) -> SessionState:

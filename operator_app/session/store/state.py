@@ -126,8 +126,8 @@ class SessionState:
     drives, drive_sets
         Chosen drive joints, and all sets that a plan may use; empty until chosen.
     resumed
-        Whether, since the last check reading, the session was resumed or repaired or the arm was connected again, or a
-        sensor fault is still open (`sensor_jump`).
+        Whether a drift check is due: `sensor_jump` is set or, since the last check reading, the session was resumed or
+        repaired or the arm was connected again.
     placement
         Number of the current mounting of the fixture, from 1; start, home, waypoints and modes are of this placement.
     mounted
@@ -206,7 +206,7 @@ class SessionState:
 
     @property
     def unconfirmed_placement(self) -> bool:
-        """Whether the current placement is a later one without used poses, so that its mounting must be confirmed."""
+        """Whether the mounting must be confirmed: the current placement is not the first and has no used pose."""
         return self.placement > 1 and not self.poses_here
 
     @property
@@ -250,7 +250,7 @@ class SessionState:
         )
 
     def required_poses(self, capture: CapturePlan) -> int:
-        """Return the number of used poses of all placements at which the current placement is complete.
+        """Return the number of used poses, counted over all placements, that completes the current placement.
 
         In a planned capture, the poses chosen by the plan are required in addition to the explored poses.
         """

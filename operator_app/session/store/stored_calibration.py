@@ -110,7 +110,7 @@ def solve(
 def with_checks(
     calibration: StoredCalibration, state: SessionState, procedure: Procedure
 ) -> StoredCalibration:
-    """Return the calibration; if it was computed again, with a new cross-validation."""
+    """Return the calibration. If it was not read from the journal, cross-validate it first."""
     if not calibration.recalculated_because:
         return calibration
     fixture = procedure.fixture.fixture
@@ -122,7 +122,7 @@ def with_checks(
 def solution_data(
     solution: Solution, state: SessionState, *, length_tolerance_m: float | None
 ) -> dict[str, Any]:
-    """Return the data of the `solved` event that records a solution."""
+    """Return the data of the `solved` event for a solution that was calculated with `length_tolerance_m`."""
     estimate, condition = solution.estimate, solution.identifiability.scaled_condition_number
     return {
         "estimator": estimate.estimator,

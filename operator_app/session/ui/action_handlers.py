@@ -223,7 +223,7 @@ def hold(context: ActionContext) -> None:
 
 
 def apply_prompt(s: SessionSnapshot) -> str:
-    """Return the prompt of `apply_modes`."""
+    """Return the plain-mode prompt of `apply_modes`, which names the selected joints."""
     others = others_free(len(s.selected_joints), s.procedure.arm.joint_count)
     return f"Put {joints_named(s.selected_joints)} into position mode{others}"
 

@@ -68,7 +68,7 @@ class CalibrationOperations(Listener):
     # -- quality of the poses ------------------------------------------------------------------------
 
     def refresh(self) -> None:
-        """Publish the session's state and the quality of its poses; earlier results of the quality are reused."""
+        """Publish the session's state and the quality of its poses; only poses that are new are evaluated."""
         session, state = self._session, self._session.state
         used = state.used_poses
         if not used:
@@ -91,7 +91,7 @@ class CalibrationOperations(Listener):
         )
 
     def _set_plan(self, plan: tuple[Mapping[int, float], ...], start_rad: FloatArray) -> None:
-        """Publish a plan, i.e. waypoints (rad, by joint), and predict its poses when it starts at `start_rad` (n,)."""
+        """Publish `plan`, the waypoints (rad, by joint), and predict its poses if the arm starts at `start_rad`."""
         session, model = self._session, self._nominal_loop
         self._plan = plan
         self._forecast = predict(
@@ -125,7 +125,7 @@ class CalibrationOperations(Listener):
         )
 
     def _loop_of(self, state: SessionState) -> ClosureModel:
-        """Return the loop of the used poses; an open arm's instrument is registered once there are enough poses."""
+        """Return the loop of the used poses; with enough poses of an open arm, the instrument is located first."""
         session, model = self._session, self._nominal_loop
         if session.fixture.holds_hand:
             return model
@@ -181,7 +181,7 @@ class CalibrationOperations(Listener):
             self._compare(self._active_document())
 
     def _compare(self, active_document: bytes) -> None:
-        """Show the new parameters, beside those of the controller's active document unless it is empty."""
+        """Show the new parameters, and beside them those of the controller's `active_document` if it is not empty."""
         session, solution = self._session, self._current_solution()
         active = parse_parameters(active_document, "active parameters") if active_document else None
         self._publish(diff=diff_rows(session.document(solution), active))

@@ -1,6 +1,6 @@
 """Guards: pure functions that return why a step or an action is not allowed, as text; "" if it is allowed.
 
-Before an action that could do harm, the workflow makes the check again.
+Before an action that could do harm, the workflow makes the check again. Most guards of actions include `idle`.
 """
 
 from collections.abc import Callable, Mapping
@@ -35,7 +35,7 @@ def missing_for(step: Step, s: SessionSnapshot) -> str:
 
 
 def fixture_ready(s: SessionSnapshot) -> str:
-    """The Fixture step needs a connected arm and, for a real arm, a tested hardware stop."""
+    """Return why the Fixture step is closed; "" if an arm is connected and, if real, its hardware stop was tested."""
     if not s.connected:
         return "no arm is connected: connect first (step 1)"
     if not s.simulated and not s.stop_tested:
@@ -44,7 +44,7 @@ def fixture_ready(s: SessionSnapshot) -> str:
 
 
 def modes_ready(s: SessionSnapshot) -> str:
-    """The Modes step needs a fixture that no check refuses, and a completely ticked check list."""
+    """Return why the Modes step is closed; "" if Fixture is open, its checks passed and every item is ticked."""
     if before := fixture_ready(s):
         return before
     if not s.checks:
@@ -62,7 +62,7 @@ def modes_ready(s: SessionSnapshot) -> str:
 
 
 def capture_ready(s: SessionSnapshot) -> str:
-    """The Capture step needs drives that are enabled in their confirmed modes."""
+    """Return why the Capture step is closed; "" if Modes is open and every drive is enabled in its confirmed mode."""
     if before := modes_ready(s):
         return before
     if s.stopped:
@@ -78,7 +78,7 @@ def capture_ready(s: SessionSnapshot) -> str:
 
 
 def calibrate_ready(s: SessionSnapshot) -> str:
-    """The Calibrate step needs enough poses to have more equations than parameters."""
+    """Return why the Calibrate step is closed; "" if the used poses give more equations than parameters."""
     model = s.procedure.fixture.fixture.model(s.procedure.arm, unsensed_joints=s.unsensed_joints)
     used = len(s.state.used_poses)
     needed = poses_needed(len(model.parameters), model.equations_per_pose)
@@ -87,7 +87,7 @@ def calibrate_ready(s: SessionSnapshot) -> str:
 
 
 def results_ready(s: SessionSnapshot) -> str:
-    """The Results step needs a calibration from the current poses and, after a resume, a connected arm."""
+    """Return why the Results step is closed; "" if a calibration is loaded. After a resume, connecting loads it."""
     if s.solution is not None:
         return ""
     if s.state.solved and not s.connected:
@@ -96,7 +96,7 @@ def results_ready(s: SessionSnapshot) -> str:
 
 
 def export_ready(s: SessionSnapshot) -> str:
-    """The Export step needs an accepted calibration."""
+    """Return why the Export step is closed; "" if the calibration is accepted."""
     if s.solution is None or s.solution.accepted:
         return results_ready(s)
     return f"the calibration is not accepted: {s.solution.reasons[0]}"
@@ -116,12 +116,12 @@ _STEPS: Mapping[Step, Guard] = {
 
 
 def idle(s: SessionSnapshot) -> str:
-    """Return a reason while a task is running."""
+    """Return a request to wait for the running task; "" if no task is running."""
     return "" if s.task is None else f"wait: {s.task.text}"
 
 
 def may_connect(s: SessionSnapshot) -> str:
-    """Connecting again is allowed only if data are lost or a new connection resolves an alarm."""
+    """Return why connecting is refused; a connected arm connects again only after lost data or to resolve an alarm."""
     offered = any(TaskKind.CONNECT in alarm.resolving_tasks for alarm in s.alarms)
     if s.connected and s.data is not DataState.LOST and not offered:
         return "the arm is already connected"
@@ -129,7 +129,7 @@ def may_connect(s: SessionSnapshot) -> str:
 
 
 def may_use_data(s: SessionSnapshot) -> str:
-    """Using data requires a connected arm, fresh data, and that STOP is not latched."""
+    """Return why joint data cannot be used; "" if an arm is connected, STOP is not latched and the data are fresh."""
     if not s.connected:
         return "no arm is connected: connect first (step 1)"
     if s.stopped:
@@ -149,22 +149,22 @@ may_check_fixture = all_of(idle, may_use_data)
 
 
 def may_tick_all(s: SessionSnapshot) -> str:
-    """With a real arm, the items of the check list must be ticked one at a time."""
+    """Return why ticking all items at once is refused; "" for a simulated arm."""
     return "" if s.simulated else "on a real arm the items are checked and ticked one at a time"
 
 
 def may_suggest(s: SessionSnapshot) -> str:
-    """Suggesting drive joints needs their ranking, which is made after connecting."""
+    """Return why drive joints cannot be suggested; "" if they have been ranked, which connecting does."""
     return "" if s.ranked else "no ranking yet: connect first (step 1)"
 
 
 def may_apply_modes(s: SessionSnapshot) -> str:
-    """Applying modes needs an open Modes step, fresh data, and a selected joint for each degree of freedom."""
+    """Return why applying modes is refused; "" if Modes is open, data are fresh and the selected joints are valid."""
     return idle(s) or modes_ready(s) or may_use_data(s) or modes_problem(s, s.selected_joints)
 
 
 def modes_problem(s: SessionSnapshot, position_joints: tuple[int, ...]) -> str:
-    """Return why `position_joints` is a wrong set of joints for position mode; "" if it is right."""
+    """Return why `position_joints` is not a valid set of joints for position mode; "" if it is valid."""
     problem = drives.modes_problem(
         position_joints,
         joint_count=s.procedure.arm.joint_count,
@@ -179,19 +179,19 @@ ALL_VISITED = "all waypoints of the plan are visited"
 
 
 def may_move(s: SessionSnapshot) -> str:
-    """Moving needs an open Capture step, fresh data and an unvisited waypoint."""
+    """Return why moving is refused; "" if Capture is open, data are fresh and a waypoint is unvisited."""
     return may_go_home(s) or (ALL_VISITED if s.next_waypoint is None else "")
 
 
 def may_go_best(s: SessionSnapshot) -> str:
-    """Going to the most informative pose needs an estimate."""
+    """Return why moving to the most informative waypoint is refused; "" if it is known and moving is allowed."""
     if s.best_waypoint is None:
         return "no best pose yet: it needs an estimate from a few poses"
     return may_move(s)
 
 
 def may_capture(s: SessionSnapshot) -> str:
-    """Capturing needs an open Capture step, fresh data, and no pending drift check."""
+    """Return why capturing is refused; "" if Capture is open, data are fresh and no drift check is due."""
     if missing := may_go_home(s) or s.state.sensor_jump:
         return missing
     if s.state.resumed and s.state.poses_here:
@@ -201,8 +201,10 @@ def may_capture(s: SessionSnapshot) -> str:
 
 
 def may_run_automatically(s: SessionSnapshot) -> str:
-    """Automatic capture needs what `may_move` needs, and a pose or a drift check that is still to be done."""
-    complete = len(s.state.used_poses) >= s.required_poses and not lacks_drift_check(s)
+    """Return why automatic capture is refused; "" if moving is allowed and a pose or a drift check is missing."""
+    complete = len(s.state.used_poses) >= s.required_poses
+    if lacks_drift_check(s) or (s.state.resumed and s.state.poses_here and not complete):
+        return may_go_home(s)  # a captured pose is measured again: no unvisited waypoint is needed
     return may_move(s) or (f"all {s.required_poses} poses are captured" if complete else "")
 
 
@@ -220,7 +222,7 @@ def moves_real_arm(s: SessionSnapshot) -> bool:
 
 
 def may_remount(s: SessionSnapshot) -> str:
-    """Remounting needs a fixture, a capture that is not planned, and all poses of the current placement."""
+    """Return why remounting is refused; "" if one more placement is allowed and the current one has all its poses."""
     if missing := idle(s):
         return missing
     if problem := mounting_problem(s.procedure, s.state.placement + 1):
@@ -233,12 +235,12 @@ def may_remount(s: SessionSnapshot) -> str:
 
 
 def may_edit_pose(s: SessionSnapshot) -> str:
-    """Undoing, noting and excluding need a captured pose."""
+    """Return why undoing, noting and excluding are refused; "" if there is a pose."""
     return idle(s) or ("" if s.state.poses else "there is no pose yet: capture one first")
 
 
 def may_calibrate(s: SessionSnapshot) -> str:
-    """Calibrating needs enough poses; the paper's estimator also needs readings of all joints."""
+    """Return why calibrating is refused; "" with enough poses and, for the paper's estimator, every joint sensed."""
     if missing := idle(s) or calibrate_ready(s):
         return missing
     if s.estimator == "paper" and s.unsensed_joints:
@@ -253,7 +255,7 @@ may_report = all_of(idle, results_ready)
 
 
 def may_force(s: SessionSnapshot) -> str:
-    """Forced upload needs a calibration that was not accepted."""
+    """Return why a forced upload is refused; "" if the calibration was not accepted and the arm can store it."""
     if missing := idle(s) or results_ready(s):
         return missing
     if s.solution is not None and s.solution.accepted:
@@ -276,12 +278,12 @@ def serial_number(s: SessionSnapshot) -> str:
 
 
 def may_show_history(s: SessionSnapshot) -> str:
-    """The history needs the serial number of an arm."""
+    """Return why the history cannot be shown; "" if the serial number of the arm is known."""
     return "" if serial_number(s) else "the arm is not known: connect first (step 1)"
 
 
 def may_verify(s: SessionSnapshot) -> str:
-    """Verifying needs a calibration, and modes that are set or can be set."""
+    """Return why verifying is refused; "" if a calibration is loaded and the modes are set or can be applied."""
     missing = idle(s) or results_ready(s) or may_use_data(s)
     return missing or ("" if in_modes(s) else may_apply_modes(s))
 
@@ -297,7 +299,7 @@ def needs_reset(s: SessionSnapshot) -> bool:
 
 
 def may_reset(s: SessionSnapshot) -> str:
-    """A reset needs a latched STOP or a drive fault."""
+    """Return why a reset is refused; "" if STOP is latched or a drive has a fault."""
     return idle(s) if needs_reset(s) else "STOP is not latched"
 
 

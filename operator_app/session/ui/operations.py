@@ -1,4 +1,4 @@
-"""Operations of steps 1 to 4, which publish their results. They run in the worker thread and may block."""
+"""Operations of steps 1 to 4. They run in the worker thread, may block, and put results into the snapshot."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ TEST_WIGGLE_RAD = float(np.deg2rad(2.0))
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Edit:
-    """A change of a pose: its number, the calls that undo and redo the change, the number of captures before it."""
+    """A change of the pose with number `pose`, and how to undo and redo it; `captured`: captures before the change."""
 
     pose: int
     undo: Callable[[], object]
@@ -39,7 +39,7 @@ class _Edit:
 
 
 class Operations(CalibrationOperations):
-    """The operations of the seven steps; they publish their progress."""
+    """The operations of all seven steps; they put their progress and results into the snapshot."""
 
     def __init__(self, session: Session, runner: Runner) -> None:
         super().__init__(session, runner)
@@ -268,7 +268,7 @@ class Operations(CalibrationOperations):
         self.report(f"{cleared} reset: nothing moves; apply the modes again (step 3)")
 
     def hold(self) -> None:
-        """Hold all joints in position mode where they are."""
+        """Put all joints into position mode; they hold their current positions."""
         self._publish(at_waypoint=None)
         self._session.hold()
         self.refresh()
@@ -276,7 +276,7 @@ class Operations(CalibrationOperations):
     # -- progress of a capture ---------------------------------------------------------------------
 
     def going(self, move: GoTo | None) -> None:
-        """Publish the current move."""
+        """Publish the planned move that is about to start; None for any other motion."""
         self._publish(at_waypoint=None, heading=move)
 
     def planning(self, *, active: bool) -> None:
@@ -290,7 +290,7 @@ class Operations(CalibrationOperations):
         self._publish(at_waypoint=waypoint)
 
     def pose_captured(self, state: SessionState, total: int = 0) -> None:
-        """Publish and report the last pose."""
+        """Publish and report the last captured pose; `total` is not shown."""
         self.refresh()
         pose = state.poses[-1]
         noise = READING_SD(float(pose.sd_rad.max())).with_unit

@@ -231,7 +231,7 @@ class Runner:
             self.say(Level.ALARM, message, frozenset({TaskKind.RESET}))
 
     def close(self, reason: str) -> None:
-        """Cancel the running task, leave the arm held and close the journal; blocks. May be called twice."""
+        """Cancel the running task, hold and release the arm, and close the journal; blocks. May be called twice."""
         with self._submitting:
             if self._closing.is_set():
                 return

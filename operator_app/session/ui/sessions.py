@@ -32,9 +32,9 @@ class Sessions:
     operator; "" for none.
 
     The other attributes are about the session that was closed last. `last`: its folder; None if the folder was empty
-    and has been removed. `exported`: whether its parameters were written. `held`: whether its arm confirmed that it
-    holds its position; None if no arm was connected. `lost`: error about the lost journal; None if the journal was not
-    lost. `not_held`: error about an arm that did not confirm that it holds; None if it did.
+    and has been removed. `exported`: whether its parameters were written. `held`: whether its arm confirmed that
+    no drive follows commands; None if no arm was connected. `lost`: error about the lost journal; None if the journal
+    was not lost. `not_held`: error about an arm that did not confirm this; None if it did.
     """
 
     def __init__(

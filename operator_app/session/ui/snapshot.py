@@ -54,7 +54,7 @@ class Level(Enum):
 
 
 class TaskKind(Enum):
-    """Kind of task; the value is its text while it runs."""
+    """Kind of task; the value describes the running task to the operator."""
 
     CONNECT = "connecting"
     CHECK = "checking the fixture"
@@ -109,9 +109,9 @@ class RunningTask:
 class StopReport:
     """A software STOP.
 
-    `asked_s`: time of the request (monotonic clock). `acknowledged_after_s`: time from the request until no drive was
-    in state Operation enabled; None as long as a drive is in this state. `drives_stopped`: number of drives in any
-    other state. `problem`: why STOP could not be sent; empty if it was sent.
+    `asked_s`: time of the request (monotonic clock). `acknowledged_after_s`: time from the request until every drive
+    had left the state Operation enabled; None until then. `drives_stopped`: number of drives that have left this
+    state. `problem`: why STOP could not be sent; empty if it was sent.
     """
 
     asked_s: float
@@ -122,7 +122,7 @@ class StopReport:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DiffRow:
-    """A parameter's new value and the value active in the controller (None if there is none), rad or m."""
+    """One calibrated parameter, rad or m: `new` value, and the controller's `active` value (None if it has none)."""
 
     name: str
     is_angle: bool
@@ -240,7 +240,7 @@ class SessionSnapshot:
 
     @property
     def chooses_by_plan(self) -> bool:
-        """Whether a plan chooses the next target: in a planned capture while no task but AUTOMATIC is running."""
+        """Whether a plan chooses the next target: in a planned capture, unless a task other than AUTOMATIC runs."""
         by_hand = self.task is not None and self.task.kind is not TaskKind.AUTOMATIC
         return self.procedure.capture.strategy == "planned" and not by_hand
 

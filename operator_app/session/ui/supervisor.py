@@ -122,7 +122,7 @@ class LatenessReporter:
         self._reported_at_s = -LATENESS_INTERVAL_S
 
     def new_text(self, lateness: HostLatency, now_s: float) -> str:
-        """Return a message about new delays; "" if none are new, or the last message is too recent."""
+        """Return a message about new delays; "" if there are none, or the last message is too recent."""
         new = lateness.times - self._reported.times
         if new == 0 or now_s - self._reported_at_s < LATENESS_INTERVAL_S:
             return ""
@@ -137,7 +137,7 @@ UNWATCHED_S = 1.5
 
 
 class Supervisor:
-    """Checks successive snapshots.
+    """Checks successive snapshots: raises alarms and, if necessary, stops the arm.
 
     `reported_stop`: last reported reason why the arm stopped by itself; "" if it has not stopped.
     """

@@ -152,8 +152,8 @@ class Action(Entry):
 
     `guard` returns the reason why the action is refused, "" if the action is allowed; it is called again once the
     operator has answered a question of the action. `work` submits a task, changes a setting, or opens another session.
-    `prompt`: text in plain mode; default: label and help. `rows` returns prompts by row number; plain mode lists the
-    action once for each row.
+    `prompt`: text in plain mode; default: label and help. `rows` returns prompts by row number; with it, plain mode
+    lists the action once for each row.
     """
 
     work: Callable[[ActionContext], None]
@@ -162,7 +162,7 @@ class Action(Entry):
     rows: Callable[[SessionSnapshot], Mapping[int, str]] | None = None
 
     def words(self, s: SessionSnapshot) -> str:
-        """Return the text in plain mode."""
+        """Return the prompt of the action in plain mode."""
         if callable(self.prompt):
             return self.prompt(s)
         return self.prompt or f"{self.label}: {self.help.rstrip('.')}"
@@ -204,7 +204,7 @@ def perform_action(
     *,
     tries: int = SNAPSHOTS_TRIED,
 ) -> None:
-    """Do `work` (default: the action's) or show why the guard refuses; with stale data, try up to `tries` snapshots."""
+    """Do `work` (default: the action's), or show why it is refused. If data are stale, try up to `tries` snapshots."""
     s, runner = interface.snapshot(), interface.runner
     missing = action.guard(s)
     late = s.data is DataState.STALE and not action.guard(replace(s, data=DataState.FRESH))

@@ -67,9 +67,9 @@ def take_poses(
 ) -> Finished | None:
     """Capture the missing poses of the procedure, continuing where the journal ends.
 
-    `drives`: joints to put into position mode first; None: keep the modes, unless a plan in progress drives other
-    joints. `homing`: whether the operator allows an arm outside its box to go home. Returns the end of a planned
-    capture; None for an explored capture. Raises Cancelled if the operator ended the capture.
+    `drives`: joints to put into position mode first; None: those of a plan in progress, else those now in this mode.
+    `homing`: whether the operator allows an arm outside its box to go home. Returns how a planned capture ended; None
+    for an explored capture. Raises Cancelled if the operator ended the capture.
     """
     joints = session.state.position_joints if drives is None else drives
     planned = end = None
@@ -167,9 +167,9 @@ def place_warning(session: Session) -> str:
 class _DriftCheck:
     """Repeats captured poses to show shifts of joints and fixture, independently of the model.
 
-    In an explored capture (`planned` is None), the drives move straight, within the box; in a planned capture, along
-    paths of the plan. Methods that move the arm raise GuardError if the arm of an explored capture is outside its
-    box, or if the repeated pose shows a shift (see `_repeat`).
+    `planned`: the planned capture, along whose paths the drives move; None in an explored capture, in which they move
+    straight, within the box. Methods that move the arm raise GuardError if the repeated pose shows a shift (see
+    `_repeat`) or, in an explored capture, if the arm is outside its box.
     """
 
     session: Session
@@ -228,7 +228,7 @@ class _DriftCheck:
         drive_selection.retrace(self.session, self.repeat_first_pose(suspect=suspect))
 
     def repeat_first_pose(self, *, suspect: bool = False) -> Sequence[Mapping[int, float]]:
-        """Repeat the first used pose; return the drives' angles (rad) before each move, for the way back."""
+        """Repeat the first used pose; return the drives' angles (rad) at the start of each move, for `retrace`."""
         if self.planned is None:
             drive_selection.require_in_box(self.session)
         first = self.session.state.poses_here[0]
@@ -238,10 +238,10 @@ class _DriftCheck:
     def _repeat(
         self, first: CapturedPose, *, suspect: bool = False, speed_rad_per_s: float | None = None
     ) -> Sequence[Mapping[int, float]]:
-        """Move to the pose `first`, measure it again and compare the readings; if that is not possible, record why.
+        """Move to the pose `first`, measure it again and compare the readings; if this is not possible, record why.
 
-        Returns the drives' angles (rad) at the start of each move, for the way back. Raises GuardError if the readings
-        show a shift, and the session was resumed or an outlier is suspected (`suspect`).
+        Returns the drives' angles (rad) at the start of each move, for `retrace`. If the readings show a shift, raises
+        GuardError after a resume or if an outlier is suspected (`suspect`); otherwise only reports the shift.
         """
         session, report = self.session, self.listener.report
         self.listener.going(None)
@@ -273,7 +273,7 @@ class _DriftCheck:
 def verify(
     session: Session, solution: Solution, poses: int, listener: Listener
 ) -> tuple[VerificationResult, PoseSet]:
-    """Capture new poses, different from the session's, and test a calibration with them without changing it.
+    """Test a calibration with new poses, different from the session's; the calibration does not change.
 
     The modes must be set. The result and the new poses are recorded in the journal.
     Raises `GuardError` if fewer than `poses` can be reached.

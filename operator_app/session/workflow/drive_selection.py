@@ -111,7 +111,7 @@ RESET_COUNTER_RAD = float(np.deg2rad(0.25))
 """Largest reading of a counter that was reset, including the motion of a joint when its drive is enabled."""
 
 HOMING_SPEED_RAD_PER_S = float(np.deg2rad(5.0))
-"""Speed of the way home, slow enough for a person beside the arm to react."""
+"""Speed of moves home, slow enough for a person beside the arm to react."""
 
 
 def joints_outside_box(session: Session) -> str:
@@ -129,7 +129,7 @@ def joints_outside_box(session: Session) -> str:
 def require_no_reset_counter(session: Session) -> None:
     """Raise GuardError if a drive joint outside its box reads zero: its counter may have been reset.
 
-    The operator cannot override this: with a wrong reading, the joint would go to another position than its home.
+    The operator cannot override this: with a wrong reading, the move would not end at the home of the joint.
     """
     box, q_rad = drive_box(session), session.arm.snapshot().positions_rad
     zeros = [
@@ -161,7 +161,7 @@ def require_in_box(session: Session) -> None:
 
 
 def go_home(session: Session) -> str:
-    """Move the drive joints straight home at 5 deg/s; return a message. Raises GuardError if the arm is stopped."""
+    """Move the drive joints straight home at 5 deg/s; return a message. Raises GuardError if the move ends early."""
     require_no_reset_counter(session)
     box = drive_box(session)
     targets = dict(zip(box.joints, box.centre_rad, strict=True))
@@ -224,9 +224,9 @@ STANDS_STILL_RAD = float(np.deg2rad(0.2))
 def reach(
     session: Session, targets_rad: Mapping[int, float], *, speed_rad_per_s: float | None = None
 ) -> MoveResult:
-    """Move to these angles (rad) and return the result; if the arm is stopped on the way, move it back.
+    """Move to these angles (rad) and return the result; if the move ends early, go back to where it began.
 
-    Raises GuardError if overload prevents the start.
+    Raises GuardError if the arm cannot start to move because a joint is overloaded.
     """
     before = session.arm.snapshot().positions_rad
     outcome = session.go_to(targets_rad, speed_rad_per_s=speed_rad_per_s)

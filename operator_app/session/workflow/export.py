@@ -32,14 +32,14 @@ class Exported:
 def export(
     session: Session, solution: Solution, *, upload_too: bool | None = None, forced: str = ""
 ) -> Exported:
-    """Write the session's files and, if `upload_too` (None: if the procedure says so), upload the parameters.
+    """Write the session's files and, if `upload_too` (None: as in the procedure), upload the parameters.
 
     `forced`: reason for exporting a calibration that was not accepted; it is written to the journal and the file.
-    Exports nothing and raises GuardError if this reason is missing or, before an upload, if counters or sensors may
-    have changed since the poses were captured, and JournalLostError if the journal was changed. Raises JournalError if
-    the journal cannot be written; the message states what was uploaded. If the controller may have stored all or part
-    of the parameters, records that and raises UploadUnknown or SessionError; a KeyboardInterrupt during the upload gets
-    a note on that.
+    Exports nothing and raises GuardError if this reason is missing or if, before an upload, counters or sensors may
+    have changed since the poses were captured. Exports nothing and raises JournalLostError if the journal was changed.
+    Raises JournalError if the journal cannot be written; the message states what was uploaded. Raises UploadUnknown or
+    SessionError, and records it, if the controller may have stored all or part of the parameters. After a
+    KeyboardInterrupt during the upload, a note to the exception states that the result is unknown.
     """
     forced = export_reason(solution, forced, stated_by="--force REASON")
     uploads = session.procedure.upload if upload_too is None else upload_too
@@ -90,7 +90,7 @@ def export(
 def recorded_export(session: Session, active_document: bytes) -> Exported | None:
     """Return the session's recorded export; None if there is none, or if parameters.yaml was changed since.
 
-    Its `receipt` is None unless the controller's `active_document` is the document that was uploaded.
+    `receipt` of the export is None unless the controller's `active_document` is the document that was uploaded.
     """
     exported, path = session.state.exported, session.journal.path.with_name(PARAMETERS_NAME)
     if not exported or not path.exists() or _sha256(path.read_bytes()) != exported.get("sha256"):

@@ -106,7 +106,7 @@ class ImportedSession:
         return solution, checks
 
     def add(self, solution: Solution, checks: Checks | None) -> None:
-        """Record a solution from the poses of this session and, unless None, its cross-validation."""
+        """Record a solution from the poses of this session and its cross-validation `checks` (None: not made)."""
         tolerance = self.procedure.length_tolerance_m
         self._record("solved", solution_data(solution, self.state, length_tolerance_m=tolerance))
         if checks is not None:
@@ -227,11 +227,11 @@ def replace_session(
     overwrite: bool,
     stale: Sequence[str],
 ) -> None:
-    """Replace the journal in `folder` with these lines, after removing the files named in `stale`.
+    """Replace the journal in `folder` with `lines` (`events` as text), after removing the files named in `stale`.
 
-    A journal with the same poses, arm and fixture is replaced; a journal with other data only if `overwrite` is true.
-    Raises JournalError if the journal in `folder` is not reproducible, has other data, cannot be read, or is in use;
-    nothing was changed then. Raises WriteError if the disk cannot be written.
+    The old journal may contain only `REPRODUCIBLE_EVENTS`: a session that was captured on an arm, or edited, is never
+    replaced. Unless `overwrite` is true, its poses, arm and fixture must be the same. Raises JournalError, and changes
+    nothing, if this is not so, or if the old journal cannot be read or is in use. Raises WriteError if writing fails.
     """
     path = folder / JOURNAL_NAME
     with os_errors_as_journal_errors(f"cannot open {path}", "name another folder"):

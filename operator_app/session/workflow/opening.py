@@ -51,8 +51,8 @@ PLANNED_POSES = 12
 class Choices:
     """The operator's options, which override the procedure file; None: as in the file.
 
-    `interface`, `channel` and `bitrate` select the bus, `profile` selects its bus profile, `scenario` and `seed` select
-    the virtual arm. `tracker`: port of the instrument. `placements`: number of mountings of the fixture. `operator`:
+    `interface`, `channel` and `bitrate` select the bus, `profile` the bus profile, `scenario` and `seed` the virtual
+    arm. `tracker`: port of the instrument. `placements`: number of mountings of the fixture. `operator`:
     the operator's name.
     """
 
@@ -85,7 +85,7 @@ class Choices:
         return scenario(self.scenario or DEFAULT_SCENARIO, self.seed or 0)
 
     def bus(self, procedure: Procedure) -> BusSettings:
-        """Return the bus from the first that names one: choices, procedure, environment, can.conf, user settings."""
+        """Return the bus named by the first of: choices, procedure, environment, can.conf, user settings."""
         from hardware.buses.python_can import bus_settings
         from operator_app.config.user_settings import usual_bus
 
@@ -105,7 +105,7 @@ class Choices:
 class Opening:
     """A session to be started or resumed; nothing is written yet.
 
-    `state`: the state recorded so far; for a new session, only the sources.
+    `state`: the state recorded so far; for a new session, only its `sources` are set.
     """
 
     folder: Path
@@ -116,7 +116,7 @@ class Opening:
 
     @property
     def effective_procedure(self) -> Procedure:
-        """The procedure; on a virtual bus or with a chosen scenario, the scenario determines the sensors of its arm."""
+        """The procedure; on a virtual bus or with a chosen scenario, its arm has the sensors of the scenario."""
         procedure, choices = self.procedure, self.choices
         if self.state.imported:
             return procedure
@@ -129,12 +129,12 @@ class Opening:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rig:
-    """An arm ready to be connected, and the completed opening.
+    """An arm that is ready to be connected, and the opening of its session.
 
-    `opening`: the opening with choices completed from the arm, the environment and defaults, as the journal records
-    them. `simulated`: whether the arm is simulated. `instrument` measures the tool of an open arm; otherwise None.
-    `truths`: true parameters of an arm simulated in this process; otherwise None. `recording_ended` returns why a
-    recording of the bus ended early, "" if it did not; it may be called from any thread.
+    `opening`: its choices, which the journal records, are completed from the arm, the environment and defaults.
+    `simulated`: whether the arm is simulated. `instrument` measures the tool of an open arm; otherwise None. `truths`:
+    true parameters of an arm simulated in this process; otherwise None. `recording_ended` returns why a recording of
+    the bus ended early, "" if it did not; it may be called from any thread.
     """
 
     arm: ArmInterface

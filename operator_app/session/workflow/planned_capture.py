@@ -35,7 +35,7 @@ from solver.design.campaign import Campaign
 from solver.design.stop_rule import WeakParameter
 
 SAME_BRANCH_RAD = float(np.deg2rad(6.0))
-"""A joint farther than this from its last position, when the drives are back at theirs, means another loop branch."""
+"""If a joint differs by more than this after the drives have moved back, the loop is on another branch."""
 
 
 class PlannedCapture:
@@ -64,7 +64,7 @@ class PlannedCapture:
         self._ended: Finished | None = None
 
     def ready(self) -> tuple[int, ...]:
-        """Replay the journal, compare the arm's position with the recorded one, and return the drive joints."""
+        """Prepare to continue the recorded campaign if possible, else to start a new one; return the drive joints."""
         session = self._session
         log = session.state.campaign
         self.campaign, self._moved, self._ended = None, False, None
@@ -103,9 +103,9 @@ class PlannedCapture:
     def run(self, after_pose: Callable[[], None] = lambda: None) -> Finished:
         """Carry out the campaign, with the joints from `ready` in position mode, and return how it ended.
 
-        Calls `after_pose` after each pose, before the campaign may change its plan, while a path back is still known.
-        Raises GuardError if, during exploration, the arm was moved out of its box or does not return to its last
-        position, and Cancelled if the operator ended a move; call `ready` and `run` again to continue.
+        Calls `after_pose` after each pose, before the campaign changes its plan and forgets the path back. Raises
+        GuardError if, during exploration, the arm was moved out of its box or does not return to its last position.
+        Raises Cancelled if the operator ended a move; call `ready` and `run` again to continue.
         """
         session = self._session
         if self._ended is not None:

@@ -82,10 +82,10 @@ class Instrument:
     def measure(
         self, pose: str, cancelled: Callable[[], bool] = lambda: False
     ) -> FloatArray | None:
-        """Measure the target at the pose with this name.
+        """Measure the target at the pose with the name `pose`.
 
-        If an earlier question for this pose was not answered, as after a timeout, this question has another name, so
-        that a late answer to the earlier one is ignored: the arm may have moved since.
+        If an earlier request for this pose was not answered in time, the new request contains a different name. A late
+        answer to the earlier request is then ignored, since the arm may have moved in the meantime.
 
         Returns position (3,), m, or position and rotation vector (6,), m and rad; None if cancelled. Raises
         InstrumentError if the instrument does not answer or its line cannot be used, and TargetLostError if it does
@@ -187,7 +187,7 @@ class PoseReader:
             )
 
     def _largest_spread_text(self) -> str:
-        """Sample again; return text on the joint that exceeds its spread limit most, "" if none does so any longer."""
+        """Sample again; return text on the joint farthest above its spread limit, "" if no joint is above its limit."""
         limits = np.asarray(self._rule.spread_rad(self._logbook.model))
         try:
             rows = [self._arm.capture(2).mean_rad for _ in range(self._rule.window_syncs)]
@@ -240,7 +240,7 @@ class PoseReader:
         return ""
 
     def keep(self, name: str, data: Mapping[str, Any], cancelled: Callable[[], bool]) -> None:
-        """Measure a pose and record it as an event with this name and these data."""
+        """Measure a pose and record it as the event `name`, which contains `data` and the measurement."""
         logbook = self._logbook
         if name == "pose":
             require_no_sensor_fault(logbook.state, "captures are refused")

@@ -84,9 +84,9 @@ class Session(Logbook):
     # -- 1 Connect -------------------------------------------------------------------------------
 
     def connect(self, *, measuring: bool = True) -> ArmIdentity:
-        """Open the instrument of an open arm, then connect; raises GuardError if the arm is not the session's arm.
+        """Connect to the arm and return its identity; raises GuardError if it is not the session's arm.
 
-        If `measuring` is false, e.g. for an upload, the instrument stays closed.
+        On an open arm, the instrument is opened first, unless `measuring` is false, e.g. for an upload.
         """
         require_mounted(self.state)
         if measuring:
@@ -152,7 +152,7 @@ class Session(Logbook):
         return self.model.joint_count - loop.equations_per_pose
 
     def check_modes(self, position_joints: tuple[int, ...]) -> None:
-        """Raise GuardError if these joints are a wrong set for position mode."""
+        """Raise GuardError if these joints are not a valid set for position mode."""
         problem = modes_problem(
             position_joints,
             joint_count=self.model.joint_count,
@@ -174,14 +174,14 @@ class Session(Logbook):
         self.record("modes", {"modes": [m.value for m in modes]})
 
     def hold(self) -> None:
-        """Hold all joints in position mode where they are."""
+        """Put all joints into position mode; they hold their current positions."""
         self.arm.hold()
         self.record("modes", {"modes": [JointMode.POSITION.value] * self.model.joint_count})
 
     def take_control(self) -> None:
-        """Enable the drives in position mode, and record the start position and the home.
+        """Enable the drives in position mode; record the joint angles at this start and at home.
 
-        The first call after connecting refuses implausible readings before it enables the drives.
+        The first call after connecting checks the readings first, and refuses implausible ones.
         """
         self.require_journal()
         self._check_readings()
@@ -204,7 +204,7 @@ class Session(Logbook):
     def require_counters_of_poses(self) -> None:
         """Before an upload, raise GuardError if counters or sensors may have changed since the poses were captured.
 
-        After a lost connection, the readings are compared with the poses, as before the drives are enabled.
+        If the arm was connected again, also checks the readings as `take_control` does, once for each connection.
         """
         check_counters(self.model, self.arm.snapshot().positions_rad)
         require_no_sensor_fault(self.state, "an upload is refused")
@@ -220,10 +220,10 @@ class Session(Logbook):
         *,
         speed_rad_per_s: float | None = None,
     ) -> MoveResult:
-        """Move joints in position mode to `targets_rad`; the joint ranges or the function `also` may end the move.
+        """Move joints in position mode to `targets_rad`; `range_watch` or the function `also` may end the move early.
 
-        Raises GuardError if the number of joints in position mode differs from the degrees of freedom of the chain,
-        and Cancelled if the operator ended the move.
+        Raises GuardError if the number of joints in position mode differs from `mobility`, and Cancelled if the
+        operator ended the move.
         """
         self.check_modes(self.state.position_joints)
         self.raise_if_cancelled()
@@ -256,7 +256,7 @@ class Session(Logbook):
         return self.state.poses[-1]
 
     def take_check_reading(self, kind: str, *, of: int = 0) -> CheckReading:
-        """Measure and record a check pose as `capture` does; it is not used for the calibration."""
+        """Measure and record a pose that is not used for the calibration; `kind`, `of`: as in `CheckReading`."""
         self._keep("reading", {"number": len(self.state.readings) + 1, "kind": kind, "of": of})
         return self.state.readings[-1]
 
@@ -293,7 +293,7 @@ class Session(Logbook):
             self.identity = None
 
     def close(self, reason: str) -> None:
-        """Release the arm like `release_holding` and close the journal. May be called twice."""
+        """Release the arm as `release_holding` does, and close the journal. May be called twice."""
         try:
             # If `release_holding` cannot write to the journal, neither can `record` below, which raises the error.
             with suppress(JournalError):
@@ -311,7 +311,7 @@ class Session(Logbook):
 
     @property
     def not_held(self) -> DrivesNotOffError | None:
-        """The error to raise if the arm did not confirm in `release_holding` that it holds; None if it did."""
+        """The error to raise if `release_holding` did not confirm that no drive follows commands; None if it did."""
         return None if self.held else DrivesNotOffError(self._powered)
 
     def require_drives_off(self) -> None:

@@ -20,16 +20,14 @@ CHECK_GLYPHS = {
     Severity.REFUSED: ("■", "alarm"),
 }
 
-
 NEAR_END_RAD = math.radians(3.0)
 """A joint is marked if its predicted range comes closer than this to an end of the joint's allowed range."""
-
 
 FRAME_ROWS = 2
 
 
 class PlacementPanel(Lines):
-    """Nominal placement with tolerances."""
+    """The fixture's nominal placement, with tolerances."""
 
     TITLE = "Placement (nominal)"
     HELP = (
@@ -62,7 +60,7 @@ class PlacementPanel(Lines):
 
 
 class ChecksPanel(Lines):
-    """Current checks with their figures, and the prediction of the plan."""
+    """Checks at the current pose with their figures; condition number and joint ranges predicted by the plan."""
 
     TITLE = "Checks at the present pose"
     HELP = (
@@ -145,7 +143,7 @@ class FixtureView(StepView):
     VIEWS = (("placement", "checklist"), ("checks",), ("fixture-arm",))
 
     def show(self, s: SessionSnapshot) -> None:
-        """Show a snapshot; on a large terminal, placement and check list get all their rows, the checks the rest."""
+        """Show a snapshot; on a large terminal, the checks get the rows that placement and check list leave free."""
         for panel in (self.query_one(PlacementPanel), self.query_one(_ChecklistPanel)):
             rows = len(panel.all_rows(s, panel.content_size.width))
             panel.styles.height = None if self.compact else rows + FRAME_ROWS

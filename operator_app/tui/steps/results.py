@@ -125,7 +125,7 @@ class ResultsPlot(Lines):
     """Whether the frame shows the title; without a frame the title is the first line."""
 
     def count_pages(self, s: SessionSnapshot) -> None:
-        """Update the number of pages: residuals, one per RVDT, warnings, corrections by joint, one per table."""
+        """Count the pages. In order: residuals, every RVDT, warnings in full, corrections by joint, every table."""
         facts = facts_on(s)
         if s.solution is not None and facts is not None:
             self.words_from = 1 + len(s.solution.rvdt)

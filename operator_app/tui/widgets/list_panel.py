@@ -45,7 +45,7 @@ class ListPanel(Lines):
 
 
 class TablePanel(ListPanel):
-    """A table from `_table`, which subclasses override. No row is marked; `cursor` is the first visible row."""
+    """A scrolling table; subclasses override `_table`. No row is marked: `cursor` is the first visible row."""
 
     def _table(self, s: SessionSnapshot) -> FactTable | None:
         return None
@@ -71,13 +71,13 @@ _SENSORS: Mapping[type[Sensor], str] = {Encoder: "enc", Rvdt: "RVDT", NoSensor: 
 
 
 class JointTable(ListPanel):
-    """List with one row per joint; with `show_selected`, mark, sensor and requested mode replace speed and state."""
+    """List of joints; if `show_selected`, one is marked, and sensor and requested mode replace speed and state."""
 
     TITLE = "Joints"
     HELP = (
         "One row per joint. POSITION: the joint moves to its target. FREE: it follows the closed "
         "chain with no torque of its own. The bar shows the joint's place in its range. "
-        "Numbers older than 100 ms are marked with ?; speed and torque are then left out."
+        "A position older than 100 ms is marked with ?; speed and torque are then shown as ?."
     )
 
     def __init__(self, *, id: str | None = None, show_selected: bool = False) -> None:  # noqa: A002

@@ -93,7 +93,7 @@ LARGEST_BAR_RATIO = 30.0
 
 
 def sparkline(values: Sequence[float], width: int) -> Span:
-    """Return a row of up to `width` bars for values (evenly sampled if more), newest at the right, on a log scale."""
+    """Return values as a row of bars, log scale, newest at the right. More than `width` values are sampled evenly."""
     last, cells = len(values) - 1, max(1, min(width, len(values)))
     sampled = [values[round(k * last / max(1, cells - 1))] for k in range(cells)]
     finite = [v for v in sampled if math.isfinite(v) and v > 0.0] or [1.0]
@@ -121,7 +121,7 @@ VISIBLE_RAD = 0.015
 
 
 class ArmView(Lines):
-    """Drawing of the chain at the current pose; its scale and position change only with the predicted poses."""
+    """Drawing of the arm at its current pose. Scale and centre stay the same until other poses are predicted."""
 
     TITLE = "Arm"
     HELP = (

@@ -106,6 +106,7 @@ def test_a_joint_named_by_two_columns_is_refused(tmp_path, selected):
         ("1,2,3\n", {"unit": "deg", "columns": "1-4"}),
         ("1,2,3\n", {"unit": "deg", "columns": "1,1,2"}),
         ("1,2,3\n", {"unit": "deg", "columns": "q1"}),
+        ("a,b,c,p\n1,2,3,4\n", {"unit": "deg", "columns": "2-4", "placement": "p"}),
         ("theta1_deg,theta2_deg,theta3_deg\n1,2,3\n", {"unit": "rad"}),
         ("# nothing\n", {}),
         ("a,1,2,3\n", {"unit": "deg", "placement": "hole"}),

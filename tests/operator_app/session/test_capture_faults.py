@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hardware.arm import ArmSnapshot, JointMode, MoveResult, Reading
+from hardware.arm import ArmSnapshot, Fault, JointMode, MoveResult, Reading
 from hardware.errors import DriveDiverged, SensorFault
 from hardware.virtual.scenarios import scenario
 from operator_app.config.procedure import Procedure
@@ -39,6 +39,7 @@ class FaultyArm(PlantArm):
     captures = 0
     overloaded = False
     stopped_by: SensorFault | None = None
+    reported: tuple[Fault, ...] = ()
     _stuck_at: float | None = None
 
     def capture(self, samples: int) -> Reading:
@@ -64,7 +65,7 @@ class FaultyArm(PlantArm):
             replace(j, torque_nm=95.0 if self.overloaded and j.joint == 2 else 0.0)
             for j in snapshot.joints
         )
-        return replace(snapshot, joints=joints, stopped_for=cause)
+        return replace(snapshot, joints=joints, stopped_for=cause, faults=self.reported)
 
     def move(self, targets_rad: Mapping[int, float], **options: Any) -> MoveResult:
         if self.overloaded:
@@ -144,6 +145,17 @@ def test_upload_after_a_sensor_fault_needs_the_first_pose_repeated(session):
 
     take_poses(session, Listener())
     session.require_counters_of_poses()
+
+
+def test_repaired_sensor_needs_the_first_pose_repeated(session):
+    take_poses(session, Listener(), (1, 5))
+    failed = Fault(node=3, joint=3, code=0x7305, text="angle sensor failed", sync_count=9)
+    session.arm.reported = (failed,)
+    session.reset_stop()
+    session.arm.reported = ()
+    with pytest.raises(GuardError, match="captures are refused: joint 3: angle sensor failed"):
+        session.capture()
+    assert [fault["joint"] for fault in event_data(session, "sensor_fault")] == [3]
 
 
 def test_upload_after_a_lost_connection_compares_the_readings_with_the_poses(session):

@@ -34,6 +34,9 @@ def test_command_of_another_program_raises_other_master(driven, bus, frame, appr
         capture_for_ever(driven)
     approve(str(refused.value))
     driven.hold()
+    driven.reset_stop()  # does not undo what that program changed
+    with pytest.raises(errors.OtherMaster):
+        driven.take_control()
 
 
 def test_reads_and_quick_stops_of_another_program_are_allowed(driven, bus):

@@ -155,7 +155,9 @@ def test_unmet_conditions_are_reported(guard, name, change, approve):
         ("may_capture", "modes", None),
         ("may_move", "modes", None),
         ("may_run_automatically", "capturing", None),
-        ("may_run_automatically", "captured", slipped),  # to measure the first pose again
+        # To measure the first pose again, although all waypoints are visited.
+        ("may_run_automatically", "captured", lambda s: replace(slipped(s), next_waypoint=None)),
+        ("may_run_automatically", "capturing", interrupted),
         ("may_edit_pose", "capturing", None),
         ("may_calibrate", "captured", None),
         ("may_write", "solved", None),

@@ -80,8 +80,7 @@ class NodeMissing(HardwareError):
         self.nodes = nodes
         super().__init__(
             f"no answer from node{'s' if len(nodes) > 1 else ''} {', '.join(map(str, nodes))}. "
-            "Check power, cable and bitrate; a virtual arm for another process is started with: "
-            "sarcal controller -i loopback"
+            "Check power, cable and bitrate (a virtual arm must be running: `sarcal controller -i loopback`)"
         )
 
 
@@ -110,8 +109,8 @@ class ProfileRemedy(Enum):
         ", or have a bus profile send it as 0 with the commands, or write 0 (pdo_maps: configured)"
     )
     WRITE_PDO = (
-        ", or have this program write the expected values at every connection (`sarcal probe --draft FILE --configure` "
-        "makes that profile)"
+        ", or have a bus profile write the expected values at every connection (`sarcal probe --draft FILE "
+        "--configure` writes one)"
     )
     DESCRIBE_PDO = ", or describe them in a bus profile (`sarcal probe --draft FILE` writes one)"
 
@@ -283,7 +282,7 @@ class NodeRestarted(BusError):
         has, counters = ("has", "its counter") if one else ("have", "their counters")
         super().__init__(
             f"{named} {has} restarted, as after a loss of power: {counters} may have been reset. Nothing "
-            "has been captured since. Connect again: the arm is compared with its poses first"
+            "has been captured since. Connect again: the arm is first compared with the captured poses"
         )
 
 

@@ -205,7 +205,7 @@ def describe_failure(settings: BusSettings, error: Exception) -> str:
             return f"The CAN device {channel} is down. Start it: {up}"
         if code in _NO_CAN_IN_KERNEL:
             return (
-                "The kernel of this machine has no CAN sockets. Load them: sudo modprobe can_raw; "
+                "The kernel of this machine has no CAN sockets. Load their module: sudo modprobe can_raw; "
                 "or use -i loopback, which needs none."
             )
     if code in _NOT_ALLOWED:

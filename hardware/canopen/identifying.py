@@ -160,8 +160,8 @@ def _sensor_differences(
     if objects.SENSOR in compared:
         expected = SensorKind.ENCODER if is_encoder else SensorKind.RVDT
         if (kind := access.read_unsigned(node, objects.SENSOR, objects.SENSOR_KIND)) != expected:
-            name = "an encoder" if is_encoder else "an RVDT"
-            yield f"has sensor kind {kind}, expected {name} ({expected:d})"
+            name = "encoder" if is_encoder else "RVDT"
+            yield f"has sensor kind {kind}, expected {expected:d} ({name})"
             return
     if isinstance(sensor, EncoderDescription):
         if objects.ENCODER_RESOLUTION in compared:

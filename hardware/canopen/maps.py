@@ -78,7 +78,7 @@ def check_positions(
         if abs(by_pdo - by_sdo) > POSITION_AGREEMENT_RAD * scale.density + 1.0:
             index = objects.POSITION_ACTUAL
             carrier = next(pdo.number for pdo in joint.answers if index in pdo.carried)
-            expected, actual = f"the {by_sdo} counts that it holds", f"{by_pdo} in TPDO{carrier}"
+            expected, actual = f"{by_sdo} counts (by SDO)", f"{by_pdo} counts in TPDO{carrier}"
             differences.append(ObjectMismatch(joint.node, index, None, expected, actual))
     if differences:
         raise MappingMismatch(differences)

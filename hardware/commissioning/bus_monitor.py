@@ -109,8 +109,8 @@ class BusMonitor:
         if values is None:
             if identifier not in self._wrong_lengths:
                 self._wrong_lengths.add(identifier)
-                sent = f"TPDO {identifier:03X}h with {len(data)} bytes"
-                yield f"joint {joint}: {sent}; the bus profile has {answer.size}, so its data are ignored"
+                sent = f"TPDO {identifier:03X}h has {len(data)} bytes"
+                yield f"joint {joint}: {sent}; the bus profile states {answer.size}, so its data are ignored"
             return
         self._wrong_lengths.discard(identifier)
         if (counts := values.get(objects.POSITION_ACTUAL)) is not None:

@@ -72,7 +72,7 @@ _BAD_FRAMES = (*_GONE, "bus loses or delays frames", "Hardly any SYNC is answere
 _CABLE = (
     "Cable, connectors, terminators and bitrate; then connect again: every accepted pose stays."
 )
-_RECONNECT = "Find out why, then connect again: the arm is compared with its poses first."
+_RECONNECT = "Find out why, then connect again: the arm is first compared with the captured poses."
 _COMMISSION = "Commission the drive as the message says, then connect again; nothing was enabled."
 _DIVERGED = (
     "Press STOP unless the program has stopped the arm. Repair that drive, or end the program that commands it; then "

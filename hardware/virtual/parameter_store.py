@@ -176,10 +176,10 @@ def refusal_reason(
             return f"theta_off of joint {axis.joint} is not a finite number"
         limit = axis.home_offset_limit_counts
         if abs(offset) > limit:
-            return f"home offset {offset} of joint {axis.joint} is beyond +-{limit} counts"
+            return f"home offset of joint {axis.joint} is {offset} counts, outside {-limit} .. {limit} counts"
         if abs(angle * axis.scale.counts_per_rad - offset) > 1.0:
             return (
                 f"home offset of joint {axis.joint} is {offset} counts, but its theta_off is "
-                f"{angle * axis.scale.counts_per_rad:.1f} counts (largest difference: 1 count)"
+                f"{angle * axis.scale.counts_per_rad:.1f} counts (they may differ by at most 1 count)"
             )
     return None

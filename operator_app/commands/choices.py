@@ -79,6 +79,5 @@ def require_instrument(args: argparse.Namespace, procedure: Procedure) -> None:
     """Raise UsageError if ``--tracker`` is given for a fixture that is not an instrument."""
     if args.tracker is not None and not isinstance(procedure.fixture.fixture, Measured):
         raise UsageError(
-            f"--tracker: the fixture of {procedure.name} is of kind {procedure.fixture.kind}, not an instrument; leave "
-            "it out"
+            f"leave --tracker out: procedure {procedure.name} has a {procedure.fixture.kind} fixture, not an instrument"
         )

@@ -10,6 +10,7 @@ from textwrap import dedent
 from typing import Any
 
 from hardware.virtual import DEFAULT_SCENARIO, SCENARIOS
+from operator_app.config.errors import shortened
 from operator_app.exit_codes import UsageError
 from operator_app.units import MOST_WHOLE
 
@@ -42,7 +43,7 @@ def between(least: float, most: float, unit: str = "") -> Callable[[str], float]
             value = 0.0
         if value == 0.0 or not least <= value <= most:
             limits = f"between {least:g} and {most:g} {unit}".rstrip()
-            raise argparse.ArgumentTypeError(f"{text} is not a number {limits}")
+            raise argparse.ArgumentTypeError(f"{shortened(text)} is not a number {limits}")
         return value
 
     return parse
@@ -53,9 +54,8 @@ def numbers(text: str) -> tuple[int, ...]:
     if re.fullmatch(r"\d+(,\d+)*", text.replace(" ", "")) and "0" in re.split("[ ,]+", text):
         raise argparse.ArgumentTypeError(f"{text!r}: joints and placements are numbered from 1")
     if not re.fullmatch(r"[1-9]\d{0,8}(,[1-9]\d{0,8})*", text.replace(" ", "")):
-        shown = text if len(text) <= 40 else f"{text[:40]}..."
         raise argparse.ArgumentTypeError(
-            f"{shown!r}: write numbers of at most 9 digits, separated by commas, e.g. 6,7"
+            f"{shortened(text)!r}: write numbers of at most 9 digits, separated by commas, e.g. 6,7"
         )
     return tuple(sorted({int(part) for part in text.replace(" ", "").split(",")}))
 

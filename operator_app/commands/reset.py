@@ -28,7 +28,7 @@ def execute(args: argparse.Namespace) -> int:
         found = rig.arm.found_powered if isinstance(rig.arm, CanopenArm) else {}
         written = [f"Set up as the bus profile requires: {line}" for line in identity.configured]
         unwatching = unwatching_words(identity)
-        for line in (*written, *([unwatching] if unwatching else [])):
+        for line in (*written, *([f"{unwatching}."] if unwatching else [])):
             say(line, err=args.json)  # stdout is for JSON only
         before = rig.arm.snapshot()
         known = {fault.joint: f"{fault.text} ({fault.code:04X}h)" for fault in before.faults}

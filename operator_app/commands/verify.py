@@ -53,7 +53,7 @@ def execute(args: argparse.Namespace) -> int:
     if args.csv:
         for option, value in (("--poses", requested), ("--tracker", args.tracker)):
             if value is not None:
-                raise UsageError(f"{option}: the new poses are those of {args.csv}; leave it out")
+                raise UsageError(f"leave {option} out: the new poses are those of {args.csv}")
     if args.open_loop:
         return _open_loop(args, opening, solution, requested)
     require_instrument(args, procedure)
@@ -96,7 +96,7 @@ def _open_loop(
         instrument = load_fixture(args.instrument).fixture
         if not isinstance(instrument, Measured):
             raise UsageError(
-                f"--instrument: {args.instrument!r} is a fixture of kind {instrument.kind}, not an instrument"
+                f"--instrument: {args.instrument!r} is a fixture of kind {instrument.kind}; name one of kind measured"
             )
         poses = poses_with_warnings(args.csv, load_poses(args.csv, joint_count=arm.joint_count))
     else:

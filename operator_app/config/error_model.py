@@ -123,7 +123,7 @@ class GravityModel(StrictModel):
     @classmethod
     def _require_direction(cls, value: tuple[float, float, float]) -> tuple[float, float, float]:
         if not math.hypot(*value) > 0.0:
-            raise quantities.refuse("down points nowhere", "write for example [0, 0, -1]")
+            raise quantities.refuse("has no direction", "write for example [0, 0, -1]")
         return value
 
     @property

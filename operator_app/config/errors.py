@@ -112,7 +112,9 @@ def words_for(error: ErrorDetails) -> tuple[str, str]:
         near = difflib.get_close_matches(str(context.get("tag", value)), options, n=1)
         hint = f"did you mean {near[0]}? " if near else ""
         shown = context.get("tag", value_in_words(value))
-        return f"{shown} is not a valid value", f"{hint}use one of: {', '.join(options)}"
+        use = f"use {'one of: ' * (len(options) > 1)}{', '.join(options)}"
+        other = TYPES_IN_WORDS.get(context.get("other_type", ""))
+        return f"{shown} is not a valid value", f"{hint}{use}{f', or {other}' if other else ''}"
     expected = TYPES_IN_WORDS.get(kind.partition("_")[0])
     if expected and kind.endswith(("_type", "_from_float")):
         return f"must be {expected}, not {value_in_words(value)}", _number_hint(value, kind)
@@ -124,9 +126,6 @@ def words_for(error: ErrorDetails) -> tuple[str, str]:
         if kind == "too_short":
             limit = f"it needs at least {context['min_length']}"
         return f"has {context['actual_length']} items; {limit}", "correct the list"
-    if kind == "string_pattern_mismatch":
-        text = f"{value_in_words(value)} does not have the required form"
-        return text, f"pattern: {context['pattern']}"
     if kind == "string_too_short":
         return "is empty", "state it"
     return str(error["msg"]), "correct the value"

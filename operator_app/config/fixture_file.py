@@ -175,7 +175,7 @@ class DistanceModel(StrictModel):
     @classmethod
     def _require_two_placements(cls, value: tuple[int, int]) -> tuple[int, int]:
         if value[0] == value[1]:
-            raise quantities.refuse(f"placement {value[0]} twice", "name two placements")
+            raise quantities.refuse(f"names placement {value[0]} twice", "name two placements")
         return value
 
 

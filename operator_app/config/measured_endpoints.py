@@ -147,7 +147,7 @@ def endpoints_of(
         largest = abs(float(values[row, k]))
         doubt = length_doubt(largest) if k < len(POSITION_COLUMNS) else angle_doubt(largest)
         if doubt:
-            text = f"has {columns[k]} of {largest:g}: {doubt}"
+            text = f"has an invalid {columns[k]}: {doubt}"
             raise only(file, text, WITHOUT_ENDPOINTS, line=lines[row])
     out[seen, :3] = values[seen, :3]
     if turn:
@@ -221,7 +221,7 @@ def _cells(line: str) -> list[str]:
         return next(csv.reader([line]), [])
     except csv.Error as error:
         # For example a carriage return in the middle of the line.
-        raise BadLine(f"is not a line of CSV ({error})") from error
+        raise BadLine("is not a line of CSV: check its quotes and its line end") from error
 
 
 def _line_of(fields: Mapping[str, Any]) -> EndpointLine:
@@ -241,8 +241,7 @@ def _line_of(fields: Mapping[str, Any]) -> EndpointLine:
         if group == ROTATION and np.linalg.norm(turned) > math.pi * (1.0 + 1e-6):
             raise BadLine(
                 f"has a rotation vector of {np.degrees(np.linalg.norm(turned)):.0f} deg; the limit is "
-                "180 deg. Euler angles have other names: roll_deg,pitch_deg,yaw_deg or "
-                "euler_zyx_1_deg,.."
+                "180 deg. Name Euler angles roll_deg,pitch_deg,yaw_deg or euler_zyx_1_deg to euler_zyx_3_deg"
             )
         position = np.concatenate((position, turned))
     return EndpointLine(pose=pose, endpoint=frozen(position))
@@ -280,7 +279,7 @@ def _number(name: str, value: Any) -> float:
         raise BadLine(f"has an invalid {name}: {error.text}") from error
     check = length_doubt if name in POSITION_COLUMNS else angle_doubt
     if name not in QUATERNION and (doubt := check(value_read)):
-        raise BadLine(f"has {name} {value_read:g}: {doubt}")
+        raise BadLine(f"has an invalid {name}: {doubt}")
     return value_read
 
 

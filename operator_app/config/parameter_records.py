@@ -8,7 +8,7 @@ from itertools import pairwise
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field, StringConstraints, field_validator
+from pydantic import Field, field_validator
 
 from operator_app.config import quantities
 from operator_app.config.schema import StrictRecord
@@ -19,7 +19,7 @@ Int32 = Annotated[int, Field(strict=True, ge=-(2**31), le=2**31 - 1)]
 FORCED, NOT_ACCEPTED = "FORCED", "NOT_ACCEPTED"
 REFUSED = (FORCED, NOT_ACCEPTED)
 """Codes of the warning that a calibration was not accepted; `FORCED`: it was exported with a stated reason."""
-Code = Annotated[str, StringConstraints(strict=True, pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
+Code = Annotated[str, *quantities.in_form("[A-Za-z][A-Za-z0-9_]*", "code", "write e.g. RANGE_3")]
 Side = Literal["arm", "ground", "hand"]
 
 

@@ -18,13 +18,13 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BeforeValidator, Field, PlainSerializer, StringConstraints, WithJsonSchema
+from pydantic import BeforeValidator, Field, PlainSerializer, WithJsonSchema
 
 from operator_app.config import parameter_records as records
 from operator_app.config import schema
 from operator_app.config.atomic import dump_strict, write_atomically
-from operator_app.config.errors import ConfigError, only
-from operator_app.config.quantities import ExactText, degrees_for_file, refuse
+from operator_app.config.errors import ConfigError, only, value_in_words
+from operator_app.config.quantities import ExactText, degrees_for_file, in_form, refuse
 from operator_app.config.resources import YAML_LIMIT_BYTES, expanded, read_limited
 from operator_app.config.strict_yaml import Complaint
 from solver.arrays import FloatArray, frozen
@@ -43,7 +43,7 @@ def _time_from_text(value: Any) -> datetime:
             return datetime.fromisoformat(value).astimezone(UTC)
         except (ValueError, OverflowError):
             pass
-    shown = repr(value)[:42]
+    shown = value_in_words(value)
     raise refuse(f"{shown} is not a UTC time", "write for example 2026-01-31T12:00:00Z")
 
 
@@ -51,7 +51,7 @@ def _time_in_text(value: datetime) -> str:
     return value.astimezone(UTC).replace(tzinfo=None).isoformat() + "Z"
 
 
-Sha256 = Annotated[str, StringConstraints(strict=True, pattern=r"^[0-9a-f]{64}$")]
+Sha256 = Annotated[str, *in_form("[0-9a-f]{64}", "SHA-256 digest", "write 64 digits 0-9, a-f")]
 UtcTime = Annotated[
     datetime,
     BeforeValidator(_time_from_text),

@@ -198,7 +198,7 @@ def _complaints(names: tuple[str, ...], joint_count: int | None) -> Iterator[Com
     required: list[tuple[Sequence[str], str]] = [(KEY, HEADER_EXAMPLE), (theta, "")]
     required += [(sd, SPREAD_COLUMNS)] if present & {*sd} else []
     required += [(POSITION_COLUMNS, endpoint)] if turns or present & {*POSITION_COLUMNS} else []
-    required += [(turn, endpoint) for turn in turns]
+    required += [(turn, f"write all of {','.join(turn)}, or none") for turn in turns]
     required += [(TARGETS, endpoint)] if targets else []
     for group, remedy in required:
         for name in group:

@@ -10,14 +10,14 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, StringConstraints, WithJsonSchema
+from pydantic import Field
 
 from hardware.arm import JointMode
 from hardware.canopen import bus_profile, objects
 from hardware.canopen.drive_settings import DESCRIPTION_OBJECTS
 from operator_app.config.atomic import dump_strict
-from operator_app.config.errors import ConfigError, shortened
-from operator_app.config.quantities import Count, Integer, Name, PositiveNumber, Text, refuse
+from operator_app.config.errors import ConfigError
+from operator_app.config.quantities import Count, Integer, Name, PositiveNumber, Text, in_form
 from operator_app.config.resources import resolve
 from operator_app.config.schema import StrictRecord, check_model
 from operator_app.config.strict_yaml import Complaint, load_strict
@@ -28,23 +28,11 @@ _COB_ID = r"([0-9A-Fa-f]{1,3})h( \+ node)?"
 _HEXADECIMAL = r"([0-9A-Fa-f]{1,8})h"
 
 
-def _form(
-    pattern: str, what: str, example: str
-) -> tuple[StringConstraints, object, WithJsonSchema]:
-    """Return annotations of a text that must match `pattern`; an error calls the text `what` and shows `example`."""
-
-    def check(text: str) -> str:
-        if not re.fullmatch(pattern, text):
-            raise refuse(f"{shortened(text)!r} is not a valid {what}", f"write e.g. {example}")
-        return text
-
-    schema = {"type": "string", "pattern": f"^{pattern}$"}
-    return StringConstraints(strict=True), AfterValidator(check), WithJsonSchema(schema)
-
-
-MappedObject = Annotated[str, *_form(_ENTRY, "mapped object", "6064h(32) or 2011h sub 3(16)")]
-CobId = Annotated[str, *_form(_COB_ID, "identifier", "180h + node, or 1A3h")]
-Hexadecimal = Annotated[str, *_form(_HEXADECIMAL, "hexadecimal number", "00020192h")]
+MappedObject = Annotated[
+    str, *in_form(_ENTRY, "mapped object", "write e.g. 6064h(32) or 2011h sub 3(16)")
+]
+CobId = Annotated[str, *in_form(_COB_ID, "identifier", "write e.g. 180h + node, or 1A3h")]
+Hexadecimal = Annotated[str, *in_form(_HEXADECIMAL, "hexadecimal number", "write e.g. 00020192h")]
 NodeNumber = Annotated[int, Field(strict=True, ge=1, le=objects.OPERATOR_NODE - 1)]
 ModeCode = Annotated[int, Field(strict=True, ge=-128, le=127)]
 

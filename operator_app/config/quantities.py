@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import AfterValidator, Field, StringConstraints, WithJsonSchema
 from pydantic_core import PydanticCustomError
 
+from operator_app.config.errors import shortened
 from solver.arrays import FloatArray
 
 UNITS = {
@@ -43,6 +44,20 @@ LARGEST_DEG = 3600.0
 def refuse(text: str, remedy: str = "") -> PydanticCustomError:
     """Return the error that a schema raises to refuse a value; `text` and `remedy` are for the operator."""
     return PydanticCustomError("refused", "{what}", {"what": text, "remedy": remedy})
+
+
+def in_form(
+    pattern: str, what: str, remedy: str
+) -> tuple[StringConstraints, AfterValidator, WithJsonSchema]:
+    """Return annotations of a text that must match `pattern`; an error calls the text `what`, with this remedy."""
+
+    def check(text: str) -> str:
+        if not re.fullmatch(pattern, text):
+            raise refuse(f"{shortened(text)!r} is not a valid {what}", remedy)
+        return text
+
+    schema = {"type": "string", "pattern": f"^{pattern}$"}
+    return StringConstraints(strict=True), AfterValidator(check), WithJsonSchema(schema)
 
 
 def in_si(values: Mapping[str, Any]) -> dict[str, Any]:
@@ -132,7 +147,8 @@ StatedMrad = Annotated[NonNegativeNumber, *_uncertainty(200.0, "mrad")]
 Text = Annotated[str, StringConstraints(strict=True, strip_whitespace=True, min_length=1)]
 ExactText = Annotated[str, StringConstraints(strict=True, min_length=1)]
 """Text that is kept exactly, including its spaces, because a program wrote the text and will compare it."""
-Name = Annotated[str, StringConstraints(strict=True, pattern=r"^[A-Za-z][A-Za-z0-9_.-]{0,63}$")]
+_NAME_RULE = "begin with a letter; use at most 64 letters, digits, _ . or -, without spaces"
+Name = Annotated[str, *in_form(r"[A-Za-z][A-Za-z0-9_.-]{0,63}", "name", _NAME_RULE)]
 
 
 def degrees_for_file(angle_rad: FloatArray | float) -> FloatArray:

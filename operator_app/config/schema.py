@@ -139,7 +139,7 @@ def _check_schema(document: YamlDocument, kind: str) -> Iterator[Problem]:
         match = re.fullmatch(r"sarcal/([a-z]+)/(\d{1,9})", str(stated))
         if match is not None and match[1] != kind:
             text = f"this is a file of kind {match[1]}"
-            remedy = f"a file of kind {kind} is required: {line}"
+            remedy = f"use a file of kind {kind}, whose first line is `schema: {expected}`"
         elif match is not None:
             text = f"the {kind} file has version {match[2]}"
             known = ", ".join(map(str, versions))
@@ -190,6 +190,8 @@ def _without_alternatives(
         value = document.at(path)
         numeric = any(e["type"].startswith(("float", "int")) for e in rest)
         word = isinstance(value, str) and (not numeric or is_near_option(error))
+        if word and rest:
+            error["ctx"]["other_type"] = rest[0]["type"].partition("_")[0]
         dropped = rest if word else [error] if rest else []
         remaining = [item for item in remaining if not any(item[1] is e for e in dropped)]
     return remaining
@@ -222,7 +224,7 @@ def _unknown_key(document: YamlDocument, model: type[M], path: Path) -> tuple[st
             continue
         if match[2] == "m" and isinstance(value, int | float) and length_doubt(value):
             text += f", and {length_doubt(value)}"
-        remedy = f"this file uses {UNITS[other[2]]}, not {UNITS[match[2]]}: write {candidate}"
+        remedy = f"give the value in {UNITS[other[2]]}, as {candidate}"
         return text, remedy, (*parent, candidate)
     bare = [c for c in open_keys if (unit := UNIT.fullmatch(c)) is not None and unit[1] == key]
     near = bare or difflib.get_close_matches(key, open_keys, n=1, cutoff=0.6)

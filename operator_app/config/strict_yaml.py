@@ -58,7 +58,9 @@ def load_strict(data: bytes, file: str) -> YamlDocument:
         raise only(file, what, remedy, line=line, column=column) from error
     except (yaml.YAMLError, ValueError, OverflowError) as error:
         # PyYAML passes on the errors of chr() and int() for absurd escapes and directives.
-        raise only(file, "cannot be read as YAML", "check the file") from error
+        raise only(
+            file, "cannot be read as YAML", "check escapes (\\u) and lines with %"
+        ) from error
     if node is None:
         raise only(file, "is empty", "write `key: value` lines, or restore the file")
     if not isinstance(node, MappingNode):
@@ -125,7 +127,7 @@ def _syntax(error: yaml.MarkedYAMLError, text: str, line: int) -> tuple[str, str
     problem = str(error.problem or error.context or "")
     if isinstance(error, yaml.composer.ComposerError):
         if "single document" in str(error.context) or "but found another document" in problem:
-            return "contains a second document (---)", "one file holds one document"
+            return "contains a second document (---)", "write each document to a file of its own"
         what = problem if "deep" in problem else f"{problem} are not supported"
         return what, "write the values out"
     if "\\t" in problem or "\t" in shown:
@@ -195,9 +197,9 @@ class YamlDocument:
         text, what = str(node.value), ""
         value: Scalar = None
         if node.style is not None:
-            value, remedy = text, "write the text plainly"
+            value, remedy = text, "write the character itself"
             if any("\ud800" <= c <= "\udfff" for c in text):
-                what = "contains an incomplete character"
+                what = "contains half a character (an escape \\ud800 to \\udfff)"
         else:
             try:
                 value, remedy = resolve_plain(text), "give a finite number"

@@ -58,7 +58,7 @@ REMEDIES: Mapping[type, str] = {
     errors.EndlessAnswer: "Then connect again; if it happens again, have the node repaired by its maker",
     errors.HostLatencyExceeded: "Close other programs on this computer, then connect again. Drives that monitor the "
     "heartbeat (1016h, 6007h) hold by themselves",
-    errors.NodeMissing: "Check that these nodes are powered and on the bus, then connect again",
+    errors.NodeMissing: "Then connect again",
     errors.NodeNotStarted: "Then connect again",
     errors.WrongArm: "Connect the arm that the arm file describes, or use the arm file of the connected arm",
     errors.MappingMismatch: "Nothing was enabled and nothing moves",
@@ -86,7 +86,7 @@ REMEDIES: Mapping[type, str] = {
     errors.TargetRefused: "The arm holds; that drive keeps its previous target. Compare its limits (607Dh, 607Fh) "
     "with the arm file, then reset (R) and apply the modes again",
     errors.UploadUnknown: "Upload again (step 7, or `sarcal export SESSION --upload`); until then do not rely on "
-    "what the controller has",
+    "the parameters in the controller",
     errors.UploadRefused: "Remove the cause, then upload again (step 7, or `sarcal export SESSION --upload`)",
     UnidentifiableError: "Take poses that differ more from each other, or set joints that did not move to free mode",
     TooFewPosesError: "Capture more poses (step 4)",
@@ -157,7 +157,7 @@ def unwatching_words(identity: ArmIdentity) -> str:
     if len(joints) > 1:
         which, drives, they = "Joints", "drives have", "they"
     return (
-        f"{which} {', '.join(map(str, joints))}: the {drives} no heartbeat timeout (1016h), or no reaction to it "
+        f"{which} {', '.join(map(str, joints))}: the {drives} no heartbeat time-out (1016h), or no reaction to it "
         f"(6007h = 0). When this program ends, {they} may stay powered, or leave a joint free to move. Keep a "
         "hand on the hardware stop; sarcal arm-check shows what happens"
     )

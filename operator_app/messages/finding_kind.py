@@ -10,10 +10,8 @@ drift}`` is the first text if the finding is certain, ``{several:do|does}`` if i
 from enum import Enum
 from typing import NamedTuple, Self
 
-_FIX_BOLTS = (
-    "tighten its bolts and check for play; otherwise state its compliance in the fixture file (give: position_mm, "
-    "orientation_mrad)"
-)
+_STATE_GIVE = "state its compliance in the fixture file (key give: position_mm, orientation_mrad)"
+_FIX_BOLTS = f"tighten its bolts and check for play; otherwise {_STATE_GIVE}"
 _ENDPOINT_ERRORS = "the instrument, the arm's base or the target moves, or the arm has an error that no file states"
 _FIX_INSTRUMENT = (
     "fasten instrument, arm and target and check them for play; if nothing moves, state a larger instrument_sigma_mm "
@@ -56,7 +54,7 @@ _DISTURBED = (
 )
 _NOT_REPEATED = (
     "pose {first}{placement} was not measured again after the last pose, {last} ({reported}): a slip of a joint or "
-    "the fixture later than pose {since} shows only in the poses themselves, and a slip in the last poses hardly at all"
+    "the fixture after pose {since} shows only in how well the poses fit, and one during the last poses hardly at all"
 )
 
 
@@ -167,9 +165,9 @@ class FindingKind(Enum):
     WRONG_FIXTURE_BALL = _Message(
         "WRONG_FIXTURE",
         text="the loops close like those of a ball that turns freely, not of a {name} fixture",
-        remedy="find why the fixture can tilt; or, if it is a ball, calibrate with --drop-unidentifiable (with a ball, "
-        "the first joint's offset is not separable from the socket's place) and with a fixture file of that ball, "
-        "which this command writes from these poses: {last_name}",
+        remedy="find why the fixture can tilt; or, if it is a ball, calibrate with the fixture file of that ball "
+        "and with --drop-unidentifiable (with a ball, the first joint's offset is not separable from the socket's "
+        "place); this command writes that file from these poses: {last_name}",
     )
     READING_STEP = _Message(
         "STEP_JOINT_{joint}",
@@ -333,8 +331,8 @@ class FindingKind(Enum):
         "RETURN_FIXTURE",
         text="the fixture moved by about {displacement}, more than its file states, between pose {first} and its "
         "repeat measurement after {after:d} poses",
-        remedy="tighten its bolts and check for play, then take all poses again; otherwise state its compliance "
-        "in the fixture file (give: position_mm, orientation_mrad)",
+        remedy="tighten its bolts and check for play, then take all poses again; otherwise "
+        + _STATE_GIVE,
     )
     REPEAT_READING_STEP = _Message(
         "RETURN_JOINT_{joint}",

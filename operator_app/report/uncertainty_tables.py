@@ -184,8 +184,8 @@ def best_table_table(solution: Solution) -> FactTable | None:
             for link, entries in enumerate(best.rows[list(kinds)].T.tolist(), 1)
         ),
         note="These are not the physical entries: they include the corrections of the readings as far as a D-H "
-        "table can. Use them for URDF files, fk and controllers that apply no corrections. Entries of link 1 that "
-        "depend on the mounting (side: ground) and the base frame are those of the arm file.",
+        "table can express them. Use them for URDF files, fk and controllers that apply no corrections. Entries of "
+        "link 1 that depend on the mounting (side: ground) and the base frame are those of the arm file.",
         detail=True,
     )
 

@@ -61,7 +61,7 @@ class PoseSet:
         if np.any(self.placement < 1) or (self.samples is not None and np.any(self.samples < 1)):
             raise ValueError("placement and samples must be 1 or more")
         if any(not label or label != label.strip() for label in self.label):
-            raise ValueError("every pose needs a label without white space around it")
+            raise ValueError("every pose needs a name without white space around it")
         if len(set(self.keys)) != len(self):
             (placement, label), _ = Counter(self.keys).most_common(1)[0]
             raise ValueError(
@@ -75,7 +75,7 @@ class PoseSet:
         for name in ("placement", "label", "sd_rad", "samples", "endpoint", "utc", "notes"):
             value = getattr(self, name)
             if value is not None and len(value) != m:
-                raise ValueError(f"{name} has {len(value)} entries for {m} poses")
+                raise ValueError(f"{name} has length {len(value)}, not {m} (one per pose)")
         if self.placement.ndim != 1 or (self.samples is not None and self.samples.ndim != 1):
             raise ValueError("placement and samples must each have one number per pose")
         if self.sd_rad is not None and self.sd_rad.shape != self.q_rad.shape:

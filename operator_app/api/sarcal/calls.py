@@ -72,9 +72,9 @@ def numbers(name: str, value: Any) -> FloatArray:
     if not np.isfinite(array).all():
         where = [int(k) for k in np.argwhere(~np.isfinite(array))[0]]
         place = f" at index {where[0] if len(where) == 1 else where}" if where else ""
+        remedy = " (leave out poses without readings)" if where else ""
         raise ValueError(
-            f"{name} contains {array[tuple(where)]}{place}: every number must be finite "
-            "(leave out poses without readings)"
+            f"{name} contains {array[tuple(where)]}{place}: every number must be finite{remedy}"
         )
     return array
 

@@ -146,7 +146,7 @@ def poses_of(
         raise TypeError(f"names={names!r}: give a list of one name per pose")
     m = len(angles)
     if names is not None and len(names) != m:
-        raise ValueError(f"names has {len(names)} entries for {m} poses: give one per pose")
+        raise ValueError(f"names has length {len(names)}, not {m}: give one name per pose")
     pose_set = PoseSet(
         placement=_one_a_pose("placement", 1 if placement is None else placement, m),
         label=tuple(str(k) for k in range(1, m + 1)) if names is None else tuple(names),
@@ -165,7 +165,7 @@ def _one_a_pose(name: str, value: Any, poses: int) -> IntArray:
     numbers_read = [whole(name, number, least=1) for number in values]
     if len(numbers_read) != poses:
         raise ValueError(
-            f"{name} has {len(numbers_read)} entries for {poses} poses: give one per pose"
+            f"{name} has length {len(numbers_read)}, not {poses}: give one number per pose"
         )
     try:
         return np.array(numbers_read, dtype=np.int64)

@@ -39,9 +39,7 @@ def fixture_ready(s: SessionSnapshot) -> str:
     if not s.connected:
         return "no arm is connected: connect first (step 1)"
     if not s.simulated and not s.stop_tested:
-        return (
-            "the hardware stop is not tested: press it, check that all drives switch off, confirm"
-        )
+        return "the hardware stop is not tested: press it, check that all drives switch off, then confirm"
     return ""
 
 
@@ -74,7 +72,8 @@ def capture_ready(s: SessionSnapshot) -> str:
     if s.mobility < len(s.state.position_joints) == len(s.state.modes):
         return "all joints are in position mode: apply the modes again (step 3)"
     if not s.drives_ready:
-        return f"{_not_ready(s)}: apply the modes again (step 3)"
+        reset = "reset (R), then " if s.drive_faults else ""
+        return f"{_not_ready(s)}: {reset}apply the modes again (step 3)"
     return modes_problem(s, s.state.position_joints)
 
 
@@ -139,11 +138,10 @@ def may_use_data(s: SessionSnapshot) -> str:
         silence = SILENCE(s.oldest_s).with_unit
         return f"no data for {silence}: check bus and controller, then connect again (step 1, c)"
     if s.data is DataState.STALE:
-        joints = ", ".join(f"J{j}" for j in s.stale_joints)
         ours = s.arm is not None and s.oldest_s - s.arm.late_s <= STALE_S
         cause = " because this computer is late" if ours else ""
         age = DATA_AGE(s.oldest_s).with_unit
-        return f"the data of {joints} are {age} old{cause}: wait for new data"
+        return f"the data of {joints_named(s.stale_joints)} are {age} old{cause}: wait for new data"
     return ""
 
 

@@ -32,9 +32,9 @@ def next_action(step: Step, s: SessionSnapshot) -> NextAction:
             if s.stopped_for
             else "STOP is latched: when it is safe,"
         )
-        if s.unstopped_joints:
-            when = f"{unstopped_words(s.unstopped_joints)}: use the hardware stop. STOP is latched:"
         hint = f"{when} Enter (or R) resets it; nothing moves by itself"
+        if s.unstopped_joints:
+            hint = f"{unstopped_words(s.unstopped_joints)}: use the hardware stop; then Enter (or R) resets STOP"
         return NextAction("reset", "Reset STOP", hint)
     if faults := s.drive_faults:
         return NextAction("reset", "Reset fault", f"{_faults(faults)}; nothing moves")

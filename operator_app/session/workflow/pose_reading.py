@@ -73,7 +73,7 @@ class Instrument:
             try:
                 require_heading(self._heading)
             except BadLine as error:
-                raise InstrumentError(f"the heading of {self._port.name} {error}") from error
+                raise InstrumentError(f"the header line of {self._port.name} {error}") from error
 
     def close(self) -> None:
         """Close the port. May be called twice."""

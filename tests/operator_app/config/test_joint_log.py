@@ -59,7 +59,7 @@ def test_measured_endpoints_of_rows_are_kept(tmp_path):
     [
         ("x_m,y_m,z_m,qw,qx,qy", "1,2,3,1,0,0", "without qz"),
         ("x_m,y_m,z_m,qw,qx,qy,qz", "1,2,3,1,1,1,1", "log.csv:2: has a quaternion of length 2"),
-        ("x_m,y_m,z_m", "1,2000,3", "has y_m of 2000"),
+        ("x_m,y_m,z_m", "1,2000,3", "invalid y_m: 2000 m"),
         ("x_m,y_m,z_m", "1,,3", "y_m"),
         ("x_m,y_m,z_m,y_m", "1,2,3,4", "more than one column y_m"),
         ("x_mm,y_mm,tcp_Z", "1,2,3", "no columns x_m, y_m, z_m; write x_mm, y_mm, tcp_Z in metres"),

@@ -93,7 +93,7 @@ async def test_refused_key_shows_the_reason(still):
 async def test_stale_data_are_marked_and_delay_a_capture(still):
     async with still(stale(story()["capturing"]), step=Step.CAPTURE) as d:
         await d.press("c")
-        await d.until(lambda: "data of J5 are 240 ms old" in d.hint)
+        await d.until(lambda: "data of joint 5 are 240 ms old" in d.hint)
         row = d.text("#capture-joints").splitlines()[5]
         assert "?" in row
         assert "▲ STALE" in row

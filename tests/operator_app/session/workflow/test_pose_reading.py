@@ -258,7 +258,7 @@ def test_growing_file_returns_only_new_complete_rows(tmp_path):
 def test_carriage_return_in_the_heading_is_refused(tmp_path):
     path = tmp_path / "rows.csv"
     path.write_bytes(b"x_m,y_\rm,z_m\n")
-    with pytest.raises(InstrumentError, match=r"the heading of file:.* is not a line of CSV"):
+    with pytest.raises(InstrumentError, match=r"the header line of file:.* is not a line of CSV"):
         Instrument(GrowingFile(path), full_pose=False).open()
 
 

@@ -71,7 +71,7 @@ _SENSORS: Mapping[type[Sensor], str] = {Encoder: "enc", Rvdt: "RVDT", NoSensor: 
 
 
 class JointTable(ListPanel):
-    """List of joints; if `show_selected`, one is marked, and sensor and requested mode replace speed and state."""
+    """List of joints. `show_selected`: mark a row, and show sensor and requested mode instead of speed and state."""
 
     TITLE = "Joints"
     HELP = (

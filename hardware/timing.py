@@ -110,8 +110,8 @@ class LatencyMonitor:
 
     On a busy computer the receiving thread may be suspended for a second while frames wait in a queue. That time does
     not count as silence of the arm. The age of a frame counts from its time stamp or, without a usable stamp, from the
-    time when it is read. If the stamping clock is set, a stamp may be wrong; so the computed wait of a frame is limited
-    to the time since the queue was last empty.
+    time when it is read. Stamps are wrong after somebody has set the computer's clock, so a frame counts as waiting at
+    most since the queue was last empty.
 
     `clock` returns monotonic time, s. `stamps` returns the time of the clock that stamps frames, s; None if this is not
     a clock of this computer. `arm_waits`: whether simulated time stops while the host is busy (`Pace.FAST_FORWARD`);
@@ -131,7 +131,7 @@ class LatencyMonitor:
         self.begin()
 
     def begin(self) -> None:
-        """Start or restart the measurement."""
+        """Start to measure, or start again with no accumulated latency."""
         now = self._clock()
         self._last = (now, 0.0)  # replaced as a whole: other threads read a consistent pair
         self._queue_empty_at_s = now
@@ -154,7 +154,7 @@ class LatencyMonitor:
 
     @property
     def late_s(self) -> float:
-        """Accumulated host latency, s: of every gap between polls, the part beyond `MAX_POLL_GAP_S`."""
+        """Accumulated host latency, s: the sum of what each gap between polls exceeds `MAX_POLL_GAP_S` by."""
         return self._late_at(self._clock())
 
     @property

@@ -77,7 +77,7 @@ class BusMonitor:
                 yield f"{self._node_name(node)}: no heartbeat for {now_s - heard:.1f} s"
 
     def summary(self) -> dict[str, object]:
-        """Return a summary as JSON data."""
+        """Return, as JSON data, the frames counted so far and the latest states of nodes and joints."""
         return {
             "frames": sum(self.frames.values()),
             "syncs": self.frames[objects.COB_SYNC],

@@ -97,9 +97,10 @@ class LoopTask:
 class ControlLoop:
     """Runs the cyclic traffic of an arm.
 
-    `on_sdo` is called in the loop's thread with identifier and data of every SDO answer and foreign SDO request;
-    `quick_stop` sends quick stop to all drives. Neither may wait. `allow` is called before new commands are sent, with
-    (sample, last commands, new commands), and may raise `CommandRefused`. `clock`, `stamps`: as in `LatencyMonitor`.
+    `on_sdo` is called in the loop's thread with identifier and data of every SDO frame: answers of the nodes, requests
+    of other programs. `quick_stop` sends quick stop to all drives. Neither may wait. `allow` is called with (sample,
+    last commands, new commands) before these are sent; it may raise `CommandRefused`. `clock`, `stamps`: as in
+    `LatencyMonitor`.
     """
 
     def __init__(

@@ -14,10 +14,10 @@ from hardware.monitors.joint_monitor import JointMonitor
 class CommandSender:
     """Sends commands in the control loop's thread.
 
-    STOP sends its own frames; its latch is checked before and after the commands, so that quick stop is the last
-    command on the bus. If a joint moves uncommanded, its drive may be unable to hold it and is switched off, which
-    blocks the joint's valve; all other drives are stopped. At the release of the arm, a drive that has not obeyed STOP
-    is switched off too. A drive that was switched off at the drive itself is not enabled again. `quick_stop` sends
+    STOP sends its own frames in another thread. The STOP latch is therefore checked before and after the commands are
+    sent, so that quick stop is the last command on the bus. A stop switches off some drives (`watch.switched_off`),
+    which blocks their joints' valves: those of joints that moved uncommanded and, when the arm is released, those that
+    have not obeyed STOP. A drive that was switched off at the drive itself is not enabled again. `quick_stop` sends
     quick stop to all drives, and must not wait.
     """
 
@@ -173,7 +173,7 @@ class Sampler:
         return True
 
     def close(self) -> None:
-        """Close the sample and publish it."""
+        """End the collection of answers to this SYNC, and put the sample into `view`."""
         self._closed = [list(received) for received in self._received]
         for at, received in enumerate(self._received):
             self._missed[at] = 0 if min(received) else self._missed[at] + 1

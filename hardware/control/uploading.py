@@ -83,7 +83,8 @@ class _Attempt:
     def is_transient(self, error: errors.HardwareError) -> bool:
         """Whether a further attempt may succeed after this error.
 
-        A refusal after a missed answer is transient: the earlier command may have been carried out.
+        If an answer was missed before, a refusal is transient too: perhaps the supervisor refused only because it had
+        carried out the command whose answer was missed.
         """
         if isinstance(error, errors.SdoRefused):
             return error.code == Abort.LOCAL_CONTROL or self._answer_missed

@@ -57,7 +57,7 @@ def box_of(
 ) -> Box:
     """Return the box of the drive joints `joints`: the ranges around `home_rad` (n,) that the procedure states.
 
-    A joint without a stated range gets `DEFAULT_SPAN_DEG` to each side of its start angle in `start_rad` (n,).
+    A joint without a stated range gets `DEFAULT_SPAN_DEG` on each side of its start angle in `start_rad` (n,).
     """
     known = {box.joint: box for box in plan.exploration}
     if set(joints) == set(known):
@@ -113,8 +113,8 @@ def overload(arm: ArmModel, snapshot: ArmSnapshot) -> str:
 def range_watch(arm: ArmModel, braking_s: float) -> Watch:
     """Return a callback that ends a move if a joint is too fast, is overloaded, or is about to leave its range.
 
-    Free joints may be faster than the drives, so the range is checked at the position where a joint would come to rest:
-    its position plus its speed times `braking_s` (`hardware.control.trajectory.coming_to_rest_s`; 0 for planned paths).
+    Free joints may be faster than the drives. Therefore the range is checked where a joint would come to rest: its
+    position plus its speed times `braking_s`. For planned paths, `braking_s` is 0.
     """
     lower = arm.lower_rad + RANGE_END_MARGIN_RAD
     upper = arm.upper_rad - RANGE_END_MARGIN_RAD

@@ -122,7 +122,7 @@ def idle(s: SessionSnapshot) -> str:
 
 
 def may_connect(s: SessionSnapshot) -> str:
-    """Return why connecting is refused; a connected arm connects again only after lost data or to resolve an alarm."""
+    """Return why connecting is refused; "" if no arm is connected, data are lost, or connecting resolves an alarm."""
     offered = any(TaskKind.CONNECT in alarm.resolving_tasks for alarm in s.alarms)
     if s.connected and s.data is not DataState.LOST and not offered:
         return "the arm is already connected"
@@ -211,7 +211,7 @@ def may_run_automatically(s: SessionSnapshot) -> str:
 
 
 def lacks_drift_check(s: SessionSnapshot) -> bool:
-    """Whether all poses are captured, but one must still be repeated: after exploring, or after a sensor fault."""
+    """Whether all poses are captured, but a drift check is missing: after exploration, or after a sensor fault."""
     complete = len(s.state.used_poses) >= s.required_poses > 0
     explored = s.procedure.capture.strategy != "planned"
     unrepeated = explored and not s.state.repeated_since_capture
@@ -242,7 +242,7 @@ def may_edit_pose(s: SessionSnapshot) -> str:
 
 
 def may_calibrate(s: SessionSnapshot) -> str:
-    """Return why calibrating is refused; "" with enough poses and, for the paper's estimator, every joint sensed."""
+    """Return why calibrating is refused; "" if there are enough poses and the estimator allows the unsensed joints."""
     if missing := idle(s) or calibrate_ready(s):
         return missing
     if s.estimator == "paper" and s.unsensed_joints:

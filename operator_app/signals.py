@@ -68,7 +68,7 @@ def ending_signals_interrupt(*, for_good: bool = False) -> Iterator[None]:
 
 @contextmanager
 def ending_signals_ignored() -> Iterator[None]:
-    """Context that ignores `ENDING` signals, so that they cannot interrupt stopping the arm and closing the journal."""
+    """Context that ignores `ENDING` signals, for stopping the arm and closing the journal (less than 1 s)."""
     before = {number: signal.getsignal(number) for number in ENDING}
     while any(signal.getsignal(number) is not _ignore for number in ENDING):
         with suppress(BaseException):  # a signal that came before its handler was replaced
@@ -82,10 +82,10 @@ def ending_signals_ignored() -> Iterator[None]:
 
 
 class ProcessEnd:
-    """Ends this process with its exit code, even if other threads still run. Create this object at the start."""
+    """Ends this process with its exit code, even if other threads still run. Create it at the start."""
 
     def __init__(self) -> None:
-        # The function registered first runs last.
+        # The exit function registered first runs last.
         atexit.register(self._if_interrupted)
         self._code = 0
 

@@ -61,7 +61,7 @@ def numbers(text: str) -> tuple[int, ...]:
 
 
 def a_name(text: str) -> str:
-    """Parse a text option that must not be empty."""
+    """Return `text`, the value of an option; raises ArgumentTypeError if it is empty."""
     if not text.strip():
         raise argparse.ArgumentTypeError(
             "the value is empty: give a value, or leave the option out; an unset shell variable is empty"

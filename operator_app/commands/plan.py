@@ -62,7 +62,7 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _of_files(args: argparse.Namespace) -> tuple[Procedure, FloatArray | None, str]:
-    """Return the procedure with arm and fixture from the options; None, as there are no poses; "nominal geometry".
+    """Return the procedure with arm and fixture from the options, None for the readings, and "nominal geometry".
 
     With another arm, or without ``--procedure`` and with another kind of fixture, the planner chooses the drive joints.
     Otherwise they are those of the procedure.

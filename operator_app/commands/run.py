@@ -228,9 +228,9 @@ def next_placement(
 
 
 def require_mounted(opening: Opening, listener: ConsoleListener) -> None:
-    """Before the first pose of a placement after the first, wait for the operator's confirmation, and record it.
+    """If the current placement must still be confirmed, ask whether the fixture is mounted, and record the answer.
 
-    The operator confirms that the fixture is mounted. Raises `SessionError` if there is no confirmation.
+    For an arm simulated by this program, nothing is asked. Raises `SessionError` if the operator did not confirm.
     """
     if not opening.state.unconfirmed_placement:
         return
@@ -246,7 +246,7 @@ def require_mounted(opening: Opening, listener: ConsoleListener) -> None:
 def _confirm(
     opening: Opening, listener: ConsoleListener, number: int, lines: tuple[str, ...]
 ) -> None:
-    """Write `lines`, and wait until the operator types the word "mounted"; text typed before is ignored."""
+    """Write `lines`, and wait until the operator types the word "mounted"; text typed earlier is ignored."""
     try:
         for line in lines:
             listener.report(line)

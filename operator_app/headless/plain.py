@@ -92,7 +92,7 @@ class Plain:
         return "left"
 
     def _menu(self) -> None:
-        self._wait()  # a task that Ctrl-C cancelled may still run, and would close every item
+        self._wait()  # a cancelled task may still run: no item could be chosen
         s = self.snapshot()
         self._terminal.say("\n" + lines(describe(self._step, s)))
         chosen = self._one_of(self._items(s), "Number: ")

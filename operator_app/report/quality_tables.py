@@ -222,7 +222,7 @@ def rows_in_use(
 ) -> Iterator[tuple[Cell, ...]]:
     """Yield a row of closure sigmas for each of the two ways in which a controller can use the calibration.
 
-    The rows are for the best D-H table and for corrected readings; None leaves out a row. `name`: format of its name.
+    The rows are for the best D-H table and for corrected readings; None leaves out a row. `name`: format of row names.
     """
     if best_table is not None:
         yield closure_row(name.format("best table"), best_table, key=("with_best_table",))

@@ -103,7 +103,7 @@ class Subject:
 
     @property
     def used(self) -> tuple[CapturedPose, ...]:
-        """Poses from which the solution was made, in the order of the solution's rows."""
+        """Poses from which the solution was calculated, in the order of the poses in its arrays."""
         return tuple(p for p in self._counting if p.number not in self.flipped)
 
     @property

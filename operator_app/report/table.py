@@ -85,7 +85,7 @@ class FactTable:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Headline:
-    """A figure that summarises a calibration, with a note; `closure`: whether the figure is a closure sigma."""
+    """A figure that summarises a calibration, with name and note. `closure`: whether it is a closure sigma."""
 
     name: str
     figure: Figure

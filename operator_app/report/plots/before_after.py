@@ -94,9 +94,9 @@ class _Seen:
 
 
 def arm_pair(subject: Subject) -> Pair | None:
-    """Draw the arm before and after calibration, in the pose with the largest closure error before.
+    """Draw the arm before and after calibration, in the pose whose closure error was largest before.
 
-    Only the first placement is used. Returns None without calibration, with unsensed joints, or if there is no drawing.
+    Only the first placement is used. Returns None without a calibration or a drawing, or if a joint is unsensed.
     """
     solution = subject.solution
     if solution is None or solution.model.unsensed_joints:

@@ -20,14 +20,14 @@ class ListPanel(Lines):
     _last = 0
 
     def _head(self, s: SessionSnapshot, width: int) -> Sequence[Line]:
-        """Header lines, always visible."""
+        """Return the header lines, which are not scrolled."""
         return ()
 
     def _count(self, s: SessionSnapshot) -> int:
         return 0
 
     def _row(self, s: SessionSnapshot, k: int, width: int) -> Sequence[Line]:
-        """Lines of row `k`, from 0."""
+        """Return the lines of row `k` (from 0)."""
         return ()
 
     def move(self, by: int) -> None:

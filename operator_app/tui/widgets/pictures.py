@@ -113,7 +113,7 @@ _VIEW = np.array(
         [np.cos(_TILT), -np.sin(_TILT) * np.sin(_TURN), np.sin(_TILT) * np.cos(_TURN)],
     ]
 )
-"""Directions (2, 3) in the base frame, whose x axis points up: the screen's right, then the screen's up."""
+"""The screen's right and up as directions (2, 3) in the base frame, whose x axis points up."""
 _AXIS_M = 0.16
 """Half the length of the drawn hinge axis."""
 VISIBLE_RAD = 0.015

@@ -20,7 +20,7 @@ CERTAIN = 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NamedSize:
-    """A parameter and a value in `unit` ("rad" or "m"); `share`: fraction of its information from poses, not files."""
+    """A parameter and a value in `unit` ("rad" or "m"); `share`: fraction of its information that the poses give."""
 
     name: str
     size: float
@@ -216,7 +216,7 @@ def fixed_briefly(offsets: tuple[str, ...]) -> str:
 
 
 def _holds(f: Finding) -> str:
-    """Return the text on fixed offsets of unknown uncertainty; `f.figures`: tool error, m, per rad of each offset."""
+    """Return the text on fixed offsets of unknown uncertainty; `f.figures`: tool error, m per rad, by offset."""
     if not f.figures:
         return ""
     rates = ", ".join(

@@ -186,7 +186,7 @@ def _joint_out_of_range(arm: ArmModel, manifold: Manifold) -> str:
 
 
 def _usable(prediction: DrivePrediction, unsensed_joints: tuple[int, ...]) -> list[RankedDrives]:
-    """Return the sets usable at this pose and over the region, best first; inexact joints only as a last resort."""
+    """Return the sets usable at the current pose and in the region, best first; inexact joints only if need be."""
     usable_now = {r.drives for r in prediction.here if r.usable}
     usable = [
         r

@@ -40,7 +40,7 @@ class Box:
     upper_rad: tuple[float, ...]
 
     def beyond_rad(self, positions_rad: FloatArray) -> FloatArray:
-        """Return the distance (d,) of each drive joint from the box at `positions_rad` (n,); 0 inside the box."""
+        """Return how far (d,), rad, each drive joint is outside the box at `positions_rad` (n,); 0 inside."""
         positions = positions_rad[[j - 1 for j in self.joints]]
         # If a joint starts beyond the end of its range, the box may be empty; then every position is outside it.
         below, above = np.subtract(self.lower_rad, positions), positions - self.upper_rad

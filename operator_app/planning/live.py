@@ -128,7 +128,7 @@ class Forecast:
 
     `q_rad` (w, n): joint angles at each waypoint.
     `reachable` (w,): whether, at each waypoint, the loop closes with every joint inside its range.
-    `scaled_condition_number`: that of the first reachable poses, as many as are to be captured; inf if too few.
+    `scaled_condition_number`: that of the first reachable poses, up to the number to capture; inf if these are too few.
     """
 
     q_rad: FloatArray
@@ -158,7 +158,10 @@ def predict(
     plan: Sequence[Mapping[int, float]],
     poses: int,
 ) -> Forecast:
-    """Predict poses at the waypoints `plan` (rad, by drive joint) from `start_rad` (n,); `poses`: number to capture."""
+    """Predict the poses at the waypoints `plan` (rad, by drive joint) for an arm that starts at `start_rad` (n,).
+
+    `poses`: number of poses to capture, which limits those counted in `Forecast.scaled_condition_number`.
+    """
     joints = tuple(plan[0])
     columns = [j - 1 for j in joints]
     goal = np.array([[point[j] for j in joints] for point in plan])
@@ -204,7 +207,7 @@ def most_informative(
     forecast: Forecast,
     open_waypoints: Sequence[int],
 ) -> int | None:
-    """Return which of `open_waypoints` (indices) adds the most information to the captured poses `taken_rad` (m, n).
+    """Return which of `open_waypoints` (indices) would add the most information to the poses `taken_rad` (m, n).
 
     The result is None if `taken_rad` is empty or, according to `forecast`, no open waypoint is reachable.
     """

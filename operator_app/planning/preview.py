@@ -25,7 +25,7 @@ class PlannedPose:
     """One pose of a plan.
 
     `q_rad` (n,): predicted readings of all joints. `drives`: drive joints (1-based).
-    `route`: path to this pose from the last pose with a path, or from the start; None if no safe path was found.
+    `route`: path from the previous pose that has a path, or from the start; None if there is no safe path to this pose.
     """
 
     q_rad: FloatArray

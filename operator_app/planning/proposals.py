@@ -173,8 +173,8 @@ def ball_between(arm: ArmModel, hand_m: FloatArray, base_m: FloatArray | None) -
 def hinge_between(arm: ArmModel, hand: Line, base: Line | None) -> Hinge:
     """Return the hinge in which the line `hand` of the tool frame coincides with the line `base` of the base frame.
 
-    The points that define the lines coincide too. The lines may have equal or opposite directions: the loop then closes
-    as near as possible to the arm's home. If `base` is None, the hinge is where `hand` lies at the arm's home pose.
+    The points that define the lines coincide too. The lines point the same way or opposite ways, whichever lets the
+    loop close nearer to the arm's home. If `base` is None, the hinge is where `hand` lies at the arm's home pose.
     """
     if base is None:
         return Hinge.between(arm, hand.in_frame(*_hand_at_home(arm)), hand)

@@ -28,7 +28,7 @@ SIGMA_POS_M, SIGMA_ORI_RAD, PUBLISHED_CONDITION = 2.7e-3, 6.6e-3, 28.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Share:
-    """Closure errors, rms by eqs. 14 and 15, that one source of error causes, or all sources together."""
+    """Closure errors, rms by eqs. 14 and 15, caused by one source of error or by all sources together."""
 
     source: str
     position_m: float
@@ -69,7 +69,7 @@ class Published:
 
 
 def published(*, poses: int = PUBLISHED_POSES) -> Published:
-    """Reproduce the experiment of section 3 and the analysis of section 4."""
+    """Reproduce the experiment of section 3 of the paper and the analysis of section 4."""
     procedure = load_procedure("hinge")
     all_three = scenario("as_reported")
     noise_only = replace(all_three, linearity_of_full_scale=0.0, lengths=None, loads=STIFF)

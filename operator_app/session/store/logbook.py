@@ -141,5 +141,5 @@ class Logbook:
         return checks
 
     def document(self, solution: Solution, *, forced: str = "") -> ParametersDocument:
-        """Return the parameters document of a calibration; `forced`: why it is exported although not accepted."""
+        """Return the parameters document of a calibration; `forced`: reason for exporting it without acceptance."""
         return parameters_document(solution, self.state, self.procedure, forced=forced)

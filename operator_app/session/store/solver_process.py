@@ -164,7 +164,7 @@ def _answer(
 
 
 def _end_with_parent() -> None:
-    """Wait until the parent has ended, which closes its pipe to our standard input; then end this process."""
+    """Wait until the parent has ended, which closes its pipe to standard input; then end this process."""
     while os.read(0, 1):
         pass
     os._exit(1)

@@ -119,7 +119,7 @@ class SessionState:
     poses, undone
         Captured poses, including excluded ones, and the poses removed by undo.
     visited, skipped_waypoints
-        Indices of the waypoints that were captured or skipped; by index, why a waypoint was skipped. Skipped waypoints
+        Indices of the waypoints that were captured or skipped; reason for each skipped one, by index. Skipped waypoints
         are tried again after resuming.
     captured
         Number of captures, including undone ones: the next pose has number captured + 1.
@@ -250,9 +250,9 @@ class SessionState:
         )
 
     def required_poses(self, capture: CapturePlan) -> int:
-        """Return how many used poses all placements together must have for the current placement to be complete.
+        """Return how many used poses, in all placements together, are needed to complete the current placement.
 
-        A planned capture requires the poses that the plan chooses in addition to the explored poses.
+        A planned capture needs the poses that the plan chooses in addition to the explored poses.
         """
         used = self.used_poses
         if capture.strategy != "planned":

@@ -1,6 +1,6 @@
 """Guards: pure functions that return why a step or an action is not allowed, as text; "" if it is allowed.
 
-Before an action that could do harm, the workflow makes the check again. Most guards of actions include `idle`.
+Before an action that could do harm, the workflow repeats the check. Most guards of actions include `idle`.
 """
 
 from collections.abc import Callable, Mapping

@@ -124,7 +124,7 @@ class Runner:
     def say(
         self, level: Level, text: str, resolving_tasks: frozenset[TaskKind] = frozenset()
     ) -> None:
-        """Add a message; an alarm ends when one of `resolving_tasks` succeeds. May be called from any thread."""
+        """Add a message; an alarm is resolved when one of `resolving_tasks` succeeds. May be called from any thread."""
         time_utc = f"{self._clock().astimezone(UTC):%H:%M:%S}"
         self.publish(
             lambda s: add_message(s, level, text, time=time_utc, resolving_tasks=resolving_tasks)

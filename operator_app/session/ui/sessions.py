@@ -35,7 +35,7 @@ class Sessions:
     `last`: its folder; None if the folder was empty and has been removed. `exported`: whether parameters were written.
     `held`: whether its arm confirmed that no drive follows commands; None if no arm was connected.
     `lost`: error about the lost journal; None if the journal was not lost.
-    `not_held`: error that says that drives may still follow commands; None if the arm confirmed that none does.
+    `not_held`: error stating that drives may still follow commands; None if the arm confirmed that none does.
     """
 
     def __init__(
@@ -100,7 +100,7 @@ class Sessions:
     def unfinished(self) -> SessionEntry | None:
         """Return the newest session that has used poses and no export; None if there is none.
 
-        Leaves out sessions that a process uses and, if a procedure was chosen, sessions of other procedures.
+        Leaves out sessions that are in use and, if a procedure was chosen, sessions of other procedures.
         """
         named = None if self._procedure is None else load_procedure(self._procedure).name
         for entry in self.sessions():

@@ -241,7 +241,7 @@ class SessionSnapshot:
 
     @property
     def chooses_by_plan(self) -> bool:
-        """Whether a plan chooses the next target: the capture is planned, and no other task than the capture runs."""
+        """Whether a plan chooses the next target: the capture is planned, and no task but the automatic one runs."""
         by_hand = self.task is not None and self.task.kind is not TaskKind.AUTOMATIC
         return self.procedure.capture.strategy == "planned" and not by_hand
 

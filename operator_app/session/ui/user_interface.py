@@ -25,7 +25,7 @@ SNAPSHOTS_TRIED = 4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Titled:
-    """A text with a title."""
+    """Title and text of a question."""
 
     title: str
     text: str
@@ -150,10 +150,10 @@ class OnScreen(Entry):
 class Action(Entry):
     """An action on the session, in all user interfaces.
 
-    `guard`: returns why the action is refused, "" if it is allowed; also called after each answer of the operator.
+    `guard`: returns why the action is refused, "" if it is allowed; also called when a question is answered.
     `work`: submits a task, changes a setting, or opens another session.
     `prompt`: text in plain mode; by default, label and help.
-    `rows`: returns prompts by row number, if plain mode is to list the action once for each row.
+    `rows`: returns prompts by row number; plain mode lists an action that has `rows` once for each row.
     """
 
     work: Callable[[ActionContext], None]

@@ -136,7 +136,7 @@ Name = Annotated[str, StringConstraints(strict=True, pattern=r"^[A-Za-z][A-Za-z0
 
 
 def degrees_for_file(angle_rad: FloatArray | float) -> FloatArray:
-    """Return degrees whose ``np.deg2rad`` is exactly `angle_rad`; if there is no such double, the nearest.
+    """Return degrees whose ``np.deg2rad`` is exactly `angle_rad` or, if there is no such double, the nearest to it.
 
     Of several such doubles, the one with the fewest digits is returned. An angle that was read from a file in degrees
     always has such a double, so that writing the angle and reading it again changes no bit.

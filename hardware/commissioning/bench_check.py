@@ -1,4 +1,4 @@
-"""Acceptance check of an arm on the bench, in a safe order; the person beside the arm is asked before it moves.
+"""Acceptance check of an arm on the bench, in a safe order; the person beside the arm is asked before any motion.
 
 The requirements are in `clauses` and `checks`. A failure in the read-only stage `look` ends the check after that stage;
 a failure in a later stage ends the check at once.

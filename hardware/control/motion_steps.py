@@ -68,8 +68,8 @@ def drive_to(
     """Bring all drives to the state `target`, in position mode; return the joints not in it after `syncs` SYNCs.
 
     The target of a drive is its measured position until the drive has power, since the joint may sink while a brake
-    opens. Once a drive has reached the state, its controlword stays the same; an alarm reports that the drive leaves
-    the state again. If a joint does not answer the first SYNC, its drive is commanded off, in its last mode.
+    opens. Once a drive has reached the state, its controlword stays the same; an alarm reports a drive that leaves the
+    state again. If a joint does not answer the first SYNC, its drive is commanded to switch off, in its last mode.
     """
     if target is cia402.TargetState.ENABLED:
         sample = yield from first_complete_sample(loop, at_least=1)
@@ -282,7 +282,7 @@ def _last_commands(loop: ControlLoop) -> Setpoints:
 def _higher_priority(
     alarm: errors.HardwareError | None, ending: Exception | None
 ) -> Exception | None:
-    """Return the error to raise: `alarm` if it is STOP or the cause of `ending` (what ended the steps), or `ending`."""
+    """Return `alarm` if it is STOP or the cause of `ending`, the error that ended the steps; otherwise `ending`."""
     if ending is None or isinstance(alarm, errors.Stopped):
         return alarm
     # The first sign of a trip or a lost node is often that its drive, or a neighbour's, is not enabled.

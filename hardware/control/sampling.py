@@ -15,10 +15,9 @@ class CommandSender:
     """Sends commands in the control loop's thread.
 
     STOP sends its own frames in another thread. The STOP latch is therefore checked before and after the commands are
-    sent, so that quick stop is the last command on the bus. A stop switches off some drives (`watch.switched_off`),
-    which blocks their joints' valves: those of joints that moved uncommanded and, when the arm is released, those that
-    have not obeyed STOP. A drive that was switched off at the drive itself is not enabled again. `quick_stop` sends
-    quick stop to all drives, and must not wait.
+    sent, so that quick stop is the last command on the bus. A stop also switches off the drives of the joints in
+    `watch.switched_off`, which blocks their valves: joints that moved uncommanded and, at a release, joints that have
+    not obeyed STOP. A drive switched off at the drive itself is not enabled again. `quick_stop` must not wait.
     """
 
     def __init__(
@@ -34,7 +33,7 @@ class CommandSender:
         self._sent: list[Setpoint | None] = [None] * len(self._frames)
 
     def send(self, commands: Setpoints, sync_count: int, *, moving: bool) -> None:
-        """Send changed commands; in case a frame was lost, also repeat one joint's command per SYNC, in rotation."""
+        """Send the commands that changed, and repeat that of one joint, in rotation, in case a frame was lost."""
         repeated = sync_count % len(self._frames)
         dropout = self._watch.dropout
         for joint, joint_command in enumerate(commands):
@@ -84,8 +83,7 @@ SPEED_SYNCS = 5
 class CyclicView:
     """Latest sample for other threads; with the next sample, a new object replaces this one.
 
-    `earlier`: the sample at most `SPEED_SYNCS` SYNCs before. `late_at_s`: host latency accumulated until each joint
-    answered, s.
+    `earlier`: the sample up to `SPEED_SYNCS` SYNCs before. `late_at_s`: host latency so far at each joint's answer, s.
     """
 
     sample: Sample

@@ -83,8 +83,7 @@ class _Attempt:
     def is_transient(self, error: errors.HardwareError) -> bool:
         """Whether a further attempt may succeed after this error.
 
-        If an answer was missed before, a refusal is transient too: perhaps the supervisor refused only because it had
-        carried out the command whose answer was missed.
+        A refusal after a missed answer is transient too: the unanswered command may have been carried out.
         """
         if isinstance(error, errors.SdoRefused):
             return error.code == Abort.LOCAL_CONTROL or self._answer_missed

@@ -9,9 +9,8 @@ leaves *operation enabled*, even if bit 12 drops. If a drive never sets bit 12, 
 any of the targets sent before the report.
 
 A drive that trips sends an emergency. A drive that is disabled at the drive itself reports that in its statusword only,
-and the next repeated command would enable it again, although it may have been switched off on purpose. Therefore that
-drive is not enabled again, and all other drives stop as after a trip: in a closed chain they would push against a joint
-that does not follow.
+and the next repeated command would enable the drive again, although it may have been switched off on purpose. So this
+drive is not enabled again. All others stop as after a trip: in a closed chain they would push against its joint.
 """
 
 import math
@@ -216,7 +215,7 @@ class Dropout:
 
 @dataclass(slots=True)
 class _EnabledJoint:
-    """Counts a drive's answers while it is commanded to be enabled: enabled, disabled; following, not following."""
+    """Counts the answers of a drive commanded to be enabled, by what they report: enabled or not, following or not."""
 
     enabled_syncs: int = 0
     disabled_syncs: int = 0

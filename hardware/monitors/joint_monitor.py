@@ -1,4 +1,4 @@
-"""Checks of every sample (`JointMonitor`), among them for count loss; alarms that end a command (`alarms`).
+"""Monitors of every sample, e.g. for count loss, and the alarms that end a command, in order of priority.
 
 Position is smooth from SYNC to SYNC: the increment of one period can be predicted from the two increments before and
 the two after. A single outlying increment in one joint alone, with no other outlier shortly before or after, is neither

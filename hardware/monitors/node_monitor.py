@@ -200,7 +200,7 @@ class NodeMonitor:
             self._emergency(node, code, 0, sync_count)
 
     def forget_faults(self) -> None:
-        """Clear emergencies; restarts and another master's commands remain until `expect_boot_up`."""
+        """Clear the emergencies; recorded restarts and commands of another master remain until `expect_boot_up`."""
         self.faults = ()
 
     def _heartbeat(self, node: int, state: int) -> None:

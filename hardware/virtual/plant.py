@@ -69,8 +69,7 @@ class Loads:
         """Return these loads adapted to `arm`; friction, if any, becomes proportional to the drives' torque limits.
 
         If the arm has another number of joints than these loads, frames n // 2 and n - 2 each carry the largest mass.
-        If the arm's weakest drive is weaker than those of the paper's arm, all masses are reduced in proportion, since
-        in a closed chain any drive may have to carry them.
+        All masses are reduced in proportion to the weakest drive, if it is weaker than those of the paper's arm.
         """
         weakest = min(joint.max_torque_nm for joint in arm.joints) / PAPER_TORQUE_NM
         n, payload = arm.joint_count, self.payload_kg * min(1.0, weakest)

@@ -59,10 +59,18 @@ COMPLIANT = Loads(
 class Scenario:
     """Description of a virtual arm in its fixture, from which `build` makes a plant.
 
-    The same name and seed give the same arm and noise. `specimen`: seed of the arm's errors (linearity, lengths);
-    if it is None, `seed` is used. `lengths`: smallest and largest magnitude, m, of the errors that are added to the
-    maker's lengths in `truth`. `linearity_of_full_scale`: peak linearity deviation of every RVDT, fraction of full
-    scale. `placement`: number of this mounting of the fixture, from 1; each mounting has different noise.
+    The same name and seed give the same arm and noise.
+
+    Attributes
+    ----------
+    specimen
+        Seed of the arm's errors (linearity, lengths); if None, `seed` is used.
+    linearity_of_full_scale
+        Peak linearity deviation of every RVDT, fraction of full scale.
+    lengths
+        Smallest and largest magnitude, m, of the errors that are added to the maker's lengths in `truth`.
+    placement
+        Number of this mounting of the fixture, from 1; each mounting has different noise.
     """
 
     name: str

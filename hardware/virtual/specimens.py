@@ -174,8 +174,8 @@ def remount_truth(
     """Return the truth of the same arm and fixture, mounted again within the tolerance of the fixture file.
 
     The fixture's placement on the table changes and, unless the fixture stays on the tool, its placement on the tool.
-    If theta_off_1 or theta_off_n is measured from the fixture, it changes too. Raises `ValueError` if no
-    drawn placement lets the arm close near home.
+    An offset that is measured from the fixture (theta_off_1, theta_off_n) changes too. Raises `ValueError` if the arm
+    closes near home in no placement drawn.
     """
     model = fixture.model(arm)
     if not isinstance(model, DhLoop | PointClosure):

@@ -98,7 +98,7 @@ class SupervisorNode(VirtualNode):
             self._take(0)
 
     def external_stop(self, *, active: bool) -> None:
-        """Send the external stop's emergency if it is pressed (`active`), otherwise the message that it is over."""
+        """Send the emergency of the external stop if `active` (pressed), otherwise the end of that emergency."""
         with self.lock:
             if active:
                 register = ErrorBit.GENERIC | ErrorBit.MANUFACTURER

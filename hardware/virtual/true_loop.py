@@ -85,7 +85,7 @@ class ChainPoint:
 
 
 class LoopPoint(ChainPoint):
-    """Chain in a hinge or rigid fixture. The chain begins at frame -1 and is closed if frame n coincides with it.
+    """Chain in a hinge or rigid fixture, from frame -1 to frame n; it is closed if these two frames coincide.
 
     The closure error is a rotation vector (rad), then a position (m). Without `hinge`, theta_0 must stay 0.
     """
@@ -323,7 +323,10 @@ def draw_wild_loop(rng: np.random.Generator) -> Truth:
 
 
 def can_cover(loop: DhLoop, x: FloatArray, pose: FloatArray, hinge: FloatArray) -> bool:
-    """Whether the loop stays closed while `WILD_DRIVES` move from `pose` to 16 points on the border of their ranges."""
+    """Whether the joints `WILD_DRIVES` can move from `pose` straight to 16 points on the border of their ranges.
+
+    On the way, the loop must close and all joints must stay within `MAX_GRADIENT` and `ROOM_RAD`.
+    """
     corners = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
     sides = np.roll(corners, -1, axis=0) - corners
     square = np.concatenate([corners + 0.25 * step * sides for step in range(4)])

@@ -196,7 +196,7 @@ def little_motion(
     """Return a finding if the poses differ so little that some parameters have large standard deviations.
 
     Only parameters named in `judged` are tested. A parameter is reported if its `standard_deviation` (P,) is large, or
-    larger than `known` (rad or m, by name) states. It blocks acceptance if it is too uncertain for any use.
+    larger than a file states (in `known`, rad or m, by name). The finding blocks acceptance if a parameter is useless.
     `narrows`: function that returns the error source to be reduced for a named parameter, or "" if there is none.
     """
     wide, coarse, refuses = [], [], False
@@ -281,8 +281,8 @@ def proven_by_return(
 ) -> tuple[tuple[Finding, ...], tuple[Finding, ...]]:
     """Return the blocking causes that repeated poses prove, and the other causes from tests of the fit.
 
-    `since`: causes from repeated poses. `by_tests`: causes from tests of the fit; if one of them is the proven slip,
-    it is returned as proven. It blocks even if it is smaller than the sigmas, because the slip has increased them.
+    `since`: causes from repeated poses. `by_tests`: causes from tests of the fit, which replace the same cause in
+    `since`. A proven slip blocks even if it is smaller than the sigmas, because the slip has increased the sigmas.
     """
     proven: list[Finding] = []
     for returned in since:
@@ -318,7 +318,6 @@ def not_yet_named(since: tuple[Finding, ...], by_tests: tuple[Finding, ...]) -> 
 
 
 def _slipped_since(read: RepeatedReading, repeat: Repeat, estimate: Estimate) -> Finding:
-    """Return the finding of a fixture slip or a reading step between two readings of a pose."""
     from scipy.special import chdtri
 
     # Prior odds: a step in one of n joints, against a slip or a deflection of the fixture.

@@ -61,7 +61,7 @@ def without_reading(stated: Experiment, joint: int) -> Experiment:
 def start(alternative: Experiment) -> tuple[FloatArray, float]:
     """Fit the loops of an alternative; return the parameters (P,) as start values, and a mean square error.
 
-    This is the closure error per pose, or the correction of the readings (rad^2) if joints are unsensed.
+    The error is that of the closure or, if joints are unsensed, the correction of the readings (rad^2).
     """
     if alternative.unsensed:
         fit = without_readings(alternative)
@@ -225,7 +225,7 @@ def hinge_instead(stated: Experiment) -> Alternative:
 
 
 def _ball_instead(stated: Experiment) -> Alternative:
-    """Return the alternative with a ball on the file's hinge axis or, for a rigid one, where the tool moves least."""
+    """Return the alternative with a ball on the file's hinge axis or, if it states none, where the tool moves least."""
     fixture = stated.fixture
     R, p = frames = _frames(stated.arm, stated.poses)
     if isinstance(fixture, Hinge):

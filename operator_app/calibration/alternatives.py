@@ -86,7 +86,7 @@ def find_alternatives(
 ) -> tuple[Finding, ...]:
     """Return the mistakes that explain a gross misfit of the stated model, the most probable first.
 
-    `scale`, `dof`: chi2/dof of the stated model at stated variances, infinite if it has no solution; its dof.
+    `scale`: chi2/dof of the stated model at stated variances; infinite without a solution. `dof`: the model's dof.
     `of_files`: try only simple mistakes in the poses or arm file.
     `near`: as `of_files`, but keep only mistakes whose correction brings the solution near the nominal values. The
     stated model itself may then fit well.
@@ -139,7 +139,7 @@ def find_alternatives(
 
 
 def poses_in_radians(stated: Experiment, scale: float) -> tuple[Finding, ...]:
-    """Return the finding that all readings are in radians, if the ranges allow it and the loops then fit far better.
+    """Return the finding that all readings are in radians, if the joints' ranges allow it and loops then fit better.
 
     `scale`: finite chi2/dof of the stated model. `find_alternatives` would not find this mistake: if radians are read
     as degrees, the readings hardly differ between poses, so that the loops close with small errors.

@@ -52,7 +52,7 @@ class CalibratedArm:
     `tip_m`: the tip in the last frame of `hand`, (3,), m: the ball's centre or the instrument's target. It is zero for
     a rigid attachment and for a hinge (the hinge's axis is the z axis of that frame).
     `identified`: entries of `flange` that were calibrated.
-    `best`: best D-H table for uncorrected readings. `corrections`: those of the readings. Both None if not computed.
+    `best`: best D-H table for uncorrected readings. `corrections`: corrections of the readings. Both may be None.
     """
 
     flange: DhTable
@@ -118,7 +118,7 @@ class CalibratedArm:
     def rate_m_per_rad(self, joint: int, rates: dict[str, float], q_rad: FloatArray) -> FloatArray:
         """Return the tip displacement (m,), in m per rad of error in the fixed offset of `joint`, at readings (m, n).
 
-        `rates`: by name, the change of each other parameter per rad of this error; of several placements, in the last.
+        `rates`: by name, the change of each other parameter per rad of this error; only the last placement counts.
         """
         plain = {name.partition("[")[0]: rate for name, rate in rates.items()}
         names = (DhEntry(DhKind.THETA_OFF, joint).name, *self.free)
@@ -155,7 +155,7 @@ class HandErrors:
 
     `tip_m` (m, 3): tool position from the calibrated parameters, in the arm's base frame.
     `before_m` (m,): distance from `tip_m` to the tool position from the arm file.
-    `after_m` (m,): standard deviation of the error that `tip_m` still has.
+    `after_m` (m,): standard deviation of the error of `tip_m`.
     """
 
     tip_m: FloatArray
@@ -199,7 +199,7 @@ def side_of(model: ClosureModel, name: str) -> Literal["arm", "ground", "hand"]:
 
 
 def last_placement(solution: Solution) -> tuple[ClosureModel, dict[str, int]]:
-    """Return the loop of the last placement with poses, and for each of its parameters the index in the estimate."""
+    """Return the loop of the last placement with poses, and by name the index of its parameters in the estimate."""
     part, columns, _ = solution.model.parts()[-1]
     index = np.arange(len(solution.estimate.x))[columns].tolist()
     return part, dict(zip([p.name for p in part.parameters], index, strict=True))
@@ -317,8 +317,7 @@ def closure_in_use(
     """Return the closure sigmas for both uses of a calibration: the best table, and corrected readings.
 
     `model`, `x`: a loop of the calibrated arm and the values of its parameters (P,), rad and m. `q`: readings (m, n).
-    `unknown`: parameters of a placement that was not calibrated. They are estimated from `q` twice: with the best
-    table, and with corrected readings.
+    `unknown`: parameters of an uncalibrated placement, estimated once with the table, once with corrected readings.
     """
     best, corrections = solution.best, solution.corrections
     if best is None or corrections is None:
@@ -344,7 +343,7 @@ def closure_in_use(
 
 
 def _with_last_link(rows: FloatArray, other: FloatArray, *, than: FloatArray) -> DhTable:
-    """Return `rows` (5, n), with those entries of the last link replaced in which `other` differs from `than`."""
+    """Return `rows` (5, n); where the last links of `other` and `than` differ, the entry is taken from `other`."""
     rows, differ = rows.copy(), other[:, -1] != than[:, -1]
     rows[differ, -1] = other[differ, -1]
     return DhTable.from_stacked(rows)

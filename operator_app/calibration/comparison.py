@@ -213,8 +213,8 @@ def _different_arms(a: ParametersDocument, b: ParametersDocument) -> tuple[str, 
 def _loop(document: ParametersDocument) -> DhLoop:
     """Return the loop that a document describes.
 
-    A first or last joint whose offset was not identified counts as unsensed, because its offset cannot change. The
-    equivalent parameters with other signs of a and alpha in the adjacent link would need another offset.
+    A first or last joint whose offset was not identified counts as unsensed: equivalent parameters, which have other
+    signs of a and alpha in the adjacent link, need another offset of this joint, but the offset is fixed.
     """
     entries = tuple(DhEntry.parse(e.entry) for e in document.calibrated)
     known = {e.name for e in entries}

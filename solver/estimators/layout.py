@@ -400,7 +400,7 @@ class Layout:
         return np.array([c.start for c in self.components])
 
     def stated_variances(self) -> FloatArray:
-        """Variances (K,) according to the files; noise components get all of the stated deflection and play."""
+        """Return the variances (K,) that the files state; all stated deflection and play is in noise components."""
         return np.array([c.stated for c in self.components])
 
     def variances_by_name(self, named: Mapping[str, float]) -> FloatArray:
@@ -409,7 +409,7 @@ class Layout:
         return np.asarray(np.clip(v, self.floors, self.ceilings))
 
     def as_stated(self, v: FloatArray) -> FloatArray:
-        """Return `stated_variances` (K,), with the placement's variance raised to the estimate in `v` (K,)."""
+        """Return `stated_variances` (K,), with that of the fixture's placement raised to its estimate in `v` (K,)."""
         stated = self.stated_variances()
         for k, c in enumerate(self.components):
             if c.name == PLACEMENT:

@@ -88,7 +88,7 @@ class LinearFit:
         return _square(self.half)
 
     def _distances(self) -> tuple[FloatArray, FloatArray]:
-        """Return the measured distances' misclosures (k,) and rows (k, width) of M: their derivatives."""
+        """Return the measured distances' misclosures (k,) and their derivatives (k, width) by the coefficients of M."""
         w, rates = self.system.distances
         rows = np.zeros((len(w), self.design.width))
         if len(w):
@@ -113,7 +113,7 @@ class LinearFit:
         return self.design.whiten(self.system.at_poses(poses), self.v, self.root, poses)
 
     def parts(self) -> Iterator[Whitened]:
-        """Yield the whitened poses in parts, effects scaled to unit variance; each call recomputes parts if several."""
+        """Yield the whitened poses in parts, effects scaled to unit variance; only a single part is kept for reuse."""
         yield from self._whitened or (self._whiten(poses) for poses in self.design.parts())
 
     def residual(self, part: Whitened) -> FloatArray:
@@ -291,9 +291,9 @@ class LinearFit:
 
     @property
     def pulls(self) -> FloatArray:
-        """Fitted deviation of each effect from its mean, in its standard deviation: ~ N(0, 1) if the model is right.
+        """Predicted deviation of each effect from its mean (width - hard,), divided by the prediction's sigma.
 
-        An array (width - hard,); 0 for an effect about which the poses give no information.
+        It is ~ N(0, 1) if the model is right, and 0 for an effect about which the poses give no information.
         """
         remaining = np.diagonal(self.H_inverse)[self.design.hard :]
         z = self.unit_b / np.sqrt(np.maximum(1.0 - remaining, 1e-12))

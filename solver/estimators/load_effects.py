@@ -305,7 +305,7 @@ def _load_deflection(
 
 
 def _pulled(part: ArmPoses, poses: IntArray | slice, W: FloatArray) -> FixtureLoads:
-    """Return the loads on both halves of the fixture under wrenches `W` (m, k, 4 n, d), which are already times S."""
+    """Return the loads on both halves of the fixture; `W` (m, k, 4 n, d): its wrenches, already multiplied by S."""
     axes = part.model.fixture_axes(part.x, part.q[poses], part.u[poses])
     share = np.array([1.0, TOOL_SIDE_COMPLIANCE]) / np.hypot(1.0, TOOL_SIDE_COMPLIANCE)
     halves = []
@@ -332,7 +332,7 @@ def wrench_of(
 
 
 def driven_sets(joints: int, equations: int) -> list[tuple[int, ...]]:
-    """Return up to `MOST_DRIVE_SETS` sets of joints (from 0) possibly in position mode, ``joints - equations`` each."""
+    """Return up to `MOST_DRIVE_SETS` sets of ``joints - equations`` joints (from 0) that may be in position mode."""
     every = list(combinations(range(joints), max(joints - equations, 0)))
     chosen = np.unique(
         np.linspace(0, len(every) - 1, min(MOST_DRIVE_SETS, len(every))).astype(np.int64)

@@ -47,9 +47,9 @@ COMPARABLE_SIGMA = 3.0
 """Largest change of a parameter, in standard errors, between iterations whose slopes are compared."""
 
 SIGN_TEST_SIGMA, SIGN_TEST_VARIANCE_SIGMA, DOUBTFUL_SIGN_SHARE = 0.1, 1.5, 0.25
-"""The sign of gravity is tested at convergence, or earlier if the parameters are within SIGN_TEST_SIGMA and the last
-step of the variances is below SIGN_TEST_VARIANCE_SIGMA (in sigmas). The early test decides only if `gravity_share`
-differs from one half by at least DOUBTFUL_SIGN_SHARE or by at least that last step, whichever is smaller."""
+"""The sign of gravity is tested at convergence, or earlier if the remaining error of the parameters is below
+SIGN_TEST_SIGMA and the last step of the variances below SIGN_TEST_VARIANCE_SIGMA (in sigmas). The early test decides
+only if `gravity_share` differs from one half by at least the smaller of DOUBTFUL_SIGN_SHARE and that last step."""
 
 FREE_ITERATIONS = 20
 NEGLIGIBLE_GAIN = 0.1
@@ -213,7 +213,7 @@ def _iterate(
 
 
 def expected_variances(fit: LinearFit, derivatives: Derivatives, v: FloatArray) -> FloatArray:
-    """Return the posterior means of the variances, given `v` (K,), which has the modes of the estimated scales.
+    """Return the variances with estimated scales at their posterior mean; in `v` (K,), these scales are at the mode.
 
     Variances at the mode do not include the uncertainty of the scales. With a scale exp(t), t ~ N(t_mode, s^2), the
     expected variance of an error is exp(2 t_mode + 2 s^2) times the stated variance. Other variances do not change.
@@ -238,7 +238,10 @@ def gravity_share(fit: LinearFit) -> float:
 
 
 def _start(design: LinearModel, x0: FloatArray, v: FloatArray, near: FitStart | None) -> State:
-    """Return the state to start from: that of `near` if given, else no corrections and loops closed if possible."""
+    """Return the state to start from: that of `near`, if given.
+
+    Otherwise the corrections are zero, and the unsensed angles close the loops as well as possible.
+    """
     x, q = np.array(x0, dtype=float), design.q
     if near is not None:
         e, u = near.corrections, near.unsensed

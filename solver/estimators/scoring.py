@@ -51,8 +51,8 @@ SCALE_CORRELATION = 0.5
 usually has a margin in all. So the scales of sources that the poses hardly determine follow the others."""
 
 LARGEST_COMMON = 3.0 * SCALE_SD
-"""Largest deviation of a scale's logarithm that is evidence about the other scales. A source that is absent (an eighth
-of its stated size, or less) does not make the others smaller than one at this limit does."""
+"""Largest deviation of a scale's logarithm that counts as evidence about the other scales. A source of less than an
+eighth of its stated size is absent, which says no more about the others."""
 
 FAST_SHARE = 0.45
 """Convergence is fast if a step is below this share of the step before."""
@@ -150,8 +150,8 @@ def _scale_prior(design: Layout, t: FloatArray) -> tuple[FloatArray, FloatArray,
     """Differentiate the energy (minus the log density) of the prior of the scales' logarithms `t` (K,).
 
     Returns the gradient (K,), and the second derivative as a positive definite matrix (K, K) plus a diagonal (K,). The
-    energy is ``(sum t^2 / own - sum_groups shared (sum g)^2) / (2 SCALE_SD^2)``, ``g = L tanh(t / L)``, L =
-    `LARGEST_COMMON`. For small t, own and shared (in the code) give normal t with `SCALE_CORRELATION` in each group.
+    energy is ``(sum t^2 / own - sum_groups shared (sum g)^2) / (2 SCALE_SD^2)`` with ``g = L tanh(t / L)``, where L is
+    `LARGEST_COMMON`. The constants own and shared are such that small t of one group have `SCALE_CORRELATION`.
     """
     scaled, groups = design.scaled.astype(float), _scale_groups(design)
     own = 1.0 - SCALE_CORRELATION * groups.sum(axis=0)
@@ -172,7 +172,7 @@ def _scale_groups(design: Layout) -> FloatArray:
     """Return one mask (K,) for each of up to two groups of scales whose priors are correlated, as an array (groups, K).
 
     The scales of lengths and twists are one group; those of joints, sensors and the fixture's deflection are the other,
-    because better joints do not make the maker's table more certain. The fixture's placement is in neither group.
+    because joints better than stated do not make the maker's table more certain. The fixture's placement is in neither.
     """
     names = np.array(list(design.index), dtype=str)
     of_links = np.isin(names, (LENGTHS, TWISTS))

@@ -41,8 +41,8 @@ NORMAL_95 = 1.959963984540054
 class Component:
     """Standard deviation `sd` of one source of error, with its 95 % interval, and the value `stated` in the files.
 
-    `name`: ``rvdt_6`` (noise of a single reading), ``curve_6``, ``fixture_m``, ``fixture_rad``. `unit`: ``rad`` or
-    ``m``.
+    `name`: ``fixture_m``, ``fixture_rad``, or of joint 6 ``rvdt_6`` (noise of a single reading) and ``curve_6``
+    (linearity deviation). `unit`: ``rad`` or ``m``.
     """
 
     name: str
@@ -190,10 +190,10 @@ def settle(
     variances: Callable[[Layout], FloatArray] | Mapping[str, float] | None = None,
     progress: Progress | None = None,
 ) -> tuple[MixedFit, IntArray]:
-    """Fit as `estimate_with_errors` does; return only the fit, and the order (m,) of its poses.
+    """Fit as `estimate_with_errors` does, but return the fit itself and the order (m,) of its poses.
 
-    The fit has its poses in canonical order; the order's element k is the caller's index of pose k of the fit. Among
-    equivalent parameter vectors, the fit is at the nearest to the nominal values. `near`: see `fit_mixed`.
+    Element k of the order is the caller's index of pose k of the fit, whose poses are in canonical order. Among
+    equivalent parameter vectors, the fit has the nearest to the nominal values. `near`: see `fit_mixed`.
     `variances`: fixed variances by name, or a function that returns them (K,) for a layout; None to estimate them.
     """
     order = canonical_order(q)
@@ -223,7 +223,7 @@ def settle(
 def _near(
     model: ClosureModel, errors: ErrorModel, x: FloatArray, nominal: FloatArray
 ) -> FloatArray:
-    """Return `x` with angles that have a prior within half a turn of nominal: near 180 deg, 181 instead of -179 deg."""
+    """Return `x` with full turns added to angles that have a prior, until they are within half a turn of nominal."""
     priors = {*errors.tolerance, *errors.prior}
     known = [p.is_angle and p.name in priors for p in model.parameters]
     return np.where(known, nominal + wrap_angle(x - nominal), x)

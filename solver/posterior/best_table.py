@@ -8,8 +8,8 @@ J_q the derivatives of the tool position with respect to table entries and joint
     sum_q w_q |J_T dT - J_q r|^2 / s^2 + |dT / d|^2,
 
 where s is a small tool error and d the largest plausible error of an entry. The solution is linear in b: dT = G b. So
-the table's covariance follows from that of parameters and b. The corrections that no table can represent,
-(J_q S - J_T G) b, are summarised in `left_m`.
+the table's covariance follows from that of parameters and b. The tool displacement that no table can represent,
+(J_q S - J_T G) b, gives `left_m`.
 """
 
 from collections.abc import Sequence
@@ -43,7 +43,7 @@ class BestTable:
     `rows` (5, n): theta_off, s, a, alpha and beta of links 1..n, rad and m. `tip_m` (3,): the tool's point in frame n.
     `entries`: names of the k entries and tip coordinates that the fit determines.
     `covariance` (k, k): covariance of `entries`, rad and m.
-    `left_m`: rms tool displacement by the corrections that no table can represent, including their uncertainty.
+    `left_m`: rms tool displacement due to corrections that no table can represent; it includes their uncertainty.
     `sigma_m`: expected rms position error of the tool where the arm is used.
     """
 

@@ -85,7 +85,7 @@ class Corrections:
 
 
 def corrections_of(joints: JointCorrections, readings: CorrectionShapes) -> Corrections:
-    """Return a fit's corrections as functions of the readings; that for play is its mean over the poses `readings`."""
+    """Return a fit's corrections as functions of the readings; for play, their mean over the poses `readings`."""
     design = joints.fit.design
     errors, b = design.errors, joints.coefficients
     each: list[ReadingCorrection] = []
@@ -134,7 +134,7 @@ def corrections_of(joints: JointCorrections, readings: CorrectionShapes) -> Corr
 def _play(
     joints: JointCorrections, readings: CorrectionShapes, columns: slice
 ) -> Iterator[ReadingCorrection]:
-    """Yield each column of play as a constant, its mean over `readings`; a joint's first includes the expected play."""
+    """Yield a constant for each column of play: its mean over `readings`, plus once per joint the expected play."""
     mean = (readings.shapes[:, columns] * joints.coefficients[columns]).mean(axis=0)
     for k, j in enumerate(joints.joint_of[columns]):
         size = float(mean[k])
@@ -146,7 +146,7 @@ def _play(
 
 
 def _gravity(sagging: Mapping[int, FloatArray], masses: LinkMasses) -> Iterator[ReadingCorrection]:
-    """Yield each joint's corrections for gravity; `sagging`: twist per N m of each column of `ArmPoses.torques`."""
+    """Yield each joint's corrections for gravity; `sagging`: its twist per N m of each column of `ArmPoses.torques`."""
     n, stated, sd = len(masses.mass_kg), masses.moments, masses.moments_sd
     downs = [tuple(down) for down in (masses.down.tolist(), *masses.tilted.tolist())]
     for joint, shapes in sagging.items():

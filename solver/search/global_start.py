@@ -105,9 +105,9 @@ def global_start(
 ) -> GlobalStart:
     """Search for parameters of `model` that close the poses `q` (m, n), rad, without a first guess.
 
-    `starts`: number of starts (default: 500, or 1500 if only positions are constrained). The first is the nominal
-    values; the others are random, but the same in every call. `progress`: called after each iteration of the search;
-    may raise to cancel. Raises `TooFewPosesError` if the poses do not give more equations than unknowns.
+    `starts`: number of starts (default: 500, or 1500 if only positions are constrained). The first has the nominal
+    values, the others random offsets; they are the same in every call. `progress`: called after each iteration of the
+    search; may raise to cancel. Raises `TooFewPosesError` if the poses do not give more equations than unknowns.
     """
     sensed = model.with_all_joints_sensed()
     require_enough_poses(sensed, len(q))

@@ -39,7 +39,7 @@ class Joint:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RowTolerance:
-    """Uncertainty of one D-H row in the maker's table; matters for entries that are fixed instead of identified.
+    """Uncertainty of one D-H row in the maker's table, for entries that are fixed instead of identified.
 
     `length_m`: standard deviation of s and a. `twist_rad`: standard deviation of alpha and beta. 0 means exact.
     """
@@ -109,7 +109,7 @@ class ArmModel:
         return replace(self, tolerances=rows)
 
     def maker_entries(self, row: int) -> tuple[DhEntry, ...]:
-        """Lengths and twists of a row of the maker's table: a, s, alpha, or a, alpha, beta if it is a Hayati row."""
+        """Lengths and twists of a row of the maker's table: a, s and alpha, or a, alpha and beta in `hayati_rows`."""
         ours = (
             (DhKind.A, DhKind.ALPHA, DhKind.BETA)
             if row in self.hayati_rows
@@ -126,7 +126,7 @@ class ArmModel:
         return np.array([joint.sensor.linearity_rad for joint in self.joints])
 
     def gain_rad(self) -> FloatArray:
-        """Rms deviation over full scale by a gain error of one sigma, (n,), rad; 0 for sensors other than RVDTs."""
+        """Rms deviation of each RVDT over full scale for a gain error of one sigma, (n,), rad; 0 for other sensors."""
         return np.array([joint.sensor.gain_rad for joint in self.joints])
 
     @property
@@ -141,7 +141,7 @@ class ArmModel:
 
     @property
     def accuracy_rad(self) -> FloatArray:
-        """`Encoder.accuracy_rad` of each joint (n,): its periodic errors; 0 for other sensors."""
+        """Standard deviation of each encoder's periodic errors (see `Encoder`), shape (n,); 0 for other sensors."""
         return np.array([joint.sensor.accuracy_rad for joint in self.joints])
 
     @property

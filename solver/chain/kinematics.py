@@ -227,5 +227,5 @@ def _links_first(values: FloatArray, dims: int) -> FloatArray:
 
 
 def poses_first(values: FloatArray, *order: int) -> FloatArray:
-    """Return a view with the pose axes, which are the last, moved to the front; `order`: order of the other axes."""
+    """Return a view with the pose axes, which are last, moved to the front; the other axes follow in `order`."""
     return values.transpose(*range(len(order), values.ndim), *order)

@@ -77,8 +77,8 @@ class DriveTrial:
     """Measured trial motions of one drive set.
 
     `drives`: joints (1-based) in position mode. `commanded_rad` (w, d): commanded displacement of the d drives in each
-    of w trial motions, of rank d. `moved_rad` (w, n): measured displacement of every joint. `stopped`: why the trial
-    ended early, as text; empty if it did not end early.
+    of w trial motions; its rank is d. `moved_rad` (w, n): measured displacement of every joint. `stopped`: why the
+    trial ended early, as text; empty if it did not end early.
     """
 
     drives: tuple[int, ...]

@@ -44,7 +44,7 @@ class MotionLimits:
     most_rate: float
 
     def eased(self, share: float) -> MotionLimits:
-        """Return wider limits: least leverage multiplied by `share`, largest rate divided by `share` (below 1)."""
+        """Return wider limits for a `share` below 1: least leverage times `share`, largest rate divided by `share`."""
         return MotionLimits(
             least_leverage=share * self.least_leverage, most_rate=self.most_rate / share
         )

@@ -181,7 +181,7 @@ class PathGraph:
         return tuple(legs)
 
     def _leg(self, ranges: Ranges, layer: int, poses: list[int]) -> Leg | None:
-        """Follow `poses` in few safe straight moves. If a pose has none, remove its edge to the next; return None."""
+        """Follow `poses` in few safe straight moves; if a pose has none, remove its edge to the next, return None."""
         drives = self.drive_sets[layer]
         columns = [j - 1 for j in drives]
         q, u = self.manifold.q[poses], self.manifold.u[poses]

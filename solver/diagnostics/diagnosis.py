@@ -112,7 +112,7 @@ def diagnose(
     `fit`: the mixed model at its solution. The fit is tested at the *stated* variances; only outliers and steps are
     tested at the estimated noise if that is smaller.
     `taken` (m,): position of each pose of the fit in time order.
-    `measured`: linearity deviations that loops without the sensors' readings determined, by joint (1-based).
+    `measured`: sensors' linearity deviations, determined by loops that do not use their readings, by joint (1-based).
     """
     stated = fit.stated
     order = np.argsort(taken, kind="stable")

@@ -101,7 +101,7 @@ class Candidate:
         return replace(self, columns=columns, places=len(columns), poses=(first,))
 
     def within_specification(self, b: FloatArray, covariance: FloatArray) -> bool:
-        """Whether the deviation for coefficients b (c,) may be within `most_stated` or, if none is stated, `least`."""
+        """Whether the deviation by coefficients b (c,) may be within `most_stated` or, if that is 0, below `least`."""
         size = b if self.shapes is None else self.shapes @ b
         if self.most_stated:
             return not self.deviation(b, covariance).beyond(self.most_stated)
@@ -116,11 +116,10 @@ class Candidate:
         return out
 
     def deviation(self, b: FloatArray, covariance: FloatArray) -> PeakDeviation:
-        """Return the largest deviation over the poses, either from the true angle or from the best-fit line.
+        """Return the largest deviation over the poses, from the true angle (with gain error) or from the best-fit line.
 
-        Poses determine the deviation from the line far better than the gain error, which only the other includes. The
-        result is whichever exceeds `most_stated` by more of its own standard deviations. If `measured` is known, it
-        replaces the fitted deviation from the line.
+        The result is whichever exceeds `most_stated` by more of its own standard deviations: poses determine the
+        deviation from the line far better than the gain. `measured`, if known, replaces the deviation from the line.
         """
         if self.measured is not None and self.measured.beyond(self.most_stated):
             return self.measured

@@ -27,7 +27,7 @@ class FaultModels:
     """Fault models of a fit at the stated variances, with poses in the order in which they were taken.
 
     `order` (m,): for each pose in time order, its index in the fit.
-    `measured`: linearity deviations that loops without the sensors' readings determined, by joint (1-based).
+    `measured`: sensors' linearity deviations, determined by loops that do not use their readings, by joint (1-based).
     `readings` (m, n), rad, and `system`: readings and loop equations of the poses, in time order.
     """
 
@@ -62,7 +62,7 @@ class FaultModels:
         most: float = 300.0,
         least: float = 0.0,
     ) -> Candidate:
-        """Return the candidate for errors ``shapes @ b`` of joint j's readings; `shapes`: (m, c), `size`: of each b."""
+        """Candidate for errors ``shapes @ b`` of joint j's readings, with `shapes` (m, c) and b of magnitude `size`."""
         return Candidate(
             cause=cause,
             subject=str(j),

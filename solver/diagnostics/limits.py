@@ -1,4 +1,4 @@
-"""Limits of probabilities, misfits, sigmas, poses and readings by which a calibration is assessed, with their reasons.
+"""Limits by which a calibration is assessed, each with its reason.
 
 A name states quantity and unit. Angles are in rad, lengths in m, shares are fractions of 1.
 """

@@ -137,7 +137,7 @@ def _joints(columns: Sequence[int]) -> str:
 
 
 def _like_radians(arm: ArmModel, q: FloatArray) -> list[int]:
-    """Joints (0-based) whose small readings would vary and lie inside the joint's range if they were in radians."""
+    """Joints (0-based) with small readings which, taken as radians, would vary and lie inside the joint's range."""
     as_degrees = np.rad2deg(q)
     inside = 10 * (_outside(arm, as_degrees) > 0.0).sum(axis=0) <= len(q)
     small = (np.abs(q) < np.deg2rad(2.0 * np.pi)).all(axis=0)
@@ -225,7 +225,7 @@ def _whole_turns(arm: ArmModel, q: FloatArray, joint: int) -> bool:
 
 
 def _saturated_poses(reading: FloatArray, middle_rad: float, sensor: Rvdt) -> IntArray:
-    """Poses with an RVDT reading at one end of full scale, the lower end first; empty below `SATURATED_POSES` poses."""
+    """Poses at which an RVDT reads the same end of full scale; empty if there are fewer than `SATURATED_POSES`."""
     end = 0.5 * sensor.full_scale_rad
     near = limits.SATURATED_SIGMAS * sensor.sigma_rad
     for side in (-1.0, 1.0):

@@ -163,7 +163,7 @@ class ArmLoop(ClosureModel):
         return replace(self, table=table)
 
     def drawn(self, x: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-        """Points (n + 2, 3), m, at readings `q` (n,): origins of frames 0..n, then the fixture's point; a zero axis."""
+        """Points (n + 2, 3), m, at `q` (n,): origins of frames 0..n, then the fixture's point; and an axis of zeros."""
         frames = self.frames(x, q[None, :], np.zeros((1, len(self.unsensed_joints))))
         tip = self.OWN.index("tip_x")
         point = frames.p_end + frames.R_end[0] @ self.own_values(x)[0, tip : tip + 3]
@@ -172,8 +172,8 @@ class ArmLoop(ClosureModel):
     def columns(self, frames: Frames, lever_m: FloatArray | None = None) -> FloatArray:
         """Screws (..., 6, P_entries + links) of the chain's end for each unknown entry, then for each link's angle.
 
-        With `lever_m` (..., 3), they are the screws of the point of the last link at this vector from the chain's end:
-        ``v_tip = v_end + w x lever``. All vectors are in the chain's first frame.
+        With `lever_m` (..., 3), they are the screws of a point of the last link, displaced from the chain's end by this
+        vector: ``v_tip = v_end + w x lever``. All vectors are in the chain's first frame.
         """
         J = jacobian(frames, self._moved)
         if lever_m is not None:
@@ -183,7 +183,7 @@ class ArmLoop(ClosureModel):
     def loop_error(
         self, residual: FloatArray, J: FloatArray, jac_own: FloatArray | None = None
     ) -> LoopError:
-        """Assemble the loop error from `residual`, the result `J` of `columns`, and the Jacobian (..., k, O) for `OWN`."""
+        """Assemble the loop error; `J`: as returned by `columns`; `jac_own` (..., k, O): Jacobian for all of `OWN`."""
         split = len(self.entries)
         jac_x, jac_theta = J[..., :split], J[..., split:]
         jac_q = jac_theta[..., 1 - self.FIRST_LINK :]

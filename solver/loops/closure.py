@@ -70,8 +70,8 @@ class ReducedError:
 class ResidualSigma:
     """A standard deviation of k components in m poses, according to two interpretations of the paper's formula.
 
-    `rms`: sqrt(sum / (k m)), divided inside the root. Only this interpretation gives values as large as the paper's.
-    `as_printed`: sqrt(sum) / (k m), divided outside the root.
+    `rms`: sqrt(S / (k m)), with S the sum of squares. Only this interpretation gives values as large as the paper's.
+    `as_printed`: sqrt(S) / (k m).
     """
 
     rms: float
@@ -184,7 +184,7 @@ class ClosureModel(ABC):
     def reduced(self, x: FloatArray, q: FloatArray, *, rates: bool = True) -> ReducedError:
         """Return the closure error with the hinge's angle eliminated or, without a hinge, the closure error as it is.
 
-        `rates`: whether to calculate the Jacobian (else it has no columns). `ValueError` if arm joints are unsensed.
+        `rates`: whether to calculate the Jacobian (else it is empty). Raises `ValueError` if arm joints are unsensed.
         """
         if self.unsensed_joints:
             raise ValueError(

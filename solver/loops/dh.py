@@ -98,7 +98,7 @@ class DhLoop(ArmLoop):
     def fixture_axes(
         self, x: FloatArray, q: FloatArray, u: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Axes (m, 3, 3) of the fixture's half on the table (turned by theta_0) and on the tool (at rest), frame -1."""
+        """Axes (m, 3, 3) in frame -1 of the fixture's half on the table (turned by theta_0) and on the tool (fixed)."""
         table, hand = ClosureModel.fixture_axes(self, x, q, u)
         if self.hinge:
             table = rotation_about_z(u[..., 0])

@@ -186,7 +186,7 @@ class MeasuredClosure(ArmLoop):
         return self.loop_error(np.concatenate((r, position), axis=-1), J, jac_own)
 
     def equivalents(self, x: FloatArray) -> FloatArray:
-        """All equivalent parameter vectors (E, P): any rotation vector may be replaced by one a full turn shorter."""
+        """All equivalent parameter vectors (E, P): each rotation vector may also be shortened by a full turn."""
         x = np.asarray(x, dtype=np.float64)
         names = [p.name for p in self.parameters]
         candidates = [x]

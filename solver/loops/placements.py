@@ -124,7 +124,7 @@ class Placements(ClosureModel):
     def _gathered(
         self, errors: Sequence[LoopError | ReducedError], **trailing: int
     ) -> dict[str, Any]:
-        """Join the placements' errors field by field; `trailing`: number of axes after the pose axis, by field."""
+        """Join the placements' errors field by field; `trailing`: number of axes after the pose axis of each field."""
         arrays = {name: [getattr(e, name) for e in errors] for name in trailing}
         if arrays["jac_x"][0].shape[-1]:
             # From each placement's parameters to all parameters.
@@ -143,7 +143,7 @@ class Placements(ClosureModel):
     def equivalents(self, x: FloatArray) -> FloatArray:
         """Equivalent parameter vectors of all loops together (E, P).
 
-        They combine equivalent vectors of the placements with the same values of the shared unknowns. If there are more
+        Each combines one equivalent vector of every placement; these have the same shared unknowns. If there are more
         than `MAX_COMBINATIONS`, only combinations that differ from the first one in a single placement are listed.
         """
         x = np.asarray(x, dtype=np.float64)
@@ -249,8 +249,8 @@ class Placements(ClosureModel):
 def place(model: ClosureModel, placement: IntArray, *, same_hand: bool = False) -> Placements:
     """Return the loops of all placements of a fixture; `placement` (m,): number of the placement of each pose.
 
-    `model`: loop with the nominal values, which are the same in all placements. A `MeasuredClosure` must have the
-    measurements of all poses. `same_hand`: whether the fixture's half on the tool is the same in all placements.
+    `model`: loop with the nominal values of all placements. A `MeasuredClosure` must have the measurements of all poses
+    in the order of `placement`. `same_hand`: whether the fixture's half on the tool is the same in all placements.
     """
     numbers = tuple(np.unique(placement).tolist())
     models = tuple(model.at_poses(np.flatnonzero(placement == k)) for k in numbers)

@@ -123,7 +123,7 @@ class ImportedSession:
         """Write the journal into `folder`, or into a new folder below `root`; return the folder.
 
         If `folder` already contains a session, `replace_session` replaces the journal and removes the files named in
-        `stale`. Raises JournalError if the existing session must not be replaced, or if writing fails.
+        `stale`. Raises JournalError or WriteError if writing fails, and JournalError if that session must stay.
         """
         if folder is None:
             folder = new_folder(

@@ -223,7 +223,7 @@ def texts_of(procedure: Procedure) -> dict[str, str]:
 
 
 def begin(reference: str, choices: Choices, *, root: Path, clock: Clock = utc_now) -> Opening:
-    """Return the opening of a new session; `reference`: a built-in procedure's name or a path. Raises ConfigError."""
+    """Return the opening of a new session; `reference`: procedure name or path. Raises ConfigError, SessionError."""
     chosen: dict[Kind, Resource] = {}
     if choices.profile is not None:
         chosen["profile"] = resolve("profile", choices.profile)

@@ -135,7 +135,7 @@ class HostLatency:
     longest_s: float = 0.0
 
     def with_event(self, by_s: float, *, new: bool) -> Self:
-        """Return a copy with another latency `by_s` if `new`, otherwise with the last one raised to at least `by_s`."""
+        """Return a copy with one more latency `by_s` or, if not `new`, with `last_s` extended to at least `by_s`."""
         last_s = by_s if new else max(by_s, self.last_s)
         longest_s = max(last_s, self.longest_s)
         return replace(self, times=self.times + new, last_s=last_s, longest_s=longest_s)
@@ -157,7 +157,7 @@ class ArmSnapshot:
     stopped, stopped_for
         Whether STOP is latched, and why; the reason is empty if a person pressed STOP.
     late_s
-        Part of the oldest joint state's age that is host latency, s.
+        Host latency since the oldest of the joint states was received, s; part of that state's `age_s`.
     lateness
         Host latencies since the connection began.
     """

@@ -39,7 +39,7 @@ class JointLimits:
 def arm_limits(
     joints: Sequence[JointDescription], scales: Sequence[JointScale]
 ) -> tuple[JointLimits, ...]:
-    """Return the command limits of every joint, in the counts of its scale."""
+    """Return the command limits of every joint, converted to counts by the joint's scale."""
     return tuple(
         joint_limits(number, scale, (joint.lower_rad, joint.upper_rad), joint.max_speed_rad_per_s)
         for number, (joint, scale) in enumerate(zip(joints, scales, strict=True), 1)

@@ -101,7 +101,7 @@ class WrongArm(HardwareError):
 
 
 class ProfileRemedy(Enum):
-    """How a bus profile can accept an object that differs from what is required; ends the text of the remedy."""
+    """End of a remedy: how a bus profile can make an object acceptable that differs from what is required."""
 
     NONE = " (no bus profile can accept another value)"
     HEARTBEAT_PERIOD = ", or allow that period in a bus profile (heartbeat: slowest_ms)"
@@ -225,7 +225,7 @@ class ControlDenied(HardwareError):
 
 
 class ModeNotReached(HardwareError):
-    """A drive did not report the requested mode or, if `not_following`, did not report that it follows its target."""
+    """A drive does not report the requested mode or, if `not_following`, reports the mode without bit 12 (follows)."""
 
     def __init__(
         self, joint: int, wanted: str, actual: str, *, not_following: bool = False

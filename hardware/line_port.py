@@ -55,7 +55,7 @@ class LineStream:
             self._drop()
 
     def line(self, wait_s: float, name: str) -> str | None:
-        """Return the next line, None on time-out; at end of file, raise `EOFError` with the last discarded line."""
+        """Return the next line, None on time-out; `EOFError` at end of file, with the last line that was discarded."""
         with self._news:
             self._news.wait_for(
                 lambda: self._ended or self._unended >= LONGEST or b"\n" in self._came, wait_s
@@ -291,7 +291,7 @@ class GrowingFile(LinePort):
         return header.decode(errors="replace").strip("\r\n\ufeff")
 
     def ask(self, question: str) -> None:
-        """Make `line` start at the present end of the file or, if the last row is incomplete, after that row."""
+        """Discard the rows present now, including an incomplete last row: `line` returns only rows begun after this."""
         self._at = self._size()
         self._skip_next = False
         if self._at:

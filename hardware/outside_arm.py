@@ -74,7 +74,7 @@ class OutsideArm:
         return replace(identity, keeps_parameters=self._keeps_parameters)
 
     def close(self) -> bool:
-        """Close the arm; false if that failed or a drive may follow commands. May be called twice, by any thread."""
+        """Close the arm; false on failure or if a drive may still obey commands. May be called twice, by any thread."""
         with self._close_lock:
             arm = self._arm
             if arm is None or self._closing:  # closing: re-entered by the closing thread
@@ -232,7 +232,7 @@ class OutsideArm:
     def _command(self, own: Sequence[BaseException] = ()) -> Iterator[None]:
         """Context of a command: refuses it while STOP is latched; translates its errors, except those in `own`.
 
-        A command may undo a STOP that is pressed meanwhile. STOP is therefore sent again, and `StopLatched` raised.
+        If STOP is pressed meanwhile, the command may undo the stop. So STOP is sent again, and `StopLatched` raised.
         """
         self._require_no_stop()
         try:

@@ -73,9 +73,8 @@ def real_time_priority() -> Iterator[None]:
     """Context in which this thread, and threads it starts, have real-time scheduling, if allowed.
 
     Niceness is not enough: Linux shares the processor between terminal sessions (autogroup), so a low-priority (niced)
-    program in another session still gets as much time as the program that moves the arm. Root may use real-time
-    scheduling; other users need an rtprio limit (``ulimit -r``, limits.conf). Real-time threads get at most 95 % of a
-    processor.
+    program in another session still gets as much time as the program that moves the arm. Users other than root need an
+    rtprio limit (``ulimit -r``, limits.conf). Real-time threads get at most 95 % of a processor.
     """
     before, with_ = os.sched_getscheduler(0), os.sched_getparam(0)
     with suppress(OSError):  # not allowed
@@ -110,12 +109,11 @@ class LatencyMonitor:
 
     On a busy computer the receiving thread may be suspended for a second while frames wait in a queue. That time does
     not count as silence of the arm. The age of a frame counts from its time stamp or, without a usable stamp, from the
-    time when it is read. If the stamping clock is set, a stamp may be wrong; so the computed wait of a frame is limited
-    to the time since the queue was last empty.
+    time when it is read. Stamps are wrong after the computer's clock was set; therefore a frame is taken to have waited
+    no longer than since the queue was last empty.
 
-    `clock` returns monotonic time, s. `stamps` returns the time of the clock that stamps frames, s; None if this is not
-    a clock of this computer. `arm_waits`: whether simulated time stops while the host is busy (`Pace.FAST_FORWARD`);
-    if so, no latency is reported.
+    `clock` returns monotonic time, s. `stamps` returns the time of the clock that stamps frames, s; None if that clock
+    is not this computer's. `arm_waits`: the simulated arm waits for this host (`Pace.FAST_FORWARD`): report no latency.
     """
 
     def __init__(
@@ -131,7 +129,7 @@ class LatencyMonitor:
         self.begin()
 
     def begin(self) -> None:
-        """Start or restart the measurement."""
+        """Start to measure, or start again with no accumulated latency."""
         now = self._clock()
         self._last = (now, 0.0)  # replaced as a whole: other threads read a consistent pair
         self._queue_empty_at_s = now
@@ -154,7 +152,7 @@ class LatencyMonitor:
 
     @property
     def late_s(self) -> float:
-        """Accumulated host latency, s: of every gap between polls, the part beyond `MAX_POLL_GAP_S`."""
+        """Accumulated host latency, s: the sum, over all gaps between polls, of the time beyond `MAX_POLL_GAP_S`."""
         return self._late_at(self._clock())
 
     @property

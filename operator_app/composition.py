@@ -63,7 +63,7 @@ _channels = count(1)
 
 @cache
 def prepare_real_time() -> None:
-    """Set thread switching and garbage collection, and import libraries, once per process, so that no SYNC waits."""
+    """Prevent pauses that delay SYNC: switch threads often, collect garbage rarely, import slow libraries early."""
     sys.setswitchinterval(SWITCH_INTERVAL_S)
     for library in COMPILED:
         import_module(library)

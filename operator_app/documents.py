@@ -44,9 +44,9 @@ def arm_history(
 ) -> history.ArmHistory:
     """Return the history of an arm, from the journals of the sessions below `root`.
 
-    `kept_mounted`: if true, the fixture counts as remounted only for a session with several placements; if false, for
-    each session. `interval`: interval between calibrations, which sets the date of the next one; None: the usual
-    interval of the past calibrations. Raises `SessionError` if this arm has no accepted calibration.
+    `kept_mounted`: whether the fixture stayed mounted between sessions; a session with several placements counts as
+    remounted in any case. `interval`: time until the next calibration; None: the usual time between past calibrations.
+    Raises `SessionError` if this arm has no accepted calibration.
     """
     calibrations: list[history.PastCalibration] = []
     checks: list[history.PastVerification] = []

@@ -58,7 +58,7 @@ class GuardError(SessionError):
 class ClosureRefusedError(GuardError):
     """The joint readings do not close the loop; no drive was enabled.
 
-    `probability`: p-value of the chi2 test for an unchanged arm; None if another check refused the readings.
+    `probability`: p-value of the chi2 test of the readings; None if another check refused them.
     """
 
     def __init__(self, happened: str, remedy: str, *, probability: float | None = None) -> None:

@@ -48,7 +48,7 @@ def press_ctrl_c() -> None:
 def ending_signals_interrupt(*, for_good: bool = False) -> Iterator[None]:
     """Context in which SIGINT, SIGTERM and SIGHUP raise KeyboardInterrupt; contexts may be nested.
 
-    `for_good`: whether the process ends after the context; if so, later signals are ignored, to keep its exit code.
+    `for_good`: the process ends after the context; further signals are ignored, since they would change its exit code.
     """
     global _first_s  # noqa: PLW0603
     before = {number: signal.getsignal(number) for number in ENDING}
@@ -68,7 +68,7 @@ def ending_signals_interrupt(*, for_good: bool = False) -> Iterator[None]:
 
 @contextmanager
 def ending_signals_ignored() -> Iterator[None]:
-    """Context that ignores `ENDING` signals while the arm is held and the journal closed, which takes under 1 s."""
+    """Context that ignores `ENDING` signals, for stopping the arm and closing the journal (less than 1 s)."""
     before = {number: signal.getsignal(number) for number in ENDING}
     while any(signal.getsignal(number) is not _ignore for number in ENDING):
         with suppress(BaseException):  # a signal that came before its handler was replaced
@@ -82,10 +82,10 @@ def ending_signals_ignored() -> Iterator[None]:
 
 
 class ProcessEnd:
-    """Ends this process with its exit code, even if other threads still run. Create this object at the start."""
+    """Ends this process with its exit code, even if other threads still run. Create it at the start."""
 
     def __init__(self) -> None:
-        # The function registered first runs last.
+        # The exit function registered first runs last.
         atexit.register(self._if_interrupted)
         self._code = 0
 
@@ -100,7 +100,7 @@ class ProcessEnd:
         os._exit(self._code)
 
     def _if_interrupted(self) -> None:
-        """Exit with 130 after an interrupt; in some cases, such as ``python -c``, Python itself would end by SIGINT."""
+        """Exit with 130 after an interrupt; otherwise Python may end the process by SIGINT, as with ``python -c``."""
         if self._code == INTERRUPTED:
             for stream in (sys.stdout, sys.stderr):
                 with suppress(OSError, ValueError):

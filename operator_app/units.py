@@ -116,7 +116,7 @@ class Kind:
     signed: bool = False
 
     def __call__(self, value: float | None, *, role: str = "text", key: Key = ()) -> Figure:
-        """Return a value as a `Figure` of this kind."""
+        """Return a value in SI units as a `Figure` in the format of this `Kind`."""
         return Figure(
             value, self.quantity, self.places, self.digits, signed=self.signed, role=role, key=key
         )

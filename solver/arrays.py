@@ -14,7 +14,6 @@ if TYPE_CHECKING:
 
 Record = TypeVar("Record", bound="DataclassInstance")
 
-
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 IntArray = NDArray[np.int64]
@@ -32,7 +31,7 @@ def frozen(values: Sequence[float] | FloatArray) -> FloatArray:
 
 
 def select_poses(record: Record, poses: IntArray | BoolArray | slice, *fields: str) -> Record:
-    """Return a copy of `record` whose `fields` (arrays (m, ...), tuples or None) contain only the rows `poses`."""
+    """Return a copy of `record` with only the rows `poses` of its `fields`: arrays (m, ...), tuples or None."""
     selected = {}
     for name in fields:
         values = getattr(record, name)
@@ -45,7 +44,7 @@ def select_poses(record: Record, poses: IntArray | BoolArray | slice, *fields: s
 
 
 def join_poses(records: Iterable[Record], *fields: str) -> Record:
-    """Return a copy of the first record in which each array of `fields` (m, ...) is that of all `records` joined."""
+    """Return a copy of the first record with the arrays `fields`, each (m, ...), concatenated over all `records`."""
     parts = list(records)
     joined = {name: np.concatenate([getattr(p, name) for p in parts]) for name in fields}
     return replace(parts[0], **joined)

@@ -39,10 +39,10 @@ STALLED_RAD = 1e-14
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClosedPoses:
-    """Poses moved onto the closure manifold.
+    """Poses whose joint angles were corrected so that the loops close.
 
     `q`, `u`: joint angles (m, n) and unsensed angles (m, U), rad. `closed` (m,): whether the error of each loop is
-    below 100 times the solver's tolerance or, if that is larger, below 1e-9.
+    below 1e-9 or below 100 times the solver's tolerance, whichever is larger.
     """
 
     q: FloatArray
@@ -66,10 +66,11 @@ class ReducedEquations:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Rates:
-    """Terms of the steps of the unsensed angles, ``du = -(closed + by_x dx + by_q e + down deflection)``.
+    """Derivatives of the unsensed angles, whose step is ``du = -(closed + by_x dx + by_q e + down deflection)``.
 
-    `closed`: ``N+ (c - J_q e0)`` (m, U), where e0 are the joint corrections at which the loops were linearised. `by_x`,
-    `by_q`, `down`: ``N+ C`` (m, U, P), ``N+ J_q`` (m, U, n) and ``N+`` (m, U, k), with the symbols of the module.
+    `closed`: the constant ``N+ (c - J_q e0)`` (m, U); the loops were linearised at joint corrections e0.
+    `by_x`, `by_q`, `down`: ``N+ C`` (m, U, P), ``N+ J_q`` (m, U, n) and ``N+`` (m, U, k); for C, J_q, N and c see the
+    module's docstring.
     """
 
     closed: FloatArray
@@ -218,7 +219,7 @@ def left_null_space(N: FloatArray) -> FloatArray:
 
 
 def left_inverse(N: FloatArray) -> FloatArray:
-    """Return ``N+`` (..., U, k): least-squares response of the unsensed angles; 0 for an angle that moves nothing."""
+    """Return the left inverse ``N+`` (..., U, k) of N (..., k, U); its row is 0 for an angle that moves nothing."""
     Nt = np.swapaxes(N, -1, -2)
     if N.shape[-1] == 1:
         length = (N * N).sum(-2, keepdims=True)

@@ -15,10 +15,10 @@ class SolverError(Exception):
 class UnidentifiableDirection:
     """A direction in parameter space that the pose set does not determine.
 
-    `parameters`: names of the parameters that are part of the direction, the one with the largest weight first.
-    `weights`: components of these parameters in the direction's unit vector (columns scaled). `reason`: why, as text,
-    if it is known ("joint 4 does not move"); empty otherwise. `immobile_joints`: joints (1-based) of this direction
-    whose readings hardly change over the pose set.
+    `parameters`: names of the parameters that change along the direction, the one with the largest weight first.
+    `weights`: components of these parameters in the direction's unit vector, for a Jacobian with scaled columns.
+    `reason`: text that states why the direction is undetermined ("joint 4 does not move"); empty if unknown.
+    `immobile_joints`: joints (1-based) of this direction whose readings hardly change over the pose set.
     """
 
     parameters: tuple[str, ...]
@@ -60,7 +60,7 @@ class UnidentifiableError(SolverError):
 class PosesDoNotFitError(SolverError):
     """The readings are so far from closing a loop that the loop cannot be linearised about them.
 
-    `codes` name the mistakes that would explain this, the most probable first; `reasons` are their texts.
+    `reasons`, `codes`: texts and codes of the mistakes that would explain the misfit, the most probable first.
     """
 
     def __init__(self, reasons: tuple[str, ...] = (), *, codes: tuple[str, ...] = ()) -> None:

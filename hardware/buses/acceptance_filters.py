@@ -21,10 +21,10 @@ _FUNCTION_CODE = 0x780
 def set_hardware_filters(bus: can.BusABC, filters: list[CanFilter]) -> None:
     """Set filters on the in-process bus, and on buses whose adapter or kernel applies them; other buses get none.
 
-    python-can's own software filter is used on the in-process bus only. With that filter, a `recv` that does not wait
-    returns None for a dropped frame, and a reader that reads until None would leave answers in the queue. (The
-    in-process bus has no such readers.) If an adapter cannot take all filters (Kvaser, SYSTEC, Vector: only one),
-    python-can uses its software filter and sets `_is_filtered` to false; the filters are then removed again.
+    On those other buses python-can would filter in software. Its `recv` without waiting then returns None for a dropped
+    frame, and a reader that reads until None would leave answers in the queue. Only the in-process bus has no such
+    reader. An adapter may have room for one filter only (Kvaser, SYSTEC, Vector). python-can then also filters in
+    software and sets `_is_filtered` to false, so this function removes the filters again.
     """
     if isinstance(bus, VirtualBus):
         bus.set_filters(filters)
@@ -55,7 +55,7 @@ def operator_filters(profile: BusProfile) -> list[CanFilter]:
 
 
 def controller_filters(joints: int) -> list[CanFilter]:
-    """Return the filters of the arm's nodes, which accept commands and the heartbeat of any node."""
+    """Return the filters of a simulated arm's nodes; they pass commands to these nodes and every heartbeat."""
     return [
         _covering([objects.COB_SYNC]),
         *(

@@ -76,8 +76,8 @@ def bus_settings(
 ) -> BusSettings:
     """Return the settings of a bus: from the arguments, or else from the environment, or else from ``can.conf``.
 
-    If none of these names an interface, `otherwise` gives the interface, and the channel and bitrate if missing. Raises
-    `BusSettingsError` for an unknown interface, an invalid bitrate or a missing channel.
+    If none of these names an interface, the interface of `otherwise` is used, with its channel and bitrate unless these
+    are stated elsewhere. Raises `BusSettingsError` for an unknown interface, invalid bitrate or missing channel.
     """
     stated = {"interface": interface, "channel": channel, "bitrate": bitrate}
     options: dict[str, Any] = {name: value for name, value in stated.items() if value is not None}

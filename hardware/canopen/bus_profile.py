@@ -169,6 +169,6 @@ def format_map(entries: Iterable[Entry]) -> str:
 
 
 def format_entry(entry: Entry) -> str:
-    """Format one entry of a map."""
+    """Format one entry of a PDO map, e.g. ``6064h(32)`` or ``6091h sub 1(32)``."""
     index, sub, bits = entry
     return f"{index:04X}h{f' sub {sub}' if sub else ''}({bits})"

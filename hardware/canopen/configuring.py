@@ -29,7 +29,7 @@ ObjectWrite = tuple[int, int, int, int, str]
 
 @dataclass(frozen=True, slots=True)
 class PdoChange:
-    """Change of one PDO: a sentence, and three steps of writes: make the PDO invalid, set it up, make it valid."""
+    """Change of one PDO. `text` is a sentence; the writes of `steps` make the PDO invalid, set it up, make it valid."""
 
     text: str
     node: int

@@ -21,7 +21,7 @@ MAX_LATE_SYNCS: Final = 100
 
 @dataclass(frozen=True, slots=True)
 class Setpoint:
-    """Command of one joint (6040h, 607Ah, 6060h). `mode` is a CiA 402 code, also for drives with codes of their own."""
+    """Command of one joint (6040h, 607Ah, 6060h). `mode` is a CiA 402 code; packing translates it to the drive's."""
 
     controlword: int
     target_counts: int

@@ -126,7 +126,7 @@ def ignores_operator_timeout(access: ObjectAccess, node: int) -> bool:
 
 
 def _operator_timeout_ms(entry: int) -> int:
-    """Return the time-out in an entry of 1016h, ms; 0 if it is not for the operator's heartbeat."""
+    """Return the time-out in an entry of 1016h, ms; 0 if the entry is not for the operator's heartbeat."""
     return entry & 0xFFFF if entry >> 16 & 0x7F == objects.OPERATOR_NODE else 0
 
 

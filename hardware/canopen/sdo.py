@@ -124,7 +124,7 @@ class ObjectAccess:
             self._locks[node] = threading.Lock()
 
     def deliver(self, identifier: int, data: bytes) -> None:
-        """Take in an SDO answer, or the request of another program; called by the receiving thread."""
+        """Take in an SDO answer of a node or an SDO request of another program; called by the receiving thread."""
         if identifier - COB_SDO_TO_SERVER in self._clients:
             self._asked_by_others.add(identifier - COB_SDO_TO_SERVER)
         client = self._clients.get(identifier - COB_SDO_FROM_SERVER)

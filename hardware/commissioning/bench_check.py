@@ -1,4 +1,4 @@
-"""Acceptance check of an arm on the bench, in a safe order; the person beside the arm is asked before it moves.
+"""Acceptance check of an arm on the bench, in a safe order; the person beside the arm is asked before any motion.
 
 The requirements are in `clauses` and `checks`. A failure in the read-only stage `look` ends the check after that stage;
 a failure in a later stage ends the check at once.
@@ -76,7 +76,7 @@ class Bench:
 
     @property
     def moving(self) -> Bounds:
-        """Limits for test motions: a joint may end at most half of `step_rad` from its target."""
+        """Limits for test motions: `bounds`, but a joint may end up to half a step (`step_rad`) from its target."""
         return replace(self.bounds, near_rad=0.5 * self.step_rad)
 
 

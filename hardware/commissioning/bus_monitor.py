@@ -77,7 +77,7 @@ class BusMonitor:
                 yield f"{self._node_name(node)}: no heartbeat for {now_s - heard:.1f} s"
 
     def summary(self) -> dict[str, object]:
-        """Return a summary as JSON data."""
+        """Return, as JSON data, the frames counted so far and the latest states of nodes and joints."""
         return {
             "frames": sum(self.frames.values()),
             "syncs": self.frames[objects.COB_SYNC],
@@ -166,7 +166,7 @@ class BusMonitor:
 
 
 def _written(data: bytes) -> str:
-    """Return the value in a request that initiates a write or, if the request carries none, its size."""
+    """Return, as text, the value in a request that begins a write or, if the request carries none, the data's size."""
     block = data[0] >> 5 == _BLOCK_DOWNLOAD
     if data[0] & _EXPEDITED and not block:
         size = 4 - (data[0] >> 2 & 3) if data[0] & _SIZED else 4

@@ -1,4 +1,4 @@
-"""Checks of an arm that moves to targets and is halted on the way, and of an arm on a CAN bus.
+"""Checks during motion (an arm reaches targets, and can be halted on the way), and checks of an arm on a CAN bus.
 
 `sarcal arm-check` and the contract test for arms of other packages use these checks and those of `clauses`.
 """
@@ -48,7 +48,7 @@ class MidwayWatch:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Turn:
-    """Motion of one joint, with limits; `part_rad` is the angle after which its `MidwayWatch` acts."""
+    """Test motion of one joint, with limits; after the angle `part_rad`, a `midway_watch` calls its function `act`."""
 
     arm: ArmInterface
     joint: int
@@ -69,7 +69,7 @@ class Turn:
         return MidwayWatch(joint=self.joint, after_rad=self.part_rad, act=act, start_rad=start)
 
     def overtravel(self, watch: MidwayWatch) -> str:
-        """Return a text that says how far the joint moved after `watch` called its function."""
+        """Return a text that says how far the joint moved after `watch` called `act`, before it came to rest."""
         position_rad = float(self.arm.capture(1).mean_rad[self.joint - 1])
         at = watch.start_rad if watch.at_rad is None else watch.at_rad
         return f"the joint came to rest after a further {deg(abs(position_rad - at))}"
@@ -194,7 +194,7 @@ def drive_settings(facts: Sequence[DriveFacts]) -> Iterator[Clause]:
 
 
 def _guard(drive: DriveFacts) -> Clause:
-    """Check a drive's operator time-out; `passed` is None if it is longer than advised, but short enough for a run."""
+    """Check a drive's operator time-out; `passed` is None for one that a run accepts but is longer than advised."""
     guard = drive.operator_timeout_s
     if guard is None:
         text = "1016h: the drive does not monitor this program's heartbeat, and keeps moving if this program dies"

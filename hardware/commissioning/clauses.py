@@ -43,7 +43,7 @@ SCATTER_RAD: Final = math.radians(0.5)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bounds:
-    """Samples per reading; limits of a joint's change at rest (`still_rad`) and deviation from target (`near_rad`)."""
+    """Samples per reading; largest change of a joint at rest (`still_rad`) and deviation from target (`near_rad`)."""
 
     samples: int
     still_rad: float
@@ -51,7 +51,7 @@ class Bounds:
 
     @property
     def single_sample_rad(self) -> float:
-        """Limit of the error of a single sample at rest."""
+        """Largest error that a single sample at rest may have, rad."""
         return max(self.still_rad, self.near_rad, SCATTER_RAD)
 
 
@@ -174,7 +174,7 @@ def is_enabled_unmoved(arm: ArmInterface, bounds: Bounds) -> Iterator[Clause]:
 
 
 def reads_modes_back(arm: ArmInterface, modes: Sequence[JointMode]) -> Iterator[Clause]:
-    """Check that every joint reports the requested mode, then position mode after `hold`."""
+    """Set `modes`, then call `hold`; check that every joint reports first the requested mode, then position mode."""
 
     def other_than(expected: Sequence[JointMode]) -> list[int]:
         joints = zip(arm.snapshot().joints, expected, strict=True)

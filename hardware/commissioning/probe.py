@@ -74,7 +74,7 @@ class Probe:
     """Result of a probe.
 
     `busy` describes another master that was heard before the first request; the probe then sent nothing. `meanwhile`
-    describes a master that was heard later; some answers may be to its requests. Both are empty if none was heard.
+    describes one heard later: some nodes may have answered that master, not the probe. Empty if none was heard.
     """
 
     busy: str
@@ -101,7 +101,7 @@ class _Listener:
         self._closing.wait(seconds)
 
     def wait_for_answers(self, quiet_s: float) -> None:
-        """Wait until no node has answered for `quiet_s`, counted in polls so that host latency cannot end the wait."""
+        """Wait until no node has answered for `quiet_s`. Polls are counted, so that host latency does not count."""
         polls = round(quiet_s / _POLL_S)
         known = silent_polls = 0
         for _ in range(_MAX_ANSWER_PERIODS * polls):

@@ -180,10 +180,10 @@ class ConnectableArm:
 
 
 def release_arm(loop: ControlLoop) -> Sample | None:
-    """Set all joints to position mode, then switch the drives off (valves blocked); STOP is not reset.
+    """Put all joints into position mode, then switch the drives off (valves blocked). STOP is not reset.
 
-    If STOP is latched, the drives hold, and only those that have not reported a quick stop are switched off. Returns
-    the last sample; None if the arm did not answer.
+    While STOP is latched, the drives hold in quick stop, and only a drive that is still enabled is switched off.
+    Returns the last sample; None if the arm did not answer.
     """
     # A latched STOP holds the drives by itself; a stop that the supervisor reports does not. If one node is silent,
     # the other drives are switched off nevertheless.

@@ -56,9 +56,9 @@ _ALIVE_POLL_S = 0.2
 
 @dataclass(slots=True, eq=False)
 class LoopTask:
-    """Steps to run; `despite`: alarms to ignore; `abandoned`: whether the caller was interrupted.
+    """Steps that the loop runs for a caller in another thread; `abandoned` if that caller was interrupted (Ctrl-C).
 
-    When `finished`, the steps have ended with a `result`, or with an `error`.
+    `despite`: types of alarms to ignore. When `finished`, the steps have ended with a `result`, or with an `error`.
     """
 
     steps: Steps[Any]
@@ -97,9 +97,9 @@ class LoopTask:
 class ControlLoop:
     """Runs the cyclic traffic of an arm.
 
-    `on_sdo` is called in the loop's thread with identifier and data of every SDO answer and foreign SDO request;
-    `quick_stop` sends quick stop to all drives. Neither may wait. `allow` is called before new commands are sent, with
-    (sample, last commands, new commands), and may raise `CommandRefused`. `clock`, `stamps`: as in `LatencyMonitor`.
+    `on_sdo` receives, in the loop's thread, identifier and data of every SDO answer, and of SDO requests of other
+    programs. `quick_stop` sends quick stop to all drives. Neither may wait. `allow` receives (sample, last commands,
+    new commands) before these are sent, and may raise `CommandRefused`. `clock`, `stamps`: as in `LatencyMonitor`.
     """
 
     def __init__(

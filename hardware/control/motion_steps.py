@@ -52,7 +52,7 @@ def not_following(sample: Sample, modes: Sequence[JointMode]) -> int | None:
 
 
 def first_complete_sample(loop: ControlLoop, *, at_least: int = 2) -> Steps[Sample]:
-    """Exchange `at_least` SYNCs or more without new commands, until a sample is complete; return that sample."""
+    """Return the first complete sample from SYNC `at_least` on, without new commands; `BusError` if there is none."""
     sample = loop.sample
     for syncs in range(1, INCOMPLETE_SYNCS + 1):
         sample = yield None
@@ -68,8 +68,8 @@ def drive_to(
     """Bring all drives to the state `target`, in position mode; return the joints not in it after `syncs` SYNCs.
 
     The target of a drive is its measured position until the drive has power, since the joint may sink while a brake
-    opens. A drive that has reached the state keeps its controlword; an alarm is raised if it leaves the state again.
-    A joint that does not answer at first is not enabled: its drive is switched off in the mode last commanded.
+    opens. Once a drive has reached the state, its controlword stays the same; an alarm reports a drive that leaves the
+    state again. If a joint does not answer the first SYNC, its drive is commanded to switch off, in its last mode.
     """
     if target is cia402.TargetState.ENABLED:
         sample = yield from first_complete_sample(loop, at_least=1)
@@ -117,8 +117,8 @@ def reset(loop: ControlLoop, *, press: object | None) -> Steps[tuple[int, ...]]:
 def change_modes(loop: ControlLoop, modes: Sequence[JointMode]) -> Steps[None]:
     """Request one mode per joint for `MODE_SYNCS` SYNCs.
 
-    The target of a joint that enters position mode is its measured position until its drive follows; a joint already in
-    that mode keeps its target. A joint that does not answer keeps its mode.
+    A joint that enters position mode has its measured position as target until its drive reports that it follows the
+    target. A joint already in position mode keeps its target. A joint that does not answer keeps its mode.
     """
     sample = yield None
     codes = [MODE_CODE[mode] for mode in modes]
@@ -282,7 +282,7 @@ def _last_commands(loop: ControlLoop) -> Setpoints:
 def _higher_priority(
     alarm: errors.HardwareError | None, ending: Exception | None
 ) -> Exception | None:
-    """Return the error to raise: `alarm` if it is STOP or explains the earlier `ending`, else `ending`."""
+    """Return `alarm` if it is STOP or the cause of `ending`, the error that ended the steps; otherwise `ending`."""
     if ending is None or isinstance(alarm, errors.Stopped):
         return alarm
     # The first sign of a trip or a lost node is often that its drive, or a neighbour's, is not enabled.

@@ -14,11 +14,10 @@ from hardware.monitors.joint_monitor import JointMonitor
 class CommandSender:
     """Sends commands in the control loop's thread.
 
-    STOP sends its own frames; its latch is checked before and after the commands, so that quick stop is the last
-    command on the bus. If a joint moves uncommanded, its drive may be unable to hold it and is switched off, which
-    blocks the joint's valve; all other drives are stopped. At the release of the arm, a drive that has not obeyed STOP
-    is switched off too. A drive that was switched off at the drive itself is not enabled again. `quick_stop` sends
-    quick stop to all drives, and must not wait.
+    STOP sends its own frames in another thread. The STOP latch is therefore checked before and after the commands are
+    sent, so that quick stop is the last command on the bus. A stop also switches off the drives of the joints in
+    `watch.switched_off`, which blocks their valves: joints that moved uncommanded and, at a release, joints that have
+    not obeyed STOP. A drive switched off at the drive itself is not enabled again. `quick_stop` must not wait.
     """
 
     def __init__(
@@ -34,7 +33,7 @@ class CommandSender:
         self._sent: list[Setpoint | None] = [None] * len(self._frames)
 
     def send(self, commands: Setpoints, sync_count: int, *, moving: bool) -> None:
-        """Send changed commands; in case a frame was lost, also repeat one joint's command per SYNC, in rotation."""
+        """Send the commands that changed, and repeat that of one joint, in rotation, in case a frame was lost."""
         repeated = sync_count % len(self._frames)
         dropout = self._watch.dropout
         for joint, joint_command in enumerate(commands):
@@ -84,8 +83,7 @@ SPEED_SYNCS = 5
 class CyclicView:
     """Latest sample for other threads; with the next sample, a new object replaces this one.
 
-    `earlier`: the sample at most `SPEED_SYNCS` SYNCs before. `late_at_s`: host latency accumulated until each joint
-    answered, s.
+    `earlier`: the sample up to `SPEED_SYNCS` SYNCs before. `late_at_s`: host latency so far at each joint's answer, s.
     """
 
     sample: Sample
@@ -173,7 +171,7 @@ class Sampler:
         return True
 
     def close(self) -> None:
-        """Close the sample and publish it."""
+        """End the collection of answers to this SYNC, and put the sample into `view`."""
         self._closed = [list(received) for received in self._received]
         for at, received in enumerate(self._received):
             self._missed[at] = 0 if min(received) else self._missed[at] + 1

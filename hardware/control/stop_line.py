@@ -23,7 +23,7 @@ class _Press:
 
 
 class StopLatch:
-    """Latch of STOP, which outlives a connection. `release` ends only the press that it is given, not a later one.
+    """Latch of STOP, which outlives a connection. `release` releases only the press passed to it, not a later one.
 
     The latch has no lock: `press` and `release` write one attribute each, so a simultaneous press is not lost.
     """
@@ -39,7 +39,7 @@ class StopLatch:
 
     @property
     def last_press(self) -> object | None:
-        """The latest press, for `release`; None before the first."""
+        """The latest press of STOP, as `release` requires it; None before the first press."""
         return self._pressed
 
     @property
@@ -63,8 +63,8 @@ class StopLine:
     """Sends quick stop to all drives.
 
     `bus`: handle that only STOP uses, shut down by `close`; None if the adapter can be opened only once. `spare`: the
-    shared bus, used without taking its lock. It sends the frames that `bus` does not accept (all if `bus` is None),
-    and records every frame that STOP sends.
+    shared bus, used without taking its lock. `spare` sends the frames that `bus` does not accept (all of them if `bus`
+    is None), and records every frame that STOP sends.
     """
 
     def __init__(
@@ -75,9 +75,9 @@ class StopLine:
         self._ways: tuple[Callable[[can.Message], None], ...] = (*own, spare.send_at_once)
 
     def send(self, last: Setpoints | None, counts: Sequence[int]) -> None:
-        """Send quick stop to every drive, repeating the target and mode that `last` has for it.
+        """Send quick stop to every drive, together with the drive's target and mode from `last`.
 
-        If `last` is None, the target is the drive's position in `counts`. Raises `BusError` if a frame could not be
+        If `last` is None, the targets are the positions `counts`. Raises `BusError` if a frame could not be
         sent; all other frames were sent.
         """
         failure: Exception | None = None

@@ -1,8 +1,8 @@
 """Synchronised straight move of several joints with bounded jerk, which can brake at any time and start again.
 
-The distance along the straight line in joint space is the angle turned by the joint that moves farthest; its speed
-follows a trapezoidal profile. A moving average over `SMOOTHING_PERIODS` positions bounds the jerk; the joints stay on
-the line and come to rest exactly at its end.
+The move is a straight line in joint space. Distance along the line is the angle turned so far by the joint that moves
+farthest; the speed of this joint follows a trapezoidal profile. A moving average over `SMOOTHING_PERIODS` positions
+bounds the jerk. All joints stay on the line and come to rest exactly at its end.
 """
 
 import math

@@ -83,7 +83,7 @@ class _Attempt:
     def is_transient(self, error: errors.HardwareError) -> bool:
         """Whether a further attempt may succeed after this error.
 
-        A refusal after a missed answer is transient: the earlier command may have been carried out.
+        A refusal after a missed answer is transient too: the unanswered command may have been carried out.
         """
         if isinstance(error, errors.SdoRefused):
             return error.code == Abort.LOCAL_CONTROL or self._answer_missed

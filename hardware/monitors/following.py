@@ -1,7 +1,7 @@
 """Detects uncommanded motion, and drives that leave *operation enabled* or stop following without a command.
 
 A drive checks its following error (6065h) with its own target and sensor. If another program sends targets to the
-drive, or the drive's reports are wrong, only this program can detect that, since it has the commands.
+drive, or the drive's reports are wrong, only this program can detect the fault, since it knows the commands.
 
 A joint is checked from the moment its drive reports that it follows (6041h, bit 12) until its mode changes or the drive
 leaves *operation enabled*, even if bit 12 drops. If a drive never sets bit 12, setting its mode fails
@@ -9,9 +9,8 @@ leaves *operation enabled*, even if bit 12 drops. If a drive never sets bit 12, 
 any of the targets sent before the report.
 
 A drive that trips sends an emergency. A drive that is disabled at the drive itself reports that in its statusword only,
-and the next repeated command would enable it again, although it may have been switched off on purpose. Therefore that
-drive is not enabled again, and all other drives stop as after a trip: in a closed chain they would push against a joint
-that does not follow.
+and the next repeated command would enable the drive again, although it may have been switched off on purpose. So this
+drive is not enabled again. All others stop as after a trip: in a closed chain they would push against its joint.
 """
 
 import math
@@ -35,9 +34,10 @@ LAG_SYNCS: Final = 20
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Divergence:
-    """A joint that, since SYNC `sync_count`, is `counts` from its target or, if `stopped`, from its rest position.
+    """Uncommanded motion of a joint, first seen at SYNC `sync_count`.
 
-    `angle_rad` is the same distance as an angle; None if it is not computed yet.
+    `counts`: distance from the target; with `stopped`, from the position where the joint came to rest. `angle_rad`: the
+    same distance, rad; None if it is not computed yet.
     """
 
     joint: int
@@ -48,10 +48,11 @@ class Divergence:
 
 
 class FollowingMonitor:
-    """Finds joints that do not follow their targets. `windows_counts` has a window for each joint (empty: no check).
+    """Finds joints that do not follow their targets.
 
-    A joint may be outside the range of its latest targets by at most its window. The latest targets are those of
-    `LAG_SYNCS` SYNCs, plus one more for each SYNC that the joint has not answered yet.
+    `windows_counts`: window of each joint; if empty, no joint is checked. A joint may be outside the range of its
+    latest targets by at most its window. Latest targets: the present one, those of the `LAG_SYNCS` SYNCs before, and
+    one more for each SYNC that the joint has not answered yet.
     """
 
     def __init__(self, windows_counts: Sequence[float] = ()) -> None:
@@ -71,7 +72,7 @@ class FollowingMonitor:
         return () if commands is None else tuple(self._find(sample, commands, refusing_joints))
 
     def away(self, sample: Sample, commands: Setpoints) -> tuple[int, ...]:
-        """Return the joints in position mode that are farther from their targets than the window, or did not answer."""
+        """Return the joints in position mode that did not answer or are outside the window around their target."""
         errors = zip(sample.counts, commands, self._windows, strict=False)  # no windows: no joint
         return tuple(
             joint
@@ -214,7 +215,7 @@ class Dropout:
 
 @dataclass(slots=True)
 class _EnabledJoint:
-    """Counts the answers of a drive that is commanded to be enabled: enabled, disabled, following, not following."""
+    """Counts the answers of a drive commanded to be enabled, by what they report: enabled or not, following or not."""
 
     enabled_syncs: int = 0
     disabled_syncs: int = 0
@@ -258,9 +259,9 @@ class DropoutMonitor:
         return tuple(sorted(self._dropouts.values(), key=_priority))
 
     def command(self, joint: int, command: Setpoint) -> Setpoint | None:
-        """Return the command to send instead of `command`: after a dropout, one that does not enable the joint's drive.
+        """Return the command to send: `command` or, after a dropout, one that does not enable the joint's drive.
 
-        The result is None (send nothing) while a dropout of this joint is suspected: a command might enable the drive.
+        Returns None (send nothing) while a dropout of this joint is suspected, since `command` might enable the drive.
         """
         if command.controlword != cia402.CONTROLWORD_ENABLE_OPERATION:
             return command
@@ -294,7 +295,7 @@ class DropoutMonitor:
 
 
 def _priority(dropout: Dropout) -> int:
-    """Return the rank of a dropout as likely cause of the others, 0 first: a drive in fault stops its neighbours."""
+    """Return 0 for a likely cause of other dropouts (a drive in fault), 2 for a likely effect (quick stop), else 1."""
     if dropout.state in (DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE):
         return 0
     return 2 if dropout.state is DriveState.QUICK_STOP_ACTIVE else 1

@@ -1,4 +1,4 @@
-"""Monitors that check every sample, one of them for count loss; the alarms that end a command, in order of priority.
+"""Monitors of every sample, e.g. for count loss, and the alarms that end a command, in order of priority.
 
 Position is smooth from SYNC to SYNC: the increment of one period can be predicted from the two increments before and
 the two after. A single outlying increment in one joint alone, with no other outlier shortly before or after, is neither
@@ -67,7 +67,7 @@ class ContinuityMonitor:
         self._jerk_syncs_left = 0
 
     def expect_jerk(self) -> None:
-        """Suspend detection for `JERK_SYNCS`: a drive is enabled, changes its mode or gets a target outside a move."""
+        """Ignore jumps for `JERK_SYNCS`; call when a drive is enabled, changes mode or gets a target outside a move."""
         self._jerk_syncs_left = JERK_SYNCS
         self._candidate = None
 
@@ -104,7 +104,7 @@ class ContinuityMonitor:
         return None if any(ECHO_SYNCS < away <= QUIET_SYNCS for away in distances) else candidate
 
     def _test_increment(self, sync_count: int) -> None:
-        """Test the increments that ended with SYNC `sync_count`; a jump becomes the candidate to be confirmed."""
+        """Test all joints' increments up to SYNC `sync_count`; a jump becomes the candidate that `update` confirms."""
         allowed = np.array(self._allowed)
         d0, d1, d2, d3, d4 = np.diff(np.array(self._recent), axis=0)
         steps = d2 - (4 * (d1 + d3) - d0 - d4) / 6.0  # minus a cubic through the four others
@@ -127,8 +127,8 @@ class ContinuityMonitor:
 class JointMonitor:
     """Checks every sample in the control loop's thread; its attributes may be read from any thread.
 
-    `allowed_counts`: each joint's threshold for count jumps at rest. `divergence`: the uncommanded motion for which
-    STOP was latched in an earlier connection, if STOP is still latched.
+    `allowed_counts`: each joint's threshold for count jumps at rest. `divergence`: uncommanded motion in an earlier
+    connection for which STOP is still latched; None if there is none.
     """
 
     def __init__(

@@ -93,7 +93,7 @@ _TIMEOUT_FACTOR = 5
 
 
 class NodeMonitor:
-    """State of the nodes of `profile`. `clock` returns monotonic time less the host latency so far, s."""
+    """State of the nodes of `profile`. `clock` returns the monotonic time minus the accumulated host latency, s."""
 
     def __init__(
         self,
@@ -157,7 +157,7 @@ class NodeMonitor:
         return tuple(node for node in self.nodes if not ready(node))
 
     def wait_for(self, happened: Callable[[], bool], timeout_s: float) -> bool:
-        """Wait until `happened` or `cancelled` returns true; return what `happened` returns."""
+        """Wait until `happened` or the attribute `cancelled` returns true; return the last result of `happened`."""
         end_s = self._clock() + timeout_s
         latest_s = time.monotonic() + _TIMEOUT_FACTOR * timeout_s
         while not happened() and not self.cancelled():
@@ -200,7 +200,7 @@ class NodeMonitor:
             self._emergency(node, code, 0, sync_count)
 
     def forget_faults(self) -> None:
-        """Clear emergencies; restarts and another master's commands remain until `expect_boot_up`."""
+        """Clear the emergencies; recorded restarts and commands of another master remain until `expect_boot_up`."""
         self.faults = ()
 
     def _heartbeat(self, node: int, state: int) -> None:

@@ -162,7 +162,7 @@ class VirtualController:
                 node.boot()
 
     def attend(self) -> None:
-        """Handle all queued frames in the caller's thread; does nothing while the loop hangs or is busy."""
+        """Handle all queued frames in the caller's thread; do nothing if the controller hangs or is working."""
         if not self._turns.acquire(blocking=False):
             return
         try:

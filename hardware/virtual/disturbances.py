@@ -19,7 +19,7 @@ LATE_S = (0.005, 0.05)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameFaults:
-    """Fraction (0 to 1) of frames that have each fault; `babble`: number of foreign frames sent after every frame."""
+    """Fraction (0 to 1) of all frames that suffer each fault; `babble`: foreign frames sent after every frame."""
 
     lost: float = 0.0
     doubled: float = 0.0
@@ -158,7 +158,7 @@ class Disturbances:
         return remaining > 0
 
     def divergence(self, joint: int) -> int:
-        """Return a joint's distance from its drive's target, counts, and increase it for the next control period."""
+        """Return a joint's simulated deviation from its target, counts; each call increases it, up to a limit."""
         counts = self.diverged_counts.get(joint)
         if counts is None:
             return 0

@@ -114,7 +114,7 @@ class Drive:
         self.trip(EmergencyCode.HEARTBEAT_LOST, holding=self._holding)
 
     def trip(self, code: EmergencyCode, *, holding: bool = False) -> None:
-        """Go to fault; with `holding` the servo keeps its position, otherwise the valve is blocked."""
+        """Enter the fault state; with `holding` the servo holds the joint, otherwise the valve is blocked."""
         self._holding = holding
         self._command = None
         self.state = cia402.after_event(self.state, DriveEvent.FAULT)

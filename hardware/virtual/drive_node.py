@@ -31,7 +31,7 @@ _HIGHEST_I32: Final = 2**31 - 1
 
 
 class DriveNode(VirtualNode):
-    """Node of one joint; both have the same number. If `reports_speed`, TPDO1 has the speed instead of the position."""
+    """Node of one joint; node number = joint number. With `reports_speed`, TPDO1 has the speed, not the position."""
 
     def __init__(
         self, axis: AxisSettings, network: ControllerNetwork, *, serial_number: int
@@ -64,7 +64,7 @@ class DriveNode(VirtualNode):
         return TPDO1.pack(word, position, self._torque_per_mille())
 
     def power_up(self) -> None:
-        """Power up the drive; its home offset is kept until the supervisor sets it."""
+        """Power up the drive; `home_offset_counts` keeps its value until the supervisor sets another."""
         super().power_up()
         self.drive.power_up()
 
@@ -171,7 +171,7 @@ class DriveGroup:
                 node.drive.lose_heartbeat()
 
     def lose_heartbeat_at(self, joint: int) -> None:
-        """Report a lost operator heartbeat to one drive, if it is under control and has not yet reported the loss."""
+        """Report a lost operator heartbeat to one drive, if a node has control and the drive has not tripped for it."""
         node = self.drives[joint - 1]
         with node.lock:
             if node.drive.in_control and EmergencyCode.HEARTBEAT_LOST not in node.drive.errors:

@@ -106,5 +106,5 @@ class AttendingBus(EmbeddedBus):
 
 
 def attended_opener(controller: VirtualController) -> Callable[[BusSettings], can.BusABC]:
-    """Return the bus opener for an operator in the process of `controller`, which must be `attended`."""
+    """Return the bus opener for an operator in the process of `controller`, which was made with ``attended=True``."""
     return lambda settings: AttendingBus(settings.channel, controller.attend)

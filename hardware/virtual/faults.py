@@ -1,8 +1,8 @@
 """Fault injection into the virtual controller, for tests and demonstrations.
 
-`FAULT_KINDS` are the faults of `fault_messages` by name. Each is injected in the controller's loop, mostly by a change
-of `hardware.virtual.disturbances`. A `ScriptedFault` is injected at a given SYNC, so that a run with faults is
-reproducible.
+`FAULT_KINDS` has a function for every fault that `fault_messages` describes. The controller's loop calls the function,
+which mostly changes the `hardware.virtual.disturbances`. A `ScriptedFault` is injected at a given SYNC, so that a run
+with faults is reproducible.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ FaultAction = Callable[["VirtualController", int], object]
 
 
 def inject(arm: VirtualController, kind: str, joint: int) -> None:
-    """Inject a fault of `FAULT_KINDS`; may be called from any thread. The control loop injects faults in order.
+    """Inject the fault `kind` (`FAULT_KINDS`); may be called from any thread. Faults are injected in order of calls.
 
     Raises `KeyError` if there is no such fault, `ValueError` if there is no such joint.
     """

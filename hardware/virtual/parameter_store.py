@@ -2,7 +2,7 @@
 
 A document is written to the slot that is not active: temporary file, fsync, rename, fsync of the folder; then the
 pointer to the active slot changes in the same way. A power cut leaves the active slot intact; a SHA-256 of
-each slot detects other damage. The operator program supplies the schema of documents as `Validate`.
+each slot detects other damage. The operator program supplies a function that parses a document (`Validate`).
 """
 
 import errno

@@ -6,8 +6,9 @@ D of the true angles (the hinge angle, unused without a hinge, then the joint an
     1/2 sum_position k (target - theta - D)^2 + 1/2 e(theta + D)' K e(theta + D)
         + 1/2 sum d D^2 / dt - gravity' D + friction(D)
 
-with e the closure error, K and k the stiffness of fixture and servos, d the damping (backward Euler). Two drives move
-an arm of seven joints in a hinge. With one drive it sags; a third drive with an inconsistent target builds up torque.
+with e the closure error, K the stiffness of the fixture, k that of a servo, and d the damping (backward Euler). An arm
+of seven joints in a hinge has mobility 2. With a servo in one joint only, gravity makes the arm sag; with a third
+servo, whose target does not agree with those of the other two, the servos strain against each other.
 """
 
 from collections.abc import Sequence
@@ -65,10 +66,10 @@ class Loads:
             object.__setattr__(self, name, frozen(getattr(self, name)))
 
     def of(self, arm: ArmModel) -> Self:
-        """Return these loads for another arm, with friction (unless it is 0) proportional to the drives' torque limits.
+        """Return these loads adapted to `arm`; friction, if any, becomes proportional to the drives' torque limits.
 
-        If the number of joints differs, frames n // 2 and n - 2 each carry the largest mass. If a drive is weaker than
-        the paper's, all masses are reduced in proportion: in a closed chain any drive may have to carry them.
+        If the arm has another number of joints than these loads, frames n // 2 and n - 2 each carry the largest mass.
+        All masses are reduced in proportion to the weakest drive, if it is weaker than those of the paper's arm.
         """
         weakest = min(joint.max_torque_nm for joint in arm.joints) / PAPER_TORQUE_NM
         n, payload = arm.joint_count, self.payload_kg * min(1.0, weakest)
@@ -225,7 +226,7 @@ class Plant:
         self._angles = angles
 
     def _rub(self, increment: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return dry friction (n + 1,), N m, after motion `increment`, and its slope, N m/rad (0 if a joint slides)."""
+        """Return friction (n + 1,), N m, after motion `increment`, and its derivative, N m/rad (0 while sliding)."""
         deflection = (self._bristle + increment) / PRESLIDING_RAD
         slope = np.where(np.abs(deflection) < 1.0, self._friction / PRESLIDING_RAD, 0.0)
         return self._friction * np.clip(deflection, -1.0, 1.0), slope
@@ -244,7 +245,7 @@ class Plant:
 
 
 def _gravity_levers(loads: Loads) -> tuple[FloatArray, FloatArray]:
-    """Return M (n, n + 2), kg, and G (3, 3): ``M @ origins_m`` is mass times lever at each joint; ``p x g = p @ G``."""
+    """Return M (n, n + 2), kg, with M @ origins_m = mass times lever of each joint, and G (3, 3) with p @ G = p x g."""
     mass, g = loads.payload_kg, GRAVITY_M_PER_S2 * loads.down
     n = len(mass)
     lever = np.zeros((n, n + 2))

@@ -59,10 +59,18 @@ COMPLIANT = Loads(
 class Scenario:
     """Description of a virtual arm in its fixture, from which `build` makes a plant.
 
-    The same name and seed give the same arm and noise. `specimen`: seed of the arm's errors (linearity, lengths);
-    if it is None, `seed` is used. `lengths`: smallest and largest magnitude, m, of the errors that are added to the
-    maker's lengths in `truth`. `linearity_of_full_scale`: peak linearity deviation of every RVDT, fraction of full
-    scale. `placement`: number of this mounting of the fixture, from 1; each mounting has different noise.
+    The same name and seed give the same arm and noise.
+
+    Attributes
+    ----------
+    specimen
+        Seed of the arm's errors (linearity, lengths); if None, `seed` is used.
+    linearity_of_full_scale
+        Peak linearity deviation of every RVDT, fraction of full scale.
+    lengths
+        Smallest and largest magnitude, m, of the errors that are added to the maker's lengths in `truth`.
+    placement
+        Number of this mounting of the fixture, from 1; each mounting has different noise.
     """
 
     name: str
@@ -154,11 +162,11 @@ def scenario(name: str, seed: int = 0) -> Scenario:
 def scenario_of(
     name: str, seed: int, arm: ArmModel, fixture: EndpointConstraint, placement: int = 1
 ) -> Scenario:
-    """Return the scenario for an arm and a fixture, with its usual true arm if the files can describe the paper's arm.
+    """Return the scenario `name` for an arm and a fixture.
 
-    If not, the true arm is drawn by seed within the tolerances of the files; in ``datasheet`` and ``wild`` lengths and
-    twists that the calibration does not identify are drawn too. From the second `placement` on, the true placement of
-    the fixture is drawn anew, while the arm stays the same.
+    If the files can describe the paper's arm, the true arm is that of `scenario`. Otherwise it is drawn by seed within
+    the tolerances of the files, in ``datasheet`` and ``wild`` including lengths and twists that the calibration does
+    not identify. From the second `placement` on, the true placement of the fixture is drawn anew; the arm is the same.
 
     Raises `ValueError` if there is no such scenario, or if no plant can be built from these files.
     """

@@ -80,9 +80,9 @@ def _first_that_closes(
 
 
 def _arm_differences(arm: ArmModel, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-    """Draw an arm's differences from its file, rad and m: (5, n) for the calibration's unknowns, (4, n) for the rest.
+    """Draw how an arm differs from its file, rad and m: (5, n) for calibrated entries, (4, n) for the others.
 
-    Rows: theta_off (of the unknowns only), s, a, alpha, beta. All are drawn, so that a seed always gives the same arm.
+    Rows: theta_off (first array only), s, a, alpha, beta. All are drawn, so that a seed always gives the same arm.
     """
     n, hayati = arm.joint_count, [row - 1 for row in arm.hayati_rows]
     stated = np.array([arm.length_tolerance_m, arm.length_tolerance_m, arm.twist_tolerance_rad])
@@ -112,7 +112,7 @@ def _observable(
 def files_allow(
     arm: ArmModel, fixture: EndpointConstraint, truth: Truth, home_rad: FloatArray
 ) -> bool:
-    """Whether the files can describe the arm and hinge of `truth`, whose loop closes at `home_rad` (n,).
+    """Whether the true arm and hinge (`truth`, closed at `home_rad` (n,)) are possible for these arm and fixture files.
 
     Free entries may differ by their tolerance (offsets by `OFFSET_TOLERANCE_RAD`), other entries by five standard
     deviations of the arm file. For an open arm, the hinge and the entries that depend on mounting are not compared.
@@ -151,9 +151,10 @@ def files_allow(
 def open_truth(
     arm: ArmModel, fixture: EndpointConstraint, truth: Truth, rng: np.random.Generator
 ) -> Truth:
-    """Return the truth of the same arm with a target in place of its fixture; base and target are placed at random.
+    """Return the truth of the same arm without its fixture, but with a target on its tool for an instrument.
 
-    D-H entries that cannot be separated from these two placements have their nominal values.
+    The arm's base and the target are placed at random within tolerance. D-H entries that cannot be separated from these
+    two placements have their nominal values. `ValueError` if `fixture` is no instrument.
     """
     model = fixture.model(arm)
     if not isinstance(model, MeasuredClosure):
@@ -173,8 +174,8 @@ def remount_truth(
     """Return the truth of the same arm and fixture, mounted again within the tolerance of the fixture file.
 
     The fixture's placement on the table changes and, unless the fixture stays on the tool, its placement on the tool.
-    If theta_off_1 or theta_off_n is measured from the fixture, it changes too. Raises `ValueError` if no
-    drawn placement lets the arm close near home.
+    An offset that is measured from the fixture (theta_off_1, theta_off_n) changes too. Raises `ValueError` if the arm
+    closes near home in no placement drawn.
     """
     model = fixture.model(arm)
     if not isinstance(model, DhLoop | PointClosure):
@@ -225,7 +226,7 @@ def _clipped_normal(rng: np.random.Generator, shape: tuple[int, ...]) -> FloatAr
 def _truth(
     model: DhLoop | PointClosure | MeasuredClosure, x: FloatArray, rows: FloatArray
 ) -> Truth:
-    """Return the truth with unknowns `x` (P,); all other entries are taken from the arm's `rows` (5, n)."""
+    """Return the true geometry: `x` (P,) for the unknowns of `model`, the arm's D-H `rows` (5, n) for all else."""
     stacked = model.table.stacked()
     stacked[:, -rows.shape[1] :] = rows
     with_rows = model.with_table(DhTable.from_stacked(stacked))

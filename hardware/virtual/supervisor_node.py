@@ -43,8 +43,8 @@ class _Refused(Exception):
 class SupervisorNode(VirtualNode):
     """The supervisor, node 16.
 
-    It passes changes of control and home offsets to the drives of `group`. `later` queues work, to be run outside the
-    control loop in the order of the calls. `active_document` is the committed document in use, or None.
+    It tells the drives of `group` which node is in control, and sets their home offsets. `later` queues work, which is
+    run outside the control loop, in the order of the calls. `active_document`: committed document in use, or None.
     """
 
     def __init__(
@@ -98,7 +98,7 @@ class SupervisorNode(VirtualNode):
             self._take(0)
 
     def external_stop(self, *, active: bool) -> None:
-        """Send the emergency of a pressed external stop (`active`), or the end of this error when it is released."""
+        """Send the emergency of the external stop if `active` (pressed), otherwise the end of that emergency."""
         with self.lock:
             if active:
                 register = ErrorBit.GENERIC | ErrorBit.MANUFACTURER

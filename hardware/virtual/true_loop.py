@@ -85,9 +85,9 @@ class ChainPoint:
 
 
 class LoopPoint(ChainPoint):
-    """Chain in a hinge or rigid fixture, which closes when frame n coincides with frame -1, where the chain begins.
+    """Chain in a hinge or rigid fixture, from frame -1 to frame n; it is closed if these two frames coincide.
 
-    The error is a rotation vector (rad), then a position (m). Without `hinge`, theta_0 must stay 0.
+    The closure error is a rotation vector (rad), then a position (m). Without `hinge`, theta_0 must stay 0.
     """
 
     def __init__(self, table: DhTable, *, hinge: bool = True) -> None:
@@ -120,9 +120,10 @@ class LoopPoint(ChainPoint):
 
 
 class BallPoint(ChainPoint):
-    """Chain with point `tip_m` (3,) of the last link held at `ground_m` (3,) of the base; error: ball minus socket, m.
+    """Chain with a ball at `tip_m` (3,) in frame n and its socket at `ground_m` (3,) in the base frame.
 
-    Frame -1 is the base: row 0 of the table is zero, and theta_0 stays zero.
+    The closure error is the ball's position minus the socket's, m. Frame -1 is the base frame: row 0 of the table is
+    zero, and theta_0 stays zero.
     """
 
     def __init__(self, table: DhTable, *, tip_m: FloatArray, ground_m: FloatArray) -> None:
@@ -191,7 +192,7 @@ class Truth:
         return self.table.theta_off_rad[1:]
 
     def named(self) -> dict[str, float]:
-        """Return the true values (rad, m) by parameter name, without the rotations of base and tip."""
+        """Return the true D-H entries and points (rad, m) by parameter name, without the rotations of base and tip."""
         stacked, points = self.table.stacked(), dict[str, FloatArray]()
         match self.loop:
             case PointClosure(tip_m=tip, ground_m=ground):
@@ -258,7 +259,8 @@ def with_length_errors(
 ) -> Truth:
     """Add a random error, of a magnitude within `range_m`, to every length from the maker's table.
 
-    These are s_2..s_n-1 and a_1..a_n-1; the calibration identifies the fixture's entries (s_1, s_n, a_n, row 0).
+    Lengths with an error: s and a of rows 2 to n - 1, and a_1. The others (s_1, s_n, a_n, row 0) have none, because
+    they depend on the fixture, and the calibration identifies them.
     """
     n = truth.joint_count
     fixed = {"s_m": slice(2, n), "a_m": slice(1, n)}
@@ -295,7 +297,7 @@ MAX_GRADIENT = 4.0
 
 
 def draw_wild_loop(rng: np.random.Generator) -> Truth:
-    """Draw a true loop that closes exactly at `PAPER_HOME_RAD`."""
+    """Draw the true loop of scenario ``wild``, far from the paper's; it closes exactly at `PAPER_HOME_RAD`."""
     entries = tuple(DhEntry.parse(name) for name in PLACEMENT_ENTRIES)
     loop = DhLoop(table=paper_loop().table, entries=entries, hinge=True)
     nominal = nominal_vector(loop.parameters)
@@ -321,7 +323,10 @@ def draw_wild_loop(rng: np.random.Generator) -> Truth:
 
 
 def can_cover(loop: DhLoop, x: FloatArray, pose: FloatArray, hinge: FloatArray) -> bool:
-    """Whether the drives can move straight from `pose` to 16 points on the border of their ranges, in small steps."""
+    """Whether the joints `WILD_DRIVES` can move from `pose` straight to 16 points on the border of their ranges.
+
+    On the way, the loop must close and all joints must stay within `MAX_GRADIENT` and `ROOM_RAD`.
+    """
     corners = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
     sides = np.roll(corners, -1, axis=0) - corners
     square = np.concatenate([corners + 0.25 * step * sides for step in range(4)])

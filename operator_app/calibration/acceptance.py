@@ -56,7 +56,7 @@ class Adjudication:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Sentences of the blocking causes; empty if the calibration is accepted."""
+        """Texts of the causes that block acceptance; empty if none does."""
         return tuple(c.sentence for c in self.causes if c.blocking)
 
 
@@ -148,7 +148,7 @@ def _unnamed(diagnosis: Diagnosis) -> Iterable[Finding]:
 
 
 def _left(diagnosis: Diagnosis) -> float:
-    """Return chi2/dof after the best cause of the last ranking; without a possible cause, that of the stated model."""
+    """Return chi2/dof of the model with the best cause of the last ranking, or of the stated model if there is none."""
     last = diagnosis.rankings[-1].best if diagnosis.rankings else None
     if last is None or _impossible_compliance(diagnosis):
         return diagnosis.stated_chi2_per_dof
@@ -169,7 +169,7 @@ def _impossible_compliance(diagnosis: Diagnosis) -> bool:
 def each_once(causes: Iterable[Finding]) -> tuple[Finding, ...]:
     """Return one finding for each code; it blocks if any finding of that code blocks.
 
-    A code occurs twice if a cause was accepted a second time, for a misfit that its first fit left unexplained.
+    A code occurs twice if a misfit remained after a cause was accepted, and the same cause was accepted again.
     """
     by_code: dict[str, Finding] = {}
     for cause in causes:
@@ -195,9 +195,9 @@ def little_motion(
 ) -> tuple[Finding, ...]:
     """Return a finding if the poses differ so little that some parameters have large standard deviations.
 
-    A parameter is reported if its `standard_deviation` (P,) is large or exceeds the one that a file states (in `known`,
-    rad or m, by name). The finding blocks acceptance if a parameter is too uncertain for any use. `narrows`: function
-    that returns the main source of a named parameter's sigma, or "" if only more varied poses help.
+    Only parameters named in `judged` are tested. A parameter is reported if its `standard_deviation` (P,) is large, or
+    larger than a file states (in `known`, rad or m, by name). The finding blocks acceptance if a parameter is useless.
+    `narrows`: function that returns the error source to be reduced for a named parameter, or "" if there is none.
     """
     wide, coarse, refuses = [], [], False
     worst, farthest = "", 0.0
@@ -279,10 +279,10 @@ def return_tests(
 def proven_by_return(
     since: tuple[Finding, ...], by_tests: tuple[Finding, ...]
 ) -> tuple[tuple[Finding, ...], tuple[Finding, ...]]:
-    """Return the blocking causes that repeated poses prove, and the causes from tests that are not among these.
+    """Return the blocking causes that repeated poses prove, and the other causes from tests of the fit.
 
-    `since`, `by_tests`: causes from repeated poses, and from tests of the fit. A proven slip blocks even if it is
-    smaller than the parameters' sigmas, because the slip has increased the sigmas.
+    `since`: causes from repeated poses. `by_tests`: causes from tests of the fit, which replace the same cause in
+    `since`. A proven slip blocks even if it is smaller than the sigmas, because the slip has increased the sigmas.
     """
     proven: list[Finding] = []
     for returned in since:
@@ -301,9 +301,10 @@ SLIP_KINDS = frozenset(
 
 
 def not_yet_named(since: tuple[Finding, ...], by_tests: tuple[Finding, ...]) -> tuple[Finding, ...]:
-    """Return the causes that repeated poses show (`since`), except those that the tests have found too (`by_tests`).
+    """Return the causes from repeated poses (`since`) that the tests of the fit (`by_tests`) have not found too.
 
-    A compliant fixture or a wrong length in `by_tests` does not account for a slip in `since`.
+    The tests have found a movement of the fixture only if they name a slip, and a step of a joint's reading only if
+    they name an error of that joint's sensor or reading. A compliant fixture or a wrong length does not count.
     """
     slipped = any(cause.kind in SLIP_KINDS for cause in by_tests)
     joints = {c.joint for c in by_tests if c.sensor or c.kind in READING_KINDS}
@@ -317,7 +318,6 @@ def not_yet_named(since: tuple[Finding, ...], by_tests: tuple[Finding, ...]) -> 
 
 
 def _slipped_since(read: RepeatedReading, repeat: Repeat, estimate: Estimate) -> Finding:
-    """Return the finding of a fixture slip or a reading step between two readings of a pose."""
     from scipy.special import chdtri
 
     # Prior odds: a step in one of n joints, against a slip or a deflection of the fixture.

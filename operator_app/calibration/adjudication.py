@@ -60,9 +60,11 @@ UNEXPLAINED_KINDS = {
 class PriorInformation:
     """Results that the adjudication uses in addition to the tests of the fit.
 
-    `judged`: names of the parameters that decide on acceptance. `paper`: the paper's estimate if it was chosen.
-    `out_of_range`: readings outside the arm file's ranges. `flipped`: number of poses left out because the tool is, or
-    seems, upside down. `left_out`: findings that state why poses were left out.
+    `judged`: names of the parameters that decide on acceptance.
+    `paper`: the paper's estimate if that estimator was chosen; else None.
+    `out_of_range`: readings outside the arm file's ranges.
+    `flipped`: number of poses that were left out because the tool is, or seems to be, upside down.
+    `left_out`: findings that state why poses were left out.
     `checks`: set-up checks of the fixture's identified geometry.
     `returned`: repeated poses, each with the comparison of its two readings.
     `by_files`: parameters for which less than half of the information comes from the poses.
@@ -106,13 +108,13 @@ class _Case:
 
     @property
     def gross(self) -> bool:
-        """Whether the misfit is still too large with the best single linear explanation."""
+        """Whether the misfit would still be too large after the best single linear explanation."""
         best = self.diagnosis.best
         least = self.chi2_per_dof if best is None else best.chi2_per_dof
         return least > limits.CHI2_PER_DOF_REFUSED
 
     def suspects(self, *causes: Cause) -> str:
-        """Subject (e.g. a joint) of the best single explanation if its cause is one of `causes`, otherwise empty."""
+        """Return which joint or part the best single explanation concerns, if its cause is one of `causes`; else ""."""
         best = self.diagnosis.best
         return best.candidate.subject if best is not None and best.candidate.cause in causes else ""
 
@@ -199,7 +201,7 @@ def _misfit_causes(
 ) -> tuple[tuple[Finding, ...], tuple[Finding, ...], bool]:
     """Explain the misfit by the causes that the tests support or, if it is gross, by alternative models.
 
-    Returns all causes, those of them that are alternative models, and whether a blocking misfit remains unexplained.
+    Returns all causes, the alternative models among these causes, and whether a blocking misfit remains unexplained.
     """
     diagnosis, scale = case.diagnosis, case.chi2_per_dof
     by_tests = acceptance.causes_of(diagnosis, case.fit.estimate, case.known.judged, labels)
@@ -246,9 +248,9 @@ def _misfit_causes(
 def _wrong_distances(case: _Case, margin: float, *, again: bool = True) -> tuple[Finding, ...]:
     """Return findings of measured distances that may be wrong; empty if there are none.
 
-    A distance may be wrong if chi2 without it is at most the chi2 of the most probable other fault plus `margin`.
-    `again`: solve the loops again without the distance. If False, chi2 without the distance is from the linear fit, as
-    is the chi2 of each other fault, so that the comparison is fair.
+    A distance may be wrong if leaving it out explains the misfit as well as the most probable other fault does, i.e. if
+    chi2 is then at most `margin` above the chi2 with that fault. `again`: solve the loops again without the distance.
+    If False, both chi2 are from the linear fit, which makes the comparison fair.
     """
     if again and (case.gross or not case.fit.estimate.converged):
         return refuted_distances(case.stated)
@@ -266,7 +268,7 @@ def _begins_with_a_placement(case: _Case) -> bool:
 
 
 def _local_minimum_causes(case: _Case) -> tuple[Finding, ...]:
-    """Return alternative models that fit near nominal, and the finding that reports a solution far from nominal."""
+    """Return the finding of a solution far from nominal, preceded by alternative models that fit near nominal."""
     if case.known.search is not None:
         return ()
     model, estimate, judged = case.model, case.fit.estimate, case.known.judged
@@ -277,9 +279,9 @@ def _local_minimum_causes(case: _Case) -> tuple[Finding, ...]:
 
 
 def _fit_causes(case: _Case, *, without_motion: bool) -> tuple[Finding, ...]:
-    """Return the causes from the fit itself: no convergence and, unless `without_motion`, large sigmas.
+    """Return the causes that the fit itself shows: it has not converged, or sigmas are large.
 
-    Sigmas that are large because of parameters known from the files do not count.
+    `without_motion`: do not report large sigmas. The uncertainty of parameters known from the files does not count.
     """
     estimate = case.estimate.given(case.known.by_files)
     open_end = Finding(
@@ -373,7 +375,7 @@ def second_solution(search: GlobalStart | None) -> tuple[Finding, ...]:
 
 
 def _geometry_causes(checks: tuple[SetupCheck, ...]) -> tuple[Finding, ...]:
-    """Return findings of fixture axes almost parallel to a joint axis: ambiguous D-H entries (Hayati)."""
+    """Return a finding per fixture axis almost parallel to a joint axis: D-H entries are then ambiguous (Hayati)."""
     return tuple(
         Finding(
             FindingKind.PARALLEL_AXES,

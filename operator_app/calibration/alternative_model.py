@@ -59,7 +59,10 @@ def without_reading(stated: Experiment, joint: int) -> Experiment:
 
 
 def start(alternative: Experiment) -> tuple[FloatArray, float]:
-    """Return start values (P,), and mean square closure error (with unsensed joints: reading correction, rad^2)."""
+    """Fit the loops of an alternative; return the parameters (P,) as start values, and a mean square error.
+
+    The error is that of the closure or, if joints are unsensed, the correction of the readings (rad^2).
+    """
     if alternative.unsensed:
         fit = without_readings(alternative)
         return fit.x, float((fit.corrections**2).mean())
@@ -72,7 +75,7 @@ def start(alternative: Experiment) -> tuple[FloatArray, float]:
 def without_readings(
     alternative: Experiment, *, max_iterations: int = MODEL_ITERATIONS
 ) -> ImplicitFit:
-    """Fit the closed loops of an alternative that ignores some readings."""
+    """Fit the closed loops of an alternative in which the readings of some joints are not used."""
     model, noise = alternative.loop(), noise_model(alternative)
     floor = np.maximum(noise.joint_variance, LEAST_NOISE_RAD**2)
     return fit_implicit(
@@ -107,7 +110,7 @@ def closes(alternative: Experiment, *, far: float) -> bool:
 
 
 def cost_of(alternative: Experiment) -> float:
-    """Return the mean square error that `start` gives for an alternative; infinite if it cannot be solved."""
+    """Return the mean square error of an alternative, as from `start`; infinite if the loops cannot be solved."""
     return tried(lambda: start(alternative)[1], np.inf)
 
 
@@ -151,13 +154,14 @@ def tried(work: Callable[[], _T], otherwise: _T) -> _T:
 
 
 BENDS = 3
-"""Degree of the polynomial that models a sensor's smooth deviation in addition to the step."""
+"""Degree of the polynomial that models the smooth part of a sensor's deviation; the rest may be a step."""
 
 
 def shift_of(reading_rad: FloatArray, angle_rad: FloatArray) -> tuple[int, float] | None:
-    """Return the pose index from which readings (m,) differ from the angles (m,) by a step, and the step, rad.
+    """Find a step in the readings (m,) of a joint with known angles (m,), in the order in which poses were taken.
 
-    Poses are in the order in which they were taken. None if no step explains most of the deviation from a smooth curve.
+    Returns the index of the first pose after the step, and the step, rad. None if no step explains most of the
+    readings' deviation from a smooth function of the angles.
     """
     m = len(reading_rad)
     if m < 2 * (limits.STEP_EDGE_POSES + BENDS):
@@ -197,7 +201,7 @@ def other_fixtures(stated: Experiment) -> Iterator[Alternative]:
 
 
 def hinge_instead(stated: Experiment) -> Alternative:
-    """Return the alternative with a hinge on the line that moves least in both tool and base."""
+    """Return the alternative with a hinge on the line that is most nearly at rest in both tool and base."""
     arm, fixture = stated.arm, stated.fixture
     frames = _frames(arm, stated.poses)
     eye = np.broadcast_to(np.eye(3), frames[0].shape)
@@ -221,7 +225,7 @@ def hinge_instead(stated: Experiment) -> Alternative:
 
 
 def _ball_instead(stated: Experiment) -> Alternative:
-    """Return the alternative with a ball: on the file's hinge axis or, without a hinge, where the tool moves least."""
+    """Return the alternative with a ball on the file's hinge axis or, if it states none, where the tool moves least."""
     fixture = stated.fixture
     R, p = frames = _frames(stated.arm, stated.poses)
     if isinstance(fixture, Hinge):

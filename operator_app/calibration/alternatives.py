@@ -51,7 +51,7 @@ PROMISING_COST_SHARE = 0.3
 """An alternative is solved completely if its squared closure error is below this share of the stated model's."""
 
 PER_FREEDOM = 4.6
-"""An alternative's log weight is reduced by this (ln 100) per degree of freedom that only the stated model has."""
+"""An alternative's log weight falls by this (ln 100) for each degree of freedom fewer than the stated model has."""
 
 LEAST_M = 2e-3
 """Two lengths that differ by less than this count as equal."""
@@ -63,7 +63,7 @@ LARGEST_IN_RADIANS = np.deg2rad(2.0 * np.pi)
 """Largest angle, rad, that results if a file in radians (up to one turn) is read as degrees."""
 
 LARGEST_OFFSET_RAD = np.deg2rad(10.0)
-"""A joint's zero counts as a quarter or half turn off if its error differs from that turn by less than this."""
+"""A joint's zero counts as a quarter or half turn off if its error differs by less than this from such a turn."""
 
 MOST_LEFT_OUT = 3
 """Largest number of poses left out to explain a gross misfit; also at most a tenth of all poses."""
@@ -86,10 +86,10 @@ def find_alternatives(
 ) -> tuple[Finding, ...]:
     """Return the mistakes that explain a gross misfit of the stated model, the most probable first.
 
-    `scale`: chi2/dof of the stated model at stated variances; infinite if it could not be solved. `dof`: its dof.
-    `near`: try only simple mistakes in the poses or arm file, and keep those whose correction brings the solution near
-    the nominal values. With `near`, the stated model itself may fit well.
+    `scale`: chi2/dof of the stated model at stated variances; infinite without a solution. `dof`: the model's dof.
     `of_files`: try only simple mistakes in the poses or arm file.
+    `near`: as `of_files`, but keep only mistakes whose correction brings the solution near the nominal values. The
+    stated model itself may then fit well.
     `sensors`: with `near`, also try a sensor whose readings are useless in all poses.
     """
     deadline = thread_time() + LONGEST_S
@@ -139,10 +139,10 @@ def find_alternatives(
 
 
 def poses_in_radians(stated: Experiment, scale: float) -> tuple[Finding, ...]:
-    """Return the finding that all readings are in radians, if they may be and the loops then fit far better.
+    """Return the finding that all readings are in radians, if the joints' ranges allow it and loops then fit better.
 
-    `scale`: as in `find_alternatives`, but finite. That function would not find this mistake: if radians are read as
-    degrees, the readings hardly differ between poses, so that the loops close with small errors.
+    `scale`: finite chi2/dof of the stated model. `find_alternatives` would not find this mistake: if radians are read
+    as degrees, the readings hardly differ between poses, so that the loops close with small errors.
     """
     q_rad = stated.poses.q_rad
     mistake = next(mistakes(stated.arm, q_rad))
@@ -154,9 +154,9 @@ def poses_in_radians(stated: Experiment, scale: float) -> tuple[Finding, ...]:
 
 
 def hinge_alternative(stated: Experiment) -> tuple[Finding, ...]:
-    """Return the finding that the fixture is a hinge if the file states a ball, but the poses close in a hinge.
+    """Return the finding that the fixture is a hinge, not the ball that the file states; empty if no hinge fits.
 
-    Poses that close in a hinge also close in a ball with its centre anywhere on the axis.
+    Poses in a hinge do not determine a ball: they fit a ball with its centre anywhere on the hinge's axis.
     """
     if not isinstance(stated.fixture, Ball) or len(stated.poses) < limits.ALTERNATIVE_FIXTURE_POSES:
         return ()
@@ -168,10 +168,11 @@ def hinge_alternative(stated: Experiment) -> tuple[Finding, ...]:
 def wrong_distances(
     stated: Experiment, fit: LinearFit, *, most_chi2: float, again: bool = True
 ) -> tuple[Finding, ...]:
-    """Return findings of the measured socket distances that have to be left out for the poses to fit.
+    """Return findings of wrong measured socket distances: the poses fit only if these distances are left out.
 
-    `most_chi2`: largest allowed chi2 without these distances, with the variances of `fit.at_known_noise`. `again`: if
-    the linear `fit` is too poor without them, solve the loops again, since effects of large errors are not linear.
+    The distances that deviate most are left out one after the other, until chi2 passes its test and is at most
+    `most_chi2` (at the variances of `fit.at_known_noise`). `again`: if the linear `fit` does not pass, solve the loops
+    without the distances and test this solution, since effects of large errors are not linear.
     """
     fit_stated = fit.stated
     known = compared(stated, fit_stated)
@@ -240,7 +241,7 @@ def step_alternative(stated: Experiment, joint: int, scale: float) -> tuple[Find
 
 
 def _weight(ratio: float, dof_left: int, dof: int) -> float:
-    """Log weight of an alternative with chi2/dof `ratio` and dof `dof_left`; `dof`: that of the stated model."""
+    """Return the log weight of an alternative with chi2/dof `ratio` and `dof_left` dof; the stated model has `dof`."""
     fits = -0.5 * dof * np.log(max(ratio, limits.SMALLEST_NOISE_SCALE))
     return float(fits - PER_FREEDOM * max(0, dof - dof_left))
 
@@ -293,7 +294,7 @@ def _corrected(stated: Experiment, mistake: Mistake) -> Alternative:
 
 
 def _without_worst(stated: Experiment) -> Iterator[Alternative]:
-    """Yield alternatives; each leaves out one more pose, that with the largest closure error in the previous model."""
+    """Yield alternatives with one, two, ... poses left out, always the one with the largest remaining closure error."""
     labels, kept, rest = pose_labels(stated.poses), np.arange(len(stated.poses)), stated
     left_out: list[str] = []
     while not stated.unsensed and len(left_out) < min(MOST_LEFT_OUT, len(labels) // 10):
@@ -327,7 +328,7 @@ def _with_table(arm: ArmModel, **columns: FloatArray) -> ArmModel:
 
 
 def turned_zero(stated: Experiment, estimate: Estimate) -> tuple[Finding, ...]:
-    """Return the finding that a joint zero is a quarter or half turn off, if `estimate` and a corrected fit show it."""
+    """Return the finding of a joint zero a quarter or half turn off, if `estimate` shows it and its correction fits."""
     names, nominal = [p.name for p in estimate.parameters], nominal_vector(estimate.parameters)
     changes = dict(
         zip(names, wrap_angles(estimate.parameters, estimate.x - nominal).tolist(), strict=True)
@@ -381,7 +382,8 @@ def _without_each_reading(stated: Experiment) -> Iterator[Alternative]:
 def _shifted(blind: Experiment, unsensed: tuple[int, ...]) -> list[tuple[Finding, float, int]]:
     """Return the finding of a step in one joint's readings, with chi2/dof and dof after correction of the step.
 
-    That joint is the only one that is unsensed in `blind` but not in `unsensed`. The list is empty without such a step.
+    `blind`: experiment without the readings of the joints `unsensed` and of the joint to be tested. The list is empty
+    if there is no step, or not exactly one joint to be tested.
     """
     more = [j for j in blind.unsensed if j not in unsensed]
     if len(more) != 1:

@@ -1,7 +1,7 @@
 """Calibration from a pose set in stages: prepare, fit, diagnose, collect the results, add notices.
 
-Each stage gets the frozen records of earlier stages, and only the options that it needs. `sarcal solve`, the session
-and the library call `calibrate`.
+Each stage gets the frozen records of earlier stages, and only the options that it needs. The function `calibrate` is
+used by the command `sarcal solve`, by the session and by the library.
 """
 
 from collections.abc import Iterator, Mapping
@@ -96,10 +96,10 @@ def calibrate(
     `drop`: fix unidentifiable parameters at their nominal values instead of raising an error.
     `rereads`: repeated poses, which are used in tests but not in the fit.
 
-    Raises `ReadingsOutOfRangeError` if the readings are of another arm, or in another unit; `TooFewPosesError`,
-    `UnidentifiableError`, `FixtureRefusedError`, `EndpointMissingError` or `PosesDoNotFitError`, with the cause, if the
-    data do not determine the parameters or do not fit the loops; `ValueError` if `estimator` is unknown, or if the
-    paper's estimator is requested with unsensed joints.
+    Raises `ReadingsOutOfRangeError` if the readings are of another arm or in another unit. Raises `TooFewPosesError`,
+    `UnidentifiableError`, `FixtureRefusedError`, `EndpointMissingError` or `PosesDoNotFitError` if the data do not
+    determine the parameters or do not fit the loops; the error states the cause. Raises `ValueError` if `estimator` is
+    unknown, or if the paper's estimator is requested with unsensed joints.
     """
     if estimator not in ESTIMATORS:
         raise ValueError(f"estimator must be one of {', '.join(ESTIMATORS)}")
@@ -140,8 +140,8 @@ class Prepared:
     """Loops of the poses on one branch, with the model, data and error model of their fit.
 
     `fixed`: unidentifiable unknowns that are fixed at their nominal values on request.
-    `hard`: model with only the unknowns to identify. `model`: model that also has the entries free within tolerances.
-    `tolerance`: tolerance (rad, m), by name, of each entry free within a tolerance.
+    `hard`: model with only the unknowns that the poses have to identify.
+    `model`: the same with additional entries, each free within a tolerance. `tolerance`: these (rad, m), by name.
     `errors`: error model of the distinct poses.
     `distinct`: indices of the distinct poses. `which`: for every pose on the branch, its position in `distinct`.
     `prior`: names of the arm's entries whose uncertainty the arm's file states.
@@ -193,9 +193,10 @@ class Fitted:
 def prepare(
     experiment: Experiment, *, by_paper: bool, search: bool, drop: bool, progress: Progress | None
 ) -> Prepared:
-    """Build the loops and the model of their fit; raise an error if the poses cannot be fitted.
+    """Build the loops and the model to be fitted to the poses.
 
-    Reasons: too few poses, readings of another arm or unit, a placement with ambiguous or unidentifiable parameters.
+    Raises an error for too few poses, for readings of another arm or in another unit, and for a placement of the
+    fixture in which parameters are ambiguous or unidentifiable.
     """
     model, arm, poses = experiment.loop(), experiment.arm, experiment.poses
     require_enough_poses(model, len(poses))
@@ -231,7 +232,7 @@ def prepare(
 
 
 def fit(prepared: Prepared, progress: Progress | None) -> Fitted:
-    """Fit by the implicit estimator from several starts; `Fitted.estimate` is the paper's if that was chosen.
+    """Fit by the implicit estimator from several starts; `Fitted.estimate` is the paper's if that estimator was chosen.
 
     Raises `PosesDoNotFitError` if no start leads to a fit; the error lists the alternative models that fit. Also raises
     an error if parameters are unidentifiable at the estimate.

@@ -45,14 +45,14 @@ NEWTON_STEPS = 3
 class CalibratedArm:
     """Links 1..n of a calibrated arm, and the tip: the point of its tool that the fixture holds.
 
-    The base frame is that of the arm's file: entries measured from the fixture on the table keep the file's values.
+    The base frame is that of the arm's file: entries that depend on the fixture on the table keep the file's values.
 
     `flange`: rows 1..n with the arm's own entries as calibrated, all others as in the arm's file.
     `hand`: the same rows, but with the calibrated values of the entries that locate the fixture on the tool.
     `tip_m`: the tip in the last frame of `hand`, (3,), m: the ball's centre or the instrument's target. It is zero for
     a rigid attachment and for a hinge (the hinge's axis is the z axis of that frame).
     `identified`: entries of `flange` that were calibrated.
-    `best`: best D-H table for uncorrected readings. `corrections`: corrections of the readings. None if not computed.
+    `best`: best D-H table for uncorrected readings. `corrections`: corrections of the readings. Both may be None.
     """
 
     flange: DhTable
@@ -81,10 +81,10 @@ class CalibratedArm:
     def T_base(
         self, q_rad: FloatArray, frame: Frame = "tip", *, corrected: bool = False
     ) -> FloatArray:
-        """Pose (..., 4, 4), m, of the tip, or of frame n if `frame` is "flange", in the base at readings (..., n).
+        """Return the pose (..., 4, 4), m, of the tip or of the flange (frame n) in the base, at readings (..., n).
 
-        It uses the best table for uncorrected readings or, if `corrected`, the identified table with corrections added
-        to the readings. The tip has the orientation of the last frame.
+        It follows from the best table for uncorrected readings. If `corrected`, it follows from the identified table,
+        at readings to which the corrections are added. The tip has the orientation of the last frame.
         """
         table, tip_m = self.table(frame), self.table_tip_m
         if corrected:
@@ -96,10 +96,10 @@ class CalibratedArm:
         return T
 
     def tip_with_sigma_m(self, q_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Tip in the base frame (m, 3), and the standard deviation of its error (m,), m.
+        """Return the tip in the base frame (m, 3), m, and the standard deviation (m,), m, of its error.
 
-        The latter is ``sqrt(trace(J C J'))``: J = dp/dx for all parameters except those of `ground_side`, C is their
-        covariance. With a best table, it includes the part of the corrections that no D-H table can represent.
+        The standard deviation is ``sqrt(trace(J C J'))``, with J = dp/dx and the covariance C of all parameters except
+        those of `ground_side`. With a best table, it includes the part of the corrections that no table represents.
         """
         if self.best is not None:
             return self.best.tool(q_rad)
@@ -107,7 +107,7 @@ class CalibratedArm:
         return tip, np.sqrt(spread_along(rates, self._covariance))
 
     def stated_part_m(self, q_rad: FloatArray, names: Collection[str]) -> FloatArray:
-        """Part (m,), m, of the tip's standard deviation due to the parameters `names`; parts add in quadrature."""
+        """Return the part of the tip's standard deviation (m,), m, that is due to `names`; parts add in quadrature."""
         known = [k for k, name in enumerate(self.free) if name in names]
         if not known:
             return np.zeros(len(q_rad))
@@ -116,9 +116,9 @@ class CalibratedArm:
         return np.sqrt(spread_along(self._rates(q_rad, self.free)[1], part))
 
     def rate_m_per_rad(self, joint: int, rates: dict[str, float], q_rad: FloatArray) -> FloatArray:
-        """Tip displacement (m,), m, per rad of error in the fixed offset of `joint`, at readings (m, n).
+        """Return the tip displacement (m,), in m per rad of error in the fixed offset of `joint`, at readings (m, n).
 
-        `rates`: change of each other parameter per rad, by name. Of several placements, only the last is used.
+        `rates`: by name, the change of each other parameter per rad of this error; only the last placement counts.
         """
         plain = {name.partition("[")[0]: rate for name, rate in rates.items()}
         names = (DhEntry(DhKind.THETA_OFF, joint).name, *self.free)
@@ -142,8 +142,8 @@ MOST_POSES_SAMPLED = 100
 """Largest number of poses of a session, chosen evenly from all, for which a best table is computed."""
 
 NOTEWORTHY_SHARE = 0.9
-"""The part of the tool's sigma that is due to parameters determined by the poses (and not by files) is reported only if
-it is below this share of the total sigma."""
+"""The tool's sigma without the uncertainty of parameters known from files is reported only if it is below this share of
+the total sigma."""
 
 RANGE_SAMPLES = 300
 """Number of poses over the joints' ranges; the rms over them is accurate to about 4 %."""
@@ -153,8 +153,9 @@ RANGE_SAMPLES = 300
 class HandErrors:
     """Tool position before and after calibration at poses over the ranges of all joints.
 
-    `tip_m`: tool position from the calibrated parameters, in the arm's base, (m, 3). `before_m` (m,): distance from
-    `tip_m` to the tool position from the arm file. `after_m` (m,): one standard deviation of the remaining error.
+    `tip_m` (m, 3): tool position from the calibrated parameters, in the arm's base frame.
+    `before_m` (m,): distance from `tip_m` to the tool position from the arm file.
+    `after_m` (m,): standard deviation of the error of `tip_m`.
     """
 
     tip_m: FloatArray
@@ -198,7 +199,7 @@ def side_of(model: ClosureModel, name: str) -> Literal["arm", "ground", "hand"]:
 
 
 def last_placement(solution: Solution) -> tuple[ClosureModel, dict[str, int]]:
-    """Return the loop of the last placement with poses, and the column of each of its parameters in the estimate."""
+    """Return the loop of the last placement with poses, and by name the index of its parameters in the estimate."""
     part, columns, _ = solution.model.parts()[-1]
     index = np.arange(len(solution.estimate.x))[columns].tolist()
     return part, dict(zip([p.name for p in part.parameters], index, strict=True))
@@ -292,7 +293,7 @@ class ClosureInUse:
 def with_estimated_place(
     model: ClosureModel, x: FloatArray, q: FloatArray, unknown: Collection[str]
 ) -> FloatArray:
-    """Return parameters x (P,), rad and m, with those of `unknown` estimated from readings q (m, n) without a prior.
+    """Return x (P,), rad and m, with the parameters `unknown` estimated from readings q (m, n) alone, without a prior.
 
     `unknown`: names of parameters of a fixture's or an instrument's placement.
     """
@@ -313,10 +314,10 @@ def closure_in_use(
     q: FloatArray,
     unknown: Collection[str] = (),
 ) -> ClosureInUse:
-    """Return the closure sigmas with the best table and with the corrections.
+    """Return the closure sigmas for both uses of a calibration: the best table, and corrected readings.
 
     `model`, `x`: a loop of the calibrated arm and the values of its parameters (P,), rad and m. `q`: readings (m, n).
-    `unknown`: parameters of a placement that was not calibrated; they are estimated separately for each result.
+    `unknown`: parameters of an uncalibrated placement, estimated once with the table, once with corrected readings.
     """
     best, corrections = solution.best, solution.corrections
     if best is None or corrections is None:
@@ -342,7 +343,7 @@ def closure_in_use(
 
 
 def _with_last_link(rows: FloatArray, other: FloatArray, *, than: FloatArray) -> DhTable:
-    """Return `rows` (5, n) with last-link entries taken from `other` where `other` and `than` differ."""
+    """Return `rows` (5, n); where the last links of `other` and `than` differ, the entry is taken from `other`."""
     rows, differ = rows.copy(), other[:, -1] != than[:, -1]
     rows[differ, -1] = other[differ, -1]
     return DhTable.from_stacked(rows)

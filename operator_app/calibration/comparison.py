@@ -1,10 +1,9 @@
 """Comparison of two calibrations of one arm: changes of parameters, and which of them exceed noise.
 
-A hinge loop has eight equivalent parameter vectors: of the second document's eight, the one nearest to the first
-document's vector is used. A difference counts as drift if it is improbable under both standard deviations, at a level
-corrected for the number of free parameters compared (Bonferroni). Two kinds of differences never count: differences of
-lengths and twists corrected within a tolerance, whose sigma is mostly the maker's tolerance in both documents, and
-differences between two estimates from the same poses.
+A hinge loop has eight equivalent parameter vectors. Of those equivalent to the second document's, the nearest to the
+first document's is compared. A difference counts as drift if it is too large for the standard deviations of both
+documents, at a level corrected for the number of free parameters (Bonferroni). The arm's lengths and twists are not in
+this number: their sigma is mostly the maker's tolerance. Two estimates from the same poses never show drift.
 """
 
 import math
@@ -52,11 +51,10 @@ class Side(Enum):
 class ParameterChange:
     """One parameter in two calibrations, SI units.
 
-    `before`, `after`: values in the first and in the second calibration; of equivalent values, `after` is the one
-    nearest to `before`. `change`: after minus before; for angles the equivalent within half a turn.
-    `sigma`: standard deviation of the change.
-    `significant`: whether the change exceeds noise at the level of the comparison; always false for two estimates from
-    the same poses, whose noise is the same.
+    `before`: value in the first calibration. `after`: of the equivalent values in the second, the nearest to `before`.
+    `change`: after minus before, for angles at most half a turn. `sigma`: standard deviation of the change.
+    `significant`: whether the change exceeds noise at the level of the comparison. It is false for two estimates from
+    the same poses, because both contain the same noise.
     """
 
     name: str
@@ -81,7 +79,7 @@ class CalibrationComparison:
     """Result of the comparison of two calibrations of one arm.
 
     `drifts`: one entry for each parameter that both calibrations identified and that can be compared.
-    `level`, `threshold_sigmas`: false-alarm probability over all free parameters; corresponding change in sigmas.
+    `level`: false-alarm probability over all free parameters. `threshold_sigmas`: the change, in sigmas, at this level.
     `scale_before`, `scale_after`: factor applied to each document's standard deviations: sqrt(chi2/dof), at least 1.
     `left_out`: parameters that were not compared, with the reason.
     """
@@ -215,8 +213,8 @@ def _different_arms(a: ParametersDocument, b: ParametersDocument) -> tuple[str, 
 def _loop(document: ParametersDocument) -> DhLoop:
     """Return the loop that a document describes.
 
-    If the offset of the first or last joint was not identified, the joint counts as unsensed. Otherwise equivalent
-    parameters, which have other signs of a and alpha in the adjacent link, would need another offset of this joint.
+    A first or last joint whose offset was not identified counts as unsensed: equivalent parameters, which have other
+    signs of a and alpha in the adjacent link, need another offset of this joint, but the offset is fixed.
     """
     entries = tuple(DhEntry.parse(e.entry) for e in document.calibrated)
     known = {e.name for e in entries}

@@ -78,7 +78,7 @@ def error_model(
 
 
 def stated_distances(experiment: Experiment) -> tuple[KnownDistance, ...]:
-    """Return the stated distances between those sockets of a ball in which poses were taken."""
+    """Return the stated distances between two sockets of a ball, if poses were taken in both sockets."""
     fixture, placements = experiment.fixture, set(experiment.poses.placements)
     known = fixture.distances if isinstance(fixture, Ball) else ()
     return tuple(d for d in known if set(d.between) <= placements)
@@ -92,8 +92,8 @@ def _socket(number: int) -> Names:
 def _loads(experiment: Experiment, kept: IntArray) -> LoadBasis | None:
     """Effects of gravity at the kept poses: on the arm and, if the arm file states masses, on the fixture.
 
-    They are computed at the nominal values and in canonical order, so that not even their last digit depends on the
-    start of a search or on the order of the poses in their file.
+    They are computed at the nominal values and with the poses in canonical order. They therefore depend neither on the
+    start values of a fit nor on the order of the poses in the file, not even in the last digit.
     """
     arm, fixture = experiment.arm, experiment.fixture
     if not len(kept):
@@ -151,7 +151,7 @@ def approach_of(arm: ArmModel, poses: PoseSet, kept: IntArray) -> FloatArray | N
 
 
 def noise_model(experiment: Experiment) -> NoiseModel:
-    """Return the noise of the mean readings and of an instrument, from their specifications."""
+    """Return the noise of each pose's mean readings and of an instrument, from the specifications of the sensors."""
     return NoiseModel(
         joint_variance=variance_of_means(experiment.arm, experiment.poses.sample_counts),
         fixture_variance=_instrument_variance(experiment.fixture),
@@ -164,11 +164,11 @@ def _instrument_variance(fixture: EndpointConstraint) -> FloatArray | None:
 
 
 def averaged_at_rest(arm: ArmModel, poses: PoseSet) -> PoseSet:
-    """Return the poses with successive rows of one placement replaced by their mean if no joint moved.
+    """Average successive rows of one placement between which no joint moved; the number of rows stays the same.
 
-    Such rows, as in a log at a fixed rate, repeat one pose with its deflection and play: only the noise of their
-    readings is independent. Each row gets the mean reading, mean endpoint and sum of samples of its group, so that
-    `distinct_poses` counts the group once. If the rows of every group are equal, the poses are returned unchanged.
+    Such rows, e.g. in a log at a fixed rate, form a group with the same pose, deflection and play: only the noise of
+    the readings is independent. Each row gets the group's mean reading, mean endpoint and number of samples, so that
+    `distinct_poses` counts the group once. If the rows of every group are equal already, `poses` is returned.
     """
     q, rows = poses.q_rad, [poses.q_rad, poses.placement[:, None]]
     limits = [_moves_rad(arm), np.zeros(1)]
@@ -209,9 +209,9 @@ def _moves_rad(arm: ArmModel) -> FloatArray:
 
 
 def distinct_poses(poses: PoseSet, kept: BoolArray) -> tuple[IntArray, IntArray]:
-    """Return indices of the distinct `kept` poses, and for each kept pose its position among these.
+    """Return indices of the distinct `kept` poses, and for each kept pose the position of its equal in this list.
 
-    Poses with exactly equal readings count as one pose written twice, without further information.
+    Poses of one placement with exactly equal readings and endpoints count as one: repeated rows add no information.
     """
     indices = np.flatnonzero(kept)
     columns = [poses.placement[indices, None].astype(float), poses.q_rad[indices]]
@@ -232,9 +232,9 @@ def free_within_tolerance(
 ) -> tuple[ClosureModel, dict[str, float]]:
     """Free the arm's lengths and twists within their tolerances, since the maker's table is not exact.
 
-    Offsets fixed because the poses do not determine them are freed too, if the arm's file states their uncertainty.
-    `fixed`: entries that stay fixed at their nominal values. Returns the loop, and the standard deviation (m, rad) of
-    each newly freed entry by name. Entries that the fixture determines are not freed.
+    Offsets that `model` fixes are freed too, if the arm's file states their uncertainty. Entries that the fixture
+    determines stay fixed, and so do the entries `fixed`. Returns the loop, and the standard deviation (m, rad) of each
+    newly freed entry by name.
     """
     part = model.parts()[0][0]
     n = arm.joint_count

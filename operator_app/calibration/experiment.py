@@ -29,7 +29,7 @@ ANGLES_TRIED = 36
 
 
 class EndpointMissingError(SolverError):
-    """The fixture is an instrument, and its measurements (if `orientation`, only their orientations) are missing."""
+    """The fixture is an instrument, but the poses lack measured endpoints or, if `orientation`, their orientations."""
 
     def __init__(self, *, orientation: bool = False) -> None:
         what, columns = "endpoints", "x_m,y_m,z_m"
@@ -75,11 +75,11 @@ class Experiment:
 
 
 def with_angles_of_unsensed(arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet) -> PoseSet:
-    """Return the poses, with the angle of each joint without a sensor replaced by the one that closes the loop best.
+    """Return the poses; each joint without a sensor gets the angle at which the loop closes best.
 
-    A poses file has a number for such a joint too. The number may be anything, and from an angle far off a loop closes
-    wrongly or not at all. `ANGLES_TRIED` angles over the joint's range are tried at the nominal parameters, where
-    1 m of closure error counts like 1 rad. With an instrument, whose base may be unknown, nothing is changed.
+    A poses file has a number for such a joint too. If the number is far from the joint's angle, the loop closes wrongly
+    or not at all. `ANGLES_TRIED` angles over the joint's range are tried at the nominal parameters; 1 m of closure
+    error counts like 1 rad. With an instrument, whose base may be unknown, nothing is changed.
     """
     if not arm.unsensed_joints or isinstance(fixture, Measured):
         return poses
@@ -101,7 +101,7 @@ def with_angles_of_unsensed(arm: ArmModel, fixture: EndpointConstraint, poses: P
 class IdentifiableLoops(NamedTuple):
     """The loops to be fitted, and the parameters that the poses identify.
 
-    `model`: the loops with all unknowns; equals `identifiable` if dropping unidentifiable unknowns was requested.
+    `model`: the loops with all unknowns or, if unidentifiable unknowns are to be dropped, the same as `identifiable`.
     `identifiable`: the loops with the unknowns that the poses identify. `unidentifiable`: names of the other unknowns.
     `q`, `kept`: readings (k, n), rad, of the poses on the main branch, and a mask (m,) of these.
     `paper`: the paper's estimate of `identifiable`; None with unsensed joints.
@@ -157,7 +157,7 @@ def identifiable_loops(
 def _without_unidentifiable(
     model: ClosureModel, arm: ArmModel, x0: FloatArray | None, q: FloatArray, *, drop: bool
 ) -> tuple[ClosureModel, tuple[str, ...]]:
-    """Return the model with unidentifiable parameters fixed, and their names; `model` and () if none may be fixed."""
+    """Fix unidentifiable parameters; return the model and their names. If they may not be fixed: `model` and ()."""
     # They may be fixed if `drop`, or if all of them are offsets whose uncertainty the arm's file states.
     if not drop and arm.offset_tolerance_rad is None:
         return model, ()
@@ -168,12 +168,12 @@ def _without_unidentifiable(
 
 
 def on_main_branch(model: ClosureModel, q: FloatArray) -> tuple[BoolArray, Estimate | None]:
-    """Find the poses (m, n), rad, on the hinge's main branch, the one that has most poses.
+    """Find the poses on the hinge's main branch, which is the branch with most poses; `q`: readings (m, n), rad.
 
-    They are first separated at the nominal parameters, since even inaccurate values show whether a tool is upside down;
-    a fit to both branches would lie between the branches. Returns a mask (m,) of the poses on the main branch, and the
-    paper's estimate from these poses, with all joints taken as sensed. The estimate is None if there are too few poses
-    for it, or if it separates the poses differently.
+    Returns a mask (m,) of these poses, and the paper's estimate from them, with all joints taken as sensed. The
+    estimate is None if it needs more poses, or if the poses are on other branches at the estimate than at the nominal
+    parameters. Branches are separated at the nominal parameters first: even inaccurate values show whether a tool is
+    upside down, while a fit to both branches would lie between them.
     """
     everything = np.ones(len(q), dtype=np.bool_), None
     # Even the readings of unsensed joints are used: with errors of a degree they still distinguish the branches.
@@ -206,7 +206,7 @@ def pick_placements(poses: PoseSet, placements: tuple[int, ...]) -> PoseSet:
 
 
 def in_order(model: ClosureModel, other: ClosureModel, x: FloatArray) -> FloatArray:
-    """Return values (P,) for the parameters of `model`: from `x`, the values of `other`'s parameters, else nominal."""
+    """Return values (P,) for the parameters of `model`: those that `other` has too are from `x`, others nominal."""
     known = {p.name: float(v) for p, v in zip(other.parameters, x, strict=True)}
     return nominal_vector(model.parameters, known)
 

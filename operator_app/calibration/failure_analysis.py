@@ -34,7 +34,7 @@ def explain_unidentifiable(
     paper: Estimate | None,
     saturated: PosesDoNotFitError | None,
 ) -> SolverError:
-    """Return `error` or, if found, an error that names its cause: stuck or saturated sensor, mistake, open loops."""
+    """Return an error that names the cause (stuck or saturated sensor, mistake, open loops), else `error` itself."""
     stuck = explained(error, stated)
     if stuck is not error:
         return stuck
@@ -104,9 +104,9 @@ def turned_unread(
 ) -> tuple[int, float] | None:
     """Return the joint that turned although its reading did not change, and its turn (rad); None if none did.
 
-    The correction that closes the loop at `before_rad` is added to `after_rad` before the loop is closed there, so that
-    placement errors cancel. The loop is closed once with all `still` joints fixed, and once for each `still` joint with
-    that joint free. No motion is linearised.
+    First, the loop is closed at `before_rad`. The correction of the readings found there is also added to `after_rad`,
+    so that placement errors cancel. Then the loop is closed at `after_rad`, once with all `still` joints fixed, and
+    once for each `still` joint with that joint free. No motion is linearised.
 
     `x`: approximate parameters (P,). `before_rad`, `after_rad`: readings (n,). `still`: joints (1-based) whose readings
     did not change.
@@ -137,13 +137,13 @@ def turned_unread(
 def _correction(
     model: ClosureModel, x: FloatArray, start_rad: FloatArray, sigma: FloatArray
 ) -> FloatArray | None:
-    """Correction (n,), rad, that closes the loop, the smallest relative to `sigma` (n,); None if it does not close."""
+    """Return the smallest correction (n,), rad, in units of `sigma` (n,), that closes the loop; None if none does."""
     closed = close_loops(model, x, start_rad[None], sigma_rad=sigma)
     return closed.q[0] - start_rad if closed.closed[0] else None
 
 
 def explained(error: UnidentifiableError, stated: Experiment) -> UnidentifiableError:
-    """Return an error that names a joint that moved at a constant reading; `error` if there is no such joint."""
+    """Return an error that names a joint that moved although its reading is constant; `error` if no joint did."""
     still = sorted({j for d in error.directions for j in d.immobile_joints})
     for joint in still:
         turned_rad = _turned_range(stated, joint)

@@ -149,7 +149,7 @@ def sensor_name(joint: int, arm: ArmModel) -> str:
 def reading_step(
     joint: int, step_rad: float, first: int, arm: ArmModel, labels: tuple[str, ...]
 ) -> Finding:
-    """Return the finding of a step by `step_rad` in a joint's reading, from pose `first` (index in time order) on."""
+    """Return the finding that a joint's readings shift by `step_rad` from pose `first` on (index in time order)."""
     sensor = arm.joints[joint - 1].sensor
     figures = {}
     if isinstance(sensor, Encoder | Rvdt):
@@ -167,7 +167,7 @@ def reading_step(
 
 
 def range_finding(out_of_range: RangeFinding, poses: PoseSet, *, notice: bool = False) -> Finding:
-    """Return the finding of readings out of range; unless it is a `notice`, saturated readings block acceptance."""
+    """Return the finding of readings out of range. Saturated readings block acceptance, but a `notice` never does."""
     return Finding(
         RANGE_KINDS[out_of_range.fault][notice],
         joint=out_of_range.joint,
@@ -249,7 +249,7 @@ def _smooth(joint: int, candidate: Candidate, evidence: Evidence, faults: FaultM
 def rms_displacement(
     candidate: Candidate, evidence: Evidence, faults: FaultModels
 ) -> dict[str, float]:
-    """Return the fixture's rms rotation (`turn_rad`) and displacement (`shift_m`) over the affected poses.
+    """Return the fixture's rms rotation (`turn_rad`) and displacement (`shift_m`) over poses that `candidate` moves.
 
     With several placements, the result is that of the placement with the largest displacement.
     """
@@ -331,10 +331,10 @@ def left_out_poses(
     arm: ArmModel,
     poses: PoseSet,
 ) -> tuple[tuple[Finding, ...], tuple[RangeFinding, ...]]:
-    """Return findings that state why poses were left out, and those of `out_of_range` that remain to be reported.
+    """Return findings that state why poses were left out, and the part of `out_of_range` still to be reported.
 
-    `left_out`: indices of the poses. Readings out of range are not reported again if all of them belong to poses that
-    were left out because their angles are in radians.
+    `left_out`: indices of the left-out poses. If all poses of a range finding were left out because their angles are in
+    radians, that range finding is not reported.
     """
     joints = {
         k: [f.joint for f in out_of_range if f.fault is ReadingFault.OUTSIDE and k in f.poses]

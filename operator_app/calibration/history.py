@@ -2,7 +2,7 @@
 
 Only documents and verdicts are used; no file is read. Offsets of the arm itself are tested over all sessions,
 parameters of the mounting only over the sessions of the last mounting. Each combination of fixture and estimator has
-its own history, because its systematic errors are its own.
+a separate history, because it has different systematic errors.
 """
 
 import math
@@ -54,8 +54,8 @@ class EntryHistory:
     """Calibrations with one fixture and estimator, oldest first, and their entries of one side.
 
     `side`: part that the entries describe: arm, table or tool.
-    `values`, `sigma`, `within`: (sessions, entries), rad and m: values (in the equivalent parameter vector nearest to
-    the first session's), their standard uncertainty, and the type A part of this uncertainty.
+    `values` (sessions, entries), rad and m: of equivalent parameter vectors, the one nearest to the first session's.
+    `sigma`, `within`: standard uncertainty of `values`, and its type A part, in the same shape and units.
     `chart`: control limits of each session, and the shifts of entries in the order in which they were detected.
     `smallest`: shift of each entry that the next three sessions detect in 90 % of cases; NaN with too few sessions.
     """
@@ -79,8 +79,8 @@ class EntryHistory:
 class ArmHistory:
     """Calibrations and verifications of one arm over time.
 
-    `parts`: for each fixture and estimator, histories of the arm's offsets and of the last mounting's parameters.
-    `left_out`: sessions not used, with the reason. `due`, `due_why`: date of the next calibration, and its reason.
+    `parts`: for each fixture and estimator, histories of the arm's offsets, and of the parameters of the last mounting.
+    `left_out`: sessions not used, each with the reason. `due`: date of the next calibration. `due_why`: its reason.
     """
 
     calibrations: tuple[PastCalibration, ...]
@@ -138,7 +138,7 @@ def history_of(
 
 
 def _part(group: Sequence[PastCalibration], side: Side) -> EntryHistory:
-    """Return the history of the entries of one side that are in all calibrations.
+    """Return the history of those entries of `side` that all calibrations of `group` have identified.
 
     Of the arm's entries, only offsets are included: estimates of lengths and twists mostly repeat the maker's values.
     """

@@ -47,7 +47,7 @@ def with_registered_instrument(
 
 
 def _refined(arm: ArmModel, fixture: Measured, poses: PoseSet) -> EndpointConstraint:
-    """Return the fixture with base and target fitted together with the arm's offsets; unchanged if that fails."""
+    """Return the fixture with base and target fitted together with the arm's offsets; unchanged if the fit fails."""
     model = Experiment(arm=arm, fixture=fixture, poses=poses).loop()
     if len(poses) < poses_needed(len(model.parameters), model.equations_per_pose):
         return fixture
@@ -71,7 +71,7 @@ def _refined(arm: ArmModel, fixture: Measured, poses: PoseSet) -> EndpointConstr
 
 
 def with_calibrated_places(fixture: EndpointConstraint, model: ClosureModel) -> EndpointConstraint:
-    """Return `fixture`; if it is an instrument, with the nominal placements of `model`."""
+    """Return an instrument with the nominal placements of base and target in `model`; any other fixture unchanged."""
     part = model.parts()[0][0]
     if not isinstance(fixture, Measured) or not isinstance(part, MeasuredClosure):
         return fixture
@@ -126,8 +126,8 @@ def endpoints_at_nominal_base(
 ) -> PoseSet:
     """Return the poses with the endpoints of `placements` moved rigidly, as if measured from the nominal station.
 
-    For each of these placements the base's pose is fitted with the calibrated arm and target. A base pose estimated
-    from the returned endpoints is therefore near the nominal one, however far the instrument was moved.
+    To move them, the base's pose in each placement is fitted with the calibrated arm and target. A later fit to the
+    returned endpoints can then start from the nominal pose of the base, however far the instrument was moved.
     """
     part, columns, _ = solution.model.parts()[0]
     if poses.endpoint is None or not isinstance(part, MeasuredClosure):
@@ -185,10 +185,10 @@ def placed_by_poses(
 def _fitted(
     p: FloatArray, R: FloatArray, measured: FloatArray, instrument: Measured
 ) -> tuple[FloatArray, ...]:
-    """Fit ``base + R_base (p + R tip)`` to the measured points (m, 3), by Gauss-Newton; return R_base, base, tip.
+    """Return R_base, base and tip that fit ``base + R_base (p + R tip)`` to the points `measured` (m, 3).
 
-    For a given rotation of the base the equations are linear; if that rotation is unknown, the 24 rotations of a cube
-    are tried as starts. A weak prior keeps the target near its stated place.
+    `p` (m, 3), `R` (m, 3, 3): flange in the arm's base frame. At a given R_base the equations are linear; if R_base is
+    unknown, Gauss-Newton starts from all 24 rotations of a cube. A weak prior keeps the target near its stated place.
     """
     from scipy.spatial.transform import Rotation
 

@@ -65,7 +65,7 @@ def _best_fit(
     group: IntArray,
     progress: Progress | None = None,
 ) -> tuple[Calibrated | None, float]:
-    """Return the first good fit, else the best fit, and its misfit; None and inf if all fail."""
+    """Fit from each start until a fit is good; return the best fit and its misfit, or None and inf if all fail."""
     best: Calibrated | None = None
     least = np.inf
     for x0 in starts:
@@ -144,7 +144,7 @@ def local_minimum_causes(
 def far_from_files(
     model: ClosureModel, estimate: Estimate, judged: tuple[str, ...]
 ) -> tuple[Finding, ...]:
-    """Return the finding that parameters other than the fixture's placement are far from nominal."""
+    """Return the finding that a parameter is implausibly far from nominal; those in `of_fixture` are not tested."""
     far = [
         item for item in _far(_described(estimate, judged)) if item[0].name not in of_fixture(model)
     ]
@@ -190,7 +190,7 @@ def fixture_elsewhere(estimate: Estimate, model: ClosureModel) -> tuple[Finding,
 
 
 def best_about_nominal(hard: ClosureModel, q: FloatArray) -> FloatArray:
-    """Parameters (P,) of the best solution from starts around the nominal values."""
+    """Return the parameters (P,) of `hard` that close the loops best, found from starts around the nominal values."""
     return min(_fits(hard, closure_problem(hard, q)), key=lambda fit: fit.cost).x
 
 
@@ -221,7 +221,7 @@ def has_diverged(
     *,
     anywhere: Collection[str] = (),
 ) -> bool:
-    """Whether a gross cause blocks acceptance and the solution is either implausible or too uncertain for any use.
+    """Whether a gross cause blocks acceptance, and the solution is implausible or too uncertain for any use.
 
     `scale`: chi2/dof at stated variances. `judged`: names of the identified parameters. `anywhere`: names of parameters
     that are plausible at any distance from their nominal values.
@@ -252,6 +252,6 @@ def _limit(parameter: Parameter) -> float:
 
 
 def _described(estimate: Estimate, judged: tuple[str, ...]) -> Estimate:
-    """Return the estimate of those `judged` parameters that are not specific to one of several placements."""
+    """Return the estimate of only those parameters in `judged` that do not belong to one of several placements."""
     names = [p.name for p in estimate.parameters]
     return estimate.without([n for n in names if n not in judged or n.endswith("]")])

@@ -57,8 +57,8 @@ def with_notices(
 ) -> Solution:
     """Return the solution with the tool position error, all notices in order, and the reasons against acceptance.
 
-    `whole`: fit of all poses. `tested`: fit of the tested poses. `repeats`: number of rows that repeat a pose. `same`:
-    findings of indistinguishable placements. `as_stated`: parameters known from files rather than from the poses.
+    `whole`: fit of all poses. `tested`: fit of the poses used for tests. `repeats`: number of rows that repeat a pose.
+    `same`: findings of placements that do not differ. `as_stated`: parameters known from files, not from the poses.
     """
     arm, adjudication = experiment.arm, solution.adjudication
     accuracy = tool_accuracy(calibrated_arm(solution, arm), arm, as_stated, tested.linear)
@@ -102,7 +102,7 @@ def _repeated_rows(rows: int, repeats: int) -> tuple[Finding, ...]:
 def _of_readings(
     experiment: Experiment, known: PriorInformation, stated: LinearFit, *, sound: bool
 ) -> Iterator[Finding]:
-    """Notices about readings and set-up; `stated` is the fit at stated variances."""
+    """Yield notices on readings and set-up; `stated`: fit at stated variances; `sound`: solution has not diverged."""
     from scipy.special import chdtrc
 
     fixture, poses = experiment.fixture, experiment.poses
@@ -149,7 +149,6 @@ def _of_parameters(
 
 
 def _offsets_beyond_tolerance(estimate: Estimate, arm: ArmModel) -> Iterator[Finding]:
-    """Yield a notice for each offset that differs from the file by over `OFFSET_NOTICE_SIGMAS` times its tolerance."""
     sigma = arm.offset_tolerance_rad
     for p, x in zip(estimate.parameters, estimate.x.tolist(), strict=True):
         entry = DhEntry.parse(p.name) if is_entry(p.name) else None

@@ -27,7 +27,7 @@ class OpenLoopCheck:
     `solution`: calibration of the open arm.
     `differences`: differences of all parameters of the arm that both calibrations identified; `before` is the value
     from the closed loop, `after` the value from the open arm. `chi2`: chi2 of all differences together.
-    `left_out`: offsets that one of the two calibrations cannot separate from its mounting.
+    `left_out`: offsets not compared, because one of the two calibrations cannot separate them from the mounting.
     """
 
     solution: Solution

@@ -34,8 +34,8 @@ def indistinguishable_placements(model: ClosureModel, estimate: Estimate) -> tup
     """Return findings of placements between which the fixture was not remounted.
 
     Each finding names the parameter with the largest difference in standard deviations, and states that difference.
-    `estimate` covers all unknowns of `model`. Stations of an instrument are not compared: no fixture is mounted, and
-    another station tells no more about the arm.
+    `estimate` covers all unknowns of `model`. Stations of an instrument are not compared: nothing is mounted there, and
+    a further station adds no information about the arm.
     """
     if not isinstance(model, Placements) or model.parts()[0][0].constrained_part is None:
         return ()

@@ -74,9 +74,11 @@ def predict_new_poses(
     `start`: start values (rad, m) of the parameters that the calibration lacks, e.g. another socket's coordinates, by
     their names in the loop of the new poses.
 
-    Returns the whitened residuals of the new poses, in their order, with at least the stated variances; the chi2 test
-    with the variances estimated in the calibration; and the derivatives (m, E, k) of the E closure equations of each
-    pose with respect to each possible shift, by joint number or `FIXTURE`. None if no model fits both sets of poses.
+    Returns None if no model fits both sets of poses, or else:
+
+    - whitened residuals of the new poses, in their order, with at least the stated variances;
+    - the chi2 test of the new poses, with the variances estimated in the calibration;
+    - derivatives (m, E, k) of each pose's E closure equations with respect to each shift, by joint or `FIXTURE`.
     """
     old = _used(solution, averaged_at_rest(new.arm, made_from))
     if len(new.poses.placements) == 1:
@@ -153,10 +155,10 @@ def errors_as_calibrated(
 
 
 def _as_learned(design: Layout, *, learned: Mapping[str, float]) -> FloatArray:
-    """Variances (K,) with which to predict new poses, as estimated from a calibration's own poses.
+    """Return variances (K,) of the error components for a prediction, as estimated from the calibration's poses.
 
-    Scales estimated in one part of the workspace may not apply in another: a share of the stated variance is kept
-    (method, section 10). If the estimated noise is larger than stated, the stated noise is used.
+    Variances estimated in one part of the workspace may not apply in another: a share of the stated variance is kept
+    (method, section 10). Variances of noise are at most the stated ones.
     """
     v = design.stated_variances()
     for k, c in enumerate(design.components):
@@ -171,7 +173,7 @@ def _as_learned(design: Layout, *, learned: Mapping[str, float]) -> FloatArray:
 
 
 def _at_least_stated(design: Layout, *, learned: Mapping[str, float]) -> FloatArray:
-    """Variances (K,) for the test of new poses: the estimated ones, but at least the stated ones."""
+    """Return variances (K,) of the error components for a test: those of `_as_learned`, but at least as stated."""
     return np.maximum(design.stated_variances(), _as_learned(design, learned=learned))
 
 
@@ -184,7 +186,11 @@ def fit_as_stated(
     old: int,
     variances: Callable[[Layout], FloatArray] = Layout.stated_variances,
 ) -> MixedFit:
-    """Fit old and new poses together; sag is expected along gravity unless the first `old` poses show otherwise."""
+    """Fit old and new poses together, at the stated variances or those that `variances` returns.
+
+    The fit expects sag along gravity, as stated. If in the first `old` poses the arm does not sag in this direction,
+    the fit is repeated with either direction equally likely.
+    """
     design = LinearModel(model, both.q_rad, errors, group=both.placement)
     v = variances(design)
     fitted = fit_mixed(design, x0, variances=v)
@@ -198,7 +204,7 @@ def fit_as_stated(
 
 
 def _used(solution: Solution, poses: PoseSet) -> PoseSet:
-    """Return the distinct poses that the calibration used; if there are more than `MOST`, that many of them."""
+    """Return the distinct poses that the calibration used; of more than `MOST` poses, an even selection of `MOST`."""
     on_branch = np.ones(len(poses), dtype=np.bool_)
     on_branch[list(solution.dropped_flipped)] = False
     distinct = distinct_poses(poses, on_branch)[0]
@@ -230,7 +236,7 @@ def _model(
 
 
 def _covariance(estimate: Estimate, column: Sequence[int | None]) -> FloatArray:
-    """Covariance of parameters with indices `column` in the estimate; very large variance where an index is None."""
+    """Return the covariance of the parameters at indices `column` of the estimate; None stands for a huge variance."""
     indices = [k for k, c in enumerate(column) if c is not None]
     rows = [c for c in column if c is not None]
     covariance = np.diag(np.full(len(column), NOT_KNOWN**2))

@@ -3,9 +3,9 @@
 Earlier poses determine the arm's own entries. Offsets that are measured from the fixture change within the fixture's
 tolerance at each remounting. If the fixture was once mounted outside its tolerance, the prior is wider accordingly.
 
-The innovation is the deviation of a reading from its prediction by earlier poses of the same placement. Nearby earlier
-poses have also determined linearity deviation, sag and compliance there: these errors add no uncertainty to this
-prediction, although they would add it to a prediction from the parameters alone.
+The innovation is the deviation of a reading from its prediction by earlier poses of the same placement. Earlier poses
+nearby also show the local linearity deviation, sag and compliance. These errors therefore add no uncertainty to the
+prediction, unlike to a prediction from the parameters alone.
 """
 
 from collections.abc import Mapping
@@ -41,10 +41,10 @@ EXACT = 1e-6
 class KnownArm:
     """Information about the arm from poses in earlier placements of a fixture.
 
-    `names`, `values` (k,), `covariance` (k, k): the k entries that are the same in every placement, rad and m.
-    `ends`: offsets that are measured from the fixture, by name: mean of each over the earlier placements, rad.
-    `placement_ratio`: deviation of the fixture from its nominal placement, rms over parameters and earlier placements,
-    in units of the standard deviation that its tolerance implies; at least 1.
+    `names`: the k entries that are the same in every placement. `values` (k,) and `covariance` (k, k): rad and m.
+    `ends`: by name, the mean over earlier placements, rad, of each offset that is measured from the fixture.
+    `placement_ratio`: rms deviation of earlier placements from the nominal one, divided by the standard deviation
+    that the fixture's tolerance implies; at least 1.
     """
 
     names: tuple[str, ...]
@@ -177,7 +177,7 @@ class Innovation:
     """Deviation of a reading from the prediction by earlier poses.
 
     `chi2`: chi2 of the reading; infinite if the loop does not close at the reading. `dof`: its degrees of freedom.
-    `usual`: largest chi2 of an earlier pose predicted from the other earlier poses; also large if the files are wrong.
+    `usual`: largest chi2 of any earlier pose, predicted from the other earlier poses; wrong files make it large too.
     `shifts`: by joint (1-based), the shift of this joint's reading that would explain most of the deviation.
     """
 
@@ -187,7 +187,7 @@ class Innovation:
     shifts: Mapping[int, ShiftOfReading]
 
     def unseen(self, shift_rad: float, chi2: float) -> tuple[int, ...]:
-        """Return the joints in which a shift by `shift_rad` would raise chi2 by less than `chi2` on average."""
+        """Return the joints whose reading would add less than `chi2` to chi2, on average, if shifted by `shift_rad`."""
         return tuple(j for j, s in self.shifts.items() if (shift_rad / s.sigma_rad) ** 2 < chi2)
 
 

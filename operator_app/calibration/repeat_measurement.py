@@ -1,7 +1,7 @@
 """A pose measured twice: whether something slipped in between, and by how much.
 
-The drives do not return exactly, and the other joints follow them: this part of the difference between the readings
-lies along the self-motions of the chain. The rest is noise, play, compliance of the fixture, or a slip.
+The drives do not return exactly, and the other joints follow the drives. The resulting difference between the readings
+lies along the self-motions of the chain. Any other difference is noise, play, compliance of the fixture, or a slip.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ SLIP_SIZES = np.geomspace(1.0, 1e4, 200)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RepeatedReading:
-    """Two readings of one pose, and the number of poses captured before the second.
+    """Two readings of one pose; `label`: its label, `after`: number of poses captured before the second reading.
 
-    `label`: label of the pose. `first_rad`, `again_rad` (n,): means of `samples` and of `samples_again` samples.
+    `first_rad` (n,): mean of `samples` samples. `again_rad` (n,): mean of the second reading's `samples_again` samples.
     """
 
     label: str
@@ -49,12 +49,12 @@ class RepeatedReading:
 class Repeat:
     """Comparison of two readings of one pose.
 
-    `difference_rad`: (n,) second reading minus the first, all joints.
-    `chi2`, `dof`: chi2 of the part of the difference that no motion of the chain explains, under stated noise, play and
-    compliance. `joint`: joint (1-based) whose slip would explain more of this chi2 than the slip of any other joint.
-    `size_rad`, `sigma_rad`: most likely value of that slip, and its standard uncertainty.
-    `joint_odds`: likelihood ratio between a slip of that joint and a slip of the fixture, each at its most likely
-    magnitude. `turned_rad`, `shifted_m`: rotation and displacement of the fixture, if the fixture slipped.
+    `difference_rad` (n,): second reading minus the first, all joints.
+    `chi2`, `dof`: test of the difference that no motion of the chain explains, under stated noise, play and compliance.
+    `joint`: joint (1-based) whose slip would explain most of this chi2.
+    `size_rad`, `sigma_rad`: most likely slip of this joint, and its standard uncertainty.
+    `turned_rad`, `shifted_m`: most likely rotation and displacement of the fixture, if it slipped instead.
+    `joint_odds`: likelihood of the joint's slip divided by that of the fixture's slip, each at its most likely size.
     """
 
     difference_rad: FloatArray
@@ -75,10 +75,10 @@ def compare_readings(
     read: RepeatedReading,
     compliance: Compliance,
 ) -> Repeat | None:
-    """Compare two readings of one pose under the stated errors; None if the chain allows any difference between them.
+    """Compare two readings of one pose under the stated errors; None if motions of the chain explain any difference.
 
-    `model`, `x`: the loop of this pose and its calibrated parameters, from which the motions of the chain follow.
-    `compliance`: stated deflection of the fixture, which may differ between the readings if friction reverses.
+    `model`, `x`: the loop of this pose and its calibrated parameters, which determine the motions of the chain.
+    `compliance`: stated compliance of the fixture, whose deflection may differ between the readings due to friction.
     """
     used, variances = [], []
     for j, joint in enumerate(arm.joints):
@@ -139,9 +139,9 @@ def compare_readings(
 
 
 def _of_fixture(d: FloatArray, columns: FloatArray) -> tuple[float, FloatArray]:
-    """Return the gain in log-likelihood from a slip of the fixture, and the slip (k,), for the difference `d` (r,).
+    """Return the gain in log-likelihood if the fixture slipped, and the most likely slip (k,).
 
-    `columns` (r, k): change of `d` per unit slip along each component. `d` is whitened: its noise has unit variance.
+    `d` (r,): difference of two readings, whitened to unit variance. `columns` (r, k): change of `d` per unit slip.
     """
     values, vectors = np.linalg.eigh(columns @ columns.T)
     along = vectors.T @ d
@@ -157,7 +157,7 @@ def repeats_of(
 ) -> tuple[tuple[RepeatedReading, Repeat], ...]:
     """Compare the two readings of each repeated pose in `used`; `model` has the loops of `used`.
 
-    For an open arm the result is empty, because its drives alone determine the repeated pose.
+    For an open arm the result is empty: without a loop, the drives alone may cause any difference.
     """
     if model.parts()[0][0].constrained_part is None:
         return ()

@@ -52,11 +52,11 @@ class Solution:
     `implicit`: estimate of the implicit estimator, if the paper's estimator was chosen.
     `best`: best D-H table for uncorrected readings, with sigmas; None with the paper's estimator or unsensed joints.
     `corrections`: corrections that a controller may add to the readings; None in the same cases as `best`.
-    `with_best_table`, `with_corrections`: closure sigmas with `best`, and with the identified entries at readings plus
-    `corrections`; None in the same cases as `best`.
+    `with_best_table`: closure sigmas with `best`; None in the same cases as `best`.
+    `with_corrections`: closure sigmas with the identified entries, at readings to which `corrections` are added.
     `shares`: share of each parameter's information that comes from the poses, by name.
     `unsensed_offsets`: offsets, by joint, of joints whose readings were not used.
-    `length_tolerance_m`: standard deviation of the link lengths requested in place of the arm file's; else None.
+    `length_tolerance_m`: standard deviation of the link lengths, if one was stated in place of the arm file's.
     `truth`: errors relative to the true values; None if these are unknown, as for any real arm.
     `hand`, `accuracy`, `condition_at_readings`, `best` and `unsensed_offsets` are None in records of earlier versions.
     """

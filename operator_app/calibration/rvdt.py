@@ -47,7 +47,7 @@ def check_rvdts(
 ) -> tuple[RvdtVerdict, ...]:
     """Test the noise of every RVDT and, if there is a single placement, its readings against the loops.
 
-    `calibrated`: fit of the `distinct` poses (k,) with the RVDTs' readings, used to start the fit without them.
+    `calibrated`: fit of the `distinct` poses (k,) with the RVDTs' readings; the fit without them starts from it.
     """
     arm, poses = experiment.arm, experiment.poses
     sensors = {
@@ -153,9 +153,9 @@ class ReadingTable:
     """Corrections of the readings of one joint.
 
     `joint`: 1-based. `theta_off_rad`: offset to be used with corrected readings.
-    `gain`: change of reading per change of angle, ideally 1; included in the corrections.
-    `reading_rad`, `add_rad`, `sigma_rad` (k,): readings in rising order; corrections to add to the readings, to be
-    interpolated linearly; and their standard uncertainty.
+    `gain`: change of reading per change of angle, ideally 1; the corrections already contain it.
+    `reading_rad` (k,): readings in rising order. `add_rad` (k,): correction to add at each of them, to be interpolated
+    linearly in between. `sigma_rad` (k,): standard uncertainty of each correction.
     """
 
     joint: int
@@ -167,7 +167,7 @@ class ReadingTable:
 
     @classmethod
     def of(cls, remedy: RvdtRemedy) -> ReadingTable:
-        """Return the corrections of one joint from `remedy`, their record in a parameters file."""
+        """Return the corrections of one joint that a parameters file states in the record `remedy`."""
         rows = [(row.reading_deg, row.add_deg, row.sigma_deg) for row in remedy.table]
         reading, add, sigma = np.deg2rad(rows).T
         return cls(

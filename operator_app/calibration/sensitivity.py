@@ -36,7 +36,7 @@ class SourceSensitivity:
 def source_sensitivities(solution: Solution) -> tuple[SourceSensitivity, ...]:
     """Return the largest source of error of each of the least certain parameters.
 
-    The result is empty without an uncertainty budget, or if the solution has diverged: a smaller error would not help.
+    The result is empty without an uncertainty budget, and for a diverged solution: smaller errors would not mend it.
     """
     if solution.components is None or solution.adjudication.diverged:
         return ()
@@ -68,7 +68,7 @@ def source_sensitivities(solution: Solution) -> tuple[SourceSensitivity, ...]:
 def exceeded_source(calibrated: Calibrated, name: str) -> str:
     """Return a parameter's main source of error if that source exceeds its specification; otherwise "".
 
-    A main source contributes more than half of the variance. Without one, only more varied poses would help.
+    A main source contributes more than half of the variance. If "" is returned, only more varied poses would help.
     """
     budget, names = calibrated.components.budget, [p.name for p in calibrated.estimate.parameters]
     if not budget or name not in names:

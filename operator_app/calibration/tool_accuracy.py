@@ -63,8 +63,8 @@ class HandAccuracy:
     `after`: remaining error from the covariance of the parameters, one standard deviation.
     `poses`: number of poses, evenly spread over all joints' ranges.
     `holds_for`: fixed offsets whose uncertainty no file states: `after` is valid only if their fixed values are right.
-    `stated`: parameters known from the files rather than from the poses. `after_by_poses`: `after` without the
-    uncertainty of these parameters and of fixed offsets. They are () and None if this uncertainty contributes little.
+    `stated`: parameters known from files rather than from the poses; () if their uncertainty contributes little.
+    `after_by_poses`: `after` without this uncertainty and that of fixed offsets; None if these contribute little.
     """
 
     before: Spread
@@ -91,7 +91,7 @@ class TrueErrors:
 
 
 def spread_of(distances_m: FloatArray) -> Spread:
-    """Summarise distances (m,), m."""
+    """Return the root mean square, 95 % quantile and maximum of distances (m,), m."""
     return Spread(
         rms=float(np.sqrt(np.mean(distances_m**2))),
         most=float(np.quantile(distances_m, 0.95)),
@@ -100,7 +100,7 @@ def spread_of(distances_m: FloatArray) -> Spread:
 
 
 def spread_along(J: FloatArray, C: FloatArray) -> FloatArray:
-    """Return ``trace(J C J')`` (m,): derivatives J (m, 3, P) with respect to parameters, covariance C (P, P)."""
+    """Return ``trace(J C J')`` (m,); J (m, 3, P): derivatives by parameters, C (P, P): covariance of the parameters."""
     # One product for all poses is faster than many small ones.
     rows = J.reshape(-1, len(C))
     return np.asarray(np.maximum(((rows @ C) * rows).reshape(len(J), -1).sum(-1), 0.0))

@@ -72,13 +72,13 @@ class VerificationResult:
     """Result of a verification with new poses.
 
     `nominal`: closure sigmas of the same poses at the nominal parameters, for comparison.
-    `odd_poses`: rows of outliers, the worst first: poses that deviate more than can be due to chance. In 1 of 1000
-    pose sets without a fault there is such a pose. Of rows that repeat a pose, the first is named.
+    `odd_poses`: rows of outliers, i.e. of poses that deviate too much to be due to chance, the worst first. If rows
+    repeat an outlier, only the first is listed. Without any fault, 1 in 1000 pose sets has an outlier.
     `poses`: number of distinct poses.
     `shift`: common shift of one joint or the fixture in all new poses; None if there is none.
     `instrument`: whether an instrument measured the endpoints of the open arm, instead of a fixture.
-    `stated`: the test with at least the stated errors. It allows variances larger than stated by the factor
-    `STATED_VARIANCE_FACTOR` or, if that is larger, by the chi2/dof of the accepted calibration.
+    `stated`: the test with at least the stated errors. Its upper limit is raised by `STATED_VARIANCE_FACTOR` or, if
+    this is larger, by the chi2/dof of the accepted calibration.
     `in_use`: closure sigmas of the same poses with the best table and with the corrections.
     `others_fit`: whether the poses outside `odd_poses` pass the test `stated`, and there is no common shift.
     """
@@ -120,7 +120,7 @@ class VerificationResult:
 def fixed_calibration(solution: Solution, placement: int | None = None) -> Fixed:
     """Return the calibrated parameters, their covariance, noise of sensors and fixture, and unsensed joints.
 
-    `placement`: return only this placement's parameters, under names without its number; None: those of all.
+    `placement`: return only the parameters of this placement, without its number in their names; None: of all.
     """
     estimate, components = solution.estimate, solution.components
     names, columns = [p.name for p in estimate.parameters], np.arange(len(estimate.x))
@@ -158,14 +158,13 @@ def verify_poses(
     *,
     elsewhere: bool = False,
 ) -> VerificationResult:
-    """Test new poses of the same arm in the same fixture, of one calibrated placement or of all of them.
+    """Test new poses of the same arm in the same fixture: in one calibrated placement, or in all of them.
 
-    Linearity deviation, sag and compliance are known from the calibration's own poses, `made_from` (including those on
-    the flipped branch), and the test searches for one common shift. `elsewhere`: the new poses may be of other
-    placements, which are then estimated from the new poses with all other parameters fixed. Rows that repeat a pose
-    count once, as in the calibration. Raises `ValueError` if the parameters are not those of this loop (another
-    fixture, or another number of placements), `NoTestError` if the new poses only determine where their own socket or
-    station is.
+    Linearity deviation, sag and compliance are known from the calibration's own poses, `made_from` (including flipped
+    poses). The test searches for one common shift. Rows that repeat a pose count once, as in the calibration.
+    `elsewhere`: the new poses may be in other placements. These are then estimated from the new poses, with all other
+    parameters fixed. Raises `ValueError` if the calibration is of another loop (another fixture, or another number of
+    placements), and `NoTestError` if the new poses only suffice to locate their own socket or station.
     """
     rows = averaged_at_rest(arm, poses)
     distinct, which = distinct_poses(rows, np.ones(len(rows), dtype=np.bool_))
@@ -251,7 +250,7 @@ def _with_prediction(
 ) -> VerificationResult:
     """Return `result` with tests of the new poses against their prediction from the calibration's poses.
 
-    `residuals`, `sharp`, `subjects`: the prediction, i.e. what `predict_new_poses` returned.
+    `residuals`, `sharp`, `subjects`: the three results of `predict_new_poses`.
     `scale`: factor, at least 1, by which the accepted calibration's variances exceed the stated variances. It widens
     the test of each single pose; the test of all poses together is widened by at least `STATED_VARIANCE_FACTOR`.
     """
@@ -291,9 +290,9 @@ def _with_prediction(
 
 
 def stated_noise(experiment: Experiment, fixed: Fixed | None = None) -> NoiseModel:
-    """Return the stated noise of new readings or, if it is smaller, the noise estimated in the calibration (`fixed`).
+    """Return the noise of new readings: as stated, or as estimated in the calibration (`fixed`) if that is smaller.
 
-    A larger estimate is not used: after a slip of the fixture during the calibration every later pose would pass.
+    A larger estimate is not used: a slip during the calibration may have caused it, and any later pose would then pass.
     """
     arm, compliance = experiment.arm, experiment.fixture.compliance
     stated = noise_model(experiment)
@@ -319,7 +318,7 @@ def _fixed_and_unknown(
     poses: PoseSet,
     calibrated: tuple[int, ...],
 ) -> tuple[Fixed, tuple[str, ...]]:
-    """Return the fixed parameters under their names in the new poses' model, and the parameters still unknown."""
+    """Return the fixed parameters, renamed as in `model`, and the names of parameters of uncalibrated placements."""
     known, sources, unknown = list(fixed.values), dict[str, str](), list[str]()
     for p in model.parameters:
         base, _, number = p.name.rstrip("]").partition("[")
@@ -378,8 +377,8 @@ def verify_new_poses(
 ) -> VerificationResult:
     """Test a calibration with poses from which it was not made.
 
-    `made_from`: the poses of `solution`. `new`: other poses, of one calibrated placement or of all of them. Raises
-    `NoTestError` if the new poses cannot test this calibration.
+    `made_from`: the poses of `solution`. `new`: other poses, in one calibrated placement, in all of them or, if
+    `may_be_elsewhere`, in others. Raises `NoTestError` if the new poses cannot test this calibration.
     """
     require_in_range(arm, new, solution)
     require_new(new, made_from, fixture)
@@ -402,9 +401,9 @@ def require_in_range(arm: ArmModel, new: PoseSet, solution: Solution) -> None:
 
 
 def may_be_elsewhere(fixture: EndpointConstraint) -> bool:
-    """Whether poses of another placement (another socket, or another station of an instrument) can test a calibration.
+    """Whether poses in a placement that was not calibrated (another socket or station) can test a calibration.
 
-    For this, the ball or the instrument's target must stay on the tool, and no file may fix the instrument's station.
+    They can if the ball or the instrument's target stays on the tool, and no file fixes the instrument's station.
     """
     moves = fixture.kind == "ball" or (isinstance(fixture, Measured) and not fixture.base_known)
     return moves and fixture.stays_on_hand
@@ -429,7 +428,7 @@ def _are_calibrated(new: PoseSet, made_from: PoseSet) -> bool:
 def require_calibrated_placement(
     new: PoseSet, made_from: PoseSet, fixture: EndpointConstraint
 ) -> None:
-    """Raise `NoTestError` if the new poses must be of one calibrated placement or of all of them, but are not."""
+    """Raise `NoTestError` unless the new poses are of one calibrated placement, of all, or `may_be_elsewhere`."""
     if may_be_elsewhere(fixture) or _are_calibrated(new, made_from):
         return
     known, states = made_from.placements, new.placements

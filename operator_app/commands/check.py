@@ -54,7 +54,7 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _read(kind: AnyKind | None, name: str) -> Resource:
-    """Read a file, or a built-in file if `kind` is its kind; raises UsageError for a built-in name without kind."""
+    """Read the file `name`. A built-in file can be read only with its `kind`; without `kind`, raise UsageError."""
     if kind in FILE_ARGUMENTS:
         return resolve(kind, name)
     builtin, path = [k for k in FILE_ARGUMENTS if name in builtin_names(k)], expanded(name)

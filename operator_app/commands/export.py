@@ -19,7 +19,7 @@ from operator_app.session.workflow.opening import resume
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Read the session's calibration, write the document, and upload it with --upload."""
+    """Write the session's calibration to a file; with ``--upload``, also upload its parameters to the controller."""
     kind = _format(args)
     if args.upload and kind != "yaml":
         raise UsageError(f"--upload: a controller takes the parameters file, not {kind}")

@@ -98,7 +98,7 @@ def execute(args: argparse.Namespace) -> int:
 def _poses(
     args: argparse.Namespace, joints: tuple[str, ...], *, instrument: bool
 ) -> tuple[PoseSet, dict[str, list[dict[str, Any]]]]:
-    """Return the poses of all files, one placement per file if there are several, and JSON data on the recordings."""
+    """Return the poses of all files, and JSON data on the recordings. Each of several files is a separate placement."""
     unit: Unit | None = "rad" if args.rad else "deg" if args.deg else None
     pose_sets, recordings = [], []
     of_recordings = (args.dwell_s, args.spread_deg, args.topic) != (None, None, None)

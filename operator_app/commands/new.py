@@ -59,7 +59,7 @@ HOMES = {
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Create the file; print what to check."""
+    """Create the file, and print what the user must check in it."""
     of_others = {o for options in OF_WHAT.values() for o in options} - set(OF_WHAT[args.what])
     for name in sorted(of_others):
         if getattr(args, name) is not None:

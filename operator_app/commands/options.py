@@ -61,7 +61,7 @@ def numbers(text: str) -> tuple[int, ...]:
 
 
 def a_name(text: str) -> str:
-    """Parse a text option that must not be empty."""
+    """Return `text`, the value of an option; raises ArgumentTypeError if it is empty."""
     if not text.strip():
         raise argparse.ArgumentTypeError(
             "the value is empty: give a value, or leave the option out; an unset shell variable is empty"
@@ -130,8 +130,8 @@ Declaration = Callable[[argparse._ActionsContainer], object]  # noqa: SLF001 - n
 def option(usage: str, description: str, **more: Any) -> Declaration:
     """Return the declaration of an option (``-o --output FILE``) or an argument (``poses+ FILE``).
 
-    An option without a metavar (and without `choices`) is a switch; other options and arguments take, by default, text
-    that must not be empty. `more`: further arguments to argparse, in addition to those in `ARGUMENTS`.
+    An option with neither a metavar (``FILE``) nor `choices` is a switch. All others take a value; unless `more` or
+    `ARGUMENTS` has a ``type``, this value is a text that must not be empty. `more`: further arguments to argparse.
     """
     more = {**ARGUMENTS.get(usage, {}), **more}
     names = usage.split()
@@ -156,7 +156,7 @@ def descriptions(text: str) -> dict[str, str]:
 
 
 def declaration(*parts: str | Declaration) -> Declaration:
-    """Return the declaration of all parts; a text declares the options that it describes."""
+    """Return a function that adds all `parts` to a parser; a part that is text adds the options it describes."""
 
     def declare(parser: argparse._ActionsContainer) -> None:
         for part in parts:
@@ -168,7 +168,7 @@ def declaration(*parts: str | Declaration) -> Declaration:
 
 
 def group(title: str, *parts: str | Declaration) -> Declaration:
-    """Return the declaration of options under a title."""
+    """Return a function that adds `parts`, as `declaration` does, under a title in the help."""
     return lambda parser: declaration(*parts)(parser.add_argument_group(title))
 
 

@@ -62,10 +62,10 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _of_files(args: argparse.Namespace) -> tuple[Procedure, FloatArray | None, str]:
-    """Return the procedure with the options' arm and fixture, None for the captured poses, and "nominal geometry".
+    """Return the procedure with arm and fixture from the options, None for the readings, and "nominal geometry".
 
-    The drive joints are the procedure's, unless the options replace the arm or, with the default procedure, the kind of
-    fixture: then the planner chooses them.
+    With another arm, or without ``--procedure`` and with another kind of fixture, the planner chooses the drive joints.
+    Otherwise they are those of the procedure.
     """
     procedure = load_procedure(args.procedure or "hinge")
     if args.arm:
@@ -90,7 +90,7 @@ def _of_files(args: argparse.Namespace) -> tuple[Procedure, FloatArray | None, s
 
 
 def _of_session(args: argparse.Namespace) -> tuple[Procedure, FloatArray | None, str]:
-    """Return the session's procedure, its captured poses (m, n), rad, and a text on what the plan is based on."""
+    """Return the session's procedure, the readings (m, n), rad, of the used poses, and the plan's basis as text."""
     if args.procedure or args.arm or args.fixture:
         raise UsageError(
             "--session: a session states procedure, arm and fixture; leave those options out"

@@ -72,9 +72,10 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def probe_json(result: Probe) -> dict[str, Any]:
-    """Return a probe as JSON data; each node has ``pdos``, its valid PDOs, and ``room``, what a new profile may use.
+    """Return a probe as JSON data; each node lists its valid PDOs, and has ``room`` for drafting a bus profile.
 
-    ``room``: numbers of all PDOs that the node receives ("taken") and sends ("sent"), and bits of each required object.
+    ``room``: numbers of all PDOs that the node receives ("taken") and sends ("sent"), and the width in bits of each
+    object that the PDOs must carry ("bits").
     """
     data = asdict(result)
     for node, shown in zip(result.nodes, data["nodes"], strict=True):

@@ -1,4 +1,4 @@
-"""`sarcal report`: report of a session as HTML page, text or JSON."""
+"""`sarcal report`: the report of a session as an HTML page, text or JSON."""
 
 import argparse
 import sys

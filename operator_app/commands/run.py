@@ -1,7 +1,7 @@
-"""`sarcal run`: carries out a procedure from Connect to Export, without asking except for a remounted fixture.
+"""`sarcal run`: carries out a procedure from Connect to Export; asks the operator only to confirm a remounted fixture.
 
-The confirmation that the fixture is remounted goes into the journal before the arm is connected, so that an interrupted
-session resumes in the right placement.
+This confirmation is written to the journal before the arm is connected, so that an interrupted session resumes in the
+right placement.
 """
 
 from __future__ import annotations
@@ -126,8 +126,9 @@ def _report(args: argparse.Namespace, session: Session, result: RunResult) -> No
 class RunResult:
     """Result of a run.
 
-    `exported`: None if the calibration was not exported. `capture`: why a planned capture ended; None if the poses were
-    not planned. `advice`: hinge placement that would determine imprecise parameters better, as text, or "".
+    `exported`: the export; None if the calibration was not exported.
+    `capture`: why the planned capture ended; None if the poses were not planned.
+    `advice`: a hinge placement that would determine the imprecise parameters better, as text; else empty.
     """
 
     solution: Solution
@@ -227,9 +228,9 @@ def next_placement(
 
 
 def require_mounted(opening: Opening, listener: ConsoleListener) -> None:
-    """If a later placement has no pose yet, wait until the operator confirms its mounting, and record this.
+    """If the current placement must still be confirmed, ask whether the fixture is mounted, and record the answer.
 
-    Raises `SessionError` if the operator did not confirm.
+    For an arm simulated by this program, nothing is asked. Raises `SessionError` if the operator did not confirm.
     """
     if not opening.state.unconfirmed_placement:
         return
@@ -245,7 +246,7 @@ def require_mounted(opening: Opening, listener: ConsoleListener) -> None:
 def _confirm(
     opening: Opening, listener: ConsoleListener, number: int, lines: tuple[str, ...]
 ) -> None:
-    """Write `lines`, and wait until the operator types the word "mounted"; text typed before is ignored."""
+    """Write `lines`, and wait until the operator types the word "mounted"; text typed earlier is ignored."""
     try:
         for line in lines:
             listener.report(line)

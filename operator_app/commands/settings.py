@@ -10,7 +10,7 @@ from operator_app.safe_output import as_json, say
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Change the named settings, then show all."""
+    """Change the settings that the arguments state, then show all settings."""
     texts: dict[str, str] = {}
     for text in args.settings:
         key, equals, value = text.partition("=")

@@ -119,7 +119,7 @@ def _test_poses(
 
 
 def _tables(args: argparse.Namespace, arm: ArmModel) -> tuple[str, tuple[ReadingTable, ...]]:
-    """Return the SHA-256 of the poses from which file ``--rvdt-table`` was made, and its RVDT tables; else "", ()."""
+    """Return the SHA-256 of the poses and the RVDT tables that file ``--rvdt-table`` states; without it, "" and ()."""
     if not args.rvdt_table:
         return "", ()
     document, option = load_parameters(args.rvdt_table), f"--rvdt-table {args.rvdt_table}"

@@ -145,7 +145,7 @@ def kind_of(source: Resource) -> AnyKind | None:
 
 
 def _parsed(source: Resource, kind: AnyKind | None, joints: set[int]) -> FileContent:
-    """Read a file of this kind; `joints`: joint counts of the arms read so far. Raises ConfigError."""
+    """Read a file, which must fit the joint counts `joints` of the arms read so far; raises ConfigError."""
     data, file = source.data, source.file
     # If the arms differ in their number of joints, the number for this file is not known.
     count = next(iter(joints)) if len(joints) == 1 else None

@@ -48,7 +48,7 @@ class RowModel(StrictModel):
 
 
 class SensorFields(StrictModel):
-    """Base of sensor models: each key except `kind` is an argument of the class `makes`, in the units of the file."""
+    """Base of sensor models. Their keys, except `kind`, are the arguments of the class `makes`, in the file's units."""
 
     makes: ClassVar[type[Sensor]]
 
@@ -282,8 +282,8 @@ class ArmFile(StrictModel):
 
 
 PARALLEL_RAD = math.radians(10.0)
-"""Neighbouring axes nearer to parallel than this need Hayati's row [9]: a twist error of 0.1 deg would move the foot of
-their common normal, from which s is measured, by at least 1 % of the entry a."""
+"""Neighbouring axes nearer to parallel than this need a row with Hayati's beta (paper, [9]): a twist error of 0.1 deg
+would move the foot of their common normal, from which s is measured, by at least 1 % of the entry a."""
 
 
 def _is_hayati(row: RowModel) -> bool:

@@ -1,6 +1,6 @@
 """Writes a file whole or not at all, even in a power cut, and formats YAML that `strict_yaml` reads back exactly.
 
-A float has as many digits as are needed to read the same double (at most 17). A text is quoted if it could be read as
+Floats have as many digits as are needed to read the same double (at most 17). Text is quoted if it could be read as
 another type.
 """
 
@@ -24,11 +24,11 @@ def write_atomically(path: Path, data: bytes, *, through_link: bool = False) -> 
     """Write `data` to a temporary file in the same folder, fsync, rename it to `path`, and fsync the folder.
 
     A reader finds the old file or the new one, never a part, even after a power cut. The permissions of an existing
-    file are kept. A symbolic link is replaced by a file, not followed, since a folder from somebody else may contain
-    links to any file; with `through_link`, its target is replaced instead.
+    file are kept. If `path` is a symbolic link, the file replaces the link, since a folder from somebody else may
+    contain links to any file; with `through_link`, the file replaces the link's target instead.
 
-    Raises WriteError if the system refuses, or if `path` is or links to a device or a pipe: root could otherwise
-    replace `/dev/null`. Nothing has changed then, and no temporary file remains.
+    Raises WriteError if the operating system refuses to write. Also raises it if `path` is a device or pipe, or a link
+    to one: root could otherwise replace `/dev/null`. After an error, no temporary file remains.
     """
     try:
         if path.exists() and not (path.is_file() or path.is_dir()):
@@ -87,7 +87,7 @@ def dump_strict(data: Mapping[str, Any], *, comment: str = "") -> bytes:
 
 
 def scalar_text(value: str) -> str:
-    """Format a text as the value of a key, on one line, quoted if it could be read as another type."""
+    """Format text as the value of a YAML key, on one line, quoted if it could be read as another type."""
     written: str = yaml.dump(value, Dumper=_StrictDumper, width=math.inf)
     return written.removesuffix("...\n").rstrip("\n")
 

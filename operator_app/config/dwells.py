@@ -15,7 +15,7 @@ from solver.chain.poses import PoseSet
 
 DWELL_S = 1.0
 DWELL_SPREAD_DEG = 0.05
-"""Defaults: smallest duration of a dwell, and largest spread (largest minus smallest reading of each joint) in it."""
+"""Defaults: smallest duration of a dwell, and largest spread (maximum minus minimum) of a joint's readings in it."""
 
 LEAST_SAMPLES = 5
 GAP_STEPS, GAP_SHARE = 5.0, 0.25
@@ -31,9 +31,9 @@ EDGE_SIGMAS = 5.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Dwell:
-    """A time at rest: start and duration (s), number of samples, their mean and standard deviation (n,), rad.
+    """A time at rest, from `start_s` for `seconds`; mean and standard deviation (n,), rad, of the samples in it.
 
-    `first`: index of the first sample in the recording.
+    `first`: index of the first of these samples in the recording. `samples`: their number.
     """
 
     start_s: float
@@ -46,7 +46,7 @@ class Dwell:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RefusedDwell:
-    """A rest that is not a dwell: `joint` (from 1) moved by `moved_rad` or, if `joint` is 0, the rest was too short."""
+    """A rest refused as a dwell: `joint` (from 1) moved by `moved_rad` or, if `joint` is 0, the rest was too short."""
 
     start_s: float
     seconds: float
@@ -82,7 +82,7 @@ def find_dwells(
     dwell_s: float = DWELL_S,
     spread_rad: float = math.radians(DWELL_SPREAD_DEG),
 ) -> tuple[tuple[Dwell, ...], tuple[RefusedDwell, ...]]:
-    """Return the dwells in samples `q_rad` (m, n) at rising times `time_s` (m,), and the rests that are not dwells."""
+    """Return the dwells in samples `q_rad` (m, n) at rising times `time_s` (m,), and the rests that were refused."""
     if len(time_s) < LEAST_SAMPLES:
         return (), ()
     step = np.diff(time_s)
@@ -116,7 +116,7 @@ def find_dwells(
 
 
 def smallest_spread_rad(time_s: FloatArray, q_rad: FloatArray, dwell_s: float) -> float:
-    """Return the spread, rad, of the joint that moves most in the calmest window of `dwell_s`; inf if none fits."""
+    """Return the spread, rad, in the calmest window of `dwell_s`, of the joint that moves most; inf if none fits."""
     last = np.searchsorted(time_s, time_s + dwell_s * (1.0 - 1e-9))
     return float(_ranges(q_rad, last[last < len(time_s)]).max(axis=1).min(initial=np.inf))
 
@@ -133,7 +133,7 @@ def _dwell(
     ends: tuple[int, int],
     spread_rad: float,
 ) -> Dwell | RefusedDwell:
-    """Return the dwell in samples `ends[0]` to `ends[1]`, less any motion at its ends, or a `RefusedDwell`."""
+    """Return the dwell in samples `ends[0]` to `ends[1]`, without motion at either end, or why there is none."""
     at_rest = q_rad[ends[0] : ends[1] + 1]
     away = np.abs(at_rest - np.median(at_rest, axis=0))
     noise = 1.4826 * np.median(away, axis=0)
@@ -157,7 +157,7 @@ def _dwell(
 def _at_rest(
     at_s: FloatArray, q_rad: FloatArray, window_s: float, spread_rad: float
 ) -> Iterator[tuple[int, int]]:
-    """Yield first and last index of each region covered by windows of `window_s` with spreads up to `spread_rad`."""
+    """Yield first and last index of each rest: overlapping windows of `window_s` with spreads up to `spread_rad`."""
     count = len(at_s)
     first = np.arange(count)
     last = np.maximum(
@@ -169,7 +169,7 @@ def _at_rest(
     if not len(rest):
         return
     begins, ends = first[rest], last[rest]
-    # Windows are in order of their ends: a region ends where the next window begins after it.
+    # Windows are in order of their ends: a rest ends if the next window does not overlap it.
     cuts = np.flatnonzero(begins[1:] > ends[:-1])
     for a, b in zip((0, *(cuts + 1)), (*cuts, len(rest) - 1), strict=True):
         yield int(begins[a]), int(ends[b])

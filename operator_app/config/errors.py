@@ -16,10 +16,11 @@ if TYPE_CHECKING:
 class Problem:
     """One problem of a file.
 
-    `file`: name of the file as the user typed it, or ``packaged:<name>``. `line` counts from 1 and is None if the
-    problem concerns the whole file. `column`: character in the line (YAML) or number of the field (CSV), from 1. `key`:
-    path in the document, e.g. ``joints[joint 6].sensor.bits``, or name of the CSV column; "" for the whole file. An
-    item of a list is named by the row or joint that it states, else by its position from 1.
+    `file`: name of the file as the user typed it, or ``packaged:<name>.yaml`` for a built-in file.
+    `line`: number of the line, from 1; None if the problem concerns the whole file.
+    `column`: number of the character in the line (YAML) or of the field (CSV), from 1.
+    `key`: path of the value, see `YamlDocument.name` (``joints[joint 6].sensor.bits``), or name of the CSV column; ""
+    for the whole file.
     """
 
     file: str

@@ -99,13 +99,13 @@ class CommonFields(StrictModel, ABC):
 
     @abstractmethod
     def own(self) -> dict[str, Any]:
-        """Return the arguments that only this kind of fixture needs, by name."""
+        """Return the arguments of `makes` that only this kind of fixture has, by name."""
 
 
 class MetalFields(CommonFields):
     """Common fields in the files of fixtures that constrain the tool.
 
-    `give`: compliance. `stiffness`: has no effect; files of earlier versions may state it.
+    `give`: compliance. `stiffness` has no effect, but files of earlier versions may state it.
     """
 
     holds: ClassVar[tuple[str, ...]] = ("position_mm", "orientation_mrad")
@@ -114,7 +114,7 @@ class MetalFields(CommonFields):
     stiffness: Any = None
 
     def own(self) -> dict[str, Any]:
-        """Return the compliance, as an argument of the fixture."""
+        """Return the argument ``compliance``."""
         return {"compliance": self.give.compliance(self.holds)}
 
 
@@ -200,7 +200,7 @@ class BallModel(MetalFields):
         return value
 
     def own(self) -> dict[str, Any]:
-        """Return the compliance and the measured distances between sockets, as arguments of the ball."""
+        """Return the arguments ``compliance`` and ``distances``, the measured distances between sockets."""
         known = tuple(
             KnownDistance(between=d.between, value_m=d.mm / 1e3, sigma_m=d.sigma_mm / 1e3)
             for d in self.distance
@@ -239,7 +239,7 @@ class MeasuredModel(CommonFields):
     stays_on_hand: quantities.Yes = True
 
     def own(self) -> dict[str, Any]:
-        """Return the instrument's standard deviations, whether it measures poses, and which placements are known."""
+        """Return the instrument's sigmas, whether it measures poses, and which placements (base, target) are known."""
         return {
             "sigma_m": self.instrument_sigma_mm / 1e3,
             "sigma_rad": math.radians(self.instrument_sigma_deg),

@@ -112,7 +112,7 @@ def load_joint_log(
 
 
 def wrong_header(header: list[str], width: int, file: str, line: int) -> ConfigError:
-    """Return the error for a header whose number of cells is not `width`, that of the first row of angles."""
+    """Return the error for a header that has more or fewer cells than the first row of angles, which has `width`."""
     text = f"the header has {len(header)} cells, but the first row of angles has {width}"
     return only(file, text, "name each column, or remove the header", line=line)
 
@@ -173,7 +173,7 @@ def read_numbers(
 
 
 def _require_plausible(q: FloatArray, body: list[Record], file: str, *, radians: bool) -> None:
-    """Raise ConfigError if an angle of `q` (m, n), in rad or deg, exceeds ten turns and is probably in counts."""
+    """Raise ConfigError if an angle in `q` (m, n), rad or deg, exceeds ten turns: it is probably in counts."""
     row, joint = np.unravel_index(np.argmax(np.abs(q)), q.shape)
     value, remedy = float(q[row, joint]), "give degrees"
     text = angle_doubt(math.degrees(value) if radians else value)
@@ -185,7 +185,7 @@ def _require_plausible(q: FloatArray, body: list[Record], file: str, *, radians:
 
 
 def _placements(body: list[Record], by: int, file: str) -> tuple[list[int], tuple[str, ...] | None]:
-    """Return the placement number of each row, from column `by`, and notes with the names if the column has names."""
+    """Return each row's placement number, from column `by`; if this column has names, also return them as notes."""
     names = [cells[by] for _, cells in body]
     if "" in names:
         line, remedy = body[names.index("")][0], "give the placement a number or a name"
@@ -252,7 +252,7 @@ def find_columns(
     file: str,
     joints: Sequence[str] = (),
 ) -> tuple[int, ...]:
-    """Return the column indices (from 0) of joints 1 to n: as named in `option`, else as recognised in `remaining`."""
+    """Return the column indices (from 0) of joints 1 to n, as listed in `option`, or else found in `remaining`."""
     count = len(body[0][1])
     if not option:
         named = [header[k] for k in remaining] if header else []
@@ -303,9 +303,9 @@ def _is_time(name: Sequence[str], body: list[Record], column: int) -> bool:
 def joint_order(names: Sequence[str], joints: Sequence[str], count: int) -> tuple[int, ...]:
     """Return the indices in `names` of joints 1 to `count`; empty if the joints cannot be recognised.
 
-    The joints have the names `joints`. If some of these are missing, the joints are the only series in `names`, that
-    is, `count` names that differ only in a number, counted from 0 or 1. The case of letters is ignored (`Q1` may belong
-    to `q2` .. `q7`) only if no series is found otherwise.
+    If `names` has each of `joints` exactly once, these are the joints. Otherwise, the joints are the only series of
+    `count` names that differ just in a number, counted from 0 or 1 (`q1` .. `q7`). If there is no such series, another
+    one is sought with upper and lower case letters taken as equal (`Q1`, `q2` .. `q7`).
     """
     if len(set(joints)) == count and all(names.count(joint) == 1 for joint in joints):
         return tuple(names.index(joint) for joint in joints)

@@ -58,7 +58,7 @@ def group_of(name: str) -> tuple[str, ...] | None:
 
 
 def groups_in(names: Collection[str]) -> tuple[tuple[str, ...], ...]:
-    """Return the groups of columns (see `group_of`) of which `names` has at least one; a file should have one group."""
+    """Return each group of columns (see `group_of`) that has a member in `names`; a file should have only one group."""
     groups = {group: None for name in names if (group := group_of(name)) is not None}
     return tuple(groups)
 
@@ -72,7 +72,7 @@ class QuaternionError(ValueError):
 
 
 def rotation_vectors(group: tuple[str, ...], values: FloatArray) -> FloatArray:
-    """Return rotation vectors (m, 3), rad, from the values of columns `group`: (m, 3), deg, or quaternions (m, 4).
+    """Return rotation vectors (m, 3), rad. `values`: the columns `group`, angles (m, 3), deg, or quaternions (m, 4).
 
     Raises `QuaternionError` for a quaternion that is not of unit length.
     """
@@ -132,10 +132,11 @@ def endpoint_columns(
 def endpoints_of(
     columns: tuple[str, ...], values: FloatArray, file: str, lines: Sequence[int]
 ) -> FloatArray:
-    """Return endpoints (m, 3) or (m, 6), m and rad, from the `values` (m, k) in `columns`, see `endpoint_columns`.
+    """Return the endpoints in m rows: positions, in m, shape (m, 3), or with rotation vectors, in rad, shape (m, 6).
 
-    `lines`: line number of each row in the file. If a value of a row is not finite, the endpoint of this row is nan.
-    Raises ConfigError for implausible values, and for quaternions that are not of unit length.
+    `columns`: names of k columns, from `endpoint_columns`. `values`: their numbers (m, k). `lines`: line number of each
+    row in the file. If a value of a row is not finite, the endpoint of this row is nan. Raises ConfigError for
+    implausible values, and for quaternions that are not of unit length.
     """
     turn, seen = columns[3:], np.flatnonzero(np.all(np.isfinite(values), axis=1))
     out = np.full((len(values), 6 if turn else 3), np.nan)
@@ -177,9 +178,10 @@ class BadLine(ValueError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EndpointLine:
-    """One measurement: position (3,), m, or position and rotation vector (6,), m and rad; empty if the target is lost.
+    """One measurement of the endpoint.
 
-    `pose`: name of the pose; empty if the instrument does not send it. `lost`: why there is no measurement; else empty.
+    `pose`: name of the pose; empty if the instrument does not send it. `endpoint`: position (3,), m, or position and
+    rotation vector (6,), m and rad; empty if the target is lost. `lost`: why it is lost; empty if it is not.
     """
 
     pose: str
@@ -328,7 +330,7 @@ def _turns(shape: FloatArray, measured: FloatArray) -> FloatArray:
 
 
 def _frame(shape: FloatArray) -> FloatArray:
-    """Return axes x, y, z (columns) of a triangle's frame, (3, 3); rows of `shape`: points minus centroid."""
+    """Return the x, y and z axes of a triangle's frame as columns (3, 3); `shape` has its points minus the centroid."""
     x = shape[0] / np.linalg.norm(shape[0])
     z = np.cross(shape[0], shape[1])
     z = z / np.linalg.norm(z)

@@ -182,13 +182,13 @@ Correlation = Annotated[quantities.Number, Field(ge=-1.0, le=1.0)]
 Share = Annotated[quantities.Number, Field(ge=0.0, le=1.0)]
 
 Correlations = Mapping[str, tuple[Correlation, ...]]
-"""Correlations of each calibrated entry except the first with all entries before it, in the order of `calibrated`."""
+"""For each calibrated entry after the first, in the order of `calibrated`: its correlation with every earlier entry."""
 Budget = Mapping[str, Mapping[str, Share]]
 """Share of each source of error in the variance of a calibrated entry."""
 
 
 def correlations_of(names: Sequence[str], covariance: FloatArray) -> dict[str, tuple[float, ...]]:
-    """Return the `Correlations` of parameters (k,) from their covariance (k, k); 0 if a variance is 0."""
+    """Return the `Correlations` of the k parameters `names` from their covariance (k, k); 0 if a variance is 0."""
     sd = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
     scale = np.where(sd > 0.0, sd, np.inf)
     correlation = np.clip(covariance / np.outer(scale, scale), -1.0, 1.0)
@@ -200,7 +200,7 @@ def correlations_of(names: Sequence[str], covariance: FloatArray) -> dict[str, t
 def budget_of(
     names: Sequence[str], variance: FloatArray, parts: Mapping[str, FloatArray]
 ) -> dict[str, dict[str, float]]:
-    """Return, by parameter and error source, the shares of `parts` in `variance`, without shares that round to 0."""
+    """Return the `Budget` of parameters: for each source, `parts` (k,) over `variance` (k,), if not rounded to 0."""
     by_source = {}
     for k, name in enumerate(names):
         if variance[k] > 0.0:

@@ -283,7 +283,7 @@ def rows_from_table(table: DhTable) -> tuple[records.DhRow, ...]:
 def joints_from_table(
     arm: ArmModel, table: DhTable, calibrated: tuple[records.CalibratedEntry, ...]
 ) -> tuple[records.JointParameters, ...]:
-    """Return the joints of a document: offset of each row 1..n of `table`, in deg and counts, and its sigma."""
+    """Return the records of joints 1..n: the offset in `table`, in deg and in counts, and its sigma if calibrated."""
     sigma = {entry.entry: entry.sigma for entry in calibrated}
     return tuple(
         records.JointParameters(
@@ -297,6 +297,6 @@ def joints_from_table(
 
 
 def home_offset_counts(arm: ArmModel, joint: int, theta_off_rad: float) -> int | None:
-    """Return an offset in whole counts of the joint's sensor (607Ch); None for a joint without a sensor."""
+    """Return an offset in counts of the joint's sensor, for object 607Ch (home offset); None without a sensor."""
     sensor = arm.joints[joint - 1].sensor
     return None if isinstance(sensor, NoSensor) else round(theta_off_rad / sensor.resolution_rad)

@@ -306,7 +306,7 @@ def _pose_set(columns: Mapping[str, Sequence[Any]]) -> PoseSet:
 
 
 def pose_warnings(poses: PoseSet, file: str) -> Iterator[FileWarning]:
-    """Yield warnings about poses read in degrees from a file; `file`: its name."""
+    """Yield warnings about poses that were read in degrees; `file`: name for messages."""
     if poses.endpoint is not None and poses.endpoint.shape[1] == 6:
         longest_deg = float(np.rad2deg(np.linalg.norm(poses.endpoint[:, 3:], axis=1).max()))
         if longest_deg > 180.0 + 1e-6:

@@ -133,7 +133,7 @@ class ProfileFile(StrictRecord):
     )
 
     def for_joints(self, count: int | None) -> bus_profile.BusProfile:
-        """Return the profile for joints 1..`count`; None: up to the last one listed, else as many as fit on the bus."""
+        """Return the profile of `count` joints; None: up to the last listed or, if none is, all that fit on the bus."""
         if count is None:
             listed = max((joint.joint for joint in self.joints), default=0)
             room = (
@@ -196,7 +196,7 @@ def load_profile(reference: str | Path, *, joints: int | None = None) -> bus_pro
 
 
 def format_profile(profile: bus_profile.BusProfile, *, comment: str) -> bytes:
-    """Format the name, supervisor or serial number, nodes, PDOs, `pdo_maps` and `compared`; nothing else is written."""
+    """Format name, nodes, PDOs, `pdo_maps`, `compared`, and either supervisor or serial number; omit all else."""
     numbered = enumerate(profile.joints, 1)
     joints: list[dict[str, Any]] = [{"joint": k, "node": joint.node} for k, joint in numbered]
     shared: dict[str, Any] = {}
@@ -224,7 +224,7 @@ def format_profile(profile: bus_profile.BusProfile, *, comment: str) -> bytes:
 
 
 def _written(pdos: Sequence[bus_profile.Pdo], node: int | None) -> list[dict[str, Any]]:
-    """Return PDOs in the form of the file, with identifiers relative to `node` or, if that is None, absolute ones."""
+    """Return PDOs in the form of the file; their identifiers are relative to `node`, or absolute if `node` is None."""
     return [
         {
             "pdo": pdo.number,

@@ -152,7 +152,7 @@ Name = Annotated[str, *in_form(r"[A-Za-z][A-Za-z0-9_.-]{0,63}", "name", _NAME_RU
 
 
 def degrees_for_file(angle_rad: FloatArray | float) -> FloatArray:
-    """Return degrees whose ``np.deg2rad`` is exactly `angle_rad`; if there is no such double, the nearest.
+    """Return degrees whose ``np.deg2rad`` is exactly `angle_rad` or, if there is no such double, the nearest to it.
 
     Of several such doubles, the one with the fewest digits is returned. An angle that was read from a file in degrees
     always has such a double, so that writing the angle and reading it again changes no bit.

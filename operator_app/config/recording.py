@@ -22,7 +22,7 @@ RECORDING_LIMIT_BYTES = 1024 * 1024 * 1024
 
 LARGEST_ANGLE_RAD = 20.0 * np.pi
 PER_SECOND = ((1e17, 1e9), (1e14, 1e6), (1e11, 1e3), (0.0, 1.0))
-"""For times in ns, us, ms and s: a recording has this unit if it ends at this time or later; units per second."""
+"""For ns, us, ms and s: the earliest end of a recording whose times have this unit, and units per second."""
 
 SINCE_1970_S = 1e8
 """Times from this value on count from 1970; smaller ones count from the start of the recording."""
@@ -32,9 +32,10 @@ SINCE_1970_S = 1e8
 class JointRecording:
     """Angles (m, n), rad, of joints 1 to n at rising times (m,), s.
 
-    `joints`: names in the recording. `source`: text with the topic or the time column. `left_out`: number of messages
-    or lines without an angle of every joint, or with a repeated time. `endpoint`: measured endpoints (m, 3) or (m, 6),
-    m and rad, nan where the instrument did not see its target; None if there are none.
+    `joints`: names of these joints in the recording.
+    `source`: text that states where the samples are from: the topic of the messages, or the time column of the lines.
+    `left_out`: number of samples left out, because the angle of a joint is missing or the time is repeated.
+    `endpoint`: measured endpoints (m, 3) or (m, 6), m and rad, nan where the target was not seen; None if not measured.
     """
 
     file: str
@@ -127,7 +128,7 @@ def endpoints_at_rest(recording: JointRecording, dwells: Sequence[Dwell]) -> Flo
 
 
 def _time_s(cell: str) -> float:
-    """Return a number as it is, or ISO 8601 (UTC if without zone) as seconds since 1970; raises BadCell."""
+    """Return a number unchanged, or a time in ISO 8601 (UTC unless it has a zone) as s since 1970; raises BadCell."""
     try:
         return float(cell or "nan")
     except ValueError:
@@ -156,7 +157,7 @@ def recording_of(
     source: str,
     endpoint: FloatArray | None = None,
 ) -> JointRecording:
-    """Return the samples in order of time, without incomplete samples and repeated times.
+    """Return the complete samples in order of time; of several with the same time, only the first is kept.
 
     Raises ConfigError if no complete sample remains, or if an angle exceeds `LARGEST_ANGLE_RAD`.
     """
@@ -186,8 +187,8 @@ def _find_joints(
 ) -> tuple[str, ...]:
     """Return the names of joints 1 to n in a recording with the joints `names`.
 
-    They are those in `columns` or, if it is empty, the arm file's names `joints` or the only series of numbered names
-    (panda_joint1 to panda_joint7). Raises ConfigError if the joints are not found.
+    `columns` lists them. If it is empty, they are the arm file's names `joints` or, if `names` lacks one of these, the
+    only series of n numbered names (panda_joint1 to panda_joint7). Raises ConfigError if the joints are not found.
     """
     count = len(joints)
     if columns:
@@ -223,9 +224,12 @@ def load_bag(
 ) -> JointRecording:
     """Read the joint states of a ROS 2 bag: a file (.mcap, .db3) or its folder.
 
-    `joints`: names of joints 1 to n in the arm file. `columns`: their names in the bag, separated by commas; empty: the
-    same names, or the only series of numbered names. `topic`: topic of the joint states; empty: ``/joint_states``, or
-    else the only topic of that type. Raises ConfigError if the bag cannot be read, or if rosbags is not installed.
+    `joints`: names of joints 1 to n in the arm file.
+    `columns`: their names in the bag, separated by commas; empty: `joints` or, if the bag lacks one of these names, the
+    only series of n numbered names.
+    `topic`: topic of the joint states; empty: ``/joint_states`` or, if the bag lacks it, the only topic of this type.
+
+    Raises ConfigError if the bag cannot be read, or if rosbags is not installed.
     """
     file = str(path)
     try:

@@ -74,7 +74,7 @@ def load_strict(data: bytes, file: str) -> YamlDocument:
 
 @lru_cache(maxsize=16)
 def _composed(text: str) -> Node | None:
-    """Return the root node of a text. Results are cached, since a session reads the same built-in files repeatedly."""
+    """Return the root node of YAML text. Results are cached, since a session reads the same built-in files often."""
     node: Node | None = StrictLoader(text).get_single_node()
     return node
 
@@ -147,15 +147,17 @@ Path = tuple[str | int, ...]
 """Path of a value: keys and list indices from 0."""
 
 Complaint = tuple[Path, str, str]
-"""Path in the file, problem, remedy."""
+"""A problem: path of the value, text, remedy."""
 
 
 @dataclass(slots=True, kw_only=True)
 class YamlDocument:
-    """A YAML mapping: plain dicts, lists, str, int, float, bool, None; `load_strict` makes it.
+    """A YAML mapping; made by `load_strict`.
 
-    `marks`: line and column of every key and item, by path; ``()`` is the document. `complaints`: problems of single
-    keys and values, with their places. `unreadable`: paths of values that could not be read; their data is a stand-in.
+    `data`: its content as dict, list, str, int, float, bool and None.
+    `marks`: line and column of every key and list item, by path; the empty path is that of the whole mapping.
+    `complaints`: for each problem of a single key or value: path, problem, remedy, and line and column.
+    `unreadable`: paths of values that could not be read; `data` has a placeholder for each of them.
     """
 
     file: str
@@ -222,7 +224,10 @@ class YamlDocument:
         return tuple(self.problem(*complaint) for complaint in self.complaints)
 
     def problem(self, path: Path, text: str, remedy: str = "", mark: Mark | None = None) -> Problem:
-        """Return a problem at `path`, in the line of `mark`; None: in the line of `path` or of its nearest parent."""
+        """Return a problem about the value at `path`, with the line and column `mark`.
+
+        Without `mark`, they are those of the value or, if it is not in the file, of its nearest parent.
+        """
         place = path
         while place and place not in self.marks:
             place = place[:-1]
@@ -241,7 +246,7 @@ class YamlDocument:
         return value
 
     def name(self, path: Path) -> str:
-        """Return a path as text; a list item is named by its own row, joint or entry, else by its position from 1."""
+        """Return a path as text; a list item is named by its ``row``, ``joint`` or ``entry``, else by number from 1."""
         text = ""
         for depth, part in enumerate(path):
             if isinstance(part, str):

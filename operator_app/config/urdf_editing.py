@@ -95,7 +95,7 @@ def _xml_text(text: str) -> str:
 SAME = 1e-11
 """Origins nearer to each other than this (m, or entries of a rotation) count as equal."""
 OTHER_ARM_M, OTHER_ARM_RAD = 0.05, math.radians(10.0)
-"""Largest differences of lengths and angles between the D-H rows of a file and those of the same arm."""
+"""If a D-H row of a file differs by more than this from that of the arm file, the file describes another arm."""
 
 UR_LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 UR_KEYS = ("x", "y", "z", "roll", "pitch", "yaw")
@@ -127,8 +127,8 @@ def with_calibration(
 def calibrated_origins(chain: UrdfChain, table: DhTable) -> dict[str, FloatArray]:
     """Return the new origin (4, 4), m, of each joint whose origin must change for the chain to match `table`.
 
-    Let ``C_j`` be the pose, in D-H frame j-1, of the file's frame of joint j with all joints at zero. At reading q_j,
-    this frame moves to ``Rz(q_j + d_j) C_j``, where d_j is the change of the offset, so that the link's mesh moves too.
+    Let ``C_j`` be the pose of the file's joint frame j in D-H frame j-1, with all joints at zero. At reading q_j, the
+    new origins place it at ``Rz(q_j + d_j) C_j``, d_j being the change of the offset: the mesh turns too.
     """
     rows, stated = table.stacked().T, chain.table.stacked().T
     turned = [
@@ -160,7 +160,7 @@ def calibrated_origins(chain: UrdfChain, table: DhTable) -> dict[str, FloatArray
 
 
 def entries_without_origin(chain: UrdfChain) -> tuple[str, ...]:
-    """Return the D-H entries that no origin can represent: s, a, alpha, beta of link n if no fixed joint follows."""
+    """Return the D-H entries that no joint origin contains: s, a, alpha, beta of link n if no fixed joint follows."""
     n = len(chain.joints)
     behind = tuple(f"{kind}_{n}" for kind in ("s", "a", "alpha", "beta"))
     return behind if chain.steps[-1].joint is not None else ()
@@ -256,7 +256,7 @@ def _replaced(data: bytes, cuts: Sequence[tuple[int, int, bytes]]) -> bytes:
 
 
 def _ur_lines(data: bytes, file: str) -> Iterator[tuple[str, str, re.Match[bytes], int]]:
-    """Yield each value in UR's kinematics file: its link, its key, its match in the line, and the line's first byte."""
+    """Yield each value in UR's kinematics file: link, key, regex match in the line, and byte offset of the line."""
     decode_text(data, file)
     link, at = "", 0
     for line in data.splitlines(keepends=True):

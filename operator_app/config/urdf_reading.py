@@ -42,7 +42,7 @@ REPORTED_RAD = 1e-8
 class UrdfJoint:
     """One revolute joint: axis (3,), range (rad), speed (rad/s), torque (N m); the last two are None if not stated.
 
-    `unstated`: a text for each limit that the file does not state, or states too large for any arm.
+    `unstated`: a text for each limit that is missing from the file or is too large for any arm.
     """
 
     name: str
@@ -58,7 +58,7 @@ class UrdfJoint:
 class UrdfStep:
     """One joint element of the file: its pose `T` (4, 4), m, in link `parent`; `joint`: None for a fixed joint.
 
-    `rounded`: exact angle, deg, for each angle that the file rounds by more than `REPORTED_RAD`, keyed by its text.
+    `rounded`: exact value, deg, of each angle that the file rounds by more than `REPORTED_RAD`; keys: the file's words.
     """
 
     name: str
@@ -81,8 +81,8 @@ class UrdfChain:
     frames
         D-H frames 0..n with all joints at zero, in the base link's frame, (4, 4), m.
     T_flange_tip
-        Fixed transform from frame n to the tip, (4, 4), m. This transform and frame 0 are not part of the D-H rows; in
-        a file written by this program, both are the identity.
+        Fixed transform from frame n to the tip, (4, 4), m. The D-H rows contain neither this transform nor the pose of
+        frame 0; in a file written by this program, both are the identity.
     """
 
     name: str
@@ -96,12 +96,12 @@ class UrdfChain:
 
     @property
     def unstated(self) -> list[str]:
-        """A text for each joint with limits that the file does not state, or states too large for any arm."""
+        """A text for each joint that has a limit missing from the file or too large for any arm."""
         return [f"{j.name}: {', '.join(j.unstated)}" for j in self.joints if j.unstated]
 
     @property
     def rounded(self) -> dict[str, float]:
-        """Exact angle, deg, for each angle that the file rounds by more than `REPORTED_RAD`, keyed by its text."""
+        """Exact value, deg, of each angle that the file rounds by more than `REPORTED_RAD`; keys: the file's words."""
         return {word: deg for step in self.steps for word, deg in step.rounded.items()}
 
 
@@ -181,7 +181,7 @@ class UrdfTree:
         )
 
     def around(self, first: str, last: str) -> Iterator[tuple[str, str]]:
-        """Yield all pairs of a base link, fixed to joint `first`'s parent, and a tip link, fixed to `last`'s child."""
+        """Yield all pairs of links: one fixed to the parent of joint `first`, and one fixed to the child of `last`."""
         named = {e.get("name", ""): e for e in self.elements.values()}
         if first not in named or last not in named:
             return
@@ -227,7 +227,7 @@ def _joints_to(link: str, elements: Mapping[str, ET.Element], file: str) -> list
 
 
 def _only_end(elements: Mapping[str, ET.Element], base: str, file: str) -> str:
-    """Return the last link of the only arm, before any gripper; raises ConfigError unless there is exactly one arm."""
+    """Return the last link of the arm, without its gripper; raises ConfigError unless there is exactly one arm."""
     parents = {_links(e)[0] for e in elements.values()}
     leaves = [child for child in elements if child not in parents]
     # A cycle has no end; `_joints_to` reports the cycle from any of its links.
@@ -258,7 +258,7 @@ def _only_end(elements: Mapping[str, ET.Element], base: str, file: str) -> str:
 
 
 def _begins_a_gripper(element: ET.Element, later: Sequence[ET.Element]) -> bool:
-    """Whether a joint has a gripper's name, or is a sliding or mimicking joint that no joint of an arm follows."""
+    """Whether a joint has a gripper's name, or is prismatic or mimics another, with no arm joint among `later`."""
     if _has_gripper_name(element):
         return True
     if element.get("type") != "prismatic" and element.find("mimic") is None:

@@ -30,10 +30,10 @@ class AxisLine:
 def rows_of(
     axes: Sequence[AxisLine], T_base_tip: FloatArray
 ) -> tuple[DhTable, tuple[FloatArray, ...]]:
-    """Return the D-H rows 1..n for the joint `axes` 1..n and a tip at `T_base_tip` (4, 4), m, and the frames 0..n.
+    """Return the D-H rows 1..n and the frames 0..n of the chain with the joint axes `axes` and the tip `T_base_tip`.
 
-    The frames, (4, 4) each, m, are in the base link's frame with all joints at zero. Frame 0 is on axis 1 near the
-    base link's origin; frame n is as near to the tip as a D-H row allows.
+    All poses are (4, 4), m, in the base link's frame with all joints at zero. Frame 0 is on axis 1 near the base
+    link's origin; frame n is as near to the tip as a D-H row allows.
     """
     z = axes[0].z
     # Frame 0 equals the base link's frame if axis 1 is its z axis.
@@ -67,7 +67,7 @@ def link_transform(row: Sequence[float]) -> FloatArray:
 
 
 def _by_common_normal(before: FloatArray, line: AxisLine) -> tuple[float, ...]:
-    """Return the D-H row from frame `before` to an axis `line` not parallel to its z axis, along the common normal."""
+    """Return the D-H row along the common normal from frame `before` to the axis `line`, which is not parallel to z."""
     x, z, origin = before[:3, 0], before[:3, 2], before[:3, 3]
     normal = np.cross(z, line.z)
     normal /= np.linalg.norm(normal)
@@ -79,7 +79,7 @@ def _by_common_normal(before: FloatArray, line: AxisLine) -> tuple[float, ...]:
 
 
 def _hayati(before: FloatArray, line: AxisLine) -> tuple[float, ...]:
-    """Return Hayati's row [9] from frame `before` to a nearly parallel axis `line`.
+    """Return the row with Hayati's beta (paper, [9]) from frame `before` to an axis `line` nearly parallel to its z.
 
     The origin of the next frame is where `line` crosses the x-y plane of frame `before`.
     """
@@ -96,8 +96,8 @@ def _hayati(before: FloatArray, line: AxisLine) -> tuple[float, ...]:
 def _to_tip(before: FloatArray, tip: AxisLine, sine: float) -> tuple[float, ...]:
     """Return the last D-H row, from frame `before` to a tip whose z axis is nearly parallel to the last joint's axis.
 
-    The row follows the common normal of the two axes if its s and a are then below `FAR_M`. Otherwise, also for exactly
-    parallel axes, the row leads to the tip's origin, and the angle between the axes is neglected.
+    `sine`: sine of the angle between the two axes. The row follows their common normal if this makes its s and a less
+    than `FAR_M`. Otherwise, also for exactly parallel axes, it leads to the tip's origin and neglects the angle.
     """
     if sine > MEETING_SINE:
         row = _by_common_normal(before, tip)
@@ -113,8 +113,8 @@ def _to_tip(before: FloatArray, tip: AxisLine, sine: float) -> tuple[float, ...]
 def _normal_to(line: AxisLine, apart: FloatArray, z: FloatArray) -> tuple[FloatArray, float]:
     """Return the x axis (3,) of the next frame, along `apart`, and the signed distance to `line` along this axis, m.
 
-    `apart` (3,): vector from the axis `z` to `line`, perpendicular to `z`, m. The x axis is at most 90 deg from
-    `line.x`. If `apart` is zero, the x axis is perpendicular to `z`, and the distance is 0.
+    `apart` (3,): vector from the axis `z` to `line`, perpendicular to `z`, m. Of the two directions along it, x has the
+    one within 90 deg of `line.x`. If `apart` is zero, x is `line.x` made perpendicular to `z`, and the distance is 0.
     """
     a = float(np.linalg.norm(apart))
     if a <= MEET_M:
@@ -124,7 +124,7 @@ def _normal_to(line: AxisLine, apart: FloatArray, z: FloatArray) -> tuple[FloatA
 
 
 def _across(z: FloatArray, *preferred: FloatArray) -> FloatArray:
-    """Return a unit vector normal to `z`: the projection of the first of `preferred`, x, y not along `z`."""
+    """Return a unit vector normal to `z`, projected from the first vector of `preferred`, x and y not along `z`."""
     across = (d - (d @ z) * z for d in (*preferred, *np.eye(3)[:2]))
     return next(x / np.linalg.norm(x) for x in across if np.linalg.norm(x) > 0.1)
 
@@ -156,7 +156,7 @@ def rpy_of(R: FloatArray) -> FloatArray:
 
 
 def origin_words(T: FloatArray) -> dict[str, str]:
-    """Return the attributes of an <origin> for a pose (4, 4), m."""
+    """Return the attributes ``xyz`` and ``rpy`` of a URDF's ``<origin>`` for the pose `T` (4, 4), m."""
     # Rounding errors of sines, and -0.0, are written as 0.
     numbers = {"xyz": T[:3, 3], "rpy": rpy_of(T[:3, :3])}
     return {
@@ -166,9 +166,9 @@ def origin_words(T: FloatArray) -> dict[str, str]:
 
 
 def exact_deg(word: str) -> float | None:
-    """Return the exact angle in deg that `word`, in rad, rounds or truncates; None if `word` is not rounded.
+    """Return the exact angle, deg, that `word` states in rad with rounded or truncated decimals; None if there is none.
 
-    A word with four or more decimals may be a multiple of 15 deg (1.5708, 0.7854), with two or three of 90 deg (3.14).
+    With four or more decimals, it is a multiple of 15 deg (1.5708, 0.7854); with two or three, one of 90 deg (3.14).
     """
     match = re.fullmatch(r"[+-]?\d+\.(\d+)", word)
     if match is None or not 2 <= len(match[1]) < EXACT_PLACES:

@@ -29,7 +29,7 @@ class Terminal:
     """Reads lines from standard input and writes lines to standard output."""
 
     def say(self, text: str) -> None:
-        """Write and flush lines."""
+        """Write `text` to standard output and flush the stream."""
         say(text)
         sys.stdout.flush()
 
@@ -38,7 +38,7 @@ class Terminal:
         return input(sanitized(prompt))
 
     def touched(self, timeout_s: float) -> bool:
-        """Wait up to `timeout_s` for a line typed at a terminal (not a pipe); discard it; return whether one came."""
+        """Wait up to `timeout_s` for Enter, and return whether it was pressed; input from a pipe does not count."""
         inputs = [sys.stdin] if sys.stdin.isatty() else []
         ready, _, _ = select.select(inputs, [], [], timeout_s)
         return bool(ready) and bool(sys.stdin.readline())
@@ -75,7 +75,7 @@ class Plain:
     def run(self) -> str:
         """Show menus until the operator quits or the input ends; return ``left`` or ``end of input``.
 
-        Ctrl-C sends STOP. If no arm is connected or its data are lost, Ctrl-C raises KeyboardInterrupt instead.
+        Ctrl-C sends STOP. If no arm is connected, or joint data are lost, Ctrl-C raises KeyboardInterrupt instead.
         """
         self._terminal.say(
             "sarcal, plain mode. Type a number and Enter. While the arm moves, Enter stops it; "
@@ -92,7 +92,7 @@ class Plain:
         return "left"
 
     def _menu(self) -> None:
-        self._wait()  # a task that Ctrl-C cancelled may still run, and would close every item
+        self._wait()  # a cancelled task may still run: no item could be chosen
         s = self.snapshot()
         self._terminal.say("\n" + lines(describe(self._step, s)))
         chosen = self._one_of(self._items(s), "Number: ")
@@ -227,7 +227,7 @@ class Plain:
         return None if row is None else user_interface.ShownAlarm(number=row, all_visible=True)
 
     def open(self, make: Callable[[], Runner]) -> None:
-        """Open another session; if that fails, show the reason or, if no session is left open, raise the error."""
+        """Switch to the session that `make` opens. On failure show why, or raise the error if no session is open."""
         try:
             self.runner = make()
         except EXPECTED as error:
@@ -274,7 +274,7 @@ class Plain:
             s = self.snapshot()
 
     def _stop(self) -> bool:
-        """Send STOP and return True; if no arm is connected or its data are lost, send nothing and return False."""
+        """Send STOP and return True; if no arm is connected, or joint data are lost, only return False."""
         s = self.runner.snapshot()
         if not s.connected or s.data is DataState.LOST:
             return False

@@ -89,7 +89,7 @@ class NoSuchTopicError(Exception):
 
 
 def files_on(page: str) -> Mapping[str, str]:
-    """Return the contents of the complete files that a page (Markdown) shows or includes, by file name."""
+    """Return the files that a page (Markdown) shows in full or takes from another page: contents by file name."""
     shown: dict[str, str] = dict(FILE.findall(page))
     for topic in FILES_OF.findall(page):
         shown |= FILE.findall(_written(topic))
@@ -104,7 +104,7 @@ def made_by_code(topic: str) -> bool:
 
 
 class Manual:
-    """All pages of the manual; it has the page `commands` only if it is given a function that generates the page."""
+    """All pages of the manual; `commands` generates the page of this name, which is missing if `commands` is None."""
 
     def __init__(self, commands: Callable[[], str] | None = None) -> None:
         self._commands = commands

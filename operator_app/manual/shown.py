@@ -44,7 +44,7 @@ def _inline(text: str) -> str:
 
 
 def _target(link: str) -> str:
-    """Return text that names the target of a link, i.e. another page's topic, or an address; "" for the same page."""
+    """Return the target of a link as text: the command that shows a page, or an address; "" within the same page."""
     page = re.fullmatch(r"([a-z0-9-]+)\.md(#.*)?", link)
     if page:
         return f" (sarcal help {page[1]})"

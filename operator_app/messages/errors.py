@@ -187,10 +187,7 @@ def configured_words(identity: ArmIdentity) -> str:
 
 
 def lateness_words(late: HostLatency, times: int) -> str:
-    """Return the message about the last `times` delays of this computer (host latency).
-
-    An arm that does not answer has another message, because the remedies differ.
-    """
+    """Return the message about the last `times` delays that this computer, not the arm, caused (host latency)."""
     how = f"by {late.last_s:.1f} s"
     if times > 1:
         how = f"{times} times, the last time {how}"

@@ -20,7 +20,7 @@ CERTAIN = 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NamedSize:
-    """A parameter and a value in `unit`, "rad" or "m"; `share`: share of the information that comes from the poses."""
+    """A parameter and a value in `unit` ("rad" or "m"); `share`: fraction of its information that the poses give."""
 
     name: str
     size: float
@@ -35,12 +35,12 @@ class Finding:
     Attributes
     ----------
     joint, joints
-        The joint (1-based; 0: none), and all joints if there are several. For findings about placements or sockets,
-        `joints` has their numbers.
+        The joint that the finding is about (1-based; 0: none), or the joints if it is about several. In findings about
+        placements or sockets, `joints` contains the numbers of these.
     sensor
         "RVDT" or "ENCODER" if the finding is about a joint's sensor.
     names
-        Parameters, entries, fixtures or files concerned.
+        Names of the parameters, entries, fixtures or files that the finding is about.
     size, sigma, unit
         Magnitude of the finding, its standard uncertainty, and the unit of both: "rad", "m", or "" for a plain number.
     figures
@@ -76,7 +76,7 @@ class Finding:
 
     @staticmethod
     def upgraded_record(data: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Convert a record to the current format; records of earlier versions have code, text and remedy."""
+        """Convert the record of a finding to the current format; earlier versions recorded code, text and remedy."""
         if "kind" in data:
             return data
         return {
@@ -216,7 +216,7 @@ def fixed_briefly(offsets: tuple[str, ...]) -> str:
 
 
 def _holds(f: Finding) -> str:
-    """Return the text on fixed offsets of unknown uncertainty; `f.figures`: tool error, m/rad, by offset name."""
+    """Return the text on fixed offsets of unknown uncertainty; `f.figures`: tool error, m per rad, by offset."""
     if not f.figures:
         return ""
     rates = ", ".join(

@@ -84,7 +84,7 @@ class FindingKind(Enum):
     brief: str
 
     def __new__(cls, code: str, text: str, remedy: str = "", brief: str = "") -> Self:
-        """Make a member; its value is a running number, so that members with the same templates stay distinct."""
+        """Make a member; its value is a unique number, since Enum makes members with equal values aliases."""
         member = object.__new__(cls)
         member._value_ = len(cls.__members__)
         member.code, member.text, member.remedy, member.brief = code, text, remedy, brief

@@ -1,1 +1,1 @@
-"""Planning: drive joints and poses."""
+"""Selection of the drive joints and planning of poses."""

@@ -53,8 +53,8 @@ class DrivePrediction:
 class DriveChoice:
     """The chosen drive joints.
 
-    `sets`: all drive sets that a plan may use: `drives` first, then the sets that reach other poses. `prediction`,
-    `trial`: rankings by the model and by trials on the arm; `trial` is () without trials.
+    `sets`: all drive sets that a plan may use: first `drives`, then sets that reach other poses.
+    `prediction`: rankings by the model. `trial`: ranking by trials on the arm; () if there were no trials.
     """
 
     drives: tuple[int, ...]
@@ -65,7 +65,7 @@ class DriveChoice:
 
     @property
     def ranked(self) -> tuple[RankedDrives, ...]:
-        """The ranking over the region; the chosen set is first."""
+        """The drive sets ranked over the reachable region, with the chosen set moved to the front."""
         region = self.prediction.region
         return tuple(sorted(region, key=lambda r: r.drives != self.drives))
 
@@ -73,9 +73,9 @@ class DriveChoice:
 def predict_drives(
     arm: ArmModel, model: ClosureModel, x: FloatArray, q_rad: FloatArray, *, seed: int = 0
 ) -> DrivePrediction:
-    """Rank all drive sets at `q_rad` (n,) and over the region around it, for parameters `x` (P,).
+    """Rank all drive sets at the pose `q_rad` (n,) and over the region reachable from it, for parameters `x` (P,).
 
-    Raises `SessionError` if the loop does not close near `q_rad`, or the arm can hardly move from there.
+    Raises `SessionError` if the loop does not close near this pose, or the arm can hardly move.
     """
     try:
         ranges = ranges_of(arm).within(margin_rad(arm))
@@ -157,7 +157,7 @@ def choose_drives(
 
 
 def named_drives(prediction: DrivePrediction, drives: tuple[int, ...], kind: str) -> DriveChoice:
-    """Return the procedure's `drives` as the choice; raises `GuardError` if a joint or the joint count is wrong."""
+    """Choose the procedure's `drives`; raises `GuardError` for an unknown joint or a wrong number of joints."""
     motion = prediction.manifold.motion
     problem = modes_problem(
         drives, joint_count=motion.joint_count, mobility=motion.degrees, kind=kind
@@ -186,7 +186,7 @@ def _joint_out_of_range(arm: ArmModel, manifold: Manifold) -> str:
 
 
 def _usable(prediction: DrivePrediction, unsensed_joints: tuple[int, ...]) -> list[RankedDrives]:
-    """Return the sets usable at the current pose and in the region, best first; inexact ones only if no others are."""
+    """Return the sets usable at the current pose and in the region, best first; inexact joints only if need be."""
     usable_now = {r.drives for r in prediction.here if r.usable}
     usable = [
         r

@@ -40,7 +40,7 @@ class Box:
     upper_rad: tuple[float, ...]
 
     def beyond_rad(self, positions_rad: FloatArray) -> FloatArray:
-        """Return the distance (d,) of each drive joint from the box at `positions_rad` (n,); 0 inside the box."""
+        """Return how far (d,), rad, each drive joint is outside the box at `positions_rad` (n,); 0 inside."""
         positions = positions_rad[[j - 1 for j in self.joints]]
         # If a joint starts beyond the end of its range, the box may be empty; then every position is outside it.
         below, above = np.subtract(self.lower_rad, positions), positions - self.upper_rad
@@ -57,7 +57,7 @@ def box_of(
 ) -> Box:
     """Return the box of the drive joints `joints`: the ranges around `home_rad` (n,) that the procedure states.
 
-    A joint without a stated range gets `DEFAULT_SPAN_DEG` to each side of its start angle in `start_rad` (n,).
+    A joint without a stated range gets `DEFAULT_SPAN_DEG` on each side of its start angle in `start_rad` (n,).
     """
     known = {box.joint: box for box in plan.exploration}
     if set(joints) == set(known):
@@ -113,8 +113,8 @@ def overload(arm: ArmModel, snapshot: ArmSnapshot) -> str:
 def range_watch(arm: ArmModel, braking_s: float) -> Watch:
     """Return a callback that ends a move if a joint is too fast, is overloaded, or is about to leave its range.
 
-    Free joints may be faster than the drives, so the range is checked at the position where a joint would come to rest:
-    its position plus its speed times `braking_s` (`hardware.control.trajectory.coming_to_rest_s`; 0 for planned paths).
+    Free joints may be faster than the drives. Therefore the range is checked where a joint would come to rest: its
+    position plus its speed times `braking_s`. For planned paths, `braking_s` is 0.
     """
     lower = arm.lower_rad + RANGE_END_MARGIN_RAD
     upper = arm.upper_rad - RANGE_END_MARGIN_RAD

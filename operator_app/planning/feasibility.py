@@ -31,9 +31,10 @@ class Feasibility:
     """Whether an arm can be calibrated in a fixture, and with which drive joints.
 
     `parameters`: unknowns of the calibration, without those that cannot be identified in the fixture's placement.
-    `mobility`: number of drive joints. `home_to_closed_rad` (n,): nearest closed pose minus home; None if none closes.
-    `choice`: drive joints; None if none can drive (see `refusal`). `identifiability`: from poses over all the reachable
-    region. `mobility` and `identifiability` are None if drive joints cannot be ranked.
+    `mobility`: number of drive joints; None if the drive joints cannot be ranked.
+    `home_to_closed_rad` (n,): nearest closed pose minus home; None if there is no closed pose.
+    `choice`: drive joints; None if no joints can drive the chain, for the reason `refusal`.
+    `identifiability`: from poses spread over the reachable region; None if the drive joints cannot be ranked.
     For an open arm, only `parameters`, `checks` and `mobility` are given.
     """
 
@@ -52,7 +53,7 @@ class Feasibility:
 
     @property
     def refused(self) -> bool:
-        """Whether a calibration would fail."""
+        """Whether a calibration would fail: no drive joints, unidentifiable parameters, or a refused set-up check."""
         return (
             self.refusal is not None
             or bool(self.unidentifiable)
@@ -67,7 +68,7 @@ def assess_feasibility(
     position_joints: tuple[int, ...] | None = None,
     unsensed_joints: tuple[int, ...] = (),
 ) -> Feasibility:
-    """Predict whether `arm` can be calibrated in `fixture`; `position_joints`: drive joints; None: to be chosen."""
+    """Predict whether `arm` can be calibrated in `fixture`; `position_joints`: drive joints, None for the best."""
     unsensed = tuple(sorted({*unsensed_joints, *arm.unsensed_joints}))
     model = without_hidden(arm, fixture, fixture.model(arm, unsensed_joints=unsensed))
     parameters, checks = model.parameters, setup_checks(fixture, arm, arm.home_rad)
@@ -124,9 +125,9 @@ def home_to_closed_rad(arm: ArmModel, fixture: EndpointConstraint) -> FloatArray
 class Chain:
     """An arm in a fixture, with the feasibility of its calibration.
 
-    `procedure`: name of the procedure; empty without one. `held`: entries fixed at their value in the arm file, with
-    the reason. `home`: proposed home (n,), rad, with its `Feasibility`; None if the arm's own home is good, or no home
-    was found. `poses`: names of the poses files for this arm and fixture, each with the identifiability from its poses.
+    `procedure`: name of the procedure, or "". `held`: entries fixed at their value in the arm file, with the reasons.
+    `home`: proposed home (n,), rad, with its `Feasibility`; None if the arm's own home is good, or no home was found.
+    `poses`: names of the poses files for this arm and fixture, each with the identifiability from its poses.
     `unfit`: names of the poses files that do not fit this fixture, each with the reason.
     """
 
@@ -141,6 +142,6 @@ class Chain:
 
     @property
     def refused(self) -> bool:
-        """Whether a calibration with these files would fail."""
+        """Whether a calibration would fail, or a poses file does not fit or does not determine all parameters."""
         unidentifiable = any(identified.directions for _, identified in self.poses)
         return self.feasibility.refused or unidentifiable or bool(self.unfit)

@@ -34,11 +34,13 @@ GROWTH = 1.02
 class LiveQuality:
     """Quality of a growing set of poses.
 
-    `needed`: smallest number of poses from which parameters can be estimated. `x` (P,): latest estimate, rad or m;
-    nominal values before the first estimate. `scaled_condition_number`, `weakest`: scaled condition number of the
-    captured poses, and parameters of the weakest direction; inf and () with too few poses. `history`: (poses, scaled
-    condition number) after each estimate, oldest first. `coverage`: lowest and highest captured angle of each joint,
-    rad; empty without poses. `predicted_m`: by pose number, position closure error, m, at the previous estimate.
+    `needed`: smallest number of poses from which parameters can be estimated.
+    `x` (P,): latest estimate, rad or m; nominal values before the first estimate.
+    `scaled_condition_number`: that of the captured poses; inf if there are too few for an estimate.
+    `weakest`: parameters that the captured poses determine least; () if there are too few for an estimate.
+    `history`: number of poses and scaled condition number at each estimate, oldest first.
+    `coverage`: lowest and highest captured angle of each joint, rad; empty without poses.
+    `predicted_m`: position closure error, m, of each pose at the estimate made before that pose, by pose number.
     """
 
     needed: int
@@ -60,7 +62,7 @@ def live_quality(
     *,
     earlier: LiveQuality | None = None,
 ) -> LiveQuality:
-    """Return the quality of the poses `q_rad` (m, n) with these pose `numbers`; reuses `earlier` results."""
+    """Return the quality of the poses `q_rad` (m, n) numbered `numbers`; those in `earlier` are not evaluated again."""
     if earlier is not None and earlier.numbers == numbers[: len(earlier.numbers)]:
         quality = earlier
     else:
@@ -124,9 +126,9 @@ LEGS = 24
 class Forecast:
     """Predicted poses of a plan.
 
-    `q_rad` (w, n): joint angles at every waypoint. `reachable` (w,): whether the loop closes at each waypoint with
-    every joint inside its range. `scaled_condition_number`: scaled condition number of the first reachable poses, up
-    to the requested number of poses; inf if these do not determine all parameters.
+    `q_rad` (w, n): joint angles at each waypoint.
+    `reachable` (w,): whether, at each waypoint, the loop closes with every joint inside its range.
+    `scaled_condition_number`: that of the first reachable poses, up to the number to capture; inf if these are too few.
     """
 
     q_rad: FloatArray
@@ -156,7 +158,10 @@ def predict(
     plan: Sequence[Mapping[int, float]],
     poses: int,
 ) -> Forecast:
-    """Predict the poses at the waypoints of `plan` (drive angles, rad) by following the chain from `start_rad` (n,)."""
+    """Predict the poses at the waypoints `plan` (rad, by drive joint) for an arm that starts at `start_rad` (n,).
+
+    `poses`: number of poses to capture, which limits those counted in `Forecast.scaled_condition_number`.
+    """
     joints = tuple(plan[0])
     columns = [j - 1 for j in joints]
     goal = np.array([[point[j] for j in joints] for point in plan])
@@ -180,7 +185,7 @@ def predict(
 def _followed(
     model: ClosureModel, x: FloatArray, start_rad: FloatArray, columns: list[int], goal: FloatArray
 ) -> tuple[FloatArray, BoolArray]:
-    """Return the poses (w, n) with the drive joints (`columns`) at `goal` (w, d), and which of them close (w,)."""
+    """Move the drives (`columns`) from `start_rad` to each `goal` (w, d); return poses (w, n) and which close (w,)."""
     start = close_loops(model, x, np.asarray(start_rad)[None, :])
     weight = np.ones(model.joint_count)
     # The drive joints keep their angles (weight 0); the other joints follow.
@@ -202,9 +207,9 @@ def most_informative(
     forecast: Forecast,
     open_waypoints: Sequence[int],
 ) -> int | None:
-    """Return the waypoint (index from `open_waypoints`) that adds most information to the poses `taken_rad` (m, n).
+    """Return which of `open_waypoints` (indices) would add the most information to the poses `taken_rad` (m, n).
 
-    The result is None if `forecast` reaches none of these waypoints, or if `taken_rad` is empty.
+    The result is None if `taken_rad` is empty or, according to `forecast`, no open waypoint is reachable.
     """
     candidates = [k for k in open_waypoints if forecast.reachable[k]]
     if not candidates or not len(taken_rad):

@@ -29,7 +29,7 @@ CLEAR = 0.1
 AS_GOOD = 0.6
 """A pose nearer to the middle of the ranges is preferred if its score is at least this share of the best score."""
 HOME_DISTANCE_RAD = float(np.deg2rad(30.0))
-"""Largest allowed distance of home from a closed pose; errors in measuring the fixture cause a smaller distance."""
+"""Largest allowed distance of home from a closed pose; errors in measuring the fixture alone cause less than this."""
 CONDITION_LIMIT = 100.0
 """The paper's limit of the scaled condition number, applied to proposed homes."""
 BEST = 2
@@ -39,7 +39,7 @@ AXES = frozen(np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 1.0], [1.0,
 
 
 def bent_home(arm: ArmModel) -> FloatArray | None:
-    """Return a pose (n,), rad, rounded to whole degrees, in which all joints can move in a hinge.
+    """Return a pose (n,), rad, in whole degrees, in which every joint can move while a hinge holds the tool.
 
     The result is None if the arm's home is good enough, or if no such pose was found.
     """
@@ -64,8 +64,8 @@ def closing_home(
 ) -> tuple[FloatArray, Feasibility] | None:
     """Return a home pose (n,), rad, within a degree of a closed pose near the arm's home, and its `Feasibility`.
 
-    `from_home`: feasibility at the home in the arm file, with the same joints. Returns None if this home is good
-    enough, if the arm is open, or if no pose is found.
+    `from_home`: feasibility with the home in the arm file and the same drive and unsensed joints. Returns None if
+    that home is good enough, if the chain is open, or if no pose is found.
     """
     distance_rad = from_home.home_to_closed_rad
     if not fixture.holds_hand or (
@@ -109,9 +109,10 @@ def _closed(arm: ArmModel, model: ClosureModel, x: FloatArray) -> Iterator[Float
 
 
 def _least_motion(columns: FloatArray, joints: int | None = None) -> FloatArray:
-    """Return the motion (m,) of the joint that moves least in closed chains with Jacobians `columns` (m, k, d).
+    """Return the motion (m,) of the joint that moves least when each of m closed chains makes a motion of norm 1.
 
-    Only the first `joints` columns count (default: all). Near singularities the result is scaled down.
+    `columns` (m, k, d): Jacobians of the loops. The first `joints` columns (default: all) are those of the joints
+    considered. Near singularities the result is scaled down.
     """
     rows, freedoms = columns.shape[1:]
     if freedoms <= rows:
@@ -122,7 +123,10 @@ def _least_motion(columns: FloatArray, joints: int | None = None) -> FloatArray:
 
 
 def _in_a_hinge(arm: ArmModel, q: FloatArray, axis: FloatArray) -> FloatArray:
-    """Return the Jacobian (m, 6, n + 1) of the tool at `q` (m, n); the last column is for a hinge along `axis` (3,)."""
+    """Return the Jacobians (m, 6, n + 1) of the tool at `q` (m, n); the last column is that of a hinge.
+
+    The hinge passes through the tool point; `axis` (3,) is its direction in the tool frame.
+    """
     frames = arm.table.frames(q)
     z, at = frames.axes[:, :-1, :, 2], frames.origins_m[:, :-1]
     lever = (frames.p_end[:, None] - at) / _size_m(arm)
@@ -133,7 +137,7 @@ def _in_a_hinge(arm: ArmModel, q: FloatArray, axis: FloatArray) -> FloatArray:
 
 
 def _drawn(arm: ArmModel) -> FloatArray:
-    """Return poses (m, n), always the same, evenly spread over the middle of the ranges."""
+    """Return poses (m, n), rad, evenly spread over the middle of the ranges; every call returns the same poses."""
     from scipy.stats import qmc
 
     ranges = _ranges(arm)
@@ -169,8 +173,8 @@ def ball_between(arm: ArmModel, hand_m: FloatArray, base_m: FloatArray | None) -
 def hinge_between(arm: ArmModel, hand: Line, base: Line | None) -> Hinge:
     """Return the hinge in which the line `hand` of the tool frame coincides with the line `base` of the base frame.
 
-    The points of the lines coincide too. Of the two directions of `base`, the one whose loop closes nearer to the arm's
-    home is used. If `base` is None, it is the line where `hand` lies at the arm's home pose.
+    The points that define the lines coincide too. The lines point the same way or opposite ways, whichever lets the
+    loop close nearer to the arm's home. If `base` is None, the hinge is where `hand` lies at the arm's home pose.
     """
     if base is None:
         return Hinge.between(arm, hand.in_frame(*_hand_at_home(arm)), hand)

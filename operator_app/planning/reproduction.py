@@ -28,7 +28,7 @@ SIGMA_POS_M, SIGMA_ORI_RAD, PUBLISHED_CONDITION = 2.7e-3, 6.6e-3, 28.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Share:
-    """Closure error caused by one source of error, or by all sources together: rms of eqs. 14 and 15, m and rad."""
+    """Closure errors, rms by eqs. 14 and 15, caused by one source of error or by all sources together."""
 
     source: str
     position_m: float
@@ -38,7 +38,7 @@ class Share:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Remedy:
-    """Errors of a calibration with a remedy: rms deviation of offsets (rad) and lengths (m) from the true values."""
+    """Result of one remedy: rms deviation of the calibrated offsets (rad) and lengths (m) from the true values."""
 
     name: str
     paragraph: str
@@ -62,14 +62,14 @@ class Published:
 
     @property
     def farthest_sigmas(self) -> float:
-        """Largest deviation from the printed parameters, in standard deviations."""
+        """Largest deviation of a parameter from its value in table 2 of the paper, in standard deviations."""
         e = self.solution.estimate
         printed = np.array([self.printed[p.name] for p in e.parameters])
         return float(np.max(np.abs(e.x - printed) / e.standard_deviation))
 
 
 def published(*, poses: int = PUBLISHED_POSES) -> Published:
-    """Reproduce the experiment of section 3 and the analysis of section 4."""
+    """Reproduce the experiment of section 3 of the paper and the analysis of section 4."""
     procedure = load_procedure("hinge")
     all_three = scenario("as_reported")
     noise_only = replace(all_three, linearity_of_full_scale=0.0, lengths=None, loads=STIFF)

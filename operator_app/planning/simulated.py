@@ -35,7 +35,8 @@ ROOM = 4
 class SimulatedPoses:
     """Simulated readings, and the true parameter values.
 
-    `parameters`: unknowns, including lengths and twists free within tolerance. `x`: their true values (P,), rad and m.
+    `parameters`: unknowns, including the lengths and twists that may vary within their tolerances.
+    `x` (P,): true values of the unknowns, rad and m.
     """
 
     poses: PoseSet
@@ -84,7 +85,7 @@ def _moving(
     rng: np.random.Generator,
     poses: int,
 ) -> tuple[FloatArray, Manifold]:
-    """Return the true values (P,) and closed poses of the first drawn placement with at least `poses` closed poses."""
+    """Draw true values until at least `poses` poses close; return the values (P,), rad and m, and the closed poses."""
     ranges, nominal = ranges_of(arm).within(margin_rad(arm)), nominal_vector(model.parameters)
     offset_rad = arm.offset_tolerance_rad or PLANTED_OFFSET_RAD
     mounted, tolerance = {*model.ground_side, *model.hand_side}, fixture.fixture.tolerance
@@ -113,7 +114,7 @@ def _moving(
 
 
 def _sensor(arm: ArmModel, joint: int, rng: np.random.Generator) -> JointSensor | None:
-    """Return the sensor of a joint (0-based), or None if it has none; an RVDT deviates by its specified linearity."""
+    """Return the sensor of a joint (from 0), or None; an RVDT gets a random deviation of its specified linearity."""
     stated, curve = arm.joints[joint], None
     sensor = stated.sensor
     if isinstance(sensor, NoSensor):

@@ -41,7 +41,7 @@ def ranges_of(arm: ArmModel) -> Ranges:
 
 
 def margin_rad(arm: ArmModel) -> FloatArray:
-    """Return the margin (n,), rad, of planned poses to the ends of the ranges, linearity deviation included."""
+    """Return the margin (n,), rad, of planned poses from the range ends: `MARGIN_RAD` plus the linearity deviation."""
     return MARGIN_RAD + arm.linearity_rad()
 
 
@@ -55,7 +55,7 @@ def require_closed_chain(fixture: EndpointConstraint) -> None:
 
 
 def without_hidden(arm: ArmModel, fixture: EndpointConstraint, model: ClosureModel) -> ClosureModel:
-    """Return `model` with the parameters that are inseparable from an unknown placement fixed at nominal values."""
+    """Return `model` without unknowns that poses cannot separate from the placement; these stay at nominal values."""
     part, *_ = model.parts()[0]
     nominal = nominal_vector(part.parameters)
     checks = fixture.placement_checks(arm, part, nominal)
@@ -88,7 +88,7 @@ def planning_task(
     variance[blind] = UNSENSED_SIGMA_RAD**2
 
     def errors_at(q_rad: FloatArray) -> ErrorModel:
-        """Return the stated errors of poses (m, n), rad; each pose is the mean of `samples` readings."""
+        """Return the errors that the files state for poses at `q_rad` (m, n), each the mean of `samples` readings."""
         m = len(q_rad)
         poses = PoseSet(
             placement=np.ones(m, dtype=np.int64),

@@ -33,7 +33,7 @@ from solver.estimators.variance_components import VarianceComponents
 
 
 def calibration_data(solution: Solution) -> dict[str, Any]:
-    """Return the calibration's JSON data that are not figures of a table."""
+    """Return the part of a calibration's JSON data that is in no table."""
     search = solution.search
     accuracy_needs = () if solution.accuracy is None else solution.accuracy.holds_for
     return {
@@ -106,7 +106,7 @@ def _station_data(station: InstrumentStation) -> dict[str, Any]:
 
 
 def estimate_data(estimate: Estimate) -> dict[str, Any]:
-    """Return one estimator's JSON data that are not figures of a table."""
+    """Return the part of an estimator's JSON data that is in no table."""
     band = None if estimate.chi2 is None else chi2_test(estimate.chi2, estimate.dof)
     return {
         "estimator": estimate.estimator,
@@ -121,7 +121,7 @@ def estimate_data(estimate: Estimate) -> dict[str, Any]:
 
 
 def checks_data(checks: Checks | None) -> dict[str, Any]:
-    """Return the data of jackknife, held-out folds and a held-out block of far poses; empty if not computed."""
+    """Return the JSON data of the cross-validation and the jackknife; empty if `checks` is None."""
     if checks is None:
         return {}
     data: dict[str, Any] = {"jackknife_sigma": None}
@@ -192,9 +192,9 @@ RESULTS_AS_FIGURES = (
 def unidentifiable_data(
     error: UnidentifiableError, experiment: Experiment, *, estimator: str
 ) -> dict[str, Any]:
-    """Return the object for a pose set that leaves parameters undetermined (exit code 5).
+    """Return the JSON object for poses that leave parameters undetermined (exit code 5).
 
-    It has all keys of a calibration; keys of results have empty or null values.
+    The object has the same keys as that of a calibration; the values of results are empty or null.
     """
     directions, poses, arm = error.directions, len(experiment.poses), experiment.arm
     # As in the calibration: an instrument may measure points only, and joints may have no sensor.
@@ -227,5 +227,5 @@ def unidentifiable_data(
 
 
 def notices_data(notices: Iterable[Finding]) -> list[dict[str, str]]:
-    """Return warnings as codes with texts."""
+    """Return the code and the text of each warning."""
     return [{"code": n.code, "text": n.sentence} for n in notices]

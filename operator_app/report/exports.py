@@ -1,7 +1,7 @@
 """A calibration in the formats of other tools: JSON, CSV, URDF, MATLAB, as bytes.
 
-Each format states the side of every parameter (arm, ground or hand): only parameters of the arm remain valid
-when the fixture is dismounted. A URDF contains only the arm itself.
+Each format states what every parameter describes: the arm, or the fixture on the table ("ground") or on the tool
+("hand"). Only the parameters of the arm stay valid in another mounting. A URDF contains only the arm.
 """
 
 import io
@@ -43,7 +43,7 @@ CSV_HEADER = ("parameter", "side", "unit", "nominal", "value", "sigma")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Calibration:
-    """Content of an export; `forced`: reason for using a calibration that was not accepted; else empty."""
+    """Content of an export; `forced`: why a calibration that was not accepted is exported; empty if it was accepted."""
 
     solution: Solution
     checks: Checks | None

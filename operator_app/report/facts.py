@@ -31,8 +31,9 @@ CONDITION_PAPER = 28
 class Facts:
     """The facts of a calibration, most important first.
 
-    `verdict`, `reasons`: the verdict in words, and why the calibration is not accepted. `causes`: possible faults, the
-    main one first. `data`: content of the JSON object without the tables' figures.
+    `verdict`: in words. `reasons`: why the calibration is not accepted; empty if it is accepted.
+    `causes`: possible faults, the main one first.
+    `data`: the part of the JSON object that is in no table.
     """
 
     accepted: bool
@@ -56,7 +57,7 @@ class Facts:
 
     @property
     def limits_met(self) -> str:
-        """Clause "the calibration meets its limits", with the condition number as an exception if that is too large."""
+        """Clause "the calibration meets its limits"; it adds "but its ..." if the condition number is too large."""
         exceeded = (n for n in self.notices if n.kind is FindingKind.CONDITION)
         met = "the calibration meets its limits"
         return f"{met}, but its {finding.text}" if (finding := next(exceeded, None)) else met

@@ -31,23 +31,26 @@ def values_of(estimate: Estimate) -> list[tuple[Parameter, float, float]]:
 
 
 Format = Callable[..., Figure]
-"""Function that returns figures in the unit of one parameter, all with the same number of decimal places."""
+"""Function that returns a value of one parameter as a `Figure`; all have the same number of decimal places."""
 
 
 def formats(estimate: Estimate) -> Callable[[Valued], Format]:
-    """Return a function that maps a parameter to its `Format`: the smallest sigma in the same unit has two digits."""
+    """Return a function that maps a parameter to its `Format`.
+
+    All angles get the number of decimal places that shows their smallest sigma with two digits; so do all lengths.
+    """
     return formats_of(((p, sd) for p, _, sd in values_of(estimate)), most=MOST_PLACES)
 
 
 def formats_of(
     sigmas: Iterable[tuple[Valued, float]], *, most: int = 9
 ) -> Callable[[Valued], Format]:
-    """Do as `formats` does, but from (parameter, sigma) pairs; `most`: largest number of decimal places."""
+    """Return a function as `formats` does, for these parameters and sigmas; `most`: largest number of places."""
     return _formats(sigmas, partial(places_to_show, least=3, most=most))
 
 
 def nominal_formats(values: Iterable[tuple[Valued, float]]) -> Callable[[Valued], Format]:
-    """Return a function that maps a parameter to its `Format`: nominal `values` in the same unit are shown exactly."""
+    """Return a function as `formats` does, but with the fewest decimal places that show nominal `values` exactly."""
     return _formats(values, partial(places_needed, least=1, most=MOST_PLACES))
 
 
@@ -71,10 +74,12 @@ def parameter_table(
     nominal_key: bool = True,
     note: str = "",
 ) -> FactTable:
-    """Return the table of nominal and identified values, changes, sigmas, intervals, and the values in `beside`.
+    """Return the table of each parameter's nominal and identified value, change, sigma and interval.
 
-    `beside`: estimate by the other estimator. `repeatability`: type A uncertainties (P,), rad and m. `sides`: what each
-    parameter describes, as `side_of` returns it. `nominal_key`: whether the nominal values are in JSON.
+    `beside`: estimate by the other estimator, whose values are added; None if there is none.
+    `repeatability`: type A uncertainties (P,), rad and m; None leaves out their column.
+    `sides`: what each parameter describes, as `side_of` returns it; None leaves out this column.
+    `nominal_key`: whether the nominal values are in JSON.
     """
     own = f"{estimate.estimator} (chosen)"
     columns = [*words("parameter", "unit"), *figures("nominal")]

@@ -185,7 +185,7 @@ CLOSURE_COLUMNS = (
 
 
 def closure_table(solution: Solution, beside: Estimate | None, checks: Checks | None) -> FactTable:
-    """Return the table of closure sigmas: nominal, calibrated, by the other estimator (`beside`), of held-out poses."""
+    """Return the table of closure sigmas: before and after calibration, by estimate `beside`, and at held-out poses."""
     estimate = solution.identified
     rows = [
         closure_row("nominal, before", solution.before, key=("before",)),
@@ -220,9 +220,9 @@ def closure_table(solution: Solution, beside: Estimate | None, checks: Checks | 
 def rows_in_use(
     best_table: ClosureSigmas | None, corrected: ClosureSigmas | None, *, name: str = "{}, after"
 ) -> Iterator[tuple[Cell, ...]]:
-    """Yield the closure rows of the best D-H table and of corrected readings: a controller uses one of the two.
+    """Yield a row of closure sigmas for each of the two ways in which a controller can use the calibration.
 
-    If an argument is None, its row is left out. `name`: format of the rows' names.
+    The rows are for the best D-H table and for corrected readings; None leaves out a row. `name`: format of row names.
     """
     if best_table is not None:
         yield closure_row(name.format("best table"), best_table, key=("with_best_table",))
@@ -235,8 +235,8 @@ def closure_row(
 ) -> tuple[Cell, ...]:
     """Return one row of closure sigmas.
 
-    `key`: beginning of the figures' keys in JSON; None: no figure is in JSON. `reading`: if not empty, only the rms is
-    in JSON, and `reading` ends its key.
+    `key`: first part of the keys of the figures in JSON; None: no figure is in JSON. `reading`: last part of the key of
+    the rms, which is then the only figure in JSON; if empty, all figures are in JSON and this part is ``rms``.
     """
     cells: list[Cell] = [name]
     turned = sigmas.orientation_rad
@@ -256,7 +256,7 @@ def closure_row(
 
 
 def causes_table(solution: Solution) -> FactTable | None:
-    """Return the table of possible faults, the main one first; None if there are none. Only HTML explains them."""
+    """Return the table of possible faults, the main one first; None without any. Only HTML has their explanations."""
     rows: list[tuple[Cell, ...]] = []
     for cause in solution.causes:
         role, effect = "text", "a warning"

@@ -68,9 +68,9 @@ def wrapped(text: str, width: int, role: str = "text", indent: str = "") -> list
 
 
 def window(rows: Sequence[Line], first: int, height: int) -> tuple[list[Line], int, int]:
-    """Return the visible rows of a list scrolled to index `first`, their number, and the index of the first of them.
+    """Return what a list scrolled to index `first` shows: lines, number of rows, and index of the first row.
 
-    If not all rows fit, a last row is added but not counted: it states how many rows are hidden below, or else above.
+    If not all rows fit, the last line is no row: it states how many rows are hidden below or, if none are, above.
     """
     if len(rows) <= height:
         return list(rows), len(rows), 0

@@ -31,9 +31,11 @@ if TYPE_CHECKING:
 class Subject:
     """The content of a report, before it is rendered.
 
-    `solution`: the calibration; None if the poses do not determine every parameter, see `unidentifiable`. `checks`:
-    cross-validation and jackknife, None if not computed. `recalculated_because`: why the poses were solved again; empty
-    if the solution is from the journal. `last_utc`: time of the journal's last event. `events`: number of all events.
+    `solution`: the calibration; None if the poses do not determine every parameter.
+    `checks`: cross-validation and jackknife; None if not computed.
+    `unidentifiable`: the error that names the undetermined parameters; None if there is a solution.
+    `recalculated_because`: why the poses were solved again; empty if the solution is from the journal.
+    `last_utc`, `events`: time of the journal's last event, and number of all events.
     `torn`: text about an incomplete last line of the journal that was dropped; empty if the journal is complete.
     `simulated`: whether the drives report that they are virtual.
     """
@@ -101,7 +103,7 @@ class Subject:
 
     @property
     def used(self) -> tuple[CapturedPose, ...]:
-        """Poses from which the solution was made, in the order of the solution's rows."""
+        """Poses from which the solution was calculated, in the order of the poses in its arrays."""
         return tuple(p for p in self._counting if p.number not in self.flipped)
 
     @property

@@ -18,10 +18,12 @@ def shown(cell: Cell) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """One column of a table. The header is the title; if there is a unit, it follows in brackets.
+    """One column of a table. Its header is the title, followed by the unit in brackets if there is one.
 
-    `words`: the cells are text, aligned to the left. `group`: header above neighbouring columns that belong together.
-    `detail`: only the HTML page shows the column. `summary`: the column replaces detail columns in all other outputs.
+    `words`: whether the cells are text, which is aligned to the left.
+    `group`: header above neighbouring columns that belong together.
+    `detail`: whether only the HTML page shows the column.
+    `summary`: whether all outputs except the HTML page show the column, in place of detail columns.
     """
 
     title: str
@@ -33,7 +35,7 @@ class Column:
 
 
 def words(*titles: str, detail: bool = False) -> tuple[Column, ...]:
-    """Return columns of text."""
+    """Return a column of text for each title."""
     return tuple(Column(title, words=True, detail=detail) for title in titles)
 
 
@@ -83,7 +85,7 @@ class FactTable:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Headline:
-    """A figure that summarises a calibration, with a note; `closure`: whether the figure is a closure sigma."""
+    """A figure that summarises a calibration, with name and note. `closure`: whether it is a closure sigma."""
 
     name: str
     figure: Figure
@@ -102,7 +104,7 @@ class Headline:
 
 
 def keyed(tables: Iterable[FactTable]) -> dict[str, Any]:
-    """Return all figures that have a key as a nested JSON object; a part whose keys are all integers becomes a list."""
+    """Return a nested JSON object of all figures with a key; an object whose keys are all integers becomes a list."""
     tree: dict[str | int, Any] = {}
     for figure in (c for t in tables for row in t.rows for c in row if isinstance(c, Figure)):
         if figure.key:

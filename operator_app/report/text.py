@@ -164,7 +164,7 @@ def unidentifiable_text(error: UnidentifiableError) -> str:
 
 
 def aligned(rows: Sequence[Sequence[str]], *, left: bool = False) -> str:
-    """Return rows as text: the first column left-aligned, the others right-aligned unless `left`."""
+    """Return rows as text in aligned columns: the first to the left, the others to the left if `left`, else right."""
     columns = list(zip_longest(*(map(sanitized, row) for row in rows), fillvalue=""))
     for k, cells in enumerate(columns):
         width = max(map(len, cells))

@@ -191,7 +191,7 @@ def best_table_table(solution: Solution) -> FactTable | None:
 
 
 def posterior_data(solution: Solution) -> dict[str, Any]:
-    """Return the JSON data of information shares, distances between sockets, best D-H table and corrections.
+    """Return JSON data: shares of information from the poses, socket distances, best D-H table, and corrections.
 
     Angles are in deg and lengths in m, unless the key states another unit.
     """

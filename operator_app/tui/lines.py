@@ -58,7 +58,7 @@ class Lines(Widget, can_focus=True):
 
     @property
     def look(self) -> Look:
-        """Appearance of text."""
+        """The app's `Look`: styles by role, and whether only ASCII is used."""
         app: Any = self.app
         made: Look = app.look
         return made
@@ -132,7 +132,7 @@ class Lines(Widget, can_focus=True):
         return rows
 
     def render_line(self, y: int) -> Strip:
-        """Return one row."""
+        """Return row `y` of the lines shown, padded to the width of the widget."""
         look, width = self.look, self.content_size.width
         row = clip(self.shown[y], width) if y < len(self.shown) else ()
         if self._base is None:

@@ -29,7 +29,7 @@ from operator_app.tui.widgets.status import Banner, Log, SafetyStrip
 
 
 def done(step: Step, s: SessionSnapshot) -> bool:
-    """Whether a step is done: Capture has its poses, Export has written files, and others have opened the next step."""
+    """Whether a step is done: Capture with enough poses, Export with files written, others if the next step is open."""
     if step is Step.EXPORT:
         return s.written is not None
     if step is Step.RESULTS:
@@ -289,7 +289,7 @@ class MainScreen(Screen[None]):
             self.call_after_refresh(self.forget)
 
     def _shown_at_once(self, s: SessionSnapshot) -> object:
-        """Return what is shown immediately when it changes; changes of ages and rates wait for a later snapshot."""
+        """Return the values whose change repaints at once; ages and rates, which always change, are not among them."""
         joints = () if s.arm is None else tuple((j.mode, j.drive) for j in s.arm.joints)
         latest = s.messages[-1].number if s.messages else 0
         return (

@@ -69,9 +69,9 @@ SOON_S = 0.1
 
 
 class ScreenInterface:
-    """The `UserInterface` of the terminal app; the marked rows on the screen are the selections.
+    """The `UserInterface` of the terminal app; an action applies to the row that is marked on the screen.
 
-    Actions can be chosen only once a session is open; `runner` is not set before.
+    `runner` is set only when a session is open; until then no action can be chosen.
     """
 
     def __init__(self, app: SarcalApp) -> None:
@@ -81,7 +81,7 @@ class ScreenInterface:
         self._opening = False
 
     def press(self, *keys: str | None) -> bool:
-        """Do the action of a key (`keys`: its name and character) at this step; return False if there is none."""
+        """Do the action that a key has at this step; return False if there is none. `keys`: its name and character."""
         matching = (action_table.for_key(key, self.app.step) for key in keys if key is not None)
         action = next((a for a in matching if a is not None), None)
         if action is not None:
@@ -97,7 +97,7 @@ class ScreenInterface:
         self.app.poll()
 
     def do_named(self, name: str) -> None:
-        """Do the action with this name, after a click or as the next action."""
+        """Do the action with this name."""
         self.do(action_table.by_name(name))
 
     def do_anywhere(self, action: user_interface.Action | user_interface.OnScreen) -> None:
@@ -106,7 +106,7 @@ class ScreenInterface:
             self.do(action)
 
     def do_next_action(self) -> None:
-        """Do the next action, shown above the footer."""
+        """Do the action that the line above the footer recommends."""
         name = next_action(self.app.step, self.snapshot()).action
         if name:
             self.do_named(name)
@@ -148,7 +148,7 @@ class ScreenInterface:
         return self.app.main.query_one(FixtureView).main.cursor
 
     def alarm(self, s: SessionSnapshot) -> user_interface.ShownAlarm | None:
-        """The alarm on the screen, even if there is a newer one; None if the shown alarm no longer exists."""
+        """Return the alarm on the screen, which need not be the newest; None if this alarm has been cleared."""
         shown = self.app.main.log_lines.alarm
         standing = {alarm.number for alarm in s.alarms}
         return shown if shown is not None and shown.number in standing else None

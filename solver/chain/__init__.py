@@ -1,1 +1,1 @@
-"""The open chain: D-H kinematics, arms, sensors, pose sets."""
+"""The open chain: D-H kinematics, arms, sensors and pose sets."""

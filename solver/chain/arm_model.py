@@ -18,8 +18,8 @@ class Joint:
     """One sensed or unsensed revolute joint; `name` is shown to the operator.
 
     `lower_rad`, `upper_rad`: range in sensor coordinates (the measured angle theta, before the offset is added).
-    `backlash_rad`, `sag_rad`: play between sensor and link, and elastic twist under load, each as one standard
-    deviation; 0 for none.
+    `backlash_rad`: standard deviation of the play between sensor and link; 0 for none.
+    `sag_rad`: standard deviation of the elastic twist under load; 0 for none.
     """
 
     name: str
@@ -39,9 +39,9 @@ class Joint:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RowTolerance:
-    """Uncertainty of one D-H row in the maker's table: standard deviations of s and a, and of alpha and beta.
+    """Uncertainty of one D-H row in the maker's table, for entries that are fixed instead of identified.
 
-    0 means exact. The uncertainty matters for entries that are fixed instead of identified.
+    `length_m`: standard deviation of s and a. `twist_rad`: standard deviation of alpha and beta. 0 means exact.
     """
 
     length_m: float = 0.0
@@ -109,7 +109,7 @@ class ArmModel:
         return replace(self, tolerances=rows)
 
     def maker_entries(self, row: int) -> tuple[DhEntry, ...]:
-        """Lengths and twists of a row of the maker's table: a, s, alpha or, in one of `hayati_rows`, a, alpha, beta."""
+        """Lengths and twists of a row of the maker's table: a, s and alpha, or a, alpha and beta in `hayati_rows`."""
         ours = (
             (DhKind.A, DhKind.ALPHA, DhKind.BETA)
             if row in self.hayati_rows
@@ -126,7 +126,7 @@ class ArmModel:
         return np.array([joint.sensor.linearity_rad for joint in self.joints])
 
     def gain_rad(self) -> FloatArray:
-        """Rms deviation within full scale from a gain error of one sigma, (n,), rad; 0 for sensors other than RVDTs."""
+        """Rms deviation of each RVDT over full scale for a gain error of one sigma, (n,), rad; 0 for other sensors."""
         return np.array([joint.sensor.gain_rad for joint in self.joints])
 
     @property
@@ -141,7 +141,7 @@ class ArmModel:
 
     @property
     def accuracy_rad(self) -> FloatArray:
-        """Standard deviation of each encoder's errors of period one and half a turn, (n,); 0 for other sensors."""
+        """Standard deviation of each encoder's periodic errors (see `Encoder`), shape (n,); 0 for other sensors."""
         return np.array([joint.sensor.accuracy_rad for joint in self.joints])
 
     @property

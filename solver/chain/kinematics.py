@@ -2,10 +2,10 @@
 
 Distal convention (paper, Figure 1): ``A_j = Rz(theta_j) Tz(s_j) Tx(a_j) Rx(alpha_j) Ry(beta_j)`` takes
 frame j-1 to frame j. beta is zero unless z_{j-1} and z_j are parallel: then their common normal and s_j are not unique,
-and Hayati's beta_j [9] takes the place of s_j.
+and Hayati's beta_j (reference [9] of the paper) takes the place of s_j.
 
-A chain of L links has L+1 frames; frame 0 of the arrays below is the frame in which the chain starts (the
-paper's frame -1 for a hinge loop, whose first link is link 0).
+A chain of L links has L+1 frames. Frame 0 of the arrays below is the frame in which the chain starts: for a hinge loop,
+whose first link is link 0, the paper's frame -1.
 
 The last axis of every parameter array counts links. Leading axes (starts, poses, ...) broadcast, so one parameter row
 serves many poses and many starts are evaluated in one call.
@@ -26,9 +26,9 @@ from solver.chain.parameters import DhKind
 class DhTable:
     """Constants of a chain: one entry per link, shape (links,).
 
-    `theta_off_rad`: joint-angle offsets, ``theta' = theta + theta_off`` (paper, section 2.1). `s_m`, `a_m`: offsets
-    along z_{j-1} and lengths along x_j. `alpha_rad`: twists about x_j. `beta_rad`: Hayati's twists about y_j; zeros if
-    none are given.
+    `theta_off_rad`: joint-angle offsets, ``theta' = theta + theta_off`` (paper, section 2.1).
+    `s_m`, `a_m`: offsets along z_{j-1}, and lengths along x_j.
+    `alpha_rad`, `beta_rad`: twists about x_j, and Hayati's twists about y_j (zeros by default).
     """
 
     theta_off_rad: FloatArray
@@ -68,8 +68,8 @@ class DhTable:
 class Frames:
     """All frames of a chain, expressed in its first frame.
 
-    Poses are last in memory: every step along a chain is then one pass over contiguous numbers, several times as fast
-    as over (..., 3, 3). The properties are views with the poses first.
+    The last axes of the stored arrays are the poses: every step along a chain is then one pass over contiguous numbers,
+    several times as fast as over (..., 3, 3). The properties are views with the poses first.
 
     `axes_of`: (links + 1, 3, 3, ...): the axes x, y and z of every frame, then the three components of each axis.
     `origin_of`: (links + 1, 3, ...): origins, m.
@@ -166,11 +166,10 @@ is an angle."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Entries:
-    """Frame and axis of each of the D-H entries whose screws are needed, in the order given.
+    """The axes about or along which C D-H entries move the links after them, for `screws`.
 
-    `frame` (C,): index of a frame. `axis` (C,): index of the axis of this frame (x 0, y 1, z 2) about which the entry
-    turns the links after it, or along which it shifts them. `turning`: indices of the entries that are angles.
-    `sliding`: indices of the entries that are lengths.
+    `frame` (C,): index of the frame to which the entry's axis belongs. `axis` (C,): index of the axis in this frame:
+    0 for x, 1 for y, 2 for z. `turning`: indices of the entries that are angles. `sliding`: indices of the lengths.
     """
 
     frame: IntArray
@@ -180,7 +179,7 @@ class Entries:
 
     @classmethod
     def of(cls, kinds: Sequence[int], rows: Sequence[int]) -> Entries:
-        """Return the entries with columns `kinds` (`DhKind`) and rows `rows`; row 0 is the first link of the chain."""
+        """Return the entries in columns `kinds` (`DhKind`) and rows `rows`; row 0 is the first link of the chain."""
         kind = np.array(kinds, dtype=np.int64)
         axis, turns = _AXIS[kind], _TURNS[kind]
         return cls(
@@ -195,17 +194,17 @@ NO_ENTRIES = Entries.of((), ())
 
 
 def jacobian(frames: Frames, entries: Entries) -> FloatArray:
-    """Screw Jacobian of the last frame for some D-H entries, shape (..., 6, C): `screws` with the poses first."""
+    """Jacobian (..., 6, C) of the last frame with respect to `entries`: the result of `screws` with the poses first."""
     return np.ascontiguousarray(poses_first(screws(frames, entries), 1, 0))
 
 
 def screws(frames: Frames, entries: Entries) -> FloatArray:
-    """Screw of the last frame for each of the D-H entries, in the chain's first frame.
+    """Screw of the last frame per unit of each of the D-H entries, in the chain's first frame.
 
-    The result is (C, 6, ...): the infinitesimal rotation (rad), then the translation (m), of the end point.
+    The result is (C, 6, ...): the infinitesimal rotation (rad), then the translation (m), of the end point p_e.
 
     theta_j: (z_{j-1}, z_{j-1} x (p_e - p_{j-1})); s_j: (0, z_{j-1}); a_j: (0, x_j);
-    alpha_j: (x_j, x_j x (p_e - p_j)); beta_j: (y_j, y_j x (p_e - p_j)). The x_j of a_j and alpha_j is the axis before
+    alpha_j: (x_j, x_j x (p_e - p_j)); beta_j: (y_j, y_j x (p_e - p_j)). For a_j and alpha_j, x_j is the axis before
     the rotation by beta_j.
     """
     p, turning, sliding = frames.origin_of, entries.turning, entries.sliding
@@ -228,5 +227,5 @@ def _links_first(values: FloatArray, dims: int) -> FloatArray:
 
 
 def poses_first(values: FloatArray, *order: int) -> FloatArray:
-    """View with the pose dimensions moved from last to first, then the other dimensions in order `order`."""
+    """Return a view with the pose axes, which are last, moved to the front; the other axes follow in `order`."""
     return values.transpose(*range(len(order), values.ndim), *order)

@@ -1,7 +1,7 @@
 """Names, quantities and nominal values of the estimated parameters.
 
-Names are the paper's: ``theta_off_1``, ``s_1``, ``a_0``, ``alpha_7``; the number is the D-H row. ``beta_2`` is
-Hayati's [9], in place of ``s_2`` if row 2 joins parallel axes.
+Names are the paper's: ``theta_off_1``, ``s_1``, ``a_0``, ``alpha_7``; the number is the D-H row. If row 2 joins
+parallel axes, Hayati's ``beta_2`` takes the place of ``s_2``.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from solver.arrays import FloatArray
 
 
 class DhKind(IntEnum):
-    """Column of a D-H table; the value is the index in `DhTable.stacked`."""
+    """Column of a D-H table; the value is the column's index in `DhTable.stacked`."""
 
     THETA_OFF = 0
     S = 1

@@ -22,8 +22,7 @@ class PoseSet:
     `samples`: number of samples averaged at each pose, shape (m,); None if not recorded.
     `endpoint`: measured endpoint: x, y, z (m), shape (m, 3), or also a rotation vector (rad), shape (m, 6). None
     without an instrument.
-    `utc`, `notes`: time and operator's note of each pose, length m, "" if a pose has none; None if not recorded for any
-    pose.
+    `utc`, `notes`: time and operator's note of each pose, "" if a pose has none, length m; None if no pose has one.
     """
 
     placement: IntArray
@@ -113,8 +112,8 @@ class PoseSet:
     def sha256(self) -> str:
         """SHA-256 of the data that a calibration uses: keys, angles, spreads, samples, endpoints.
 
-        It does not depend on the order of the poses or on how a file was formatted, nor on times and notes. Two
-        sets with the same digest have bit-for-bit the same numbers (except for the sign of zero).
+        The digest does not depend on the order of the poses, the format of a file, times or notes. Sets with the same
+        digest have bit-for-bit the same numbers (except for the sign of zero).
         """
         digest = hashlib.sha256(b"sarcal/poses/1\n")
         columns = [self.q_rad, self.sd_rad, self.endpoint]

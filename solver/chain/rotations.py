@@ -17,8 +17,8 @@ def skew(v: FloatArray) -> FloatArray:
 def rotation_vector(R: FloatArray) -> FloatArray:
     """Logarithm of rotations, shape (..., 3, 3) to (..., 3), rad, length in [0, pi].
 
-    Computed from the unit quaternion, whose largest component is calculated first, from the diagonal of R. This keeps
-    full precision at zero and near pi, where the trace and the antisymmetric part of R lose precision.
+    The logarithm is computed from the unit quaternion, the largest component of which is calculated from the diagonal
+    of R. This keeps full precision at zero and near pi, where trace and antisymmetric part of R lose precision.
     """
     d = np.diagonal(R, axis1=-2, axis2=-1)
     trace = d.sum(-1)
@@ -45,7 +45,7 @@ def rotation_vector(R: FloatArray) -> FloatArray:
 
 
 def _largest_row(R: FloatArray, w: FloatArray) -> FloatArray:
-    """Return row k of 4 q q', (m, 4), for the largest q_k of q1, q2, q3; q = (q0, q1, q2, q3). `w` (m, 4): row 0."""
+    """Return the row (m, 4) of ``4 q q'`` that belongs to the largest of q1, q2, q3; `w` (m, 4): the row of q0."""
     d = np.diagonal(R, axis1=-2, axis2=-1)
     k, every = np.argmax(d, axis=-1), np.arange(len(R))
     row = np.empty_like(w)
@@ -56,7 +56,7 @@ def _largest_row(R: FloatArray, w: FloatArray) -> FloatArray:
 
 
 def rotation_vector_differential(r: FloatArray) -> FloatArray:
-    """Matrix that takes a spatial angular increment to the increment of the rotation vector.
+    """Return the matrix E that maps a small rotation w in the fixed frame to the change of the rotation vector `r`.
 
     With ``R = exp([r]x)`` and ``dR = [w]x R``: ``dr = E w``. Shape (..., 3) to (..., 3, 3). E is the inverse of the
     left Jacobian of SO(3), singular only at a full turn.

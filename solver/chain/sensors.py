@@ -13,7 +13,7 @@ DITHER = 0.5
 
 
 def _variance_of_mean(resolution_rad: float, noise_counts: float, samples: int) -> float:
-    """Variance (rad^2) of the mean of `samples` readings; rounding averages out only where noise acts as dither."""
+    """Variance (rad^2) of the mean of `samples` readings; rounding averages out if the noise is at least `DITHER`."""
     rounding = 1.0 / 12.0 / (samples if noise_counts >= DITHER else 1)
     return resolution_rad**2 * (rounding + noise_counts**2 / samples)
 
@@ -22,8 +22,8 @@ def _variance_of_mean(resolution_rad: float, noise_counts: float, samples: int) 
 class Encoder:
     """Incremental encoder with `counts_per_rev` counts per turn and `noise_counts` counts of noise (rms).
 
-    `accuracy_rad`: one standard deviation of each of two periodic errors, of period one turn (eccentric disc) and half
-    a turn (oval disc). These errors are systematic and not part of `sigma_rad`.
+    `accuracy_rad`: standard deviation of each of two periodic errors. Their periods are one turn (eccentric disc) and
+    half a turn (oval disc). The errors are systematic and not part of `sigma_rad`.
     """
 
     linearity_rad: ClassVar[float] = 0.0
@@ -52,9 +52,8 @@ class Encoder:
 class Rvdt:
     """Rotary variable differential transformer read by an ADC of `bits` over `full_scale_rad`.
 
-    `linearity` is the largest deviation from the best-fit straight line, as a fraction of full
-    scale; `gain` is one standard deviation of that line's slope about 1. Data sheets state the two separately. Both are
-    systematic and not part of `sigma_rad`.
+    `linearity`: largest deviation from the best-fit straight line, as a fraction of full scale. `gain`: standard
+    deviation of the slope of this line from 1. The two are systematic errors and not part of `sigma_rad`.
     """
 
     accuracy_rad: ClassVar[float] = 0.0
@@ -133,7 +132,7 @@ def _power_series() -> FloatArray:
 
 
 _POWERS = _power_series()
-"""The weighted P2..P10 as power series: one matrix product evaluates all; rounding costs only three of 16 digits."""
+"""Power series of the weighted P2..P10: a matrix product evaluates all of them, and rounding costs 3 of 16 digits."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -141,9 +140,9 @@ class SensorCurve:
     """Deviation of one sensor from the true angle: a line plus ``sum_k c_k P_k(x)``, k = 2, 3, ...
 
     x is the angle from `middle_rad` (the electrical zero, in sensor coordinates), divided by `half_scale_rad` (half of
-    full scale). The line is the gain error, the polynomials are the linearity deviation. P_0 is left out because the
-    offset of the `joint` (1-based) covers it. `gain`: standard deviation of the gain error; 0 leaves the line out.
-    `bent`: whether the polynomials are included.
+    full scale). The line is the gain error, the Legendre polynomials P_k are the linearity deviation. There is no P_0,
+    because a constant deviation is part of the joint's offset. `joint`: 1-based. `gain`: standard deviation of the gain
+    error; if it is 0, there is no line. `bent`: whether there are polynomials.
     """
 
     joint: int
@@ -182,7 +181,7 @@ class SensorCurve:
 
 
 def encoder_waves(theta_rad: FloatArray) -> FloatArray:
-    """Sines and cosines of angles (...), rad, and of twice the angles, (..., `WAVES`): basis of an encoder's error."""
+    """Return the basis (..., `WAVES`) of an encoder's error: sine and cosine of the angle and of twice the angle."""
     double = 2.0 * theta_rad
     waves = np.sin(theta_rad), np.cos(theta_rad), np.sin(double), np.cos(double)
     return np.stack(waves, axis=-1)
@@ -198,6 +197,6 @@ def powers_of(curve: SensorCurve, coefficients: FloatArray) -> FloatArray:
 
 
 def rms_per_amplitude() -> float:
-    """Return the expected rms, within full scale, of the weighted polynomials for coefficients of variance 1."""
+    """Return the expected rms over full scale of the sum of the weighted polynomials, with coefficients ~ N(0, 1)."""
     degrees = np.arange(LOWEST, LOWEST + len(SHAPE_WEIGHTS))
     return float(np.sqrt((np.array(SHAPE_WEIGHTS) ** 2 / (2.0 * degrees + 1.0)).sum()))

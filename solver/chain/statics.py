@@ -28,10 +28,11 @@ STANDARD_GRAVITY_M_PER_S2 = 9.80665
 class LinkMasses:
     """Masses of links 1..n of an arm, their uncertainty, and the direction of gravity.
 
-    `mass_kg`: (n,). `centre_m`: (n, 3), centre of mass of each link j relative to p_{j-1}, in frame j-1 rotated with
-    joint j. `mass_sd_kg`, `centre_sd_m`: (n,), standard deviations of the masses and of each component of the centres.
-    `down`: (3,), unit vector along gravity in frame 0, the arm's base. `down_sd_rad`: standard deviation of the base's
-    tilt about each horizontal axis.
+    `mass_kg`, `mass_sd_kg` (n,): masses, and their standard deviations.
+    `centre_m` (n, 3): centre of mass of each link j relative to p_{j-1}, in the axes R_j (see the module).
+    `centre_sd_m` (n,): standard deviation of each component of the centre of mass.
+    `down` (3,): unit vector along gravity in frame 0, the arm's base.
+    `down_sd_rad`: standard deviation of the base's tilt about each horizontal axis.
     """
 
     mass_kg: FloatArray
@@ -54,7 +55,7 @@ class LinkMasses:
     def moments_sd(self) -> FloatArray:
         """Square roots (n, 4, 4) of the covariances of `moments`, whose errors are ``moments_sd @ z``, z ~ N(0, I).
 
-        An error of the mass changes mass and first moment (h = m c); an error of the centre, only the first moment.
+        An error of the mass changes mass and first moment (h = m c). An error of the centre changes the first moment.
         """
         root = np.zeros((len(self.mass_kg), 4, 4))
         root[:, 0, 0] = self.mass_sd_kg
@@ -78,7 +79,7 @@ UPRIGHT_DOWN = 0.0, 0.0, -1.0
 
 
 def unstated_masses(links: int, down: tuple[float, float, float]) -> LinkMasses:
-    """Default masses: equal, with 100 % uncertainty, centred at the joints; `down`: along gravity, in frame 0."""
+    """Return default masses: equal, with 100 % uncertainty, centred at the joints; `down`: see `LinkMasses`."""
     each = np.full(links, UNSTATED_KG)
     return LinkMasses(
         mass_kg=each,
@@ -92,9 +93,9 @@ def unstated_masses(links: int, down: tuple[float, float, float]) -> LinkMasses:
 def torque_rates(arm: Frames, down: FloatArray) -> FloatArray:
     """Gravity's torque about every joint per unit of every link's mass and first moment.
 
-    `arm`: frames 0..n of links 1..n, in frame 0. `down`: unit vector along gravity in frame 0, (3,); or several,
-    (d, 3). The result is (..., n, n, 4), or (d, ..., n, n, 4): joint, link, then mass (N m / kg) and the three
-    components of the first moment (N m / kg m). Elements for links before the joint are zero.
+    `arm`: frames 0..n of links 1..n, in frame 0. `down`: unit vector along gravity in frame 0, (3,), or d vectors
+    (d, 3). The result is (..., n, n, 4), or (d, ..., n, n, 4) for several vectors. Its axes are joint, link, and the
+    quantity: mass (N m / kg), then x, y, z of the first moment (N m / kg m). Links before the joint have no torque.
     """
     axes, origins = arm.axes, arm.origins_m
     z, x, p = axes[..., :-1, :, 2], arm.normals[..., 1:, :], origins[..., :-1, :]

@@ -1,1 +1,1 @@
-"""Design of a calibration: which joints drive, which poses to take, when to stop. No input or output."""
+"""Design of a calibration: choice of the joints to drive and of the poses, and the stop rule. No input or output."""

@@ -11,17 +11,17 @@ from solver.design.paths import Leg
 from solver.design.stop_rule import WeakParameter
 
 NOISE_RAD = float(np.deg2rad(0.3))
-"""A joint that starts a move too close to an end of its range may come closer by this (drift of its reading)."""
+"""A joint that starts a move too close to an end of its range may come closer by this, because its reading drifts."""
 TOLERANCE_RAD = float(np.deg2rad(8.0))
 """Largest deviation of readings from the predicted trace of a planned move."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GoTo:
-    """Move the drive joints in a straight line, all finishing together.
+    """Move the drive joints in a straight line, so that all finish together.
 
-    `targets_rad`: target by joint number (1-based). `trace_rad` (t, n): predicted readings of all joints on the way;
-    None if there is no prediction.
+    `targets_rad`: target by joint number (1-based). `why`: reason for the move, for the operator. `trace_rad` (t, n):
+    predicted readings of all joints on the way; None if there is no prediction.
     """
 
     targets_rad: Mapping[int, float]
@@ -91,7 +91,7 @@ def path_watch(trace_rad: FloatArray | None, ranges: Ranges) -> Callable[[FloatA
 def moves_along(
     route: Sequence[Leg], drives: tuple[int, ...], goal: str, *, of: str = ""
 ) -> list[GoTo | ChangeDrives]:
-    """Return moves and drive changes along a route, from the present `drives`; `goal` and `of` are texts for `why`."""
+    """Return the moves and drive changes along a route from the present `drives`; `goal` + `of`: name of its end."""
     moves: list[GoTo | ChangeDrives] = []
     for leg in route:
         if leg.drives != drives:
@@ -110,5 +110,5 @@ def moves_along(
 
 
 def straight_move(q_rad: FloatArray, drives: tuple[int, ...], why: str) -> GoTo:
-    """Return a straight move of the joints `drives` to their angles in the pose `q_rad` (n,); no trace is predicted."""
+    """Return a straight move of the joints `drives` to their angles in the pose `q_rad` (n,), with `trace_rad` None."""
     return GoTo(targets_rad={j: float(q_rad[j - 1]) for j in drives}, why=why)

@@ -32,7 +32,7 @@ from solver.errors import SolverError
 from solver.loops.closure import poses_needed
 
 SPARE_POSES = 4
-"""Poses in addition to the minimum before an interim calibration is tried."""
+"""Number of poses, in addition to the minimum, that must be captured before an interim calibration is tried."""
 MOST_BLOCKED = 8
 """Number of planned moves that may be stopped early; one more ends the campaign."""
 MOST_UNREACHED = 12
@@ -50,12 +50,15 @@ BACK = "to a captured pose"
 class Campaign:
     """Policy of a campaign. Repeat: call `propose`, carry out the action, report it with `observe` or `captured`.
 
-    `task`: needs drive sets, the first of which is in position mode now. `start_rad` (n,): readings at the start.
-    `poses`: number of planned poses, in addition to those of the exploration. `requested`: standard deviations (rad, m)
-    by parameter name; None: no request. `captured` (m, n): readings at still valid poses of an earlier campaign on the
-    same loop; if they suffice for a trusted estimate, there is no exploration. `taken`: how many of them were planned.
-    `at_rad` (n,): readings at the arm's present pose; by default `start_rad`. Attribute `exploring`: whether the
-    campaign has neither planned a pose nor ended.
+    `task`: planning task with drive sets, the first of which is in position mode now.
+    `start_rad` (n,): readings at the start.
+    `poses`: number of planned poses, in addition to those of the exploration.
+    `requested`: requested standard deviations (rad, m) by parameter name; None: no request.
+    `captured` (m, n): readings at poses of an earlier campaign on the same loop that are still valid. If they suffice
+    for a trusted estimate, there is no exploration.
+    `taken`: number of planned poses among `captured`.
+    `at_rad` (n,): readings at the arm's present pose; by default `start_rad`.
+    `exploring` (attribute): true until the first plan is made or the campaign ends.
     """
 
     def __init__(
@@ -103,7 +106,7 @@ class Campaign:
         return np.array(self._readings).reshape(-1, len(self._q))
 
     def propose(self) -> Action:
-        """Return the next action, which stays the same until its end is reported; the last action is `Finished`."""
+        """Return the next action; it stays the same until its end is reported. The last action is `Finished`."""
         while not self._queue:
             if self.exploring:
                 self._explore()
@@ -176,7 +179,7 @@ class Campaign:
             self.plan = None
 
     def _shift(self) -> float:
-        """Largest change, rad, of the planned poses' predicted angles since the estimate on which the plan is based."""
+        """Largest change, rad, of any predicted angle of a planned pose between the plan's and the present estimate."""
         if self.plan is None or self.estimate is None or not self.plan.visits:
             return 0.0
         index = list(self.plan.visits)
@@ -272,7 +275,7 @@ class Campaign:
     def moves_to(self, captured_rad: FloatArray) -> tuple[GoTo | ChangeDrives, ...] | None:
         """Return moves from the current pose to a captured pose (n,); None if no safe path is found.
 
-        These moves are not proposals. The caller must not report their completion, and must make them in reverse
+        These moves are not proposals: the caller must not report them to the campaign, and must go back along them
         before the campaign continues. During exploration the result is one straight move.
         """
         if self.exploring:

@@ -3,12 +3,13 @@
 Poses are added greedily, then exchanged for better candidates until no exchange helps
 (Fedorov 1972). With M the information so far and F the r rows of a candidate,
 ``det(M + F'F) = det(M) det(I + F M^-1 F')``: this needs one product over all candidates and a determinant of size r for
-each of them, so a whole sweep takes milliseconds. If the unknowns include effects (nuisance parameters), the
-determinant of the parameters' information alone is maximised (D_s-optimality).
+each of them, so a whole sweep takes milliseconds.
 
-A closed pose adds ``A' V^-1 A`` to the Fisher information, in the estimators' linearisation (method, section 3). `A`
-also has columns for the effects of stated errors (lengths, twists, encoders, play, sag, compliance). A thousand similar
-poses determine these effects no better than one pose does (method, section 10).
+Besides the parameters, the unknowns include effects: nuisance parameters that describe stated errors (of lengths,
+twists, encoders, play, sag, compliance) and have the prior N(0, 1). Only the determinant of the parameters' information
+is maximised (D_s-optimality). A pose adds ``A' V^-1 A`` to the Fisher information in the estimators' linearisation
+(method, section 3), where A has columns for parameters and effects. A thousand similar poses determine the effects no
+better than one pose does (method, section 10).
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ WORTHWHILE = 1e-9
 
 
 class TooFewCandidatesError(ValueError):
-    """Fewer poses can be chosen than were requested."""
+    """Raised if fewer poses can be chosen than were requested."""
 
 
 def log_det(information: FloatArray) -> float:
@@ -60,10 +61,10 @@ def summed_information(root: FloatArray, poses: Sequence[int]) -> FloatArray:
 
 
 def gains(root: FloatArray, information: FloatArray, parameters: int) -> FloatArray:
-    """Increase of log det when each candidate (m,) is added to a regular information matrix (N, N).
+    """Increase (m,) of log det of the parameters' information when each candidate alone is added to `information`.
 
-    `root` is (m, r, N): `PoseInformation.root`. Only the first `parameters` of the N unknowns count; the others are
-    effects, and `information` must contain their prior.
+    `root` (m, r, N): `PoseInformation.root` of the candidates. `parameters`: the first `parameters` of the N unknowns
+    are parameters; the others are effects. `information` (N, N): regular, with the prior of the effects.
     """
     of_effects = _gains(root[..., parameters:], information[parameters:, parameters:])
     return _gains(root, information) - of_effects
@@ -94,10 +95,10 @@ def choose_poses(
     Raises `TooFewCandidatesError` if fewer than `count` candidates are allowed and far enough apart.
 
     `root` (m, r, N): `PoseInformation.root` of all candidates. `parameters`: the first `parameters` of the N unknowns
-    are to be determined; the others are effects (N(0, 1)). `fixed`: information (N, N) of poses captured already.
-    `allowed` (m,): which candidates may be chosen; all by default. `q`, `apart_rad`: joint angles (m, n) of the
-    candidates, and the least distance (Euclidean, rad) between chosen candidates. Without a least distance, the best
-    set repeats nearly the same few poses, which averages sensor noise but not the linearity deviations of sensors.
+    are to be determined; the others are effects. `fixed`: information (N, N) of poses captured already. `allowed` (m,):
+    which candidates may be chosen; all by default. `q`, `apart_rad`: joint angles (m, n) of the candidates, and the
+    least distance (Euclidean, rad) between chosen candidates. A distance is needed because the best set otherwise
+    consists of a few poses, nearly repeated: this averages sensor noise, but not the sensors' linearity deviations.
     """
     m, _, N = root.shape
     P = parameters
@@ -132,9 +133,9 @@ def choose_poses(
 
 @dataclass(frozen=True, slots=True)
 class _Search:
-    """Search for candidates that determine the first `parameters` unknowns best.
+    """Search for the candidates that determine the first `parameters` of the N unknowns best.
 
-    `root` (m, r, N): square root of each candidate's information, with the N unknowns scaled to similar size.
+    `root` (m, r, N): square root of each candidate's information, with the unknowns scaled to similar size.
     """
 
     root: FloatArray
@@ -162,7 +163,7 @@ class _Search:
         return chosen
 
     def fill(self, M: FloatArray, chosen: list[int], count: int) -> None:
-        """Add the best candidates to `chosen` until it has `count`, and their information to `M` (N, N)."""
+        """Add the best candidates to `chosen`, up to `count` in all, and their information to `M` (N, N)."""
         while len(chosen) < count:
             gain = self.gains(M, chosen)
             best = int(np.argmax(gain))
@@ -174,7 +175,7 @@ class _Search:
             chosen.append(best)
 
     def exchange(self, M: FloatArray, chosen: list[int]) -> None:
-        """Replace poses in `chosen`, one at a time, by better candidates while that helps; update `M` (N, N)."""
+        """Replace poses in `chosen`, one at a time, until no candidate is better; update `M` (N, N)."""
         for _ in range(MAX_SWEEPS):
             changed = False
             for k, old in enumerate(chosen):
@@ -197,11 +198,11 @@ built-in arms they carry 99.9 % of the information, and a choice among 3,000 pos
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PoseInformation:
-    """Square roots of the information of m poses about P parameters and K effects of stated errors.
+    """Square roots of the information of m poses about P parameters and K effects (see the module).
 
     `parameters`: names, in column order. `root` (m, r, P + K): a pose's information is ``root' root``. With V = L L'
     the covariance of the pose's equations, `root` is ``L^-1 [A, Z]``, where A are the derivatives with respect to the
-    parameters, and Z those with respect to the effects, each of which has the prior N(0, 1).
+    parameters, and Z those with respect to the effects.
     """
 
     parameters: tuple[str, ...]
@@ -227,13 +228,12 @@ def pose_information(
     errors: ErrorModel,
     variances: Mapping[str, float] | None = None,
 ) -> PoseInformation:
-    """Return each pose's information about those parameters of `model` that have no tolerance; `errors`: error model.
+    """Return the information of m poses about the P parameters of `model` to which `errors` gives no tolerance.
 
     Raises `ValueError` if a closure component has no noise at all (exact joints and a stiff fixture).
-
-    `x`: parameters (P + T,) of `model`, T of them toleranced. `q`: readings (m, n) of captured or planned poses.
-    `closed_q`, `closed_u`: closed poses at `x` nearest to the readings: (m, n), (m, U). `variances`: variances of
-    the components of `errors`, by name; None: the start values that `errors` states.
+    `x`: all parameters (P + T,) of `model`; T of them have a tolerance. `q`: readings (m, n) of captured or planned
+    poses. `closed_q` (m, n), `closed_u` (m, U): nearest poses that close with `x`. `errors`: error model. `variances`:
+    variances of the components of `errors`, by name; by default the start values that `errors` states.
     """
     design = LinearModel(model, q, errors)
     equations = Linearisation(

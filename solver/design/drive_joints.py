@@ -1,7 +1,8 @@
-"""Which joints should drive a closed chain: ranking of drive sets, predicted or measured by trial motions.
+"""Which joints should drive a closed chain: ranking of the possible sets of drive joints.
 
-At one pose, sets are ranked by the leverage of the drives and the motion of the other joints: predicted, or measured in
-trial motions as in the paper. Over a region, they are ranked by the share of poses that they reach, and by leverage.
+At one pose, sets are ranked by the leverage of the drives and the motion of the other joints. Both are predicted by a
+model, or measured in trial motions as in the paper. Over a region of poses, sets are ranked by the share of the poses
+that they reach, and by leverage.
 """
 
 from collections.abc import Iterable, Sequence
@@ -26,13 +27,16 @@ SINGULAR_LEVERAGE = 0.02
 class RankedDrives:
     """One set of drive joints with its figures of merit.
 
-    `drives`: joints (1-based) to be put into position mode. `score`: value by which sets are ranked, in [0, 1].
-    `leverage`: how well the drives determine all motion, from 0 at a singularity to 1 (see `ChainMotion.leverage`);
-    over a region, the median over the poses that the set reaches. `passive_conditioning`: smallest singular value of
-    the passive joints' closure Jacobian, over a region the median; None after trials. `fastest_passive`: largest ratio
-    of a passive joint's speed to the drives' speed. `fastest_joint`: joint with this ratio. `still`: passive joints
-    that hardly move. `reach`: share of the region's poses that can be reached from pose 0; None if the ranking is not
-    over a region. `reasons`: reasons for the rank, as text, the most important first.
+    Over a region, leverage, conditioning and ratios are medians over the poses that the set reaches.
+
+    `drives`: joints (1-based) to be put into position mode.
+    `score`: value by which sets are ranked, in [0, 1].
+    `leverage`: how well the drives determine all motion, from 0 at a singularity to 1 (see `ChainMotion.leverage`).
+    `passive_conditioning`: smallest singular value of the passive joints' closure Jacobian; None if measured by trials.
+    `fastest_passive`, `fastest_joint`: largest ratio of a passive joint's speed to the drives' speed, and this joint.
+    `still`: passive joints that hardly move.
+    `reach`: share of the region's poses that can be reached from pose 0; None if the ranking is not over a region.
+    `reasons`: reasons for the rank, as text, the most important first.
     """
 
     drives: tuple[int, ...]
@@ -56,7 +60,7 @@ def rank_at_pose(model: ClosureModel, x: FloatArray, q: FloatArray) -> tuple[Ran
 
 
 def rank_over_region(manifold: Manifold) -> tuple[RankedDrives, ...]:
-    """Rank all drive sets by the share of a manifold that each reaches from pose 0, and by leverage; best first."""
+    """Rank all drive sets, best first, by leverage and by the share of the manifold's poses reached from pose 0."""
     ranked = []
     for drives in _sets(manifold.model, manifold.motion.degrees):
         reachable = PathGraph(manifold, [drives], LIMITS).reachable(0)
@@ -72,9 +76,9 @@ def rank_over_region(manifold: Manifold) -> tuple[RankedDrives, ...]:
 class DriveTrial:
     """Measured trial motions of one drive set.
 
-    `drives`: joints (1-based) in position mode. `commanded_rad` (w, d), of rank d: commanded displacement of
-    the drives in each trial motion. `moved_rad` (w, n): measured displacement of every joint. `stopped`: why the trial
-    ended early, as text; empty if it did not end early.
+    `drives`: joints (1-based) in position mode. `commanded_rad` (w, d): commanded displacement of the d drives in each
+    of w trial motions; its rank is d. `moved_rad` (w, n): measured displacement of every joint. `stopped`: why the
+    trial ended early, as text; empty if it did not end early.
     """
 
     drives: tuple[int, ...]
@@ -123,7 +127,7 @@ def _verdict(
     reach: float | None = None,
     stopped: str = "",
 ) -> RankedDrives:
-    """Return the rank of a drive set; `rates` (n,): motion of every joint per motion of the drives."""
+    """Return the drive set with its score and reasons; `rates` (n,): ratio of each joint's motion to the drives'."""
     rates = np.where(np.isin(np.arange(1, len(rates) + 1), drives), 0.0, rates)
     passive = [j for j in range(1, len(rates) + 1) if j not in drives]
     still = tuple(j for j in passive if rates[j - 1] < 0.05)

@@ -1,9 +1,9 @@
 """Explores with the drive joints, guided by readings alone, before any model can be trusted.
 
 The policy commands no arm: `propose` returns the next targets of the drives, `observe` takes the readings at the end of
-a move and the reason if it ended early. The drives leave the start in small steps along a ray in drive space, return in
-one move, and take the next ray. The rates of all joints per drive are learnt from the steps (Broyden's secant update)
-and predict whether the next step would reach the end of a range or a singularity.
+a move and, if the move ended early, the reason. The drives leave the start in small steps along a ray in drive space,
+return in one move, and take the next ray. The motion of all joints per motion of each drive is learnt from the steps
+(Broyden's secant update) and predicts whether the next step would reach the end of a range or a singularity.
 """
 
 from collections.abc import Iterator
@@ -29,14 +29,13 @@ RAY_MARGIN_RAD = float(np.deg2rad(5.0))
 MOST_RATE = 2.5
 """Largest allowed ratio of a passive joint's motion to that of the drives: a larger ratio shows a singularity nearby.
 
-If 1.3 times the ratio at the start is larger than this, the limit is 1.3 times the ratio at the start, but at most
-twice this value.
+The limit is higher if the ratio is large at the start already: 1.3 times that ratio, but at most twice this value.
 """
 
 
 @dataclass(slots=True)
 class _Ray:
-    """A direction in drive space, the number of steps along it, and why the ray ended early; "" if it did not."""
+    """A direction in drive space, the number of steps along it, and why the ray ended early ("" if it did not)."""
 
     direction: FloatArray
     steps: int
@@ -140,8 +139,8 @@ class Explorer:
     def _ahead(self, move: FloatArray, rates: FloatArray, growth: float, *, trusted: bool) -> str:
         """Return why the drives must not take the step `move` (d,), rad, or "" if they may.
 
-        `rates` (n, d): motion of the joints per motion of the drives; unless `trusted`, the largest allowed rate is
-        assumed for all joints. `growth`: factor by which the largest rate grows from step to step.
+        `rates` (n, d): motion of the joints per motion of the drives. `trusted`: whether `rates` are reliable; if not,
+        any joint may move at the largest allowed rate. `growth`: factor by which rates grow from step to step.
         """
         change = rates @ move
         slack = RAY_MARGIN_RAD + 0.3 * np.abs(change)

@@ -20,8 +20,8 @@ COMPLIANCE_ITERATIONS = 4
 class InterimEstimate:
     """Part of a calibration that planning needs.
 
-    `x`, `covariance`: values (P,) and covariance (P, P). `trusted`: whether planning may use them. `text`: the outcome
-    in words.
+    `x`, `covariance`: values (P,) and covariance (P, P) of the parameters. `trusted`: whether planning may use them.
+    `text`: the outcome in words.
     """
 
     x: FloatArray
@@ -36,8 +36,8 @@ def implicit_interim(
     """Return a function that estimates the parameters from readings (m, n); it raises SolverError for too few poses.
 
     The function uses the implicit estimator. It starts from the last trusted estimate or, if there is none, from the
-    nominal values. If the closure errors are far larger than the joint sensors' noise explains, the excess is
-    attributed to the fixture's compliance and the poses are fitted again: otherwise the covariance would be too small.
+    nominal values. If the noise of the joint sensors cannot explain the closure errors, the excess is attributed to the
+    fixture's compliance, and the poses are fitted again: otherwise the covariance would be too small.
     """
     start: FloatArray | None = None
     explained = noise
@@ -75,9 +75,9 @@ def implicit_interim(
 
 
 def _with_fixture_variance(noise: NoiseModel, estimate: Estimate, used: NoiseModel) -> NoiseModel:
-    """Return `noise` with a fixture variance that explains the closure errors.
+    """Return `noise` with a fixture variance that explains the closure errors of `estimate`, fitted with `used`.
 
-    The variance is that of `used` times chi2/dof or, if `used` has none, the squares of the closure sigmas.
+    The variance in `used` is multiplied by chi2/dof. If `used` has none, the variance is that of the closure errors.
     """
     if used.fixture_variance is not None:
         scale = estimate.chi2_per_dof or 1.0

@@ -64,12 +64,12 @@ def grow_manifold(
     most: int = 8000,
     seed: int = 0,
 ) -> Manifold:
-    """Cover the manifold of loops with parameters `x` (P,), from the closed pose nearest to `q_start` (n,), rad.
+    """Cover the manifold of the closed poses that are reachable from the closed pose nearest to `q_start` (n,), rad.
 
     Raises `ValueError` if no closed pose is found near the start.
 
-    `ranges`: poses outside are dropped, except the start. `step_rad`: length of a tangent step. `most`: growth stops at
-    this many poses. `seed`: seed of the directions; the same seed gives the same result.
+    `x` (P,): parameters of the loop. `ranges`: all poses lie inside, except possibly the start. `step_rad`: length of a
+    tangent step. `most`: largest number of poses. `seed`: seed of the random directions.
     """
     start = close_loops(model, x, np.asarray(q_start, dtype=np.float64)[None, :])
     if not bool(start.closed[0]):
@@ -113,9 +113,9 @@ def candidate_poses(
     count: int = 3000,
     seed: int = 0,
 ) -> Manifold:
-    """Cover the reachable manifold with about `count` poses, whatever the manifold's size.
+    """Cover the manifold reachable from `q_start` with about `count` poses, whatever the manifold's size.
 
-    A coarse pass measures the manifold's size, which sets the step of the fine pass.
+    A coarse pass measures the manifold's size, which determines the step of the fine pass.
     """
     first = COARSE_STEP_RAD if count > 1000 else 2.0 * COARSE_STEP_RAD
     coarse = grow_manifold(model, x, q_start, ranges, step_rad=first, most=4 * count, seed=seed)
@@ -127,7 +127,7 @@ def candidate_poses(
 def _wave(
     points: FloatArray, tangent: FloatArray, step_rad: float, rng: np.random.Generator
 ) -> FloatArray:
-    """Return the ends (f * directions, n + U), rad, of steps from f `points` in several directions of `tangent`."""
+    """Return the ends (k, n + U), rad, of tangent steps from each of the `points`, in several directions each."""
     poses, angles, degrees = tangent.shape
     if degrees == 1:
         directions = np.broadcast_to([[[1.0], [-1.0]]], (poses, 2, 1))
@@ -162,7 +162,7 @@ def _far_from(others: FloatArray, points: FloatArray, distance: float) -> BoolAr
 
 
 def _spread(points: FloatArray, distance: float) -> IntArray:
-    """Return the indices that remain when, of every two points within `distance`, the later one is dropped."""
+    """Return the indices of the points that remain if every point within `distance` of an earlier one is dropped."""
     dropped = np.zeros(len(points), dtype=np.bool_)
     if len(points):
         pairs = _tree(points).query_pairs(distance, output_type="ndarray")

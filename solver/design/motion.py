@@ -36,15 +36,15 @@ class Ranges:
 class MotionLimits:
     """Limits of a path.
 
-    `least_leverage`: least leverage of the drive joints, anywhere on the path. `most_rate`: largest ratio of the speed
-    of a passive joint to the speed of the fastest drive joint.
+    `least_leverage`: least allowed leverage of the drive joints, anywhere on the path. `most_rate`: largest allowed
+    ratio of the speed of a passive joint to the speed of the fastest drive joint.
     """
 
     least_leverage: float
     most_rate: float
 
     def eased(self, share: float) -> MotionLimits:
-        """Return limits with the least leverage multiplied by `share` and the largest rate divided by `share`."""
+        """Return wider limits for a `share` below 1: least leverage times `share`, largest rate divided by `share`."""
         return MotionLimits(
             least_leverage=share * self.least_leverage, most_rate=self.most_rate / share
         )
@@ -74,8 +74,8 @@ class ChainMotion:
     def leverage(self, drives: Sequence[int]) -> FloatArray:
         """How well the drive joints determine the chain's motion, (m,): from 0 at a singularity to at most 1.
 
-        The leverage is the smallest singular value of the drives' rows of `tangent`: a motion of the drives by one
-        radian moves the whole chain by at most 1 / leverage.
+        The leverage is the smallest singular value of the drives' rows of `tangent`. If the drives move by one radian,
+        the whole chain moves by at most 1 / leverage.
         """
         rows = self.tangent[:, [j - 1 for j in drives], :]
         if rows.shape[-2:] == (2, 2):
@@ -121,11 +121,11 @@ LOST_RAD = 0.25
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DriveTraces:
-    """Predicted motion of b straight drive moves, sampled at s + 1 points each.
+    """Predicted motion of the chain in b straight moves of the drives, sampled at s + 1 points each.
 
-    `q`: (b, s + 1, n), rad. `leverage` (b,): least leverage of the drive joints on the way; 0 at a singularity. `rate`
-    (b,): largest motion of any arm joint per motion of the drive joint that moves most. `closed` (b,): whether the
-    chain could be followed to the end of the line.
+    `q` (b, s + 1, n): angles of all arm joints, rad. `leverage` (b,): least leverage of the drive joints on the way;
+    0 at a singularity. `rate` (b,): largest ratio of the motion of any arm joint to that of the drive joint that moves
+    most. `closed` (b,): whether the chain could be followed to the end of the move.
     """
 
     q: FloatArray
@@ -134,7 +134,7 @@ class DriveTraces:
     closed: BoolArray
 
     def safe(self, ranges: Ranges, limits: MotionLimits) -> BoolArray:
-        """Whether each move (b,) can be followed to its end, inside `ranges` and within `limits`."""
+        """Whether each move (b,) can be followed to its end, stays inside `ranges`, and keeps `limits`."""
         return np.asarray(
             self.closed
             & (ranges.clearance(self.q).min(-1) >= 0.0)

@@ -1,8 +1,8 @@
 """Paths of the drive joints from pose to pose along the manifold, with changes of drive joints on the way.
 
-The graph has one layer per drive set, each with all poses of the manifold. Two neighbouring poses are joined in a layer
-if its drives can move the chain between them: the drives have leverage at both poses and cross no singularity. A route
-is accepted only if the exact prediction of all its moves is safe; otherwise the edge that fails is removed.
+The graph has one layer for each drive set, with all poses of the manifold. A layer joins two neighbouring poses if its
+drives can move the chain between them: they have leverage at both poses and cross no singularity. A route is accepted
+only if the exact prediction of all its moves is safe. Otherwise the edge that fails is removed from the graph.
 """
 
 from __future__ import annotations
@@ -150,7 +150,7 @@ class PathGraph:
     def _search(
         self, source: int, target: int, drives: tuple[int, ...]
     ) -> list[tuple[int, int]] | None:
-        """Cheapest path as pairs of indices, of a drive set (layer) and a pose; None if there is no path."""
+        """Cheapest path as pairs of layer (index of a drive set) and pose index; None if there is no path."""
         from scipy.sparse.csgraph import dijkstra
 
         size = self.manifold.size
@@ -181,7 +181,7 @@ class PathGraph:
         return tuple(legs)
 
     def _leg(self, ranges: Ranges, layer: int, poses: list[int]) -> Leg | None:
-        """Join poses by few safe straight moves; if none leads on from a pose, remove the next edge and return None."""
+        """Follow `poses` in few safe straight moves; if a pose has none, remove its edge to the next, return None."""
         drives = self.drive_sets[layer]
         columns = [j - 1 for j in drives]
         q, u = self.manifold.q[poses], self.manifold.u[poses]

@@ -47,12 +47,11 @@ class PlanningTask:
 
     `model`: the loop with all joints sensed.
     `margin_rad`: least distance of planned poses and paths from the ends of the ranges, scalar or (n,).
-    `errors_at`: function from readings (m, n) to the stated errors of these poses, the same as in the final
-    calibration.
+    `errors_at`: function that returns the error model for readings (m, n), the same as in the final calibration.
     `toleranced`: entries of the arm's table that are corrected within their tolerances.
     `prior`: standard deviations (rad, m) of parameters before any pose, by name.
     `parameters`: names of the parameters to be determined; the others count as known. None: all.
-    `drive_sets`: sets of drive joints to plan with, beginning with the set in use. None: the best of all sets.
+    `drive_sets`: sets of drive joints to plan with, beginning with the set in use. None: only the best of all sets.
     `pose_leverage`: least leverage of the drives at a planned pose. It is larger than along a path, because the weight
     of the free joints must not deflect the fixture there.
     `candidates`: number of poses to choose from.
@@ -77,12 +76,13 @@ class PlanningTask:
 class PosePlan:
     """Poses to visit, and what the next plan needs.
 
-    The candidates are the m poses of `manifold`. `information`: information from each candidate. `graph`: paths between
-    candidates. `allowed` (m,): whether each candidate can be reached, is predicted reliably, and gives the drives
-    enough leverage. `visits`: indices of the chosen candidates in visiting order. `ranked`: drive sets ranked over all
-    candidates, best first; empty if `PlanningTask.drive_sets` states the sets. `predicted_sigma` (P,): standard
-    deviations predicted from all captured and chosen poses; inf if undetermined. `design`: identifiability of the
-    parameters from the chosen poses alone, with the paper's Jacobian.
+    `manifold`: its m poses are the candidates.
+    `information`: information of each candidate about the parameters. `graph`: paths between candidates.
+    `allowed` (m,): whether a candidate can be reached, is predicted reliably, and gives the drives enough leverage.
+    `visits`: indices of the chosen candidates in visiting order.
+    `ranked`: drive sets ranked over all candidates, best first; empty if `PlanningTask.drive_sets` states the sets.
+    `predicted_sigma` (P,): standard deviations predicted from all captured and chosen poses; inf if undetermined.
+    `design`: identifiability of the parameters from the chosen poses alone, with the paper's Jacobian.
     """
 
     manifold: Manifold
@@ -116,14 +116,14 @@ def make_plan(
     covariance: FloatArray | None = None,
     avoid_rad: FloatArray | None = None,
 ) -> PosePlan:
-    """Plan `count` poses from readings `q_start` (n,) with the estimate `x` (P,).
+    """Plan `count` poses for an arm at the readings `q_start` (n,), with the estimate `x` (P,) of the parameters.
 
     Raises `ValueError` if the loop does not close near the start, or fewer than `count` poses can be reached.
 
     `captured`: joint angles (c, n) of poses captured already; their information is included. `covariance`: covariance
-    (P, P) of `x`; None: predictions from `x` count as reliable everywhere. `avoid_rad`: readings (b, n) where a move
-    had to be stopped. No pose is planned within `AVOID_RADIUS_RAD` of such a reading or, if that is less, within half
-    the distance between the reading and `q_start`.
+    (P, P) of `x`; by default predictions from `x` count as reliable everywhere. `avoid_rad`: readings (b, n) where a
+    move had to be stopped. Around each of these no pose is planned: within `AVOID_RADIUS_RAD`, or within half the
+    distance to `q_start` if this is smaller.
     """
     manifold = candidate_poses(
         task.model,
@@ -201,10 +201,11 @@ def information_of(
     closed_q: FloatArray,
     closed_u: FloatArray,
 ) -> tuple[FloatArray, PoseInformation]:
-    """Return the information (N, N) of captured readings (c, n) with priors, and the information of the candidates.
+    """Return the information (N, N) from priors and captured poses together, and the information of each candidate.
 
-    `closed_q` (m, n), `closed_u` (m, U): candidates. Captured poses are evaluated on the nearest closed loops. Errors
-    have the variances estimated by a fit of the captured poses, or their start values if no fit is possible.
+    `readings` (c, n): captured poses, evaluated on the nearest closed loops. `closed_q` (m, n), `closed_u` (m, U):
+    candidates. A fit of the captured poses estimates the variances of the errors. If no fit is possible, the start
+    values of the variances are used.
     """
     c = len(readings)
     variance = np.broadcast_to(task.noise.joint_variance, (max(c, 1), readings.shape[-1]))
@@ -245,8 +246,8 @@ def prediction_sigma(
 ) -> FloatArray:
     """Largest standard deviation of a free joint's predicted angle at given drive angles, for each pose (m,), rad.
 
-    `A`, `B`: the poses' reduced Jacobians (m, r, P), (m, r, n). With the drives fixed, the loop moves the free joints
-    (columns J_p of J_q) by ``dq = -(E' J_p)^+ E' C dphi``.
+    `A` (m, r, P), `B` (m, r, n): reduced Jacobians of the poses with respect to parameters and readings. If the
+    parameters change by dphi, the free joints (columns B_p of B) move by ``dq = -B_p^+ A dphi``.
     """
     free = [j for j in range(B.shape[-1]) if j + 1 not in drives]
     G = np.linalg.pinv(B[..., free]) @ A
@@ -260,7 +261,7 @@ def _trusted(
     sets: tuple[tuple[int, ...], ...],
     covariance: FloatArray,
 ) -> BoolArray:
-    """Whether the free joints' angles at each pose (m,) are predicted reliably with the best of the drive `sets`."""
+    """Whether the angles of the free joints are predicted reliably at each pose (m,), with the best of `sets`."""
     reduced = reduced_equations(manifold.model.loop(manifold.x, manifold.q, manifold.u))
     sigmas = [prediction_sigma(reduced.A, reduced.B, covariance, drives) for drives in sets]
     sigma = np.min(sigmas, axis=0)

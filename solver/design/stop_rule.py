@@ -1,7 +1,8 @@
 """Decides when to stop taking poses: the precision is reached, or no further pose helps.
 
-Every pose reduces noise a little, so a forecast decides whether more poses help. In the forecast, each pose is the best
-one for the parameter that is then worst. Poses help if the forecast reaches or noticeably approaches the request.
+Every pose reduces noise a little, so a forecast decides whether more poses help. It adds the remaining poses one after
+the other: each time the pose that most improves the parameter farthest from its request. More poses help if the
+forecast reaches the request or comes noticeably nearer to it.
 """
 
 from collections.abc import Mapping
@@ -14,8 +15,8 @@ from solver.design.d_optimal import PoseInformation
 from solver.estimators.least_squares import column_scale
 
 UNDETERMINED_SHARE = 1e-12
-"""Directions whose scaled information is below this share of the largest are not determined. Subtracting the effects'
-part leaves rounding of about 1e-13."""
+"""Directions whose scaled information is below this share of the largest are not determined. The share is above the
+rounding errors, which are about 1e-13 after the elimination of the effects."""
 
 WORTHWHILE_SHARE = 0.05
 """More poses are worth taking if together they reduce the largest ratio of sigma to request by at least this share."""
@@ -49,9 +50,9 @@ class StopDecision:
 
 
 def standard_deviations(information: FloatArray, parameters: int) -> FloatArray:
-    """Standard deviations (P,) from an information matrix (N, N); inf where undetermined.
+    """Standard deviations (P,) of the parameters from an information matrix (N, N); inf where undetermined.
 
-    The first P = `parameters` of the N unknowns are parameters; the others are effects with prior N(0, 1).
+    The first P = `parameters` of the N unknowns are parameters; the others are nuisance parameters with prior N(0, 1).
     """
     pp, pe = information[:parameters, :parameters], information[:parameters, parameters:]
     ee = information[parameters:, parameters:] + np.eye(len(information) - parameters)
@@ -131,7 +132,7 @@ def _forecast(
     goal: FloatArray,
     poses_left: int,
 ) -> tuple[FloatArray, int | None]:
-    """Return the standard deviations of the unknowns `columns` after more poses, and the number of these poses.
+    """Return the standard deviations that the unknowns `columns` have after more poses, and the number of these poses.
 
     Poses are added until each standard deviation is within its `goal`. If `poses_left` poses are not enough, the number
     is None. Each pose is the one that most reduces the variance of the parameter farthest above its goal.

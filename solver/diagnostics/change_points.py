@@ -1,7 +1,7 @@
-"""Change points: score tests for a step change of any quantity ("suspect") at any pose.
+"""Change points: score tests for a step change of any suspected quantity ("suspect") at any pose.
 
-A suspect is a candidate that acts in all poses: a joint's offset, a length, or the placement of a half of the fixture.
-Its step is a constant change from pose k on. The poses are in time order, so cumulative sums test every k at once.
+A suspect is a joint's offset, a length, or the placement of one half of the fixture. It changes by a constant amount
+from some pose k on. The poses are in time order, so cumulative sums test every k at once.
 """
 
 import math
@@ -36,8 +36,8 @@ class ChangePoint:
     `pose`: index in time order of the first pose after the step.
     `size`: size of the step (d,), in the units of the suspect's quantities.
     `chi2`: reduction of chi2 when the step is fitted.
-    `threshold`: value that `chi2`, for any pose and suspect, exceeds with probability `FALSE_ALARM_PROBABILITY` if
-    there is no step.
+    `threshold`: the step is significant if `chi2` exceeds this. If there is no step, the probability that any suspect
+    exceeds its threshold at any pose is `FALSE_ALARM_PROBABILITY`.
     """
 
     suspect: Candidate
@@ -56,9 +56,9 @@ def steps(
 ) -> tuple[ChangePoint, ...]:
     """Return the most significant step of each suspect, in order of significance.
 
-    `residuals`: whitened residuals of the fit, poses in time order. `low_noise`: residuals whitened with smaller noise,
-    used to test for lost counts, which shift a reading and not the geometry of the loop. `scale`: factor by which the
-    variances exceed those of the fit; chi2 is divided by it.
+    `residuals`: whitened residuals of the fit, poses in time order. `low_noise`: residuals whitened with smaller noise.
+    They are used to test for lost counts, which shift a reading and not the geometry of the loop. `scale`: factor by
+    which the actual variances exceed those of the fit; chi2 is divided by this factor.
     """
     m = len(residuals.white)
     if m < 2 * STEP_EDGE_POSES or not suspects:
@@ -79,9 +79,9 @@ def steps(
 def _largest(
     residuals: WhitenedResiduals, suspects: Sequence[Candidate], scale: float, level: float
 ) -> Iterator[ChangePoint]:
-    """Yield the most significant step of each of S suspects with d columns each.
+    """Yield the most significant step of each suspect; all suspects have the same number d of columns.
 
-    `level`: probability of a false alarm for a suspect with `false_alarm_share` 1.
+    `scale`: as in `steps`. `level`: probability of a false alarm for a suspect with `false_alarm_share` 1.
     """
     m, r, K = residuals.U.shape
     S, d = len(suspects), suspects[0].columns.shape[-1]
@@ -134,7 +134,7 @@ def step_threshold(poses: int, dof: int, false_alarm: float) -> float:
         P(max > x) ~ x^(d/2) e^(-x/2) / (2^(d/2) Gamma(d/2)) ((1 - d/x) T + 4/x),
         T = log((1-h)^2 / h^2).
 
-    The formula also counts maxima between two poses, more than half of all its alarms; `AT_POSES` corrects for this.
+    More than half of the alarms that the formula counts are maxima between two poses; `AT_POSES` corrects for these.
     """
     from scipy.special import chdtri, gammaln
 

@@ -4,9 +4,10 @@ Source: NIST/SEMATECH e-Handbook of Statistical Methods, 6.3.2 (Shewhart, EWMA) 
 process by a check standard: within- and between-session standard deviations). There is no long history to fix the
 limits, so each session is compared with a baseline of earlier sessions. The baseline omits the last `RECENT` sessions
 if enough others remain: a shift then stays out of its own baseline. The limits follow from the scatter between the
-sessions of the baseline. With few sessions, a quantity's variance is shrunk towards its stated variance times a ratio
-common to all quantities; the ratio counts as `PRIOR_DOF` degrees of freedom (Smyth 2004, "moderated t"). Nearly all of
-the false-alarm probability goes to the EWMA: averages suffer less from sessions that scatter more than others.
+sessions of the baseline. Few sessions determine a variance poorly. So the observed variance of a quantity is averaged
+with its stated variance, which is first scaled by the ratio of observed to stated variances of all quantities. The
+scaled variance has the weight of `PRIOR_DOF` degrees of freedom (Smyth 2004, "moderated t"). Nearly all of the
+false-alarm probability goes to the EWMA, because sessions with unusually large scatter disturb averages less.
 """
 
 from collections.abc import Sequence
@@ -28,12 +29,12 @@ LAMBDA = 0.3
 """Weight of the newest value in the EWMA; the Handbook recommends 0.2 to 0.3."""
 
 PRIOR_DOF = 8.0
-"""Weight, in degrees of freedom, of the ratio of observed to stated scatter that is common to all quantities. The ratio
-of a single quantity differs from the common ratio by about 25 %."""
+"""Weight, in degrees of freedom, of the ratio of observed to stated scatter of all quantities together. The ratio of a
+single quantity differs from that ratio by about 25 %."""
 
 SHEWHART_SHARE = 0.1
-"""Probability of a false alarm in the chart of single sessions, as a share of that of the EWMA. Shifts of six times the
-scatter show in both charts."""
+"""Probability of a false alarm in the Shewhart chart, as a share of the probability in the EWMA chart. Shifts of six
+times the scatter show in both charts."""
 
 LEAST_RATIO = 0.1
 """The scatter between sessions is assumed to be at least this share of the stated repeatability."""
@@ -43,7 +44,7 @@ LEAST_RATIO = 0.1
 class ChartSignal:
     """Detected shift of quantity `name` by `size` (standard deviation `sigma`), from session `at` on.
 
-    Session `detected_at` (counted from 0) is the first to show the shift, in chart `chart`: ``shewhart`` or ``ewma``.
+    The shift was detected in session `detected_at` (counted from 0) by chart `chart`: ``shewhart`` or ``ewma``.
     """
 
     name: str
@@ -56,13 +57,13 @@ class ChartSignal:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ControlChart:
-    """Limits of each session, arrays (sessions, quantities); NaN where nothing was tested.
+    """Limits of each session: arrays (sessions, quantities), NaN where nothing was tested, and the detected shifts.
 
     `centre`: mean of the baseline.
     `between`: standard deviation between sessions.
     `shewhart`: half width of the limits for a single value. `ewma_limit`: half width of the limits for `ewma`.
     `ewma`: weighted mean of recent values.
-    `changes`: shifts in the order in which they were detected; each shift of a quantity restarts its baseline.
+    `changes`: shifts in the order in which they were detected; after a shift, the quantity's baseline starts anew.
     """
 
     centre: FloatArray
@@ -140,7 +141,7 @@ def smallest_shift(between: FloatArray, sessions: int, quantities: int) -> Float
 def _variances(
     values: FloatArray, within: FloatArray, begin: IntArray, ends: IntArray, tested: IntArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Moderated between-session variances of the tested quantities, and their degrees of freedom."""
+    """Return the variances between sessions of the `tested` quantities, and the degrees of freedom of the variances."""
     columns = [(slice(int(begin[j]), int(ends[j])), j) for j in tested.tolist()]
     own = np.array([values[column].var(ddof=1) for column in columns])
     # A value stated to repeat exactly still scatters by rounding.

@@ -1,7 +1,7 @@
-"""Tests with held-out poses: hold-out of parts of a pose set, verification with new poses, common shifts of new poses.
+"""Tests with held-out poses: parts of a pose set predicted from the rest, new poses, and shifts common to new poses.
 
-Fitted and later poses form one mixed model. The fitted poses estimate the parameters and the effects common to all
-poses (sensor errors, sag, compliance); this estimate, with its covariance, is the prior for the later poses.
+Fitted and later poses form one mixed model. The fitted poses determine the parameters and the errors common to all
+poses (of sensors, sag and compliance). Their estimate, with its covariance, is the prior for the later poses.
 """
 
 from collections.abc import Callable, Mapping
@@ -26,10 +26,10 @@ from solver.loops.closure import ClosureModel, ClosureSigmas, closure_sigmas
 class HeldOutPoses:
     """Test results of poses that were not used to estimate the parameters.
 
-    `chi2`: test of all poses together, with the parameters' own uncertainty included.
-    `pose_chi2` (m,): chi2 of each pose alone. `pose_probability` (m,): probability of a larger chi2 of this pose.
-    `sigmas`: sigma_pos and sigma_ori at the measured joints.
-    `closed`: (m,) bool: whether the pose's loop can be closed at all under these parameters.
+    `chi2`: test of all poses together; includes the uncertainty of the parameters.
+    `pose_chi2` (m,): chi2 of each pose alone. `pose_probability` (m,): probability of a larger chi2 by chance.
+    `sigmas`: sigma_pos and sigma_ori of the closure errors at the readings.
+    `closed`: (m,) bool: whether the pose's loop can be closed at all with these parameters.
     """
 
     chi2: Chi2Test
@@ -44,8 +44,8 @@ class HoldOut:
     """Results of a hold-out, in which each part of a pose set is predicted from the rest.
 
     `parts`: test of each part with the estimate from the rest.
-    `sigmas`: sigma_pos and sigma_ori over all poses held out, each pose with the parameters estimated from the rest.
-    `inside_sigmas`: the same for the fitted poses, as rms over the parts; they should be similar to `sigmas`.
+    `sigmas`: sigma_pos and sigma_ori over all poses, each with the parameters estimated without this pose's part.
+    `inside_sigmas`: sigma_pos and sigma_ori of the fitted poses, over all fits. They should be similar to `sigmas`.
     """
 
     parts: tuple[Chi2Test, ...]
@@ -54,7 +54,7 @@ class HoldOut:
 
     @staticmethod
     def upgraded_record(data: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Convert a hold-out's record of an earlier version, with an estimate for each part, to the current format."""
+        """Convert the record of a hold-out to the current format; earlier versions kept an estimate for each part."""
         parts = [part.get("verification", {"chi2": part})["chi2"] for part in data["parts"]]
         return {**data, "parts": parts}
 
@@ -66,13 +66,12 @@ def verify(
     q: FloatArray,
     noise: NoiseModel,
 ) -> HeldOutPoses:
-    """Test poses `q` (m, n), rad, with parameters `x` (P,) of covariance (P, P).
+    """Test poses `q` (m, n), rad, with parameters `x` (P,) and their `covariance` C (P, P).
 
-    For the misclosure w_i of the adjusted pose, ``w_i' (V_i + A_i C A_i')^-1 w_i`` is chi2 with as many degrees of
-    freedom as a pose has equations. All poses share the error of `x`, so chi2 of all poses is not the sum over single
-    poses.
-
-    Raises `ValueError` if there is no pose.
+    Pose i, after adjustment, has the misclosure w_i with covariance V_i and parameter Jacobian A_i. Its chi2 is
+    ``w_i' (V_i + A_i C A_i')^-1 w_i``, with as many degrees of freedom as a pose has equations. The error of `x` is the
+    same in all poses, so chi2 of all poses together is not the sum of the poses' chi2. Raises `ValueError` if there is
+    no pose.
     """
     from scipy.special import chdtrc
 
@@ -98,8 +97,8 @@ def verify(
 
 
 FOLDS, FAR_SHARE = 5, 0.2
-"""Number of parts of a pose set, each of which is predicted from the others; and share of the poses in the block of
-poses that is far from the rest."""
+"""`FOLDS`: number of parts of a pose set, each of which is predicted from the others. `FAR_SHARE`: share of all poses
+that `far_block` returns."""
 
 
 def fold_poses(q: FloatArray) -> tuple[IntArray, ...]:
@@ -109,10 +108,10 @@ def fold_poses(q: FloatArray) -> tuple[IntArray, ...]:
 
 
 def far_block(q: FloatArray) -> IntArray:
-    """Indices of a block of poses far from the rest, so that predicting it is extrapolation.
+    """Indices of a block of poses far from the rest; a prediction of the block from the rest is an extrapolation.
 
     The block consists of the pose farthest from the mean and this pose's nearest neighbours, together `FAR_SHARE` of
-    all poses. Distances are calculated with each joint's readings divided by their range.
+    all poses. For the distances, each joint's readings are divided by their span over all poses.
     """
     count = round(FAR_SHARE * len(q))
     order = canonical_order(q)
@@ -162,12 +161,12 @@ SEEN = 1e-9
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CommonShift:
-    """A shift of one subject, common to all later poses.
+    """A shift of a joint's offset or of the fixture that is the same in all tested poses.
 
-    `subject`: joint or half of the fixture that was tested.
+    `subject`: number of the joint, or name of the half of the fixture.
     `size`, `sigma`: size of the shift and its standard deviation; None if the shift has several components.
-    `chi2`: reduction of chi2 when the shift is fitted. `threshold`: value that `chi2` exceeds with probability
-    `FALSE_ALARM_PROBABILITY` if there is no shift.
+    `chi2`: reduction of chi2 when the shift is fitted. `threshold`: if there is no shift, the probability that any
+    subject's `chi2` exceeds its threshold is `FALSE_ALARM_PROBABILITY`.
     """
 
     subject: str
@@ -182,8 +181,8 @@ def predicted_residuals(
 ) -> WhitenedResiduals:
     """Return the residuals of the `later` poses (mask (m,)) against their prediction from the other poses of `fit`.
 
-    `given`, used instead of the other poses: steps (h,), from the linearisation point, of the h parameters without a
-    prior, and the covariance (h, h) of the steps.
+    `given`: estimate to predict from instead of the other poses. It consists of the steps (h,) of the h parameters
+    without a prior, from the linearisation point, and of the covariance (h, h) of these steps.
     """
     width, hard = fit.design.width, fit.design.hard
     gram, right = np.zeros((width, width)), np.zeros(width)
@@ -227,7 +226,8 @@ def shifted(
 ) -> CommonShift | None:
     """Return the most significant shift common to all poses; None if no shift is significant.
 
-    `subjects`: columns (m, r, c) by name. `variance_factor`: factor by which the variances may exceed the assumed ones.
+    `subjects`: derivatives (m, r, c) of the misclosures with respect to the c components of each subject's shift, by
+    name. `variance_factor`: factor by which the variances may exceed those of `residuals`.
     """
     from scipy.special import chdtri
 

@@ -1,7 +1,7 @@
 """Diagnosis of a fit: tests against the stated error model, and the faults that best explain a failed test.
 
-Tests and faults use one linear fit at the stated variances. If a test fires, the faults are compared, and the one that
-explains the residuals best is fitted. This is repeated until no test fires.
+The tests and the fault models share one linear fit at the stated variances. If a test fires, possible faults are
+compared, and the fault that explains the residuals best is fitted as well. This is repeated until no test fires.
 """
 
 from collections import Counter
@@ -52,7 +52,7 @@ class Explanation:
 
     @property
     def chi2_per_dof(self) -> float:
-        """chi2/dof that remains at the stated variances after the cause is fitted."""
+        """chi2/dof, at the stated variances, of the residuals after the candidate is fitted."""
         return self.evidence.chi2 / max(self.evidence.dof, 1)
 
 
@@ -71,14 +71,15 @@ class CauseRanking:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Diagnosis:
-    """Results of the tests.
+    """Results of `diagnose`.
 
-    `rankings`: for each accepted cause, the explanations that were compared.
+    `rankings`: rankings of the possible causes. The first is for all misfits; each other one is for the misfits that
+    remain after the best causes of the rankings before it are fitted.
     `suspected_entries`: lengths and twists that may differ from the arm file although no test fires, the most probable
     first.
     `residuals`: whitened residuals at the smaller of estimated and stated noise, with poses in time order.
     `stated_chi2_per_dof`: chi2/dof at the stated variances.
-    `parameter_shift`: estimate at stated variances minus the tested estimate (P,), rad and m.
+    `parameter_shift`: parameters at the stated variances minus those of the diagnosed fit (P,), rad and m.
     """
 
     tests: tuple[HypothesisTest, ...]
@@ -109,10 +110,10 @@ def diagnose(
 ) -> Diagnosis:
     """Test a fit, and rank the faults that may explain a failed test.
 
-    `fit`: the mixed model at its solution. The fit is tested at the *stated* variances; single readings are tested at
-    the estimated noise if it is smaller.
+    `fit`: the mixed model at its solution. The fit is tested at the *stated* variances; only outliers and steps are
+    tested at the estimated noise if that is smaller.
     `taken` (m,): position of each pose of the fit in time order.
-    `measured`: for joints (1-based), the linearity deviation of the joint's sensor as the loops determine it.
+    `measured`: sensors' linearity deviations, determined by loops that do not use their readings, by joint (1-based).
     """
     stated = fit.stated
     order = np.argsort(taken, kind="stable")
@@ -154,8 +155,8 @@ def _residual_tests(
 
     Steps of a single reading are searched for in `low_noise`, whose motion noise is reduced to what the poses show. All
     other steps are searched for in `residuals`, because deflections that the smooth model describes badly resemble a
-    change of the geometry. Small residuals do not reduce the noise of the fit: one sensor may exceed its specification
-    while most sources of error are below theirs.
+    change of the geometry. Small residuals do not reduce the noise of the fit, because one sensor may exceed its
+    specification while most errors are smaller than stated.
     """
     outliers = find_outliers(residuals)
     most_significant = steps(residuals, faults.changes(), low_noise=low_noise)[:1]
@@ -205,7 +206,7 @@ def _with_cause(
 def _changes(
     faults: FaultModels, residuals: WhitenedResiduals, outliers: Outliers
 ) -> Iterable[Candidate]:
-    """Yield the steps and outliers in the residuals as candidates; `outliers`: result of `find_outliers` at scale 1."""
+    """Yield the steps and outliers in `residuals` as candidates; `outliers`: found by `find_outliers` at scale 1."""
     scale = noise_scale(residuals.chi2, residuals.dof)
     for step in steps(residuals, faults.changes(), scale=scale):
         yield step.suspect.from_pose(step.pose)

@@ -36,41 +36,41 @@ class Cause(Enum):
 
 
 class PeakDeviation(NamedTuple):
-    """Largest deviation of a sensor over the poses, with its sigma, rad; `from_line`: relative to the best-fit line."""
+    """Largest deviation of a sensor, and its sigma, rad: from the true angle or, if `from_line`, the best-fit line."""
 
     peak: float
     sd: float
     from_line: bool
 
     def beyond(self, stated: float) -> bool:
-        """Whether the peak exceeds the stated value by more than chance would explain."""
+        """Whether `peak` certainly exceeds `stated`: by more than `CERTAIN_SIGMAS` standard deviations."""
         return self.peak - CERTAIN_SIGMAS * self.sd > stated
 
 
 LENGTHS_SHARE = 0.1
-"""False-alarm probability of the step test of a length, relative to other suspects: a metal link hardly ever changes
-its length during a session."""
+"""False-alarm probability of the step test of a length, relative to that of other suspects. It is small because a metal
+link hardly ever changes its length during a session."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Candidate:
-    """One possible cause.
+    """One possible cause of misclosures, described by c coefficients that a fit can determine.
 
     `cause`, `subject`: kind of cause, and the joint, entry or half of the fixture concerned.
-    `columns`, `expected_size`: derivatives (m, r, c) of the misclosures with respect to each coefficient, and the
-    coefficients' expected magnitudes (c,).
-    `own`: None, or indices of poses (p,) that have coefficients of their own; in this case `columns` are (p, r, c), and
-    `expected_size` is (p * c,).
+    `columns`: derivatives (m, r, c) of the misclosures with respect to each coefficient.
+    `expected_size`: expected magnitudes (c,) of the coefficients.
+    `own`: None if the coefficients are the same in all poses. Otherwise indices (p,) of the poses concerned, each of
+    which has c coefficients of its own; then `columns` is (p, r, c), and `expected_size` is (p * c,).
     `places`: number of alternatives (e.g. poses) among which this cause was found.
     `poses`: poses concerned, indices in time order; empty if all poses are concerned.
     `most`: largest credible magnitude of this cause, in units of the expected magnitude.
     `shapes`: (m, c): with coefficients b, a reading deviates by ``shapes @ b``, rad; None if b itself is the deviation.
-    `least`: smallest rms of the deviation that counts as a cause.
-    `most_stated`: largest deviation that the files state, 0 if they state none. Only a deviation that exceeds a stated
-    one by `CERTAIN_SIGMAS` of its standard deviations counts as a cause.
+    `least`: smallest rms of the deviation that counts as a cause; used only if `most_stated` is 0.
+    `most_stated`: largest deviation that the files allow, or 0 if they state none. The deviation counts as a cause only
+    if it exceeds this value by `CERTAIN_SIGMAS` of its standard deviations.
     `measured`: the sensor's linearity deviation, determined more accurately by loops that do not use the sensor's
     readings; None if not determined.
-    `lines`: (m, 2), orthonormal columns: a constant (the sensor's offset) and a straight line (its gain).
+    `lines`: (m, 2): orthonormal basis of the straight lines over the readings, i.e. of an offset and a gain error.
     `entries`: names of the parameters whose values changed, one per column; empty if none changed.
     """
 
@@ -91,7 +91,7 @@ class Candidate:
 
     @property
     def false_alarm_share(self) -> float:
-        """Probability of a false alarm of a step test for this candidate, relative to other candidates."""
+        """Weight of this candidate when the step test divides its false-alarm probability among the candidates."""
         return LENGTHS_SHARE if self.cause is Cause.LENGTH_CHANGED else 1.0
 
     def from_pose(self, first: int) -> Candidate:
@@ -101,14 +101,14 @@ class Candidate:
         return replace(self, columns=columns, places=len(columns), poses=(first,))
 
     def within_specification(self, b: FloatArray, covariance: FloatArray) -> bool:
-        """Whether the deviation caused by coefficients b (c,) is too small to be a cause (`most_stated`, `least`)."""
+        """Whether the deviation by coefficients b (c,) may be within `most_stated` or, if that is 0, below `least`."""
         size = b if self.shapes is None else self.shapes @ b
         if self.most_stated:
             return not self.deviation(b, covariance).beyond(self.most_stated)
         return float(np.sqrt(np.mean(size**2))) < self.least
 
     def moves(self, b: FloatArray, poses: int) -> FloatArray:
-        """Return the change of the misclosures (m, r) that coefficients `b` cause; `poses`: number of all poses, m."""
+        """Return the change of the misclosures (m, r) that coefficients `b` cause; `poses`: number m of all poses."""
         if self.own is None:
             return np.asarray(self.columns @ b)
         out = np.zeros((poses, self.columns.shape[1]))
@@ -116,10 +116,10 @@ class Candidate:
         return out
 
     def deviation(self, b: FloatArray, covariance: FloatArray) -> PeakDeviation:
-        """Return the largest deviation over the poses: with the gain error, or from the best-fit line.
+        """Return the largest deviation over the poses, from the true angle (with gain error) or from the best-fit line.
 
-        The one that exceeds `most_stated` by more standard deviations is returned: poses determine the deviation from
-        the line far better than the gain. `measured`, if known, is taken as the deviation from the line.
+        The result is whichever exceeds `most_stated` by more of its own standard deviations: poses determine the
+        deviation from the line far better than the gain. `measured`, if known, replaces the deviation from the line.
         """
         if self.measured is not None and self.measured.beyond(self.most_stated):
             return self.measured

@@ -1,7 +1,7 @@
-"""Models of all faults of arm, fixture and readings, as columns of the linear fit.
+"""Models of all faults of arm, fixture and readings, as further columns of the linear fit.
 
-A column is the derivative of the misclosures with respect to a quantity that the fit took as exact, so faults are
-compared without a refit.
+A column is the derivative of the misclosures with respect to a quantity that the fit took as exact. The columns of the
+faults can be compared without a refit.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -26,8 +26,9 @@ SCALE = 1e-2
 class FaultModels:
     """Fault models of a fit at the stated variances, with poses in the order in which they were taken.
 
-    `order` (m,): for each pose in time order, its index in the fit. `readings` (m, n), rad, and `system` are in time
-    order. `measured`: for joints (1-based), the linearity deviation of the joint's sensor as the loops determine it.
+    `order` (m,): for each pose in time order, its index in the fit.
+    `measured`: sensors' linearity deviations, determined by loops that do not use their readings, by joint (1-based).
+    `readings` (m, n), rad, and `system`: readings and loop equations of the poses, in time order.
     """
 
     def __init__(
@@ -61,7 +62,7 @@ class FaultModels:
         most: float = 300.0,
         least: float = 0.0,
     ) -> Candidate:
-        """Return the candidate for errors `shapes` (m, c) @ b of joint j's reading; `size`: expected magnitude of b."""
+        """Candidate for errors ``shapes @ b`` of joint j's readings, with `shapes` (m, c) and b of magnitude `size`."""
         return Candidate(
             cause=cause,
             subject=str(j),
@@ -133,7 +134,7 @@ class FaultModels:
         )
 
     def scales(self) -> Iterator[Candidate]:
-        """Yield a candidate for each encoder: its number of counts per turn differs from the one in the arm file."""
+        """Yield, for each encoder, the fault that its counts per turn differ from the number in the arm file."""
         for j in self.sensed:
             if isinstance(self.arm.joints[j - 1].sensor, Encoder):
                 turn = self.readings[:, j - 1]
@@ -159,7 +160,7 @@ class FaultModels:
         if not isinstance(sensor, Rvdt):
             return None
         half, middle = 0.5 * sensor.full_scale_rad, self.arm.joints[j - 1].middle_rad
-        # The line may have any slope; its expected size is half that of the bow and the S.
+        # The line may have any slope; its expected magnitude is half that of the bow (P2) and the S (P3).
         shapes = SensorCurve(
             joint=j, middle_rad=middle, half_scale_rad=half, gain=0.5 / half
         ).basis(turn)
@@ -225,12 +226,11 @@ class FaultModels:
         )
 
     def _in_time(self, phi: FloatArray) -> FloatArray:
-        """Return the rows of `phi` (m, k), a basis over the fit's poses, in time order."""
         return np.asarray(phi[self.order] if phi.size else np.zeros((len(self.order), 0)))
 
 
 def constant_reading_runs(q: FloatArray, joint: int, tolerance_rad: float) -> list[tuple[int, int]]:
-    """Runs [first, last) of poses in which a joint reads the same although at least half of the other joints move."""
+    """Runs [first, last) of poses with the same reading of a joint although at least half of the other joints move."""
     m = len(q)
     reading = q[:, joint - 1]
     others = np.delete(q, joint - 1, axis=1)

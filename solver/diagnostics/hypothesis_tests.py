@@ -46,7 +46,7 @@ class HypothesisTest:
 
     @classmethod
     def of_chi2(cls, code: str, chi2: float, dof: int, *, among: int = 1) -> HypothesisTest:
-        """Test `chi2`, the largest of `among` values; it has `dof` degrees of freedom."""
+        """Test `chi2`, which has `dof` degrees of freedom and is the largest of `among` such values."""
         from scipy.special import chdtri
 
         threshold = float(chdtri(dof, FALSE_ALARM_PROBABILITY / among))
@@ -132,10 +132,11 @@ def prediction_test(stated: LinearFit) -> HypothesisTest:
 
 
 def variance_tests(stated: LinearFit) -> list[HypothesisTest]:
-    """Test for every variance whether the likelihood's slope, at the stated variances, exceeds what chance explains.
+    """Test for every variance component whether the poses show a larger variance than the stated one.
 
-    The slope is a sum of few squares (a sensor's gain and bow, for instance) minus its expectation. The sum is
-    distributed as a scaled chi2, whose degrees of freedom follow from its mean and variance (Satterthwaite).
+    The statistic is the slope of the likelihood at the stated variances: a sum of squared errors minus its expectation.
+    There may be only few errors, e.g. one gain and one bow of a sensor. So the sum is distributed as a scaled chi2,
+    whose degrees of freedom follow from the mean and the variance of the sum (Satterthwaite).
     """
     from scipy.special import chdtri
 
@@ -155,10 +156,10 @@ def variance_tests(stated: LinearFit) -> list[HypothesisTest]:
 def without_curves_in_specification(
     tests: Iterable[HypothesisTest], faults: FaultModels, residuals: WhitenedResiduals
 ) -> Iterable[HypothesisTest]:
-    """Yield `tests`, except those that fire because of a sensor whose linearity deviation is within specification.
+    """Yield `tests`, but no test that fires because of a linearity deviation within the sensor's specification.
 
-    A specification bounds the largest deviation only. Ripples within the specification may exceed the standard
-    deviation that the error model assumes.
+    A specification limits the largest deviation only. Even within this limit, ripples may exceed the standard deviation
+    that the error model assumes.
     """
     for test in tests:
         joint = test.code.removeprefix("VARIANCE_CURVE_")
@@ -167,10 +168,7 @@ def without_curves_in_specification(
 
 
 def _as_stated(j: int, faults: FaultModels, residuals: WhitenedResiduals) -> bool:
-    """Whether the linearity of joint j's sensor may be within specification.
-
-    This follows from the measured linearity or, if it was not measured, from the residuals.
-    """
+    """Whether joint j's sensor may be within its linearity specification, as measured or else by the residuals."""
     curve = faults.linearity_curve(j)
     if curve is None:
         return False
@@ -194,8 +192,8 @@ FREE = 1e-6
 class Outliers:
     """Result of the search for outliers.
 
-    `test`: test of the worst pose. `poses`: indices of the poses beyond the threshold, the worst first. `rest`:
-    residuals of all other poses.
+    `test`: test of the worst pose. `poses`: indices of the outliers, the worst first. `rest`: residuals of all other
+    poses.
     """
 
     test: HypothesisTest
@@ -204,7 +202,7 @@ class Outliers:
 
 
 def find_outliers(residuals: WhitenedResiduals, *, scale: float = 1.0) -> Outliers:
-    """Test every pose against the others; `scale` is the factor of the variances (see `noise_scale`).
+    """Test every pose against its prediction from the others; `scale`: ratio of actual to assumed variances.
 
     The most improbable pose is set aside and the rest is tested again, so that outliers do not hide each other. With
     many poses, several are set aside at a time to limit the work. The fit itself keeps all poses.
@@ -239,7 +237,7 @@ def find_outliers(residuals: WhitenedResiduals, *, scale: float = 1.0) -> Outlie
 
 
 def leave_one_out_chi2(residuals: WhitenedResiduals) -> tuple[FloatArray, FloatArray]:
-    """Misfit (chi2) of every pose to its prediction from the others, and its degrees of freedom, (m,) each."""
+    """Return chi2 of every pose against its prediction from the others, and its degrees of freedom, (m,) each."""
     r = residuals.U.shape[1]
     H = np.eye(r) - residuals.U @ np.swapaxes(residuals.U, -1, -2)
     values, vectors = np.linalg.eigh(H)

@@ -45,7 +45,7 @@ class Identifiability:
     `condition_number`: ratio of largest to smallest singular value without column scaling (1 m : 1 rad).
     `observability`: observability indices O1..O5 of the literature, for the scaled Jacobian of m poses.
     `directions`: the unidentifiable directions; () if the rank is full.
-    `weakest`: the weakest of the directions that are still determined.
+    `weakest`: the direction that is least determined among the identifiable ones.
     `trend`: pairs of a number k and the scaled condition number of the first k poses, at the same parameters; only for
     k at which the rank is full.
     """
@@ -114,9 +114,9 @@ def condition_at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> 
 
 
 def well_conditioned_at_readings(paper: Estimate, q: FloatArray) -> bool:
-    """Whether the readings `q` (m, n) show, without closing the loops, that all directions are identifiable.
+    """Whether all directions are certainly identifiable, judged at the readings `q` (m, n) without closing the loops.
 
-    `paper`: the paper's estimate. Its covariance is proportional to the inverse of the normal matrix that is tested.
+    `paper`: the paper's estimate, whose covariance is proportional to the inverse of J'J, with J the Jacobian.
     """
     sd = paper.standard_deviation
     if not (sd > 0.0).all() or _immobile(np.ptp(q, axis=0)):
@@ -130,7 +130,7 @@ def well_conditioned_at_readings(paper: Estimate, q: FloatArray) -> bool:
 def jacobian_at_closed(
     model: ClosureModel, x: FloatArray, q: FloatArray, sigma_rad: FloatArray | None
 ) -> FloatArray:
-    """Reduced Jacobian (m, r, P) on the closed loops nearest to `q` (m, n); at `q` for poses that do not close."""
+    """Reduced Jacobian (m, r, P) on the closed loops nearest to `q` (m, n), or at `q` for poses that cannot close."""
     poses = close_loops(model, x, q, sigma_rad=sigma_rad, tolerance=CLOSED)
     closed_q, u = poses.q, poses.u
     if not poses.closed.all():
@@ -210,8 +210,8 @@ def _immobile_offsets(
     """Return a direction for the offset of each immobile joint that the `known` directions do not include.
 
     The offset of an immobile joint is one more constant of the geometry. If link lengths are taken as exact, the rank
-    may still be full, and the scaled condition number low: 9.6 with a rigid fixture and a full turn of the elbow. But a
-    length error of a millimetre then looks like an offset, so the offset is reported as unidentifiable.
+    may still be full and the scaled condition number low (9.6 in an example with a rigid fixture). But a length error
+    of a millimetre then looks like an error of the offset. So the offset is reported as unidentifiable.
     """
     named = {name for direction in known for name in direction.parameters}
     return tuple(
@@ -264,7 +264,7 @@ def identifiability_of_fit(
     taken: IntArray,
     without: Collection[int] = (),
 ) -> Identifiability:
-    """Compute the identifiability of the unknowns `names` from the poses of `fit` if all others are known.
+    """Compute the identifiability of the unknowns `names` from the poses of `fit`; all other unknowns count as known.
 
     `taken` (m,): position of each pose of the fit in time order. `without`: joints (1-based) whose readings are not
     used.

@@ -1,6 +1,6 @@
-"""Limits used to assess a calibration, each with its reason: probabilities, misfits, sigmas, poses, readings.
+"""Limits by which a calibration is assessed, each with its reason.
 
-Names state quantity and unit; angles in rad, lengths in m, shares as fractions of 1.
+A name states quantity and unit. Angles are in rad, lengths in m, shares are fractions of 1.
 """
 
 import numpy as np
@@ -27,18 +27,18 @@ OUTLIER_NOTICE_PROBABILITY = 0.01
 """Probability of reporting any pose of a pose set without a fault as an outlier."""
 
 DRIFT_FALSE_ALARM_PROBABILITY = 0.01
-"""Chance that two calibrations of an unchanged arm are reported to differ in any parameter."""
+"""Probability that two calibrations of an unchanged arm are reported to differ in any parameter."""
 
 CONTROL_CHART_FALSE_ALARM_PROBABILITY = 0.0017
 """Probability of a false alarm in one session. The probability of any false alarm in 12 sessions is 1 %, or 5 % if the
 scatters of the sessions differ by 35 %."""
 
 CURVATURE_FALSE_ALARM_PROBABILITY = 0.01
-"""Chance of reporting a straight RVDT as curved."""
+"""Probability of reporting a linear RVDT as curved."""
 
 REMOUNT_FALSE_ALARM_PROBABILITY = 1e-6
-"""The fixture counts as remounted between two placements if an untouched fixture would cause differences as large as
-the observed ones with a lower probability than this."""
+"""The fixture counts as remounted between two placements if differences as large as the observed ones are less probable
+than this with an untouched fixture."""
 
 REPEAT_REFUSAL_PROBABILITY = 1e-4
 """The calibration is refused if the repeat of a pose is less probable than this, however large the sigmas are: the slip
@@ -198,7 +198,7 @@ FAR_OUT_OF_RANGE_SHARE = 0.1
 
 SATURATED_SIGMAS = 3.0
 SATURATED_POSES = 3
-"""At least this many readings within `SATURATED_SIGMAS` of the same end of full scale count as saturated."""
+"""Readings count as saturated if at least this many are within `SATURATED_SIGMAS` of the same end of full scale."""
 
 RADIANS_SPAN_RAD = np.deg2rad(5.0)
 """A joint does not move if its readings span less than this even when taken as radians."""
@@ -229,7 +229,7 @@ RVDT_HARMFUL_RATIO = 3.0
 """Deviations (rms) of this many times the sensor's noise impair the calibration."""
 
 NOISE_INTERVAL_RATIO = 4.0
-"""A 95 % interval whose ends differ by more than this factor is reported as a bound."""
+"""Of a 95 % interval whose ends differ by more than this factor, only the upper end is reported."""
 
 # Loops that do not close
 

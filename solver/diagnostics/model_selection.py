@@ -1,8 +1,9 @@
 """Selects the unknowns of a model: compares faults by their evidence, and chooses the parameters to fix.
 
-A fault is a set of columns that were not fitted, with coefficients b ~ N(0, v D). Its log-likelihood at the most likely
-v rises with the misfit that it explains, and falls with its freedom to explain any misfit (Occam's factor). The noise
-scale is free above a floor, so that unexplained residuals make the choice less certain instead of deciding it.
+A fault is a set of columns that were not fitted, with coefficients b ~ N(0, v D). The value of v that maximises the
+likelihood is used. The likelihood of a fault is large if the fault explains much of the misfit, and small if it could
+explain any misfit equally well (Occam's factor). The scale of the noise is estimated too, above a lower limit. So
+residuals that no fault explains count as noise, and the choice becomes less certain.
 
 Any parameter of an unidentifiable direction may be fixed without changing the loop. An entry of the arm's table is
 fixed in preference to a parameter of the fixture: a wrong s_1 would look like an error of the arm.
@@ -37,7 +38,8 @@ class Evidence:
     `log_likelihood`: log-likelihood, up to a constant that is the same for all explanations of one pose set.
     `chi2`, `dof`: remaining chi2 and its degrees of freedom, at stated variances.
     `size`: standard deviation of the coefficients, in units of their expected magnitudes.
-    `b` (c,): coefficients. `covariance` (c, c): their covariance; for columns of single poses only the variances (c,).
+    `b` (c,): coefficients.
+    `covariance` (c, c): covariance of `b`; only the variances (c,) if each pose has coefficients of its own.
     `moved`: change of the parameters (P,) when the explanation is fitted (rad, m).
     """
 
@@ -73,10 +75,11 @@ def evidence(
     own: IntArray | None = None,
     most: float = np.inf,
 ) -> Evidence | None:
-    """Compute the evidence of columns G (m, r, c), with coefficients of expected magnitude `expected_size` (c,).
+    """Compute the evidence for the fault whose coefficients change the misclosures by the columns G (m, r, c).
 
-    The result is None if the fit already contains all of these columns. `own`: poses (p,) that have columns G (p, r, c)
-    and coefficients (p * c,) of their own. `most`: largest multiple of `expected_size` to try.
+    The result is None if the fit already contains all of these columns. `expected_size` (c,): expected magnitudes of
+    the coefficients. `own`: poses (p,) each of which has c coefficients of its own; then G is (p, r, c), and
+    `expected_size` is (p * c,). `most`: largest multiple of `expected_size` to try.
     """
     if own is not None:
         return _evidence_of_own(residuals, own, G, expected_size, most)
@@ -124,7 +127,7 @@ def _evidence_of_own(
 
     @cache
     def at(k: int) -> tuple[float, SolvedColumns]:
-        """Log-likelihood at `sizes[k]`, and the solved columns."""
+        """Log-likelihood for coefficients of standard deviation `sizes[k]`, and the solution for the coefficients."""
         solved = columns.solved(float(sizes[k]) ** 2)
         chi2 = max(residuals.chi2 - solved.drop, 1e-12)
         f = max(SMALLEST_NOISE_SCALE, chi2 / dof)
@@ -165,9 +168,9 @@ def drop_unidentifiable(
 ) -> tuple[ClosureModel, tuple[str, ...]]:
     """Fix the parameters that the poses do not determine.
 
-    `x`: parameters (P,) that nearly close the loops; with other values no direction looks unidentifiable. None: offsets
-    and fixture are fitted, with the arm's lengths and twists at their nominal values (if all of these were unknown, a
-    fit might shrink the arm to zero).
+    `x`: parameters (P,) that nearly close the loops; with other values no direction looks unidentifiable. By default
+    `nearly_closing_parameters`: only offsets and fixture are fitted, because a fit of all lengths might shrink the arm
+    to zero.
     `q`: joint angles (m, n), rad.
     `sigma_rad`: standard deviation of each joint's reading (n,), for closing the loops.
 
@@ -186,7 +189,7 @@ def drop_unidentifiable(
 
 
 def nearly_closing_parameters(model: ClosureModel, q: FloatArray) -> FloatArray:
-    """Parameters (P,) that nearly close the loops: offsets and fixture fitted, the rest nominal."""
+    """Return parameters (P,) that nearly close the loops: offsets and fixture are fitted, all others nominal."""
     fixture = {*model.ground_side, *model.hand_side}
     known = {p.name for p in model.parameters if not p.name.startswith("theta_off_")} - fixture
     plain = model.with_all_joints_sensed().without(known)
@@ -201,7 +204,7 @@ def _choose(
     directions: tuple[UnidentifiableDirection, ...],
     fixture: set[str],
 ) -> int:
-    """Index of the parameter to fix: an immobile joint's offset, else the weakest of the arm, else of the fixture."""
+    """Index of the parameter to fix: an immobile joint's offset, else the least determined one, arm before fixture."""
     for direction in directions:
         for joint in direction.immobile_joints:
             if f"theta_off_{joint}" in direction.parameters:

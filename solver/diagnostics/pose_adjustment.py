@@ -1,6 +1,6 @@
 """Most probable joint corrections of poses at fixed parameters, and the resulting angles of unsensed joints.
 
-This is the implicit iteration with dx = 0: only the readings are adjusted.
+The iteration is that of the implicit estimator, but the parameters stay as they are: only the readings are adjusted.
 """
 
 from dataclasses import dataclass
@@ -21,8 +21,8 @@ MAX_ITERATIONS = 40
 class AdjustedPoses:
     """Poses adjusted to fixed parameters.
 
-    `error`, `system`, `V`: the loops' errors, the reduced equations of all poses, and the covariances (m, r, r) of
-    their misclosures, at the start of the last, negligibly small step.
+    `error`, `system`, `V`: closure errors, reduced equations, and covariances (m, r, r) of the misclosures, evaluated
+    at the start of the last iteration, whose step is negligibly small.
     `corrections`: joint corrections (m, n), rad: adjusted minus measured.
     `unsensed`: unsensed angles (m, U), rad.
     `converged`: whether each pose's loop was closed (m,).
@@ -85,7 +85,9 @@ def adjust_poses(
 class LoopAngle:
     """True angle of one unsensed joint at every pose, with the covariance ``diag(own) + common common'``, rad^2.
 
-    `joint`: 1-based. `angle_rad` (m,): angle of the D-H table, not wrapped: near the reading plus the nominal offset.
+    `joint`: 1-based.
+    `angle_rad` (m,): joint angle theta' including the offset, not wrapped. It is near the joint's reading, which is not
+    used otherwise, plus the nominal offset.
     `own` (m,): variance of each angle due to the readings of its pose, independent from pose to pose.
     `common` (m, c): root of the covariance due to errors of the parameters, which are common to all poses.
     """
@@ -119,7 +121,7 @@ def loop_angles(
     `x` (P,), `covariance` (P, P): the parameters and their covariance. `near`: as in `adjust_poses`. The linearised
     loop is c + J_q e + f + N du = 0, with e the errors of the readings, f the deflection of the fixture, and du the
     change of the unsensed angles. With S the covariance of J_q e + f, and E the left null space of N, the best estimate
-    of du has the covariance ``N^+ (S - S E (E' S E)^-1 E' S) N^+'``, in addition to that from the parameters.
+    of du has the covariance ``N^+ (S - S E (E' S E)^-1 E' S) N^+'``. The covariance due to the parameters is added.
     """
     adjusted = adjust_poses(model, x, q, noise, near=near)
     error = adjusted.error

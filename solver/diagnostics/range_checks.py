@@ -18,7 +18,7 @@ from solver.errors import SolverError
 
 
 class ReadingFault(Enum):
-    """Kind of fault of one joint's readings."""
+    """How the readings of one joint are wrong."""
 
     OUTSIDE = "outside its range"
     WHOLE_TURN = "whole turns from its range"
@@ -27,7 +27,7 @@ class ReadingFault(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RangeFinding:
-    """Readings of one joint that are impossible for its sensor or its stops.
+    """Readings of one joint that its sensor or its stops make impossible.
 
     `joint`: 1-based.
     `poses`: indices of the poses, the farthest outside first.
@@ -137,7 +137,7 @@ def _joints(columns: Sequence[int]) -> str:
 
 
 def _like_radians(arm: ArmModel, q: FloatArray) -> list[int]:
-    """Joints (0-based) whose readings are small and, if taken as radians, vary and lie inside the joint's range."""
+    """Joints (0-based) with small readings which, taken as radians, would vary and lie inside the joint's range."""
     as_degrees = np.rad2deg(q)
     inside = 10 * (_outside(arm, as_degrees) > 0.0).sum(axis=0) <= len(q)
     small = (np.abs(q) < np.deg2rad(2.0 * np.pi)).all(axis=0)
@@ -146,7 +146,7 @@ def _like_radians(arm: ArmModel, q: FloatArray) -> list[int]:
 
 
 def rows_in_radians(arm: ArmModel, q: FloatArray) -> list[int]:
-    """Poses (0-based) with several readings outside their ranges, but none if all are taken as radians."""
+    """Poses (0-based) that have several readings outside their ranges, and would have none if all were in radians."""
     outside = (_outside(arm, q) > 0.0).sum(axis=1) > 1
     inside = ~(_outside(arm, np.rad2deg(q)) > 0.0).any(axis=1)
     small = (np.abs(q) < np.deg2rad(2.0 * np.pi)).all(axis=1)
@@ -161,11 +161,10 @@ def mostly_in_range(arm: ArmModel, q: FloatArray) -> bool:
 def range_findings(
     arm: ArmModel, poses: PoseSet, *, unsensed_joints: tuple[int, ...] = ()
 ) -> tuple[RangeFinding, ...]:
-    """Return a finding for each joint with readings outside its range in the arm file, or saturated.
+    """Return a finding for each joint whose readings are outside its range in the arm file, or are saturated.
 
-    Readings of `unsensed_joints` are not checked.
-
-    Raises `ReadingsOutOfRangeError` if at least half of the poses are far outside for a reason other than turn counts.
+    Readings of `unsensed_joints` are not checked. Raises `ReadingsOutOfRangeError` if at least half of the poses have a
+    reading far outside that wrong turn counts do not explain.
     """
     q = poses.q_rad
     outside = _outside(arm, q)
@@ -204,7 +203,7 @@ def range_findings(
 
 
 def _outside(arm: ArmModel, q: FloatArray) -> FloatArray:
-    """Distance (m, n), rad, of each reading from its range widened by the sensor's error; 0 inside."""
+    """Distance (m, n), rad, of each reading from its range, which is widened by the sensor's error; 0 inside."""
     slack = (
         limits.RANGE_SLACK_RAD + limits.RANGE_SLACK_SIGMAS * arm.sigma_rad() + arm.linearity_rad()
     )
@@ -226,7 +225,7 @@ def _whole_turns(arm: ArmModel, q: FloatArray, joint: int) -> bool:
 
 
 def _saturated_poses(reading: FloatArray, middle_rad: float, sensor: Rvdt) -> IntArray:
-    """Poses with an RVDT reading at the same end of full scale; empty if there are fewer than `SATURATED_POSES`."""
+    """Poses at which an RVDT reads the same end of full scale; empty if there are fewer than `SATURATED_POSES`."""
     end = 0.5 * sensor.full_scale_rad
     near = limits.SATURATED_SIGMAS * sensor.sigma_rad
     for side in (-1.0, 1.0):

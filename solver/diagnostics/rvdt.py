@@ -41,8 +41,8 @@ class RvdtVerdict:
     `joint`: 1-based.
     `verdict`, `text`: the verdict, and a text with verdict and figures.
     `treat_as_unsensed`: whether the calibration is better without the joint's reading.
-    `share`: share of the squared closure error at the readings that is removed by a correction of this joint's readings
-    (0..1, negative if the error grows); 0 if the poses cannot decide.
+    `share`: share of the squared closure error that disappears if this joint's readings are corrected (0..1, negative
+    if the error grows); 0 if the poses cannot decide.
     `figures`: measured figures; None if the poses cannot decide.
     `noise`: noise of a single reading, known even if the poses do not determine the linearity deviation; None if
     the readings are not used and their spread is not recorded.
@@ -73,9 +73,9 @@ def rvdt_verdicts(
 
     `model`: one placement's loop with the RVDT joints unsensed, so that their readings are not used.
     `errors`: stated errors of all other sources, which would otherwise look like noise of the RVDT.
-    `calibrated`: fit of these poses with the RVDTs' readings. It gives the start of the new fit, and the variances of
-    the other sources. A variance below its start value is replaced by the start value, because the fit may have
-    attributed part of that source to the RVDT.
+    `calibrated`: fit of these poses with the RVDTs' readings. The new fit starts from its parameters and takes over the
+    variances of the other sources. A variance below its start value is replaced by the start value, because the fit
+    may have attributed part of this error to the RVDT.
     `noise`: noise of single readings by joint (1-based), if known.
     `samples`: number of readings averaged at each pose (m,).
     """
@@ -126,7 +126,7 @@ def rvdt_verdicts(
 
 
 def _beside(calibrated: Calibrated, model: ClosureModel, q: FloatArray) -> FitStart:
-    """Return the start for fitting `model`, derived from the fit `calibrated`, which has fewer unsensed joints."""
+    """Return a start for the fit of `model`, taken from the fit `calibrated`, which has fewer unsensed joints."""
     estimate, had = calibrated.estimate, calibrated.linear.design.model.unsensed_joints
     corrections = np.zeros_like(q) if estimate.corrections is None else estimate.corrections.copy()
     own = calibrated.unsensed.shape[-1] - len(had)
@@ -151,10 +151,10 @@ def _beside(calibrated: Calibrated, model: ClosureModel, q: FloatArray) -> FitSt
 def _without_compliance(
     noise: Mapping[int, SingleNoise], fit: LinearFit
 ) -> Mapping[int, SingleNoise]:
-    """Return `noise`, with lower limits of 0 if a fixture more compliant than stated may have caused the noise.
+    """Return `noise`, with lower limits of 0 where an unexpectedly compliant fixture may have caused the noise.
 
-    A rotating fixture looks like noise of the wrist, and no pose separates the two. So if the fixture deflects more
-    than stated, it may have caused all the scatter between poses.
+    A rotation of the fixture under load looks like noise of the wrist's sensors, and no pose separates the two. So a
+    fixture that deflects more than stated may have caused all the scatter between poses.
     """
     uncertain = {j: replace(one, low=0.0) for j, one in noise.items() if not one.from_spread}
     compliance = compliance_test(fit.stated, fit.design) if uncertain else None
@@ -261,7 +261,7 @@ def _noise_words(noise: SingleNoise, sensor: Rvdt) -> list[str]:
 def _share(
     sensed: ClosureModel, known: dict[str, float], q: FloatArray, joint: int, figures: RvdtFigures
 ) -> float:
-    """Share of the squared closure error at the readings that a correction of one joint's readings removes."""
+    """Share of the squared closure error that disappears if the joint's readings are corrected by `figures`."""
     known = known | {f"theta_off_{joint}": float(wrap_angle(figures.theta_off_rad))}
     x = nominal_vector(sensed.parameters, known)
     better = q.copy()

@@ -1,6 +1,6 @@
-"""Response of an RVDT against the angle that the closed loop measures: line, curve and noise of a single reading.
+"""Errors of an RVDT against the angle that the closed loop measures: gain, linearity deviation, noise of a reading.
 
-The curve is a Legendre series fitted to noisy points; its degree is chosen by leave-one-out prediction.
+The deviation as a function of the angle is a Legendre series, whose degree is chosen by leave-one-out prediction.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ class SmoothCurve:
     `smoother`: (degree + 1, m): maps the points to the coefficients.
     `residual`: (m,): points minus curve.
     `dof`: number of points minus number of coefficients.
-    `line_probability`: probability of so much improvement over a straight line if the points lie on a straight line (F
-    test, times the number of degrees that were compared); 1 if the curve is a straight line.
+    `line_probability`: probability that a fit to points of a straight line improves as much on the line (F test, times
+    the number of degrees that were compared); 1 if the curve is a straight line.
     """
 
     low: float
@@ -60,8 +60,8 @@ def fit_curve(abscissa: FloatArray, values: FloatArray, least_degree: int = 1) -
     """Fit points (m,) with the degree, from `least_degree` up, whose leave-one-out error is smallest.
 
     A higher degree must improve on the best lower degree by more than the standard error of the improvement, so that
-    noise is not fitted. The chosen curve as a whole is tested against a straight line. At least `2 * POINTS_PER_TERM`
-    points, not all at one abscissa, are needed.
+    noise is not fitted. The chosen curve as a whole is tested against a straight line. There must be at least
+    ``2 * POINTS_PER_TERM`` points, and not all at one abscissa.
     """
     from scipy.special import fdtrc
 
@@ -100,7 +100,7 @@ def fit_curve(abscissa: FloatArray, values: FloatArray, least_degree: int = 1) -
 
 
 def _basis(abscissa: FloatArray, low: float, high: float, degree: int) -> FloatArray:
-    """Legendre polynomials (..., degree + 1) at points of the range from `low` to `high`."""
+    """Legendre polynomials (..., degree + 1) at `abscissa`, with the range from `low` to `high` mapped to [-1, 1]."""
     x = (2.0 * np.asarray(abscissa) - low - high) / (high - low)
     return np.asarray(np.polynomial.legendre.legvander(x, degree))
 
@@ -121,10 +121,10 @@ class RvdtFigures:
     `gain`: slope of the best-fit line, reading per true angle; 1 means no error.
     `linearity`, `linearity_sd`: largest deviation from the best-fit line over the covered range, as a fraction of full
     scale, and its standard deviation. Over the full scale, the largest deviation may be larger, rarely smaller.
-    `half_range`: half the peak-to-peak deviation from unit gain, as a fraction of full scale.
+    `half_range`: half the peak-to-peak deviation from a line of gain 1, as a fraction of full scale.
     `noise`: noise of a single reading.
     `loop_sd_rad`: standard deviation (rms over the poses) of an angle that the loop measures.
-    `line_probability`: probability of so much curvature if the sensor is linear.
+    `line_probability`: probability that a linear sensor seems to be so curved.
     `angle_rad`, `deviation_rad`: (m,) true sensor angle of each pose, and its reading minus this angle.
     `curve`: deviation as a function of the true sensor angle.
     `table_rad`: (k, 3): reading, correction to be added to the reading, standard deviation of the correction. Corrected
@@ -169,12 +169,12 @@ def measure(
     noise: SingleNoise | None,
     samples: float,
 ) -> RvdtFigures:
-    """Split the deviations of readings (m,) from the angles `measured` into line, curve and noise.
+    """Split the deviations of readings (m,) from the angles `measured` into gain, linearity deviation and noise.
 
     Raises `ValueError` if there are too few poses to fit any curve.
 
-    `noise`: noise of a single reading; None if only the scatter about the curve is known. This scatter is an upper
-    bound, because it includes slowly varying errors of the loop. `samples`: number of readings averaged at each pose.
+    `noise`: noise of a single reading. If it is None, the scatter about the fitted curve is an upper limit, because it
+    includes slowly varying errors of the loop. `samples`: number of readings averaged at each pose.
     """
     from scipy.special import chdtri
 
@@ -247,8 +247,8 @@ TERMS = 200
 class SingleNoise:
     """Noise of a single reading, without the error of rounding to whole LSB.
 
-    `lsb`, `low`, `high`: value and 95 % interval, LSB. `from_spread`: whether the noise follows from the spread of the
-    samples within each pose; if not, from the scatter of the loops.
+    `lsb`, `low`, `high`: value and 95 % interval, LSB. `from_spread`: whether the noise was calculated from the spread
+    of the samples within each pose; otherwise it was calculated from the closure errors.
     """
 
     lsb: float
@@ -267,8 +267,8 @@ def single_noise(
 ) -> SingleNoise | None:
     """Return the noise of a single reading; None if neither spread nor component is known.
 
-    `component`: variance component of single readings from the closed loops; None for a joint whose readings are not
-    used.
+    `component`: variance component of the joint's readings that the fit of the loops estimated; None if the readings
+    are not used.
     `sd_rad`: standard deviation of the single readings at each pose (m,), rad; None if not recorded.
     `samples`: number of readings averaged at each pose (m,).
     """
@@ -289,7 +289,7 @@ def _of_spread(sd_lsb: FloatArray, samples: IntArray) -> SingleNoise:
 
     weight = (samples - 1) / (samples - 1).sum()
     pooled = float(weight @ sd_lsb**2)
-    # With noise below half an LSB some poses flicker and others do not: the spreads scatter more than chi2.
+    # With noise below half an LSB, readings flicker at some poses only: the spreads scatter more than chi2 predicts.
     between = float(weight**2 @ (sd_lsb**2 - pooled) ** 2)
     dof = float((samples - 1).sum())
     if between > 0.0:

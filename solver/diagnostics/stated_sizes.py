@@ -1,6 +1,7 @@
 """Compares stated errors with the errors that the poses show: motion noise, exceeded specifications, scales.
 
-Files state upper limits, and most of a fixture's deflection and of a joint's play repeats at the same pose.
+Motion noise is usually smaller than stated. Files state upper limits, and most of a fixture's deflection and of a
+joint's play repeats at the same pose.
 """
 
 from dataclasses import dataclass
@@ -22,9 +23,9 @@ SCORING_STEPS = 6
 
 
 def with_estimated_motion_noise(fit: LinearFit) -> LinearFit:
-    """Return `fit` with the motion noise of fixture and joints reduced where the poses show less than stated.
+    """Return `fit` with smaller motion noise of fixture and joints if the poses show less noise than stated.
 
-    The stated noise of the fixture is multiplied by one factor, the stated noise of the joints by another. The factors
+    The stated variances of the fixture are multiplied by one factor, those of the joints by another. The factors
     follow from one scoring step of the restricted likelihood at the stated variances, which is exact if all noise is of
     one kind. The components of sensor noise are unchanged: less motion noise implies nothing about single readings.
     """
@@ -72,8 +73,8 @@ def sensor_noise_with_estimated_motion(fit: LinearFit) -> tuple[FloatArray, Floa
 class ExceededSpecification:
     """A source of error that exceeds its specification.
 
-    `component`: name of the source in the error model. `times`: estimated divided by stated standard deviation.
-    `log_chance`: logarithm of the probability of so large an estimate if the source is as stated.
+    `component`: name of the source in the error model. `times`: ratio of estimated to stated standard deviation.
+    `log_chance`: logarithm of the probability that the estimate is so large although the error is as stated.
     """
 
     component: str
@@ -121,12 +122,12 @@ FAMILIES = {
     "smooth_give": "compliance_smooth",
     "compliance": "compliance",
 }
-"""Names of families of errors in results, by name of the variance component, where the two differ."""
+"""Names that results use for families of errors, by name of the variance component, where the two names differ."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scale:
-    """Ratio of the errors of one family to the stated errors, with its 95 % interval."""
+    """Ratio of actual to stated errors of one family, e.g. ``encoders``, and the 95 % interval of the ratio."""
 
     family: str
     value: float
@@ -137,8 +138,8 @@ class Scale:
 def learned_scales(fit: LinearFit, derivatives: Derivatives) -> tuple[Scale, ...]:
     """Return the scale of every family of errors whose scale is estimated.
 
-    The variances of `fit` are at the posterior means of the scales; `derivatives`: see `with_priors`. The logarithm of
-    a scale is taken as normally distributed about its mode (Laplace's approximation; method, section 10).
+    `fit`: fit whose variances are at the posterior means of the scales. `derivatives`: result of `with_priors(fit)`.
+    The logarithm of a scale is taken as normal about the mode (Laplace's approximation; method, section 10).
     """
     components = fit.design.components
     learned = [k for k, c in enumerate(components) if c.scaled]
@@ -158,7 +159,7 @@ def learned_scales(fit: LinearFit, derivatives: Derivatives) -> tuple[Scale, ...
 def shares_of_poses(fit: LinearFit) -> dict[str, float]:
     """Share of each parameter's information that comes from the poses, by name.
 
-    The share is 1 minus posterior variance over prior variance; 1 for a parameter without a prior. The prior variance
+    The share is ``1 - posterior variance / prior variance``, or 1 for a parameter without a prior. The prior variance
     is the stated one, even if the estimated scale of its family differs from 1.
     """
     design = fit.design

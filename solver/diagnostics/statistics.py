@@ -37,7 +37,7 @@ def intervals(estimate: Estimate) -> tuple[FloatArray, FloatArray]:
 
 
 def correlations(covariance: FloatArray) -> FloatArray:
-    """Correlation matrix (P, P), 1 on the diagonal; the other correlations of a parameter without variance are 0."""
+    """Correlation matrix (P, P); a parameter of variance 0 has the correlation 1 with itself and 0 with all others."""
     sd = np.sqrt(np.diagonal(covariance))
     sure = sd == 0.0
     safe = np.where(sure, 1.0, sd)
@@ -48,7 +48,7 @@ def correlations(covariance: FloatArray) -> FloatArray:
 
 
 def covariance_root(covariance: FloatArray) -> FloatArray:
-    """Matrix R (P, P) with ``R R'`` equal to a covariance, which may be singular; rounding below 0 counts as 0."""
+    """Matrix R (P, P) with ``R R' = covariance``. The covariance may be singular; negative eigenvalues count as 0."""
     values, vectors = np.linalg.eigh(covariance)
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
@@ -83,9 +83,8 @@ def jackknife(fit: LinearFit) -> FloatArray:
     """Standard deviation of every parameter (P,), found by leaving out each pose of a mixed model in turn.
 
     The result is valid even if errors within a pose are correlated or the noise model is wrong, but does not include
-    errors common to all poses. Variances are not estimated again.
-
-    Raises `TooFewPosesError` if one pose fewer leaves no degree of freedom.
+    errors common to all poses. Variances are not estimated again. Raises `TooFewPosesError` if one pose fewer leaves no
+    degree of freedom.
     """
     design = fit.design
     m = len(design.q)

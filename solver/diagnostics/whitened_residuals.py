@@ -4,12 +4,12 @@ At the solution of a calibration the misclosures of all poses are
 
     w_i = -A_i dx + Z_i b + f_i,    f_i ~ N(0, V_i),    b ~ N(0, I),
 
-with dx the parameters (those with a prior are among b) and V_i, Z_i at given variances. In coordinates
-whitened by V_i, P = I - U U' projects out everything that dx and b explain. For further columns G the score s is
-G'Pw, its covariance G'PG, and chi2 falls by s'(G'PG)^-1 s if they are fitted (Rao 1948): no refit is needed.
+with dx the parameters without a prior and b all other unknowns. V_i and Z_i follow from the variances, which are given.
+In coordinates whitened by V_i, P = I - U U' projects out everything that dx and b explain. For further columns G the
+score s is G'Pw, and its covariance is G'PG. If G is fitted, chi2 falls by s'(G'PG)^-1 s (Rao 1948): no refit is needed.
 
 Columns that act in one pose each (`OwnColumns`) are block diagonal. With T = G'G in whitened coordinates and W the
-projection of G on the fitted columns, C = G'PG = T - W W', and the matrix inversion lemma needs only a matrix of the
+projection of G on the fitted columns, C = G'PG = T - W W'. So the matrix inversion lemma needs only a matrix of the
 size of the fit, whatever the number of poses.
 """
 
@@ -29,9 +29,9 @@ FREE = 1e-9
 class WhitenedResiduals:
     """A linear system of m poses with r equations each, and K fitted columns, including those of P parameters.
 
-    `whitener`: (m, r, r): inverse of a root of V.
+    `whitener`: (m, r, r): ``L^-1``, with ``L L' = V`` the covariance of a pose's noise.
     `U`: (m, r, K): whitened fitted columns; together with the rows of the prior they are orthonormal.
-    `white`: (m, r): ``L^-1 w`` minus its fitted part.
+    `white`: (m, r): whitened misclosures ``L^-1 w`` minus their fitted part.
     `to_x`: (P, K): maps coefficients of `U` to changes of the parameters (rad, m).
     `dof`: number of equations minus number of parameters without a prior.
     """
@@ -85,10 +85,9 @@ class WhitenedResiduals:
         )
 
     def without(self, poses: IntArray) -> WhitenedResiduals:
-        """Return the residuals without the poses `poses` (p,), whose whiteners and rows become zero.
+        """Return the residuals of a fit without the poses `poses` (p,). All arrays keep their shapes.
 
-        The result is the same as if each equation of these poses had a fitted column of its own, but the number of
-        columns does not grow. The columns are orthonormal over the remaining rows.
+        The whiteners and rows of these poses become zero. The fitted columns become orthonormal over the other rows.
         """
         own = self.U[poses].reshape(-1, self.U.shape[-1])
         values, vectors = np.linalg.eigh(np.eye(len(own)) - own @ own.T)
@@ -118,13 +117,13 @@ ROUNDING = 1e-13
 
 
 class OwnColumns:
-    """Whitened columns of some poses, rotated to be orthogonal within each pose.
+    """Columns with c coefficients for each of some poses, whitened, then rotated to be orthogonal within each pose.
 
     `poses`: (p,) indices.
-    `white`: (p, r, c): columns before they are rotated.
+    `white`: (p, r, c): whitened columns before the rotation.
     `turn`: (p, c, c): maps coefficients of the rotated columns to coefficients of `white`.
-    `own`, `score`: (p * c,): sums of squares and scores of the rotated columns.
-    `inside`: (p * c, K): projection of the rotated columns on the fit's columns.
+    `own`, `score`: (p * c,): sums of squares of the rotated columns, and their scalar products with the residuals.
+    `inside`: (p * c, K): projections of the rotated columns on the fitted columns.
     """
 
     def __init__(self, residuals: WhitenedResiduals, poses: IntArray, columns: FloatArray) -> None:
@@ -137,7 +136,7 @@ class OwnColumns:
         self.inside = (turned @ residuals.U[poses]).reshape(own.size, -1)
 
     def solved(self, variance: float) -> SolvedColumns:
-        """Solve for the coefficients, each with prior variance `variance`."""
+        """Solve for the coefficients of the rotated columns, each with the prior N(0, `variance`)."""
         from scipy.linalg import lapack
 
         total = 1.0 / variance + self.own
@@ -174,7 +173,7 @@ class OwnColumns:
         return np.asarray(self.residuals.to_x @ (self.inside.T @ solved.b))
 
     def drawn(self) -> WhitenedResiduals:
-        """Return the residuals if the noise of `poses` also includes these columns, with coefficients ~ N(0, 1)."""
+        """Return the residuals after these columns, with coefficients ~ N(0, 1), are added to the noise of `poses`."""
         residuals, solved = self.residuals, self.solved(1.0)
         b = (self.turn @ solved.b.reshape(len(self.poses), -1, 1))[..., 0]
         white = residuals.white + residuals.U @ (self.inside.T @ solved.b)
@@ -199,11 +198,13 @@ class OwnColumns:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SolvedColumns:
-    """Coefficients `b` (p * c,) of the rotated columns of `OwnColumns`, each with the prior variance v.
+    """Solution for the rotated columns of `OwnColumns`, whose coefficients have the prior variance v.
 
-    `drop`: reduction of chi2. `logdet`: ``log det (I + v C)``, with C the covariance of the columns' scores.
-    `total` (p * c,), `back` (K, K): the covariance of `b` is ``D + D W back' back W' D``, with D = diag(1 / total), W
-    `inside` of `OwnColumns`, and ``back' back = (I - W' D W)^-1``.
+    `b` (p * c,): coefficients of the columns.
+    `drop`: reduction of chi2 by the columns.
+    `logdet`: ``log det (I + v C)``, with C the covariance of the columns' scores.
+    `total` (p * c,), `back` (K, K): factors of the covariance of `b`, which is ``D + D W back' back W' D``. Here D is
+    diag(1 / total), W is `OwnColumns.inside`, and ``back' back = (I - W' D W)^-1``.
     """
 
     b: FloatArray

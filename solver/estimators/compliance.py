@@ -1,16 +1,15 @@
 """Gravity's torque on every joint, and the displacements of a fixture of unknown compliance.
 
-Each half of a fixture has a compliance, constant in that half's own axes. It is symmetric and
-positive: C = S M S, where S is diagonal, with one scale for angles and one for positions, and M has mean I and the
-second moments of a Wishart matrix of nu degrees of freedom,
+Each half of a fixture has an unknown compliance matrix C, constant in that half's own axes, symmetric and positive
+definite. It is modelled as C = S M S. S is diagonal, with one element for angles and one for positions. M is random,
+with mean I and the second moments of a Wishart matrix of nu degrees of freedom (d_ij is 1 if i = j, otherwise 0),
 
-    E[M_ik M_jl] = d_ik d_jl + (d_ij d_kl + d_il d_kj) / nu,
+    E[M_ik M_jl] = d_ik d_jl + (d_ij d_kl + d_il d_kj) / nu.
 
-so that under wrenches W z, z ~ N(0, I), the displacements C W z at two poses p, p' have the covariance
+The wrench on the fixture at pose p is W(p) z, z ~ N(0, I), where z are the errors of the stated masses and centres. So
+the displacements C W z at two poses p and p' have the covariance
 
     s_i s_j (G_ij + (d_ij sum_k G_kk + G_ji) / nu),     G = S W(p) W(p')' S.
-
-The torques follow from a closure model's table and the arm's stated and uncertain masses.
 """
 
 from __future__ import annotations
@@ -31,11 +30,11 @@ WISHART_DOF = 6.0
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FixtureLoads:
-    """Loads on a fixture at m poses, under uncertain masses and centres.
+    """Loads on a fixture at m poses that result from errors of the stated masses and centres.
 
-    `pull` (m, k, a): wrench W for a unit of each of the a uncertain coefficients, multiplied by S (see the module), in
-    the frame of the deflection. `halves`: for each half, its share of the deflection's standard deviation, and the
-    rotation (m, k, k) of its axes in this frame, None for no rotation. This rotation commutes with S.
+    `pull`: ``S W`` (m, k, a) of the module's docstring, for a errors of unit variance, in the frame of the deflection.
+    `halves`: for each half of the fixture, its share of the deflection's standard deviation, and the rotation (m, k, k)
+    from the half's own axes to the frame of the deflection; None if they coincide. The rotations commute with S.
     """
 
     pull: FloatArray
@@ -48,10 +47,10 @@ class FixtureLoads:
 
 
 def compliance_sizes(stated_deflection: tuple[float, float], *, rotations: int) -> FloatArray:
-    """Return the diagonal (k,) of S for which unit moments and forces cause the stated deflection.
+    """Return the diagonal (k,) of S for which a moment and a force of rms magnitude 1 cause the stated deflection.
 
-    `stated_deflection`: give_rad, give_m, rms of each component. Let a be the square of the scale of angles in S, and
-    b that of positions. The covariance in the module's docstring, summed over three components, is
+    `stated_deflection`: rms of each rotation, give_rad, and of each translation, give_m. With a and b the squares of
+    the elements of S for angles and positions, the module's covariance, summed over three components, is
 
         a^2 (1 + 4 / nu) + 3 a b / nu = 3 give_rad^2,   b^2 (1 + 4 / nu) + 3 a b / nu = 3 give_m^2.
     """
@@ -70,14 +69,14 @@ def compliance_sizes(stated_deflection: tuple[float, float], *, rotations: int) 
 
 
 def blocks(k: int) -> list[slice]:
-    """Slices of the k closure components, one per unit: rotations and positions, or positions alone."""
+    """Return the slices of rotations and of positions if there are k = 6 closure components, else one slice of all."""
     return [slice(0, 3), slice(3, 6)] if k == 6 else [slice(0, k)]
 
 
 def covariance(one: FixtureLoads, two: FixtureLoads, s: FloatArray) -> FloatArray:
     """Return the covariance (m k, m' k) of the displacements at two sets of poses, by the module's formula.
 
-    `s` (k,): diagonal of S. The formula's first term does not depend on the rotation of the axes of the halves.
+    `s` (k,): diagonal of S. The formula's first term is the same for any rotation of the halves' own axes.
     """
     k, a, b = len(s), len(one.pull), len(two.pull)
     product = (one.pull.reshape(a * k, -1) @ two.pull.reshape(b * k, -1).T).reshape(a, k, b, k)
@@ -106,7 +105,7 @@ def _turned(C: FloatArray, turn_a: FloatArray | None, turn_b: FloatArray | None)
 
 
 def variance(loads: FixtureLoads, s: FloatArray) -> FloatArray:
-    """Diagonal (m, k) of `covariance`; the diagonal does not depend on the axes of the halves."""
+    """Diagonal (m, k) of `covariance` at one set of poses; it is the same for any rotation of the halves' own axes."""
     squares = (loads.pull**2).sum(-1)
     every = squares + (squares + squares.sum(-1, keepdims=True)) / WISHART_DOF
     return np.asarray(sum(share**2 for share, _ in loads.halves) * every * s**2)
@@ -114,7 +113,7 @@ def variance(loads: FixtureLoads, s: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ArmPoses:
-    """Poses q (m, n) and unsensed angles u (m, U), rad, of one placement at parameters x (P,)."""
+    """Poses of an arm in one placement: joint angles q (m, n) and unsensed angles u (m, U), rad; parameters x (P,)."""
 
     model: ClosureModel
     x: FloatArray
@@ -123,10 +122,10 @@ class ArmPoses:
     masses: LinkMasses
 
     def arm_rows(self) -> FloatArray:
-        """D-H rows 1..n (5, n) of the arm alone.
+        """D-H rows 1..n (5, n) of the arm without the fixture: calibrated where known, else nominal.
 
-        The offsets of the first and the last joint are taken from the arm's file: calibrated offsets are measured from
-        the fixture's axis, which is no reference for gravity.
+        The offsets of the first and the last joint are nominal, because their calibrated values are measured from the
+        fixture's axis and would give a wrong direction of gravity.
         """
         rows = self.model.arm_rows().copy()
         ends = {f"{DhKind.THETA_OFF.symbol}_{j}" for j in (1, rows.shape[1])}
@@ -143,7 +142,10 @@ class ArmPoses:
         return 1 + 4 * len(self.masses.mass_kg) + len(self.masses.tilted)
 
     def torques(self, poses: IntArray | slice) -> FloatArray:
-        """Return gravity's torque (m, n, s), N m: the mean, then changes for one sigma of each moment and base tilt."""
+        """Return gravity's torque (m, n, s), N m: in column 0 as stated, in the others its change for each error.
+
+        The errors, of one sigma each, are those of `_by_moment` (4 n columns), then the tilts of the base.
+        """
         rows, masses = self.arm_rows(), self.masses
         arm = forward(self.q[poses] + rows[DhKind.THETA_OFF], *rows[DhKind.S :])
         rates = torque_rates(arm, np.vstack((masses.down, masses.tilted)))
@@ -153,7 +155,7 @@ class ArmPoses:
 
 
 def _by_moment(rates: FloatArray, masses: LinkMasses) -> FloatArray:
-    """Return the torque (m, n, 4 n), N m, for one sigma of each link's mass and of each coordinate of its centre."""
+    """Return the torque (m, n, 4 n), N m, for errors of one sigma: for each link, of its mass, then centre x, y, z."""
     m, n = rates.shape[:2]
     # One product for each link: all joints at all poses with its moments.
     by_link = rates.transpose(2, 0, 1, 3).reshape(n, m * n, 4) @ masses.moments_sd

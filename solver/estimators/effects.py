@@ -1,13 +1,13 @@
-"""The linear mixed model of a loop: its columns at one linearisation, whitened by the noise.
+"""The linear mixed model of a loop: its equations and their columns at one linearisation, whitened by the noise.
 
 At one linearisation the reduced closure of all poses reads
 
     w + A dx + Z b + B n + E' f = 0,     n ~ N(0, S),  f ~ N(0, F),  b_l ~ N(0, g_l I),
 
-with dx the steps of the parameters without a prior; w includes the expected play and sag.
-Noise (n, f) is independent from pose to pose. Effects b have one value for all poses: deviations of toleranced entries,
-harmonics of encoders, deviations of analogue sensors, sag and compliance as functions of the pose. A variance component
-scales one or more groups; the stated value is the median of its prior (see `solver.estimators.layout`).
+with w the misclosure including expected play and sag, dx the steps of the parameters without a prior, n and f the noise
+of joints and fixture, and b_l the effects of group l, whose variance is g_l. Noise is independent from pose to pose.
+Effects have one value for all poses: deviations of toleranced entries, harmonics of encoders, deviations of analogue
+sensors, sag and compliance as functions of the pose. `solver.estimators.layout` relates g_l to variance components.
 """
 
 from __future__ import annotations
@@ -53,10 +53,10 @@ class System(ReducedEquations):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Whitened:
-    """Whitened columns M = [hard parameters, effects] (m, r, width) and misclosure w (m, r) of some poses.
+    """Whitened equations of some poses: columns M (m, r, width) and misclosure w (m, r).
 
-    Hard parameters are those without a prior. `L_inverse` (m, r, r): matrices that whiten the equations. `C`
-    (m, r, n + k): whitened columns of the noise. `noise` (m, n + k): variance of the noise.
+    The columns M are those of the parameters without a prior, then those of the effects. `L_inverse` (m, r, r):
+    matrices that whiten the equations. `C` (m, r, n + k), `noise` (m, n + k): noise's whitened columns and variances.
     """
 
     poses: slice
@@ -75,14 +75,14 @@ class Whitened:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class NoiseSources:
-    """Noise of m poses by source (s), independent from pose to pose.
+    """Noise of m poses, along n joints and k closure components, from each of s sources.
 
-    `names`: sources. `rates` (s, m, n + k): variance along joints and closure components, per unit of the variance
-    component with index `component` (s,); the variance itself if the index is -1. `missed` (s,): whether the source is
-    the part of play that the effects do not represent. Its variance falls with the estimated variance of the play, but
-    is not used to estimate it, because the side to which play is taken up repeats from pose to pose.
-    `estimated` (c,): components that the noise determines. `derivatives` (m, n + k, c): derivatives of the variance by
-    these components.
+    `names`: the sources. `component` (s,): index of the variance component that scales each source; -1 for none.
+    `rates` (s, m, n + k): variance for a component of 1; without a component, the variance itself.
+    `missed` (s,): whether the source is the part of play that the effects leave out. Its component (at most 1) scales
+    this part but is not estimated from it, because the side to which play is taken up repeats from pose to pose.
+    `estimated` (c,): indices of the components that are estimated from the noise.
+    `derivatives` (m, n + k, c): derivatives of the noise's variance with respect to these components.
     """
 
     names: tuple[str, ...]
@@ -107,7 +107,7 @@ class NoiseSources:
 
 
 class LinearModel(Layout):
-    """Noise and columns of a closure model with stated errors, calculated for some poses at a time."""
+    """Layout of a closure model with stated errors; calculates its noise and columns for some poses at a time."""
 
     _noise: tuple[slice, NoiseSources] | None = None
 
@@ -117,7 +117,7 @@ class LinearModel(Layout):
         return JointShapes(self.q, self.accuracy, self.errors.curves, (self.play, self.sags))
 
     def at_poses(self, poses: IntArray) -> LinearModel:
-        """Return the model of a selection of poses; its smooth functions of the pose are made from these poses only."""
+        """Return the model of a selection of poses, with smooth functions of the pose made from these poses only."""
         return LinearModel(
             self.model.at_poses(poses),
             self.q[poses],
@@ -133,7 +133,7 @@ class LinearModel(Layout):
     # ---- noise
 
     def noise_sources(self, poses: slice) -> NoiseSources:
-        """Every source of noise, i.e. of errors that are independent from pose to pose, at a slice of the poses."""
+        """Return all noise (errors independent from pose to pose) by source, at a slice of the poses."""
         if self._noise is None or self._noise[0] != poses:
             self._noise = (poses, self._sources_at(poses))
         return self._noise[1]
@@ -186,7 +186,7 @@ class LinearModel(Layout):
         )
 
     def noise_variance(self, v: FloatArray) -> FloatArray:
-        """Noise variance (m, n + k) along n joints, rad^2, and k closure components."""
+        """Return the noise's variance (m, n + k) along n joints, rad^2, and k closure components, rad^2 or m^2."""
         return np.concatenate([self.noise_sources(poses).total(v) for poses in self.parts()])
 
     def smooth_deflection_variance(self, v: FloatArray) -> FloatArray:
@@ -211,7 +211,7 @@ class LinearModel(Layout):
     def whiten(self, system: System, v: FloatArray, root: FloatArray, poses: slice) -> Whitened:
         """Whiten the equations `system` of these `poses`; raises `PosesDoNotFitError` (see `whitener`).
 
-        `root` (width - hard,): square roots of `group_variances`; the effects' columns are multiplied by these factors.
+        `root` (width - hard,): standard deviation of each effect's coefficient, by which its column is multiplied.
         """
         C, noise = system.noise_columns, self.noise_sources(poses).total(v)
         V = (C * noise[:, None, :]) @ np.swapaxes(C, -1, -2)
@@ -243,9 +243,9 @@ class LinearModel(Layout):
         return Whitened(poses=poses, M=M, w=w, L_inverse=L_inverse, C=C, noise=noise)
 
     def effects_at(self, b: FloatArray, angle: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Joint corrections (m, n) and fixture displacements (m, k) caused by effects with unscaled coefficients `b`.
+        """Return the joint corrections (m, n) and fixture displacements (m, k) caused by effects with coefficients `b`.
 
-        The corrections include the expected play and sag.
+        The corrections include expected play and sag. `b` is not in units of the coefficients' standard deviations.
         """
         shift, deflection = self.expected.copy(), np.zeros((len(self.q), self.rows))
         at = len(self.soft_index)
@@ -266,11 +266,11 @@ class LinearModel(Layout):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class State:
-    """Parameters x (P,), joint corrections e (m, n), unsensed angles u (m, U), and linearisation points.
+    """Parameters x (P,), joint corrections e (m, n) and unsensed angles u (m, U), with the points of linearisation.
 
-    Loops are linearised where they close, with the fixture's deflection attributed to the joints: `closed_q` (m, n) and
-    `closed_u` (m, U). A loop left open by the deflection would close better with a smaller arm, so the estimated scale
-    of the arm would have a bias of the order of the noise squared; with many poses this bias dominates.
+    Loops are linearised at joint angles `closed_q` (m, n) and unsensed angles `closed_u` (m, U), rad, at which they
+    close without deflection of the fixture. If the deflection left them open, a smaller arm would close them better.
+    The estimated scale of the arm would have a bias of the order of the noise squared, which dominates for many poses.
     """
 
     x: FloatArray
@@ -281,16 +281,16 @@ class State:
 
 
 class Linearisation:
-    """Equations of `design` at `state`, computed on request for the requested poses.
+    """Equations of `design` at `state`, computed for some poses at a time.
 
-    The Jacobians of a hundred thousand poses are never in memory together. The last result is kept; if
-    there are few poses, it covers them all.
+    So the Jacobians of a hundred thousand poses are never in memory together. The equations of the last slice of poses
+    are kept: if one slice covers all poses, they are computed only once.
     """
 
     def __init__(self, design: LinearModel, state: State) -> None:
         self.state = state
         self._model, self._q, self._expected = design.model, design.q, design.expected
-        # Entries with a prior deviate from their nominal values; steps of the others start at the present state.
+        # The unknowns are deviations from nominal for parameters with a prior, and steps from `state` for the others.
         self._soft = state.x - design.nominal
         self._soft[design.hard_index] = 0.0
         w, rates = distance_rows(design.errors.distances, design.model.parameters, state.x)
@@ -299,7 +299,7 @@ class Linearisation:
         self._last: tuple[slice, System, Rates] | None = None
 
     def at_poses(self, poses: IntArray | slice) -> System:
-        """Equations of a selection of poses."""
+        """Return the equations of a selection of poses."""
         return self._of(poses)[0] if isinstance(poses, slice) else self._made(poses)[0]
 
     def rates(self, poses: slice) -> Rates:

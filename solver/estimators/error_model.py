@@ -25,11 +25,12 @@ SD_OF_PEAK = 0.5
 class AnalogueReading:
     """A sensor whose noise and linearity deviation are estimated with the parameters; `joint` is 1-based.
 
-    `variance`: stated variance of a single reading, rad^2. `share` (m,): ratio of the variance of each pose's mean to
-    `variance`. `spread_variance`: mean square, rad^2, of the spread of the samples within poses; 0 if spreads were not
-    recorded. `spread_dof`: degrees of freedom of `spread_variance`; 0 if spreads were not recorded. `curve`: basis of
-    the sensor's systematic deviation; None if there is none. `curve_variance`: variance of the coefficients of `curve`
-    (rad^2) that corresponds to the specification.
+    `variance`: stated variance of a single reading, rad^2.
+    `share` (m,): variance of each pose's mean reading, divided by `variance`.
+    `spread_variance`, `spread_dof`: variance of the samples within poses, rad^2, and its degrees of freedom; both 0 if
+    the spread of the samples was not recorded.
+    `curve`: basis functions of the sensor's systematic deviation; None if it has none.
+    `curve_variance`: variance (rad^2) of the coefficients of `curve` according to the specification.
     """
 
     joint: int
@@ -43,19 +44,19 @@ class AnalogueReading:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ErrorModel:
-    """Error model of m readings of n joints.
+    """Errors of the readings of n joints at m poses, and of the fixture.
 
-    `joint_variance`: (m, n), rad^2: variance of each mean reading from resolution and stated noise. For the joints in
-    `analogue`, whose noise is estimated, it is only the part that is not estimated.
-    `endpoint_variance`: (6,), rad^2 then m^2: variance of an instrument that measures the end point.
-    `accuracy_rad`, `backlash_rad`, `sag_rad`: (n,): standard deviations of each joint's encoder errors (of period one
-    and half a turn), play, and twist under load.
+    `joint_variance`: (m, n), rad^2: variance of each pose's mean readings due to resolution and stated noise. For the
+    joints in `analogue`, it excludes the noise, which is estimated.
+    `endpoint_variance`: (6,), rad^2 then m^2: variance of the readings of an instrument that measures the end point.
+    `accuracy_rad`: (n,): standard deviation of each joint's encoder error, which has periods of one and half a turn.
+    `backlash_rad`, `sag_rad`: (n,): standard deviations of each joint's play and of its twist under load.
     `give_rad`, `give_m`: standard deviation of the fixture's deflection along each closure component; None without a
     fixture.
     `tolerance`: standard deviation (rad, m), by name, of each entry of the maker's table that the fit may correct.
     `prior`: standard deviation, by name, of each identified parameter whose uncertainty a file states.
     `distances`: measured distances between points of the loop.
-    `discrepancy`: whether a smooth misfit without a stated source is estimated.
+    `discrepancy`: whether the fit also estimates a misfit of unknown source that is a smooth function of the pose.
     `loads`: effects of gravity if masses are stated; None: sag and compliance are smooth functions of the pose.
     `approach`: (m, n): direction in which every joint approached the pose, 1 or -1; 0 if unknown.
     `signed`: whether joints are expected to sag in the direction of gravity; otherwise either side is equally likely.
@@ -149,7 +150,7 @@ def variance_of_means(arm: ArmModel, samples: IntArray) -> FloatArray:
 
 
 def _spread(sd_rad: FloatArray, samples: IntArray) -> tuple[float, int]:
-    """Pooled variance (rad^2) of the samples within poses, and its degrees of freedom; both 0 if not recorded."""
+    """Return the pooled variance (rad^2) of the samples within poses and its degrees of freedom; 0, 0 if unrecorded."""
     dof = int((samples - 1).sum())
     if dof == 0 or not np.any(sd_rad):
         return 0.0, 0
@@ -161,7 +162,7 @@ Names = tuple[str, str, str]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeasuredDistance:
-    """Measured distance between two points and its uncertainty, m; `first`, `second`: names of their coordinates."""
+    """Measured distance of two points, and its uncertainty, m. `first`, `second`: names of each point's coordinates."""
 
     first: Names
     second: Names
@@ -184,7 +185,7 @@ def distance_and_rates(
 def distance_rows(
     distances: Sequence[MeasuredDistance], parameters: Sequence[Parameter], x: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return misclosures (k,) and their derivatives (k, P) at x (P,), in units of each distance's uncertainty s.
+    """Return the distances' misclosures (k,) at x (P,), in units of their uncertainties s, and derivatives (k, P).
 
     The equation of a distance d from point p_a to p_b is ``(d(x) - d_measured) / s + u . (dp_b - dp_a) / s = 0``, with
     ``u = (p_b - p_a) / d``.

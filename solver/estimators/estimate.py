@@ -94,7 +94,7 @@ class Estimate:
         )
 
     def given(self, names: Collection[str]) -> Estimate:
-        """Return the estimate of all parameters but `names`, with the covariance conditional on `names` being exact."""
+        """Return the estimate without the parameters `names`, with the covariance that applies if these were exact."""
         indices = [k for k, p in enumerate(self.parameters) if p.name not in names]
         rest = self.without(names)
         if len(indices) == len(self.parameters):
@@ -106,7 +106,7 @@ class Estimate:
         return replace(rest, covariance=rest.covariance - explained)
 
     def at_poses(self, poses: IntArray) -> Estimate:
-        """Return the same estimate with the per-pose results of some poses; a pose may be selected repeatedly."""
+        """Return the estimate with the per-pose results of selected poses only; a pose may be selected repeatedly."""
         return replace(
             select_poses(self, poses, "residual", "pose_chi2", "corrections"),
             flipped=tuple(np.flatnonzero(np.isin(poses, self.flipped)).tolist()),

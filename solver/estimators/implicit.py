@@ -1,12 +1,12 @@
-"""The implicit estimator: the joint sensors have the noise, and every loop closes exactly.
+"""The implicit estimator: the noise is in the joint readings and the fixture's deflection, and every loop closes.
 
-The unknowns are the parameters *and* each pose's joint corrections e (implicit loop method of Wampler,
-Hollerbach & Arai 1995; the Gauss-Helmert model of geodesy). At corrected joints q + e and current
-unsensed angles u the loop error is linearised,
+The unknowns are the parameters x *and* each pose's joint corrections e (implicit loop method of Wampler,
+Hollerbach & Arai 1995; the Gauss-Helmert model of geodesy). With f the fixture's deflection, the loop error c is
+linearised at corrected joint angles q + e and current unsensed angles u,
 
-    c + J_q (e_new - e) + J_u du + J_x dx + f = 0,      e ~ N(0, S), f ~ N(0, S_f),
+    c + J_q (e_new - e) + J_u du + J_x dx + f = 0,      e ~ N(0, S), f ~ N(0, S_f).
 
-multiplied by E', the left null space of J_u, and the stacked system
+The equations are multiplied by E', the left null space of J_u, and the stacked system
 
     minimise sum |w + A dx|^2 in the metric (B S B' + F)^-1,
     A = E' J_x,  B = E' J_q,  F = E' S_f E,  w = E' (c - J_q e)
@@ -44,11 +44,11 @@ MAX_ITERATIONS = 60
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NoiseModel:
-    """Noise of a pose: of its joint readings and of the fixture.
+    """Variances of the joint readings and of the fixture's deflection.
 
-    `joint_variance`: variance of each joint reading, (n,) or (m, n), rad^2. `fixture_variance`: variance of the
-    fixture's deflection along the closure components, (6,), rad^2 then m^2. The model of a ball, whose closure has no
-    rotations, uses the last three.
+    `joint_variance`: variance of each joint reading, (n,) or (m, n), rad^2.
+    `fixture_variance`: variance of the deflection along the closure components, (6,), rad^2 then m^2; None for a rigid
+    fixture. The model of a ball, whose closure has no rotations, uses the last three elements.
     """
 
     joint_variance: FloatArray
@@ -56,7 +56,7 @@ class NoiseModel:
 
     @property
     def deflection_variance(self) -> FloatArray:
-        """`fixture_variance`, or zeros if that is None, (6,)."""
+        """`fixture_variance` (6,), with zeros instead of None."""
         return np.zeros(6) if self.fixture_variance is None else self.fixture_variance
 
 
@@ -73,11 +73,11 @@ class ParameterPrior:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImplicitFit:
-    """Result of the implicit iteration.
+    """Result of the implicit estimator's iteration.
 
-    `x`, `covariance`: parameters (P,) and their covariance (P, P) under the noise model. `corrections`: joint
-    corrections e (m, n), rad, adjusted minus measured. `unsensed`: unsensed angles (m, U), rad. `pose_chi2`: each
-    pose's share of chi2 (m,).
+    `x`, `covariance`: parameters (P,) and their covariance (P, P) under the noise model. `pose_chi2`: each pose's
+    share of chi2 (m,). `corrections`: joint corrections e (m, n), rad, adjusted minus measured. `unsensed`: unsensed
+    angles (m, U), rad.
     """
 
     x: FloatArray
@@ -107,8 +107,8 @@ def fit_implicit(
 ) -> ImplicitFit:
     """Fit parameters and joint corrections to measured joint angles `q` (m, n), rad, from `x0` (P,).
 
-    Parameters with a `prior` add as many equations as unknowns: they use up no degree of freedom, and their distance
-    from the prior's mean is not in `pose_chi2`.
+    Each parameter with a `prior` adds one unknown and one equation, so it does not reduce the degrees of freedom. The
+    deviation of parameters from the prior's mean is not part of `pose_chi2`.
     """
     known = 0 if prior is None else int(np.count_nonzero(prior.precision))
     dof = require_enough_poses(model, len(q), known=known)
@@ -221,7 +221,10 @@ def estimate_implicit(
 def linearise(
     error: LoopError, e: FloatArray, variance: FloatArray, deflection_variance: FloatArray
 ) -> tuple[ReducedEquations, FloatArray]:
-    """Linearise the loops at corrections `e` (m, n); return equations and covariances ``B S B' + F`` (m, r, r)."""
+    """Return the loops' equations, linearised at corrections `e` (m, n), and their covariances (m, r, r).
+
+    `variance` (m, n): diagonals of S. `deflection_variance` (6,): diagonal of S_f. The covariance is ``B S B' + F``.
+    """
     reduced = reduced_equations(error)
     E, B = reduced.E, reduced.B
     Bt, Et = np.swapaxes(B, -1, -2), np.swapaxes(E, -1, -2)
@@ -256,7 +259,7 @@ class _Block:
 
     @classmethod
     def of(cls, error: LoopError, e: FloatArray, variance: FloatArray, noise: NoiseModel) -> _Block:
-        """Return loops linearised at corrections e (m, n), whose joint readings have variances `variance` (m, n)."""
+        """Return the equations of loops linearised at corrections e (m, n); `variance` (m, n): of joint readings."""
         deflection_variance = noise.deflection_variance
         system, V = linearise(error, e, variance, deflection_variance)
         whiten = whitener(V)

@@ -1,7 +1,7 @@
 """Lists the effects of a loop with stated errors, and the variance components that groups of effects share.
 
-Every source of error that the files state has a group of columns, a variance component, or both. The values
-of the columns are calculated in `solver.estimators.effects`.
+An effect is an error that repeats from pose to pose; it has a column and a coefficient. Every source of error that the
+files state has a group of columns, a variance component, or both. `solver.estimators.effects` calculates the columns.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ UNMODELLED = "unmodelled"
 most as large as stated; the scatter of the poses shows how much smaller it is."""
 
 LEAST_UNMODELLED = 0.1
-"""Smallest variance of the unmodelled part, as a share of the stated one: a smooth function hardly scatters."""
+"""Smallest variance of the unmodelled part, as a share of its stated variance: a smooth function hardly scatters."""
 
 FIXTURE_NOISE = ("fixture_rad", "fixture_m")
 """Components of the part of a fixture's deflection that does not repeat: rotation, translation."""
@@ -81,13 +81,15 @@ placement."""
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class VarianceComponent:
-    """One variance to be estimated, with its start value and its limits; the defaults are for a scale (1: as stated).
+    """One variance v to be estimated. The defaults are for a scale: a ratio to the stated variance.
 
-    `stated` is the value in the files. With `scaled`, the variance has a log-normal prior with median `start` (method,
-    section 10): it stays near `start` unless the poses determine it. `soft`: the variance v has a prior proportional to
-    exp(-v / (2 soft)). `floor`, `ceiling`: lower and upper limit. `raise_limit`: value to which one step may raise the
-    variance. `spread_variance` is an estimate of the variance with `spread_dof` degrees of freedom, from spreads within
-    poses or from a specification.
+    `start`, `stated`: value at which the search starts, and value in the files.
+    `floor`, `ceiling`: limits of v. `raise_limit`: value to which one step may raise v.
+    `scaled`: whether v has a log-normal prior with median `start` (method, section 10): v stays near `start` unless the
+    poses determine it.
+    `soft`: v has a prior proportional to exp(-v / (2 soft)).
+    `spread_variance`, `spread_dof`: estimate of v, from the spread within poses or from a specification, and its
+    degrees of freedom.
     """
 
     name: str
@@ -122,10 +124,10 @@ _SOURCES = {
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Group:
-    """Columns that share a variance ``fixed + sum of rates * components``.
+    """Columns whose coefficients share one variance: ``fixed`` plus the sum of factor times variance component.
 
-    `source`: name of the group in an uncertainty budget. `names`: names of the columns. `rates`: index and factor of
-    each component.
+    `source`: name of the group in an uncertainty budget. `names`: names of the columns. `rates`: pairs of a component's
+    index and its factor.
     """
 
     source: str
@@ -139,13 +141,14 @@ class Group:
 
 
 class Layout:
-    """Groups and components of a closure model with stated errors, for readings `q` (m, n), rad.
+    """Groups of columns and K variance components of a closure model with stated errors, for readings `q` (m, n), rad.
 
-    `like` is a layout of the same poses, whose smooth functions are reused. `floors`, `ceilings`, `raise_limits`,
-    `test_floors` and `scaled` (K,) have one value per component. `index`: index of each component by name. `width`:
-    number of columns, of which the first `hard` are the parameters without a prior. `column` (P,): column of each
-    parameter. `expected` (m, n), rad: expected play and sag. `deflection` (k,), rad and m: stated deflection of the
-    fixture. `loaded`: effects of load on the fixture; None if unknown or zero.
+    `like`: a layout of the same poses, whose smooth functions of the pose are reused.
+    `width`, `hard`: number of columns; the first `hard` columns belong to the parameters without a prior.
+    `column` (P,): column of each parameter. `index`: index of each component by name.
+    `floors`, `ceilings`, `raise_limits`, `test_floors`, `scaled` (K,): one value for each component.
+    `expected` (m, n), rad: expected sum of play and sag. `deflection` (k,), rad and m: fixture's stated deflection.
+    `loaded`: effects of load on the fixture; None if unknown or zero.
     """
 
     def __init__(
@@ -349,7 +352,7 @@ class Layout:
         )
 
     def _lay_out_deflection(self) -> None:
-        """Add columns of the fixture's deflection that repeats at the same pose or under the same load."""
+        """Add the columns for the part of the fixture's deflection that repeats at the same pose or load."""
         # The basis has a variance of 2: a constant and a linear part in addition to its scales.
         self.free_deflection = 1.0 if self.loaded is None else 0.5 * UNMODELLED_SHARE
         discrepancies: tuple[tuple[int, float], ...] = ()
@@ -383,13 +386,13 @@ class Layout:
 
     @property
     def motion_components(self) -> list[int]:
-        """Indices of the components that scale the noise of fixture and joints."""
+        """Indices of the components that scale the non-repeatable part of deflection, play and sag."""
         moving = (*FIXTURE_NOISE, "joint_play", UNMODELLED)
         return [k for name, k in self.index.items() if name in moving]
 
     @property
     def noise_components(self) -> list[int]:
-        """Indices of the components that scale noise, i.e. errors that are independent from pose to pose."""
+        """Indices of the components that scale noise: that of analogue sensors, and `motion_components`."""
         return [*range(len(self.errors.analogue)), *self.motion_components]
 
     def start_variances(self) -> FloatArray:
@@ -397,7 +400,7 @@ class Layout:
         return np.array([c.start for c in self.components])
 
     def stated_variances(self) -> FloatArray:
-        """Variances (K,) as the files state them: of all deflection and play, not only the non-repeatable part."""
+        """Return the variances (K,) that the files state; all stated deflection and play is in noise components."""
         return np.array([c.stated for c in self.components])
 
     def variances_by_name(self, named: Mapping[str, float]) -> FloatArray:
@@ -406,7 +409,7 @@ class Layout:
         return np.asarray(np.clip(v, self.floors, self.ceilings))
 
     def as_stated(self, v: FloatArray) -> FloatArray:
-        """Return `stated_variances` (K,), but for the fixture's placement the estimate in `v` (K,) if it is larger."""
+        """Return `stated_variances` (K,), with that of the fixture's placement raised to its estimate in `v` (K,)."""
         stated = self.stated_variances()
         for k, c in enumerate(self.components):
             if c.name == PLACEMENT:
@@ -426,10 +429,7 @@ _OFFSET = f"{DhKind.THETA_OFF.symbol}_"
 
 
 def _source(parameter: Parameter, fixture: Collection[str]) -> str:
-    """Return the element of `_SOFT` to which a parameter with a prior belongs.
-
-    `fixture`: names of the fixture's parameters.
-    """
+    """Return the kind of a parameter with a prior, an element of `_SOFT`; `fixture`: names of fixture parameters."""
     if parameter.name.startswith(_OFFSET):
         return OFFSETS
     if parameter.name in fixture:

@@ -41,7 +41,7 @@ Progress = Callable[[int, float], None]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Triangle:
-    """The part of residuals r (R,) and a Jacobian J (R, P) that least squares need, whatever the number of rows.
+    """Residuals r (R,) and their Jacobian J (R, P), reduced to what least squares need: P rows for any number R.
 
     ``|r + J dx|^2 = |b + T dx|^2 + rest`` for every dx, and ``J' J = T' T``.
 
@@ -59,7 +59,7 @@ class Triangle:
         return 0.5 * (float(self.b @ self.b) + self.rest)
 
     def after(self, step: FloatArray) -> Triangle:
-        """Return the triangle after a step (P,), in linear approximation."""
+        """Return the triangle at the parameters after a step (P,), in linear approximation: only `b` changes."""
         return replace(self, b=self.b + self.T @ step)
 
     def step(self, damping: float = 0.0) -> tuple[FloatArray, float]:
@@ -109,7 +109,7 @@ def triangle_of(blocks: Iterable[tuple[FloatArray, FloatArray]]) -> Triangle:
 
 
 def stacked_triangle(blocks: Iterable[FloatArray]) -> FloatArray:
-    """Triangle (P, P) of the QR factors of all blocks (..., P) stacked, calculated for a few rows at a time."""
+    """Return the upper triangle (P, P) of the QR factors of all blocks (..., P), stacked a few rows at a time."""
     from scipy.linalg import lapack
 
     triangle: FloatArray | None = None
@@ -136,7 +136,7 @@ class Fit:
     """Parameters `x` (P,) after some accepted steps, and the `cost`, half the sum of squared residuals.
 
     `converged`: whether the last step, or the reduction of the cost expected from it, was negligible. `triangle`:
-    triangle at `x`; if the last step was taken without evaluation, the triangle at its start.
+    triangle at `x`; its Jacobian is from before the last step if that step was so small that it was not evaluated.
     """
 
     x: FloatArray
@@ -147,7 +147,7 @@ class Fit:
 
 
 def column_scale(J: FloatArray) -> FloatArray:
-    """Column norms (P,), or 1 for a column that is zero up to rounding; other columns of ``J / scale`` have norm 1."""
+    """Return the divisors (P,) that scale the columns of J to norm 1; 1 for a column that is zero up to rounding."""
     norms = np.linalg.norm(J, axis=0)
     return np.where(norms > UNSEEN * norms.max(initial=0.0), norms, 1.0)
 

@@ -1,9 +1,9 @@
 """A linear mixed model solved for given variances, and the results of one linearisation.
 
-Henderson's mixed-model equations in whitened coordinates: with M the columns [hard, effects], the
-effects scaled to unit variance, ``H = M'M + diag(0, I)``. Nothing grows with the square of the number of poses. Hard
-columns belong to parameters without a prior. Results: covariance, repeatability, uncertainty budget, misfit of a group
-of poses to its prediction from the other poses, score of any further column.
+Henderson's mixed-model equations are solved in whitened coordinates. The columns M are those of the parameters without
+a prior ("hard"), then those of the effects, scaled to unit variance. The matrix of the equations is
+``H = M'M + diag(0, I)``. No array grows with the square of the number of poses. The results are the covariance, the
+repeatability, the uncertainty budget, the misfit of poses to their prediction from others, and scores of new columns.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ np.empty(2 << 20)
 the matrices of every iteration to the system and having them zeroed again. Other C libraries are not affected."""
 
 LEAST_PULL_INFORMATION = 1e-6
-"""An effect's pull is meaningful only if the poses determine at least this share of the effect's prior variance."""
+"""A pull (see `pulls`) counts only if the poses determine at least this share of the effect's prior variance."""
 
 LEAST_RESOLVED_SHARE = 1e-3
 """Smallest diagonal element of the Cholesky factor of ``I - N N'`` (`_held_out`) for which its rank counts as full."""
@@ -34,11 +34,12 @@ LEAST_RESOLVED_SHARE = 1e-3
 class LinearFit:
     """The mixed model of `design` at one linearisation, solved for given variance components `v` (K,).
 
-    `unit` (P,): change of each parameter, rad or m, for a coefficient of 1. `change` (P,): fitted change of each
-    parameter, rad or m: the step dx if the parameter has no prior, the deviation from its nominal value if it has one.
-    `b` (width - hard,): predicted coefficients of the effects, not scaled to unit variance. `half` (width, width):
-    upper triangular root of the inverse, ``H^-1 = half half'``. `chi2`: ``w' P w``. `dof`: number of equations minus
-    number of parameters without a prior, which is the expectation of `chi2` if the variances are right.
+    `change` (P,): fitted change of each parameter, rad or m: the step dx without a prior; with a prior, the deviation
+    from the nominal value. `unit` (P,): change of each parameter, rad or m, for a coefficient of 1.
+    `b` (width - hard,): predicted coefficients of the effects, not scaled to unit variance.
+    `half` (width, width): upper triangular root of the inverse, ``H^-1 = half half'``.
+    `chi2`: ``w' P w``, with the projector ``P = I - M H^-1 M'``. `dof`: expectation of `chi2` if the variances are
+    right, i.e. number of equations minus number of parameters without a prior.
     """
 
     def __init__(self, design: LinearModel, system: System | Linearisation, v: FloatArray) -> None:
@@ -87,7 +88,7 @@ class LinearFit:
         return _square(self.half)
 
     def _distances(self) -> tuple[FloatArray, FloatArray]:
-        """Misclosures (k,) of measured distances and columns (k, width), with effects scaled to unit variance."""
+        """Return the measured distances' misclosures (k,) and their derivatives (k, width) by the coefficients of M."""
         w, rates = self.system.distances
         rows = np.zeros((len(w), self.design.width))
         if len(w):
@@ -112,7 +113,7 @@ class LinearFit:
         return self.design.whiten(self.system.at_poses(poses), self.v, self.root, poses)
 
     def parts(self) -> Iterator[Whitened]:
-        """Yield the whitened poses in parts, effects scaled to unit variance; each call computes several parts anew."""
+        """Yield the whitened poses in parts, effects scaled to unit variance; only a single part is kept for reuse."""
         yield from self._whitened or (self._whiten(poses) for poses in self.design.parts())
 
     def residual(self, part: Whitened) -> FloatArray:
@@ -120,19 +121,19 @@ class LinearFit:
         return part.w + part.times(self.coefficients)
 
     def orthonormal(self, part: Whitened) -> FloatArray:
-        """Return ``M half`` (m, r, width); over all poses, with the rows of the prior, its columns are orthonormal."""
+        """Return ``M half`` (m, r, width), whose columns are orthonormal over the rows of all poses and the prior."""
         from scipy.linalg import blas
 
         M = part.M.reshape(-1, self.design.width)
         return np.asarray(blas.dtrmm(1.0, self.half, M.T, trans_a=1).T.reshape(part.M.shape))
 
     def leverage(self, part: Whitened) -> tuple[FloatArray, FloatArray]:
-        """Return ``M H^-1`` (m, r, width) and the blocks (m, r, r) of the projector P of some poses."""
+        """Return ``M H^-1`` (m, r, width) for some poses, and each pose's block (m, r, r) of the projector P."""
         gain = part.times(self.H_inverse)
         return gain, np.eye(part.w.shape[1]) - gain @ np.swapaxes(part.M, -1, -2)
 
     def _columns(self, G: FloatArray) -> Iterator[tuple[Whitened, FloatArray]]:
-        """Yield the parts of the whitened poses, each with its rows (m r, k) of the columns G (m, r, k), whitened."""
+        """Yield each part of the whitened poses, and the whitened values (m r, k) of the columns G for these poses."""
         for part in self.parts():
             yield part, (part.L_inverse @ G[part.poses]).reshape(-1, G.shape[-1])
 
@@ -152,10 +153,10 @@ class LinearFit:
 
     @cached_property
     def at_known_noise(self) -> LinearFit:
-        """The same linearisation, solved for the smaller of estimated and stated noise.
+        """The same linearisation, solved for stated variances, with estimated noise where it is below the stated noise.
 
-        Stated noise is the upper limit, so that a fault does not count as noise. If the estimate is smaller, tests of
-        single readings are more powerful.
+        Noise is limited to the stated value, so that a fault does not count as noise. A smaller estimate makes tests of
+        single readings more powerful.
         """
         v = self.design.as_stated(self.v)
         noise = self.design.noise_components
@@ -189,14 +190,14 @@ class LinearFit:
         return np.asarray(sum(G.T @ G for G in (*rows, self._distances()[1] @ gain)))
 
     def _gain(self) -> FloatArray:
-        """Rows of the inverse of H that belong to the parameters (P, width), in the parameters' units."""
+        """Return the parameters' rows (P, width) of the inverse of H, in rad and m."""
         return np.asarray(self.H_inverse[self.design.column] * self.unit[:, None])
 
     def budget(self) -> dict[str, FloatArray]:
-        """Return the contribution (P,) of each source to the variances of the parameters; their sum is the total.
+        """Return the contribution (P,) of each source to the parameters' variances; the contributions sum to the total.
 
-        The estimate is linear in the errors, so each contribution is exact: without the source, the variance would be
-        smaller by this amount if the weights of the fit stayed the same.
+        Each contribution is exact, because the estimate is linear in the errors. Without the source, the variance would
+        be smaller by this amount if the weights of the fit stayed the same.
         """
         design, gain = self.design, self._gain()
         variances: dict[str, FloatArray] = {}
@@ -242,9 +243,9 @@ class LinearFit:
         return Gw + GM @ self.coefficients, GG - GM @ self.H_inverse @ GM.T
 
     def moved_by(self, G: FloatArray) -> FloatArray:
-        """Derivatives (P, k) of the parameters with respect to the coefficients of further columns G (m, r, k).
+        """Return the change (P, k) of each parameter if the coefficient of one of the further columns G (m, r, k) is 1.
 
-        They are rows of ``-H^-1 M'G``: the change of each parameter if the coefficient of one column is 1.
+        The changes are rows of ``-H^-1 M'G``.
         """
         MG = np.zeros((self.design.width, G.shape[-1]))
         for part, white in self._columns(G):
@@ -252,9 +253,9 @@ class LinearFit:
         return np.asarray(-self._gain() @ MG)
 
     def held_out_chi2(self, *parts: IntArray) -> list[tuple[float, int]]:
-        """Misfit of each group of poses (indices (k,)) to its prediction from all others: chi2 and degrees of freedom.
+        """Return the misfit of each group of poses (indices (k,)) to its prediction from all others: chi2 and dof.
 
-        Without a refit: with the projector P and a group's rows F, chi2 is ``(P w)_F' P_FF^-1 (P w)_F``.
+        No refit is needed: chi2 is ``(P w)_F' P_FF^-1 (P w)_F``, with P the projector and F the group's equations.
         """
         rows = [(self.orthonormal(part), self.residual(part)) for part in self.parts()]
         N, residual = (np.concatenate(arrays) for arrays in zip(*rows, strict=True))
@@ -264,7 +265,7 @@ class LinearFit:
         ]
 
     def left_out_chi2(self) -> tuple[FloatArray, IntArray]:
-        """Misfit of each pose to its prediction from all other poses: chi2 (m,) and degrees of freedom (m,)."""
+        """Return each pose's misfit to its prediction from all other poses: chi2 (m,) and degrees of freedom (m,)."""
         chi2, dof = [], []
         for part in self.parts():
             _, P = self.leverage(part)
@@ -278,8 +279,8 @@ class LinearFit:
     def without_each(self) -> FloatArray:
         """Changes (m, P) of the parameters when each pose in turn is left out, at unchanged variances.
 
-        No refit is needed: the coefficients change by ``H^-1 M' (I - M H^-1 M')^-1 e`` (matrix inversion lemma); M and
-        the residual e are those of the pose. Directions that this pose alone determines do not contribute.
+        No refit is needed: the coefficients change by ``H^-1 M' (I - M H^-1 M')^-1 e`` (matrix inversion lemma), with M
+        and the residual e of the pose left out. Directions that only this pose determines do not contribute.
         """
         steps = []
         for part in self.parts():
@@ -290,9 +291,9 @@ class LinearFit:
 
     @property
     def pulls(self) -> FloatArray:
-        """Deviation of each effect from its mean, in sigmas (width - hard,): distributed N(0, 1) if the model is right.
+        """Predicted deviation of each effect from its mean (width - hard,), divided by the prediction's sigma.
 
-        The deviation is 0 for an effect about which the poses give no information.
+        It is ~ N(0, 1) if the model is right, and 0 for an effect about which the poses give no information.
         """
         remaining = np.diagonal(self.H_inverse)[self.design.hard :]
         z = self.unit_b / np.sqrt(np.maximum(1.0 - remaining, 1e-12))
@@ -301,8 +302,8 @@ class LinearFit:
     def pull_covariance(self, effects: IntArray) -> FloatArray:
         """Return the covariance (k, k) of the `pulls` of some effects (indices (k,)) if the model is right.
 
-        If the poses determine only the sum of some effects, their pulls are correlated. Rows of effects without
-        information are zero.
+        If the poses determine only the sum of some effects, their pulls are correlated. The rows of effects about which
+        the poses give no information are zero.
         """
         columns = self.design.hard + effects
         determined = np.eye(len(columns)) - self.H_inverse[np.ix_(columns, columns)]
@@ -313,9 +314,10 @@ class LinearFit:
 
 
 def _held_out(N: FloatArray, residual: FloatArray) -> tuple[float, int]:
-    """Square of `residual` (R,) in the metric ``(I - N N')^-1``, N (R, K), and the number of determined directions.
+    """Return chi2 and its degrees of freedom: ``r' V^-1 r`` with r = `residual` (R,), and the rank of V.
 
-    Apart from eigenvalues of 1, ``I - N N'`` and ``I - N'N`` have the same eigenvalues, so the smaller matrix suffices.
+    ``V = I - N N'``, N (R, K); if V is singular, its pseudo-inverse is used. Apart from eigenvalues of 1, ``I - N'N``
+    has the same eigenvalues as V, so the smaller of the two matrices suffices.
     """
     few = len(N) <= N.shape[1]
     if few and (chi2 := _square_in(np.eye(len(N)) - N @ N.T, residual)) is not None:
@@ -332,7 +334,7 @@ def _held_out(N: FloatArray, residual: FloatArray) -> tuple[float, int]:
 
 
 def _square_in(V: FloatArray, w: FloatArray) -> float | None:
-    """Return ``w' V^-1 w``; None if V may be singular, so that its rank has to be determined first."""
+    """Return ``w' V^-1 w``; None if V may be singular."""
     from scipy.linalg import lapack
 
     factor, failed = lapack.dpotrf(V, lower=True)
@@ -343,9 +345,9 @@ def _square_in(V: FloatArray, w: FloatArray) -> float | None:
 
 
 def inverse_root(H: FloatArray) -> tuple[FloatArray, float]:
-    """Upper triangular root K of the inverse of H, ``H^-1 = K K'``, and the logarithm of H's determinant.
+    """Return the upper triangular root K of the inverse, ``H^-1 = K K'``, and the logarithm of H's determinant.
 
-    Cholesky's factor is accurate whatever the units of the columns; eigenvectors are not.
+    K is from Cholesky's method if possible, which is accurate for columns of any units; eigenvectors are not.
     """
     root = _triangular_root(H)
     if root is not None:
@@ -373,9 +375,9 @@ def _square(K: FloatArray) -> FloatArray:
 
 
 def _triangular_root(H: FloatArray) -> FloatArray | None:
-    """Upper triangular K with ``H^-1 = K K'``; None if H is not positive definite.
+    """Return the upper triangular K with ``H^-1 = K K'``; None if H is not positive definite.
 
-    With ``H = R'R``, K is the inverse of R. H is split into 2 x 2 blocks recursively: most work is matrix products.
+    With ``H = R'R``, K is the inverse of R. H is split into 2 x 2 blocks recursively, so most work is matrix products.
     """
     n = len(H)
     if n <= SMALL:

@@ -1,9 +1,11 @@
 """Deflections under load, from static equilibrium: a few columns instead of a general function of the pose.
 
-A joint's drive carries the arm, so the joint's twist follows gravity's torque: sag of joint j is a compliance
-times tau_j(q). The compliance has a known sign and an unknown magnitude, so it is taken as half-normal, |z| with
-z ~ N(0, 1); its mean sqrt(2 / pi) gives the expected sag. The error of the gravity compensation, dtau,
-acts on the fixture alone: joints in free mode carry no torque, so at rest, for a virtual motion of the free joints,
+Sag: a joint's drive carries the arm, so the sag of joint j is a compliance times gravity's torque tau_j(q). The
+compliance is positive and of unknown magnitude, so it is modelled as half-normal, |z| with z ~ N(0, 1). Its mean,
+sqrt(2 / pi), gives the expected sag.
+
+Deflection: joints in free mode carry no torque, so the fixture carries the error dtau of the gravity compensation. At
+rest, a virtual motion of the free joints does no work; with F the fixture's wrench,
 
     J_f' F + dtau_f = 0,     N' F = 0
 
@@ -11,15 +13,13 @@ acts on the fixture alone: joints in free mode carry no torque, so at rest, for 
 of the closure Jacobian for the free joints and for the fixture's own degrees of freedom, about which the fixture
 carries no moment. With ``F = E y``, ``E' N = 0``, and friction that limits the force at a singularity, the solution is
 
-    F = -E (K K' + rho^2 I)^-1 K dtau_f,     K = E' J_f,
+    F = -E (K K' + rho^2 I)^-1 K dtau_f,     K = E' J_f.
 
-linear in dtau, which is linear in the errors of masses and centres (`solver.chain.statics`): F = W z,
-z ~ N(0, I). A pose file does not state which joints were in position mode. Any set of as many joints as the loop has
-degrees of freedom is possible; W holds the columns of up to `MOST_DRIVE_SETS` sets, with equal weights.
-
-Each half of the fixture has a compliance (`solver.estimators.compliance`). The leading eigenvectors
-of the displacements' covariance (by Nystroem's method, from poses far apart) are the columns, scaled to the stated
-rms over the poses; `missed` is the variance that so few columns leave out.
+F is linear in the errors z of masses and centres (`solver.chain.statics`): F = W z, z ~ N(0, I). Which joints were in
+position mode is not recorded; it may be any set of as many joints as the loop has degrees of freedom. W has columns for
+up to `MOST_DRIVE_SETS` sets, with equal weights. The covariance of the displacements under F follows from the fixture's
+compliance (`solver.estimators.compliance`). Its leading eigenvectors (by Nystroem's method, from poses far apart),
+scaled to the stated rms over the poses, are the columns of deflection.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ SAG_COLUMNS, DEFLECTION_COLUMNS = 3, 24
 """Number of columns for the twist of a joint, and for the fixture's deflection in one placement."""
 
 CENTRES = 24
-"""Number of poses, chosen far apart, from which the others are interpolated."""
+"""Number of poses, chosen far apart, from which the columns at the other poses are interpolated."""
 
 SMALLEST = 1e-9
 """Eigenvalues below this share of the largest are due to rounding."""
@@ -72,11 +72,11 @@ LEAST_TORQUE_NM = 1e-6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointLoads:
-    """Effects of gravity on n joints at m poses.
+    """Effects of gravity on n joints at m poses; twists are in units of each joint's stated sag.
 
-    `expected`: expected twist (m, n). `columns` (m, n, c): deviations from `expected`. `missed` (m, n): variance that
-    `columns` leave out (all of it for a joint on which gravity has no lever arm). `side` (m, n): side of its play to
-    which gravity moves each joint, -1 or 1; between these where the sign of the torque is uncertain.
+    `expected` (m, n): expected twist. `columns` (m, n, c): deviation from `expected` for each coefficient of 1.
+    `missed` (m, n): variance that `columns` leave out; 1 for a joint on which gravity has no lever arm.
+    `side` (m, n): expected sign of gravity's torque, which moves the joint to that side of its play: from -1 to 1.
     """
 
     expected: FloatArray
@@ -87,14 +87,14 @@ class JointLoads:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LoadBasis:
-    """Effects of load at m poses; coefficients ~ N(0, 1), columns of mean square 1 over the poses.
+    """Effects of load at m poses, in units of the stated sag and deflection, for coefficients ~ N(0, 1).
 
     `joints`: effects on the joints.
-    `all_deflections`: (M, k, c) deflection along the closure components, in units of the stated deflection. This array
-    is large, so all selections of poses share it.
+    `all_deflections`: (M, k, c) columns of the deflection along the k closure components. This array is large, so all
+    selections of the M poses share it.
     `rows`: (m,) index of each pose in `all_deflections`.
     `deflection_missed`: (m, k) variance of the deflection that `all_deflections` leaves out.
-    `gravity`: twists and sides as functions of gravity's torque, for other poses.
+    `gravity`: gives the effects on the joints at other poses.
     """
 
     joints: JointLoads
@@ -108,13 +108,13 @@ class LoadBasis:
         return np.asarray(self.all_deflections[self.rows[poses]])
 
     def modelled_deflection(self, stated: FloatArray, poses: slice) -> FloatArray:
-        """Deflection (m, k, c), rad or m, per unit of each coefficient; `stated` (k,): stated deflection, rad or m."""
+        """Return the deflection (m, k, c), rad or m, for coefficients of 1; `stated` (k,): stated deflection."""
         # To save memory, the large array is scaled for some poses at a time.
         scale = np.sqrt(1.0 - UNMODELLED_SHARE) * stated
         return np.asarray(scale[:, None] * self.deflection_at(poses))
 
     def missed_variance(self, stated: FloatArray, poses: slice) -> FloatArray:
-        """Variance (m, k), rad^2 or m^2, that the modelled deflection leaves out."""
+        """Return the variance (m, k), rad^2 or m^2, of the deflection that `modelled_deflection` leaves out."""
         return np.asarray((1.0 - UNMODELLED_SHARE) * stated**2 * self.deflection_missed[poses])
 
     def at_poses(self, poses: IntArray) -> LoadBasis:
@@ -125,12 +125,12 @@ class LoadBasis:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Gravity:
-    """Each joint's twist as a function of gravity's torque on the arm `part`.
+    """Each joint's twist as a function of gravity's torque on the arm `part`, in units of the joint's stated sag.
 
-    The torque tau (m, n, s) has s columns: the mean, then columns with coefficients ~ N(0, 1). The mean square of the
-    twist over the poses of the basis is 1. `rate` (n,): the expected twist is ``rate_j tau_j0``; 0 for a joint on which
-    gravity has no lever. `turn` (n, s, c): the columns of the deviations are ``sum_s tau_js turn_jsc``. `size` (n, s):
-    root mean square of the deviation for a unit of each torque column.
+    The torque tau (m, n, s) is that of `ArmPoses.torques`: the stated torque, then s - 1 errors.
+    `rate` (n,): the expected twist of joint j is ``rate_j tau_j0``; 0 for a joint on which gravity has no lever arm.
+    `turn` (n, s, c): the columns of the deviations from the expected twist are ``sum_s tau_js turn_jsc``.
+    `size` (n, s): rms deviation from the expected twist per N m of each column of tau.
     """
 
     part: ArmPoses
@@ -140,7 +140,7 @@ class Gravity:
 
     @classmethod
     def of(cls, part: ArmPoses, torque: FloatArray) -> Gravity:
-        """Return the twists as functions of the torque, scaled for a mean square of 1 at `torque` (m, n, s)."""
+        """Return the twists as functions of the torque, with an rms of 1 for each joint at `torque` (m, n, s)."""
         m, n, s = torque.shape
         cuts = pose_slices(m)
         rms = np.sqrt(sum(np.einsum("mns,mns->n", torque[cut], torque[cut]) for cut in cuts) / m)
@@ -158,12 +158,12 @@ class Gravity:
         return cls(part=part, size=size, turn=size[..., None] * leading, rate=rate)
 
     def at(self, q: FloatArray) -> JointLoads:
-        """Return the effects at joint angles `q` (m, n), rad."""
+        """Return the effects on the joints at joint angles `q` (m, n), rad."""
         part = replace(self.part, q=q, u=np.zeros((len(q), 0)))
         return self.effects(part.torques(slice(None)))
 
     def effects(self, torque: FloatArray) -> JointLoads:
-        """Return the effects of torques (m, n, s)."""
+        """Return the effects on the joints under torques (m, n, s), N m."""
         blocks = []
         for cut in pose_slices(len(torque)):
             block = torque[cut]
@@ -186,9 +186,8 @@ def load_basis(
 ) -> LoadBasis:
     """Return the effects of load at joint angles `q` (m, n) and unsensed angles `u` (m, U), rad.
 
-    `x`: parameters (P,), near the truth. `stated_deflection`: rotation (rad) and translation (m); their ratio weights
-    moments against forces.
-    Each placement has its own `deflection_columns` columns.
+    `x`: approximate parameters (P,). `stated_deflection`: the fixture's rotation (rad) and translation (m); their ratio
+    determines how much moments and forces contribute. `deflection_columns`: number of columns for each placement.
     """
     m, k = len(q), model.components
     parts = model.parts()
@@ -226,7 +225,7 @@ def load_basis(
 
 
 def _side(torque: FloatArray) -> FloatArray:
-    """Return the expected sign (m, n) of a torque: mean in column 0, independent one-sigma deviations in the others."""
+    """Return the expected sign (m, n) of a `torque` (m, n, s): column 0 is its mean, the others one-sigma errors."""
     from scipy.special import erf
 
     spread = np.sqrt(2.0 * (torque[..., 1:] ** 2).sum(-1))
@@ -236,9 +235,9 @@ def _side(torque: FloatArray) -> FloatArray:
 def _wrenches(
     part: ArmPoses, poses: IntArray | slice, torque: FloatArray | None = None
 ) -> FloatArray:
-    """Fixture's wrench W (m, k, 4 n, sets) per unit of each uncertain moment (four per link), for all `driven_sets`.
+    """Return the fixture's wrench W (m, k, 4 n, d) for errors of mass and centre, for each of the d `driven_sets`.
 
-    `torque`: result of `torques` for these poses, if it was computed before.
+    The errors are the 4 n of `ArmPoses.torques`. `torque`: result of that method at these poses, if already computed.
     """
     model = part.model
     error = model.loop(part.x, part.q[poses], part.u[poses])
@@ -259,9 +258,10 @@ def _wrenches(
 def _load_deflection(
     part: ArmPoses, stated_deflection: tuple[float, float], columns: int, torque: FloatArray | None
 ) -> tuple[FloatArray, FloatArray]:
-    """Return columns (m, k, c) of the deflection over the stated deflection, and the variance (m, k) they leave out.
+    """Return the columns (m, k, c) of the fixture's deflection, and the variance (m, k) that the columns leave out.
 
-    `torque`: gravity's torque at all poses; None: it is calculated for some poses at a time, to save memory.
+    Both are in units of the stated deflection. `torque`: gravity's torque at all poses; if None, it is calculated for
+    some poses at a time, to save memory.
     """
     m, k = len(part.q), part.model.components
     centres = farthest(part.q, CENTRES)
@@ -305,7 +305,7 @@ def _load_deflection(
 
 
 def _pulled(part: ArmPoses, poses: IntArray | slice, W: FloatArray) -> FixtureLoads:
-    """Return the loads on both halves of the fixture from the wrenches `W` (m, k, 4 n, sets)."""
+    """Return the loads on both halves of the fixture; `W` (m, k, 4 n, d): its wrenches, already multiplied by S."""
     axes = part.model.fixture_axes(part.x, part.q[poses], part.u[poses])
     share = np.array([1.0, TOOL_SIDE_COMPLIANCE]) / np.hypot(1.0, TOOL_SIDE_COMPLIANCE)
     halves = []
@@ -321,9 +321,9 @@ def _pulled(part: ArmPoses, poses: IntArray | slice, W: FloatArray) -> FixtureLo
 def wrench_of(
     J: FloatArray, E: FloatArray, torque: FloatArray, friction_m: float = FRICTION_M
 ) -> FloatArray:
-    """Fixture's wrench (..., k, c) that keeps free joints at rest under torques (..., f, c).
+    """Return the fixture's wrench (..., k, c) that keeps f free joints at rest under torques (..., f, c).
 
-    `J` (..., k, f): columns of the closure Jacobian for the free joints. `E` (..., k, r): left null space of those for
+    `J` (..., k, f): closure Jacobian's columns for the free joints. `E` (..., k, r): left null space of its columns for
     the fixture's own degrees of freedom. `friction_m`: friction torque of a free joint per force at the fixture, N m/N.
     """
     K = np.swapaxes(E, -1, -2) @ J
@@ -332,7 +332,7 @@ def wrench_of(
 
 
 def driven_sets(joints: int, equations: int) -> list[tuple[int, ...]]:
-    """Up to `MOST_DRIVE_SETS` sets of ``joints - equations`` joints (from 0) that may have been in position mode."""
+    """Return up to `MOST_DRIVE_SETS` sets of ``joints - equations`` joints (from 0) that may be in position mode."""
     every = list(combinations(range(joints), max(joints - equations, 0)))
     chosen = np.unique(
         np.linspace(0, len(every) - 1, min(MOST_DRIVE_SETS, len(every))).astype(np.int64)
@@ -341,9 +341,9 @@ def driven_sets(joints: int, equations: int) -> list[tuple[int, ...]]:
 
 
 def farthest(points: FloatArray, count: int, *, first: int | None = None) -> IntArray:
-    """Indices of `count` of `points` (m, d): `first`, then each time the point farthest from all chosen points.
+    """Return the indices of `count` of the `points` (m, d), chosen far from each other.
 
-    By default, the first is the point nearest to the mean.
+    The first is `first`, by default the point nearest to the mean; each next is the farthest from those chosen so far.
     """
     if len(points) <= count:
         return np.arange(len(points))

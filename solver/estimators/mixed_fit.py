@@ -1,8 +1,8 @@
 """The iteration that fits parameters, effects, joint corrections and variances together.
 
-Each iteration solves the mixed-model equations for everything at once, moves the variances by one scoring step, and
-relinearises the loops where they close, unless the change is too small for nonlinearity to matter.
-The derivation is in `solver.estimators.implicit`, whose iterations are the same but fit no effects.
+Each iteration solves the mixed-model equations for parameters, effects and corrections, changes the variances by one
+scoring step, and linearises the loops again at the new angles. A change too small for nonlinearity to matter needs no
+new linearisation. `solver.estimators.implicit` derives the same iteration without effects and variances.
 """
 
 from dataclasses import dataclass, replace
@@ -29,40 +29,31 @@ from solver.loops.closure import ClosureModel, unsensed_at_readings
 
 MIXED_ITERATIONS = 40
 SETTLED_SIGMA, SETTLED_BESIDE_VARIANCES_SIGMA = 1e-3, 2e-3
-"""Largest error of a parameter, in standard errors, that the last iteration may leave.
-
-SETTLED_BESIDE_VARIANCES_SIGMA applies if variances, which are far less certain, are estimated too.
-"""
+"""Largest error of a parameter, in standard errors, that the last iteration may leave. The second value applies if
+variances, which are far less certain, are estimated too."""
 
 STEADY_VARIANCE_SIGMA, CREEPING_VARIANCE_SIGMA = 1e-1, 2e-2
-"""The iteration may end if no step of a variance exceeds this, in standard errors.
-
-CREEPING_VARIANCE_SIGMA applies to variances that converge slowly: one step is a small part of the remaining distance.
-"""
+"""The iteration may end if no step of a variance exceeds this, in standard errors. CREEPING_VARIANCE_SIGMA applies if
+the variances converge slowly, so that one step is a small part of the remaining distance."""
 
 RELINEARISE_SIGMA = 1e-4
 """The next iteration reuses a linearisation if its error, in standard errors of a parameter, is at most this."""
 
 LEAST_GAIN = 0.3
-"""The iteration ends once the slope of the log-likelihood along the next step is expected to be below this.
-
-The slope is about twice the gain in log-likelihood that is still possible.
-"""
+"""The iteration ends once the slope of the log-likelihood along the next step is expected to be below this. The slope
+is about twice the gain in log-likelihood that is still possible."""
 
 COMPARABLE_SIGMA = 3.0
 """Largest change of a parameter, in standard errors, between iterations whose slopes are compared."""
 
 SIGN_TEST_SIGMA, SIGN_TEST_VARIANCE_SIGMA, DOUBTFUL_SIGN_SHARE = 0.1, 1.5, 0.25
-"""The sign of gravity is tested at convergence, or once the changes of the parameters are below SIGN_TEST_SIGMA and
-those of the variances below SIGN_TEST_VARIANCE_SIGMA (in sigmas).
-
-Before convergence the test decides only if `gravity_share` differs from one half by at least DOUBTFUL_SIGN_SHARE, or by
-at least the last step of the variances (in sigmas) if that step is smaller.
-"""
+"""The sign of gravity is tested at convergence, or earlier if the remaining error of the parameters is below
+SIGN_TEST_SIGMA and the last step of the variances below SIGN_TEST_VARIANCE_SIGMA (in sigmas). The early test decides
+only if `gravity_share` differs from one half by at least the smaller of DOUBTFUL_SIGN_SHARE and that last step."""
 
 FREE_ITERATIONS = 20
 NEGLIGIBLE_GAIN = 0.1
-"""From iteration `FREE_ITERATIONS` on, variances stay constant once a step would raise the log-likelihood by less."""
+"""From iteration FREE_ITERATIONS on, the variances stay constant once the slope of a step is below NEGLIGIBLE_GAIN."""
 
 CHI2_LARGE_START = 4.0
 """If chi2/dof exceeds this, the search for the variances starts at large values."""
@@ -75,10 +66,9 @@ CURVATURE_SHARE = 3.0
 """Error of a Newton step as a share of the step, per rad or m of its largest component: the error is quadratic."""
 
 LEAST_MOTION_SHARE, WEAK_MOTION_SHARE, MOST_TURN_RAD, TINY = 1e-3, 0.01, 0.02, 1e-200
-"""A loop is not closed in a direction in which joints move it by less than `LEAST_MOTION_SHARE`, or by less than
-`WEAK_MOTION_SHARE` if closing it would turn joints by more than about `MOST_TURN_RAD`, because a measured position may
-be beyond the reach of a stretched arm. `TINY` avoids a division by zero.
-"""
+"""A measured position may be beyond the reach of a stretched arm. So a loop is left open in directions in which joints
+move it by less than LEAST_MOTION_SHARE of the total, or by less than WEAK_MOTION_SHARE if joints would have to turn by
+more than about MOST_TURN_RAD. TINY avoids a division by zero."""
 
 POSES_FOR_VARIANCES = 600
 """Number of poses that estimate the variances if there are more than twice as many; all poses would improve the
@@ -87,11 +77,12 @@ estimates by only a few per cent."""
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MixedFit:
-    """Result of `fit_mixed`, with the poses in the order given; `fit`: the linear fit at the solution.
+    """Result of `fit_mixed`, with the poses in the order of its `design`.
 
     `x`: parameters (P,). `corrections`, `unsensed`: joint corrections e (m, n) and unsensed angles (m, U), rad.
-    `final_derivatives`: derivatives of the likelihood at the solution, from the poses that determined the variances;
-    None if the variances were given.
+    `fit`: the linear fit at the solution.
+    `final_derivatives`: the likelihood's derivatives with respect to the variances, from the poses from which these
+    were estimated; None if the variances were given.
     """
 
     x: FloatArray
@@ -103,7 +94,7 @@ class MixedFit:
     converged: bool
 
     def derivatives(self) -> Derivatives:
-        """Derivatives, at the solution, of the likelihood with respect to the variances."""
+        """Return the likelihood's derivatives with respect to the variances, at the solution, with priors."""
         return with_priors(self.fit) if self.final_derivatives is None else self.final_derivatives
 
 
@@ -111,8 +102,8 @@ class MixedFit:
 class FitStart:
     """Result of another fit of the same poses, from which a fit may start.
 
-    `corrections`, `unsensed`: joint corrections (m, n) and unsensed angles (m, U) of the loops to be fitted, rad.
-    `layout`: layout of the other fit, with its poses in the order of this fit.
+    `corrections`, `unsensed`: joint corrections (m, n) and unsensed angles (m, U), rad, for the loops of the new fit.
+    `layout`: layout of the other fit, with its poses in the order of the new fit.
     """
 
     corrections: FloatArray
@@ -130,8 +121,8 @@ def fit_mixed(
 ) -> MixedFit:
     """Fit parameters, effects, joint corrections and variances to the readings of `design`, from `x0` (P,).
 
-    If `variances` (K,) are given, they and the design's `errors.signed` stay fixed; otherwise the fit determines both.
-    `near`: another fit to start from; for fixed variances only.
+    If `variances` (K,) are given, they stay fixed, and so does the assumed sign of sag, `errors.signed` of the design;
+    otherwise the fit determines both. `near`: another fit to start from; for fixed variances only.
     """
     if variances is not None or len(design.q) <= 2 * POSES_FOR_VARIANCES:
         return _iterate(design, x0, variances, progress, near)
@@ -157,7 +148,7 @@ def _iterate(
     *,
     derivatives: Derivatives | None = None,
 ) -> MixedFit:
-    """Iterate to convergence. `variances` (K,), if given, stay fixed; `derivatives` are those at `variances`."""
+    """Iterate to convergence. `variances` (K,) stay fixed if given; `derivatives`: the likelihood's for these."""
     v = design.start_variances() if variances is None else variances
     free = variances is None and len(v) > 0
     settled = SETTLED_BESIDE_VARIANCES_SIGMA if free else SETTLED_SIGMA
@@ -222,10 +213,10 @@ def _iterate(
 
 
 def expected_variances(fit: LinearFit, derivatives: Derivatives, v: FloatArray) -> FloatArray:
-    """Return the variances `v` (K,) found at `fit`, with estimated scales raised from posterior mode to mean.
+    """Return the variances with estimated scales at their posterior mean; in `v` (K,), these scales are at the mode.
 
-    Variances at the mode would not include the uncertainty of the scales. With a scale exp(t), t ~ N(t_mode, s^2), the
-    expected variance of an error is exp(2 t_mode + 2 s^2) times the stated one.
+    Variances at the mode do not include the uncertainty of the scales. With a scale exp(t), t ~ N(t_mode, s^2), the
+    expected variance of an error is exp(2 t_mode + 2 s^2) times the stated variance. Other variances do not change.
     """
     return np.asarray(
         np.minimum(v * np.exp(2.0 * scale_spread(fit, derivatives)), fit.design.ceilings)
@@ -233,10 +224,10 @@ def expected_variances(fit: LinearFit, derivatives: Derivatives, v: FloatArray) 
 
 
 def gravity_share(fit: LinearFit) -> float:
-    """Ratio of the sag and play that the readings show to the sag and play expected from gravity.
+    """Return the ratio of the sag and play that the readings show to the sag and play expected from gravity.
 
-    Below one half, the fit continues with an expected sag of zero: for an arm that does not sag as its file states, the
-    expected sag itself would be the error.
+    If the ratio is below one half, zero is nearer to the readings than the expected values, and the fit continues with
+    expected values of zero.
     """
     design = fit.design
     G = np.concatenate(
@@ -247,7 +238,10 @@ def gravity_share(fit: LinearFit) -> float:
 
 
 def _start(design: LinearModel, x0: FloatArray, v: FloatArray, near: FitStart | None) -> State:
-    """Return the first state: that of `near`, or else the readings, with unsensed angles that best close the loops."""
+    """Return the state to start from: that of `near`, if given.
+
+    Otherwise the corrections are zero, and the unsensed angles close the loops as well as possible.
+    """
     x, q = np.array(x0, dtype=float), design.q
     if near is not None:
         e, u = near.corrections, near.unsensed
@@ -301,7 +295,7 @@ def _advance(design: LinearModel, at: Linearisation, fit: LinearFit) -> tuple[St
 
 
 def _closing(system: System, deflection: FloatArray) -> FloatArray:
-    """Smallest joint rotations (m, n) that compensate deflections `deflection` (m, k) of the fixture."""
+    """Return the smallest joint rotations (m, n) with the same effect on the closure as `deflection` (m, k)."""
     open_by = np.swapaxes(system.E, -1, -2) @ deflection[..., None]
     Bt = np.swapaxes(system.B, -1, -2)
     square = system.B @ Bt
@@ -321,10 +315,10 @@ def expected_fit(
     *,
     group: IntArray | None = None,
 ) -> LinearFit:
-    """Predict the fit of a calibration from poses near `q` (m, n), rad, at parameters `x` (P,) and stated errors.
+    """Predict the fit of a calibration with poses near `q` (m, n), rad, parameters `x` (P,) and stated `errors`.
 
-    The covariance of the result predicts the covariance of such a calibration; the misfit has no meaning. No readings
-    are used: loops are closed at `x` as near to `q` as possible.
+    The result's covariance predicts that of the calibration; its misfit has no meaning. There are no readings: the
+    poses are those nearest to `q` at which the loops close with parameters `x`.
     """
     sd = np.sqrt(np.maximum(errors.joint_variance.mean(axis=0), 1e-12))
     closed = close_loops(model, x, q, sigma_rad=sd)

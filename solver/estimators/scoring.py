@@ -35,8 +35,7 @@ LEAST_SHARE = 0.1
 """A step that was shortened to less than this share of Newton's step is not shortened further."""
 
 LIKELIHOOD_FALL = 3.0
-"""Largest fall of the log-likelihood that relinearisation explains; after an iteration with a larger fall the step is
-shortened."""
+"""Largest fall of the log-likelihood that a new linearisation can explain; after a larger one the step is shortened."""
 
 NEWTON_SIGMA = 1.0
 """Largest step, in standard errors, for which the observed curvature is used (Newton) rather than the expected."""
@@ -49,11 +48,11 @@ SCALE_SD = float(np.log(2.0))
 
 SCALE_CORRELATION = 0.5
 """Correlation of the logarithms of two scales of one group (`_scale_groups`): a file with a margin in one stated size
-usually has one in all. Half of the variance is common, so sources that the poses hardly determine follow the others."""
+usually has a margin in all. So the scales of sources that the poses hardly determine follow the others."""
 
 LARGEST_COMMON = 3.0 * SCALE_SD
-"""Largest deviation of a scale's logarithm that is evidence about the others: an absent source (an eighth of the size
-stated, or less) does not make the others small."""
+"""Largest deviation of a scale's logarithm that counts as evidence about the other scales. A source of less than an
+eighth of its stated size is absent, which says no more about the others."""
 
 FAST_SHARE = 0.45
 """Convergence is fast if a step is below this share of the step before."""
@@ -127,7 +126,7 @@ def likelihood_derivatives(fit: LinearFit) -> Derivatives:
 
 
 def with_priors(fit: LinearFit) -> Derivatives:
-    """Return the likelihood's derivatives at `fit`, with priors from specifications, samples' spreads and scales."""
+    """Return the derivatives at `fit` of the log-likelihood plus the logarithms of the variances' priors."""
     v, derivatives = fit.v, fit.derivatives
     dof, spread, soft = np.array(
         [(c.spread_dof, c.spread_variance, c.soft) for c in fit.design.components]
@@ -148,11 +147,11 @@ def with_priors(fit: LinearFit) -> Derivatives:
 
 
 def _scale_prior(design: Layout, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Differentiate the energy (minus the log density) of the scales' logarithms `t` (K,).
+    """Differentiate the energy (minus the log density) of the prior of the scales' logarithms `t` (K,).
 
-    Returns the gradient (K,), and the second derivative as a positive definite matrix (K, K) plus a diagonal (K,). With
-    ``g = L tanh(t / L)`` and L = `LARGEST_COMMON`, the energy is ``(sum t^2 / own - shared (sum g)^2) / 2 SCALE_SD^2``,
-    with a sum of g for each group. For small t, this is the energy of normal variables with `SCALE_CORRELATION`.
+    Returns the gradient (K,), and the second derivative as a positive definite matrix (K, K) plus a diagonal (K,). The
+    energy is ``(sum t^2 / own - sum_groups shared (sum g)^2) / (2 SCALE_SD^2)`` with ``g = L tanh(t / L)``, where L is
+    `LARGEST_COMMON`. The constants own and shared are such that small t of one group have `SCALE_CORRELATION`.
     """
     scaled, groups = design.scaled.astype(float), _scale_groups(design)
     own = 1.0 - SCALE_CORRELATION * groups.sum(axis=0)
@@ -170,10 +169,10 @@ def _scale_prior(design: Layout, t: FloatArray) -> tuple[FloatArray, FloatArray,
 
 
 def _scale_groups(design: Layout) -> FloatArray:
-    """Return masks (groups, K) of correlated scales: lengths and twists; then joints, sensors and fixture.
+    """Return one mask (K,) for each of up to two groups of scales whose priors are correlated, as an array (groups, K).
 
-    There are two groups because joints and a fixture that are better than stated do not make the lengths and twists of
-    the maker's table more certain. The scale of the fixture's placement is in neither group.
+    The scales of lengths and twists are one group; those of joints, sensors and the fixture's deflection are the other,
+    because joints better than stated do not make the maker's table more certain. The fixture's placement is in neither.
     """
     names = np.array(list(design.index), dtype=str)
     of_links = np.isin(names, (LENGTHS, TWISTS))
@@ -199,7 +198,7 @@ class ScoringStep:
     """Newton's step of the variances.
 
     `change` (K,): change of the variances, within their bounds. `largest`: largest change, in standard errors.
-    `slope`: rise of the log-likelihood over the step if its slope stayed constant; about twice the actual rise.
+    `slope`: derivative of the log-likelihood along the step, per whole step; about twice the rise that results.
     """
 
     change: FloatArray
@@ -215,7 +214,8 @@ class ScoringStep:
 def step(fit: LinearFit, derivatives: Derivatives) -> ScoringStep:
     """Return Newton's step of the variances; a variance that would leave its bounds stops at the bound.
 
-    The step of an estimated scale is in ``t = log(v) / 2``, because the log-likelihood is most nearly quadratic in t.
+    For an estimated scale, the step is calculated in ``t = log(v) / 2``, in which the log-likelihood is most nearly
+    quadratic.
     """
     v, floor, scaled = fit.v, fit.design.floors, fit.design.scaled
     ceiling, raise_limit = fit.design.ceilings, fit.design.raise_limits
@@ -242,7 +242,7 @@ def step(fit: LinearFit, derivatives: Derivatives) -> ScoringStep:
         return np.where(scaled, 0.5 * np.log(np.maximum(bound, TINY) / v), bound - v) * size
 
     def bounded(metric: FloatArray) -> FloatArray:
-        """Solve ``metric @ change = score``, with variances that would leave their bounds constrained to the bounds."""
+        """Solve ``metric @ change = score``; a variance that would leave its bounds is fixed at the bound."""
         change, free = np.zeros(len(v)), moving.copy()
         ridged = metric + 1e-9 * np.eye(len(v))
         while free.any():
@@ -277,8 +277,8 @@ class VarianceSearch:
     If a variance leaves its floor, the curvature changes quickly, and plain steps may oscillate forever. The slope at a
     step's end, which is calculated anyway, locates the maximum along the step; the next iteration starts there.
 
-    `fast`: whether steps shrink so fast that further steps are negligible. As passed in until two steps are known.
-    `slope_left`: slope of the log-likelihood expected along the step that starts at the next variances.
+    `fast`: whether steps shrink so fast that further steps are negligible; the argument's value before the second step.
+    `slope_left`: expected slope (see `ScoringStep`) of the next step, the one from the variances last returned.
     """
 
     def __init__(self, *, fast: bool = False) -> None:
@@ -290,9 +290,9 @@ class VarianceSearch:
     def next_variances(
         self, fit: LinearFit, derivatives: Derivatives, newton_step: ScoringStep, *, far: bool
     ) -> FloatArray:
-        """Variances (K,) for the next iteration; `newton_step` is Newton's step from the variances of `fit`.
+        """Return the variances (K,) for the next iteration; `newton_step`: Newton's step from the variances of `fit`.
 
-        `far`: whether the parameters changed too much for the likelihood's slopes before and after to be compared.
+        `far`: whether the parameters have changed too much to compare the likelihood at the next iteration with `fit`.
         """
         size, last_size = newton_step.largest, self._last_size
         self.slope_left, self._last_size = newton_step.slope, size

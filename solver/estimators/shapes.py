@@ -1,7 +1,8 @@
-"""Effects as columns with one value per pose: errors of sensors, sides of play, sag and deflection.
+"""Columns of effects, with one value per pose: errors of sensors, sides of play, sag and deflection.
 
 If masses are stated, sag and deflection follow from the load (`solver.estimators.load_effects`); otherwise they are
-smooth functions of the pose. Columns have coefficients ~ N(0, 1); the rest of a stated variance is independent noise.
+smooth functions of the pose. The columns' coefficients are ~ N(0, 1). What the columns leave of a stated variance is
+independent noise.
 
 The smooth functions are a low-rank Gaussian process over joint space, with several length scales and a linear part. The
 values of the process at all poses are ``Phi b`` with b ~ N(0, I); ``Phi`` (m, k) is computed from poses far apart
@@ -38,7 +39,7 @@ CONSTANT, LINEAR = 0.5, 0.5
 class PoseBasis:
     """Smooth functions of the pose, as columns.
 
-    `phi`: values (m, k). `missed` (m,): at each pose, the variance that these columns leave out.
+    `phi`: values (m, k). `missed` (m,): variance at each pose that these columns leave out.
     """
 
     phi: FloatArray
@@ -98,8 +99,8 @@ def pose_process(q: FloatArray, *, group: IntArray | None = None) -> PoseProcess
 class Shapes:
     """An effect that repeats at the same pose: play or sag of those joints that have any.
 
-    `joints` (d,): these joints, from 0. `columns` (m, d, c): columns of the deviation from the expected value, rad.
-    `missed`, `expected` (m, n), of all joints: variance that `columns` leave out, rad^2, and the expected value, rad.
+    `joints` (d,): these joints, from 0. `columns` (m, d, c): deviation from the expected value, rad, for each
+    coefficient of 1. `expected` (m, n): expected value, rad. `missed` (m, n): variance that `columns` leave out, rad^2.
     """
 
     joints: IntArray
@@ -111,7 +112,7 @@ class Shapes:
     def of(
         cls, sd_rad: FloatArray, columns: FloatArray, missed: FloatArray, expected: FloatArray
     ) -> Shapes:
-        """Multiply columns (m, n, c) and `expected` (m, n) by each joint's sigma (n,), and `missed` by its square."""
+        """Return the effect for arrays (m, n, ...) in units of each joint's sigma `sd_rad` (n,), or of its square."""
         joints = np.flatnonzero(sd_rad)
         return cls(
             joints=joints,
@@ -127,12 +128,11 @@ class Shapes:
 
 
 def sides_of_play(q: FloatArray, errors: ErrorModel, sd_rad: FloatArray) -> Shapes:
-    """Effect of play: a column for the side to which the load acts, and one for the side of approach if it is known.
+    """Return the effect of play: a column for the side of the load, and one for the side of the approach if known.
 
-    It is unknown which of the two a joint follows. With probability p = 1 - `BY_APPROACH` the joint follows the load,
-    and the link rests on the side to which gravity moves it. Otherwise the joint follows the approach, and since link
-    or drive may lead, both sides are equally likely. So the expected value is p times the side of the load, and the
-    variance about it is 1 - p^2.
+    With probability p = 1 - `BY_APPROACH` the link rests on the side to which gravity moves it. Otherwise its side
+    follows from the direction of approach; both sides are then equally likely, since link or drive may lead. So the
+    expected value is p times the side of the load, and the variance about this value is 1 - p^2.
 
     `sd_rad`: play of each joint at readings `q` (m, n), as a standard deviation (n,).
     """
@@ -151,7 +151,7 @@ def sides_of_play(q: FloatArray, errors: ErrorModel, sd_rad: FloatArray) -> Shap
 def shapes_of_sag(
     q: FloatArray, errors: ErrorModel, basis: PoseBasis, sd_rad: FloatArray
 ) -> Shapes:
-    """Effect of every joint's twist under gravity; without stated masses, its columns are the functions `basis`.
+    """Return the effect of every joint's twist under gravity; without stated masses, its columns are those of `basis`.
 
     `sd_rad`: sag of each joint at readings `q` (m, n), as a standard deviation (n,).
     """
@@ -172,11 +172,11 @@ def shapes_of_sag(
 
 
 class JointShapes:
-    """Errors of joint angles as columns, each with one value per pose; `q` (m, n): readings at the poses, rad.
+    """The c columns of effects that change joint angles, for poses with readings `q` (m, n), rad.
 
-    The columns are, in this order: harmonics of encoders, with standard deviations `accuracy_rad` (n,); gains and
-    nonlinearity of analogue sensors; further effects. Those of analogue sensors depend on the corrected angle, which
-    changes during a fit. `joint_of` (c,): index, from 0, of the joint whose angle each column changes.
+    The columns are, in this order: harmonics of encoders, with standard deviations `accuracy_rad` (n,); gain and
+    linearity deviation of analogue sensors (`curves`); `effects`. Columns of analogue sensors depend on the corrected
+    angles, which change during a fit. `joint_of` (c,): index, from 0, of the joint whose angle each column changes.
     """
 
     def __init__(
@@ -204,7 +204,7 @@ class JointShapes:
         self._last: tuple[FloatArray, FloatArray] | None = None
 
     def at(self, angle: FloatArray, poses: slice) -> FloatArray:
-        """Columns (m, c) at a slice `poses`; `angle` (m, n): corrected joint angles of these poses, rad."""
+        """Return the columns (m, c) for a slice `poses`, at corrected joint angles `angle` (m, n), rad."""
         if self._constant is None or self._constant[0] != poses:
             self._constant, self._last = (poses, self._constant_shapes(poses)), None
         if self._last is None or not np.array_equal(self._last[0], angle):
@@ -215,11 +215,11 @@ class JointShapes:
         return self._last[1]
 
     def shift(self, b: FloatArray, angle: FloatArray, poses: slice) -> FloatArray:
-        """Joint corrections (m, n), rad: the columns times their coefficients b (c,); other arguments as in `at`."""
+        """Return the joint corrections (m, n), rad, for coefficients b (c,); `angle` and `poses`: see `at`."""
         return np.asarray(self.at(angle, poses) @ (self._along * b[:, None]))
 
     def _constant_shapes(self, poses: slice) -> FloatArray:
-        """Columns (m, c); those of analogue sensors, which depend on the corrected angles, are zero."""
+        """Return the columns (m, c), with zeros for analogue sensors, whose columns depend on the corrected angles."""
         turn = self._q[poses, self._turning]
         m = len(turn)
         shapes = [(self._accuracy_rad * encoder_waves(turn)).reshape(m, -1)]

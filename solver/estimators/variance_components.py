@@ -30,7 +30,6 @@ from solver.loops.closure import ClosureModel, nearest_equivalent
 EQUAL = 1e-9
 """Parameter vectors count as equal if no element differs by more than this (rad, m)."""
 
-
 COMPLIANCE_LEVEL = 0.01
 """p-value below which the fixture counts as more compliant than stated."""
 
@@ -42,8 +41,8 @@ NORMAL_95 = 1.959963984540054
 class Component:
     """Standard deviation `sd` of one source of error, with its 95 % interval, and the value `stated` in the files.
 
-    `name`: ``rvdt_6`` (noise of a single reading), ``curve_6``, ``fixture_m``, ``fixture_rad``. `unit`: ``rad`` or
-    ``m``.
+    `name`: ``fixture_m``, ``fixture_rad``, or of joint 6 ``rvdt_6`` (noise of a single reading) and ``curve_6``
+    (linearity deviation). `unit`: ``rad`` or ``m``.
     """
 
     name: str
@@ -56,11 +55,11 @@ class Component:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ComplianceTest:
-    """Score test of a fixture's stated compliance against a larger one.
+    """Score test whether a fixture is more compliant than stated, from its rotation noise and its translation noise.
 
-    `statistic`: square of the largest ratio of a score to its standard deviation; 0 if the data show a smaller
-    compliance. `p_value`: probability of so large a statistic if the stated value is right. `deflects`: whether the
-    data show a larger compliance at `COMPLIANCE_LEVEL`.
+    `statistic`: square of the larger of the two scores, each divided by its standard deviation; 0 if both are negative.
+    `p_value`: probability of a statistic at least as large if the stated compliance is right.
+    `deflects`: whether `p_value` is below `COMPLIANCE_LEVEL`, i.e. the fixture is more compliant than stated.
     """
 
     statistic: float
@@ -75,8 +74,8 @@ class VarianceComponents:
     `components`: standard deviations of RVDTs and fixture, with intervals.
     `variances`: every estimated variance by component name.
     `compliance`: test whether the fixture is more compliant than stated; None if not tested.
-    `noise`: noise of each pose's readings, without effects, and of the fixture's deflection, at the estimated
-    variances.
+    `noise`: estimated variances of each pose's readings and of the fixture's deflection. Errors of the readings that
+    repeat from pose to pose are not included.
     `repeatability`: covariance (P, P) of the parameters from noise alone: their scatter if all poses were repeated.
     `budget`: contribution (P,) of each source to the parameters' variances; the sum over all sources is the total.
     `signed`: whether joints are taken to sag in the direction of gravity; False if the readings contradict this.
@@ -99,9 +98,9 @@ class VarianceComponents:
 class Calibrated:
     """An estimate, its variance components, and the linear fit that further tests use.
 
-    `linear`, `order`: the fit, with its poses in canonical order, and the caller's index (m,) of each of these poses.
-    `derivatives`: derivatives of the likelihood with respect to the variances, at the solution. `unsensed`: unsensed
-    angles (m, U), rad, in the caller's order.
+    `linear`: the fit, with its poses in canonical order. `order` (m,): the caller's index of each pose of `linear`.
+    `derivatives`: derivatives of the likelihood with respect to the variances, at the solution.
+    `unsensed`: unsensed angles (m, U), rad, in the caller's order.
     """
 
     estimate: Estimate
@@ -143,9 +142,9 @@ def estimate_with_errors(
 ) -> Calibrated:
     """Fit parameters, joint corrections, effects and variances to joint angles `q` (m, n), rad, from `x0` (P,).
 
-    By default, the start is the estimate without effects (`solver.estimators.implicit`), with toleranced parameters at
-    their nominal values. `group`: placement of each pose (m,). Raises `ValueError` if the errors name a joint whose
-    reading is not used, or a parameter that is not free; `TooFewPosesError` if no degree of freedom would be left.
+    `x0` is by default the estimate without effects (`solver.estimators.implicit`), with toleranced parameters at their
+    nominal values. `group`: placement of each pose (m,). Raises `ValueError` if `errors` name a joint whose reading is
+    not used, or a parameter that is not free; raises `TooFewPosesError` if no degree of freedom would be left.
     """
     fitted, order = settle(model, q, errors, x0=x0, group=group, progress=progress)
     back = back_to_caller(order)
@@ -160,7 +159,7 @@ def estimate_with_errors(
 
 
 def estimate_of(fitted: MixedFit, order: IntArray) -> Estimate:
-    """Return the estimate from a fit, in the caller's order of poses; `order` (m,): the caller's index of each pose."""
+    """Return a fit's estimate, in the caller's order of poses; `order` (m,): the caller's index of each fitted pose."""
     fit, design = fitted.fit, fitted.fit.design
     error = closure_at_readings(design.model, fitted.x, design.q)
     return Estimate(
@@ -191,9 +190,11 @@ def settle(
     variances: Callable[[Layout], FloatArray] | Mapping[str, float] | None = None,
     progress: Progress | None = None,
 ) -> tuple[MixedFit, IntArray]:
-    """Return the fit on which `estimate_with_errors` reports, and the caller's index (m,) of each pose of the fit.
+    """Fit as `estimate_with_errors` does, but return the fit itself and the order (m,) of its poses.
 
-    `near`: see `fit_mixed`. `variances`: fixed variances by name, or a function of the layout that returns them (K,).
+    Element k of the order is the caller's index of pose k of the fit, whose poses are in canonical order. Among
+    equivalent parameter vectors, the fit has the nearest to the nominal values. `near`: see `fit_mixed`.
+    `variances`: fixed variances by name, or a function that returns them (K,) for a layout; None to estimate them.
     """
     order = canonical_order(q)
     model, q, errors = model.at_poses(order), q[order], errors.at_poses(order)
@@ -222,7 +223,7 @@ def settle(
 def _near(
     model: ClosureModel, errors: ErrorModel, x: FloatArray, nominal: FloatArray
 ) -> FloatArray:
-    """Bring each angle that has a prior within half a turn of the prior's mean: 181 deg near 180 deg, not -179 deg."""
+    """Return `x` with full turns added to angles that have a prior, until they are within half a turn of nominal."""
     priors = {*errors.tolerance, *errors.prior}
     known = [p.is_angle and p.name in priors for p in model.parameters]
     return np.where(known, nominal + wrap_angle(x - nominal), x)
@@ -270,7 +271,7 @@ def _report(fitted: MixedFit, back: IntArray) -> VarianceComponents:
 
 
 LEAST_LEFT = 1e-12
-"""Least share of a variance's information left if all variances are estimated; a smaller one is due to rounding."""
+"""Least share of a variance's information that remains if the others are estimated; less is due to rounding."""
 
 MOST_CERTAIN = 1e6
 """Largest ratio of a variance to its standard error that `interval` uses."""
@@ -292,7 +293,7 @@ def components(design: LinearModel, v: FloatArray, error: FloatArray) -> tuple[C
 
 
 def compliance_test(stated: LinearFit, design: LinearModel) -> ComplianceTest | None:
-    """Test whether a component of the fixture's noise is larger than stated; None if there is no such component."""
+    """Test whether the fixture's noise is larger than stated; None if the fixture has no noise components."""
     from scipy.special import ndtr
 
     slots = [design.index[name] for name in FIXTURE_NOISE if name in design.index]
@@ -308,7 +309,7 @@ def compliance_test(stated: LinearFit, design: LinearModel) -> ComplianceTest | 
 def standard_errors(information: FloatArray, v: FloatArray, floor: FloatArray) -> FloatArray:
     """Standard errors (K,) of variances `v` (K,), from the likelihood's `information` (K, K).
 
-    The errors of the other variances treat a variance at its floor as known; its own error includes their uncertainty.
+    A variance at its floor counts as known for the errors of the others; its own error includes their uncertainty.
     """
     inner = v > floor * (1.0 + 1e-9)
     size = np.sqrt(np.maximum(np.diagonal(information), 1e-300))
@@ -325,7 +326,7 @@ def standard_errors(information: FloatArray, v: FloatArray, floor: FloatArray) -
 
 
 def interval(variance: float, error: float) -> tuple[float, float]:
-    """95 % interval of a variance with standard error `error`, by Satterthwaite's approximation.
+    """Return the 95 % interval of a variance with standard error `error`, by Satterthwaite's approximation.
 
     The estimate v, with standard error s, is taken as chi2-distributed with 2 v^2 / s^2 degrees of freedom; this is
     exact if there is no other component.

@@ -20,9 +20,10 @@ from solver.loops.closure import ClosureModel, LoopError
 class ArmLoop(ClosureModel):
     """A chain of D-H links with sensed and unsensed joints.
 
-    `table`: nominal D-H table of the links, the first of which is number `FIRST_LINK`. `entries`: unknown entries, in
-    the order of the parameter vector; the endpoint's unknowns `own` (names) follow them. `unsensed_joints`: arm joints
-    (1-based) whose readings are not used; their angles are unknowns of each pose.
+    `table`: nominal D-H table of the links; its first row is link `FIRST_LINK`.
+    `entries`: unknown entries of the table. They come first in the parameter vector.
+    `own`: names of the endpoint's unknowns. They follow in the parameter vector.
+    `unsensed_joints`: arm joints (1-based) whose readings are not used. Their angles are unknowns of each pose.
     """
 
     FIRST_LINK: ClassVar[int] = 1
@@ -68,7 +69,7 @@ class ArmLoop(ClosureModel):
         object.__setattr__(self, "parameters", tuple(parameters))
 
     def _own_nominal(self) -> FloatArray:
-        """Nominal values (O,) of all unknowns that the endpoint can have, in the order of `OWN`."""
+        """Nominal values (O,) of all unknowns that an endpoint of this kind can have, in the order of `OWN`."""
         return np.zeros(0)
 
     @property
@@ -83,7 +84,7 @@ class ArmLoop(ClosureModel):
 
     @property
     def hand_side(self) -> tuple[str, ...]:
-        """Names of the endpoint's other unknowns, which state where the fixture is on the tool."""
+        """Names of the endpoint's unknowns that state where the fixture is on the tool."""
         return tuple(name for name in self.own if name not in self.GROUND_SIDE)
 
     def arm_rows(self) -> FloatArray:
@@ -110,7 +111,7 @@ class ArmLoop(ClosureModel):
         return stacked
 
     def own_values(self, x: FloatArray) -> FloatArray:
-        """Values (..., 1, O) of all unknowns in `OWN` at parameters (..., P); the 1 is for broadcasting over poses."""
+        """Values (..., 1, O) of all unknowns in `OWN` for parameters (..., P); the pose axis has the length 1."""
         x = np.asarray(x, dtype=np.float64)
         values = np.broadcast_to(self._own_nominal(), (*x.shape[:-1], len(self.OWN))).copy()
         values[..., self._own_indices()] = x[..., len(self.entries) :]
@@ -135,7 +136,7 @@ class ArmLoop(ClosureModel):
         return np.broadcast_to(q[..., lost] + offsets, (*lead, len(lost))).copy()
 
     def with_all_joints_sensed(self) -> Self:
-        """Return the same loop with every joint's reading used and its offset an unknown."""
+        """Return the same loop with the readings of all joints used; offsets of unsensed joints become unknowns."""
         if not self.unsensed_joints:
             return self
         offsets = tuple(DhEntry(DhKind.THETA_OFF, j) for j in self.unsensed_joints)
@@ -162,17 +163,17 @@ class ArmLoop(ClosureModel):
         return replace(self, table=table)
 
     def drawn(self, x: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-        """Origins 0..n and the fixture's point at readings `q` (n,), as points (n + 2, 3), m, and zeros as the axis."""
+        """Points (n + 2, 3), m, at `q` (n,): origins of frames 0..n, then the fixture's point; and an axis of zeros."""
         frames = self.frames(x, q[None, :], np.zeros((1, len(self.unsensed_joints))))
         tip = self.OWN.index("tip_x")
         point = frames.p_end + frames.R_end[0] @ self.own_values(x)[0, tip : tip + 3]
         return np.concatenate((frames.origins_m[0], point)), np.zeros(3)
 
     def columns(self, frames: Frames, lever_m: FloatArray | None = None) -> FloatArray:
-        """Screws (..., 6, P_entries + links) of the unknown entries, then of every link's angle.
+        """Screws (..., 6, P_entries + links) of the chain's end for each unknown entry, then for each link's angle.
 
-        The screws are those of the chain's end, or of the point of its last link at `lever_m` (..., 3) from the end, in
-        the chain's first frame: ``v_tip = v_end + w x lever``.
+        With `lever_m` (..., 3), they are the screws of a point of the last link, displaced from the chain's end by this
+        vector: ``v_tip = v_end + w x lever``. All vectors are in the chain's first frame.
         """
         J = jacobian(frames, self._moved)
         if lever_m is not None:
@@ -182,7 +183,7 @@ class ArmLoop(ClosureModel):
     def loop_error(
         self, residual: FloatArray, J: FloatArray, jac_own: FloatArray | None = None
     ) -> LoopError:
-        """Assemble the loop error; `J`: from `columns`; `jac_own` (..., k, O): derivatives by all unknowns in `OWN`."""
+        """Assemble the loop error; `J`: as returned by `columns`; `jac_own` (..., k, O): Jacobian for all of `OWN`."""
         split = len(self.entries)
         jac_x, jac_theta = J[..., :split], J[..., split:]
         jac_q = jac_theta[..., 1 - self.FIRST_LINK :]

@@ -1,7 +1,7 @@
-"""Loop closure: error of a chain that should end where it starts, and its derivatives.
+"""Closure error of a chain that should end where it starts, and the derivatives of the error.
 
-The estimators use a fixture only through `ClosureModel`, the part common to all fixtures. A subclass adds the closure
-error and its Jacobians.
+The estimators know a fixture only as a `ClosureModel`. There is a subclass for each kind of fixture, which calculates
+the closure error and its Jacobians.
 """
 
 from __future__ import annotations
@@ -29,8 +29,9 @@ class LoopError:
     """Closure error of every pose, with the unsensed angles as explicit variables.
 
     `residual`: c (..., m, k): rotation vector (rad), then position (m), of the end point in the fixture's frame; zero
-    if the loop closes. `jac_x` (..., m, k, P), `jac_q` (..., m, k, n), `jac_u` (..., m, k, U): exact derivatives of c
-    with respect to the parameters (the paper's C = dc/dphi), the joint angles and the unsensed angles.
+    if the loop closes.
+    `jac_x` (..., m, k, P), `jac_q` (..., m, k, n), `jac_u` (..., m, k, U): exact derivatives of c with respect to the
+    parameters (the paper's C = dc/dphi), the joint angles and the unsensed angles.
     """
 
     residual: FloatArray
@@ -43,10 +44,10 @@ class LoopError:
 class ReducedError:
     """Closure error with the unsensed angles eliminated, as the paper minimises it.
 
-    `residual`: (..., m, r) in the fixture frame; for a hinge dx, dy (rad), then x, y, z (m) of eq. 13. The first
-    `rotation_rows` of the r rows are rotations. `jac_x` (..., m, r, P): exact derivative of `residual` with respect to
-    the parameters, the paper's C for these rows. `flipped`: (..., m) bool, poses on the other branch of the elimination
-    (tool upside down on the hinge).
+    `residual`: (..., m, r) in the fixture frame; for a hinge dx, dy (rad), then x, y, z (m) of eq. 13.
+    `jac_x` (..., m, r, P): exact derivative of `residual` with respect to the parameters (the paper's C).
+    `rotation_rows`: the first `rotation_rows` of the r rows are rotations.
+    `flipped`: (..., m) bool: whether the pose is on the other branch of the elimination: tool upside down on the hinge.
     """
 
     residual: FloatArray
@@ -67,10 +68,10 @@ class ReducedError:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ResidualSigma:
-    """A standard deviation, calculated according to two interpretations of the paper's formula.
+    """A standard deviation of k components in m poses, according to two interpretations of the paper's formula.
 
-    `rms` divides inside the root, sqrt(sum / (k m)), the only interpretation that gives values as large as the
-    paper's; `as_printed` divides outside the root, sqrt(sum) / (k m). k: components, m: poses.
+    `rms`: sqrt(S / (k m)), with S the sum of squares. Only this interpretation gives values as large as the paper's.
+    `as_printed`: sqrt(S) / (k m).
     """
 
     rms: float
@@ -104,7 +105,7 @@ def closure_sigmas(residual: FloatArray, rotation_rows: int) -> ClosureSigmas:
 
 
 class ConstrainedPart(Enum):
-    """The part of the tool that is constrained by a fixture."""
+    """The part of the tool that a fixture constrains."""
 
     POINT = "point"
     AXIS = "axis"
@@ -114,9 +115,9 @@ class ConstrainedPart(Enum):
 class ClosureModel(ABC):
     """A loop formed by an arm and a fixture.
 
-    Joint angles `q` are always the readings of *all* n joints, (..., m, n), rad, never wrapped; a model ignores the
-    columns of joints that it treats as unsensed (`jac_q` is zero there). `x` (..., P) are values of `parameters`: the
-    paper's phi.
+    Joint angles `q` are always the readings of *all* n joints, (..., m, n), rad, never wrapped. A model ignores the
+    readings of joints that it treats as unsensed; their columns of `jac_q` are zero. `x` (..., P) are values of
+    `parameters`, the paper's phi.
     """
 
     __slots__ = ()
@@ -134,7 +135,7 @@ class ClosureModel(ABC):
     @property
     @abstractmethod
     def unsensed_joints(self) -> tuple[int, ...]:
-        """Arm joints (1-based) whose reading is not used."""
+        """Arm joints (1-based) whose readings are not used."""
 
     @property
     @abstractmethod
@@ -144,7 +145,7 @@ class ClosureModel(ABC):
     @property
     @abstractmethod
     def equations_per_pose(self) -> int:
-        """Closure equations of each pose after the unsensed angles are eliminated."""
+        """Number of closure equations of each pose after the unsensed angles are eliminated."""
 
     @property
     @abstractmethod
@@ -166,7 +167,7 @@ class ClosureModel(ABC):
 
     @abstractmethod
     def with_all_joints_sensed(self) -> Self:
-        """Return the same loop with every joint's reading used and its offset an unknown."""
+        """Return the same loop with the readings of all joints used; offsets of unsensed joints become unknowns."""
 
     @abstractmethod
     def without(self, names: Collection[str]) -> Self:
@@ -181,9 +182,9 @@ class ClosureModel(ABC):
         return u[..., self.unsensed_joints.index(joint) - len(self.unsensed_joints)]
 
     def reduced(self, x: FloatArray, q: FloatArray, *, rates: bool = True) -> ReducedError:
-        """Closure error with the hinge's angle eliminated; the loop error itself if no angle is unsensed.
+        """Return the closure error with the hinge's angle eliminated or, without a hinge, the closure error as it is.
 
-        Without `rates` the Jacobian has no columns. Raises `ValueError` if arm joints are unsensed: use `loop`.
+        `rates`: whether to calculate the Jacobian (else it is empty). Raises `ValueError` if arm joints are unsensed.
         """
         if self.unsensed_joints:
             raise ValueError(
@@ -202,7 +203,7 @@ class ClosureModel(ABC):
         return np.asarray(x, dtype=np.float64)[None, :]
 
     def at_poses(self, poses: IntArray) -> Self:
-        """Return the model for a selection of poses, in any order; a model without data of poses returns itself."""
+        """Return the model for the poses `poses`, in this order; a model that holds no data of poses returns itself."""
         return self
 
     def parts(self) -> tuple[tuple[ClosureModel, Which, Which], ...]:
@@ -210,22 +211,22 @@ class ClosureModel(ABC):
         return ((self, slice(None), slice(None)),)
 
     def merged(self, errors: Sequence[ReducedError]) -> ReducedError:
-        """Combine the reduced errors of all `parts`."""
+        """Join the reduced errors of all `parts` in the order of the poses."""
         return errors[0]
 
     def fixture_axes(
         self, x: FloatArray, q: FloatArray, u: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Axes (m, 3, 3) of the fixture's two halves, on the table and on the tool, in the frame of the closure error.
+        """Axes (m, 3, 3) of the fixture's half on the table and of its half on the tool, in the closure error's frame.
 
-        The loop must have a single placement. The axes of a half that does not turn in that frame are the identity.
+        The loop must have a single placement. The axes of a half that does not turn in this frame are the identity.
         """
         still = np.broadcast_to(np.eye(3), (len(q), 3, 3))
         return still, still
 
     @property
     def entries(self) -> tuple[DhEntry, ...]:
-        """Unknown D-H entries; empty if poses have different D-H tables."""
+        """Unknown D-H entries; empty for several placements, which have a D-H table each."""
         return ()
 
     def arm_rows(self) -> FloatArray:
@@ -242,9 +243,9 @@ class ClosureModel(ABC):
     ) -> dict[str, float]:
         """Values of the fixture's unknowns, by name; ValueError if the tool is not constrained.
 
-        `ground`, `hand`: lines of the table and of the tool that a hinge makes coincide, in the frames of
-        `constrained_axis_entries`; with other fixtures only the lines' points matter. `rotation`: mean (3, 3) of the
-        tool's rotation matrices over the poses, in the frame of `ground`; a rotation only if the fixture is rigid.
+        `ground`, `hand`: the line on the table and the line on the tool that a hinge makes coincide, in the frames of
+        `constrained_axis_entries`. Other fixtures use only the points of these lines. `rotation`: mean (3, 3) of the
+        tool's rotation matrices over the poses, in the frame of `ground`; used only by a rigid fixture.
         """
         raise ValueError(f"{type(self).__name__} does not constrain the tool")
 
@@ -253,9 +254,9 @@ class ClosureModel(ABC):
         return None
 
     def drawn(self, x: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-        """Points (k, 3), m, and fixture's axis (3,) for drawing the arm, in its base frame; None if it cannot be drawn.
+        """Return points (k, 3), m, and the fixture's axis (3,), in the arm's base frame, for a drawing of the arm.
 
-        The last point is at the fixture; the axis is zero if the fixture has no axis.
+        The last point is at the fixture. The axis is zero if the fixture has none. None if the arm cannot be drawn.
         """
         return None
 
@@ -265,7 +266,7 @@ class ClosureModel(ABC):
 
 
 def pose_blocks(model: ClosureModel, q: FloatArray) -> tuple[tuple[ClosureModel, FloatArray], ...]:
-    """Return the model and the joint angles (m_k, n) of each block of the poses `q` (m, n)."""
+    """Split the poses `q` (m, n) into blocks; return the model and the joint angles (m_k, n) of each block."""
     if len(q) <= BLOCK_POSES:
         return ((model, q),)
     every = np.arange(len(q))
@@ -273,7 +274,7 @@ def pose_blocks(model: ClosureModel, q: FloatArray) -> tuple[tuple[ClosureModel,
 
 
 def unsensed_at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> FloatArray:
-    """Same as `ClosureModel.initial_unsensed`, (m, U), but a block of poses at a time, to limit memory."""
+    """Return `ClosureModel.initial_unsensed`, (m, U), calculated for a block of poses at a time, to limit memory."""
     return np.concatenate(
         [part.initial_unsensed(x, part_q) for part, part_q in pose_blocks(model, q)]
     )

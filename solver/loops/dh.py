@@ -1,7 +1,4 @@
-"""The loop of a fixture that is itself a D-H link of the chain: rigid or hinge (paper, section 2.3).
-
-The equations are the paper's eqs. 8 to 13.
-"""
+"""The loop of a rigid or hinge fixture, which is itself a D-H link of the chain (paper, section 2.3, eqs. 8 to 13)."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -54,7 +51,7 @@ class DhLoop(ArmLoop):
         return self.loop_error(np.concatenate((r, frames.p_end), axis=-1), J)
 
     def initial_unsensed(self, x: FloatArray, q: FloatArray) -> FloatArray:
-        """Hinge angle by eq. 12, then for each unsensed arm joint its unused reading plus its nominal offset."""
+        """Hinge angle by eq. 12, then for each unsensed joint its reading plus its nominal offset, (..., m, U), rad."""
         joints = ArmLoop.initial_unsensed(self, x, q)
         if not self.hinge:
             return joints
@@ -67,10 +64,9 @@ class DhLoop(ArmLoop):
         """Return the closure error in frame -1 with the hinge angle eliminated (paper, eqs. 10 to 13).
 
         The two rotation components are the swing that carries z_-1 onto z_n. To first order they equal
-        ``dx = -R23``, ``dy = R13`` of eq. 12. Unlike dx and dy, the swing does not vanish again when the tool is upside
-        down (the flipped branch), so such a pose does not count as closed.
-
-        Raises `ValueError` if arm joints are unsensed; eqs. 10-13 eliminate the hinge only.
+        ``dx = -R23``, ``dy = R13`` of eq. 12. If the tool is upside down (the flipped branch), dx and dy are zero as
+        well, but the swing is not, so such a pose does not count as closed. Raises `ValueError` if arm joints are
+        unsensed, because eqs. 10-13 eliminate the hinge only.
         """
         if not self.hinge or self.unsensed_joints:
             return ClosureModel.reduced(self, x, q, rates=rates)
@@ -102,7 +98,7 @@ class DhLoop(ArmLoop):
     def fixture_axes(
         self, x: FloatArray, q: FloatArray, u: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Axes (m, 3, 3) of table and tool in frame -1, in which the tool is at rest and the table turns by theta_0."""
+        """Axes (m, 3, 3) in frame -1 of the fixture's half on the table (turned by theta_0) and on the tool (fixed)."""
         table, hand = ClosureModel.fixture_axes(self, x, q, u)
         if self.hinge:
             table = rotation_about_z(u[..., 0])
@@ -111,9 +107,9 @@ class DhLoop(ArmLoop):
     def equivalents(self, x: FloatArray) -> FloatArray:
         """Up to eight equivalent parameter vectors of a hinge loop; for a rigid loop only `x` itself.
 
-        They result from three changes: (a_0, alpha_0, theta_off_1) -> (-a_0, -alpha_0, theta_off_1 + pi); the same at
-        link n; reversal of the hinge axis, (s_0, alpha_0, alpha_n) -> (-s_0, alpha_0 + pi, alpha_n - pi).
-        A change is used only if all entries in it are unknowns.
+        They result from three changes: (a_0, alpha_0, theta_off_1) -> (-a_0, -alpha_0, theta_off_1 + pi); the same with
+        index n instead of 0 and 1; reversal of the hinge axis, (s_0, alpha_0, alpha_n) -> (-s_0, alpha_0 + pi,
+        alpha_n - pi). A change is used only if all its entries are unknowns; offsets of unsensed joints need no entry.
         """
         candidates = [np.asarray(x, dtype=np.float64)]
         if self.hinge:
@@ -158,7 +154,7 @@ class DhLoop(ArmLoop):
     def constraint_entries(
         self, ground: Line, hand: Line, rotation: FloatArray
     ) -> dict[str, float]:
-        """Fixture's D-H entries by name, rad and m; a hinge uses both lines, a rigid one `ground` and `rotation`."""
+        """D-H entries of the fixture by name, rad and m; a rigid fixture uses `ground.point_m` and `rotation` only."""
         if not self.hinge:
             return constrained_frame_entries(rotation, ground.point_m, self.joint_count)
         return constrained_axis_entries(ground, hand, self.joint_count)
@@ -185,15 +181,16 @@ class DhLoop(ArmLoop):
 def _swing(
     n: ComplexArray, nz: FloatArray, w: ComplexArray, wz: FloatArray
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Return the swing, the rotation vector in the xy plane that turns z onto a unit vector, and the swing's rates.
+    """Return the swing (...), rad, and its change for each of C small rotations, (C, ...).
 
-    With vectors perpendicular to z as complex numbers, x + iy, the swing is ``i f n``, where f is the angle between z
-    and the unit vector, divided by its sine. Spatial angular increments w turn n by ``dn = i (w_z n - n_z w)``, so that
+    The swing is the rotation vector in the xy plane that turns z onto a unit vector. Vectors in this plane are complex
+    numbers, x + iy. `n`, `nz` (...): components of the unit vector, x + iy and z. `w`, `wz` (C, ...): components of
+    the small rotations (spatial), likewise, rad.
+
+    The swing is ``i f n``, where f is the angle between z and the unit vector, divided by the sine of this angle. A
+    small rotation w changes n by ``dn = i (w_z n - n_z w)``, and so
 
         d(i f n) = f (n_z w - w_z n) + i g Im(n* w) n,   g = 1 + n_z (n_z - f) / sine^2.
-
-    `n`, `nz`: components of the vector (...): x + iy, and z. `w`, `wz`: angular increments (C, ...) likewise, rad.
-    Returns the swing (...), rad: angle between z and the vector, along z x n; and the swing's rate for each w (C, ...).
     """
     sine = np.abs(n)
     # Below this the quotients lose digits and their series are exact to double precision.

@@ -1,9 +1,9 @@
 """Converts the geometry of a fixture into the D-H entries of a loop.
 
-A hinge is a line fixed in the tool that coincides with a line fixed in the table. The table's line is given in the
-arm's base frame, with joint 1's offset and s_1 taken as zero (they only turn that frame about z_0 and shift it along
-z_0); the tool's line is given in the frame before the last link. The common normals of these lines with z_0 and z_{n-1}
-determine the D-H entries.
+A hinge is a line fixed in the tool that coincides with a line fixed in the table (the workbench). The table's line is
+given in the arm's base frame, with theta_off_1 and s_1 taken as zero, because these only turn the frame about z_0 and
+shift it along z_0. The tool's line is given in the frame before the last link. The common normal of the table's line
+and z_0, and that of the tool's line and z_{n-1}, determine the D-H entries.
 """
 
 from __future__ import annotations
@@ -25,19 +25,19 @@ class Line:
     direction: FloatArray
 
     def in_frame(self, R: FloatArray, p_m: FloatArray) -> Line:
-        """Return the line in a frame in which the line's present frame has rotation `R` and origin `p_m`."""
+        """Return the line in another frame, in which the present frame has the rotation `R` and the origin `p_m`."""
         return Line(point_m=p_m + R @ self.point_m, direction=R @ self.direction)
 
 
 def constrained_axis_entries(ground: Line, hand: Line, n: int) -> dict[str, float]:
     """Return the D-H entries of links 0, 1 and n, by name, that make two lines coincide; alphas are in [0, pi].
 
-    If neighbouring axes are parallel (Hayati [9]), their common normal is not unique; the normal through the tool's or
-    the table's point is taken.
+    If a line is parallel to the neighbouring joint axis, their common normal is not unique. Then the normal through
+    `point_m` of the line is used.
 
     `ground`: the line fixed in the table, in the base frame turned and shifted so that theta_off_1 and s_1 are zero.
-    `hand`: the line fixed in the tool, in the frame that turns with joint n, with theta_off_n zero: ``R_1 .. R_{n-1}
-    Rz(theta_n)``, origin of frame n-1.
+    `hand`: the line fixed in the tool. Its frame has the origin of frame n-1 and turns with joint n, without
+    theta_off_n: ``R_1 .. R_{n-1} Rz(theta_n)``.
     """
     # Tool: direction = Rz(off_n) (0, -sin alpha_n, cos alpha_n).
     off_n = _bearing(hand.direction) + 0.5 * np.pi
@@ -64,9 +64,9 @@ def constrained_axis_entries(ground: Line, hand: Line, n: int) -> dict[str, floa
 
 
 def constrained_frame_entries(R: FloatArray, p_m: FloatArray, n: int) -> dict[str, float]:
-    """D-H entries of a rigid loop whose tool frame (s_n = a_n = alpha_n = 0) is fixed at `R`, `p_m`.
+    """Return the D-H entries of a rigid loop that fixes the tool frame, with s_n = a_n = alpha_n = 0.
 
-    `R` and `p_m` are in the frame of `ground` in `constrained_axis_entries`, and do not include theta_off_n.
+    `R`, `p_m`: the tool frame for theta_off_n = 0, in the frame of `ground` in `constrained_axis_entries`.
     """
     hand = Line(point_m=np.zeros(3), direction=np.array([0.0, 0.0, 1.0]))
     entries = constrained_axis_entries(Line(point_m=p_m, direction=R[:, 2]), hand, n)

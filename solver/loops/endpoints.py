@@ -6,8 +6,8 @@ frame, with b the ball's centre in the flange frame n (tip_x, tip_y, tip_z), g t
 equations for each pose [3], [5].
 
 An instrument that measures the endpoint of the open arm closes the loop of each pose: ``T_instrument_base T_base_n(q)
-T_n_tip = measured`` (paper, section 2.1, eqs. 4 to 7), in the instrument's frame. The instrument's noise is that of the
-closure (`NoiseModel.fixture_variance`).
+T_n_tip = measured`` (paper, section 2.1, eqs. 4 to 7), in the instrument's frame. The noise of the instrument takes the
+place of the fixture's deflection (`NoiseModel.fixture_variance`).
 """
 
 from __future__ import annotations
@@ -32,8 +32,9 @@ class PointClosure(ArmLoop):
     """An arm of links 1..n with a ball on the tool, in a socket on the table.
 
     `tip_m`, `ground_m`: nominal centre of the ball in the flange frame, and of the socket in the base frame, (3,).
-    `own`: unknowns among tip_x .. ground_z. theta_off_1 and s_1 are the same in all placements, but they cannot be
-    separated from a rotation or a lift of all sockets, however many there are.
+    `own`: names of the unknowns among tip_x .. ground_z.
+
+    No number of sockets determines theta_off_1 and s_1: their errors look like a rotation or a lift of all sockets.
     """
 
     OWN: ClassVar[tuple[str, ...]] = TIP + GROUND
@@ -71,7 +72,7 @@ class PointClosure(ArmLoop):
     def constraint_entries(
         self, ground: Line, hand: Line, rotation: FloatArray
     ) -> dict[str, float]:
-        """Centres by name, m: of the ball from `hand` and nominal link n, of the socket from `ground` and link 1."""
+        """Coordinates of the ball's and the socket's centres by name, m, for the nominal entries of links 1 and n."""
         table = self.table
         c, s = np.cos(table.theta_off_rad), np.sin(table.theta_off_rad)
         ca, sa = np.cos(table.alpha_rad[-1]), np.sin(table.alpha_rad[-1])
@@ -97,16 +98,17 @@ TIP_TURN = ("tip_rx", "tip_ry", "tip_rz")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeasuredClosure(ArmLoop):
-    """An arm of links 1..n whose target an instrument measures; `with_endpoints` binds it to the measurements.
+    """An arm of links 1..n that carries a target measured by an instrument.
 
-    base_* places the arm's base frame in the instrument's frame, and tip_* places the target in the flange frame. Each
-    is a point and a rotation vector r that is applied to the nominal rotation, ``R = exp(r) R_nominal`` (so that r
-    stays small and its components are ordinary angles). `own` lists which of base_x .. tip_rz are unknown;
-    position-only measurements do not determine tip_r*.
+    base_x .. base_rz place the arm's base frame in the instrument's frame, and tip_x .. tip_rz place the target in the
+    flange frame: x, y, z are a position, and rx, ry, rz a rotation vector r with ``R = exp(r) R_nominal``. Because r is
+    relative to the nominal rotation, its components are small angles.
 
+    `own`: names of the unknowns among base_x .. tip_rz. Measured positions alone do not determine tip_rx .. tip_rz.
     `base_m`, `base_rotation`, `tip_m`, `tip_rotation`: nominal placements, positions (3,) and rotations (3, 3).
-    `full_pose`: whether orientations are measured too. `endpoint_m`, `endpoint_rotation`: measured positions (m, 3)
-    and, for full poses, orientations (m, 3, 3) of the target in the instrument's frame; None if not yet bound.
+    `full_pose`: whether the orientation of the target is measured, too.
+    `endpoint_m`, `endpoint_rotation`: measured positions (m, 3) and, for full poses, orientations (m, 3, 3) of the
+    target in the instrument's frame; None before a call of `with_endpoints`.
     """
 
     OWN: ClassVar[tuple[str, ...]] = BASE + TIP + TIP_TURN
@@ -135,7 +137,7 @@ class MeasuredClosure(ArmLoop):
     def with_endpoints(
         self, position_m: FloatArray, rotation: FloatArray | None = None
     ) -> MeasuredClosure:
-        """Return the model bound to m measured positions (m, 3) and, for full poses, orientations (m, 3, 3)."""
+        """Return the model with measured positions (m, 3) and, for full poses, orientations (m, 3, 3) of m poses."""
         if self.full_pose != (rotation is not None):
             requirement = "needs" if self.full_pose else "does not use"
             raise ValueError(f"this measurement {requirement} orientations")
@@ -151,7 +153,7 @@ class MeasuredClosure(ArmLoop):
         return own[..., :3] + (R_base @ tip[..., None])[..., 0], R_tip
 
     def placements(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """T_instrument_base and T_flange_target, (4, 4) each, m; without orientations, tip_r* are nominal."""
+        """Return T_instrument_base and T_flange_target, (4, 4), m; the target's rotation is nominal if not measured."""
         own = self.own_values(x)[0]
         R_base = rotation_matrix(own[3:6]) @ self.base_rotation
         R_tip = rotation_matrix(own[9:]) @ self.tip_rotation
@@ -184,7 +186,7 @@ class MeasuredClosure(ArmLoop):
         return self.loop_error(np.concatenate((r, position), axis=-1), J, jac_own)
 
     def equivalents(self, x: FloatArray) -> FloatArray:
-        """Equivalent parameter vectors (E, P): each rotation vector as it is, or shortened by a full turn."""
+        """All equivalent parameter vectors (E, P): each rotation vector may also be shortened by a full turn."""
         x = np.asarray(x, dtype=np.float64)
         names = [p.name for p in self.parameters]
         candidates = [x]
@@ -200,11 +202,11 @@ class MeasuredClosure(ArmLoop):
         return np.stack(candidates)
 
     def at_poses(self, poses: IntArray) -> MeasuredClosure:
-        """Return the model bound to the measurements of `poses` only."""
+        """Return the model with the measurements of `poses` only."""
         return select_poses(self, poses, "endpoint_m", "endpoint_rotation")
 
     def fixture_axis(self, x: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-        """Target's measured position in the base frame, m, and a zero axis; None unless bound to exactly one pose."""
+        """Measured position of the target in the base frame, m, and a zero axis; None unless there is just one pose."""
         if self.endpoint_m is None or len(self.endpoint_m) != 1:
             return None
         own = self.own_values(x)[0]
@@ -214,7 +216,8 @@ class MeasuredClosure(ArmLoop):
     def _own_columns(self, own: FloatArray, R_hand: FloatArray, swung: FloatArray) -> FloatArray:
         """Derivatives (..., m, 6, 12) of the target's rotation and position with respect to base_x .. tip_rz.
 
-        In the instrument's frame, `R_hand` is the flange's rotation and `swung` the vector from base to target, m.
+        `own`: values of base_x .. tip_rz. `R_hand`: rotation of the flange, in the instrument's frame. `swung`: vector
+        from the base's origin to the target, in the same frame, m.
         """
         inverse = np.linalg.inv(rotation_vector_differential(own[..., 3:6]))
         right = np.linalg.inv(rotation_vector_differential(own[..., 9:12]))

@@ -3,12 +3,11 @@
 The arm's parameters are shared; those of the fixture carry the placement's number: ``ground_x[2]``. With a single
 placement names have no number.
 
-Some entries of joints 1 and n are measured from the hinge axis: theta_off_1 and s_1 from its common normal with joint
-1's axis, theta_off_n to its common normal with joint n's axis. So these entries depend on the placement
-(`ClosureModel.ground_side`, `hand_side`), with names like ``theta_off_1[2]``. No information is lost: a
-rotation of joint 1's zero is a rotation of all placements about joint 1's axis, which no closed loop determines. If the
-tool keeps its half of the fixture (a ball, while sockets change), `same_hand` shares the tool's unknowns too,
-including theta_off_n.
+With a hinge, theta_off_1 and s_1 are measured from the common normal of the hinge axis and joint 1's axis, theta_off_n
+to the common normal of joint n's axis and the hinge axis. So these entries depend on the placement, too
+(`ClosureModel.ground_side`, `hand_side`), with names like ``theta_off_1[2]``. No information is lost by this: an error
+of joint 1's zero rotates all placements about joint 1's axis, which no closed loop can show. If the tool keeps its half
+of the fixture, e.g. a ball while sockets change, `same_hand` shares the tool's unknowns too, including theta_off_n.
 """
 
 from __future__ import annotations
@@ -32,12 +31,13 @@ MAX_COMBINATIONS = 4096
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Placements(ClosureModel):
-    """A `ClosureModel` of all placements, bound to the placement of each pose.
+    """The loops of all placements as a single `ClosureModel`, which knows the placement of each pose.
 
-    `numbers`: the operator's numbers of the placements, ascending. `models`: loop of each placement; all loops have the
-    same arm and the same kind of fixture. `placement`: number of the placement to which each pose belongs, (m,).
-    `same_hand`: whether the fixture's half on the tool is the same in all placements. `parameters`: shared unknowns
-    first, then each placement's own unknowns, with the placement's number in the name.
+    `numbers`: the operator's numbers of the placements, ascending.
+    `models`: loop of each placement. All loops have the same arm and the same kind of fixture.
+    `placement`: number of the placement to which each pose belongs, (m,).
+    `same_hand`: whether the fixture's half on the tool is the same in all placements.
+    `parameters`: shared unknowns first, then each placement's own unknowns, with the placement's number in the name.
     """
 
     numbers: tuple[int, ...]
@@ -68,7 +68,7 @@ class Placements(ClosureModel):
         return self._columns[self.numbers.index(number)]
 
     def of(self, number: int) -> tuple[ClosureModel, IntArray]:
-        """Model of a placement and indices of its parameters among all; ValueError for an unknown number."""
+        """Model of placement `number`, and indices of its parameters among all; `ValueError` for an unknown number."""
         return self.models[self.numbers.index(number)], self.columns(number)
 
     def poses_of(self, number: int) -> IntArray:
@@ -76,7 +76,7 @@ class Placements(ClosureModel):
         return np.flatnonzero(self.placement == number)
 
     def parts(self) -> tuple[tuple[ClosureModel, IntArray, IntArray], ...]:
-        """Model, parameter columns and pose indices of every placement that has poses."""
+        """Model, indices of its parameters and indices of its poses, for every placement that has poses."""
         return tuple(
             (model, self.columns(number), poses)
             for number, model in zip(self.numbers, self.models, strict=True)
@@ -109,13 +109,13 @@ class Placements(ClosureModel):
         )
 
     def merged(self, errors: Sequence[ReducedError]) -> ReducedError:
-        """Combine the reduced errors of all `parts`."""
+        """Join the reduced errors of all `parts` in the order of the poses."""
         return replace(errors[0], **self._gathered(errors, residual=1, jac_x=2, flipped=0))
 
     def _each(
         self, x: FloatArray, q: FloatArray
     ) -> Iterator[tuple[ClosureModel, FloatArray, IntArray]]:
-        """Yield model, own parameters (..., P_own) and pose indices of every placement that has poses."""
+        """Yield model, its parameters (..., P_own) and indices of its poses, for every placement that has poses."""
         if q.shape[-2] != len(self.placement):
             raise ValueError(f"{q.shape[-2]} poses for a model bound to {len(self.placement)}")
         for model, columns, poses in self.parts():
@@ -124,7 +124,7 @@ class Placements(ClosureModel):
     def _gathered(
         self, errors: Sequence[LoopError | ReducedError], **trailing: int
     ) -> dict[str, Any]:
-        """Join the placements' errors field by field; `trailing`: number of a field's dimensions after the poses."""
+        """Join the placements' errors field by field; `trailing`: number of axes after the pose axis of each field."""
         arrays = {name: [getattr(e, name) for e in errors] for name in trailing}
         if arrays["jac_x"][0].shape[-1]:
             # From each placement's parameters to all parameters.
@@ -136,15 +136,15 @@ class Placements(ClosureModel):
         return {name: self._in_order(arrays[name], axes) for name, axes in trailing.items()}
 
     def _in_order(self, arrays: Sequence[NDArray[Any]], trailing: int) -> NDArray[Any]:
-        """Join the placements' arrays in the order of all poses; `trailing`: number of dimensions after the poses."""
+        """Join the placements' arrays in the order of all poses; `trailing`: number of axes after the pose axis."""
         order, axis = np.concatenate([poses for *_, poses in self.parts()]), -1 - trailing
         return np.take(np.concatenate(arrays, axis=axis), back_to_caller(order), axis=axis)
 
     def equivalents(self, x: FloatArray) -> FloatArray:
         """Equivalent parameter vectors of all loops together (E, P).
 
-        They combine equivalents of the single placements that agree on the shared entries. If there are more than
-        `MAX_COMBINATIONS`, only combinations that differ from the first one in a single placement are listed.
+        Each combines one equivalent vector of every placement; these have the same shared unknowns. If there are more
+        than `MAX_COMBINATIONS`, only combinations that differ from the first one in a single placement are listed.
         """
         x = np.asarray(x, dtype=np.float64)
         shared = self._shared
@@ -178,7 +178,7 @@ class Placements(ClosureModel):
         return np.stack(vectors)
 
     def with_all_joints_sensed(self) -> Placements:
-        """Return the same loops with every joint's reading used and its offset an unknown."""
+        """Return the same loops with the readings of all joints used; offsets of unsensed joints become unknowns."""
         return replace(self, models=tuple(m.with_all_joints_sensed() for m in self.models))
 
     @property
@@ -204,7 +204,7 @@ class Placements(ClosureModel):
         return replace(self, models=tuple(model.freed(entries) for model in self.models))
 
     def at_poses(self, poses: IntArray) -> Placements:
-        """Return the model of a selection of poses; placements without poses keep their unknowns."""
+        """Return the model for the poses `poses`; placements without poses keep their unknowns."""
         poses = np.asarray(poses)
         if poses.dtype == np.bool_:
             poses = np.flatnonzero(poses)
@@ -247,10 +247,10 @@ class Placements(ClosureModel):
 
 
 def place(model: ClosureModel, placement: IntArray, *, same_hand: bool = False) -> Placements:
-    """Bind a fixture's loop to the `placement` number of each pose of a data set, (m,).
+    """Return the loops of all placements of a fixture; `placement` (m,): number of the placement of each pose.
 
-    `model`: loop with the nominal values of all placements; a `MeasuredClosure` must be bound to the measurements of
-    all poses, in the order of `placement`. `same_hand`: whether the tool keeps its half of the fixture throughout.
+    `model`: loop with the nominal values of all placements. A `MeasuredClosure` must have the measurements of all poses
+    in the order of `placement`. `same_hand`: whether the fixture's half on the tool is the same in all placements.
     """
     numbers = tuple(np.unique(placement).tolist())
     models = tuple(model.at_poses(np.flatnonzero(placement == k)) for k in numbers)

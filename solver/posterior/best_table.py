@@ -1,14 +1,15 @@
 """The D-H table that best reproduces the full model's tool position without corrections of readings.
 
-Part of a fit consists of corrections of readings, which a controller or a URDF cannot apply. The best table T minimises
-the mean square of fk_T(q) - fk(q) over the poses where the arm is used; fk is the posterior mean of the tool position,
-with corrections r(q) = S(q) b of the readings (method, section 10, "Best table"). With J_T and J_q the derivatives of
-the tool position with respect to entries and joint angles, this is one linear least-squares problem,
+The full model corrects the readings q by r(q) = S(q) b, where b are the coefficients of the effects. Many controllers,
+and a URDF, have no such corrections. So the table is changed by dT such that the tool position fk_T(q) of the table is
+near fk(q), the posterior mean of the full model, where the arm is used (method, section 10, "Best table"). With J_T and
+J_q the derivatives of the tool position with respect to table entries and joint angles, dT minimises
 
-    min_dT  sum_q w_q |J_T dT - J_q r|^2 / s^2 + |dT / d|^2,      dT = G b,
+    sum_q w_q |J_T dT - J_q r|^2 / s^2 + |dT / d|^2,
 
-where s is a small tool error, d the largest plausible error of an entry. The table's covariance includes parameters and
-the part of the corrections that G represents; the part that no table can represent, J_q S - J_T G, is in `left_m`.
+where s is a small tool error and d the largest plausible error of an entry. The solution is linear in b: dT = G b. So
+the table's covariance follows from that of parameters and b. The tool displacement that no table can represent,
+(J_q S - J_T G) b, gives `left_m`.
 """
 
 from collections.abc import Sequence
@@ -39,10 +40,11 @@ number of the session's poses."""
 class BestTable:
     """A table, the tool's point in its last frame, and their uncertainties.
 
-    `rows`: links 1..n (5, n), theta_off, s, a, alpha, beta; rad and m. `tip_m`: the tool's point in frame n (3,).
-    `entries`, `covariance`: entries and tip coordinates that the fit determines (k,), and their covariance (k, k), rad
-    and m. `left_m`: root mean square, including uncertainty, of the part of the tool corrections that no table can
-    represent. `sigma_m`: expected root mean square, where the arm is used, of the tool's position error.
+    `rows` (5, n): theta_off, s, a, alpha and beta of links 1..n, rad and m. `tip_m` (3,): the tool's point in frame n.
+    `entries`: names of the k entries and tip coordinates that the fit determines.
+    `covariance` (k, k): covariance of `entries`, rad and m.
+    `left_m`: rms tool displacement due to corrections that no table can represent; it includes their uncertainty.
+    `sigma_m`: expected rms position error of the tool where the arm is used.
     """
 
     rows: FloatArray
@@ -58,7 +60,7 @@ class BestTable:
         return DhTable.from_stacked(self.rows)
 
     def tool(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Tip in the base frame (m, 3), m, and the standard deviation of its error (m,), m."""
+        """Return the tool's point in the base frame (m, 3), m, and the standard deviation of its error (m,), m."""
         position, by_names, _ = tool_positions(self.table, self.tip_m, self.entries, q)
         J = by_names.reshape(3 * len(q), -1)
         spread = ((J @ self.covariance) * J).reshape(len(q), -1).sum(-1)
@@ -70,8 +72,8 @@ def tool_positions(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the tool's point in the base frame (m, 3), m, at readings q (m, n), rad, and its derivatives.
 
-    The derivatives with respect to the k entries and tip coordinates in `names` are (m, 3, k), those with respect to
-    the readings (m, 3, n).
+    The first derivatives (m, 3, k) are with respect to the k entries and tip coordinates in `names`, the second
+    (m, 3, n) with respect to the readings.
     """
     point = PointClosure(
         table=table,
@@ -91,7 +93,7 @@ def _entries_of(names: Sequence[str]) -> list[DhEntry]:
 
 
 def every_entry(links: int, hayati: Sequence[int] = ()) -> list[DhEntry]:
-    """Return every possible entry of a D-H table of links 1..n: offset, s (but beta in rows `hayati`), a and alpha."""
+    """Return all entries of a D-H table of links 1..n: offset, s (in rows `hayati` beta instead of s), a and alpha."""
     return [
         DhEntry(kind, row)
         for row in range(1, links + 1)
@@ -106,7 +108,7 @@ def where_used(
 ) -> tuple[FloatArray, FloatArray]:
     """Return readings (m, n), rad, that represent the use of an arm, and their weights (m,) of sum 1.
 
-    The session's readings (k, n) come first. `lower_rad` and `upper_rad` (n,) are the joints' ranges.
+    The session's readings `q` (k, n) come first. `lower_rad`, `upper_rad` (n,): the joints' limits.
     """
     k = len(q)
     even = even_points(TIMES * k, q.shape[1])
@@ -134,11 +136,11 @@ def best_table(
 ) -> BestTable:
     """Return the table near `table` whose tool positions without corrections best match those with corrections.
 
-    `readings`: poses where the arm is used. `weight` (m,): weights of these poses, of sum 1; see `where_used`. `known`:
-    names (k,) of the fitted entries of `table` and coordinates of the tip. `covariance` (k + c, k + c): covariance of
-    the values of `known` and the coefficients of `corrections`. `fixed`: entries that do not change, because they
-    describe the fixture's placement. `tip`: whether the tool's point may move in the last frame too, as needed for a
-    ball, whose centre is no D-H entry.
+    `readings`, `weight` (m,): poses where the arm is used, and their weights of sum 1; see `where_used`.
+    `known`: names of the k entries of `table` and tip coordinates that the calibration identified.
+    `covariance` (k + c, k + c): of the values of `known`, then of the c coefficients of `corrections`.
+    `hayati`: rows with beta instead of s. `fixed`: entries of the fixture's placement, which do not change.
+    `tip`: whether the tool's point may move in the last frame. A ball needs this, because its centre is no D-H entry.
     """
     m = len(weight)
     every = (*(entry.name for entry in every_entry(table.links, hayati)), *TIP)

@@ -1,14 +1,14 @@
-"""Corrections of joint readings, as data for a controller that can apply them with the identified D-H table.
+"""Corrections of joint readings, as numbers that a controller can apply together with the identified D-H table.
 
 True angle = reading + theta_off + the sum of a joint's corrections, each a function of the readings q:
 
     harmonic   c1 sin q_j + c2 cos q_j + c3 sin 2 q_j + c4 cos 2 q_j        encoder, once and twice a turn
     linearity  sum_k c_k x^k,  x = (q_j - middle) / half, |x| <= 1.2        RVDT, gain and linearity deviation
-    gravity    tau_j of `solver.chain.statics`, with m_k, h_k of joint j    twist under load
-    offset     c1                                                           play taken up to one side
+    gravity    tau_j of `solver.chain.statics`, coefficients for m_k, h_k   twist of joint j under load
+    offset     c1                                                           mean displacement due to play
 
-`sarcal help corrections` shows a function in plain Python that applies the corrections. `JointCorrections` has their
-coefficients and covariance. A fixture's deflection is not included, because it depends on the mounting.
+`sarcal help corrections` shows a function in plain Python that applies the corrections. `JointCorrections` has the
+coefficients and their covariance. The fixture's deflection is not included, because it depends on the mounting.
 """
 
 from __future__ import annotations
@@ -33,12 +33,13 @@ LEAST_RAD = 1e-9
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ReadingCorrection:
-    """One correction of one joint (1-based); the module's docstring describes each kind.
+    """One correction of one joint (1-based); the module's docstring describes each `kind`.
 
-    `source`: name of the source in an uncertainty budget. `coefficients`: (c,), rad; for gravity (4 n,): mass (kg) and
-    first moment (kg m) of each link, each multiplied by the joint's compliance, rad/(N m). `middle_rad`,
-    `half_scale_rad` (linearity only): the sensor's electrical zero and half of its full scale. `down` (gravity only):
-    direction of gravity in the base frame (3,), or the change of this direction by a tilt of the base.
+    `source`: name of the source in an uncertainty budget.
+    `coefficients`: (c,), rad; for gravity (4 n,): mass (kg) and first moment (kg m) of each link, multiplied by the
+    joint's compliance, rad/(N m).
+    `middle_rad`, `half_scale_rad`: for linearity, the sensor's electrical zero and half of its full scale.
+    `down`: for gravity, its direction in the base frame (3,), or the change of its direction by a tilt of the base.
     """
 
     source: str
@@ -54,7 +55,7 @@ class ReadingCorrection:
 class Corrections:
     """All corrections of an arm.
 
-    `each`: individual corrections. `rows`: D-H rows 1..n (5, n) of the arm file, rad and m, for gravity's lever arms.
+    `each`: the individual corrections. `rows`: D-H rows 1..n (5, n), rad and m, for the lever arms of gravity.
     """
 
     each: tuple[ReadingCorrection, ...]
@@ -84,7 +85,7 @@ class Corrections:
 
 
 def corrections_of(joints: JointCorrections, readings: CorrectionShapes) -> Corrections:
-    """Return the corrections of a fit; the correction for play is the mean over the poses in `readings`."""
+    """Return a fit's corrections as functions of the readings; for play, their mean over the poses `readings`."""
     design = joints.fit.design
     errors, b = design.errors, joints.coefficients
     each: list[ReadingCorrection] = []
@@ -122,7 +123,7 @@ def corrections_of(joints: JointCorrections, readings: CorrectionShapes) -> Corr
             own, scale = some(width), np.sqrt(1.0 - UNMODELLED_SHARE) * design.sag[j]
             columns = gravity.turn.shape[-1]
             shapes = gravity.turn[j] @ own[:columns]
-            # Where no sign of sag is expected, the expected twist is a column like the others.
+            # If both signs of sag are equally likely, the last column is the twist that is otherwise expected.
             shapes[0] += gravity.rate[j] * (1.0 if errors.signed else own[-1])
             sagging[int(j) + 1] = scale * shapes
         each.extend(_gravity(sagging, gravity.part.masses))
@@ -133,7 +134,7 @@ def corrections_of(joints: JointCorrections, readings: CorrectionShapes) -> Corr
 def _play(
     joints: JointCorrections, readings: CorrectionShapes, columns: slice
 ) -> Iterator[ReadingCorrection]:
-    """Yield a correction for each column of play, its mean over the readings; a joint's first has the expected play."""
+    """Yield a constant for each column of play: its mean over `readings`, plus once per joint the expected play."""
     mean = (readings.shapes[:, columns] * joints.coefficients[columns]).mean(axis=0)
     for k, j in enumerate(joints.joint_of[columns]):
         size = float(mean[k])
@@ -145,7 +146,7 @@ def _play(
 
 
 def _gravity(sagging: Mapping[int, FloatArray], masses: LinkMasses) -> Iterator[ReadingCorrection]:
-    """Yield corrections for gravity from each joint's twists (s,) per unit of the columns of `ArmPoses.torques`."""
+    """Yield each joint's corrections for gravity; `sagging`: its twist per N m of each column of `ArmPoses.torques`."""
     n, stated, sd = len(masses.mass_kg), masses.moments, masses.moments_sd
     downs = [tuple(down) for down in (masses.down.tolist(), *masses.tilted.tolist())]
     for joint, shapes in sagging.items():
@@ -160,10 +161,10 @@ def _gravity(sagging: Mapping[int, FloatArray], masses: LinkMasses) -> Iterator[
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CorrectionShapes:
-    """Parts of the corrections at readings `q` (m, n), rad.
+    """Corrections at readings `q` (m, n), rad, as functions of the c coefficients of a fit's effects.
 
-    `shapes`: (m, c), rad per unit of each coefficient. `expected`: correction (m, n), rad, expected before the fit;
-    `play`: expected play (m, n), rad, which `expected` includes.
+    `shapes` (m, c): change of one joint's correction, rad, for each coefficient of 1. `expected` (m, n): correction,
+    rad, for coefficients of 0: expected sag and play. `play` (m, n): the part of `expected` due to play.
     """
 
     q: FloatArray
@@ -172,19 +173,19 @@ class CorrectionShapes:
     play: FloatArray
 
     def first(self, count: int) -> CorrectionShapes:
-        """Return the parts at the first `count` poses."""
+        """Return the corrections at the first `count` poses."""
         return select_poses(self, slice(count), "q", "shapes", "expected", "play")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class JointCorrections:
-    """The effects in a fit that change joint angles; `fit`: the linear fit at the solution."""
+    """The c effects of a fit that change joint angles; `fit`: the linear fit at the solution."""
 
     fit: LinearFit
 
     @property
     def joint_of(self) -> IntArray:
-        """0-based joint (c,) of each column."""
+        """Index, from 0, of the joint that each effect changes (c,)."""
         return self.fit.design.along_joints.joint_of
 
     @property
@@ -195,11 +196,11 @@ class JointCorrections:
 
     @property
     def coefficients(self) -> FloatArray:
-        """Posterior mean of the coefficients (c,)."""
+        """Posterior mean of the effects' coefficients (c,)."""
         return self.fit.b[self._effects]
 
     def at(self, q: FloatArray) -> CorrectionShapes:
-        """Return the parts of the corrections at readings q (m, n), rad."""
+        """Return the corrections at readings q (m, n), rad, as functions of the coefficients."""
         design = self.fit.design
         errors, loads = design.errors, design.errors.loads
         errors_there = replace(
@@ -218,7 +219,7 @@ class JointCorrections:
         )
 
     def with_parameters(self, index: IntArray) -> FloatArray:
-        """Covariance (k + c, k + c) of the parameters with indices `index` (k,) and of the coefficients; rad, m, 1."""
+        """Return the covariance (k + c, k + c) of the parameters `index` (k,), then of the `coefficients`."""
         fit, effects = self.fit, self._effects
         columns = np.arange(fit.design.hard, fit.design.width)[effects]
         columns = np.concatenate((fit.design.column[index], columns))

@@ -1,8 +1,8 @@
 """Calibration without a first guess: offsets anywhere in +-180 deg, the fixture unknown.
 
-Many starts are minimised in one batch (`solver.search.starts`). If the fixture can be projected out, only the inner
-joints' offsets are guessed, and a few poses far apart suffice. The best minima are then refined with all unknowns on
-all poses. The result states how many starts led to each minimum, and whether a non-equivalent solution fits as well.
+Many starts are minimised in one batch (`solver.search.starts`). If the fixture's unknowns follow from the others in
+closed form, only the offsets of joints 2 .. n-1 are guessed, and a few poses far apart suffice. The best minima are
+then refined with all unknowns and all poses. The result states how many starts led to each minimum.
 """
 
 from collections.abc import Callable
@@ -56,8 +56,8 @@ class LocalMinimum:
     """One solution of the search.
 
     `x`: parameters (P,), the nearest to the nominal values among equivalent vectors. `rms`: root mean square of the
-    reduced closure error over all poses (1 m as 1 rad). `starts`: number of starts that ended here. `flipped`: poses
-    (indices) on the flipped branch of this solution; a solution with such poses is invalid.
+    reduced closure error over all poses; 1 m counts as 1 rad. `starts`: number of starts that ended here. `flipped`:
+    indices of poses on the flipped branch of this solution; a solution with such poses is invalid.
     """
 
     x: FloatArray
@@ -71,8 +71,8 @@ class GlobalStart:
     """Result of a search from `starts` starts.
 
     `minima`: distinct solutions, the best first; solutions with poses on the flipped branch come last. `set_aside`:
-    poses (indices) taken with the tool upside down on the hinge: no solution uses them, and `LocalMinimum.flipped` does
-    not include them.
+    indices of poses left out of the search because the tool was upside down on the hinge; they are not in
+    `LocalMinimum.flipped`.
     """
 
     minima: tuple[LocalMinimum, ...]
@@ -91,7 +91,7 @@ class GlobalStart:
 
     @property
     def alternatives(self) -> tuple[LocalMinimum, ...]:
-        """Distinct solutions that fit as well as the best: the poses cannot decide between them."""
+        """Other solutions that fit as well as the best: the poses cannot decide between them and the best."""
         bound = max(EQUAL_FIT_RATIO * self.best.rms, CLOSED)
         return tuple(b for b in self.minima[1:] if b.rms <= bound and not b.flipped)
 
@@ -105,8 +105,8 @@ def global_start(
 ) -> GlobalStart:
     """Search for parameters of `model` that close the poses `q` (m, n), rad, without a first guess.
 
-    `starts`: number of starts (default: 500, or 1500 if only positions are constrained). The first starts from the
-    nominal values, the others at random, but the same in every search. `progress`: called after each iteration of the
+    `starts`: number of starts (default: 500, or 1500 if only positions are constrained). The first has the nominal
+    values, the others random offsets; they are the same in every call. `progress`: called after each iteration of the
     search; may raise to cancel. Raises `TooFewPosesError` if the poses do not give more equations than unknowns.
     """
     sensed = model.with_all_joints_sensed()
@@ -172,10 +172,10 @@ def _solve(
 def _main_branch(
     model: ClosureModel, q: FloatArray, search: Search, rng: np.random.Generator
 ) -> BoolArray:
-    """Whether each pose (m,) is on the majority branch, according to fits to a few poses at a time.
+    """Return whether each pose (m,) is on the same branch as most poses, from fits to small samples of the poses.
 
     A few poses taken with the tool upside down spoil a fit of all poses, but a small sample may contain none of them. A
-    loop fitted to such a sample closes at the poses of its branch; at the others, its rotation error is near pi.
+    loop fitted to such a sample closes at all upright poses; at the others, its rotation error is near pi.
     """
     best = np.ones(len(q), dtype=np.bool_)
     score = (0, -np.inf)

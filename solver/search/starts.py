@@ -2,19 +2,18 @@
 
 Every start has its own damping; starts that have converged leave the batch. `global_start` refines the results.
 
-If the fixture is passive, only the offsets of the inner joints are unknown in the search: the fixture's unknowns are
-projected out. The part constrained by the fixture does not move in the base frame. With M_i = R_1 .. R_{n-1}
-Rz(theta_n) and p_i the origin of frame n-1 at pose i,
+If the fixture is passive, the search varies only the offsets of the inner joints, 2 .. n-1; the fixture's unknowns are
+projected out. The part of the tool that the fixture constrains (a line, a point or the whole tool) does not move in the
+base frame. With M_i = R_1 .. R_{n-1} Rz(theta_n) and p_i the origin of frame n-1 at pose i,
 
-    hinge:  M_i h = const (a line of the tool keeps its direction),  p_i + M_i t = const (and its place),
-    ball:                                                          p_i + M_i t = const,
-    rigid:  M_i   = const,                                         p_i = const.
+    hinge:  M_i h = const,      p_i + M_i t = const      (h: direction of the line in the tool; t: a point on it)
+    ball:                       p_i + M_i t = const      (t: the ball's centre)
+    rigid:  M_i   = const,      p_i = const
 
-For given offsets of joints 2 .. n-1 the tool's h and t and the constants follow in closed form: h is the
-dominant right singular vector of the mean of M_i, t solves linear equations, the constants are means. So a
-hinge problem with 14 unknowns is a search over 5 angles (variable projection, Golub & Pereyra, with
-Kaufman's Jacobian), without any guess about the fixture. The direction of the line is common to all
-poses, so a pose with the tool upside down (on the flipped branch) never counts as closed.
+For given offsets, h, t and the constants follow in closed form: h is the dominant right singular vector of the mean of
+M_i, t solves linear equations, the constants are means. So a hinge problem with 14 unknowns is a search over 5 angles
+(variable projection, Golub & Pereyra, with Kaufman's Jacobian), without any guess about the fixture. The direction of
+the line is common to all poses, so a pose with the tool upside down (on the flipped branch) never counts as closed.
 """
 
 from collections.abc import Callable, Sequence
@@ -66,7 +65,7 @@ def best_minima(
     rng: np.random.Generator,
     progress: Progress | None,
 ) -> list[tuple[FloatArray, int]]:
-    """Minimise from all starts; return the best minima (P,), with the number of starts that ended in each."""
+    """Minimise from all starts; return the best minima: parameters (P,), and how many starts led to each."""
     parameters, parts = model.parameters, projectable_parts(model, q)
     if parts and parts[0].searched:
         # The placement with the most poses determines the arm's offsets; the others determine only their fixtures.
@@ -94,7 +93,7 @@ def best_minima(
 def _all_equations(
     model: ClosureModel, q: FloatArray, x: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Residuals (S, R) and Jacobian (S, R, P) at parameters `x` (S, P): a `BatchProblem` with no projection."""
+    """Return all closure equations at parameters `x` (S, P), as a `BatchProblem`: residuals and their Jacobian."""
     error, count = model.reduced(x, q), len(x)
     return error.residual.reshape(count, -1), error.jac_x.reshape(count, -1, x.shape[1])
 
@@ -102,7 +101,7 @@ def _all_equations(
 def _minima(
     x: FloatArray, cost: FloatArray, *, angles: Sequence[int]
 ) -> list[tuple[FloatArray, int]]:
-    """The best minima, in order of increasing cost, with the number of starts that reached each."""
+    """Return the best minima in order of increasing cost, with the number of starts that reached each."""
     order = np.argsort(cost, kind="stable")
     minima: list[tuple[FloatArray, int]] = []
     while len(order) and len(minima) < REFINED_MINIMA:
@@ -158,11 +157,12 @@ RIDGE = 1e-9
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InnerProblem:
-    """A `BatchProblem` over the offsets of some inner joints in one placement.
+    """A `BatchProblem` whose unknowns are offsets of inner joints; it has the poses of one placement.
 
-    `model`: loop of the placement. `columns`: indices of the loop's parameters in the whole parameter vector. `table`:
-    D-H rows 1..n; the offsets of joints 1 and n, s_1, and the lengths and twists of row n are zero. `searched`: joints
-    (1-based) whose offsets are sought, never 1 or n; the offsets of all other joints keep their values.
+    `model`: loop of the placement. `columns`: indices of the loop's parameters in the whole parameter vector.
+    `table`: D-H rows 1..n, with zeros where a value is part of the fixture's unknowns: the offsets of joints 1 and n,
+    the length s of row 1, and the lengths and twists of row n.
+    `searched`: joints (1-based, never 1 or n) whose offsets are the unknowns. Other offsets are those of `table`.
     `q`: joint angles (m, n), rad. `per_m`: weight of positions relative to directions, 1/m.
     """
 
@@ -174,7 +174,7 @@ class InnerProblem:
     per_m: float
 
     def __call__(self, offsets: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Residuals (S, R) and their Jacobian (S, R, K) at offsets (S, K), with the fixture projected out."""
+        """Return residuals (S, R) and their Jacobian (S, R, K) at `offsets` (S, K), with the fixture projected out."""
         frames = self._frames(offsets)
         M, p = frames.R_end, frames.p_end
         before = [j - 1 for j in self.searched]
@@ -241,7 +241,7 @@ class InnerProblem:
     def _projected(
         self, M: FloatArray, M_c: FloatArray, p: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Best h and t (S, 3); t = 0 if rigid. `M`, `p`: M_i and p_i at all poses; `M_c`: M_i minus their mean."""
+        """Return the best h and t (S, 3) for all M_i and p_i (see the module); `M_c`: M_i minus their mean."""
         count = len(M)
         if self.model.constrained_part is ConstrainedPart.FRAME:
             return np.tile([0.0, 0.0, 1.0], (count, 1)), np.zeros((count, 3))
@@ -254,14 +254,14 @@ class InnerProblem:
 
 
 def _tangents(h: FloatArray) -> FloatArray:
-    """Two unit vectors perpendicular to each unit vector (S, 3), as columns (S, 3, 2)."""
+    """Return two unit vectors perpendicular to each unit vector `h` (S, 3) and to each other, as columns (S, 3, 2)."""
     first = np.cross(h, np.eye(3)[np.argmin(np.abs(h), axis=-1)])
     first = first / np.linalg.norm(first, axis=-1, keepdims=True)
     return np.stack((first, np.cross(h, first)), axis=-1)
 
 
 def spread_poses(q: FloatArray, count: int) -> FloatArray:
-    """Choose `count` of the poses (m, n), far from each other; the order of the poses does not matter.
+    """Return `count` of the poses `q` (m, n), chosen far from each other; the choice does not depend on their order.
 
     Farthest-point selection over the points (cos q, sin q); the first is the pose farthest from the mean.
     """
@@ -271,7 +271,7 @@ def spread_poses(q: FloatArray, count: int) -> FloatArray:
 
 
 def projectable_parts(model: ClosureModel, q: FloatArray) -> list[InnerProblem]:
-    """Return the inner problem of each placement; an empty list if a fixture cannot be projected out."""
+    """Return an `InnerProblem` for each placement; an empty list if a fixture cannot be projected out."""
     parts = []
     n = model.joint_count
     for piece, columns, poses in model.parts():

@@ -1,12 +1,12 @@
-"""Tests that an arm added by a package, simulated or real and free to move, meets the requirements of `sarcal`.
+"""Tests that an arm added by a package, simulated or real, meets the requirements of `sarcal`.
 
 ::
 
     CAN_INTERFACE=my_arm CAN_CHANNEL=127.0.0.1:7400 pytest --pyargs sarcal.arm_contract
 
 The arm is found as `sarcal run` finds it. `SARCAL_PROCEDURE` names the procedure with its arm, fixture and speeds
-(default: ``hinge``). **The arm moves**: the drive joints move by `STEP_RAD` and back, and STOP is tested. These
-motions are left out for an arm that is moved by hand. Without CAN_INTERFACE the embedded virtual arm is used.
+(default: ``hinge``). **The arm moves**, and must be free to: the drive joints move by `STEP_RAD` and back, and STOP is
+tested. An arm that is moved by hand skips these motions. Without CAN_INTERFACE the embedded virtual arm is used.
 
 The requirements are in `hardware.commissioning.clauses` and `.checks`; `sarcal arm-check` tests the same.
 """
@@ -39,7 +39,7 @@ class _ConnectedArm:
 
     @property
     def drives(self) -> tuple[int, ...]:
-        """Joints (from 1) in position mode: the procedure's, else the best for this pose; all if the tool is free."""
+        """Joints (from 1) in position mode: all if the tool is free, else the procedure's, else the best choice."""
         fixture = self.procedure.fixture.fixture
         if not fixture.holds_hand:
             return tuple(range(1, self.n + 1))
@@ -60,7 +60,7 @@ class _ConnectedArm:
         return [JointMode.POSITION if j in drives else JointMode.FREE for j in numbers]
 
     def away(self, joint: int) -> float:
-        """Return a target, rad, `STEP_RAD` from the joint's position, towards the farther end of its range."""
+        """Return a target angle, rad: `STEP_RAD` from the joint's position, towards the farther end of its range."""
         position_rad = self.arm.snapshot().joints[joint - 1].position_rad
         limits = self.procedure.arm.joints[joint - 1]
         up = limits.upper_rad - position_rad > position_rad - limits.lower_rad
@@ -90,7 +90,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[_ConnectedArm]:
 
 
 def fulfils(tried: Clause | Iterable[Clause]) -> None:
-    """Assert that no clause fails; if some could not be tested, skip the test and state the reasons."""
+    """Fail the test if the arm breaks a requirement. Otherwise, skip it if a requirement could not be tested."""
     count, unknown = 0, []
     for clause in [tried] if isinstance(tried, Clause) else tried:
         count += 1

@@ -131,7 +131,7 @@ def snapshot_of(
     torques_nm: ArrayLike | None = None,
     moving: bool = False,
 ) -> ArmSnapshot:
-    """Return the state of an arm from its latest sample, whose number is `sample` and whose age is `age_s`.
+    """Return the state of an arm at its latest sample: `sample` is the arm's count of samples, `age_s` the age.
 
     `angles_rad`, `torques_nm` and `modes` have one entry per joint; missing torques are taken as zero.
     """
@@ -166,7 +166,7 @@ def snapshot_of(
 
 
 def reading_of(order: ArmOrder, samples_rad: ArrayLike, *, first_sample: int) -> Reading:
-    """Return mean and standard deviation of samples (k, n), rad; `first_sample` is the number of the first sample."""
+    """Return mean and standard deviation of samples (k, n), rad; `first_sample`: the arm's count of the first one."""
     samples = np.asarray(samples_rad, dtype=float)
     mean = samples.mean(axis=0)
     scales = [joint.scale for joint in order.description.joints]

@@ -191,7 +191,7 @@ class Verification:
 
     @property
     def chi2_per_dof(self) -> float:
-        """chi2/dof with the uncertainties that the files state; about 1 if they are right, less if too large."""
+        """chi2/dof at the uncertainties in the files: about 1 if these are right, less than 1 if they are too large."""
         return self._result.verification.chi2.per_dof
 
     @property

@@ -158,7 +158,7 @@ def one_blas_thread(function: Callable[P, R]) -> Callable[P, R]:
 
     The matrices have some tens of rows, for which several threads wait for each other: on busy cores, a call takes
     seconds instead of a third of a second. The limit applies to the whole process until `function` returns. If calls
-    overlap, only the first one sets and removes the limit; a later one, at its end, would set the limit again.
+    overlap, only the first one sets and removes the limit: a second one would find the limit set, and later restore it.
     """
 
     @wraps(function)

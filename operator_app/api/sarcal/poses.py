@@ -160,7 +160,7 @@ def poses_of(
 
 
 def _one_a_pose(name: str, value: Any, poses: int) -> IntArray:
-    """Return one whole number (1 or more) per pose, (m,), from as many numbers or from one for all poses."""
+    """Return one whole number (1 or more) per pose, (m,); a `value` that is a single number applies to all poses."""
     values = [value] * poses if np.ndim(value) == 0 else value
     numbers_read = [whole(name, number, least=1) for number in values]
     if len(numbers_read) != poses:

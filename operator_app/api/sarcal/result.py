@@ -50,7 +50,7 @@ YAML = ("yaml", "yml")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Journalled:
-    """The session from which a calibration was read."""
+    """Origin of a `Result` that was read from a session: the folder, state and procedure of this session."""
 
     folder: Path
     state: SessionState
@@ -165,7 +165,7 @@ class Result:
         return draw_figure(self._subject, name)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the object of ``sarcal solve --json``; angles in deg, lengths in m or as the key states."""
+        """Return the object of ``sarcal solve --json``: angles in deg, lengths in m unless the key has another unit."""
         return deepcopy(self._facts.json)
 
     @property
@@ -181,8 +181,8 @@ class Result:
         By default, this uses the D-H table that gives the best tool positions from readings without corrections. The
         base frame is that of the arm file: calibrated entries that depend on the mounting (``side`` is ``ground`` in
         `to_json`), such as ``s_1`` with a hinge, do not move it. If the fixture was remounted, the tool is that of the
-        last placement. If a joint's readings were not used, its offset is the mean, over the poses, of the angle from
-        the loop minus the reading.
+        last placement. If a joint's readings were not used, its offset is the average, over the poses, of its angle in
+        the closed loop minus its reading.
 
         Parameters
         ----------
@@ -193,8 +193,8 @@ class Result:
             is along the hinge axis). ``flange``: frame n of the arm's own D-H table, as in an exported URDF; this pose
             is valid in any mounting.
         corrections
-            Use the identified table instead, and add `Result.corrections` to the readings. This is more accurate, but
-            a controller then has to apply the corrections too.
+            Use the identified D-H table instead, and add `Result.corrections` to the readings. This is more accurate,
+            but a controller then has to apply the corrections too.
 
         Returns
         -------
@@ -211,8 +211,8 @@ class Result:
     def tip_sigma(self, q_rad: ArrayLike) -> FloatArray:
         """Return the standard deviation of the tip position from `fk`, m: the root of the summed variances of x, y, z.
 
-        It includes the covariance of the parameters and, for a joint whose readings were not used, the scatter of the
-        readings about the angles that follow from the loops. Other errors of the readings are not included.
+        It includes the covariance of the parameters. If the readings of a joint were not used in the calibration, it
+        also includes their scatter about the joint's angle in the closed loop, but no other errors of readings.
 
         Parameters
         ----------

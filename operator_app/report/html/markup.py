@@ -18,7 +18,7 @@ WHITE_SPACE = "\t\n\r"
 
 
 class Html(str):
-    """A string of markup; any other string is text, to be escaped."""
+    """HTML or SVG markup. Functions of this module insert it unchanged, and escape strings of other types."""
 
     __slots__ = ()
 
@@ -147,7 +147,7 @@ def table_html(table: FactTable) -> Html:
 
 
 def _words(cell: Cell) -> Html:
-    """Return a cell as HTML; the writing direction of text over 40 characters does not affect other text."""
+    """Return a cell as HTML; text of over 40 characters is isolated, see `spoken`."""
     if isinstance(cell, Figure):
         content = text(typeset(cell.shown))
         return element("span", "▲ ", content, class_="warn") if cell.role == "warn" else content

@@ -76,7 +76,11 @@ def hand_pair(solution: Solution, arm: ArmModel) -> Pair | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Seen:
-    """Points, m, and axis directions of arm and fixture, base frame. If `pin_axis` is zero, no axis is drawn."""
+    """Arm and fixture in one pose: points, m, and directions of axes, all in the base frame.
+
+    `chain`: points of the arm, the last one on the tool. `hand_axis`: the fixture's axis, as the tool holds it.
+    `pin`, `pin_axis`: where the fixture holds the tool, and the axis of the fixture; zero if it has no axis.
+    """
 
     chain: FloatArray
     hand_axis: FloatArray
@@ -90,9 +94,9 @@ class _Seen:
 
 
 def arm_pair(subject: Subject) -> Pair | None:
-    """Draw the arm before and after calibration, in the first placement's pose of largest nominal closure error.
+    """Draw the arm before and after calibration, in the pose whose closure error was largest before.
 
-    Return None if there is no calibration, if a joint is unsensed, or if the fixture has no drawing.
+    Only the first placement is used. Returns None without a calibration or a drawing, or if a joint is unsensed.
     """
     solution = subject.solution
     if solution is None or solution.model.unsensed_joints:

@@ -125,7 +125,7 @@ def _closure(subject: Subject, kind: str, unit: Quantity, rms: float, rows: Floa
 
 
 def rvdt_deviations(subject: Subject, joint: int, figures: RvdtFigures) -> Picture:
-    """Return the plot of one RVDT's readings minus the angles from the loops, with fitted curve and stated limits."""
+    """Return the plot of an RVDT's deviations (reading minus angle from the loop), fitted curve and stated limits."""
     sensor = subject.procedure.arm.joints[joint - 1].sensor
     if not isinstance(sensor, Rvdt):
         raise TypeError(f"joint {joint} has no RVDT")

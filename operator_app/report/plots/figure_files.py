@@ -149,14 +149,10 @@ NAME_WIDTH, BAR_HEIGHT, LEGEND, FOOT = 74.0, 13.0, 12.0, 32.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bars:
-    """Named rows on one x axis, each with marks and bars.
+    """Rows of bars and marks on one x axis, one row for each of `names`.
 
-    Attributes
-    ----------
-    bars
-        For each label: start and end of one bar per row.
-    marks
-        For each label: one value per row; non-finite values are not drawn.
+    `bars`: start and end of the bar in each row, by label in the legend.
+    `marks`: value marked in each row, by label in the legend; non-finite values are not drawn.
     """
 
     x: Axis
@@ -207,7 +203,7 @@ PERCENTS = (0.0, 20.0, 40.0, 60.0, 80.0, 100.0)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Panels:
-    """Pictures of one figure, `columns` per row; `words` are their captions."""
+    """The pictures of one figure, in rows of `columns` pictures; `words` has the caption of each picture."""
 
     pictures: tuple[Picture | Bars, ...]
     columns: int = 1

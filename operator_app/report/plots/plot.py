@@ -150,7 +150,7 @@ class Ribbon:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Polyline:
-    """Points joined by a line. `class_`: colour ``a`` or ``b``, or ``dashed``, or ``gap`` (colour of errors)."""
+    """Points joined by a line. `class_` is its style: colour ``a`` or ``b``, ``dashed``, or ``gap`` for an error."""
 
     x: Sequence[float]
     y: Sequence[float]

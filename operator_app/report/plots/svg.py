@@ -140,7 +140,7 @@ def mark(shape: Shape, x: float, y: float, r: float, class_: str, tip: str = "")
 
 
 def rectangle(x: float, y: float, width: float, height: float, class_: str, *inside: Html) -> Html:
-    """Draw a rectangle from its upper left corner."""
+    """Draw a rectangle with its upper left corner at (x, y); `inside`: child elements, such as a tooltip."""
     return element("rect", *inside, x=x, y=y, width=width, height=height, class_=class_)
 
 

@@ -150,7 +150,7 @@ def checks_lines(history: ArmHistory) -> list[str]:
 
 
 def history_text(history: ArmHistory, *, brief: bool = False) -> str:
-    """Return the history for a terminal, the verdict first; if `brief`, shortened to fit a frame."""
+    """Return the history for a terminal, the verdict first; if `brief`, shorter and narrower, for a dialog."""
     arm, width = history.calibrations[-1].document.arm, FRAMED if brief else WIDTH
     calibrations = plural(len(history.calibrations), "accepted calibration")
     counts = f"{calibrations}, {plural(len(history.verifications), 'verification')}"

@@ -102,7 +102,7 @@ def verification_text(verdict: VerificationResult, poses: PoseSet, folder: str) 
 
 
 def verified_words(result: VerificationResult) -> str:
-    """Return a verification in one line: verdict, closure sigmas with the best D-H table if known, chi2/dof."""
+    """Return a verification in one line: verdict, closure sigmas (of the best D-H table, if there is one), chi2/dof."""
     sigmas = result.in_use.best_table or result.verification.sigmas
     ratio = CHI2(result.verification.chi2.per_dof).shown
     turned = sigmas.orientation_rad

@@ -1,12 +1,12 @@
-"""Closure gate: whether the loop can close at the current readings within the files' tolerances.
+"""Closure gate: whether the loop can close at the current readings within the tolerances of arm and fixture files.
 
-It is used while there are too few poses to predict the closure. The most probable closure minimises
+The gate is used while there are too few poses to predict the closure. The most probable closure minimises
 
     (phi - phi_0)' S^-1 (phi - phi_0) + (q - reading)' Q^-1 (q - reading)   subject to   c(phi, q, u) = 0.
 
-S and Q are the covariances of the unknowns phi and of the readings; u are the unsensed angles. Newton's iteration on
-the reduced equations (`solver.closing`) finds the minimum, which is chi2-distributed with one degree of freedom for
-each equation of the pose.
+phi are the parameters of the loop, with prior mean phi_0 and covariance S; Q is the covariance of the readings; u are
+the unsensed angles; c are the loop's closure equations. Newton's iteration on the reduced equations (`solver.closing`)
+finds the minimum. The minimum is chi2-distributed; its degrees of freedom are the number of reduced equations.
 """
 
 import math
@@ -22,8 +22,7 @@ from solver.chain.sensors import NoSensor
 from solver.closing import reduced_equations, unsensed_step
 
 GATE_ITERATIONS, LONGEST_STEP, CLOSURE_TOLERANCE = 40, 0.5, 1e-6
-"""Largest number of iterations, longest step (rad, m), and closure error (rad, m) below which a loop is regarded as
-closed."""
+"""Largest number of iterations; longest step (rad, m); closure error (rad, m) below which a loop counts as closed."""
 
 LEAST_READING_RAD = float(np.deg2rad(0.1))
 """Smallest standard deviation assumed for a reading, because this model contains no deflections."""
@@ -36,8 +35,9 @@ UNKNOWN_RAD = math.pi
 class ClosureFit:
     """The most probable closure of the loop at one reading.
 
-    `chi2`: chi2 of the corrections to unknowns and readings that close the loop; infinite if it cannot close. `dof`:
-    number of equations of the pose minus number of ignored readings. `q_rad`: joint angles (n,) of the closed loop.
+    `chi2`: minimum of the sum in the module's docstring; infinite if the loop cannot close.
+    `dof`: its degrees of freedom, reduced by one for each ignored reading.
+    `q_rad`: joint angles (n,) of the closed loop.
     """
 
     chi2: float
@@ -46,9 +46,9 @@ class ClosureFit:
 
 
 class LoopAtReading:
-    """The loop at one reading (n,) of its joints.
+    """The loop at one reading (n,) of the joints.
 
-    The prior of its unknowns comes from the arm file, the fixture file and earlier placements (`known`).
+    The prior of the loop's parameters is from the arm file, the fixture file and, in `known`, earlier placements.
     """
 
     def __init__(

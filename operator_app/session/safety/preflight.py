@@ -1,8 +1,13 @@
 """Checks the joint readings before the drives are enabled, and records the result. Moves nothing.
 
-The checks, in order: a counter near zero outside its joint's range; closure as predicted from the captured poses or,
-with too few poses, closure within the tolerances of the files. With readings that do not close the loop (counter reset,
-wrong direction, wrong joint order), the drives would move the arm to unintended positions.
+The checks, in order:
+
+1. No joint reads near zero although zero is outside its range: its counter would have been reset.
+2. The loop closes as the captured poses predict.
+3. If there are too few poses for check 2, the loop closes within the tolerances of arm file and fixture file.
+
+With readings that do not close the loop (counter reset, wrong direction, wrong joint order), the drives would move the
+arm to unintended positions.
 """
 
 from collections.abc import Callable
@@ -36,9 +41,9 @@ def require_plausible_readings(
 ) -> tuple[int, ...]:
     """Refuse joint readings that cannot be correct; record the result in the journal.
 
-    `endpoint`: function that measures the tool with the instrument; called if this placement has poses. Returns the
-    joints (1-based) whose shift since the last pose could not be detected at the current pose. Raises
-    ClosureRefusedError; the message names a joint whose wrong reading alone would explain the closure error.
+    `endpoint`: function that measures the tool with the instrument; called only if there are poses of the current
+    placement. Returns the joints (1-based) whose shift since the last pose could not be detected at the current pose.
+    Raises ClosureRefusedError; the message names joints that may be the cause.
     """
 
     def record(text: str, probability: float | None, *, refused: bool = False) -> None:
@@ -81,30 +86,24 @@ def _arm_from_earlier_placements(state: SessionState, procedure: Procedure) -> K
 
 LOOP_FALSE_REFUSAL_PROBABILITY = 1e-12
 """Probability of refusing an arm within the tolerances of its files; a tolerance is taken as three standard deviations.
-
-The probability is this small because files can be inaccurate: offsets by 25 deg, hinges by 40 mm and 15 deg.
-"""
+The probability is this small because files can be inaccurate: offsets by 25 deg, hinges by 40 mm and 15 deg."""
 
 FALSE_REFUSAL_PROBABILITY_KNOWN_ARM = 1e-5
-"""Probability of refusing a correct reading once earlier placements have determined the offsets and the error of the
-hinge's placement."""
+"""Probability of refusing a correct reading if offsets and placement error are known from earlier placements."""
 
 RESET_PROBABILITY = 1e-2
-"""A counter near zero counts as reset if the increase of chi2 that its reading causes is less probable than this.
-
+"""A counter near zero counts as reset if the chi2 that its reading adds is exceeded with less than this probability.
 By chance, a joint is within `AT_ZERO_COUNTS` counts of zero in one of 30,000 positions, and within k times this
-distance in k of 30,000. The limit for a reading at k times this distance is therefore divided by k.
-"""
+distance in k of 30,000. The limit for a reading at k times this distance is therefore divided by k."""
 
 HOME_AT_ZERO_RAD = float(np.deg2rad(5.0))
 """A joint whose home is within this distance of zero is often at zero."""
 
 RESET_PROBABILITY_HOME_AT_ZERO = 1e-6
-"""The limit from `RESET_PROBABILITY` is at most this if the homes of all joints concerned are within
-`HOME_AT_ZERO_RAD` of zero."""
+"""Largest limit (see `RESET_PROBABILITY`) if all tested joints have homes within `HOME_AT_ZERO_RAD` of zero."""
 
 EXPLAINED_PROBABILITY = 1e-2
-"""A joint alone explains the closure error if, without its reading, a larger chi2 has at least this probability."""
+"""A joint alone explains the closure error if, with its reading ignored, a larger chi2 is at least this probable."""
 
 MAX_NAMED_JOINTS = 3
 
@@ -115,8 +114,8 @@ def check_closure_without_poses(
     """Refuse readings with which the loop cannot close within the tolerances of arm file and fixture file.
 
     `known`: information on the arm from earlier placements of the fixture. Returns the probability of a larger chi2;
-    None for an open arm. Raises ClosureRefusedError if the loop cannot close or a counter was reset; the message names
-    the joints whose wrong reading alone would explain the closure error.
+    None for an open arm. Raises ClosureRefusedError if the loop cannot close or a counter was reset. The message names
+    joints; a wrong reading of any one of them would explain the closure error.
     """
     if not procedure.fixture.fixture.holds_hand:
         return None
@@ -137,7 +136,7 @@ def check_closure_without_poses(
         LOOP_FALSE_REFUSAL_PROBABILITY if known is None else FALSE_REFUSAL_PROBABILITY_KNOWN_ARM
     ):
         return probability
-    # Joints that each explain the closure error alone, the most likely first.
+    # Joints each of which alone explains the closure error, the most likely first.
     fits = _fits_without(loop, loop.joints)
     explaining = {j: f for j, f in fits.items() if _probability(f) >= EXPLAINED_PROBABILITY}
     raise ClosureRefusedError(
@@ -146,9 +145,9 @@ def check_closure_without_poses(
 
 
 def _reset_counters(arm: ArmModel, loop: LoopAtReading, closure: ClosureFit) -> dict[int, float]:
-    """Return the joints whose counters were reset, with their estimated angles (rad); empty for none.
+    """Return, by joint, the estimated angle (rad) of each joint whose counter was reset; empty for none.
 
-    The joint nearest to zero is tested first, then the two nearest together, and so on.
+    First tests the joint nearest to zero alone, then the two nearest joints together, and so on.
     """
     times = {j: t for j, t in counters_near_zero(arm, loop.reading_rad).items() if j in loop.joints}
     for farthest in dict.fromkeys(times.values()):
@@ -161,10 +160,10 @@ def _reset_counters(arm: ArmModel, loop: LoopAtReading, closure: ClosureFit) -> 
 def _reset_among(
     arm: ArmModel, loop: LoopAtReading, closure: ClosureFit, zeros: tuple[int, ...], at_most: float
 ) -> dict[int, float]:
-    """Return the joints of `zeros` whose counters were reset, with the angles (rad) that close the loop; {} for none.
+    """Return, by joint, the angles (rad) of those joints of `zeros` whose counters were reset; {} for none.
 
-    The counters count as reset if the increase of chi2 that their readings cause is less probable than `at_most`.
-    The increase is tested, not chi2, because errors in the files raise chi2 with and without these readings.
+    The counters count as reset if the chi2 that their readings add is exceeded with a probability below `at_most`. The
+    total chi2 is not tested, because errors in the files raise it even without these readings.
     """
     from scipy.special import chdtrc
 

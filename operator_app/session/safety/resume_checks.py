@@ -1,7 +1,7 @@
 """Resume checks before the drives are enabled: same nodes, no counter reset, closure as predicted.
 
-These checks move nothing. When the arm may move, `return_check` compares a repeated pose. A reset sets a counter to
-zero at the current position. If the arm then sags before it is connected, the counter is not exactly zero.
+These checks move nothing; once the arm may move, `return_check` compares a repeated pose. A counter reset sets the
+count to zero at the current position. If the arm then sags before it is connected, the count is not exactly zero.
 """
 
 from collections.abc import Sequence
@@ -39,8 +39,8 @@ MAX_SAG_RAD = float(np.deg2rad(5.0))
 def counters_near_zero(arm: ArmModel, reading_rad: FloatArray) -> dict[int, float]:
     """Return the distance from zero of each counter within `MAX_SAG_RAD` of zero, by joint, nearest first.
 
-    Joints are numbered from 1. The distance is in units of `AT_ZERO_COUNTS` counts; 1 stands for any smaller one. The
-    probability that a joint is this close to zero by chance is proportional to the distance.
+    Joints are numbered from 1. The distance is in units of `AT_ZERO_COUNTS` counts, and at least 1. The probability
+    that a joint is this close to zero by chance is proportional to the distance.
     """
     times = {
         j: max(1.0, abs(float(q)) / (AT_ZERO_COUNTS * joint.sensor.resolution_rad))
@@ -51,13 +51,13 @@ def counters_near_zero(arm: ArmModel, reading_rad: FloatArray) -> dict[int, floa
 
 
 def zero_position(arm: ArmModel, reading_rad: FloatArray, joints: Sequence[int]) -> str:
-    """Return ``at zero`` if these joints are within `AT_ZERO_COUNTS` counts of zero, else ``near zero``."""
+    """Return ``at zero`` if all of `joints` are within `AT_ZERO_COUNTS` counts of zero, else ``near zero``."""
     times = counters_near_zero(arm, reading_rad)
     return "at zero" if all(times.get(j, np.inf) <= 1.0 for j in joints) else "near zero"
 
 
 def reset_text(joints: Sequence[int], where: str, closes_with: str = "") -> str:
-    """Describe counters that were reset: those of `joints`, which read zero (`where`)."""
+    """Return an error text: the counters of `joints` were reset. `where`, `closes_with`: parts of this text."""
     counters, are, were = (
         ("counter", "is", "was") if len(joints) == 1 else ("counters", "are", "were")
     )
@@ -68,7 +68,7 @@ def reset_text(joints: Sequence[int], where: str, closes_with: str = "") -> str:
 
 
 def check_counters(arm: ArmModel, reading_rad: FloatArray) -> None:
-    """Raise ConnectAgainError if a counter reads near zero, nearer to zero than to the joint's range."""
+    """Raise ConnectAgainError if a joint reads near zero, outside its range and closer to zero than to the range."""
     fresh = []
     for number, times in sorted(counters_near_zero(arm, reading_rad).items()):
         joint, q = arm.joints[number - 1], float(reading_rad[number - 1])
@@ -107,16 +107,14 @@ CHI2_RATIO_TO_LIMIT = 2.0
 """A shift is detectable if its expected chi2 is this many times the limit."""
 
 NEAR_ZERO_RATIO = 100.0
-"""A closure error is attributed to a reset counter if a reading is within this distance of zero.
-
-The distance is in units of `AT_ZERO_COUNTS`. By chance, a joint is this close to zero in one of 300 positions.
-"""
+"""Distance from zero, in units of `AT_ZERO_COUNTS`, within which a reading makes a reset counter the likely cause of a
+closure error. By chance, a joint is this close to zero in one of 300 positions."""
 
 REMAINDER_PROBABILITY = 1e-3
-"""A joint is named only if the chi2 that its shift does not explain is at least this probable."""
+"""A joint is named only if the chi2 that remains after its shift is exceeded with at least this probability."""
 
 JOINT_ODDS = 100.0
-"""A joint is named if its shift is this many times as likely as a shift of any other joint."""
+"""A joint is named if its shift is this many times as likely as a shift of another joint or of the fixture."""
 
 NEW_SESSION_REMEDY = (
     "find out what has changed, then start a new session: poses before and after it do not match"
@@ -124,7 +122,7 @@ NEW_SESSION_REMEDY = (
 
 
 def check_identity(state: SessionState, identity: ArmIdentity) -> None:
-    """Raise GuardError if the arm has no nodes, or if its serial number or a node's differs from the session's."""
+    """Raise GuardError if the arm has no nodes, or if the serial number of arm or node differs from the session's."""
     if not identity.nodes:
         raise GuardError(
             f"arm {identity.serial_number} has no nodes: it cannot be moved or read",
@@ -155,11 +153,11 @@ def check_identity(state: SessionState, identity: ArmIdentity) -> None:
 def check_closure_by_poses(
     state: SessionState, procedure: Procedure, reading: Reading, endpoint: FloatArray | None
 ) -> tuple[float | None, tuple[int, ...]]:
-    """Check the closure at the current pose, where the instrument measured `endpoint`, against the captured poses.
+    """Check whether the loop closes at the current pose as the captured poses predict.
 
-    Returns the probability of a larger chi2 (None with too few poses), and the joints (1-based) of which a shift of
-    `SHIFT_RAD` could not be detected at this pose. Raises ClosureRefusedError if the loop does not close: the arm or
-    the fixture has changed.
+    `endpoint`: measurement of the instrument at this pose, if any. Returns the probability of a larger chi2 (None with
+    too few poses), and the joints (1-based) whose shift by `SHIFT_RAD` could not be detected at this pose. Raises
+    ClosureRefusedError if the loop does not close: the arm or the fixture has changed.
     """
     from scipy.special import chdtri
 
@@ -214,9 +212,9 @@ def _refusal(
 ) -> ClosureRefusedError:
     """Return the error, with its likely cause, for a reading that contradicts the captured poses.
 
-    `near`: innovation of the reading; None for an open arm, or if the poses cannot be fitted. `probability`:
-    probability of a larger chi2 with the parameters from the poses; None if the poses do not determine parameters.
-    `closes`: whether these parameters allow the loop to close.
+    `near`: innovation of the reading; None for an open arm, or if the poses cannot be fitted.
+    `probability`: probability of a larger chi2 with the parameters from the poses; None if there are no parameters.
+    `closes`: whether the loop can close with these parameters.
     """
     from scipy.special import chdtrc
 
@@ -265,7 +263,7 @@ def _cause_text(near: Innovation | None) -> str:
 
 
 def fixture_in_place(state: SessionState, procedure: Procedure) -> EndpointConstraint:
-    """Return the fixture; for an instrument, with the placement from the calibration, else from the file or poses."""
+    """Return the fixture; an instrument's placements are from the calibration, else from its file, else from poses."""
     known = journal_calibration(state)
     fixture = procedure.fixture.fixture
     if isinstance(known, StoredCalibration):
@@ -274,7 +272,7 @@ def fixture_in_place(state: SessionState, procedure: Procedure) -> EndpointConst
 
 
 def parameters_from_poses(state: SessionState, procedure: Procedure) -> Fixed | None:
-    """Return the parameters of the recorded calibration, else of a quick fit; None if the fit fails.
+    """Return the parameters of the recorded calibration or, if there is none, of a quick fit; None if the fit fails.
 
     The quick fit is precise enough to detect shifts of degrees or millimetres.
     """

@@ -87,7 +87,7 @@ def _chi2_limit(repeat: Repeat) -> float:
 
 
 def _repeat(state: SessionState, procedure: Procedure) -> Repeat | None:
-    """Compare the last repeated pose with its first reading; None if the chain allows any difference between them."""
+    """Compare the last repeated pose with its first reading; None if motion of the chain explains any difference."""
     arm, fixture = procedure.arm, procedure.fixture.fixture
     model = fixture.model(arm, unsensed_joints=procedure.unsensed_joints)
     fixed = resume_checks.parameters_from_poses(state, procedure)
@@ -97,10 +97,10 @@ def _repeat(state: SessionState, procedure: Procedure) -> Repeat | None:
 
 
 def _check_target_again(state: SessionState, procedure: Procedure) -> str:
-    """Raise GuardError if the target or the tracker has moved between the two readings; else return "".
+    """Raise GuardError if target or tracker moved between the two readings of the last repeated pose; else return "".
 
-    Compares the target's measured displacement with the displacement computed from the joint readings, in which
-    errors of the arm's parameters cancel.
+    Compares the measured displacement of the target with the displacement computed from the joint readings. Errors of
+    the arm's parameters cancel in the computed displacement.
     """
     from scipy.special import chdtri
 
@@ -132,7 +132,7 @@ def _check_target_again(state: SessionState, procedure: Procedure) -> str:
 
 
 def _joint_variance(arm: ArmModel, samples: int) -> FloatArray:
-    """Return the variance (n,), rad^2, of each joint's mean of `samples` readings, including backlash."""
+    """Return the variance (n,), rad^2, of the mean of `samples` readings of each joint, including backlash."""
     return np.array(
         [
             0.0

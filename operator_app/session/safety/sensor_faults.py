@@ -23,7 +23,7 @@ TURNED_RAD = float(np.deg2rad(2.0))
 
 
 def require_no_sensor_fault(state: SessionState, refusal: str) -> None:
-    """After a sensor fault, raise GuardError with the text `refusal` until the first pose has been measured again."""
+    """After a sensor fault, raise GuardError (text: `refusal` and the fault) until the first pose is measured again."""
     if state.sensor_jump:
         raise GuardError(
             f"{refusal}: {state.sensor_jump}",
@@ -35,8 +35,8 @@ def require_no_sensor_fault(state: SessionState, refusal: str) -> None:
 class SensorFaults:
     """Records the sensor faults of a session's arm and excludes the affected poses.
 
-    `read_until`: number of the SYNC at the end of the last capture, -1 before the first. The pose captured last is
-    affected by a fault that began no later than this SYNC.
+    `read_until`: number of the SYNC at the end of the last capture; -1 before the first capture. A fault that began at
+    or before this SYNC affects the pose captured last.
     """
 
     def __init__(self, logbook: Logbook, arm: ArmInterface) -> None:
@@ -63,7 +63,7 @@ class SensorFaults:
             raise
 
     def record_stop_cause(self) -> None:
-        """Record failed sensors; record and raise the fault that made the arm stop by itself while idle, if any."""
+        """Record the sensors that have failed; if the arm has stopped by itself, record and raise the cause."""
         snapshot = self._arm.snapshot()
         for fault in snapshot.faults:
             sensor_failed = fault.code == EmergencyCode.SENSOR and fault not in self._failed
@@ -75,7 +75,7 @@ class SensorFaults:
                 self._arm.capture(1)
 
     def require_no_stuck_sensor(self, reading: Reading) -> None:
-        """Record and raise SensorFault if a joint has turned since the last pose, but its count is the same."""
+        """Record and raise SensorFault if a joint reads as at the last pose, but has turned according to the others."""
         state, arm, fixture = self._logbook.state, self._logbook.model, self._logbook.fixture
         if not state.poses_here or not fixture.holds_hand:
             # On an open arm every joint is driven, and its drive detects a stuck sensor.
@@ -120,9 +120,9 @@ class SensorFaults:
         return tuple(pose.number for pose in self._logbook.state.poses[-1:])
 
     def _poses_with_present_reading(self, joint: int) -> tuple[int, ...]:
-        """Return the numbers of the latest consecutive poses in which `joint` reads the same as now.
+        """Return the numbers of the last consecutive poses at which `joint` had its present reading.
 
-        Used when a drive did not follow: its sensor may have been stuck in these poses while the joint moved.
+        Used if a drive did not follow: the sensor of the joint may have been stuck at these poses.
         """
         poses = self._logbook.state.poses_here
         if not poses:

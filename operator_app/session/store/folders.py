@@ -56,7 +56,7 @@ def next_order(root: Path, *, but: Path) -> int:
 
 
 def find_session(root: Path, reference: str) -> Path:
-    """Return the folder of a session (path, name below `root`, or ``latest``); raises SessionError if none."""
+    """Find session `reference` (path, name below `root`, or ``latest``) or raise SessionError; return its folder."""
     if reference == "latest":
         # Leave out sessions that only verify another session; prefer sessions with poses.
         sessions = [

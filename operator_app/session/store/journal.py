@@ -144,7 +144,7 @@ class Journal:
     def require_intact(self, *, unchanged: bool = False) -> None:
         """Raise JournalLostError if another program deleted, moved, replaced or changed the file.
 
-        If `unchanged`, also read the file and compare every line with the line that was read or written before.
+        If `unchanged`, also read the file again and compare every line with what this program read or wrote before.
         """
         if self.closed:
             return

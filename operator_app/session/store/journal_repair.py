@@ -44,7 +44,7 @@ POSE_NUMBER = re.compile(rb'"number":(\d{1,9})[,}]')
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RepairedLine:
-    """One line after the repair. `event`: None if it is lost. `words`: why, or what was restored; "" if intact."""
+    """A line after the repair. `event`: None if the line is lost. `words`: what was lost or restored; "" if intact."""
 
     number: int
     event: JournalEvent | None

@@ -55,7 +55,7 @@ class Logbook:
         self.state = apply(self.state, self.journal.append(name, data, clock=self._clock))
 
     def require_journal(self, *, unchanged: bool = False) -> None:
-        """Raise JournalLostError if the journal file is lost or, with `unchanged`, a line was changed."""
+        """Raise JournalLostError if the journal file is lost; if `unchanged`, also if a line of it was changed."""
         self.journal.require_intact(unchanged=unchanged)
 
     # -- poses -----------------------------------------------------------------------------------
@@ -141,5 +141,5 @@ class Logbook:
         return checks
 
     def document(self, solution: Solution, *, forced: str = "") -> ParametersDocument:
-        """Return the parameters document of this calibration."""
+        """Return the parameters document of a calibration; `forced`: reason for exporting it without acceptance."""
         return parameters_document(solution, self.state, self.procedure, forced=forced)

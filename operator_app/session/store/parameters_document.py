@@ -164,5 +164,5 @@ def _forced_warning(solution: Solution, reason: str) -> tuple[records.DocumentWa
 
 
 def _figures(reading: ResidualSigma) -> records.TwoFigures:
-    """Return a residual by both interpretations of eqs. 14 and 15, in mm (from m) or mrad (from rad)."""
+    """Return a residual as `rms` and `as_printed` (see `ResidualSigma`), converted from m to mm or from rad to mrad."""
     return records.TwoFigures(rms=1e3 * reading.rms, as_printed=1e3 * reading.as_printed)

@@ -37,11 +37,11 @@ class Solver(Protocol):
     """Calls a function in this or another process."""
 
     def __call__(self, function: Callable[..., T], *args: object, **options: object) -> T:
-        """Return the result of the function."""
+        """Call `function` with these arguments and return its result."""
 
 
 def solve_here(function: Callable[..., T], *args: object, **options: object) -> T:
-    """Return the result of the function, called in this process."""
+    """Call `function` with these arguments in this process, and return its result."""
     return function(*args, **options)
 
 
@@ -68,7 +68,7 @@ class SolvingProcess:
             self._connection.close()
 
     def __call__(self, function: Callable[..., T], *args: object, **options: Any) -> T:
-        """Return the result of the function; its option `progress`, if any, is called in this process.
+        """Call `function` in the other process and return its result; the option `progress` is called in this process.
 
         Raises SolverError if the function raised it, and SessionError if the function raised another exception or the
         process ended by itself.
@@ -164,7 +164,7 @@ def _answer(
 
 
 def _end_with_parent() -> None:
-    """End this process when the parent has ended, i.e. when standard input, a pipe from the parent, ends."""
+    """Wait until the parent has ended, which closes its pipe to standard input; then end this process."""
     while os.read(0, 1):
         pass
     os._exit(1)

@@ -112,22 +112,22 @@ class SessionState:
     node_serials
         Serial numbers (1018h) of the nodes that captured the poses, by node.
     start_rad, home_rad
-        Joint angles (n,) when the drives were first enabled, and centre of the drive box: the procedure's home or, in
-        journals of earlier versions, the start. Both are None until the drives are first enabled.
+        Joint angles (n,) when the drives were first enabled; centre (n,) of the drive box. Both are None before that.
+        The centre is the procedure's home or, in journals of earlier versions, `start_rad`.
     modes
         Mode of each joint as last confirmed by its drive; empty until set.
     poses, undone
         Captured poses, including excluded ones, and the poses removed by undo.
     visited, skipped_waypoints
-        Waypoints of the plan that were captured or skipped, and the reason for each skipped one. Skipped waypoints are
-        tried again after resuming.
+        Indices of the waypoints that were captured or skipped; reason for each skipped one, by index. Skipped waypoints
+        are tried again after resuming.
     captured
         Number of captures, including undone ones: the next pose has number captured + 1.
     drives, drive_sets
         Chosen drive joints, and all sets that a plan may use; empty until chosen.
     resumed
-        Whether a drift check is due: `sensor_jump` is set or, since the last check reading, the session was resumed or
-        repaired or the arm was connected again.
+        Whether a drift check is due: `sensor_jump` is not empty, or there was no check reading since the session was
+        resumed or repaired, or since the arm was connected again.
     placement
         Number of the current mounting of the fixture, from 1; start, home, waypoints and modes are of this placement.
     mounted
@@ -140,7 +140,7 @@ class SessionState:
     verifications
         Number of verifications with new poses.
     solved, solved_utc, exported
-        Summary and time of the calibration, and summary of its export; each is empty before it exists.
+        Summary of the calibration, its time (UTC), and summary of its export; empty before there is one.
     solution, checks
         Records (`operator_app.calibration.serialization`) of the last calibration and of its cross-validation; empty
         until there is one, and in journals of earlier versions.
@@ -250,9 +250,9 @@ class SessionState:
         )
 
     def required_poses(self, capture: CapturePlan) -> int:
-        """Return the number of used poses, counted over all placements, that completes the current placement.
+        """Return how many used poses, in all placements together, are needed to complete the current placement.
 
-        In a planned capture, the poses chosen by the plan are required in addition to the explored poses.
+        A planned capture needs the poses that the plan chooses in addition to the explored poses.
         """
         used = self.used_poses
         if capture.strategy != "planned":

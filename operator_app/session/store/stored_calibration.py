@@ -28,8 +28,8 @@ from solver.estimators.least_squares import Progress
 class StoredCalibration:
     """A session's calibration.
 
-    `checks`: cross-validation; None if the journal has none for this solution. `recalculated_because`: why the solution
-    was not read from the journal; empty if it was.
+    `checks`: cross-validation; None if the journal has none for this solution.
+    `recalculated_because`: why the solution in the journal was not used; empty if it was used.
     """
 
     solution: Solution
@@ -181,7 +181,7 @@ NO_WAY_BACK = "no way back to it is planned from here"
 
 
 def missing_repeat_notices(state: SessionState) -> tuple[Finding, ...]:
-    """Return a finding for each placement without a repeat after its last pose."""
+    """Return a finding for each placement in which no pose was measured again after the last used pose."""
     if state.imported:
         # A poses file does not mark repeats.
         return ()

@@ -24,9 +24,9 @@ Truths = Callable[[int], Mapping[str, float]]
 
 
 def with_truth(solution: Solution, arm: ArmModel, truths: Truths, *, last: int = 1) -> Solution:
-    """Return `solution` with its errors against the true parameters; `last`: number of the last placement with poses.
+    """Return `solution` with its true errors; `last`: number of the last placement that has poses.
 
-    The tool position error excludes the placement error of the fixture, as it does in `HandAccuracy`.
+    As in `HandAccuracy`, the tool position error does not include the error of the fixture's placement.
     """
     estimate = solution.identified
     inside, of = 0, 0

@@ -115,7 +115,7 @@ def go(context: ActionContext, waypoint: int | None) -> None:
 
 
 def home(context: ActionContext) -> None:
-    """Go home after confirmation, since nobody has checked that the path outside the box is clear."""
+    """Go home, after confirmation: the path may leave the explored box, and nobody has checked that it is clear."""
     s = context.s
     ways = [
         (j, s.procedure.arm.home_rad[j - 1] - s.arm.joints[j - 1].position_rad)

@@ -91,7 +91,7 @@ class CalibrationOperations(Listener):
         )
 
     def _set_plan(self, plan: tuple[Mapping[int, float], ...], start_rad: FloatArray) -> None:
-        """Publish `plan`, the waypoints (rad, by joint), and predict its poses if the arm starts at `start_rad`."""
+        """Publish the waypoints `plan` (rad, by joint) and their predicted poses, starting from `start_rad` (n,)."""
         session, model = self._session, self._nominal_loop
         self._plan = plan
         self._forecast = predict(
@@ -125,7 +125,7 @@ class CalibrationOperations(Listener):
         )
 
     def _loop_of(self, state: SessionState) -> ClosureModel:
-        """Return the loop of the used poses; with enough poses of an open arm, the instrument is located first."""
+        """Return the loop of the used poses; for an open arm, first locate the instrument if there are enough poses."""
         session, model = self._session, self._nominal_loop
         if session.fixture.holds_hand:
             return model
@@ -187,7 +187,7 @@ class CalibrationOperations(Listener):
         self._publish(diff=diff_rows(session.document(solution), active))
 
     def _active_document(self) -> bytes:
-        """Return the controller's active document; empty without a connected arm or a document."""
+        """Return the parameters document in the controller; empty if it has none, or if no arm is connected."""
         session = self._session
         return session.arm.active_parameters() if session.identity is not None else b""
 
@@ -230,7 +230,7 @@ class CalibrationOperations(Listener):
 
 
 def diff_rows(new: ParametersDocument, active: ParametersDocument | None) -> tuple[DiffRow, ...]:
-    """Return the active value (None if there is none) and the new value, rad or m, of each calibrated entry."""
+    """Return, for each calibrated entry of `new`, its value there and in `active` (None without one), rad or m."""
     now, before = new.table.stacked(), None if active is None else active.table.stacked()
     return tuple(
         DiffRow(

@@ -1,6 +1,6 @@
 """Guards: pure functions that return why a step or an action is not allowed, as text; "" if it is allowed.
 
-Before an action that could do harm, the workflow makes the check again. Most guards of actions include `idle`.
+Before an action that could do harm, the workflow repeats the check. Most guards of actions include `idle`.
 """
 
 from collections.abc import Callable, Mapping
@@ -121,7 +121,7 @@ def idle(s: SessionSnapshot) -> str:
 
 
 def may_connect(s: SessionSnapshot) -> str:
-    """Return why connecting is refused; a connected arm connects again only after lost data or to resolve an alarm."""
+    """Return why connecting is refused; "" if no arm is connected, data are lost, or connecting resolves an alarm."""
     offered = any(TaskKind.CONNECT in alarm.resolving_tasks for alarm in s.alarms)
     if s.connected and s.data is not DataState.LOST and not offered:
         return "the arm is already connected"
@@ -209,7 +209,7 @@ def may_run_automatically(s: SessionSnapshot) -> str:
 
 
 def lacks_drift_check(s: SessionSnapshot) -> bool:
-    """Whether all poses are captured, but one must still be repeated: after exploring, or after a sensor fault."""
+    """Whether all poses are captured, but a drift check is missing: after exploration, or after a sensor fault."""
     complete = len(s.state.used_poses) >= s.required_poses > 0
     explored = s.procedure.capture.strategy != "planned"
     unrepeated = explored and not s.state.repeated_since_capture
@@ -240,7 +240,7 @@ def may_edit_pose(s: SessionSnapshot) -> str:
 
 
 def may_calibrate(s: SessionSnapshot) -> str:
-    """Return why calibrating is refused; "" with enough poses and, for the paper's estimator, every joint sensed."""
+    """Return why calibrating is refused; "" if there are enough poses and the estimator allows the unsensed joints."""
     if missing := idle(s) or calibrate_ready(s):
         return missing
     if s.estimator == "paper" and s.unsensed_joints:

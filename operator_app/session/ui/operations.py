@@ -30,7 +30,7 @@ TEST_WIGGLE_RAD = float(np.deg2rad(2.0))
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Edit:
-    """A change of the pose with number `pose`, and how to undo and redo it; `captured`: captures before the change."""
+    """A change of pose number `pose`, and functions to undo and redo it; `captured`: number of captures until then."""
 
     pose: int
     undo: Callable[[], object]
@@ -290,7 +290,7 @@ class Operations(CalibrationOperations):
         self._publish(at_waypoint=waypoint)
 
     def pose_captured(self, state: SessionState, total: int = 0) -> None:
-        """Publish and report the last captured pose; `total` is not shown."""
+        """Publish and report the last captured pose; `total`, the number of required poses, is not used here."""
         self.refresh()
         pose = state.poses[-1]
         noise = READING_SD(float(pose.sd_rad.max())).with_unit

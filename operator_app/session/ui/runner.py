@@ -57,10 +57,10 @@ class _Job:
 class Runner:
     """Runs a session for a user interface.
 
-    Only the worker thread calls the session, except for `ArmInterface.stop` and `ArmInterface.snapshot`. `simulated`:
-    whether the arm is simulated. `bus`: name of the bus in messages. `recording_ended`: function that returns why a
-    recording of the bus ended early, "" if it did not. `monotonic`, `clock`: clocks for the age of data (s) and for the
-    times of messages (UTC).
+    Only the worker thread calls the session, except for `ArmInterface.stop` and `ArmInterface.snapshot`.
+    `simulated`: whether the arm is simulated. `bus`: name of the bus, for texts to the operator.
+    `recording_ended`: function that returns why a recording of the bus ended early, "" if it did not.
+    `monotonic`: clock for the age of data, s. `clock`: clock for the times of messages, UTC.
     """
 
     def __init__(
@@ -124,7 +124,7 @@ class Runner:
     def say(
         self, level: Level, text: str, resolving_tasks: frozenset[TaskKind] = frozenset()
     ) -> None:
-        """Add a message; `resolving_tasks` resolve it if it is an alarm. May be called from any thread."""
+        """Add a message; an alarm is resolved when one of `resolving_tasks` succeeds. May be called from any thread."""
         time_utc = f"{self._clock().astimezone(UTC):%H:%M:%S}"
         self.publish(
             lambda s: add_message(s, level, text, time=time_utc, resolving_tasks=resolving_tasks)

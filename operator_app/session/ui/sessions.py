@@ -27,14 +27,15 @@ DEFAULT_PROCEDURE = "hinge"
 class Sessions:
     """Opens and closes the sessions of one folder.
 
-    `procedure`: built-in name or path; None: `DEFAULT_PROCEDURE`. `choices`: options of the command line. `join`
-    returns a context manager that provides the `Rig` (the arm) of an `Opening`. `warning`: first message to the
-    operator; "" for none.
+    `procedure`: built-in name or path; None: `DEFAULT_PROCEDURE`. `choices`: options of the command line.
+    `join`: returns a context manager that provides the `Rig` (the arm) of an `Opening`.
+    `warning`: first message to the operator; "" for none.
 
-    The other attributes are about the session that was closed last. `last`: its folder; None if the folder was empty
-    and has been removed. `exported`: whether its parameters were written. `held`: whether its arm confirmed that
-    no drive follows commands; None if no arm was connected. `lost`: error about the lost journal; None if the journal
-    was not lost. `not_held`: error about an arm that did not confirm this; None if it did.
+    The other attributes are about the session that was closed last.
+    `last`: its folder; None if the folder was empty and has been removed. `exported`: whether parameters were written.
+    `held`: whether its arm confirmed that no drive follows commands; None if no arm was connected.
+    `lost`: error about the lost journal; None if the journal was not lost.
+    `not_held`: error stating that drives may still follow commands; None if the arm confirmed that none does.
     """
 
     def __init__(
@@ -99,7 +100,7 @@ class Sessions:
     def unfinished(self) -> SessionEntry | None:
         """Return the newest session that has used poses and no export; None if there is none.
 
-        Leaves out sessions that a process uses and, if a procedure was chosen, sessions of other procedures.
+        Leaves out sessions that are in use and, if a procedure was chosen, sessions of other procedures.
         """
         named = None if self._procedure is None else load_procedure(self._procedure).name
         for entry in self.sessions():
@@ -129,7 +130,7 @@ class Sessions:
                 self._warning = runner.supervisor.recording_problem()
 
     def _open(self, opening: Opening, closing_reason: str) -> Runner:
-        """Open a session and return its runner; once it is open, close the previous one for `closing_reason`."""
+        """Open a session, then close the previous one (the journal records `closing_reason`); return the new runner."""
         with ExitStack() as stack:
             rig = stack.enter_context(self._join(opening))
             session = open_session(rig)

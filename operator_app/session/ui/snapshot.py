@@ -86,9 +86,10 @@ class Message:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunningTask:
-    """The running task. `moves`: whether the arm may move, so that any key cancels the task.
+    """The running task.
 
-    `planning`: whether the next poses are being planned, while nothing moves. `ending`: whether it is cancelled.
+    `moves`: whether the arm may move; if so, any key cancels the task. `planning`: whether the next poses are being
+    planned; the arm then stands still. `ending`: whether the task was cancelled and has not ended yet.
     """
 
     kind: TaskKind
@@ -143,7 +144,7 @@ class SessionSnapshot:
     motion
         Motion of the joints; None without fresh data.
     simulated, bus
-        Whether the arm is simulated; name of the bus in messages.
+        Whether the arm is simulated; name of the bus, for texts to the operator.
     unstopped_joints
         Joints whose drives report, `UNSTOPPED_S` after STOP, that they are still enabled.
     stop_tested, ticked
@@ -240,7 +241,7 @@ class SessionSnapshot:
 
     @property
     def chooses_by_plan(self) -> bool:
-        """Whether a plan chooses the next target: in a planned capture, unless a task other than AUTOMATIC runs."""
+        """Whether a plan chooses the next target: the capture is planned, and no task but the automatic one runs."""
         by_hand = self.task is not None and self.task.kind is not TaskKind.AUTOMATIC
         return self.procedure.capture.strategy == "planned" and not by_hand
 

@@ -41,10 +41,10 @@ MIN_SAMPLES = 4
 class Motion:
     """Motion of the joints, for display only (the arm itself checks standstill).
 
-    `speed_rad_per_s` (n,): slopes of straight lines fitted to the measured angles of the last 0.5 s. `still`: whether
-    the spread of every joint is within the limit of the procedure's `SettleRule`. `held_s`: time at standstill so far.
-    `needed_s`: time that settling and measuring a pose take. `worst_joint`: joint (1-based) with the largest ratio of
-    spread to limit. `spread_share`: this ratio.
+    `speed_rad_per_s` (n,): slopes of straight lines fitted to the measured angles of the last 0.5 s.
+    `still`: whether the spread of each joint's readings is within the limit of the procedure's `SettleRule`.
+    `held_s`: time at standstill so far. `needed_s`: time at standstill that settling and measuring a pose take.
+    `worst_joint`: joint (1-based) with the largest ratio of spread to limit. `spread_share`: this ratio.
     """
 
     sync_rate_hz: float

@@ -25,7 +25,7 @@ SNAPSHOTS_TRIED = 4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Titled:
-    """A text with a title."""
+    """Title and text of a question."""
 
     title: str
     text: str
@@ -125,10 +125,10 @@ EVERYWHERE = frozenset(Step)
 class Entry:
     """Common fields of all actions.
 
-    `keys`: names of the keys as the terminal reports them. `shown`: display text of the keys. `label`: one or two words
-    for the footer. `help`: a sentence for palette and help. `steps`: steps at which the keys work. `footer`: steps at
-    which the footer shows the keys. `offered` returns whether the action is listed; an action refused by its guard is
-    listed with the reason.
+    `keys`: names of the keys as the terminal reports them. `shown`: display text of the keys.
+    `label`: one or two words for the footer. `help`: a sentence for palette and help.
+    `steps`: steps at which the keys work. `footer`: steps at which the footer shows the keys.
+    `offered`: returns whether the action is listed. An action that its guard refuses is listed with the reason.
     """
 
     name: str
@@ -150,10 +150,10 @@ class OnScreen(Entry):
 class Action(Entry):
     """An action on the session, in all user interfaces.
 
-    `guard` returns the reason why the action is refused, "" if the action is allowed; it is called again once the
-    operator has answered a question of the action. `work` submits a task, changes a setting, or opens another session.
-    `prompt`: text in plain mode; default: label and help. `rows` returns prompts by row number; with it, plain mode
-    lists the action once for each row.
+    `guard`: returns why the action is refused, "" if it is allowed; also called when a question is answered.
+    `work`: submits a task, changes a setting, or opens another session.
+    `prompt`: text in plain mode; by default, label and help.
+    `rows`: returns prompts by row number; plain mode lists an action that has `rows` once for each row.
     """
 
     work: Callable[[ActionContext], None]
@@ -204,7 +204,7 @@ def perform_action(
     *,
     tries: int = SNAPSHOTS_TRIED,
 ) -> None:
-    """Do `work` (default: the action's), or show why it is refused. If data are stale, try up to `tries` snapshots."""
+    """Do `work` (default: `action.work`) or show why it is refused; with stale data, try up to `tries` snapshots."""
     s, runner = interface.snapshot(), interface.runner
     missing = action.guard(s)
     late = s.data is DataState.STALE and not action.guard(replace(s, data=DataState.FRESH))

@@ -14,13 +14,13 @@ from solver.design.actions import Action, Capture, ChangeDrives, Finished, GoTo
 from solver.design.campaign import Campaign
 
 SAME_POSITION_RAD = float(np.deg2rad(1.5))
-"""An arm within this distance of its last position in the journal is regarded as not moved since."""
+"""An arm within this distance of its last position in the journal is regarded as unmoved."""
 SAME_TARGET_RAD = 1e-6
 """Largest difference between the recorded and the replayed target of a move."""
 
 
 class ReplayDivergedError(Exception):
-    """The policy proposes another action than the one recorded in the journal."""
+    """The policy proposes an action that differs from the one recorded in the journal."""
 
 
 def campaign_from_log(arm: ArmModel, fixture: EndpointConstraint, state: SessionState) -> Campaign:
@@ -62,7 +62,7 @@ def log_is_current(state: SessionState, settings: Mapping[str, Any]) -> bool:
 def replay_campaign(arm: ArmModel, fixture: EndpointConstraint, state: SessionState) -> Campaign:
     """Return the recorded campaign in its state after all recorded steps.
 
-    Raises ReplayDivergedError if the policy proposes another action than the one recorded in the journal.
+    Raises ReplayDivergedError if the policy proposes an action that differs from the one recorded in the journal.
     """
     campaign = campaign_from_log(arm, fixture, state)
     readings = {p.number: p.mean_rad for p in state.used_poses}
@@ -77,7 +77,7 @@ def replay_campaign(arm: ArmModel, fixture: EndpointConstraint, state: SessionSt
 
 
 def is_same_action(action: Action, name: str, data: Mapping[str, Any]) -> bool:
-    """Whether a proposed action equals the recorded one."""
+    """Whether `action` equals the action recorded in the journal as event `name` with `data`."""
     match action, name:
         case GoTo(), "campaign_move":
             then = {int(j): v for j, v in data["targets_rad"].items()}
@@ -92,7 +92,7 @@ def is_same_action(action: Action, name: str, data: Mapping[str, Any]) -> bool:
 
 
 def can_continue_from(action: Action, last: FloatArray, q_rad: FloatArray) -> bool:
-    """Whether an arm at `q_rad` can continue with `action`, i.e. is still at `last` or on the action's path."""
+    """Whether an arm now at `q_rad` can continue with `action`: it is still at `last`, or on the action's path."""
     if float(np.abs(q_rad - last).max()) <= SAME_POSITION_RAD or isinstance(action, Finished):
         return True
     if not isinstance(action, GoTo):

@@ -36,9 +36,9 @@ CANDIDATES_PER_POSE = 4
 
 
 def connect(session: Session, listener: Listener, *, measuring: bool = True) -> ArmIdentity:
-    """Connect to the arm, reset drives that tripped on a lost operator heartbeat, and return the identity.
+    """Connect to the arm, and return its identity.
 
-    Drives that were reset stay disabled.
+    If the only faults are drives that tripped on a lost operator heartbeat, resets these drives; they stay disabled.
     """
     session.instruct = listener.report
     identity = session.connect(measuring=measuring)
@@ -67,9 +67,9 @@ def take_poses(
 ) -> Finished | None:
     """Capture the missing poses of the procedure, continuing where the journal ends.
 
-    `drives`: joints to put into position mode first; None: those of a plan in progress, else those now in this mode.
-    `homing`: whether the operator allows an arm outside its box to go home. Returns how a planned capture ended; None
-    for an explored capture. Raises Cancelled if the operator ended the capture.
+    `drives`: drive joints to put into position mode; None: those now in this mode. A plan in progress keeps its own.
+    `homing`: whether the operator agrees that the arm first goes home if it is outside its box. Returns how a planned
+    capture ended; None for an explored capture. Raises Cancelled if the operator ended the capture.
     """
     joints = session.state.position_joints if drives is None else drives
     planned = end = None
@@ -84,8 +84,8 @@ def take_poses(
     if homing and (planned is None or not planned.continues_in_place):
         go_home_if_outside(session, listener)
     drift_check = _DriftCheck(session, listener, planned)
-    # Once all poses are captured, shifts no longer affect the calibration, and no drift check comes first except after
-    # a sensor fault.
+    # Once all poses are captured, shifts no longer affect the calibration; then only a sensor fault requires a drift
+    # check before anything else.
     captured = len(session.state.poses_here)
     missing = (
         captured < session.procedure.capture.poses if planned is None else not planned.complete
@@ -122,7 +122,7 @@ def go_home_if_outside(session: Session, listener: Listener) -> None:
 
 
 def outlier_warning(session: Session) -> str:
-    """Return a warning if the last pose does not fit the earlier ones; "" if it does, or is the last required pose."""
+    """Return a warning if the last pose does not fit the earlier poses; "" if it fits or no more poses are required."""
     state, unsensed = session.state, session.procedure.unsensed_joints
     if len(state.used_poses) >= state.required_poses(session.procedure.capture):
         return ""
@@ -138,11 +138,11 @@ def outlier_warning(session: Session) -> str:
 
 
 SAME_PLACE_RAD = float(np.deg2rad(0.2))
-"""Poses whose joints all differ by less count as one place; the noise of a mean reading is below a third of this."""
+"""Two poses are at one place if every joint differs by less than this: over three times the noise of a mean reading."""
 
 
 def place_warning(session: Session) -> str:
-    """Return a warning if a joint of the last pose is outside its range, or the pose repeats another; "" if neither."""
+    """Return a warning if a joint of the last pose is out of its range, or the pose equals an earlier one; else ""."""
     *earlier, last = session.state.poses_here
     for j, (joint, q) in enumerate(
         zip(session.model.joints, last.mean_rad.tolist(), strict=True), 1
@@ -165,11 +165,13 @@ def place_warning(session: Session) -> str:
 
 @dataclass(frozen=True, slots=True)
 class _DriftCheck:
-    """Repeats captured poses to show shifts of joints and fixture, independently of the model.
+    """Measures captured poses again to detect shifts of joints and fixture.
 
-    `planned`: the planned capture, along whose paths the drives move; None in an explored capture, in which they move
-    straight, within the box. Methods that move the arm raise GuardError if the repeated pose shows a shift (see
-    `_repeat`) or, in an explored capture, if the arm is outside its box.
+    `planned`: the planned capture, whose paths the drives follow. In an explored capture, None: the drives move
+    straight, within their box.
+
+    Methods that move the arm raise GuardError if the repeated pose shows a shift (see `_repeat`) or, in an explored
+    capture, if the arm is outside its box.
     """
 
     session: Session
@@ -177,7 +179,7 @@ class _DriftCheck:
     planned: PlannedCapture | None
 
     def repeat_nearest_pose_if_unresolved(self) -> None:
-        """Repeat the nearest captured pose at 5 deg/s if a joint's shift would not show at the current pose."""
+        """Repeat the nearest captured pose, at 5 deg/s, if a joint's shift cannot be detected at the current pose."""
         session = self.session
         if not session.unresolved_joints or not session.fixture.holds_hand:
             return
@@ -210,7 +212,7 @@ class _DriftCheck:
             )
 
     def last_repeat_differs(self) -> bool:
-        """Whether a pose that was measured again since the last capture shows a shift."""
+        """Whether the last repeated pose shows a shift; False if none was repeated since the last capture."""
         state = self.session.state.here
         if not state.repeated_since_capture:
             return False
@@ -221,9 +223,9 @@ class _DriftCheck:
         return False
 
     def repeat_first_pose_and_come_back(self, *, suspect: bool = False) -> None:
-        """Repeat the first pose, then move the arm back to where it was.
+        """Repeat the first pose, then move the arm back to its present position.
 
-        `suspect`: whether the pose just captured may be an outlier; if so, a shift of the first pose raises GuardError.
+        `suspect`: whether the last pose may be an outlier; if so, a shift of the first pose raises GuardError.
         """
         drive_selection.retrace(self.session, self.repeat_first_pose(suspect=suspect))
 
@@ -238,10 +240,10 @@ class _DriftCheck:
     def _repeat(
         self, first: CapturedPose, *, suspect: bool = False, speed_rad_per_s: float | None = None
     ) -> Sequence[Mapping[int, float]]:
-        """Move to the pose `first`, measure it again and compare the readings; if this is not possible, record why.
+        """Measure the pose `first` again and compare the two readings; if the pose cannot be measured, record why.
 
-        Returns the drives' angles (rad) at the start of each move, for `retrace`. If the readings show a shift, raises
-        GuardError after a resume or if an outlier is suspected (`suspect`); otherwise only reports the shift.
+        Returns the drives' angles (rad) at the start of each move, for `retrace`. A shift between the readings raises
+        GuardError after a resume or if the last pose may be an outlier (`suspect`); otherwise it is only reported.
         """
         session, report = self.session, self.listener.report
         self.listener.going(None)
@@ -275,8 +277,8 @@ def verify(
 ) -> tuple[VerificationResult, PoseSet]:
     """Test a calibration with new poses, different from the session's; the calibration does not change.
 
-    The modes must be set. The result and the new poses are recorded in the journal.
-    Raises `GuardError` if fewer than `poses` can be reached.
+    The joint modes must have been set. The result and the new poses are recorded in the journal.
+    Raises `GuardError` if fewer than `poses` new poses can be reached.
     """
     if not session.state.poses_here:
         raise GuardError(
@@ -320,8 +322,8 @@ def verify(
 def _new_targets(session: Session, solution: Solution, poses: int) -> Iterator[Mapping[int, float]]:
     """Yield targets (rad, by drive joint) for new poses, different from the session's poses.
 
-    Unless the procedure limits every drive joint, only targets to which the calibrated loop has a clear straight path
-    are yielded.
+    If the procedure gives exploration ranges for all drive joints, yields all targets. Otherwise yields only targets to
+    which the straight path is clear, according to the calibrated loop.
     """
     known = {box.joint for box in session.procedure.capture.exploration}
     model, x = solution.model, solution.estimate.x

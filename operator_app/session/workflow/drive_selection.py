@@ -1,4 +1,4 @@
-"""Selects the drive joints, captures poses in their box (their allowed angles), moves the arm home.
+"""Selects the drive joints, captures poses within their box (the allowed ranges of their angles), moves the arm home.
 
 Inside the box, the drives move without confirmation. An arm outside the box moves only after confirmation, and only
 straight home, at low speed.
@@ -26,11 +26,11 @@ from solver.design.drive_joints import DriveTrial, RankedDrives
 
 WIGGLE_RAD = float(np.deg2rad(1.5))
 KEPT_CANDIDATES = 6
-"""Number of sets of each ranking that are recorded in the journal."""
+"""Number of best sets of drive joints that the journal records from each ranking."""
 
 
 def drives_of(session: Session, listener: Listener | None = None) -> tuple[int, ...]:
-    """Return the procedure's drive joints; if it lists none, those chosen earlier; if there are none, choose now."""
+    """Return the drive joints: those of the procedure, or those chosen earlier in the session, or a new choice."""
     named = session.procedure.position_joints
     if named is not None:
         return named
@@ -45,8 +45,8 @@ def drives_of(session: Session, listener: Listener | None = None) -> tuple[int, 
 def choose(session: Session, *, may_move: bool = True) -> DriveChoice:
     """Rank the sets of drive joints at the current pose and record the best usable one.
 
-    If the procedure requires a trial and `may_move` is true, the drives are enabled first, and the joints of the best
-    sets are moved by 1.5 deg.
+    If the procedure requires a trial and `may_move` is true, the drives are enabled, and the joints of each of the best
+    sets are moved by 1.5 deg, before the choice is made.
     """
     arm, model = session.model, session.fixture.model(session.model)
     q_rad = session.arm.snapshot().positions_rad
@@ -115,7 +115,7 @@ HOMING_SPEED_RAD_PER_S = float(np.deg2rad(5.0))
 
 
 def joints_outside_box(session: Session) -> str:
-    """Return text that names the drive joints outside the procedure's box; "" if all are inside."""
+    """Return text that states which drive joints are outside the procedure's box; "" if all are inside."""
     box, q_rad = drive_box(session), session.arm.snapshot().positions_rad
     beyond = box.beyond_rad(q_rad)
     return ", ".join(
@@ -204,14 +204,14 @@ def waypoints_of(session: Logbook) -> tuple[Mapping[int, float], ...]:
 def waypoints_from(
     session: Logbook, start_rad: FloatArray, joints: tuple[int, ...]
 ) -> tuple[Mapping[int, float], ...]:
-    """Return the waypoints of these drive joints in a session that starts at `start_rad` (n,)."""
+    """Return the waypoints of a session that has the drive joints `joints` and starts at `start_rad` (n,)."""
     own, model = session.procedure.capture, session.model
     box = box_of(model, own, joints, home_rad=model.home_rad, start_rad=start_rad)
     return waypoints(box, poses=own.poses, seed=own.seed)
 
 
 def verification_waypoints(session: Logbook, poses: int) -> tuple[Mapping[int, float], ...]:
-    """Return 3 * `poses` waypoints (some may be unreachable), unlike those of the session and earlier verifications."""
+    """Return 3 * `poses` waypoints, unlike those of the session and earlier verifications; some may be unreachable."""
     seed = session.procedure.capture.seed + 1 + session.state.verifications
     return waypoints(drive_box(session), poses=poses, seed=seed)
 
@@ -224,7 +224,7 @@ STANDS_STILL_RAD = float(np.deg2rad(0.2))
 def reach(
     session: Session, targets_rad: Mapping[int, float], *, speed_rad_per_s: float | None = None
 ) -> MoveResult:
-    """Move to these angles (rad) and return the result; if the move ends early, go back to where it began.
+    """Move to the angles `targets_rad`, by joint, and return the result; if the move ends early, go back to its start.
 
     Raises GuardError if the arm cannot start to move because a joint is overloaded.
     """
@@ -246,7 +246,7 @@ def reach(
 
 
 def retrace(session: Session, stops: Sequence[Mapping[int, float]]) -> None:
-    """Move to each of `stops` (rad, by drive joint), the last first; raises GuardError if one is not reached."""
+    """Move to all of `stops` (rad, by drive joint) in reverse order; raises GuardError if one is not reached."""
     for stop in reversed(stops):
         if session.state.position_joints != tuple(stop):
             session.set_modes(tuple(stop))
@@ -260,7 +260,7 @@ def retrace(session: Session, stops: Sequence[Mapping[int, float]]) -> None:
 
 
 def visit(session: Session, index: int) -> bool:
-    """Move to a waypoint; if it cannot be reached, record it as skipped and return False."""
+    """Move to the waypoint `index`; return whether it was reached. A waypoint not reached is recorded as skipped."""
     require_in_box(session)
     outcome = reach(session, waypoints_of(session)[index])
     if not outcome.reached:
@@ -274,7 +274,7 @@ def _last_reason(session: Session) -> str:
 
 
 def explore(session: Session, listener: Listener, after_pose: Callable[[], None]) -> None:
-    """Capture the missing poses at waypoints; call `after_pose` after each; raise GuardError if too few are reached."""
+    """Capture missing poses at waypoints; call `after_pose` after each. Raises GuardError if too few can be reached."""
     plan, total = waypoints_of(session), session.procedure.capture.poses
     while (count := len(session.state.poses_here)) < total:
         waypoint = session.state.next_waypoint

@@ -22,7 +22,7 @@ from operator_app.session.workflow.session import Session
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Exported:
-    """Result of an export: the parameters file, its SHA-256, and the `receipt`, None without an upload."""
+    """Result of an export: the parameters file and its SHA-256; `receipt` is None if nothing was uploaded."""
 
     parameters: Path
     sha256: str
@@ -32,14 +32,16 @@ class Exported:
 def export(
     session: Session, solution: Solution, *, upload_too: bool | None = None, forced: str = ""
 ) -> Exported:
-    """Write the session's files and, if `upload_too` (None: as in the procedure), upload the parameters.
+    """Write the session's files; if `upload_too` is true, also upload the parameters (None: as in the procedure).
 
     `forced`: reason for exporting a calibration that was not accepted; it is written to the journal and the file.
-    Exports nothing and raises GuardError if this reason is missing or if, before an upload, counters or sensors may
-    have changed since the poses were captured. Exports nothing and raises JournalLostError if the journal was changed.
-    Raises JournalError if the journal cannot be written; the message states what was uploaded. Raises UploadUnknown or
-    SessionError, and records it, if the controller may have stored all or part of the parameters. After a
-    KeyboardInterrupt during the upload, a note to the exception states that the result is unknown.
+
+    - GuardError: nothing was exported; this reason is missing or, before an upload, counters or sensors may have
+      changed since the poses were captured.
+    - JournalLostError: nothing was exported; the journal was lost or changed.
+    - JournalError: the journal cannot be written; the message states what was uploaded.
+    - UploadUnknown, SessionError: the controller may have stored all or part of the parameters; this is recorded.
+    - KeyboardInterrupt during the upload: a note to the exception states that the result is unknown.
     """
     forced = export_reason(solution, forced, stated_by="--force REASON")
     uploads = session.procedure.upload if upload_too is None else upload_too
@@ -88,9 +90,9 @@ def export(
 
 
 def recorded_export(session: Session, active_document: bytes) -> Exported | None:
-    """Return the session's recorded export; None if there is none, or if parameters.yaml was changed since.
+    """Return the session's recorded export; None if there is none, or if parameters.yaml was changed afterwards.
 
-    `receipt` of the export is None unless the controller's `active_document` is the document that was uploaded.
+    Its `receipt` is None unless the file was uploaded and is still the controller's `active_document`.
     """
     exported, path = session.state.exported, session.journal.path.with_name(PARAMETERS_NAME)
     if not exported or not path.exists() or _sha256(path.read_bytes()) != exported.get("sha256"):
@@ -111,7 +113,7 @@ def _sha256(data: bytes) -> str:
 
 
 def _record_export(session: Session, exported: Mapping[str, Any], *, report: str) -> None:
-    """Record the export; if that fails, the error begins with `report`, the result of the upload."""
+    """Record the export; if recording fails, the error begins with `report`, a text on the result of the upload."""
     try:
         session.record("exported", exported)
     except JournalError as error:
@@ -123,10 +125,10 @@ def _record_export(session: Session, exported: Mapping[str, Any], *, report: str
 def _upload(
     arm: ArmInterface, document: bytes, expected_counts: tuple[int | None, ...]
 ) -> UploadReceipt:
-    """Upload a document, read it and the home offsets back, and compare them with `document` and `expected_counts`.
+    """Upload `document`, then check that the controller has stored the document and its home offsets.
 
-    Raises SessionError if the document or a home offset that was read back differs from the uploaded one, and
-    UploadUnknown if the document could not be read back.
+    `expected_counts`: home offset of each joint, counts; None: not checked. Raises SessionError if what was read back
+    differs, and UploadUnknown if the document could not be read back.
     """
     receipt = arm.upload_parameters(document)
     try:

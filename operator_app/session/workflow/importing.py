@@ -106,7 +106,7 @@ class ImportedSession:
         return solution, checks
 
     def add(self, solution: Solution, checks: Checks | None) -> None:
-        """Record a solution from the poses of this session and its cross-validation `checks` (None: not made)."""
+        """Record a solution computed from this session's poses, and the `checks` of its cross-validation, if any."""
         tolerance = self.procedure.length_tolerance_m
         self._record("solved", solution_data(solution, self.state, length_tolerance_m=tolerance))
         if checks is not None:
@@ -122,8 +122,8 @@ class ImportedSession:
     ) -> Path:
         """Write the journal into `folder`, or into a new folder below `root`; return the folder.
 
-        If `folder` already contains a session, `replace_session` replaces its journal and removes its files named in
-        `stale`. Raises JournalError if the session in `folder` must not be replaced, or nothing can be written.
+        If `folder` already contains a session, `replace_session` replaces the journal and removes the files named in
+        `stale`. Raises JournalError or WriteError if writing fails, and JournalError if that session must stay.
         """
         if folder is None:
             folder = new_folder(
@@ -227,11 +227,14 @@ def replace_session(
     overwrite: bool,
     stale: Sequence[str],
 ) -> None:
-    """Replace the journal in `folder` with `lines` (`events` as text), after removing the files named in `stale`.
+    """Replace the journal in `folder` with `lines`, after removing the files named in `stale`.
 
-    The old journal may contain only `REPRODUCIBLE_EVENTS`: a session that was captured on an arm, or edited, is never
-    replaced. Unless `overwrite` is true, its poses, arm and fixture must be the same. Raises JournalError, and changes
-    nothing, if this is not so, or if the old journal cannot be read or is in use. Raises WriteError if writing fails.
+    `lines` is the text of the new journal, and `events` are its events. Raises WriteError if writing fails. Raises
+    JournalError, and changes nothing, in these cases:
+
+    - The old journal contains events other than `REPRODUCIBLE_EVENTS`: it was captured on an arm, or edited.
+    - Its poses, arm or fixture differ from the new ones, and `overwrite` is false.
+    - It cannot be read, or is in use.
     """
     path = folder / JOURNAL_NAME
     with os_errors_as_journal_errors(f"cannot open {path}", "name another folder"):

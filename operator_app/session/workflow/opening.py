@@ -44,16 +44,19 @@ LATER: frozenset[Kind] = frozenset({"profile"})
 """Kinds that are not in journals of earlier versions."""
 
 PLANNED_POSES = 12
-"""Default maximum of poses in a planned capture if the procedure file describes an explored one."""
+"""Largest default number of poses of a planned capture that replaces the explored capture of a procedure file."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Choices:
-    """The operator's options, which override the procedure file; None: as in the file.
+    """The operator's options, which override the procedure file; an option that is None overrides nothing.
 
-    `interface`, `channel` and `bitrate` select the bus, `profile` the bus profile, `scenario` and `seed` the virtual
-    arm. `tracker`: port of the instrument. `placements`: number of mountings of the fixture. `operator`:
-    the operator's name.
+    `interface`, `channel`, `bitrate`: CAN bus.
+    `profile`: name or path of the bus profile.
+    `scenario`, `seed`: scenario and random seed of the virtual arm.
+    `tracker`: port of the instrument.
+    `operator`: the operator's name.
+    `placements`: number of mountings of the fixture.
     """
 
     poses: int | None = None
@@ -79,13 +82,13 @@ class Choices:
 
     @property
     def virtual_arm(self) -> Scenario:
-        """The scenario that these choices name, or the default scenario."""
+        """The scenario with this `scenario` name and `seed`; by default, the default scenario and seed 0."""
         from hardware.virtual.scenarios import scenario
 
         return scenario(self.scenario or DEFAULT_SCENARIO, self.seed or 0)
 
     def bus(self, procedure: Procedure) -> BusSettings:
-        """Return the bus named by the first of: choices, procedure, environment, can.conf, user settings."""
+        """Return the bus; in order of priority: choices, procedure, environment, can.conf, user settings."""
         from hardware.buses.python_can import bus_settings
         from operator_app.config.user_settings import usual_bus
 
@@ -116,7 +119,7 @@ class Opening:
 
     @property
     def effective_procedure(self) -> Procedure:
-        """The procedure; on a virtual bus or with a chosen scenario, its arm has the sensors of the scenario."""
+        """The procedure; on a virtual bus or with a chosen scenario, its arm has the sensors of the virtual arm."""
         procedure, choices = self.procedure, self.choices
         if self.state.imported:
             return procedure
@@ -131,10 +134,11 @@ class Opening:
 class Rig:
     """An arm that is ready to be connected, and the opening of its session.
 
-    `opening`: its choices, which the journal records, are completed from the arm, the environment and defaults.
-    `simulated`: whether the arm is simulated. `instrument` measures the tool of an open arm; otherwise None. `truths`:
-    true parameters of an arm simulated in this process; otherwise None. `recording_ended` returns why a recording of
-    the bus ended early, "" if it did not; it may be called from any thread.
+    `opening`: its choices also state what the arm, the environment and defaults determined; the journal records them.
+    `simulated`: whether the arm is simulated.
+    `instrument`: measures the tool of an open arm; None if the loop is closed.
+    `truths`: true parameters of an arm simulated in this process; None for any other arm.
+    `recording_ended`: function that returns why the recording of the bus ended early, "" if it did not; thread-safe.
     """
 
     arm: ArmInterface
@@ -146,7 +150,7 @@ class Rig:
 
     @property
     def bus(self) -> str:
-        """Name of the bus in messages."""
+        """Name of the bus, for messages to the operator."""
         if self.simulated:
             return "the virtual bus of this program"
         chosen = self.opening.choices
@@ -155,7 +159,7 @@ class Rig:
 
 
 def open_session(rig: Rig, *, clock: Clock = utc_now) -> Session:
-    """Create the journal, or open that of a resumed session; return a session with the arm. Raises JournalError."""
+    """Create the journal, or open the journal of a resumed session; return the session. Raises JournalError."""
     from operator_app.session.workflow.session import Session
 
     opening, settings = rig.opening, asdict(rig.opening.choices)
@@ -191,7 +195,10 @@ def open_session(rig: Rig, *, clock: Clock = utc_now) -> Session:
 
 
 def remove_if_empty(session: Session) -> bool:
-    """Remove the folder, and parents created for it, of a session that never connected; return whether it is gone."""
+    """Remove the folder of a session that never connected; return whether the folder no longer exists.
+
+    Also removes the parent folders that were created for the session.
+    """
     journal = session.journal
     if journal.loss is not None:
         # The folder may belong to another program now.
@@ -216,7 +223,7 @@ def texts_of(procedure: Procedure) -> dict[str, str]:
 
 
 def begin(reference: str, choices: Choices, *, root: Path, clock: Clock = utc_now) -> Opening:
-    """Return the opening of a new session of a procedure (built-in name or path); raises ConfigError."""
+    """Return the opening of a new session; `reference`: procedure name or path. Raises ConfigError, SessionError."""
     chosen: dict[Kind, Resource] = {}
     if choices.profile is not None:
         chosen["profile"] = resolve("profile", choices.profile)
@@ -231,7 +238,7 @@ def begin(reference: str, choices: Choices, *, root: Path, clock: Clock = utc_no
 
 
 def resume(reference: str, choices: Choices, *, root: Path) -> Opening:
-    """Return the opening of an earlier session; `choices` override the recorded ones. Raises SessionError."""
+    """Return the opening of an earlier session; `choices` override the recorded choices. Raises SessionError."""
     folder = find_session(root, reference)
     contents = read_journal(folder)
     state = session_state(contents)

@@ -35,15 +35,15 @@ from solver.design.campaign import Campaign
 from solver.design.stop_rule import WeakParameter
 
 SAME_BRANCH_RAD = float(np.deg2rad(6.0))
-"""If a joint differs by more than this after the drives have moved back, the loop is on another branch."""
+"""Largest deviation of a joint after the drives have moved back; if it is larger, the loop is on another branch."""
 
 
 class PlannedCapture:
-    """The planned capture of one session.
+    """The planned capture of a session that is connected and whose fixture has been checked.
 
-    The session must be connected, and its fixture checked. `drives`: drive joints of a new campaign. `listener`:
-    receives moves, poses and decisions. `campaign`: the policy that plans the poses; None before the start, or if the
-    journal cannot be replayed.
+    `drives`: drive joints to use if a new campaign starts.
+    `listener`: receives moves, poses and decisions.
+    `campaign` (attribute): policy that plans the poses; None until `ready` or `run` has set it.
     """
 
     def __init__(
@@ -101,10 +101,10 @@ class PlannedCapture:
         return self._ended is not None or (self.campaign is not None and not self._moved)
 
     def run(self, after_pose: Callable[[], None] = lambda: None) -> Finished:
-        """Carry out the campaign, with the joints from `ready` in position mode, and return how it ended.
+        """Carry out the campaign and return how it ended; the joints returned by `ready` must be in position mode.
 
-        Calls `after_pose` after each pose, before the campaign changes its plan and forgets the path back. Raises
-        GuardError if, during exploration, the arm was moved out of its box or does not return to its last position.
+        Calls `after_pose` after each pose, while the path back to the first pose is still known. Raises GuardError if
+        the arm was moved during exploration, and is now outside its box or does not return to its last position.
         Raises Cancelled if the operator ended a move; call `ready` and `run` again to continue.
         """
         session = self._session
@@ -142,7 +142,7 @@ class PlannedCapture:
                     self._move(campaign, action)
 
     def to_first(self) -> tuple[str, list[Mapping[int, float]]]:
-        """Move to the first captured pose along paths of the plan, without reporting to the campaign.
+        """Move to the first used pose along paths of the plan; these moves are not reported to the campaign.
 
         Returns why the pose was not reached ("" if it was), and the drives' angles (rad, by joint) at the start of
         each move.
@@ -177,14 +177,13 @@ class PlannedCapture:
             self._listener.planning(active=False)
 
     def _next_action(self, campaign: Campaign) -> Action:
-        """Return the next action of the campaign, which may take seconds to plan."""
         with self._planning():
             return campaign.propose()
 
     def _move(self, campaign: Campaign, action: GoTo) -> None:
         """Move the arm, record the move in the journal and report it to the campaign.
 
-        If the operator ends the move, it is neither recorded nor reported: raises Cancelled.
+        Raises Cancelled if the operator ends the move; the move is then neither recorded nor reported.
         """
         session = self._session
         self._listener.going(action)
@@ -266,7 +265,7 @@ class PlannedCapture:
     def _new_campaign(self) -> Campaign:
         """Record and return a new campaign that contains the used poses and starts at the current position.
 
-        Raises GuardError, and records nothing, if the campaign would explore again and the arm is outside its box.
+        Raises GuardError, and records nothing, if an exploration would have to be repeated from outside the box.
         """
         session = self._session
         sets = session.state.drive_sets if session.procedure.position_joints is None else ()

@@ -1,7 +1,7 @@
 """Measures a pose: standstill, joint sensors, instrument of an open arm, journal. Moves nothing.
 
-The port of an instrument delivers lines in the format of `operator_app.config.measured_endpoints`. Lines for other
-poses are ignored.
+The port of an instrument delivers lines in the format of `operator_app.config.measured_endpoints`. Lines for poses
+that were not requested are ignored.
 """
 
 import json
@@ -56,7 +56,7 @@ class TargetLostError(SessionError):
 class Instrument:
     """An instrument that measures the endpoint.
 
-    `full_pose`: whether it must also measure the orientation. `patience_s`: timeout of one measurement.
+    `full_pose`: whether a measurement must contain the orientation. `patience_s`: timeout of one measurement.
     """
 
     def __init__(
@@ -153,7 +153,7 @@ def port_of(source: str) -> LinePort:
 
 
 class PoseReader:
-    """Measures the poses of one session; `recorded_latency`: host latency of this connection recorded so far."""
+    """Measures the poses of one session; `recorded_latency`: host latency that is already in the journal."""
 
     def __init__(self, logbook: Logbook, arm: ArmInterface, instrument: Instrument | None) -> None:
         self._logbook, self._arm, self._instrument = logbook, arm, instrument
@@ -162,7 +162,7 @@ class PoseReader:
         self._rule = logbook.procedure.capture.settle
 
     def open_instrument(self) -> None:
-        """Open the instrument of an open arm; raises SessionError if its port is not specified."""
+        """On an open arm, open the instrument; raises SessionError if no port was specified for it."""
         if self._logbook.fixture.holds_hand:
             return
         if self._instrument is None:
@@ -187,7 +187,7 @@ class PoseReader:
             )
 
     def _largest_spread_text(self) -> str:
-        """Sample again; return text on the joint farthest above its spread limit, "" if no joint is above its limit."""
+        """Sample again; return text that names the joint farthest above its spread limit, "" if none is above."""
         limits = np.asarray(self._rule.spread_rad(self._logbook.model))
         try:
             rows = [self._arm.capture(2).mean_rad for _ in range(self._rule.window_syncs)]
@@ -203,7 +203,7 @@ class PoseReader:
     def read(self) -> Reading:
         """Wait for standstill and measure a pose; records nothing.
 
-        Raises GuardError if the arm does not settle, or a joint's samples spread too much in all `READINGS` readings.
+        Raises GuardError if the arm does not settle, or if each of `READINGS` attempts finds too much motion.
         """
         for _ in range(READINGS):
             if not self.settle():
@@ -223,9 +223,9 @@ class PoseReader:
         )
 
     def _spread_text(self, reading: Reading) -> str:
-        """Return text on a joint whose samples spread by more than its encoder's noise; "" if there is none.
+        """Return text that names a joint whose samples spread more than the noise of its encoder; "" if none does.
 
-        RVDTs are not tested, because one reading does not tell their noise from motion.
+        RVDTs are not tested, because their noise cannot be distinguished from motion in one reading.
         """
         unsensed = self._logbook.procedure.unsensed_joints
         for j, joint in enumerate(self._logbook.model.joints, 1):
@@ -240,7 +240,7 @@ class PoseReader:
         return ""
 
     def keep(self, name: str, data: Mapping[str, Any], cancelled: Callable[[], bool]) -> None:
-        """Measure a pose and record it as the event `name`, which contains `data` and the measurement."""
+        """Measure a pose, and record an event `name` that contains `data` and the measurement."""
         logbook = self._logbook
         if name == "pose":
             require_no_sensor_fault(logbook.state, "captures are refused")
@@ -265,7 +265,7 @@ class PoseReader:
         )
 
     def record_latency(self) -> None:
-        """Record new delays of this computer, if any."""
+        """Record the host latencies (delays of this computer) that are not in the journal yet, if any."""
         late = self._arm.snapshot().lateness
         new = late.times - self.recorded_latency.times
         if new > 0:
@@ -276,9 +276,9 @@ class PoseReader:
     def endpoint(
         self, what: str, reading: Reading, cancelled: Callable[[], bool]
     ) -> FloatArray | None:
-        """Return the endpoint (3,) or (6,), m and rad, at the pose of `reading`; None without an instrument.
+        """Measure the endpoint at the pose of `reading`; return (3,) or (6,), m and rad, or None without an instrument.
 
-        `what` is the name of the pose. Raises Cancelled, or GuardError if the arm moves meanwhile.
+        `what`: name of the pose. Raises Cancelled, and GuardError if the arm moves during the measurement.
         """
         if self._logbook.fixture.holds_hand or self._instrument is None:
             return None

@@ -16,7 +16,7 @@ from operator_app.units import ANGLE_TOLERANCE, LENGTH_TOLERANCE
 
 
 def next_due(state: SessionState, procedure: Procedure) -> bool:
-    """Whether the current placement has all poses and a repeat after them, and another placement follows."""
+    """Whether the next placement is due: the current one has all its poses and a final repeat, and is not the last."""
     return (
         state.placement < procedure.placements
         and len(state.poses_here) >= procedure.capture.poses
@@ -25,7 +25,7 @@ def next_due(state: SessionState, procedure: Procedure) -> bool:
 
 
 def require_mounted(state: SessionState) -> None:
-    """Raise GuardError if the fixture is not confirmed to be mounted, since a person may be working at it."""
+    """Raise GuardError until the operator has confirmed that the fixture is mounted: a person may be working at it."""
     if not state.mounted:
         raise GuardError(
             f"the fixture was taken off, and its mounting for placement {state.placement} is not confirmed",
@@ -58,7 +58,7 @@ def mounting_problem(procedure: Procedure, count: int) -> SessionError | None:
 
 
 def remounting_steps(procedure: Procedure) -> tuple[str, ...]:
-    """Return the operator's steps between two placements."""
+    """Return the instructions for remounting the fixture between two placements, one per step."""
     fixture, limits = procedure.fixture.fixture, procedure.fixture.fixture.tolerance
     length, angle = LENGTH_TOLERANCE(limits.position_m), ANGLE_TOLERANCE(limits.orientation_rad)
     part = "; its part on the tool stays" if fixture.stays_on_hand else " and off the tool"

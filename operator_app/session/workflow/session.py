@@ -48,12 +48,13 @@ from operator_app.session.workflow.remounting import require_mounted
 
 
 class Session(Logbook):
-    """A calibration session on one arm; `reader` measures its poses.
+    """A calibration session on one arm.
 
-    `cancelled` is called while the arm moves and returns True if the operator cancels the motion. `instruct` is called
-    with instructions for the person who moves the arm by hand. `unresolved_joints`: joints (1-based) whose shift since
-    the last pose could not be detected at the current pose. `held`: whether the arm confirmed, at the last
-    `release_holding`, that no drive follows commands any longer.
+    `reader`: measures the poses.
+    `cancelled`: function that returns whether the operator has cancelled; called during moves and measurements.
+    `instruct`: function that shows instructions to the person who moves the arm by hand.
+    `unresolved_joints`: joints (1-based) for which the last check of the readings could not have detected a shift.
+    `held`: whether the arm confirmed, at the last `release_holding`, that no drive follows commands any longer.
     """
 
     def __init__(
@@ -77,7 +78,7 @@ class Session(Logbook):
         self._powered: tuple[int, ...] = ()
 
     def record(self, name: str, data: Mapping[str, Any]) -> None:
-        """Write an event to the journal and apply it to the state; if the journal is lost, hold the arm and raise."""
+        """Write an event to the journal, then apply it to the state; hold the arm before raising JournalLostError."""
         with self._holding_if_journal_is_lost():
             super().record(name, data)
 
@@ -134,7 +135,7 @@ class Session(Logbook):
         return checks
 
     def require_fixture(self) -> tuple[SetupCheck, ...]:
-        """Check the fixture as `check_fixture` does; raises FixtureRefusedError if a check refuses it."""
+        """Check the fixture as `check_fixture` does; raise FixtureRefusedError if a check refuses the fixture."""
         checks = self.check_fixture()
         refused = tuple(c for c in checks if c.severity is Severity.REFUSED)
         if refused:
@@ -179,9 +180,9 @@ class Session(Logbook):
         self.record("modes", {"modes": [JointMode.POSITION.value] * self.model.joint_count})
 
     def take_control(self) -> None:
-        """Enable the drives in position mode; record the joint angles at this start and at home.
+        """Enable the drives in position mode; record the arm's present joint angles and those of its home.
 
-        The first call after connecting checks the readings first, and refuses implausible ones.
+        Before that, the first call after each connection checks the readings, and refuses implausible ones.
         """
         self.require_journal()
         self._check_readings()
@@ -191,7 +192,7 @@ class Session(Logbook):
         self.record("control", {"start_rad": start.tolist(), "home_rad": home})
 
     def _check_readings(self) -> None:
-        """Refuse implausible readings, once for each connection."""
+        """Check the readings (see `require_plausible_readings`), unless this was done since the arm was connected."""
         if self._readings_checked:
             return
         reading = self.arm.capture(self.procedure.capture.samples_per_pose)
@@ -220,10 +221,10 @@ class Session(Logbook):
         *,
         speed_rad_per_s: float | None = None,
     ) -> MoveResult:
-        """Move joints in position mode to `targets_rad`; `range_watch` or the function `also` may end the move early.
+        """Move joints in position mode to `targets_rad`, by joint; return the result of the move.
 
-        Raises GuardError if the number of joints in position mode differs from `mobility`, and Cancelled if the
-        operator ended the move.
+        The move ends early if `range_watch` or the function `also` returns a reason. Raises Cancelled if the operator
+        ended the move, and GuardError if the number of joints in position mode differs from `mobility`.
         """
         self.check_modes(self.state.position_joints)
         self.raise_if_cancelled()
@@ -248,7 +249,8 @@ class Session(Logbook):
     def capture(self, waypoint: int = -1, *, planned: bool | None = None) -> CapturedPose:
         """Wait for standstill, measure a pose and record it.
 
-        `planned`: whether a plan chose the pose; None outside a planned capture.
+        `waypoint`: index of the waypoint at which the arm is; -1 if it is at none. `planned`: whether a plan chose the
+        pose; None outside a planned capture.
         """
         campaign = {} if planned is None else {"planned": planned}
         number = self.state.captured + 1
@@ -277,9 +279,9 @@ class Session(Logbook):
     # -- end -------------------------------------------------------------------------------------
 
     def release_holding(self) -> None:
-        """Hold and release the arm; set `held` to whether it confirmed that no drive follows commands any longer.
+        """Hold the arm, switch its drives off, release control, and set `held`.
 
-        First records data that only the arm object has: why the arm was stopped, and the host latency.
+        First records the cause of a stop and the host latency, which are not available after the release.
         """
         try:
             if not self.journal.closed and self.journal.loss is None:
@@ -311,16 +313,16 @@ class Session(Logbook):
 
     @property
     def not_held(self) -> DrivesNotOffError | None:
-        """The error to raise if `release_holding` did not confirm that no drive follows commands; None if it did."""
+        """Error stating that drives may still follow commands; None if the arm confirmed that none does (`held`)."""
         return None if self.held else DrivesNotOffError(self._powered)
 
     def require_drives_off(self) -> None:
-        """Raise DrivesNotOffError unless all drives are known to be off, so that the fixture may be touched."""
+        """Raise DrivesNotOffError unless all drives are known to be off; only then may the fixture be touched."""
         if self._powered or not self.held:
             raise DrivesNotOffError(self._powered)
 
     def require_journal(self, *, unchanged: bool = False) -> None:
-        """Hold the arm and raise JournalLostError if the journal is lost or, with `unchanged`, was changed."""
+        """Hold the arm and raise JournalLostError if the journal is lost; if `unchanged`, also if it was changed."""
         with self._holding_if_journal_is_lost():
             super().require_journal(unchanged=unchanged)
 

@@ -42,7 +42,7 @@ class NodesPanel(Lines):
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         if s.identity is None:
             return [(), line(("  no arm is connected", "dim"))]
-        wide = width >= 90 and not s.drive_faults  # a fault takes the room of the device name
+        wide = width >= 90 and not s.drive_faults  # a fault takes the space of the device name
         device = "DEVICE".ljust(26) + " " if wide else ""
         titles = f"  NODE  ROLE        {device} SERIAL  HEARTBEAT      DATA  STATE"
         return [line((titles, "header")), *(_node(s, node, wide=wide) for node in s.identity.nodes)]

@@ -60,7 +60,7 @@ class PlacementPanel(Lines):
 
 
 class ChecksPanel(Lines):
-    """Checks at the current pose with their figures; condition number and joint ranges predicted by the plan."""
+    """Set-up checks at the current pose, and the condition number and joint ranges that the plan predicts."""
 
     TITLE = "Checks at the present pose"
     HELP = (
@@ -143,7 +143,7 @@ class FixtureView(StepView):
     VIEWS = (("placement", "checklist"), ("checks",), ("fixture-arm",))
 
     def show(self, s: SessionSnapshot) -> None:
-        """Show a snapshot; on a large terminal, the checks get the rows that placement and check list leave free."""
+        """Show a snapshot; on a large terminal, the set-up checks get the rows that the other panels do not need."""
         for panel in (self.query_one(PlacementPanel), self.query_one(_ChecklistPanel)):
             rows = len(panel.all_rows(s, panel.content_size.width))
             panel.styles.height = None if self.compact else rows + FRAME_ROWS

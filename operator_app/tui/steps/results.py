@@ -125,7 +125,7 @@ class ResultsPlot(Lines):
     """Whether the frame shows the title; without a frame the title is the first line."""
 
     def count_pages(self, s: SessionSnapshot) -> None:
-        """Count the pages. In order: residuals, every RVDT, warnings in full, corrections by joint, every table."""
+        """Count the pages: residuals, one for each RVDT, warnings, joints, and one for each table, in this order."""
         facts = facts_on(s)
         if s.solution is not None and facts is not None:
             self.words_from = 1 + len(s.solution.rvdt)
@@ -196,7 +196,7 @@ class ResultsView(StepView):
         super().set_compact(compact)
 
     def show(self, s: SessionSnapshot) -> None:
-        """Show a snapshot; the number of pages is updated first."""
+        """Update the number of plot pages, then show a snapshot."""
         self.query_one("#results-plot", ResultsPlot).count_pages(s)
         super().show(s)
 

@@ -20,14 +20,14 @@ class ListPanel(Lines):
     _last = 0
 
     def _head(self, s: SessionSnapshot, width: int) -> Sequence[Line]:
-        """Header lines, always visible."""
+        """Return the header lines, which are not scrolled."""
         return ()
 
     def _count(self, s: SessionSnapshot) -> int:
         return 0
 
     def _row(self, s: SessionSnapshot, k: int, width: int) -> Sequence[Line]:
-        """Lines of row `k`, from 0."""
+        """Return the lines of row `k` (from 0)."""
         return ()
 
     def move(self, by: int) -> None:
@@ -71,7 +71,7 @@ _SENSORS: Mapping[type[Sensor], str] = {Encoder: "enc", Rvdt: "RVDT", NoSensor: 
 
 
 class JointTable(ListPanel):
-    """List of joints; if `show_selected`, one is marked, and sensor and requested mode replace speed and state."""
+    """List of joints. `show_selected`: mark a row, and show sensor and requested mode instead of speed and state."""
 
     TITLE = "Joints"
     HELP = (

@@ -113,7 +113,7 @@ _VIEW = np.array(
         [np.cos(_TILT), -np.sin(_TILT) * np.sin(_TURN), np.sin(_TILT) * np.cos(_TURN)],
     ]
 )
-"""Directions (2, 3) in the base frame, whose x axis points up: the screen's right, then the screen's up."""
+"""The screen's right and up as directions (2, 3) in the base frame, whose x axis points up."""
 _AXIS_M = 0.16
 """Half the length of the drawn hinge axis."""
 VISIBLE_RAD = 0.015
@@ -121,7 +121,7 @@ VISIBLE_RAD = 0.015
 
 
 class ArmView(Lines):
-    """Drawing of the arm at its current pose. Scale and centre stay the same until other poses are predicted."""
+    """Drawing of the arm at its current pose. Scale and centre change only when the poses are planned anew."""
 
     TITLE = "Arm"
     HELP = (
@@ -202,7 +202,7 @@ class ArmView(Lines):
 
 
 def _next(model: ClosureModel, x: FloatArray, s: SessionSnapshot) -> tuple[FloatArray, ...]:
-    """Return the chain (k, 3), m, at the next pose and, in a planned move, the tool's path (p, 3); () if unknown."""
+    """Return the arm's points (k, 3), m, at the next pose and, during a move, the tool's path (p, 3); () if unknown."""
     if s.heading is not None:
         way = s.heading.trace_rad
         if way is None:

@@ -23,9 +23,17 @@ from operator_app.calibration.instrument_registration import (
     endpoints_at_nominal_base,
     with_calibrated_places,
 )
+from operator_app.calibration.new_poses import (
+    NoTestError,
+    is_elsewhere,
+    require_calibrated_placement,
+    require_in_range,
+    require_new,
+    require_poses_at_a_place,
+)
 from operator_app.calibration.prediction import predict_new_poses, shift_in_words
 from operator_app.calibration.result import Solution
-from solver.arrays import BoolArray, FloatArray, select_poses
+from solver.arrays import FloatArray, select_poses
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector
 from solver.chain.poses import PoseSet
@@ -38,10 +46,8 @@ from solver.diagnostics.cross_validation import (
     verify,
 )
 from solver.diagnostics.hypothesis_tests import find_outliers, leave_one_out_chi2
-from solver.diagnostics.range_checks import ReadingsOutOfRangeError, range_findings
 from solver.diagnostics.statistics import Chi2Test, chi2_test
 from solver.diagnostics.whitened_residuals import WhitenedResiduals
-from solver.errors import SolverError
 from solver.estimators.error_model import SD_OF_PEAK
 from solver.estimators.estimate import closure_at_readings
 from solver.estimators.implicit import NoiseModel
@@ -170,7 +176,7 @@ def verify_poses(
     distinct, which = distinct_poses(rows, np.ones(len(rows), dtype=np.bool_))
     new = rows.at_poses(distinct)
     if elsewhere:
-        _require_poses_at_a_place(new, made_from, fixture)
+        require_poses_at_a_place(new, made_from, fixture)
     result = _verify_distinct(arm, fixture, new, solution, made_from, elsewhere=elsewhere)
     of_rows = select_poses(result.verification, which, "pose_chi2", "pose_probability", "closed")
     odd = tuple(int(distinct[k]) for k in result.odd_poses)
@@ -349,24 +355,6 @@ def _in_order(model: ClosureModel, fixed: Fixed) -> tuple[FloatArray, FloatArray
     return x, covariance
 
 
-HUNDREDTH_RAD = np.deg2rad(0.01)
-"""0.01 deg: if all readings are whole multiples of this, the file states degrees with two decimals."""
-
-NAMED = 5
-"""Largest number of poses that a message names."""
-
-DEFAULT_PLACEMENT = 1
-"""Placement of poses whose file was written without regard to placements."""
-
-LEAST_POINTS, LEAST_FULL_POSES = 4, 2
-"""Fewest poses from another station for a test: if only points are measured, and if orientations are measured too.
-With three points, the station's six unknowns would use up six of the nine equations."""
-
-
-class NoTestError(SolverError, ValueError):
-    """These poses cannot test the calibration; the text states why."""
-
-
 def verify_new_poses(
     arm: ArmModel,
     fixture: EndpointConstraint,
@@ -390,125 +378,3 @@ def verify_new_poses(
     require_calibrated_placement(new, made_from, fixture)
     elsewhere = is_elsewhere(new, made_from, fixture)
     return verify_poses(arm, fixture, new, solution, made_from, elsewhere=elsewhere)
-
-
-def require_in_range(arm: ArmModel, new: PoseSet, solution: Solution) -> None:
-    """Raise `NoTestError` if the new readings cannot be from this arm, e.g. if they are in radians."""
-    try:
-        range_findings(arm, new, unsensed_joints=solution.model.unsensed_joints)
-    except ReadingsOutOfRangeError as error:
-        raise NoTestError(str(error)) from error
-
-
-def may_be_elsewhere(fixture: EndpointConstraint) -> bool:
-    """Whether poses in a placement that was not calibrated (another socket or station) can test a calibration.
-
-    They can if the ball or the instrument's target stays on the tool, and no file fixes the instrument's station.
-    """
-    moves = fixture.kind == "ball" or (isinstance(fixture, Measured) and not fixture.base_known)
-    return moves and fixture.stays_on_hand
-
-
-def is_elsewhere(new: PoseSet, made_from: PoseSet, fixture: EndpointConstraint) -> bool:
-    """Whether the new poses may be of placements that were not calibrated and therefore have to be estimated."""
-    if not may_be_elsewhere(fixture):
-        return False
-    return fixture.kind == "ball" or not _are_calibrated(new, made_from)
-
-
-def _are_calibrated(new: PoseSet, made_from: PoseSet) -> bool:
-    """Whether the new poses are of one calibrated placement or of all calibrated placements."""
-    known, states = made_from.placements, new.placements
-    # Files have placement 1 by default: it stands for the only calibrated placement, whatever its number.
-    if len(known) == 1 and states == (DEFAULT_PLACEMENT,):
-        return True
-    return states == known or (len(states) == 1 and states[0] in known)
-
-
-def require_calibrated_placement(
-    new: PoseSet, made_from: PoseSet, fixture: EndpointConstraint
-) -> None:
-    """Raise `NoTestError` unless the new poses are of one calibrated placement, of all, or `may_be_elsewhere`."""
-    if may_be_elsewhere(fixture) or _are_calibrated(new, made_from):
-        return
-    known, states = made_from.placements, new.placements
-    missing = [k for k in states if k not in known]
-    if not missing:
-        raise NoTestError(
-            "new poses must be of one placement that was calibrated, or of all of them"
-        )
-    remedy = (
-        f"take new poses in placement {known[0]}, or correct the column placement if they are of it"
-    )
-    if isinstance(fixture, Measured):
-        remedy = (
-            "the fixture file's base_known fixes the instrument's station; calibrate without it to test with "
-            "another"
-        )
-    raise NoTestError(
-        f"the new poses are of placement {missing[0]}, which was not calibrated (calibrated: "
-        f"{', '.join(map(str, known))}): {remedy}"
-    )
-
-
-def require_new(new: PoseSet, made_from: PoseSet, fixture: EndpointConstraint) -> None:
-    """Raise `NoTestError` if the new set contains poses of the calibration, which fit in any case.
-
-    With an instrument, a pose measured again at the same joint readings counts as new.
-    """
-    if new.joint_count != made_from.joint_count:
-        return
-    own = np.flatnonzero(_are_among(new, made_from, measured=fixture.kind == "measured"))
-    if len(own) == 0:
-        return
-    if len(own) == len(new):
-        who = "these are poses that the calibration was made from"
-    else:
-        names = [new.label[k] for k in own[:NAMED]] + ["..."] * (len(own) > NAMED)
-        who = (
-            f"{len(own)} of the {len(new)} poses ({', '.join(names)}) are poses that the calibration was "
-            "made from"
-        )
-    raise NoTestError(f"{who}: they verify nothing; use other poses")
-
-
-def _require_poses_at_a_place(
-    new: PoseSet, made_from: PoseSet, fixture: EndpointConstraint
-) -> None:
-    others = [k for k in new.placements if k not in made_from.placements]
-    if fixture.kind == "ball" and len(new) <= len(others):
-        raise NoTestError(
-            "a single pose in another socket only determines where that socket is: use at least two different poses "
-            "in one of the sockets"
-        )
-    if isinstance(fixture, Measured):
-        full = fixture.full_pose and all(
-            p.endpoint is not None and p.endpoint.shape[1] == 6 for p in (new, made_from)
-        )
-        least = LEAST_FULL_POSES if full else LEAST_POINTS
-        few = [k for k in others if int((new.placement == k).sum()) < least]
-        if few:
-            raise NoTestError(
-                f"placement {few[0]} was not calibrated, and fewer than {least} different poses only determine where "
-                f"the instrument stands: measure at least {least} different poses from there"
-            )
-
-
-def _are_among(new: PoseSet, made_from: PoseSet, *, measured: bool) -> BoolArray:
-    """Return a mask (m,) of the new poses that equal a pose of `made_from`, apart from rounding in their files.
-
-    `measured`: whether measured endpoints have to be equal too, if both sets have them.
-    """
-    steps = [p.q_rad / HUNDREDTH_RAD for p in (new, made_from)]
-    rounded = any(np.all(np.abs(s - np.round(s)) < 1e-6) for s in steps)
-    same_rad = 0.5 * HUNDREDTH_RAD + limits.SAME_READING_RAD if rounded else limits.SAME_READING_RAD
-    both = [p.q_rad / same_rad for p in (new, made_from)]
-    if measured and new.endpoint is not None and made_from.endpoint is not None:
-        columns = min(new.endpoint.shape[1], made_from.endpoint.shape[1])
-        size = np.repeat((limits.SAME_POINT_M, limits.SAME_READING_RAD), 3)[:columns]
-        ends = [p.endpoint[:, :columns] / size for p in (new, made_from) if p.endpoint is not None]
-        both = [np.hstack(pair) for pair in zip(both, ends, strict=True)]
-    from scipy.spatial import KDTree
-
-    distance, _ = KDTree(both[1]).query(both[0], p=np.inf)
-    return np.asarray(distance < 1.0)

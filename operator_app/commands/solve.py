@@ -3,12 +3,13 @@
 import argparse
 
 from fixtures.base import EndpointConstraint
-from operator_app.calibration import verification
+from operator_app.calibration import new_poses
 from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.cross_validation import check
 from operator_app.calibration.experiment import EndpointMissingError, Experiment, pick_placements
 from operator_app.calibration.result import Solution
 from operator_app.calibration.rvdt import ReadingTable, corrected_poses
+from operator_app.calibration.verification import verify_poses
 from operator_app.commands.file_arguments import poses_with_warnings
 from operator_app.commands.options import tolerance_m, unsensed_joints
 from operator_app.config.arm_file import load_arm
@@ -78,8 +79,11 @@ def execute(args: argparse.Namespace) -> int:
     tested = None
     if args.test:
         new = corrected_poses(_test_poses(args, arm, fixture, as_read, solution), tables)
-        elsewhere = verification.is_elsewhere(new, poses, fixture)
-        tested = verification.verify_poses(arm, fixture, new, solution, poses, elsewhere=elsewhere)
+        elsewhere = new_poses.is_elsewhere(new, poses, fixture)
+        try:
+            tested = verify_poses(arm, fixture, new, solution, poses, elsewhere=elsewhere)
+        except new_poses.NoTestError as error:
+            raise UsageError(f"--test {args.test}: {error}") from error
     if args.json:
         document = facts.json
         if tested is not None:
@@ -102,7 +106,7 @@ def _test_poses(
     solution: Solution,
 ) -> PoseSet:
     new = poses_with_warnings(args.test, load_poses(args.test, joint_count=arm.joint_count))
-    elsewhere = verification.may_be_elsewhere(fixture)
+    elsewhere = new_poses.may_be_elsewhere(fixture)
     if not elsewhere and (len(new.placements) > 1 or len(poses.placements) > 1):
         raise UsageError("--test: both files must be from the same single placement")
     if elsewhere and args.test == args.poses and args.placements:
@@ -110,10 +114,10 @@ def _test_poses(
         others = tuple(k for k in new.placements if k not in poses.placements)
         new = pick_placements(new, others) if others else new
     try:
-        verification.require_in_range(arm, new, solution)
-        verification.require_calibrated_placement(new, poses, fixture)
-        verification.require_new(new, poses, fixture)
-    except verification.NoTestError as error:
+        new_poses.require_in_range(arm, new, solution)
+        new_poses.require_calibrated_placement(new, poses, fixture)
+        new_poses.require_new(new, poses, fixture)
+    except new_poses.NoTestError as error:
         raise UsageError(f"--test {args.test}: {error}") from error
     return new
 

@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from fixtures.measured import Measured
+from operator_app.calibration.new_poses import NoTestError
 from operator_app.calibration.open_loop import check_open_loop
 from operator_app.calibration.result import Solution
-from operator_app.calibration.verification import NoTestError, VerificationResult, verify_new_poses
+from operator_app.calibration.verification import VerificationResult, verify_new_poses
 from operator_app.commands.bus_arguments import NEW_POSES
 from operator_app.commands.choices import (
     choices_from,

@@ -69,7 +69,7 @@ class HostLatencyExceeded(BusError):
         often = "once" if times == 1 else f"{times} times"
         super().__init__(
             f"this computer was too busy: since control was taken it was late {often}, the last time by "
-            f"{last_s:.1f} s. Every attempt to upload missed answers or lost control of the arm"
+            f"{last_s:.1f} s. Each attempt to upload the parameters missed answers, or lost control of the arm"
         )
 
 
@@ -103,7 +103,7 @@ class WrongArm(HardwareError):
 class ProfileRemedy(Enum):
     """End of a remedy: how a bus profile can make an object acceptable that differs from what is required."""
 
-    NONE = " (no bus profile can accept another value)"
+    NONE = " (a bus profile cannot change this)"
     HEARTBEAT_PERIOD = ", or allow that period in a bus profile (heartbeat: slowest_ms)"
     SEND_ZERO = (
         ", or have a bus profile send it as 0 with the commands, or write 0 (pdo_maps: configured)"
@@ -166,8 +166,8 @@ def _remedies(differences: Sequence[ObjectMismatch]) -> Iterator[str]:
             expected = "in these drives as expected, with their maker's tool"
             yield f"Set {', '.join(objects)} {expected}{kind.value}"
     if len(others) < len(differences):
-        commission = "The rest: commission" if others else "Commission"
-        yield f"{commission} them as expected{ProfileRemedy.DESCRIBE_PDO.value}"
+        which = "the other objects of these drives" if others else "these drives"
+        yield f"Set up {which} as expected, with their maker's tool{ProfileRemedy.DESCRIBE_PDO.value}"
 
 
 class PdoSetupFailed(HardwareError):

@@ -78,7 +78,8 @@ def check_positions(
         if abs(by_pdo - by_sdo) > POSITION_AGREEMENT_RAD * scale.density + 1.0:
             index = objects.POSITION_ACTUAL
             carrier = next(pdo.number for pdo in joint.answers if index in pdo.carried)
-            expected, actual = f"{by_sdo} counts (by SDO)", f"{by_pdo} counts in TPDO{carrier}"
+            expected = f"{by_sdo} counts, as read by SDO"
+            actual = f"{by_pdo} counts in TPDO{carrier}, which therefore carries something else"
             differences.append(ObjectMismatch(joint.node, index, None, expected, actual))
     if differences:
         raise MappingMismatch(differences)
@@ -128,9 +129,11 @@ def pdo_differences(
             yield ObjectMismatch(node, mapping, None, expected, actual)
     for kind, number, value in conflicting_pdos(access, node, profile, joint):
         index, cob_id = kind.records(number)[0], f"{value & IDENTIFIER:03X}h"
-        expected = "another identifier, or the PDO switched off (bit 31)"
-        risk = "send it too" if kind is TPDO else "obey what is meant for another"
-        actual = f"{cob_id}, the identifier of another frame of this arm: this drive could {risk}"
+        expected = "an identifier that no other frame has, or bit 31 set (PDO off)"
+        risk = "send this frame too" if kind is TPDO else "obey commands to another drive"
+        actual = (
+            f"{cob_id}, which is that of another frame of this arm, so that this drive could {risk}"
+        )
         yield ObjectMismatch(node, index, 1, expected, actual, ProfileRemedy.WRITE_PDO)
 
 

@@ -213,7 +213,7 @@ def _guard(drive: DriveFacts) -> Clause:
         return Clause("guard", False, text, drive.joint)
     if guard > objects.ADVISED_OPERATOR_TIMEOUT_S:
         limit = f"advised: at most {objects.ADVISED_OPERATOR_TIMEOUT_S:g} s"
-        text += f", and keeps moving until then if this program dies ({limit})"
+        text += f" ({limit}); if this program dies, the joint may move until then"
         return Clause("guard", None, text, drive.joint)
     return Clause("guard", True, text, drive.joint)
 

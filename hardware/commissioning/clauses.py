@@ -239,8 +239,8 @@ def keeps_its_document(arm: ArmInterface) -> Iterator[Clause]:
     wrong, stored = "", f"the controller stored {len(after)} bytes of the invalid document"
     if after != before and before:
         arm.upload_parameters(before)
-        former = f"the document it had ({len(before)} bytes), which was uploaded again"
-        wrong = f"{stored} in place of {former}"
+        former = f"its document of {len(before)} bytes"
+        wrong = f"{stored} in place of {former}; that document has been uploaded again"
     elif after != before:
         wrong = f"{stored} and had no document before: export a valid document to it"
     fine = f"the stored document of {len(before)} bytes is unchanged"

@@ -135,8 +135,12 @@ def _check_joints(file_model: ProcedureFile, arm: ArmModel | None) -> Iterator[C
             )
             yield ("modes", "position", k), text, remedy
     if modes.trial and drives:
-        text = "the drive joints are listed, so that there is nothing to choose by trial"
-        yield ("modes", "trial"), text, "write position: auto, or leave trial out"
+        text = "has no effect, because modes.position lists the drive joints"
+        yield (
+            ("modes", "trial"),
+            text,
+            "write position: auto to choose them by trial, or leave trial out",
+        )
     yield from _check_exploration(file_model, drives, arm)
     if arm is not None:
         yield from _check_limits(file_model, arm)

@@ -366,7 +366,7 @@ class FindingKind(Enum):
     OFFSETS_IN_RADIANS = _Message(
         "RADIANS_OFFSETS",
         text="the loops close if theta_off_deg of the arm file is taken as radians",
-        remedy="the unit of an arm file is deg: multiply its theta_off_deg by 57.29578",
+        remedy="angles in an arm file are in deg: multiply its theta_off_deg by 57.29578",
     )
     ZERO_TURNED = _Message(
         "ZERO_JOINT_{joint}",

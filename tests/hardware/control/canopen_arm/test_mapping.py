@@ -166,7 +166,7 @@ def test_following_window_is_a_third_of_6065h_or_one_degree():
     assert windows == pytest.approx([*limits.values()])
 
 
-ACCEPT, ACCEPT_NONE = "heartbeat: slowest_ms", "no bus profile can accept another value"
+ACCEPT, ACCEPT_NONE = "heartbeat: slowest_ms", "a bus profile cannot change this"
 ZERO = "send it as 0 with the commands, or write 0 (pdo_maps: configured), then connect"
 
 
@@ -198,7 +198,7 @@ def test_each_difference_has_its_own_remedy(bus):
     bus.objects[4, 0x1A00, 2] = struct.pack("<L", 0x606C0020)
     message = str(connection_refusal(bus))
     assert "Set 1005h in these drives as expected, with their maker's tool" in message
-    assert "commission them as expected, or describe them in a bus profile" in message
+    assert "Set up the other objects of these drives as expected" in message
 
 
 @pytest.mark.sample(1)

@@ -92,7 +92,7 @@ FALSE_REFUSAL_PROBABILITY_KNOWN_ARM = 1e-5
 """Probability of refusing a correct reading if offsets and placement error are known from earlier placements."""
 
 RESET_PROBABILITY = 1e-2
-"""A counter near zero was probably reset if an increase of chi2 as large as its reading causes is rarer than this.
+"""A counter near zero counts as reset if an increase of chi2 as large as its reading causes is less probable than this.
 By chance, a joint is within `AT_ZERO_COUNTS` counts of zero in one of 30,000 positions, and within k times this
 distance in k of 30,000. The limit for a reading at k times this distance is therefore divided by k."""
 

@@ -68,7 +68,7 @@ def reset_text(joints: Sequence[int], where: str, closes_with: str = "") -> str:
 
 
 def check_counters(arm: ArmModel, reading_rad: FloatArray) -> None:
-    """Raise ConnectAgainError if a joint reads near zero, and closer to zero than to its range: a counter reset."""
+    """Raise ConnectAgainError if a counter was reset: a joint reads near zero, and closer to zero than to its range."""
     fresh = []
     for number, times in sorted(counters_near_zero(arm, reading_rad).items()):
         joint, q = arm.joints[number - 1], float(reading_rad[number - 1])
@@ -263,7 +263,7 @@ def _cause_text(near: Innovation | None) -> str:
 
 
 def fixture_in_place(state: SessionState, procedure: Procedure) -> EndpointConstraint:
-    """Return the fixture; an instrument is placed as calibrated, else as its file states, else as the poses show."""
+    """Return the fixture; an instrument is placed as calibrated, else as its file states, else as fitted to poses."""
     known = journal_calibration(state)
     fixture = procedure.fixture.fixture
     if isinstance(known, StoredCalibration):

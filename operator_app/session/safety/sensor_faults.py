@@ -75,7 +75,7 @@ class SensorFaults:
                 self._arm.capture(1)
 
     def require_no_stuck_sensor(self, reading: Reading) -> None:
-        """Record and raise SensorFault if the other joints show that a joint turned, but its reading is unchanged."""
+        """Record and raise SensorFault if a joint has turned, according to the loop, but reads as at the last pose."""
         state, arm, fixture = self._logbook.state, self._logbook.model, self._logbook.fixture
         if not state.poses_here or not fixture.holds_hand:
             # On an open arm every joint is driven, and its drive detects a stuck sensor.

@@ -68,7 +68,7 @@ def _is_time(utc: str) -> bool:
 
 
 def of_type(what: str, *types: type) -> Check:
-    """Return a check for a value of one of these types; `what` is the text for the types in the problem."""
+    """Return a check for a value of one of these types; the problem text calls the types `what`."""
     return lambda value, _: "" if type(value) in types else f"must be {what}, not {_quoted(value)}"
 
 

@@ -164,5 +164,5 @@ def _forced_warning(solution: Solution, reason: str) -> tuple[records.DocumentWa
 
 
 def _figures(reading: ResidualSigma) -> records.TwoFigures:
-    """Return both values of a residual, converted from m to mm or from rad to mrad."""
+    """Return both values of a residual, `rms` and `as_printed`, converted from m to mm or from rad to mrad."""
     return records.TwoFigures(rms=1e3 * reading.rms, as_printed=1e3 * reading.as_printed)

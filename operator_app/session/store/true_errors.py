@@ -24,7 +24,7 @@ Truths = Callable[[int], Mapping[str, float]]
 
 
 def with_truth(solution: Solution, arm: ArmModel, truths: Truths, *, last: int = 1) -> Solution:
-    """Return `solution` with its errors relative to `truths`; `last`: number of the last placement that has poses.
+    """Return `solution` with its errors relative to `truths`; `last`: number of the last placement with poses.
 
     The true tool position error does not include the error of the fixture's placement.
     """

@@ -1,6 +1,6 @@
 """Guards: pure functions that return why a step or an action is not allowed, as text; "" if it is allowed.
 
-The workflow repeats the check before an action that could do harm. Most guards refuse while a task is running.
+The workflow repeats the check before an action that could do harm. Most actions are refused while a task is running.
 """
 
 from collections.abc import Callable, Mapping

@@ -241,7 +241,7 @@ class SessionSnapshot:
 
     @property
     def chooses_by_plan(self) -> bool:
-        """Whether a plan chooses the next target: it is planned, and no task runs except the automatic capture."""
+        """Whether a plan chooses the next target: the capture is planned, and only automatic capture may be running."""
         by_hand = self.task is not None and self.task.kind is not TaskKind.AUTOMATIC
         return self.procedure.capture.strategy == "planned" and not by_hand
 

@@ -242,8 +242,8 @@ class _DriftCheck:
     ) -> Sequence[Mapping[int, float]]:
         """Measure the pose `first` again and compare the two readings; if the pose cannot be measured, record why.
 
-        Returns the drives' angles (rad) at the start of each move, for `retrace`. A shift between the readings is only
-        reported, except after a resume or with `suspect` (the last pose may be an outlier): then GuardError is raised.
+        Returns the drives' angles (rad) at the start of each move, for `retrace`. A shift between the readings raises
+        GuardError if the session was resumed, or `suspect` (the last pose may be an outlier); else it is only reported.
         """
         session, report = self.session, self.listener.report
         self.listener.going(None)

@@ -211,7 +211,7 @@ def waypoints_from(
 
 
 def verification_waypoints(session: Logbook, poses: int) -> tuple[Mapping[int, float], ...]:
-    """Return 3 * `poses` waypoints that neither session nor earlier verifications used; some may be unreachable."""
+    """Return 3 * `poses` waypoints not used by the session or an earlier verification; some may be unreachable."""
     seed = session.procedure.capture.seed + 1 + session.state.verifications
     return waypoints(drive_box(session), poses=poses, seed=seed)
 

@@ -87,7 +87,7 @@ class Session(Logbook):
     def connect(self, *, measuring: bool = True) -> ArmIdentity:
         """Connect to the arm and return its identity; raises GuardError if it is not the session's arm.
 
-        First opens the instrument of an open arm, unless `measuring` is false, e.g. for an upload.
+        First opens the instrument that measures an open arm, unless `measuring` is false, e.g. for an upload.
         """
         require_mounted(self.state)
         if measuring:
@@ -279,7 +279,7 @@ class Session(Logbook):
     # -- end -------------------------------------------------------------------------------------
 
     def release_holding(self) -> None:
-        """Hold the arm, switch its drives off and release control; `held` then states whether the arm confirmed that.
+        """Hold the arm, switch its drives off and release control; then `held` states whether the arm confirmed this.
 
         First records the cause of a stop and the host latency, which are not available after the release.
         """

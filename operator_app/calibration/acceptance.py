@@ -303,8 +303,8 @@ SLIP_KINDS = frozenset(
 def not_yet_named(since: tuple[Finding, ...], by_tests: tuple[Finding, ...]) -> tuple[Finding, ...]:
     """Return the causes in `since` (from repeated poses) that are missing in `by_tests` (from tests of the fit).
 
-    A movement of the fixture is missing unless `by_tests` names a slip; a compliant fixture is not enough. A step of a
-    joint's reading is missing unless `by_tests` names an error of its sensor or reading; a wrong length is not enough.
+    A movement of the fixture is found in `by_tests` only if they name a slip; a compliant fixture is not enough. A step
+    of a joint's reading is found only if they name an error of its sensor or reading; a wrong length is not enough.
     """
     slipped = any(cause.kind in SLIP_KINDS for cause in by_tests)
     joints = {c.joint for c in by_tests if c.sensor or c.kind in READING_KINDS}

@@ -249,8 +249,7 @@ def _wrong_distances(case: _Case, margin: float, *, again: bool = True) -> tuple
     """Return findings of measured distances that may be wrong; empty if there are none.
 
     Distances may be wrong if the fit without them has a chi2 of at most `margin` above that of a fit with the most
-    probable fault. `again`: solve the loops again without the distances. If False, both chi2 follow from the linear
-    fit, so that the same approximation applies to both.
+    probable fault. `again`: solve the loops again without the distances; else both chi2 follow from the linear fit.
     """
     if again and (case.gross or not case.fit.estimate.converged):
         return refuted_distances(case.stated)
@@ -281,8 +280,7 @@ def _local_minimum_causes(case: _Case) -> tuple[Finding, ...]:
 def _fit_causes(case: _Case, *, without_motion: bool) -> tuple[Finding, ...]:
     """Return the causes that the fit itself shows: it has not converged, or sigmas are large.
 
-    `without_motion`: do not report large sigmas. The sigmas are those of a fit in which the parameters known from the
-    files are exact.
+    `without_motion`: do not report large sigmas. The sigmas are computed as if values known from files were exact.
     """
     estimate = case.estimate.given(case.known.by_files)
     open_end = Finding(

@@ -141,7 +141,7 @@ class Prepared:
 
     `fixed`: unidentifiable unknowns that are fixed at their nominal values on request.
     `hard`: model with only the unknowns that the poses have to identify.
-    `model`: `hard` and additional entries, each free within a tolerance. `tolerance`: of each (rad, m), by name.
+    `model`: `hard` with further entries, free within a tolerance. `tolerance`: their standard deviations, by name.
     `errors`: error model of the distinct poses.
     `distinct`: indices of the distinct poses. `which`: for every pose on the branch, its position in `distinct`.
     `prior`: names of the arm's entries whose uncertainty the arm's file states.
@@ -391,7 +391,7 @@ def _require_identifiable(prepared: Prepared, identified: Identifiability) -> Id
 
 
 def _identifiability_of(prepared: Prepared, part: Calibrated, x: FloatArray) -> Identifiability:
-    """Return the identifiability at the chosen estimator's result; `x` (P,): implicit result, for unsensed joints."""
+    """Return the identifiability at the chosen estimate; `x` (P,): implicit estimate, used with unsensed joints."""
     loops = prepared.loops
     if prepared.by_paper and prepared.identifiability is not None:
         return prepared.identifiability

@@ -51,7 +51,7 @@ class CalibratedArm:
     `hand`: the same rows, but with the calibrated values of the entries that locate the fixture on the tool.
     `tip_m`: the tip in the last frame of `hand`, (3,), m: the ball's centre or the instrument's target. It is zero for
     a rigid attachment and for a hinge (the hinge's axis is the z axis of that frame).
-    `identified`: entries of `flange` that were calibrated. `free`: these, those of `hand`, and tip coordinates.
+    `identified`: entries of `flange` that were calibrated. `free`: calibrated entries of `hand` and tip coordinates.
     `best`: best D-H table for uncorrected readings. `corrections`: corrections of the readings. Both may be None.
     """
 
@@ -118,8 +118,7 @@ class CalibratedArm:
     def rate_m_per_rad(self, joint: int, rates: dict[str, float], q_rad: FloatArray) -> FloatArray:
         """Return the tip displacement (m,), in m per rad of error in the fixed offset of `joint`, at readings (m, n).
 
-        `rates`: by name, the change of each other parameter per rad of this error. If a parameter has a value for each
-        placement, the last rate is used.
+        `rates`: by name, the change of each other parameter per rad of this error, in the last placement.
         """
         plain = {name.partition("[")[0]: rate for name, rate in rates.items()}
         names = (DhEntry(DhKind.THETA_OFF, joint).name, *self.free)

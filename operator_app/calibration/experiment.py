@@ -157,7 +157,7 @@ def identifiable_loops(
 def _without_unidentifiable(
     model: ClosureModel, arm: ArmModel, x0: FloatArray | None, q: FloatArray, *, drop: bool
 ) -> tuple[ClosureModel, tuple[str, ...]]:
-    """Fix unidentifiable parameters; return the model and their names. If they may not be fixed: `model` and ()."""
+    """Fix unidentifiable parameters; return the model and their names. If not allowed, return `model` and ()."""
     # They may be fixed if `drop`, or if all of them are offsets whose uncertainty the arm's file states.
     if not drop and arm.offset_tolerance_rad is None:
         return model, ()

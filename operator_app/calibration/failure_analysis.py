@@ -106,7 +106,7 @@ def turned_unread(
 
     First, the loop is closed at `before_rad`; the correction of the readings that this needs is added to `after_rad`
     too, so that placement errors cancel. Then the loop is closed at `after_rad` several times: once with all `still`
-    joints fixed, then with one of them free, each in turn. No motion is linearised.
+    joints fixed, then with each of them free in turn. No motion is linearised.
 
     `x`: approximate parameters (P,). `before_rad`, `after_rad`: readings (n,). `still`: joints (1-based) whose readings
     did not change.

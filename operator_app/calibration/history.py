@@ -57,8 +57,7 @@ class EntryHistory:
     `values` (sessions, entries), rad and m, replaced by the equivalent values nearest to the first session's.
     `sigma`, `within`: standard uncertainty of `values`, and its type A part, in the same shape and units.
     `chart`: control limits of each session, and the shifts of entries in the order in which they were detected.
-    `smallest`: smallest shift of each entry that the next three sessions detect with a probability of 90 %; NaN if
-    there are too few sessions.
+    `smallest`: smallest shift of each entry that three more sessions detect in 90 % of cases; NaN with few sessions.
     """
 
     side: Side

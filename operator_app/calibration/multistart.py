@@ -166,7 +166,7 @@ def _implausible(far: tuple[Parameter, float], times: float | None) -> Finding:
 
 
 def of_fixture(model: ClosureModel) -> set[str]:
-    """Return the names of the parameters that depend on the fixture's placement; of several, the first.
+    """Return the names of the parameters that depend on the fixture's (first) placement.
 
     Placements of an instrument and its target are not included: a large error in these means that a file is wrong.
     """

@@ -66,7 +66,7 @@ def _are_calibrated(new: PoseSet, made_from: PoseSet) -> bool:
 def require_calibrated_placement(
     new: PoseSet, made_from: PoseSet, fixture: EndpointConstraint
 ) -> None:
-    """Raise `NoTestError` if `new` is not of one or of all calibrated placements and `may_be_elsewhere` is false."""
+    """Require new poses of one or of all calibrated placements, unless `may_be_elsewhere`; else raise `NoTestError`."""
     if may_be_elsewhere(fixture) or _are_calibrated(new, made_from):
         return
     known, states = made_from.placements, new.placements

@@ -173,7 +173,7 @@ def _as_learned(design: Layout, *, learned: Mapping[str, float]) -> FloatArray:
 
 
 def _at_least_stated(design: Layout, *, learned: Mapping[str, float]) -> FloatArray:
-    """Return variances (K,) of the error components for a test: those for a prediction, but at least as stated."""
+    """Return variances (K,) of the error components for a test: as for a prediction, but not below the stated ones."""
     return np.maximum(design.stated_variances(), _as_learned(design, learned=learned))
 
 

@@ -75,9 +75,8 @@ def compare_readings(
     read: RepeatedReading,
     compliance: Compliance,
 ) -> Repeat | None:
-    """Compare two readings of one pose under the stated errors: noise, play and compliance.
+    """Compare two readings of one pose; None if motions of the chain could explain every possible difference.
 
-    The result is None if motions of the chain can explain every possible difference, so that nothing can be tested.
     `model`, `x`: the loop of this pose and its calibrated parameters, which determine the motions of the chain.
     `compliance`: stated compliance of the fixture, whose deflection may differ between the readings due to friction.
     """

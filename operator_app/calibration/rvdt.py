@@ -47,8 +47,7 @@ def check_rvdts(
 ) -> tuple[RvdtVerdict, ...]:
     """Test the noise of every RVDT and, if there is a single placement, its readings against the loops.
 
-    `calibrated`: fit of the `distinct` poses (k,) with the readings of the RVDTs. The fit without these readings starts
-    from its result.
+    `calibrated`: fit of the `distinct` poses (k,) with the RVDTs' readings; start of the fit without these readings.
     """
     arm, poses = experiment.arm, experiment.poses
     sensors = {

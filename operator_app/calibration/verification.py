@@ -126,8 +126,7 @@ class VerificationResult:
 def fixed_calibration(solution: Solution, placement: int | None = None) -> Fixed:
     """Return the results of a calibration that its verification needs.
 
-    `placement`: number of the placement whose parameters are returned, with names without this number. If it is None,
-    the parameters of all placements are returned.
+    `placement`: return only the parameters of this placement, under names without its number; None: all parameters.
     """
     estimate, components = solution.estimate, solution.components
     names, columns = [p.name for p in estimate.parameters], np.arange(len(estimate.x))

@@ -157,7 +157,7 @@ def choose_drives(
 
 
 def named_drives(prediction: DrivePrediction, drives: tuple[int, ...], kind: str) -> DriveChoice:
-    """Choose the procedure's `drives`; raises `GuardError` if one is unknown, or too many or few for this `kind`."""
+    """Choose the procedure's `drives`; raises `GuardError` if one is unknown, or their number is wrong."""
     motion = prediction.manifold.motion
     problem = modes_problem(
         drives, joint_count=motion.joint_count, mobility=motion.degrees, kind=kind

@@ -239,7 +239,7 @@ class MeasuredModel(CommonFields):
     stays_on_hand: quantities.Yes = True
 
     def own(self) -> dict[str, Any]:
-        """Return arguments of `makes`: sigmas, whether poses are measured, and whether base and tip are known."""
+        """Return arguments of `makes`: sigmas, whether whole poses are measured, whether base and tip are known."""
         return {
             "sigma_m": self.instrument_sigma_mm / 1e3,
             "sigma_rad": math.radians(self.instrument_sigma_deg),

@@ -63,7 +63,7 @@ Fields = Mapping[str, Any]
 def checked(check: Callable[[Any, Fields], Iterable[Complaint]]) -> pydantic.AfterValidator:
     """Return an annotation that makes pydantic call `check` with a field's value and the valid fields before this one.
 
-    The problems that `check` yields may be anywhere in the file. They are collected and do not end the validation.
+    `check` may yield problems of other places in the file, too. All are collected and do not end the validation.
     """
 
     def validate(value: Any, info: pydantic.ValidationInfo) -> Any:

@@ -107,7 +107,7 @@ class UrdfChain:
 def parse_urdf(data: bytes, file: str, *, base: str = "", tip: str = "") -> UrdfChain:
     """Read the chain of revolute joints between the links `base` and `tip`; the rest of the file is ignored.
 
-    An empty `base` means the file's root link; an empty `tip`, the end of the only arm, before any gripper. Raises
+    An empty `base` means the file's root link; an empty `tip`, the end of the only arm, without its gripper. Raises
     ConfigError if the file is not a URDF, or has no serial chain of revolute joints between the two links.
     """
     return UrdfTree.read(data, file).chain(base, tip)

@@ -145,7 +145,7 @@ def kind_of(source: Resource) -> AnyKind | None:
 
 
 def _parsed(source: Resource, kind: AnyKind | None, joints: set[int]) -> FileContent:
-    """Read a file; raises ConfigError, also for poses that fit none of the arms read before (joint counts: `joints`)."""
+    """Read a file; raises ConfigError, also for poses that fit no arm read so far (joint counts: `joints`)."""
     data, file = source.data, source.file
     # If the arms differ in their number of joints, the number for this file is not known.
     count = next(iter(joints)) if len(joints) == 1 else None

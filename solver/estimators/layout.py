@@ -81,7 +81,7 @@ placement."""
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class VarianceComponent:
-    """One variance v to be estimated. The defaults are for a v in units of the stated variance.
+    """One variance v to be estimated. The defaults are for a v that is a ratio to the stated variance.
 
     `start`: value at which the search starts. `stated`: value that the files state.
     `floor`, `ceiling`: limits of v. `raise_limit`: value to which one step may raise v.
@@ -127,7 +127,7 @@ class Group:
     """Columns whose coefficients share one variance.
 
     `source`: name of the group in an uncertainty budget. `names`: names of the columns.
-    `fixed`, `rates`: the variance is `fixed` plus, for each pair (index, factor), factor times the component `index`.
+    `fixed`, `rates`: the variance is `fixed` plus, for each pair (index, factor) of `rates`, factor times ``v[index]``.
     """
 
     source: str
@@ -401,7 +401,7 @@ class Layout:
         return np.array([c.start for c in self.components])
 
     def stated_variances(self) -> FloatArray:
-        """Return the variances (K,) that the files state; the noise of deflection and play has the full variance."""
+        """Return the variances (K,) that the files state. For deflection and play, noise has all of the variance."""
         return np.array([c.stated for c in self.components])
 
     def variances_by_name(self, named: Mapping[str, float]) -> FloatArray:

@@ -89,7 +89,7 @@ class LinearFit:
         return _square(self.half)
 
     def _distances(self) -> tuple[FloatArray, FloatArray]:
-        """Return misclosures (k,) of the measured distances, and derivatives (k, width) by the coefficients of M."""
+        """Return the distances' misclosures (k,) and derivatives (k, width) with respect to the coefficients of M."""
         w, rates = self.system.distances
         rows = np.zeros((len(w), self.design.width))
         if len(w):
@@ -114,7 +114,7 @@ class LinearFit:
         return self.design.whiten(self.system.at_poses(poses), self.v, self.root, poses)
 
     def parts(self) -> Iterator[Whitened]:
-        """Yield the whitened poses in parts, with effects of unit variance; if one part holds all, it is stored."""
+        """Yield the whitened poses in parts, with effects of unit variance; a part that holds all poses is stored."""
         yield from self._whitened or (self._whiten(poses) for poses in self.design.parts())
 
     def residual(self, part: Whitened) -> FloatArray:
@@ -154,7 +154,7 @@ class LinearFit:
 
     @cached_property
     def at_known_noise(self) -> LinearFit:
-        """The same linearisation, solved for stated variances, but for estimated noise where the estimate is smaller.
+        """The same linearisation, solved for stated variances; noise has its estimated variance where that is smaller.
 
         Noise is limited to the stated value, so that a fault does not count as noise. A smaller estimate makes tests of
         single readings more powerful.
@@ -233,7 +233,7 @@ class LinearFit:
     def score(self, G: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the score ``s = G' P w`` (k,) of new columns G (m, r, k), and its covariance ``C = G' P G`` (k, k).
 
-        P and w are those of `chi2` (see the class); G is whitened here. If the model contained these columns, their
+        P and w are those of `chi2` (see the class); this method whitens G. If the model contained these columns, their
         coefficients would be ``-C^-1 s``, and chi2 would be smaller by ``s' C^-1 s``.
         """
         k = G.shape[-1]
@@ -255,7 +255,7 @@ class LinearFit:
         return np.asarray(-self._gain() @ MG)
 
     def held_out_chi2(self, *parts: IntArray) -> list[tuple[float, int]]:
-        """Return (chi2, dof) for each group of poses (indices (k,)): its misfit to the prediction from all other poses.
+        """Return (chi2, dof) of the misfit of each group of poses (indices (k,)) to the prediction from all others.
 
         No refit is needed: chi2 is ``(P w)_F' P_FF^-1 (P w)_F``, with P the projector and F the group's equations.
         """

@@ -81,8 +81,8 @@ class MixedFit:
 
     `x`: parameters (P,). `corrections`, `unsensed`: joint corrections e (m, n) and unsensed angles (m, U), rad.
     `fit`: the linear fit at the solution.
-    `final_derivatives`: derivatives with respect to the variances (see `derivatives`), calculated from only those poses
-    that estimated the variances; None if the caller gave the variances.
+    `final_derivatives`: derivatives of likelihood and priors, from those poses from which the variances were estimated;
+    None if the caller gave the variances.
     """
 
     x: FloatArray
@@ -94,7 +94,7 @@ class MixedFit:
     converged: bool
 
     def derivatives(self) -> Derivatives:
-        """Return derivatives with respect to the variances at the solution: of the likelihood times the priors."""
+        """Return the derivatives of likelihood and priors (see `with_priors`) at the solution."""
         return with_priors(self.fit) if self.final_derivatives is None else self.final_derivatives
 
 
@@ -102,7 +102,7 @@ class MixedFit:
 class FitStart:
     """Result of an earlier fit of the same poses, from which a new fit may start.
 
-    `corrections`, `unsensed`: joint corrections (m, n) and the new fit's unsensed angles (m, U), rad.
+    `corrections` (m, n): joint corrections, rad. `unsensed` (m, U): unsensed angles of the new fit's loops, rad.
     `layout`: layout of the earlier fit, with its poses in the order of the new fit.
     """
 
@@ -148,7 +148,7 @@ def _iterate(
     *,
     derivatives: Derivatives | None = None,
 ) -> MixedFit:
-    """Iterate to convergence. Given `variances` (K,) stay fixed, and `derivatives` become `final_derivatives`."""
+    """Iterate to convergence. If `variances` (K,) are given, they stay fixed; the result contains `derivatives`."""
     v = design.start_variances() if variances is None else variances
     free = variances is None and len(v) > 0
     settled = SETTLED_BESIDE_VARIANCES_SIGMA if free else SETTLED_SIGMA
@@ -213,7 +213,7 @@ def _iterate(
 
 
 def expected_variances(fit: LinearFit, derivatives: Derivatives, v: FloatArray) -> FloatArray:
-    """Return `v` (K,) with each posterior mode of a variance with a log-normal prior replaced by the posterior mean.
+    """Return `v` (K,) with posterior means instead of modes for the variances that have a log-normal prior.
 
     A mode does not include the uncertainty of the variance. If an error is exp(t) times the stated one, with
     t ~ N(t_mode, s^2), its mean square is exp(2 t_mode + 2 s^2) times the stated variance.
@@ -224,9 +224,9 @@ def expected_variances(fit: LinearFit, derivatives: Derivatives, v: FloatArray) 
 
 
 def gravity_share(fit: LinearFit) -> float:
-    """Return the factor by which the sag and play expected from gravity would have to be multiplied to fit best.
+    """Return the factor by which to multiply the sag and play expected from gravity for the best fit to the readings.
 
-    If it is below one half, an expected sag and play of zero is nearer to the readings.
+    If the factor is below one half, zero is nearer to the readings than the expected values.
     """
     design = fit.design
     G = np.concatenate(
@@ -237,7 +237,7 @@ def gravity_share(fit: LinearFit) -> float:
 
 
 def _start(design: LinearModel, x0: FloatArray, v: FloatArray, near: FitStart | None) -> State:
-    """Return the start: that of `near` if given, else without corrections, and with loops closed best at `x0`."""
+    """Return the state of `near` if given; else no corrections, and unsensed angles that best close the loops."""
     x, q = np.array(x0, dtype=float), design.q
     if near is not None:
         e, u = near.corrections, near.unsensed
@@ -252,7 +252,7 @@ def _start(design: LinearModel, x0: FloatArray, v: FloatArray, near: FitStart | 
 
 
 def _advance(design: LinearModel, at: Linearisation, fit: LinearFit) -> tuple[State, float, float]:
-    """Return the next state, the largest change of a parameter and its error, in the parameter's standard errors."""
+    """Return the next state, the largest change of a parameter and the error of that change, in standard errors."""
     old = at.state
     x = np.where(design.soft, design.nominal, old.x) + fit.change
     dx = x - old.x

@@ -63,7 +63,7 @@ class Derivatives:
     """Derivatives of the log-likelihood with respect to the K variance components.
 
     `score` (K,): gradient. `information`, `curvature` (K, K): expected and observed negative second derivative.
-    `expected` (K,): twice the gradient is a quadratic form of the residuals minus this expectation of the form.
+    `expected` (K,): expectation of a quadratic form of the residuals. Twice the gradient is the form minus `expected`.
     """
 
     score: FloatArray
@@ -170,10 +170,10 @@ def _scale_prior(design: Layout, t: FloatArray) -> tuple[FloatArray, FloatArray,
 
 
 def _scale_groups(design: Layout) -> FloatArray:
-    """Return masks (groups, K), of 0 and 1, for the up to two groups of scales whose priors are correlated.
+    """Return masks (groups, K) of 0 and 1, one for each group of scales whose priors are correlated.
 
-    The scales of lengths and twists are one group; those of joints, sensors and the fixture's deflection are the other,
-    because joints better than stated do not make the maker's table more certain. The fixture's placement is in neither.
+    Lengths and twists are one group. Joints, sensors and the fixture's deflection are the other, because joints better
+    than stated do not make the maker's table more certain. The fixture's placement is in neither group.
     """
     names = np.array(list(design.index), dtype=str)
     of_links = np.isin(names, (LENGTHS, TWISTS))
@@ -278,7 +278,7 @@ class VarianceSearch:
     If a variance leaves its floor, the curvature changes quickly, and plain steps may oscillate forever. The slope at a
     step's end, which is calculated anyway, locates the maximum along the step; the next iteration starts there.
 
-    `fast`: whether steps shrink so fast that further steps are negligible. The argument `fast` applies until step two.
+    `fast`: whether steps shrink so fast that further steps are negligible. Before the second step, it is the argument.
     `slope_left`: expected slope (see `ScoringStep`) of the step that starts at the variances returned last.
     """
 

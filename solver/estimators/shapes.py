@@ -113,7 +113,7 @@ class Shapes:
     def of(
         cls, sd_rad: FloatArray, columns: FloatArray, missed: FloatArray, expected: FloatArray
     ) -> Shapes:
-        """Return the effect; the arrays (m, n, ...) are in units of `sd_rad` (n,), and `missed` of its square."""
+        """Return the effect; `columns` and `expected` are in units of `sd_rad` (n,), `missed` in those of its square."""
         joints = np.flatnonzero(sd_rad)
         return cls(
             joints=joints,
@@ -131,8 +131,8 @@ class Shapes:
 def sides_of_play(q: FloatArray, errors: ErrorModel, sd_rad: FloatArray) -> Shapes:
     """Return the effect of play: a column for the side of the load, and one for the side of the approach if known.
 
-    With probability p = 1 - `BY_APPROACH` the link rests on the side to which gravity moves it. Otherwise the direction
-    of approach determines its side, either the one or the other with equal probability, since link or drive may lead.
+    With probability p = 1 - `BY_APPROACH` the link rests on the side to which gravity moves it. Otherwise its side
+    follows from the direction of approach. Both sides are then equally likely, since either link or drive may lead.
     So, in units of `sd_rad`, the expected value is p times the side of the load, and the variance about it is 1 - p^2.
     If that side is unknown (no masses, or `errors.signed` is False), the expected value is 0.
 

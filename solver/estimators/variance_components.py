@@ -99,7 +99,7 @@ class Calibrated:
     """An estimate, its variance components, and the linear fit that further tests use.
 
     `linear`: the fit, with its poses in canonical order. `order` (m,): the caller's index of each pose of `linear`.
-    `derivatives`: derivatives of the likelihood times the priors, with respect to the variances, at the solution.
+    `derivatives`: derivatives of likelihood and priors with respect to the variances, at the solution.
     `unsensed`: unsensed angles (m, U), rad, in the caller's order.
     """
 

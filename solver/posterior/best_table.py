@@ -43,7 +43,7 @@ class BestTable:
     `rows` (5, n): theta_off, s, a, alpha and beta of links 1..n, rad and m. `tip_m` (3,): the tool's point in frame n.
     `entries`: names of the k entries and tip coordinates that the fit determines.
     `covariance` (k, k): covariance of `entries`, rad and m.
-    `left_m`: rms tool displacement by the part of the corrections that no table represents, and by its uncertainty.
+    `left_m`: rms tool displacement due to the part of the corrections that no table represents, and its uncertainty.
     `sigma_m`: expected rms position error of the tool where the arm is used.
     """
 
@@ -134,7 +134,7 @@ def best_table(
     fixed: Sequence[str] = (),
     tip: bool = True,
 ) -> BestTable:
-    """Return the table, near `table`, that without corrections best reproduces tool positions with corrections.
+    """Return the table near `table` that, without corrections, best reproduces the tool positions with corrections.
 
     `readings`, `weight` (m,): poses where the arm is used, and their weights of sum 1; see `where_used`.
     `known`: names of the k entries of `table` and tip coordinates that the calibration identified.

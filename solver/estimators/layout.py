@@ -401,7 +401,7 @@ class Layout:
         return np.array([c.start for c in self.components])
 
     def stated_variances(self) -> FloatArray:
-        """Return the variances (K,) that the files state. For deflection and play, noise has all of the variance."""
+        """Return the variances (K,) that the files state. Noise of deflection and play has the full stated one."""
         return np.array([c.stated for c in self.components])
 
     def variances_by_name(self, named: Mapping[str, float]) -> FloatArray:

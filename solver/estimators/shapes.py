@@ -113,7 +113,7 @@ class Shapes:
     def of(
         cls, sd_rad: FloatArray, columns: FloatArray, missed: FloatArray, expected: FloatArray
     ) -> Shapes:
-        """Return the effect; `columns` and `expected` are in units of `sd_rad` (n,), `missed` in those of its square."""
+        """Return the effect; `columns` and `expected` are given in units of `sd_rad` (n,), `missed` in its square."""
         joints = np.flatnonzero(sd_rad)
         return cls(
             joints=joints,

@@ -232,7 +232,7 @@ class OutsideArm:
     def _command(self, own: Sequence[BaseException] = ()) -> Iterator[None]:
         """Context in which the arm is commanded; errors become `HardwareError`, except those in `own`.
 
-        Raises `StopLatched` if STOP is latched. A STOP pressed meanwhile is sent again: the command may have undone it.
+        Raises `StopLatched` while STOP is latched. A STOP pressed meanwhile is sent again: the command may undo it.
         """
         self._require_no_stop()
         try:

@@ -285,7 +285,7 @@ class StartUp:
             self._link.wire.send(objects.COB_NMT, bytes([command, node]))
 
     def _read_fault_codes(self, first: Sample) -> None:
-        """Record the error code (603Fh) of each drive that is in fault in `first`; its emergency came too early."""
+        """Record the error code (603Fh) of each drive that `first` shows in fault, as its emergency was missed."""
         faulty = first.joints_in({DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE})
         nodes_in_fault = [self._profile.drives[joint - 1] for joint in faulty]
         codes = {n: self._access.read_unsigned(n, objects.ERROR_CODE) for n in nodes_in_fault}

@@ -126,7 +126,7 @@ class ArmModel:
         return np.array([joint.sensor.linearity_rad for joint in self.joints])
 
     def gain_rad(self) -> FloatArray:
-        """Deviation (n,) of each RVDT at one sigma of gain error: rms over the full scale, rad; else 0."""
+        """Deviation (n,) at a gain error of one sigma: rms over the full scale, rad; 0 if the sensor is not an RVDT."""
         return np.array([joint.sensor.gain_rad for joint in self.joints])
 
     @property

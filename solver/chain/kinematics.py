@@ -166,7 +166,7 @@ is an angle."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Entries:
-    """C entries of a D-H table, each given by its axis: the entry turns or shifts all links after it about or along it.
+    """C entries of a D-H table as axes: an entry turns all later links about its axis, or shifts them along its axis.
 
     `frame` (C,): index of the frame to which the entry's axis belongs.
     `axis` (C,): index of the axis in this frame: 0 for x, 1 for y, 2 for z.

@@ -169,7 +169,7 @@ class SensorCurve:
         return self.lines + self.bends
 
     def place(self, theta_rad: FloatArray) -> FloatArray:
-        """Return x (m,) at sensor angles (m,), limited to between -`SATURATION` and `SATURATION`."""
+        """Return x (m,) at sensor angles (m,), clipped to +-`SATURATION`."""
         x = (theta_rad - self.middle_rad) / self.half_scale_rad
         return np.asarray(np.clip(x, -SATURATION, SATURATION))
 

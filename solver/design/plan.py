@@ -261,7 +261,7 @@ def _trusted(
     sets: tuple[tuple[int, ...], ...],
     covariance: FloatArray,
 ) -> BoolArray:
-    """Whether, at each pose (m,), at least one drive set in `sets` lets the free joints be predicted reliably."""
+    """Whether the free joints' angles at each pose (m,) are predicted reliably for at least one of the drive `sets`."""
     reduced = reduced_equations(manifold.model.loop(manifold.x, manifold.q, manifold.u))
     sigmas = [prediction_sigma(reduced.A, reduced.B, covariance, drives) for drives in sets]
     sigma = np.min(sigmas, axis=0)

@@ -132,7 +132,7 @@ def _forecast(
     goal: FloatArray,
     poses_left: int,
 ) -> tuple[FloatArray, int | None]:
-    """Return the standard deviations, after more poses, of the unknowns with indices `columns`, and how many poses.
+    """Return the standard deviations of the unknowns with indices `columns` after more poses, and the number of poses.
 
     Poses are added until each standard deviation is within its `goal`. If `poses_left` poses are not enough, the number
     is None. Each pose is the one that most reduces the variance of the parameter farthest above its goal.

@@ -55,7 +55,7 @@ def steps(
     """Return the most significant step of each suspect, in order of significance.
 
     `residuals`: whitened residuals of the fit, poses in time order.
-    `low_noise`: residuals whitened with smaller noise, for suspected lost counts, which shift only a reading.
+    `low_noise`: residuals whitened with smaller noise; used for lost counts, which shift a reading, not the geometry.
     `scale`: ratio of actual variances to those of the fit; chi2 is divided by this ratio.
     """
     m = len(residuals.white)
@@ -79,7 +79,7 @@ def _largest(
 ) -> Iterator[ChangePoint]:
     """Yield the most significant step of each suspect; all suspects have the same number d of columns.
 
-    `scale`: ratio of actual variances to those of `residuals`. `level`: false-alarm probability at a share of 1.
+    `scale`: ratio of actual to assumed variances. `level`: false-alarm probability if `false_alarm_share` is 1.
     """
     m, r, K = residuals.U.shape
     S, d = len(suspects), suspects[0].columns.shape[-1]

@@ -144,7 +144,7 @@ def smallest_shift(between: FloatArray, sessions: int, quantities: int) -> Float
 def _variances(
     values: FloatArray, within: FloatArray, begin: IntArray, ends: IntArray, tested: IntArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the variances between sessions ``begin[j]:ends[j]`` of each `tested` quantity j, and their dof."""
+    """Return the variances between sessions ``begin[j]:ends[j]`` of `tested` quantities j, and degrees of freedom."""
     columns = [(slice(int(begin[j]), int(ends[j])), j) for j in tested.tolist()]
     own = np.array([values[column].var(ddof=1) for column in columns])
     # A value stated to repeat exactly still scatters by rounding.

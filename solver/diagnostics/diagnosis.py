@@ -77,7 +77,7 @@ class Diagnosis:
     residuals that remain after the best cause of every earlier ranking is fitted.
     `suspected_entries`: lengths and twists that may differ from the arm file although no test fires, the most probable
     first.
-    `residuals`: whitened residuals, poses in time order; each noise variance is the smaller of estimated and stated.
+    `residuals`: residuals, poses in time order, whitened with the smaller of the estimated and the stated noise.
     `stated_chi2_per_dof`: chi2/dof at the stated variances.
     `parameter_shift`: parameters at the stated variances minus those of the diagnosed fit (P,), rad and m.
     """
@@ -113,7 +113,7 @@ def diagnose(
     `fit`: the mixed model at its solution. The fit is tested at the *stated* variances; only outliers and steps are
     tested at the estimated noise if that is smaller.
     `taken` (m,): position of each pose of the fit in time order.
-    `measured`: by joint (1-based), a sensor's linearity deviation from loops that do not use the sensor's readings.
+    `measured`: by joint (1-based), the sensor's linearity deviation as measured by loops that do not use its readings.
     """
     stated = fit.stated
     order = np.argsort(taken, kind="stable")

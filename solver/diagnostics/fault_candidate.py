@@ -36,7 +36,7 @@ class Cause(Enum):
 
 
 class PeakDeviation(NamedTuple):
-    """Largest deviation of a sensor from the true angle or, if `from_line`, from the best-fit line; `sd`: its sigma."""
+    """Largest deviation of a sensor from the true angle or, if `from_line`, the best-fit line; `sd`: its sigma; rad."""
 
     peak: float
     sd: float
@@ -68,7 +68,7 @@ class Candidate:
     `most_stated`: largest deviation that the files allow, or 0 if they state none. The deviation counts as a cause only
     if it exceeds this value by `CERTAIN_SIGMAS` of its standard deviations.
     `least`: if `most_stated` is 0, the deviation counts as a cause only if its rms is at least this value.
-    `measured`: linearity deviation of the sensor from loops that do not use its readings; None if not determined.
+    `measured`: linearity deviation of the sensor as measured by loops that do not use its readings; None if unknown.
     `lines`: (m, 2): orthonormal basis of the straight lines over the readings, i.e. of an offset and a gain error.
     `entries`: names of the parameters whose values changed, one per column; empty if none changed.
     """

@@ -27,7 +27,7 @@ class FaultModels:
     """Fault models of a fit at the stated variances, with poses in the order in which they were taken.
 
     `order` (m,): for each pose in time order, its index in the fit.
-    `measured`: by joint (1-based), a sensor's linearity deviation from loops that do not use the sensor's readings.
+    `measured`: by joint (1-based), the sensor's linearity deviation as measured by loops that do not use its readings.
     `readings` (m, n): readings of the poses in time order, rad. `system`: loop equations of the poses in time order.
     """
 

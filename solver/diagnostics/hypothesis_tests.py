@@ -119,7 +119,7 @@ def scale_tests(faults: FaultModels, residuals: WhitenedResiduals) -> list[Hypot
 
 
 def prediction_test(stated: LinearFit) -> HypothesisTest:
-    """Test predictions from the other poses: of each fifth of the poses, and of a far block; return the worst test."""
+    """Test how well the other poses predict each fifth of the poses and a block far from the rest; return the worst."""
     q = stated.design.q
     parts = (*fold_poses(q), far_block(q)) if len(q) >= 2 * FOLDS else ()
     worst = HypothesisTest(code="PREDICTION", statistic=0.0, threshold=np.inf)

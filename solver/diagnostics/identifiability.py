@@ -209,9 +209,9 @@ def _immobile_offsets(
 ) -> tuple[UnidentifiableDirection, ...]:
     """Return a direction for each immobile joint whose offset is in none of the `known` directions.
 
-    The offset of such a joint is one more constant of the geometry. With link lengths taken as exact, the rank may be
-    full and the scaled condition number low (9.6 in one example) all the same. But a length error of a millimetre would
-    look like an error of the offset, so the offset is reported as unidentifiable.
+    The offset of such a joint is one more constant of the geometry. If link lengths are taken as exact, the rank may
+    still be full, and the scaled condition number low (9.6 in one example). But a length error of a millimetre then
+    looks like an error of the offset, so the offset is reported as unidentifiable.
     """
     named = {name for direction in known for name in direction.parameters}
     return tuple(

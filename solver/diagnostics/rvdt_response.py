@@ -247,8 +247,8 @@ TERMS = 200
 class SingleNoise:
     """Noise of a single reading, without the error of rounding to whole LSB.
 
-    `lsb`: standard deviation, LSB. `low`, `high`: ends of its 95 % interval. `from_spread`: whether it was calculated
-    from the spread of the samples within each pose; otherwise it was calculated from the closure errors.
+    `lsb`: standard deviation, LSB. `low`, `high`: ends of its 95 % interval. `from_spread`: whether the noise follows
+    from the spread of the samples within each pose; otherwise it follows from the closure errors.
     """
 
     lsb: float

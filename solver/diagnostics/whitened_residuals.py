@@ -117,7 +117,7 @@ ROUNDING = 1e-13
 
 
 class OwnColumns:
-    """Whitened columns that act in one pose each: c columns for each of p poses, rotated to be orthogonal in a pose.
+    """Whitened columns that act in one pose each, c columns in each of p poses, rotated to be orthogonal in every pose.
 
     `poses`: (p,): indices of the poses.
     `white`: (p, r, c): whitened columns before the rotation.

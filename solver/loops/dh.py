@@ -98,7 +98,7 @@ class DhLoop(ArmLoop):
     def fixture_axes(
         self, x: FloatArray, q: FloatArray, u: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the halves' axes (m, 3, 3) in frame -1: on the table turned by theta_0, on the tool the identity."""
+        """Return axes (m, 3, 3), in frame -1, of the table's half, turned by theta_0, and of the tool's half, fixed."""
         table, hand = ClosureModel.fixture_axes(self, x, q, u)
         if self.hinge:
             table = rotation_about_z(u[..., 0])
@@ -134,7 +134,7 @@ class DhLoop(ArmLoop):
 
     @property
     def ground_side(self) -> tuple[str, ...]:
-        """Names of the unknown entries that locate the fixture on the table: of link 0, and s_1 and theta_off_1."""
+        """Names of the unknown entries that locate the fixture on the table: those of link 0, s_1, theta_off_1."""
         return tuple(
             e.name
             for e in self.entries
@@ -143,7 +143,7 @@ class DhLoop(ArmLoop):
 
     @property
     def hand_side(self) -> tuple[str, ...]:
-        """Names of the unknown entries that locate the fixture on the tool: of link n, theta_off_n included."""
+        """Names of the unknown entries that locate the fixture on the tool: those of link n, with theta_off_n."""
         return tuple(e.name for e in self.entries if e.row == self.joint_count)
 
     @property

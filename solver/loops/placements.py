@@ -64,7 +64,7 @@ class Placements(ClosureModel):
         object.__setattr__(self, "_columns", columns)
 
     def columns(self, number: int) -> IntArray:
-        """Indices (P_own,) in the vector of all parameters of the P_own parameters that one placement's loop uses."""
+        """Indices (P_own,) of the parameters of one placement's loop in the vector of all parameters."""
         return self._columns[self.numbers.index(number)]
 
     def of(self, number: int) -> tuple[ClosureModel, IntArray]:

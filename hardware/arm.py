@@ -71,8 +71,8 @@ class ArmIdentity:
     unwatching
         Joints whose drives do not monitor the operator's heartbeat, or monitor it and take no action when it is lost.
     configured, zeroed
-        Sentences that describe what was written into drives: `configured` has all of them, `zeroed` only those about
-        torques and offsets that were set to 0, whose former values a communication reset may not restore.
+        Sentences about what was written into drives. `configured` has all of them, `zeroed` only those about torques
+        and offsets that were set to 0; a communication reset may not restore their former values.
     keeps_parameters
         Whether a controller stores a parameter document; if not, nothing is uploaded.
     """
@@ -97,7 +97,7 @@ class ArmIdentity:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fault:
-    """An emergency message, or a fault without message; `joint` is None for the supervisor.
+    """A fault of a drive or of the supervisor (`joint` is None), usually reported by an emergency message.
 
     Code 0 means that a drive left *operation enabled*, or stopped following its target, and sent no message.
     """
@@ -135,7 +135,7 @@ class HostLatency:
     longest_s: float = 0.0
 
     def with_event(self, by_s: float, *, new: bool) -> Self:
-        """Return a copy with one more latency `by_s` or, if not `new`, with `last_s` extended to at least `by_s`."""
+        """Return a copy with one more latency, `by_s`; if not `new`, the last one becomes at least `by_s` instead."""
         last_s = by_s if new else max(by_s, self.last_s)
         longest_s = max(last_s, self.longest_s)
         return replace(self, times=self.times + new, last_s=last_s, longest_s=longest_s)
@@ -291,6 +291,6 @@ class PowerReporting(Protocol):
 
 @runtime_checkable
 class Recordable(Protocol):
-    """An arm that can record its bus. `record_to`: file for the next connection on, or None for no recording."""
+    """An arm that can record its bus. `record_to`: file for connections made from now on; None for no recording."""
 
     record_to: Path | None

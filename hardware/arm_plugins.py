@@ -73,7 +73,7 @@ def offered_names() -> tuple[str, ...]:
 
 
 def offer(name: str) -> ArmOffer | None:
-    """Return the arm offered as `name`, or None. Raises `BusError` if two packages offer it, or if loading fails."""
+    """Return the arm offered as `name`; None if there is none. `BusError` if two packages offer it or loading fails."""
     if name in can.VALID_INTERFACES:
         return None
     points = {

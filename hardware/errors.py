@@ -101,7 +101,7 @@ class WrongArm(HardwareError):
 
 
 class ProfileRemedy(Enum):
-    """End of a remedy: how a bus profile can make an object acceptable that differs from what is required."""
+    """Last part of a remedy text: how a bus profile can help if an object differs from what is required."""
 
     NONE = " (a bus profile cannot change this)"
     HEARTBEAT_PERIOD = ", or allow that period in a bus profile (heartbeat: slowest_ms)"

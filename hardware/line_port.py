@@ -55,7 +55,7 @@ class LineStream:
             self._drop()
 
     def line(self, wait_s: float, name: str) -> str | None:
-        """Return the next line, None on time-out; `EOFError` at end of file, with the last line that was discarded."""
+        """Return the next line; None on time-out. At end of file, raise `EOFError` with the last discarded line."""
         with self._news:
             self._news.wait_for(
                 lambda: self._ended or self._unended >= LONGEST or b"\n" in self._came, wait_s
@@ -176,7 +176,7 @@ class CalledLines(LinePort):
         self._answer = self._function(question)
 
     def line(self, wait_s: float) -> str | None:
-        """Return the answer to the last question; None if it was returned before."""
+        """Return the answer to the last question; None if the answer has already been returned."""
         answer, self._answer = self._answer, None
         return answer
 

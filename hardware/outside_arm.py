@@ -230,9 +230,9 @@ class OutsideArm:
 
     @contextmanager
     def _command(self, own: Sequence[BaseException] = ()) -> Iterator[None]:
-        """Context of a command: refuses it while STOP is latched; translates its errors, except those in `own`.
+        """Context in which the arm is commanded; errors become `HardwareError`, except those in `own`.
 
-        If STOP is pressed meanwhile, the command may undo the stop. So STOP is sent again, and `StopLatched` raised.
+        Raises `StopLatched` while STOP is latched. A STOP pressed meanwhile is sent again: the command may undo it.
         """
         self._require_no_stop()
         try:

@@ -56,7 +56,7 @@ class Timing:
         return CONTROL_PERIOD_S / self.speed
 
     def misses(self, pace: Pace) -> int:
-        """Return the number of consecutive missed SYNCs at which a joint is lost."""
+        """Return the number of consecutive SYNCs without an answer after which a joint counts as lost."""
         return max(self.min_misses, round(self.lost_after_s / self.answer_timeouts_s[pace]))
 
 
@@ -109,8 +109,8 @@ class LatencyMonitor:
 
     On a busy computer the receiving thread may be suspended for a second while frames wait in a queue. That time does
     not count as silence of the arm. The age of a frame counts from its time stamp or, without a usable stamp, from the
-    time when it is read. Stamps are wrong after the computer's clock was set; therefore a frame is taken to have waited
-    no longer than since the queue was last empty.
+    time when it is read. Stamps are wrong after the computer's clock was set. A frame's waiting time is therefore
+    limited to the time since the queue was last empty.
 
     `clock` returns monotonic time, s. `stamps` returns the time of the clock that stamps frames, s; None if that clock
     is not this computer's. `arm_waits`: the simulated arm waits for this host (`Pace.FAST_FORWARD`): report no latency.
@@ -129,7 +129,7 @@ class LatencyMonitor:
         self.begin()
 
     def begin(self) -> None:
-        """Start to measure, or start again with no accumulated latency."""
+        """Start measuring, or start again, from an accumulated latency of 0."""
         now = self._clock()
         self._last = (now, 0.0)  # replaced as a whole: other threads read a consistent pair
         self._queue_empty_at_s = now

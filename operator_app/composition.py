@@ -63,7 +63,7 @@ _channels = count(1)
 
 @cache
 def prepare_real_time() -> None:
-    """Prevent pauses that delay SYNC: switch threads often, collect garbage rarely, import slow libraries early."""
+    """Prevent pauses that would delay SYNC: switch threads often, collect garbage rarely, import slow libraries now."""
     sys.setswitchinterval(SWITCH_INTERVAL_S)
     for library in COMPILED:
         import_module(library)

@@ -24,7 +24,7 @@ class SessionError(Exception):
 
 
 class DrivesNotOffError(SessionError):
-    """The arm was released but did not confirm that it holds and that its drives are off.
+    """After the release of the arm, drives were still powered, or the arm did not answer the hold command.
 
     `powered`: joints whose drives reported that they are powered; empty if the arm did not answer.
     """

@@ -1,7 +1,6 @@
 """Output of text from outside (notes, serial numbers, device and file names) without control characters.
 
-Journals and CSV files keep such text unchanged; screens, pages and pipes get it without characters that a terminal
-would interpret.
+Journals and CSV files keep such text unchanged. Elsewhere, characters that a terminal interprets are replaced.
 """
 
 import json

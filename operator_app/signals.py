@@ -1,4 +1,4 @@
-"""Signals that end a run: the first raises KeyboardInterrupt; all are ignored while the arm is released."""
+"""Signals that end a run: the first one raises KeyboardInterrupt; all are ignored while the arm is being released."""
 
 import atexit
 import os
@@ -68,7 +68,7 @@ def ending_signals_interrupt(*, for_good: bool = False) -> Iterator[None]:
 
 @contextmanager
 def ending_signals_ignored() -> Iterator[None]:
-    """Context that ignores `ENDING` signals, for stopping the arm and closing the journal (less than 1 s)."""
+    """Context in which `ENDING` signals are ignored, while the arm is stopped and the journal closed (under 1 s)."""
     before = {number: signal.getsignal(number) for number in ENDING}
     while any(signal.getsignal(number) is not _ignore for number in ENDING):
         with suppress(BaseException):  # a signal that came before its handler was replaced
@@ -100,7 +100,7 @@ class ProcessEnd:
         os._exit(self._code)
 
     def _if_interrupted(self) -> None:
-        """Exit with 130 after an interrupt; otherwise Python may end the process by SIGINT, as with ``python -c``."""
+        """End an interrupted run with code 130; without this, Python may end it by SIGINT, as with ``python -c``."""
         if self._code == INTERRUPTED:
             for stream in (sys.stdout, sys.stderr):
                 with suppress(OSError, ValueError):

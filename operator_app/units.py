@@ -49,7 +49,7 @@ class Valued(Protocol):
 
 
 def quantity_of(parameter: Valued) -> Quantity:
-    """Return the quantity of a parameter's values."""
+    """Return the display unit of a parameter: `ANGLE` or `LENGTH`."""
     return ANGLE if parameter.is_angle else LENGTH
 
 
@@ -224,7 +224,7 @@ def typeset(text: str) -> str:
 
 
 def places_to_show(precisions: Iterable[float], *, least: int = 1, most: int = 9) -> int:
-    """Return how many decimal places, from `least` to `most`, show the smallest positive precision with two digits."""
+    """Return how many decimal places (`least` to `most`) give the finest precision above 0 two significant digits."""
     finest = min((p for p in precisions if math.isfinite(p) and p > 0.0), default=0.0)
     if finest == 0.0:
         return least

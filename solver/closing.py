@@ -54,8 +54,8 @@ class ClosedPoses:
 class ReducedEquations:
     """Loop equations of every pose after eliminating the unsensed angles: ``w + A dphi + B dq = 0``.
 
-    `E`: orthonormal basis (..., m, k, r) with ``E' N = 0``. `w`, `A`, `B`: ``E' c`` (..., m, r), ``E' C`` (..., m, r,
-    P) and ``E' J_q`` (..., m, r, n).
+    `E` (..., m, k, r): orthonormal basis with ``E' N = 0``.
+    `w` (..., m, r): ``E' c``. `A` (..., m, r, P): ``E' C``. `B` (..., m, r, n): ``E' J_q``.
     """
 
     E: FloatArray
@@ -66,11 +66,11 @@ class ReducedEquations:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Rates:
-    """Derivatives of the unsensed angles, whose step is ``du = -(closed + by_x dx + by_q e + down deflection)``.
+    """Coefficients of the step of the unsensed angles: ``du = -(closed + by_x dx + by_q e + down deflection)``.
 
-    `closed`: the constant ``N+ (c - J_q e0)`` (m, U); the loops were linearised at joint corrections e0.
-    `by_x`, `by_q`, `down`: ``N+ C`` (m, U, P), ``N+ J_q`` (m, U, n) and ``N+`` (m, U, k); for C, J_q, N and c see the
-    module's docstring.
+    The letters c, C, J_q and N are those of the module's docstring.
+    `closed` (m, U): ``N+ (c - J_q e0)``, with e0 the joint corrections at which the loops were linearised.
+    `by_x` (m, U, P): ``N+ C``. `by_q` (m, U, n): ``N+ J_q``. `down` (m, U, k): ``N+``.
     """
 
     closed: FloatArray
@@ -80,7 +80,7 @@ class Rates:
 
     @classmethod
     def of(cls, error: LoopError, e: FloatArray) -> Rates:
-        """Return the rates for loops linearised at joint corrections e (m, n)."""
+        """Return the coefficients for loops with closure error `error`, linearised at joint corrections e (m, n)."""
         down = left_inverse(error.jac_u)
         misclosure = error.residual[..., None] - error.jac_q @ e[..., None]
         return cls(
@@ -97,7 +97,7 @@ class Rates:
 
 
 def reduced_equations(error: LoopError) -> ReducedEquations:
-    """Return E and the products of E' with the linearised loops."""
+    """Return the linearised loop equations without the unsensed angles (see the module)."""
     E = left_null_space(error.jac_u)
     Et = np.swapaxes(E, -1, -2)
     return ReducedEquations(
@@ -189,7 +189,7 @@ def newton_step(error: LoopError, sigma: FloatArray) -> tuple[FloatArray, FloatA
 
 
 def unsensed_step(error: LoopError, displacement: FloatArray) -> FloatArray:
-    """Change of the unsensed angles (..., m, U) that cancels the residual plus `displacement` (..., m, k)."""
+    """Return the step of the unsensed angles (..., m, U) that cancels ``error.residual + displacement`` (..., m, k)."""
     return -(left_inverse(error.jac_u) @ (error.residual + displacement)[..., None])[..., 0]
 
 

@@ -21,10 +21,10 @@ _FUNCTION_CODE = 0x780
 def set_hardware_filters(bus: can.BusABC, filters: list[CanFilter]) -> None:
     """Set filters on the in-process bus, and on buses whose adapter or kernel applies them; other buses get none.
 
-    On those other buses python-can would filter in software. Its `recv` without waiting then returns None for a dropped
-    frame, and a reader that reads until None would leave answers in the queue. Only the in-process bus has no such
-    reader. An adapter may have room for one filter only (Kvaser, SYSTEC, Vector). python-can then also filters in
-    software and sets `_is_filtered` to false, so this function removes the filters again.
+    On those other buses python-can would filter in software: `recv` without waiting returns None for a dropped frame.
+    Readers that read until None would then leave answers in the queue (the in-process bus has no such readers). If an
+    adapter has room for one filter only (Kvaser, SYSTEC, Vector), python-can also filters in software, and sets
+    `_is_filtered` to false; this function then removes the filters again.
     """
     if isinstance(bus, VirtualBus):
         bus.set_filters(filters)

@@ -63,7 +63,7 @@ class BusSettings:
 
 
 def known_interfaces() -> tuple[str, ...]:
-    """Return the valid interface names: those of python-can, this project and the arms of installed packages."""
+    """Return the valid names of ``-i``: interfaces of python-can and this project, and arms of installed packages."""
     return tuple(sorted({*can.VALID_INTERFACES, *_OWN_CHANNEL, *offered_names()}))
 
 
@@ -76,8 +76,8 @@ def bus_settings(
 ) -> BusSettings:
     """Return the settings of a bus: from the arguments, or else from the environment, or else from ``can.conf``.
 
-    If none of these names an interface, the interface of `otherwise` is used, with its channel and bitrate unless these
-    are stated elsewhere. Raises `BusSettingsError` for an unknown interface, invalid bitrate or missing channel.
+    If none of these names an interface, that of `otherwise` is used; its channel and bitrate are used only if none of
+    these states another. Raises `BusSettingsError` for an unknown interface, invalid bitrate or missing channel.
     """
     stated = {"interface": interface, "channel": channel, "bitrate": bitrate}
     options: dict[str, Any] = {name: value for name, value in stated.items() if value is not None}

@@ -1,7 +1,7 @@
 """Set-up of an arm's nodes on the bus: node numbers, PDOs, modes.
 
-SYNC, EMCY, SDO and heartbeats use CiA 301's predefined connection set. The drive maker's choices are described here
-and compared with every drive, or written into it, before anything is enabled.
+SYNC, EMCY, SDO and heartbeats use CiA 301's predefined connection set. A profile describes what the drive maker can
+choose. Before anything is enabled, the profile is compared with every drive, or written into the drives.
 """
 
 from collections.abc import Iterable, Mapping
@@ -31,7 +31,7 @@ DEFAULT_ENABLING_TIMEOUT_S: Final = 0.5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PdoKind:
-    """RPDOs or TPDOs. PDO 1 has the objects `communication` and `mapping`; its COB-ID is `cob_id` + the node number."""
+    """Kind of PDO: RPDO or TPDO. `communication`, `mapping`: objects of PDO 1; `cob_id` + node number: its COB-ID."""
 
     name: str
     communication: int

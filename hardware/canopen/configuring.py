@@ -92,7 +92,7 @@ def zero_residual_torques(access: ObjectAccess, profile: BusProfile) -> Iterator
 def _nonzero_objects(
     access: ObjectAccess, joint: JointProfile
 ) -> Iterator[tuple[int, int, int, int]]:
-    """Yield node, index, value and size (bytes) of each of `_ADDED_OBJECTS` that is not 0 and that no RPDO carries."""
+    """For each of `_ADDED_OBJECTS` that is not 0 and that no RPDO carries, yield node, index, value, size (bytes)."""
     sent = frozenset[int]().union(*(pdo.carried for pdo in joint.commands))
     for index in _ADDED_OBJECTS:
         if index in sent:

@@ -21,7 +21,7 @@ MAX_LATE_SYNCS: Final = 100
 
 @dataclass(frozen=True, slots=True)
 class Setpoint:
-    """Command of one joint (6040h, 607Ah, 6060h). `mode` is a CiA 402 code; packing translates it to the drive's."""
+    """Command of one joint (6040h, 607Ah, 6060h). `mode` is a CiA 402 code; `JointFrames` sends the drive's own."""
 
     controlword: int
     target_counts: int
@@ -89,7 +89,7 @@ class PdoFields:
 
 
 class JointFrames:
-    """The frames of one joint: its TPDOs (`answers`) and RPDOs (`commands`) by identifier."""
+    """Identifiers and layouts of the PDOs of one joint: TPDOs (`answers`) and RPDOs (`commands`)."""
 
     def __init__(self, profile: BusProfile, joint: JointProfile) -> None:
         self.answers = {
@@ -127,7 +127,7 @@ class JointFrames:
 
 
 def frames_of(profile: BusProfile) -> tuple[JointFrames, ...]:
-    """Return the frames of joints 1..n."""
+    """Return the identifiers and layouts of the PDOs of joints 1..n."""
     return tuple(JointFrames(profile, joint) for joint in profile.joints)
 
 

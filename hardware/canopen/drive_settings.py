@@ -196,7 +196,7 @@ def operator_monitoring_differences(
 def following_windows_counts(
     access: ObjectAccess, profile: BusProfile, scales: Sequence[JointScale]
 ) -> tuple[float, ...]:
-    """Return each joint's allowed following error, counts: the smaller of 6065h / 3 and 1 deg, at least 10 counts."""
+    """Return each joint's allowed following error, counts: a third of 6065h, at most 1 deg, but at least 10 counts."""
     windows = []
     for node, scale in zip(profile.drives, scales, strict=True):
         drive_window = read_number(access, node, objects.FOLLOWING_WINDOW, 0)

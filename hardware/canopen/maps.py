@@ -213,7 +213,7 @@ def read_number(access: ObjectAccess, node: int, index: int, sub: int) -> int | 
 def read_if_present(
     read: Callable[[int, int, int], Value], node: int, index: int, sub: int = 0
 ) -> Value | None:
-    """Return the value read; None if the object is absent: refused with a code in `ABSENT`, or like `_NO_INDEX`."""
+    """Return the value read; None if the refusal shows that the drive lacks the object (`ABSENT`, `_NO_INDEX`)."""
     try:
         return read(node, index, sub)
     except SdoRefused as refusal:

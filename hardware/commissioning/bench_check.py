@@ -76,7 +76,7 @@ class Bench:
 
     @property
     def moving(self) -> Bounds:
-        """Limits for test motions: `bounds`, but a joint may end up to half a step (`step_rad`) from its target."""
+        """`bounds` for test motions: a joint may come to rest up to half a step (`step_rad`) away from its target."""
         return replace(self.bounds, near_rad=0.5 * self.step_rad)
 
 

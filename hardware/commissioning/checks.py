@@ -48,7 +48,7 @@ class MidwayWatch:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Turn:
-    """Test motion of one joint, with limits; after the angle `part_rad`, a `midway_watch` calls its function `act`."""
+    """Test motion of one joint to `target_rad`, with limits; `part_rad`: angle after which a `midway_watch` acts."""
 
     arm: ArmInterface
     joint: int
@@ -194,7 +194,7 @@ def drive_settings(facts: Sequence[DriveFacts]) -> Iterator[Clause]:
 
 
 def _guard(drive: DriveFacts) -> Clause:
-    """Check a drive's operator time-out; `passed` is None for one that a run accepts but is longer than advised."""
+    """Check a drive's operator time-out; `passed` is None if a run accepts the time-out but less is advised."""
     guard = drive.operator_timeout_s
     if guard is None:
         text = "1016h: the drive does not monitor this program's heartbeat, and keeps moving if this program dies"

@@ -43,7 +43,7 @@ SCATTER_RAD: Final = math.radians(0.5)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bounds:
-    """Samples per reading; largest change of a joint at rest (`still_rad`) and deviation from target (`near_rad`)."""
+    """Samples per reading; limits of a joint's change at rest (`still_rad`) and error after a move (`near_rad`)."""
 
     samples: int
     still_rad: float
@@ -86,7 +86,7 @@ def deg(angle_rad: float, *, sign: bool = False) -> str:
 
 
 def joints_words(joints: list[int], text: str) -> str:
-    """Return a sentence about joints, such as ``joint 1, 3 is enabled``; empty if there are none."""
+    """Return `text` with the joints as its subject, such as ``joint 1, 3 is enabled``; empty if there are no joints."""
     return f"joint {', '.join(map(str, joints))} {text}" if joints else ""
 
 

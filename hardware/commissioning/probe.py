@@ -101,7 +101,7 @@ class _Listener:
         self._closing.wait(seconds)
 
     def wait_for_answers(self, quiet_s: float) -> None:
-        """Wait until no node has answered for `quiet_s`. Polls are counted, so that host latency does not count."""
+        """Wait until no node has answered for `quiet_s`. The time is measured in polls, which excludes host latency."""
         polls = round(quiet_s / _POLL_S)
         known = silent_polls = 0
         for _ in range(_MAX_ANSWER_PERIODS * polls):

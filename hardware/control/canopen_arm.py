@@ -32,8 +32,8 @@ _NO_REASON_AGAINST_UPLOAD: Final = (
     errors.TargetRefused,
     errors.ControlDenied,
 )
-"""Alarms that do not prevent an upload, because they leave the joints' counters unchanged, unless a drive's sensor has
-failed. If another node has control, the upload itself raises an error."""
+"""Alarms that do not prevent an upload, because they leave the joints' counters unchanged; a failed sensor does prevent
+one. If another node has control, the upload itself raises an error."""
 
 
 class CanopenArm(ConnectableArm):

@@ -182,7 +182,7 @@ class Connection:
         return True
 
     def explain(self, error: errors.HardwareError) -> errors.HardwareError:
-        """Return `HostLatencyExceeded` if host latency since control was taken explains `error`; otherwise `error`."""
+        """Return `HostLatencyExceeded` if host latency since control was taken may explain `error`, else `error`."""
         late = self._late_since_control()
         refused = isinstance(error, errors.SdoRefused) and error.code != objects.Abort.LOCAL_CONTROL
         if not late or refused or isinstance(error, errors.DuplicateNodeId | errors.FramesLost):

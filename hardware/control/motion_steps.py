@@ -52,7 +52,7 @@ def not_following(sample: Sample, modes: Sequence[JointMode]) -> int | None:
 
 
 def first_complete_sample(loop: ControlLoop, *, at_least: int = 2) -> Steps[Sample]:
-    """Return the first complete sample from SYNC `at_least` on, without new commands; `BusError` if there is none."""
+    """Return the first complete sample after `at_least` or more SYNCs, without commands; `BusError` if none comes."""
     sample = loop.sample
     for syncs in range(1, INCOMPLETE_SYNCS + 1):
         sample = yield None
@@ -65,11 +65,11 @@ def first_complete_sample(loop: ControlLoop, *, at_least: int = 2) -> Steps[Samp
 def drive_to(
     loop: ControlLoop, target: cia402.TargetState, syncs: int = TRANSITION_SYNCS
 ) -> Steps[tuple[int, ...]]:
-    """Bring all drives to the state `target`, in position mode; return the joints not in it after `syncs` SYNCs.
+    """Bring all drives to the state `target`, in position mode; return joints still not in it after `syncs` SYNCs.
 
-    The target of a drive is its measured position until the drive has power, since the joint may sink while a brake
-    opens. Once a drive has reached the state, its controlword stays the same; an alarm reports a drive that leaves the
-    state again. If a joint does not answer the first SYNC, its drive is commanded to switch off, in its last mode.
+    Until a drive has power, its target position is its measured position, since the joint may sink while a brake opens.
+    Once a drive has reached the state, its controlword stays the same; an alarm reports a drive that leaves the state.
+    If a joint does not answer the first SYNC, its drive is commanded to switch off and keeps its mode.
     """
     if target is cia402.TargetState.ENABLED:
         sample = yield from first_complete_sample(loop, at_least=1)
@@ -102,9 +102,9 @@ def drive_to(
 
 
 def reset(loop: ControlLoop, *, press: object | None) -> Steps[tuple[int, ...]]:
-    """Release `press` of STOP and clear drive faults; return the joints whose drives were not disabled in time.
+    """Release STOP and clear drive faults; return the joints whose drives were not disabled in time.
 
-    Raises `Stopped`, and changes nothing, if STOP was pressed after `press`.
+    `press`: the press of STOP to release. If STOP was pressed again after it, raises `Stopped` and changes nothing.
     """
     if not loop.latch.release(press):
         raise errors.Stopped("STOP was pressed again before it was reset: reset it once more")
@@ -261,14 +261,14 @@ def hold_all(loop: ControlLoop) -> Steps[None]:
 
 
 def raise_alarm(loop: ControlLoop) -> None:
-    """Raise the alarm that requires the steps to end, if there is one."""
+    """If an alarm requires the running steps to end, raise it."""
     alarm = loop.alarm()
     if alarm is not None:
         raise alarm
 
 
 def check_alarms(loop: ControlLoop) -> Steps[None]:
-    """Raise the alarm that requires the steps to end, if there is one; command nothing."""
+    """If an alarm requires steps to end, raise it; send no commands."""
     raise_alarm(loop)
     yield from ()
 
@@ -282,7 +282,7 @@ def _last_commands(loop: ControlLoop) -> Setpoints:
 def _higher_priority(
     alarm: errors.HardwareError | None, ending: Exception | None
 ) -> Exception | None:
-    """Return `alarm` if it is STOP or the cause of `ending`, the error that ended the steps; otherwise `ending`."""
+    """Return the error that ends a move: the first, `ending`, or a later `alarm` that is STOP or caused `ending`."""
     if ending is None or isinstance(alarm, errors.Stopped):
         return alarm
     # The first sign of a trip or a lost node is often that its drive, or a neighbour's, is not enabled.

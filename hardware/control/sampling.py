@@ -12,12 +12,12 @@ from hardware.monitors.joint_monitor import JointMonitor
 
 
 class CommandSender:
-    """Sends commands in the control loop's thread.
+    """Sends commands in the control loop's thread. `quick_stop` must not wait.
 
     STOP sends its own frames in another thread. The STOP latch is therefore checked before and after the commands are
     sent, so that quick stop is the last command on the bus. A stop also switches off the drives of the joints in
-    `watch.switched_off`, which blocks their valves: joints that moved uncommanded and, at a release, joints that have
-    not obeyed STOP. A drive switched off at the drive itself is not enabled again. `quick_stop` must not wait.
+    `watch.switched_off`, so that their valves block. Those joints moved uncommanded or, when the arm is released, have
+    not obeyed STOP. A drive that was switched off at the drive itself is not enabled again.
     """
 
     def __init__(
@@ -33,7 +33,7 @@ class CommandSender:
         self._sent: list[Setpoint | None] = [None] * len(self._frames)
 
     def send(self, commands: Setpoints, sync_count: int, *, moving: bool) -> None:
-        """Send the commands that changed, and repeat that of one joint, in rotation, in case a frame was lost."""
+        """Send the commands that changed and, in case frames were lost, one unchanged command (joints take turns)."""
         repeated = sync_count % len(self._frames)
         dropout = self._watch.dropout
         for joint, joint_command in enumerate(commands):
@@ -83,7 +83,7 @@ SPEED_SYNCS = 5
 class CyclicView:
     """Latest sample for other threads; with the next sample, a new object replaces this one.
 
-    `earlier`: the sample up to `SPEED_SYNCS` SYNCs before. `late_at_s`: host latency so far at each joint's answer, s.
+    `earlier`: sample up to `SPEED_SYNCS` SYNCs older. `late_at_s`: accumulated host latency when each joint answered.
     """
 
     sample: Sample
@@ -95,7 +95,7 @@ class CyclicView:
 class Sampler:
     """Collects the answers of joints 1..n; a joint has answered when all of its TPDOs have come.
 
-    A joint that missed `max_misses` samples in a row is lost: it is no longer waited for, until it answers again.
+    A joint that missed `max_misses` samples in a row is lost: no sample waits for that joint until it answers again.
     """
 
     def __init__(self, frames: Sequence[JointFrames], *, max_misses: int, now_s: float) -> None:
@@ -195,7 +195,7 @@ class Sampler:
         return tuple(j for j, times in enumerate(self._surplus, 1) if times >= DUPLICATE_SYNCS)
 
     def lost(self) -> tuple[int, ...]:
-        """Return the joints that are no longer waited for."""
+        """Return the joints that have missed so many samples that no sample waits for them any more."""
         return tuple(j for j, missed in enumerate(self._missed, 1) if missed >= self._max_misses)
 
     def wrong_lengths(self) -> dict[int, str]:

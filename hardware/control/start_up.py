@@ -61,7 +61,7 @@ def _read_all(access: ObjectAccess, needed: Sequence[_Object]) -> dict[_Object, 
 
 
 def _stated_timeout_s(access: ObjectAccess, nodes: Iterable[int]) -> float:
-    """Return `MARGIN` times the longest time-out of `nodes` for the operator's heartbeat (1016h), s; 0 if none."""
+    """Return `MARGIN` times the longest operator time-out (1016h) among `nodes`, s; 0 if no node has one."""
     timeout_s = 0.0
     for node in nodes:
         with suppress(errors.BusError):
@@ -72,7 +72,7 @@ def _stated_timeout_s(access: ObjectAccess, nodes: Iterable[int]) -> float:
 
 
 class StartUp:
-    """One start-up of the nodes of an arm over an unused connection."""
+    """One start-up of the nodes of an arm over a connection that has just been opened."""
 
     def __init__(self, link: Connection) -> None:
         self._link, self._loop, self._access = link, link.loop, link.access
@@ -223,7 +223,7 @@ class StartUp:
         return unwatching if profile.configures_pdos else self._check_arm(identity)
 
     def _check_arm(self, identity: ArmIdentity) -> tuple[int, ...]:
-        """Do all checks of `_check_drives` except those of PDOs; adopt heartbeat time-out, windows, rated torques."""
+        """Check the arm except its PDOs; store limits and torques that it states; return `ArmIdentity.unwatching`."""
         access, profile, loop, link = self._access, self._profile, self._loop, self._link
         identifying.check_arm(access, identity, link.on_bus.description, profile)
         timeout_s = drive_settings.heartbeat_timeout_s(
@@ -285,7 +285,7 @@ class StartUp:
             self._link.wire.send(objects.COB_NMT, bytes([command, node]))
 
     def _read_fault_codes(self, first: Sample) -> None:
-        """Record the error code (603Fh) of each drive in fault, since this program missed the drive's emergency."""
+        """Record the error code (603Fh) of each drive that `first` shows in fault, as its emergency was missed."""
         faulty = first.joints_in({DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE})
         nodes_in_fault = [self._profile.drives[joint - 1] for joint in faulty]
         codes = {n: self._access.read_unsigned(n, objects.ERROR_CODE) for n in nodes_in_fault}

@@ -22,8 +22,8 @@ SMOOTHING_PERIODS = 10
 def coming_to_rest_s(speed_rad_per_s: float) -> float:
     """Return a joint's braking distance divided by its speed, s, for a move at `speed_rad_per_s`.
 
-    That is half the deceleration time (the mean speed is half of `speed_rad_per_s`), plus half the length of the moving
-    average and two control periods of delay. The same applies to a free joint that moves in proportion to driven ones.
+    The result is half the deceleration time (the mean speed is half of `speed_rad_per_s`), plus half the length of the
+    moving average and two control periods of delay. It also holds for a free joint that moves along with driven ones.
     """
     delay_s = (0.5 * (SMOOTHING_PERIODS - 1) + 2.0) * CONTROL_PERIOD_S
     return 0.5 * speed_rad_per_s / ACCELERATION_RAD_PER_S2 + delay_s
@@ -118,7 +118,7 @@ class StraightMove:
         return self._place(math.fsum(self._window) / len(self._window))
 
     def brake(self) -> None:
-        """Brake to rest; `next` returns the remaining targets."""
+        """Start braking: from now on, `next` returns targets that bring the joints to rest."""
         if not self.braking:
             self.braking = True
             self._line.brake(self._step * CONTROL_PERIOD_S)

@@ -120,7 +120,7 @@ than in the one before."""
 
 @dataclass(slots=True)
 class _StoppedJoint:
-    """State of a joint after a stop; `last_travel_counts` is its displacement in the previous interval."""
+    """State of a joint after a stop; `last_travel_counts`: distance moved in the last interval of `STRETCH_SYNCS`."""
 
     stopped_syncs: int = 0
     rest_counts: int = 0
@@ -215,7 +215,7 @@ class Dropout:
 
 @dataclass(slots=True)
 class _EnabledJoint:
-    """Counts the answers of a drive commanded to be enabled, by what they report: enabled or not, following or not."""
+    """Numbers of a joint's answers, by the state that its drive reports, while the drive is commanded to be enabled."""
 
     enabled_syncs: int = 0
     disabled_syncs: int = 0
@@ -273,7 +273,7 @@ class DropoutMonitor:
         return Setpoint(word, command.target_counts, command.mode)
 
     def update(self, sample: Sample, commands: Setpoints | None, *, stopped: bool) -> None:
-        """Look for dropouts in a sample, given the commands sent last, unless STOP is latched (`stopped`)."""
+        """Look for dropouts in a sample, unless STOP is latched (`stopped`). `commands`: the commands sent last."""
         if commands is None or stopped:
             self._joints = ()
             return

@@ -104,7 +104,7 @@ class ContinuityMonitor:
         return None if any(ECHO_SYNCS < away <= QUIET_SYNCS for away in distances) else candidate
 
     def _test_increment(self, sync_count: int) -> None:
-        """Test all joints' increments up to SYNC `sync_count`; a jump becomes the candidate that `update` confirms."""
+        """Compare joints' increments at SYNC `sync_count` with predicted ones; keep a jump for `update` to confirm."""
         allowed = np.array(self._allowed)
         d0, d1, d2, d3, d4 = np.diff(np.array(self._recent), axis=0)
         steps = d2 - (4 * (d1 + d3) - d0 - d4) / 6.0  # minus a cubic through the four others

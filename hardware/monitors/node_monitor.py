@@ -38,7 +38,7 @@ def nmt_state_name(state: int) -> str:
 
 
 def describe_master_frame(profile: BusProfile, identifier: int, data: bytes) -> str:
-    """Describe a frame that only a master sends, with its identifier; return an empty text for frames that nodes send.
+    """Return a description of a frame, with its COB-ID, if only a master sends such frames; otherwise an empty text.
 
     TPDOs of the profile count as frames of the nodes, whatever their identifiers.
     """
@@ -143,7 +143,7 @@ class NodeMonitor:
                 self._emergency(node, code, register, sync_count)
 
     def expect_boot_up(self) -> None:
-        """Expect the nodes to boot, and clear what they sent before; call before resetting them."""
+        """Expect the nodes to boot, and forget what they sent before; call this before the nodes are reset."""
         self.boot_expected = True
         self.booted.clear()
         self.restarted, self.foreign_command = frozenset(), ""

@@ -49,7 +49,7 @@ LEGENDRE_DEGREES = (2, 3, 4, 5)
 class LinearityDeviation:
     """Deviation of an RVDT from its best-fit line: ``sum_k c_k P_k(x)``, where x is the angle / half of full scale.
 
-    As P_0 and P_1 are absent, the least-squares line is zero, so that the peak is the linearity that a maker states.
+    The sum has no P_0 and P_1, so its own best-fit line is zero, and its peak is the linearity that a maker states.
     `coefficients_rad` (4,) are c_k for `LEGENDRE_DEGREES`.
     """
 
@@ -58,7 +58,7 @@ class LinearityDeviation:
 
     @classmethod
     def drawn(cls, rng: np.random.Generator, *, full_scale_rad: float, peak: float) -> Self:
-        """Draw random coefficients, smaller for P_4 and P_5; `peak`: largest deviation as a fraction of full scale."""
+        """Draw a random deviation with a given peak (fraction of full scale); P_4 and P_5 have smaller coefficients."""
         shape = rng.choice((-1.0, 1.0), 4) * rng.uniform(0.4, 1.0, 4) * (1.0, 1.0, 0.4, 0.2)
         unit = cls(coefficients_rad=tuple(shape.tolist()), half_scale_rad=0.5 * full_scale_rad)
         scale = peak * full_scale_rad / unit.peak_rad()
@@ -105,14 +105,14 @@ class JointSensor:
         return 0.0 if self.curve is None else self.curve.deviation_rad(angle_rad - self.zero_rad)
 
     def counts(self, angle_rad: float, standard_normal: float) -> int:
-        """Return the counts at a true angle in sensor coordinates, with noise `standard_normal` * `noise_counts`."""
+        """Return the counts at a true angle (sensor coordinates); the noise is `standard_normal` * `noise_counts`."""
         reading = (angle_rad + self.deviation_rad(angle_rad)) / self.resolution_rad
         count = round(reading + self.noise_counts * standard_normal)
         return int(min(max(count, self.lowest_counts), self.highest_counts))
 
 
 def converter_ends(joint: Joint, rvdt: Rvdt) -> tuple[int, int]:
-    """Return lowest and highest count of an RVDT's converter, whose zero is in the middle of the joint's range."""
+    """Return lowest and highest count of an RVDT's converter; its zero is at the middle of the joint's range."""
     zero, half = round(joint.middle_rad / rvdt.resolution_rad), 2 ** (rvdt.bits - 1)
     return zero - half, zero + half - 1
 

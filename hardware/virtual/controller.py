@@ -162,7 +162,7 @@ class VirtualController:
                 node.boot()
 
     def attend(self) -> None:
-        """Handle all queued frames in the caller's thread; do nothing if the controller hangs or is working."""
+        """Handle queued frames in the caller's thread; do nothing if the controller hangs or is handling frames."""
         if not self._turns.acquire(blocking=False):
             return
         try:

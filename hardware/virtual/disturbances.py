@@ -144,7 +144,7 @@ class Disturbances:
         return True
 
     def read(self, joint: int, counts: int) -> int:
-        """Return the reading of a joint's sensor, which would be `counts` without the sensor's faults."""
+        """Return a sensor's reading with the joint's active faults; `counts`: the reading without faults."""
         if joint in self.frozen_counts:
             return self.frozen_counts[joint]
         ripple = self.ripple_counts.get(joint, 0.0)

@@ -20,7 +20,7 @@ class Drive:
     After a quick stop or the loss of the operator's heartbeat the drive holds the measured position in position mode.
     After any other trip the joint's valve is blocked.
 
-    `on_emergency` is called with the code of every new error, and with `NONE` when the last error has ended.
+    `on_emergency` is called with the code of every new error, and with code `NONE` once no error is left.
     """
 
     def __init__(

@@ -171,7 +171,7 @@ class DriveGroup:
                 node.drive.lose_heartbeat()
 
     def lose_heartbeat_at(self, joint: int) -> None:
-        """Report a lost operator heartbeat to one drive, if a node has control and the drive has not tripped for it."""
+        """If a node has control, report a lost operator heartbeat to one drive, unless it has already reacted."""
         node = self.drives[joint - 1]
         with node.lock:
             if node.drive.in_control and EmergencyCode.HEARTBEAT_LOST not in node.drive.errors:

@@ -42,7 +42,7 @@ class FaultDescription:
     kept: str = ALL_POSES
     """`arm`: reaction of the arm when the fault is reported; `kept`: what remains valid of the session."""
     at_connect: bool = False
-    """Whether the fault shows while the arm is being connected; it must then be injected before that."""
+    """Whether the fault shows while the arm is being connected; such a fault must be injected before connecting."""
     always_reported: bool = False
     """Whether every session with this fault shows a message with one of `texts`."""
 

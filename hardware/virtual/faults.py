@@ -1,7 +1,7 @@
 """Fault injection into the virtual controller, for tests and demonstrations.
 
-`FAULT_KINDS` has a function for every fault that `fault_messages` describes. The controller's loop calls the function,
-which mostly changes the `hardware.virtual.disturbances`. A `ScriptedFault` is injected at a given SYNC, so that a run
+`FAULT_KINDS` has a function for every fault that `fault_messages` describes. The controller's loop calls the function.
+Most functions only change the controller's `Disturbances`. A `ScriptedFault` is injected at a given SYNC, so that a run
 with faults is reproducible.
 """
 

@@ -52,8 +52,8 @@ class ControllerNetwork:
 class VirtualNode:
     """A node on the bus; `serial_number` is 1018h sub 4.
 
-    `answers` has the values of objects, or functions that return values; other objects have their default values.
-    `writers` has the functions that write objects (sub-index 0) and may raise `SdoAbortedError`; other objects refuse a
+    `answers`: values by (index, sub-index), or functions that return them; other objects have their default values.
+    `writers`: functions, by index, that write sub-index 0 and may raise `SdoAbortedError`; other objects refuse a
     write. Methods that handle frames acquire `lock`.
     """
 

@@ -68,8 +68,8 @@ class Loads:
     def of(self, arm: ArmModel) -> Self:
         """Return these loads adapted to `arm`; friction, if any, becomes proportional to the drives' torque limits.
 
-        If the arm has another number of joints than these loads, frames n // 2 and n - 2 each carry the largest mass.
-        All masses are reduced in proportion to the weakest drive, if it is weaker than those of the paper's arm.
+        If the number of joints differs, frames n // 2 and n - 2 each carry the largest mass, other frames none. If the
+        arm's weakest drive is weaker than the drives of the paper's arm, all masses are reduced in proportion.
         """
         weakest = min(joint.max_torque_nm for joint in arm.joints) / PAPER_TORQUE_NM
         n, payload = arm.joint_count, self.payload_kg * min(1.0, weakest)
@@ -187,11 +187,11 @@ class Plant:
         return stiffness, target
 
     def _advance(self, stiffness: FloatArray, target: FloatArray) -> None:
-        """Find this period's motion by Newton's method, starting from an extrapolation of the last two periods."""
+        """Advance the true angles by a period (Newton's method), with servos of `stiffness` and `target` (n + 1,)."""
         start, point, K = self._angles, self._point, self._fixture
         gravity = self._gravity() if self._loaded else 0.0
         diagonal = stiffness + self._damping
-        angles = start + (2.0 * self._last - self._last_but_one)
+        angles = start + (2.0 * self._last - self._last_but_one)  # extrapolated
         for _ in range(MAX_NEWTON_STEPS):
             point.at(angles)
             J = point.jacobian
@@ -226,7 +226,7 @@ class Plant:
         self._angles = angles
 
     def _rub(self, increment: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return friction (n + 1,), N m, after motion `increment`, and its derivative, N m/rad (0 while sliding)."""
+        """Return friction (n + 1,), N m, after a motion `increment`, and its derivative, N m/rad (0 while sliding)."""
         deflection = (self._bristle + increment) / PRESLIDING_RAD
         slope = np.where(np.abs(deflection) < 1.0, self._friction / PRESLIDING_RAD, 0.0)
         return self._friction * np.clip(deflection, -1.0, 1.0), slope
@@ -245,7 +245,7 @@ class Plant:
 
 
 def _gravity_levers(loads: Loads) -> tuple[FloatArray, FloatArray]:
-    """Return M (n, n + 2), kg, with M @ origins_m = mass times lever of each joint, and G (3, 3) with p @ G = p x g."""
+    """Return M (n, n + 2), kg, and G (3, 3): M @ origins_m is mass times lever by joint, p @ G is p x gravity."""
     mass, g = loads.payload_kg, GRAVITY_M_PER_S2 * loads.down
     n = len(mass)
     lever = np.zeros((n, n + 2))

@@ -1,7 +1,7 @@
 """Named virtual arms: true geometry, sensor errors, fixture compliance.
 
-The true geometry is that of the paper's arm in the paper's hinge, if the files allow it; otherwise a specimen drawn by
-seed within the tolerances of the files (`scenario_of`).
+If the tolerances of the arm and fixture files allow it, the true geometry is the paper's; otherwise it is drawn by seed
+within these tolerances (`scenario_of`).
 
 Each of the paper's three error sources (section 4: RVDTs, fixed lengths, fixture) is one field of a `Scenario`. The
 errors are drawn from separate random streams, so that switching one off does not change the others.
@@ -64,11 +64,11 @@ class Scenario:
     Attributes
     ----------
     specimen
-        Seed of the arm's errors (linearity, lengths); if None, `seed` is used.
+        Seed of the arm's linearity and length errors; if None, `seed` is used.
     linearity_of_full_scale
-        Peak linearity deviation of every RVDT, fraction of full scale.
+        Peak linearity deviation of each RVDT, as a fraction of full scale.
     lengths
-        Smallest and largest magnitude, m, of the errors that are added to the maker's lengths in `truth`.
+        Smallest and largest size, m, of the random errors of the maker's lengths; if None, there are none.
     placement
         Number of this mounting of the fixture, from 1; each mounting has different noise.
     """
@@ -165,8 +165,8 @@ def scenario_of(
     """Return the scenario `name` for an arm and a fixture.
 
     If the files can describe the paper's arm, the true arm is that of `scenario`. Otherwise it is drawn by seed within
-    the tolerances of the files, in ``datasheet`` and ``wild`` including lengths and twists that the calibration does
-    not identify. From the second `placement` on, the true placement of the fixture is drawn anew; the arm is the same.
+    the tolerances of the files; only in ``datasheet`` and ``wild``, lengths and twists that the calibration does not
+    identify have errors too. For a `placement` from 2 on, the arm is the same and the fixture's true placement new.
 
     Raises `ValueError` if there is no such scenario, or if no plant can be built from these files.
     """

@@ -33,7 +33,7 @@ It returns the last answer and the data received (None for an upload); it may ra
 
 
 class Deferred(Exception):
-    """Raised by a node during a write that it will answer with `NodeSdoServer.answer_later`."""
+    """Raised by a node during a write: the node will answer this write later (`NodeSdoServer.answer_later`)."""
 
 
 class NodeSdoServer:
@@ -99,7 +99,7 @@ class NodeSdoServer:
         return _upload(request, document)
 
     def _finish(self, index: int, subindex: int, document: bytes | None) -> None:
-        """Write received data (if not None) to the node; then answer, unless the node defers its answer."""
+        """Write `document` to the node, unless it is None, then answer the client; a node may put off its answer."""
         abort: int | None = None
         try:
             if document is not None:

@@ -1,8 +1,8 @@
-"""Specimens of any arm in any fixture: true geometry drawn by seed within the tolerances of the two files.
+"""True geometry of any arm in any fixture, drawn by seed within the tolerances of the arm and fixture files.
 
-Offsets are drawn within `SPECIMEN_OFFSET_RAD`, the fixture's placement within the tolerance of its file (three sigma),
-the maker's lengths and twists with the standard deviations of the arm file. Unknowns of the calibration that are not
-observable keep their nominal values.
+Offsets are drawn within `SPECIMEN_OFFSET_RAD`; the fixture's placement within the tolerance of its file (three sigma);
+the maker's lengths and twists with the standard deviations of the arm file. Unknowns of the calibration that poses
+cannot determine keep their nominal values.
 """
 
 from collections.abc import Iterable
@@ -80,9 +80,10 @@ def _first_that_closes(
 
 
 def _arm_differences(arm: ArmModel, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-    """Draw how an arm differs from its file, rad and m: (5, n) for calibrated entries, (4, n) for the others.
+    """Draw differences between an arm and its file, rad and m: for calibrated entries (5, n), for other entries (4, n).
 
-    Rows: theta_off (first array only), s, a, alpha, beta. All are drawn, so that a seed always gives the same arm.
+    Rows: theta_off (first array only), s, a, alpha, beta. Each array has all entries, whichever are calibrated, so that
+    a seed always gives the same arm.
     """
     n, hayati = arm.joint_count, [row - 1 for row in arm.hayati_rows]
     stated = np.array([arm.length_tolerance_m, arm.length_tolerance_m, arm.twist_tolerance_rad])
@@ -226,7 +227,7 @@ def _clipped_normal(rng: np.random.Generator, shape: tuple[int, ...]) -> FloatAr
 def _truth(
     model: DhLoop | PointClosure | MeasuredClosure, x: FloatArray, rows: FloatArray
 ) -> Truth:
-    """Return the true geometry: `x` (P,) for the unknowns of `model`, the arm's D-H `rows` (5, n) for all else."""
+    """Return the true geometry with the arm's D-H `rows` (5, n), but `x` (P,) for the unknowns of `model`."""
     stacked = model.table.stacked()
     stacked[:, -rows.shape[1] :] = rows
     with_rows = model.with_table(DhTable.from_stacked(stacked))

@@ -74,7 +74,7 @@ class ChainPoint:
         return end
 
     def _point_jacobian(self, p: FloatArray, rows: FloatArray) -> None:
-        """Write the derivative of a point `p` (3,) of the last link into `rows` (3, n + 1)."""
+        """Write the derivative of point `p` (3,) of the last link with respect to all angles into `rows` (3, n + 1)."""
         joints, lever = self._joints, self._lever
         joints[:, :3] = self._axes_and_origins
         joints[:, 3:] = joints[:, :2]
@@ -95,7 +95,7 @@ class LoopPoint(ChainPoint):
         self._hinge = hinge
 
     def at(self, theta_rad: FloatArray) -> FloatArray:
-        """Compute all frames as `ChainPoint.at` does, then closure error and Jacobian."""
+        """Compute frames, closure error and Jacobian at true angles (n + 1,), rad; return frame n (4, 4)."""
         end = super().at(theta_rad)
         r0, r1, r2 = _rotation_vector(end[:3, :3].tolist())
         p = end[:3, 3]
@@ -122,8 +122,8 @@ class LoopPoint(ChainPoint):
 class BallPoint(ChainPoint):
     """Chain with a ball at `tip_m` (3,) in frame n and its socket at `ground_m` (3,) in the base frame.
 
-    The closure error is the ball's position minus the socket's, m. Frame -1 is the base frame: row 0 of the table is
-    zero, and theta_0 stays zero.
+    The closure error is the ball's position minus the socket's, m. There is no link 0: row 0 of `table` is zero and
+    theta_0 stays zero, so that frame -1 is the base frame.
     """
 
     def __init__(self, table: DhTable, *, tip_m: FloatArray, ground_m: FloatArray) -> None:
@@ -131,7 +131,7 @@ class BallPoint(ChainPoint):
         self._tip, self._ground = tip_m, ground_m
 
     def at(self, theta_rad: FloatArray) -> FloatArray:
-        """Compute all frames as `ChainPoint.at` does, then closure error and Jacobian."""
+        """Compute frames, closure error and Jacobian at true angles (n + 1,), rad; return frame n (4, 4)."""
         end = super().at(theta_rad)
         ball = end[:3, :3] @ self._tip + end[:3, 3]
         self.error[:] = ball - self._ground
@@ -192,7 +192,7 @@ class Truth:
         return self.table.theta_off_rad[1:]
 
     def named(self) -> dict[str, float]:
-        """Return the true D-H entries and points (rad, m) by parameter name, without the rotations of base and tip."""
+        """Return the true D-H entries and points (base, tip, ground) by name, rad and m; rotations are left out."""
         stacked, points = self.table.stacked(), dict[str, FloatArray]()
         match self.loop:
             case PointClosure(tip_m=tip, ground_m=ground):
@@ -207,7 +207,7 @@ class Truth:
         }
 
     def point(self) -> ChainPoint:
-        """Return the evaluator of frames and closure error at one pose, for the plant's inner loop."""
+        """Return an evaluator of frames and closure error at one pose; the plant calls it several times per period."""
         match self.loop:
             case DhLoop(hinge=hinge):
                 return LoopPoint(self.table, hinge=hinge)
@@ -291,9 +291,9 @@ WILD_DRIVES = [0, 4]
 """The two driven joints (indices from 0); relative to home, they must cover LOWEST_RAD to HIGHEST_RAD."""
 LOWEST_RAD, HIGHEST_RAD = frozen(np.deg2rad([-30.0, -70.0])), frozen(np.deg2rad([48.0, 0.0]))
 ROOM_RAD = frozen(np.deg2rad([72.0] * 5 + [57.0] * 2))
-"""Largest distance of each joint from home while the drives cover their ranges."""
+"""Largest distance of each joint from home while the driven joints cover their ranges."""
 MAX_GRADIENT = 4.0
-"""Largest ratio of a joint's motion to the drives' motion; infinite at a singularity."""
+"""Largest ratio of a joint's motion to that of the driven joints; at a singularity this ratio is infinite."""
 
 
 def draw_wild_loop(rng: np.random.Generator) -> Truth:
@@ -323,9 +323,10 @@ def draw_wild_loop(rng: np.random.Generator) -> Truth:
 
 
 def can_cover(loop: DhLoop, x: FloatArray, pose: FloatArray, hinge: FloatArray) -> bool:
-    """Whether the joints `WILD_DRIVES` can move from `pose` straight to 16 points on the border of their ranges.
+    """Whether the driven joints `WILD_DRIVES` can move over their ranges from `pose` (n,), with the hinge at `hinge`.
 
-    On the way, the loop must close and all joints must stay within `MAX_GRADIENT` and `ROOM_RAD`.
+    They move along a straight line to each of 16 points on the border of their ranges (`LOWEST_RAD`, `HIGHEST_RAD`).
+    On the way, the loop must close, and the motions of all joints must stay within `MAX_GRADIENT` and `ROOM_RAD`.
     """
     corners = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
     sides = np.roll(corners, -1, axis=0) - corners

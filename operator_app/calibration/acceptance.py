@@ -148,7 +148,7 @@ def _unnamed(diagnosis: Diagnosis) -> Iterable[Finding]:
 
 
 def _left(diagnosis: Diagnosis) -> float:
-    """Return chi2/dof of the model with the best cause of the last ranking, or of the stated model if there is none."""
+    """Return chi2/dof with the best cause of each ranking fitted; that of the stated model if no cause is possible."""
     last = diagnosis.rankings[-1].best if diagnosis.rankings else None
     if last is None or _impossible_compliance(diagnosis):
         return diagnosis.stated_chi2_per_dof
@@ -193,10 +193,10 @@ def little_motion(
     known: Mapping[str, float] = MappingProxyType({}),
     narrows: Callable[[str], str] | None = None,
 ) -> tuple[Finding, ...]:
-    """Return a finding if the poses differ so little that some parameters have large standard deviations.
+    """Return the finding that poses differ too little to determine some parameters; empty if all sigmas are small.
 
-    Only parameters named in `judged` are tested. A parameter is reported if its `standard_deviation` (P,) is large, or
-    larger than a file states (in `known`, rad or m, by name). The finding blocks acceptance if a parameter is useless.
+    Only parameters named in `judged` are tested. The finding names those whose `standard_deviation` (P,) is large, or
+    larger than `known` (rad or m, by name, from a file). It blocks acceptance if a value is too uncertain for any use.
     `narrows`: function that returns the error source to be reduced for a named parameter, or "" if there is none.
     """
     wide, coarse, refuses = [], [], False
@@ -227,7 +227,7 @@ def little_motion(
 def paper_test(
     paper: Estimate | None, implicit: Estimate
 ) -> tuple[tuple[HypothesisTest, ...], tuple[Finding, ...]]:
-    """Test the paper's estimate, if any, against the implicit one; return the test, and a finding if it fires."""
+    """Test whether the paper's estimate (if any) and the implicit one agree; return the test, and a finding if not."""
     if paper is None:
         return (), ()
     names = [p.name for p in implicit.parameters]
@@ -279,10 +279,10 @@ def return_tests(
 def proven_by_return(
     since: tuple[Finding, ...], by_tests: tuple[Finding, ...]
 ) -> tuple[tuple[Finding, ...], tuple[Finding, ...]]:
-    """Return the blocking causes that repeated poses prove, and the other causes from tests of the fit.
+    """Return the causes that repeated poses prove, all blocking, and the causes in `by_tests` that remain unproven.
 
-    `since`: causes from repeated poses. `by_tests`: causes from tests of the fit, which replace the same cause in
-    `since`. A proven slip blocks even if it is smaller than the sigmas, because the slip has increased the sigmas.
+    `since`: causes from repeated poses; the blocking ones are proven. `by_tests`: causes from tests of the fit. A cause
+    in both is taken from `by_tests`. A proven slip blocks even if smaller than the sigmas, because it has widened them.
     """
     proven: list[Finding] = []
     for returned in since:
@@ -301,10 +301,10 @@ SLIP_KINDS = frozenset(
 
 
 def not_yet_named(since: tuple[Finding, ...], by_tests: tuple[Finding, ...]) -> tuple[Finding, ...]:
-    """Return the causes from repeated poses (`since`) that the tests of the fit (`by_tests`) have not found too.
+    """Return the causes in `since` (from repeated poses) that are missing in `by_tests` (from tests of the fit).
 
-    The tests have found a movement of the fixture only if they name a slip, and a step of a joint's reading only if
-    they name an error of that joint's sensor or reading. A compliant fixture or a wrong length does not count.
+    A movement of the fixture is found in `by_tests` only if they name a slip; a compliant fixture is not enough. A step
+    of a joint's reading is found only if they name an error of its sensor or reading; a wrong length is not enough.
     """
     slipped = any(cause.kind in SLIP_KINDS for cause in by_tests)
     joints = {c.joint for c in by_tests if c.sensor or c.kind in READING_KINDS}

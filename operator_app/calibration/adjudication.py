@@ -248,9 +248,8 @@ def _misfit_causes(
 def _wrong_distances(case: _Case, margin: float, *, again: bool = True) -> tuple[Finding, ...]:
     """Return findings of measured distances that may be wrong; empty if there are none.
 
-    A distance may be wrong if leaving it out explains the misfit as well as the most probable other fault does, i.e. if
-    chi2 is then at most `margin` above the chi2 with that fault. `again`: solve the loops again without the distance.
-    If False, both chi2 are from the linear fit, which makes the comparison fair.
+    Distances may be wrong if the fit without them has a chi2 of at most `margin` above that of a fit with the most
+    probable fault. `again`: solve the loops again without the distances; else both chi2 follow from the linear fit.
     """
     if again and (case.gross or not case.fit.estimate.converged):
         return refuted_distances(case.stated)
@@ -268,7 +267,7 @@ def _begins_with_a_placement(case: _Case) -> bool:
 
 
 def _local_minimum_causes(case: _Case) -> tuple[Finding, ...]:
-    """Return the finding of a solution far from nominal, preceded by alternative models that fit near nominal."""
+    """Return findings that the solution may be a wrong local minimum; alternative models near nominal come first."""
     if case.known.search is not None:
         return ()
     model, estimate, judged = case.model, case.fit.estimate, case.known.judged
@@ -281,7 +280,7 @@ def _local_minimum_causes(case: _Case) -> tuple[Finding, ...]:
 def _fit_causes(case: _Case, *, without_motion: bool) -> tuple[Finding, ...]:
     """Return the causes that the fit itself shows: it has not converged, or sigmas are large.
 
-    `without_motion`: do not report large sigmas. The uncertainty of parameters known from the files does not count.
+    `without_motion`: do not report large sigmas. The sigmas are computed as if values known from files were exact.
     """
     estimate = case.estimate.given(case.known.by_files)
     open_end = Finding(

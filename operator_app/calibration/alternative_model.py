@@ -59,9 +59,9 @@ def without_reading(stated: Experiment, joint: int) -> Experiment:
 
 
 def start(alternative: Experiment) -> tuple[FloatArray, float]:
-    """Fit the loops of an alternative; return the parameters (P,) as start values, and a mean square error.
+    """Fit the loops of an alternative; return its parameters (P,), as start values, and the mean square error.
 
-    The error is that of the closure or, if joints are unsensed, the correction of the readings (rad^2).
+    This is the mean square closure error or, if joints are unsensed, the mean square correction of the readings, rad^2.
     """
     if alternative.unsensed:
         fit = without_readings(alternative)
@@ -98,8 +98,8 @@ def is_near(alternative: Experiment) -> bool:
 def closes(alternative: Experiment, *, far: float) -> bool:
     """Whether the loops close much better in the fixture of `alternative` than in the fixture that the file states.
 
-    `far`: mean square closure error in the file's fixture, rotations included. Noise alone makes `far` a few times as
-    large as the error in the other fixture; a tool that tilts in a rigid fixture makes `far` about 100 times as large.
+    `far`: mean square closure error in the file's fixture, rotations included. If only noise causes it, `far` is a few
+    times the error in the other fixture. If the tool tilts in a rigid fixture, `far` is about 100 times that error.
     """
     cost = cost_of(alternative)
     return (
@@ -110,14 +110,14 @@ def closes(alternative: Experiment, *, far: float) -> bool:
 
 
 def cost_of(alternative: Experiment) -> float:
-    """Return the mean square error of an alternative, as from `start`; infinite if the loops cannot be solved."""
+    """Return the mean square error that `start` gives for an alternative; infinite if its loops cannot be solved."""
     return tried(lambda: start(alternative)[1], np.inf)
 
 
 def solved(alternative: Experiment, *, anywhere: bool = False) -> tuple[float, int]:
     """Return chi2/dof of an alternative at stated variances, and its dof; (inf, 0) if it cannot be solved.
 
-    `anywhere`: as for `fitted`.
+    `anywhere`: whether to ignore the stated tolerance of the fixture's placement.
     """
     found = tried(lambda: fitted(alternative, anywhere=anywhere), None)
     if found is None:
@@ -158,10 +158,10 @@ BENDS = 3
 
 
 def shift_of(reading_rad: FloatArray, angle_rad: FloatArray) -> tuple[int, float] | None:
-    """Find a step in the readings (m,) of a joint with known angles (m,), in the order in which poses were taken.
+    """Find a step between a joint's readings (m,) and its known angles (m,), both in the order of the poses in time.
 
-    Returns the index of the first pose after the step, and the step, rad. None if no step explains most of the
-    readings' deviation from a smooth function of the angles.
+    Returns the index of the first pose after the step, and the step, rad. The result is None if no step explains most
+    of the deviation of the readings from a smooth function of the angles.
     """
     m = len(reading_rad)
     if m < 2 * (limits.STEP_EDGE_POSES + BENDS):
@@ -201,7 +201,7 @@ def other_fixtures(stated: Experiment) -> Iterator[Alternative]:
 
 
 def hinge_instead(stated: Experiment) -> Alternative:
-    """Return the alternative with a hinge on the line that is most nearly at rest in both tool and base."""
+    """Return the alternative whose fixture is a hinge: its axis is the tool's line that moves least in the base."""
     arm, fixture = stated.arm, stated.fixture
     frames = _frames(arm, stated.poses)
     eye = np.broadcast_to(np.eye(3), frames[0].shape)

@@ -51,7 +51,7 @@ PROMISING_COST_SHARE = 0.3
 """An alternative is solved completely if its squared closure error is below this share of the stated model's."""
 
 PER_FREEDOM = 4.6
-"""An alternative's log weight falls by this (ln 100) for each degree of freedom fewer than the stated model has."""
+"""An alternative's log weight falls by this (ln 100) per degree of freedom that it has less than the stated model."""
 
 LEAST_M = 2e-3
 """Two lengths that differ by less than this count as equal."""
@@ -228,7 +228,7 @@ def _as_stated(chi2: float, dof: int) -> bool:
 
 
 def step_alternative(stated: Experiment, joint: int, scale: float) -> tuple[Finding, ...]:
-    """Return the finding of a step that explains a joint's wrong readings; `scale` as in `find_alternatives`."""
+    """Return the finding of a step that explains a joint's wrong readings; `scale`: chi2/dof of the stated model."""
     shifted = _shifted(without_reading(stated, joint), stated.unsensed)
     return _named(
         [
@@ -328,7 +328,10 @@ def _with_table(arm: ArmModel, **columns: FloatArray) -> ArmModel:
 
 
 def turned_zero(stated: Experiment, estimate: Estimate) -> tuple[Finding, ...]:
-    """Return the finding of a joint zero a quarter or half turn off, if `estimate` shows it and its correction fits."""
+    """Return the finding of a joint whose zero is a quarter or half turn off; empty if there is none.
+
+    `estimate` must show about this offset, and the poses must fit after its correction.
+    """
     names, nominal = [p.name for p in estimate.parameters], nominal_vector(estimate.parameters)
     changes = dict(
         zip(names, wrap_angles(estimate.parameters, estimate.x - nominal).tolist(), strict=True)
@@ -382,8 +385,8 @@ def _without_each_reading(stated: Experiment) -> Iterator[Alternative]:
 def _shifted(blind: Experiment, unsensed: tuple[int, ...]) -> list[tuple[Finding, float, int]]:
     """Return the finding of a step in one joint's readings, with chi2/dof and dof after correction of the step.
 
-    `blind`: experiment without the readings of the joints `unsensed` and of the joint to be tested. The list is empty
-    if there is no step, or not exactly one joint to be tested.
+    `blind`: experiment that ignores the readings of the joint to be tested and of the joints `unsensed`. The list is
+    empty if there is no step, or if `blind` ignores none or several joints besides `unsensed`.
     """
     more = [j for j in blind.unsensed if j not in unsensed]
     if len(more) != 1:

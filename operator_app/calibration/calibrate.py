@@ -141,7 +141,7 @@ class Prepared:
 
     `fixed`: unidentifiable unknowns that are fixed at their nominal values on request.
     `hard`: model with only the unknowns that the poses have to identify.
-    `model`: the same with additional entries, each free within a tolerance. `tolerance`: these (rad, m), by name.
+    `model`: `hard` with further entries, free within a tolerance. `tolerance`: their standard deviations, by name.
     `errors`: error model of the distinct poses.
     `distinct`: indices of the distinct poses. `which`: for every pose on the branch, its position in `distinct`.
     `prior`: names of the arm's entries whose uncertainty the arm's file states.
@@ -232,7 +232,7 @@ def prepare(
 
 
 def fit(prepared: Prepared, progress: Progress | None) -> Fitted:
-    """Fit by the implicit estimator from several starts; `Fitted.estimate` is the paper's if that estimator was chosen.
+    """Fit by the implicit estimator from several starts; return the fit and the estimate of the chosen estimator.
 
     Raises `PosesDoNotFitError` if no start leads to a fit; the error lists the alternative models that fit. Also raises
     an error if parameters are unidentifiable at the estimate.
@@ -391,7 +391,7 @@ def _require_identifiable(prepared: Prepared, identified: Identifiability) -> Id
 
 
 def _identifiability_of(prepared: Prepared, part: Calibrated, x: FloatArray) -> Identifiability:
-    """Return the identifiability at the result of the chosen estimator; `x` (P,): result of the implicit estimator."""
+    """Return the identifiability at the chosen estimate; `x` (P,): implicit estimate, used with unsensed joints."""
     loops = prepared.loops
     if prepared.by_paper and prepared.identifiability is not None:
         return prepared.identifiability
@@ -423,9 +423,9 @@ def _starts(prepared: Prepared) -> Iterator[FloatArray | None]:
 def _outliers(
     calibrated: Calibrated, of_each: IntArray, poses: PoseSet, adjudication: Adjudication
 ) -> tuple[str, ...]:
-    """Return the labels of the outliers that a blocking cause names.
+    """Return the labels of the outliers that prevent acceptance.
 
-    If no blocking cause names any, return the labels of the poses that the other poses do not predict, the worst first.
+    If there are none, return the labels of the poses that the other poses do not predict, the worst first.
     `of_each`: for each pose of `calibrated`, its index in `poses`.
     """
     from scipy.special import chdtrc

@@ -51,7 +51,7 @@ class CalibratedArm:
     `hand`: the same rows, but with the calibrated values of the entries that locate the fixture on the tool.
     `tip_m`: the tip in the last frame of `hand`, (3,), m: the ball's centre or the instrument's target. It is zero for
     a rigid attachment and for a hinge (the hinge's axis is the z axis of that frame).
-    `identified`: entries of `flange` that were calibrated.
+    `identified`: entries of `flange` that were calibrated. `free`: calibrated entries of `hand` and tip coordinates.
     `best`: best D-H table for uncorrected readings. `corrections`: corrections of the readings. Both may be None.
     """
 
@@ -83,8 +83,8 @@ class CalibratedArm:
     ) -> FloatArray:
         """Return the pose (..., 4, 4), m, of the tip or of the flange (frame n) in the base, at readings (..., n).
 
-        It follows from the best table for uncorrected readings. If `corrected`, it follows from the identified table,
-        at readings to which the corrections are added. The tip has the orientation of the last frame.
+        The pose follows from `table` at the uncorrected readings. If `corrected`, it follows from the identified
+        entries at readings to which `corrections` are added. The tip has the orientation of the last frame.
         """
         table, tip_m = self.table(frame), self.table_tip_m
         if corrected:
@@ -98,8 +98,8 @@ class CalibratedArm:
     def tip_with_sigma_m(self, q_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the tip in the base frame (m, 3), m, and the standard deviation (m,), m, of its error.
 
-        The standard deviation is ``sqrt(trace(J C J'))``, with J = dp/dx and the covariance C of all parameters except
-        those of `ground_side`. With a best table, it includes the part of the corrections that no table represents.
+        Both follow from `best` if it is not None (`BestTable.tool`). Otherwise, the standard deviation is
+        ``sqrt(trace(J C J'))``: J holds the derivatives of the tip by the parameters `free`, and C is their covariance.
         """
         if self.best is not None:
             return self.best.tool(q_rad)
@@ -107,7 +107,7 @@ class CalibratedArm:
         return tip, np.sqrt(spread_along(rates, self._covariance))
 
     def stated_part_m(self, q_rad: FloatArray, names: Collection[str]) -> FloatArray:
-        """Return the part of the tip's standard deviation (m,), m, that is due to `names`; parts add in quadrature."""
+        """Return the tip's standard deviation (m,), m, due to the parameters `names`; the rest adds in quadrature."""
         known = [k for k, name in enumerate(self.free) if name in names]
         if not known:
             return np.zeros(len(q_rad))
@@ -118,7 +118,7 @@ class CalibratedArm:
     def rate_m_per_rad(self, joint: int, rates: dict[str, float], q_rad: FloatArray) -> FloatArray:
         """Return the tip displacement (m,), in m per rad of error in the fixed offset of `joint`, at readings (m, n).
 
-        `rates`: by name, the change of each other parameter per rad of this error; only the last placement counts.
+        `rates`: by name, the change of each other parameter per rad of this error, in the last placement.
         """
         plain = {name.partition("[")[0]: rate for name, rate in rates.items()}
         names = (DhEntry(DhKind.THETA_OFF, joint).name, *self.free)
@@ -343,7 +343,7 @@ def closure_in_use(
 
 
 def _with_last_link(rows: FloatArray, other: FloatArray, *, than: FloatArray) -> DhTable:
-    """Return `rows` (5, n); where the last links of `other` and `than` differ, the entry is taken from `other`."""
+    """Return `rows` (5, n), but with the entries of the last link from `other` where `other` and `than` differ."""
     rows, differ = rows.copy(), other[:, -1] != than[:, -1]
     rows[differ, -1] = other[differ, -1]
     return DhTable.from_stacked(rows)

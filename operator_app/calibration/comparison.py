@@ -1,9 +1,9 @@
 """Comparison of two calibrations of one arm: changes of parameters, and which of them exceed noise.
 
-A hinge loop has eight equivalent parameter vectors. Of those equivalent to the second document's, the nearest to the
-first document's is compared. A difference counts as drift if it is too large for the standard deviations of both
-documents, at a level corrected for the number of free parameters (Bonferroni). The arm's lengths and twists are not in
-this number: their sigma is mostly the maker's tolerance. Two estimates from the same poses never show drift.
+Eight parameter vectors describe the same hinge loop. The second document's is replaced by the one that is nearest to
+the first document's. A difference counts as drift if it is too large for the standard deviations of both documents, at
+a level corrected for the number of free parameters (Bonferroni). The arm's lengths and twists are not in this number:
+their sigma is mostly the maker's tolerance. Two estimates from the same poses never show drift.
 """
 
 import math
@@ -213,8 +213,8 @@ def _different_arms(a: ParametersDocument, b: ParametersDocument) -> tuple[str, 
 def _loop(document: ParametersDocument) -> DhLoop:
     """Return the loop that a document describes.
 
-    A first or last joint whose offset was not identified counts as unsensed: equivalent parameters, which have other
-    signs of a and alpha in the adjacent link, need another offset of this joint, but the offset is fixed.
+    The first or last joint counts as unsensed if its offset was not identified. Otherwise, `equivalents` would lack the
+    vectors with other signs of a and alpha in the adjacent link, because they need another offset of the joint.
     """
     entries = tuple(DhEntry.parse(e.entry) for e in document.calibrated)
     known = {e.name for e in entries}
@@ -228,7 +228,7 @@ def _loop(document: ParametersDocument) -> DhLoop:
 
 
 def nearest_values(a: ParametersDocument, b: ParametersDocument) -> dict[str, float]:
-    """Return the identified entries of `b` (rad, m); of equivalent values, those nearest to the values of `a`."""
+    """Return the identified entries of `b` (rad, m), replaced by the equivalent values nearest to those of `a`."""
     loop = _loop(b)
     rows_a, rows_b = a.table.stacked(), b.table.stacked()
     x = np.array([rows_b[e.kind, e.row] for e in loop.entries])

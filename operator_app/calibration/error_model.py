@@ -44,7 +44,7 @@ def error_model(
     tolerance: Mapping[str, float] = MappingProxyType({}),
     prior: Mapping[str, float] = MappingProxyType({}),
 ) -> ErrorModel:
-    """Return the stated errors of the `kept` poses; `tolerance`, `prior`: standard deviations (rad, m) by name."""
+    """Return the stated errors of the `kept` poses; `tolerance`, `prior`: standard deviations as in `ErrorModel`."""
     arm, fixture, poses = experiment.arm, experiment.fixture, experiment.poses
     errors = stated_errors(
         arm,
@@ -209,7 +209,7 @@ def _moves_rad(arm: ArmModel) -> FloatArray:
 
 
 def distinct_poses(poses: PoseSet, kept: BoolArray) -> tuple[IntArray, IntArray]:
-    """Return indices of the distinct `kept` poses, and for each kept pose the position of its equal in this list.
+    """Return indices of the distinct `kept` poses, and each kept pose's position in this list; equal poses share one.
 
     Poses of one placement with exactly equal readings and endpoints count as one: repeated rows add no information.
     """
@@ -290,7 +290,7 @@ def stated_priors(
 
 
 def freed(model: ClosureModel, names: Iterable[str]) -> ClosureModel:
-    """Return `model` with the arm's entries `names` added to its free entries; other names are ignored."""
+    """Return `model` with the D-H entries among `names` added to its parameters; all other names are ignored."""
     known = {p.name for p in model.parameters}
     return model.freed(
         [DhEntry.parse(name) for name in names if name not in known and is_entry(name)]

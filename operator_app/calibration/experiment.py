@@ -29,7 +29,7 @@ ANGLES_TRIED = 36
 
 
 class EndpointMissingError(SolverError):
-    """The fixture is an instrument, but the poses lack measured endpoints or, if `orientation`, their orientations."""
+    """The fixture is an instrument, but the poses have no endpoints or (`orientation`) no measured orientations."""
 
     def __init__(self, *, orientation: bool = False) -> None:
         what, columns = "endpoints", "x_m,y_m,z_m"
@@ -157,7 +157,7 @@ def identifiable_loops(
 def _without_unidentifiable(
     model: ClosureModel, arm: ArmModel, x0: FloatArray | None, q: FloatArray, *, drop: bool
 ) -> tuple[ClosureModel, tuple[str, ...]]:
-    """Fix unidentifiable parameters; return the model and their names. If they may not be fixed: `model` and ()."""
+    """Fix unidentifiable parameters; return the model and their names. If not allowed, return `model` and ()."""
     # They may be fixed if `drop`, or if all of them are offsets whose uncertainty the arm's file states.
     if not drop and arm.offset_tolerance_rad is None:
         return model, ()
@@ -206,7 +206,7 @@ def pick_placements(poses: PoseSet, placements: tuple[int, ...]) -> PoseSet:
 
 
 def in_order(model: ClosureModel, other: ClosureModel, x: FloatArray) -> FloatArray:
-    """Return values (P,) for the parameters of `model`: those that `other` has too are from `x`, others nominal."""
+    """Return values (P,) of the parameters of `model`: from `x` (values of `other`), nominal if `other` lacks them."""
     known = {p.name: float(v) for p, v in zip(other.parameters, x, strict=True)}
     return nominal_vector(model.parameters, known)
 

@@ -104,9 +104,9 @@ def turned_unread(
 ) -> tuple[int, float] | None:
     """Return the joint that turned although its reading did not change, and its turn (rad); None if none did.
 
-    First, the loop is closed at `before_rad`. The correction of the readings found there is also added to `after_rad`,
-    so that placement errors cancel. Then the loop is closed at `after_rad`, once with all `still` joints fixed, and
-    once for each `still` joint with that joint free. No motion is linearised.
+    First, the loop is closed at `before_rad`; the correction of the readings that this needs is added to `after_rad`
+    too, so that placement errors cancel. Then the loop is closed at `after_rad` several times: once with all `still`
+    joints fixed, then with each of them free in turn. No motion is linearised.
 
     `x`: approximate parameters (P,). `before_rad`, `after_rad`: readings (n,). `still`: joints (1-based) whose readings
     did not change.
@@ -159,7 +159,7 @@ def explained(error: UnidentifiableError, stated: Experiment) -> UnidentifiableE
 
 
 def _turned_range(stated: Experiment, joint: int) -> float:
-    """Range (rad) of a joint's angles from the loops, without the joint's readings; 0 if not determined."""
+    """Return how far (rad) a joint turned over all poses, computed without its readings; 0 if unknown."""
     blind = without_reading(replace(stated, unsensed=stated.arm.unsensed_joints), joint)
     fit = tried(lambda: without_readings(blind, max_iterations=MAX_ITERATIONS), None)
     if (

@@ -1,4 +1,4 @@
-"""Findings from fitted explanations, left-out poses, and motion during sampling."""
+"""Findings of fitted faults, of poses that were left out, and of motion during sampling."""
 
 from dataclasses import replace
 
@@ -68,7 +68,7 @@ def _measured(design: LinearModel) -> bool:
 def finding_of(
     candidate: Candidate, evidence: Evidence, faults: FaultModels, labels: tuple[str, ...]
 ) -> Finding:
-    """Return the finding of a fitted explanation; `labels`: names of the poses in order of time."""
+    """Return the finding that reports a fitted fault; `labels`: names of the poses in order of time."""
     K, subject = FindingKind, candidate.subject
     poses = tuple(labels[k] for k in candidate.poses)
     first, measured = float(evidence.b[0]), _measured(faults.design)
@@ -249,9 +249,9 @@ def _smooth(joint: int, candidate: Candidate, evidence: Evidence, faults: FaultM
 def rms_displacement(
     candidate: Candidate, evidence: Evidence, faults: FaultModels
 ) -> dict[str, float]:
-    """Return the fixture's rms rotation (`turn_rad`) and displacement (`shift_m`) over poses that `candidate` moves.
+    """Return the fixture's rms rotation (`turn_rad`) and displacement (`shift_m`) due to the fault `candidate`.
 
-    With several placements, the result is that of the placement with the largest displacement.
+    The rms is over the poses that it affects, in the placement with the largest displacement.
     """
     displacement = candidate.moves(evidence.b, len(faults.system.w))
     along_fixture = (faults.system.E @ displacement[..., None])[..., 0]

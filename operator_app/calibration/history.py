@@ -1,8 +1,8 @@
 """History of one arm's accepted calibrations and verifications: scatter, shifts, next due date.
 
-Only documents and verdicts are used; no file is read. Offsets of the arm itself are tested over all sessions,
-parameters of the mounting only over the sessions of the last mounting. Each combination of fixture and estimator has
-a separate history, because it has different systematic errors.
+The caller reads the files. Offsets of the arm itself are tested over all sessions, parameters of the mounting only
+over the sessions of the last mounting. Each combination of fixture and estimator has a separate history, because it
+has different systematic errors.
 """
 
 import math
@@ -54,10 +54,10 @@ class EntryHistory:
     """Calibrations with one fixture and estimator, oldest first, and their entries of one side.
 
     `side`: part that the entries describe: arm, table or tool.
-    `values` (sessions, entries), rad and m: of equivalent parameter vectors, the one nearest to the first session's.
+    `values` (sessions, entries), rad and m, replaced by the equivalent values nearest to the first session's.
     `sigma`, `within`: standard uncertainty of `values`, and its type A part, in the same shape and units.
     `chart`: control limits of each session, and the shifts of entries in the order in which they were detected.
-    `smallest`: shift of each entry that the next three sessions detect in 90 % of cases; NaN with too few sessions.
+    `smallest`: smallest shift of each entry that three more sessions detect in 90 % of cases; NaN with few sessions.
     """
 
     side: Side

@@ -71,7 +71,7 @@ def _refined(arm: ArmModel, fixture: Measured, poses: PoseSet) -> EndpointConstr
 
 
 def with_calibrated_places(fixture: EndpointConstraint, model: ClosureModel) -> EndpointConstraint:
-    """Return an instrument with the nominal placements of base and target in `model`; any other fixture unchanged."""
+    """Return an instrument with the placements of base and target that `model` has; any other fixture unchanged."""
     part = model.parts()[0][0]
     if not isinstance(fixture, Measured) or not isinstance(part, MeasuredClosure):
         return fixture

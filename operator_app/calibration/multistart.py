@@ -144,7 +144,7 @@ def local_minimum_causes(
 def far_from_files(
     model: ClosureModel, estimate: Estimate, judged: tuple[str, ...]
 ) -> tuple[Finding, ...]:
-    """Return the finding that a parameter is implausibly far from nominal; those in `of_fixture` are not tested."""
+    """Return the finding that a parameter other than the fixture's placement is implausibly far from nominal."""
     far = [
         item for item in _far(_described(estimate, judged)) if item[0].name not in of_fixture(model)
     ]
@@ -152,7 +152,7 @@ def far_from_files(
 
 
 def _implausible(far: tuple[Parameter, float], times: float | None) -> Finding:
-    """Return the finding of a value far from nominal; `times`: factor by which another solution fits better."""
+    """Return the finding of a value far from nominal; `times`: how many times better another one fits, if any."""
     p, change = far
     return Finding(
         FindingKind.FAR_FROM_NOMINAL if times is None else FindingKind.OTHER_SOLUTION,
@@ -166,9 +166,9 @@ def _implausible(far: tuple[Parameter, float], times: float | None) -> Finding:
 
 
 def of_fixture(model: ClosureModel) -> set[str]:
-    """Names of the parameters that depend on the fixture's placement (on its first, if there are several).
+    """Return the names of the parameters that depend on the fixture's (first) placement.
 
-    The placements of an instrument and of its target are left out: a large error in these means that a file is wrong.
+    Placements of an instrument and its target are not included: a large error in these means that a file is wrong.
     """
     sides = {
         name

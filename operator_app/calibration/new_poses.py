@@ -48,7 +48,7 @@ def may_be_elsewhere(fixture: EndpointConstraint) -> bool:
 
 
 def is_elsewhere(new: PoseSet, made_from: PoseSet, fixture: EndpointConstraint) -> bool:
-    """Whether the new poses may be of placements that were not calibrated and therefore have to be estimated."""
+    """Whether the placements of the new poses have to be estimated, because they may not have been calibrated."""
     if not may_be_elsewhere(fixture):
         return False
     return fixture.kind == "ball" or not _are_calibrated(new, made_from)
@@ -66,7 +66,7 @@ def _are_calibrated(new: PoseSet, made_from: PoseSet) -> bool:
 def require_calibrated_placement(
     new: PoseSet, made_from: PoseSet, fixture: EndpointConstraint
 ) -> None:
-    """Raise `NoTestError` unless the new poses are of one calibrated placement, of all, or `may_be_elsewhere`."""
+    """Require new poses of one or of all calibrated placements, unless `may_be_elsewhere`; else raise `NoTestError`."""
     if may_be_elsewhere(fixture) or _are_calibrated(new, made_from):
         return
     known, states = made_from.placements, new.placements
@@ -111,7 +111,7 @@ def require_new(new: PoseSet, made_from: PoseSet, fixture: EndpointConstraint) -
 
 
 def require_poses_at_a_place(new: PoseSet, made_from: PoseSet, fixture: EndpointConstraint) -> None:
-    """Raise `NoTestError` if the new poses only determine where their own socket or instrument is."""
+    """Raise `NoTestError` if an uncalibrated placement has so few poses that they only determine where it is."""
     others = [k for k in new.placements if k not in made_from.placements]
     if fixture.kind == "ball" and len(new) <= len(others):
         raise NoTestError(

@@ -45,7 +45,7 @@ FIXTURE = "fixture"
 
 
 def shift_in_words(shift: CommonShift, *, instrument: bool) -> str:
-    """Return the text that states a common shift, its magnitude, and the remedy.
+    """Return the text on a shift that all new poses have in common: what shifted, how far, and the remedy.
 
     `instrument`: whether an instrument measured the open arm, so that no fixture can have moved.
     """
@@ -155,10 +155,10 @@ def errors_as_calibrated(
 
 
 def _as_learned(design: Layout, *, learned: Mapping[str, float]) -> FloatArray:
-    """Return variances (K,) of the error components for a prediction, as estimated from the calibration's poses.
+    """Return variances (K,) of the error components for a prediction, from the calibration's estimates (`learned`).
 
-    Variances estimated in one part of the workspace may not apply in another: a share of the stated variance is kept
-    (method, section 10). Variances of noise are at most the stated ones.
+    Estimates from one part of the workspace may be too small in another. Therefore the variances depend partly on the
+    stated ones (method, section 10). A variance of noise never exceeds the stated one.
     """
     v = design.stated_variances()
     for k, c in enumerate(design.components):
@@ -173,7 +173,7 @@ def _as_learned(design: Layout, *, learned: Mapping[str, float]) -> FloatArray:
 
 
 def _at_least_stated(design: Layout, *, learned: Mapping[str, float]) -> FloatArray:
-    """Return variances (K,) of the error components for a test: those of `_as_learned`, but at least as stated."""
+    """Return variances (K,) of the error components for a test: as for a prediction, but not below the stated ones."""
     return np.maximum(design.stated_variances(), _as_learned(design, learned=learned))
 
 

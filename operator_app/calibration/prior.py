@@ -187,7 +187,7 @@ class Innovation:
     shifts: Mapping[int, ShiftOfReading]
 
     def unseen(self, shift_rad: float, chi2: float) -> tuple[int, ...]:
-        """Return the joints whose reading would add less than `chi2` to chi2, on average, if shifted by `shift_rad`."""
+        """Return the joints for which a reading shift of `shift_rad` raises chi2 by less than `chi2`, on average."""
         return tuple(j for j, s in self.shifts.items() if (shift_rad / s.sigma_rad) ** 2 < chi2)
 
 

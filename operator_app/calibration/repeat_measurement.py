@@ -50,7 +50,7 @@ class Repeat:
     """Comparison of two readings of one pose.
 
     `difference_rad` (n,): second reading minus the first, all joints.
-    `chi2`, `dof`: test of the difference that no motion of the chain explains, under stated noise, play and compliance.
+    `chi2`, `dof`: test of the part of the difference that no motion of the chain explains, under stated errors.
     `joint`: joint (1-based) whose slip would explain most of this chi2.
     `size_rad`, `sigma_rad`: most likely slip of this joint, and its standard uncertainty.
     `turned_rad`, `shifted_m`: most likely rotation and displacement of the fixture, if it slipped instead.
@@ -75,7 +75,7 @@ def compare_readings(
     read: RepeatedReading,
     compliance: Compliance,
 ) -> Repeat | None:
-    """Compare two readings of one pose under the stated errors; None if motions of the chain explain any difference.
+    """Compare two readings of one pose; None if motions of the chain could explain every possible difference.
 
     `model`, `x`: the loop of this pose and its calibrated parameters, which determine the motions of the chain.
     `compliance`: stated compliance of the fixture, whose deflection may differ between the readings due to friction.
@@ -97,7 +97,7 @@ def compare_readings(
     error = model.loop(x, closed.q, closed.u)
     J = np.concatenate((error.jac_q[0], error.jac_u[0]), axis=-1)
     difference = np.asarray(read.again_rad - read.first_rad)
-    # Orthogonal to the motions: J dq = f for a fixture displaced by f; all such dq differ by motions only.
+    # If the fixture is displaced by f, J dq = f. Solutions dq differ by motions, which `open_directions` omits.
     basis = np.linalg.qr(motion.tangent[0, used] / sigma[:, None], mode="complete")[0]
     open_directions = basis[:, motion.degrees :]
     if not open_directions.size:

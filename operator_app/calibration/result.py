@@ -123,7 +123,7 @@ class Solution:
 
     @property
     def identified(self) -> Estimate:
-        """The estimate without `tolerated` parameters: lengths and twists that are corrected within tolerances."""
+        """The estimate without the `tolerated` lengths and twists, which are only corrected within tolerances."""
         return self.estimate.without(self.tolerated)
 
     @property

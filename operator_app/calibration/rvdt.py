@@ -1,4 +1,4 @@
-"""Verdicts on the RVDTs of an arm, their causes and corrections, and offsets of joints whose readings are not used."""
+"""Tests of an arm's RVDTs, corrections of their readings, and offsets of joints whose readings are not used."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def check_rvdts(
 ) -> tuple[RvdtVerdict, ...]:
     """Test the noise of every RVDT and, if there is a single placement, its readings against the loops.
 
-    `calibrated`: fit of the `distinct` poses (k,) with the RVDTs' readings; the fit without them starts from it.
+    `calibrated`: fit of the `distinct` poses (k,) with the RVDTs' readings; start of the fit without these readings.
     """
     arm, poses = experiment.arm, experiment.poses
     sensors = {
@@ -133,7 +133,7 @@ def measured_deviations(
 
 
 def rvdt_causes(verdicts: tuple[RvdtVerdict, ...], arm: ArmModel) -> tuple[Finding, ...]:
-    """Findings of RVDTs whose verdict is out of specification; the parameters' sigmas include their deviations."""
+    """Return findings of RVDTs that are out of specification; the sigmas of the parameters include these errors."""
     deviations, causes = measured_deviations(verdicts, arm), list[Finding]()
     for v in verdicts:
         if v.verdict is not Soundness.OUT_OF_SPECIFICATION:

@@ -36,7 +36,7 @@ class SourceSensitivity:
 def source_sensitivities(solution: Solution) -> tuple[SourceSensitivity, ...]:
     """Return the largest source of error of each of the least certain parameters.
 
-    The result is empty without an uncertainty budget, and for a diverged solution: smaller errors would not mend it.
+    The result is empty without an uncertainty budget, and for a diverged solution, on which no advice can be based.
     """
     if solution.components is None or solution.adjudication.diverged:
         return ()

@@ -109,9 +109,9 @@ def spread_along(J: FloatArray, C: FloatArray) -> FloatArray:
 def tip_sigma(model: ClosureModel, estimate: Estimate, q: FloatArray) -> TipSigma:
     """Propagate the covariance of all parameters to the tool position at poses `q` (m, n), rad.
 
-    With J = dp/dx, the derivatives of the closure's position rows, ``sigma^2 = trace(J C J')`` at each pose. The tool
-    position is in the arm's base frame, independent of the fixture's place on the table (`ClosureModel.ground_side`).
-    Errors of the readings are not included.
+    At each pose, ``sigma^2 = trace(J C J')``. J: derivatives of the position rows of the closure by the parameters; C:
+    covariance of the parameters. The tool position is in the arm's base frame, independent of the fixture's place on
+    the table (`ClosureModel.ground_side`). Errors of the readings are not included.
     """
     x, C = estimate.x, estimate.covariance
     ground = set(model.ground_side)

@@ -57,12 +57,12 @@ from solver.loops.placements import Placements
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fixed:
-    """Parameters of a calibration, fixed before the new poses were taken, and further results of this calibration.
+    """Parameters and error estimates of a calibration that is to be tested with new poses.
 
     `values`: parameter values by name, rad and m. `covariance` (P, P): their covariance, in the same order.
     `rvdt_sd_rad`: standard deviation, by joint, of an RVDT's noise and linearity deviation together, as estimated.
     `fixture_variance`: estimated compliance variance of the fixture (6,), rad^2 and m^2; None if not estimated.
-    `fixture_variance` and `rvdt_sd_rad` are used only if they are smaller than stated.
+    The values of `fixture_variance` and `rvdt_sd_rad` are used only if they are smaller than those from the files.
     `unsensed_joints`: joints whose readings the calibration did not use.
     """
 
@@ -124,9 +124,9 @@ class VerificationResult:
 
 
 def fixed_calibration(solution: Solution, placement: int | None = None) -> Fixed:
-    """Return the calibrated parameters, their covariance, noise of sensors and fixture, and unsensed joints.
+    """Return the results of a calibration that its verification needs.
 
-    `placement`: return only the parameters of this placement, without its number in their names; None: of all.
+    `placement`: return only the parameters of this placement, under names without its number; None: all parameters.
     """
     estimate, components = solution.estimate, solution.components
     names, columns = [p.name for p in estimate.parameters], np.arange(len(estimate.x))
@@ -365,8 +365,8 @@ def verify_new_poses(
 ) -> VerificationResult:
     """Test a calibration with poses from which it was not made.
 
-    `made_from`: the poses of `solution`. `new`: other poses, in one calibrated placement, in all of them or, if
-    `may_be_elsewhere`, in others. Raises `NoTestError` if the new poses cannot test this calibration.
+    `made_from`: the poses of `solution`. `new`: other poses, either in one calibrated placement or in all of them; with
+    `may_be_elsewhere`, other placements are allowed too. Raises `NoTestError` if `new` cannot test this calibration.
     """
     require_in_range(arm, new, solution)
     require_new(new, made_from, fixture)

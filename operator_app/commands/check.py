@@ -54,7 +54,7 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _read(kind: AnyKind | None, name: str) -> Resource:
-    """Read the file `name`. A built-in file can be read only with its `kind`; without `kind`, raise UsageError."""
+    """Read the file `name`. The name of a built-in file raises UsageError, unless `kind` is the kind of that file."""
     if kind in FILE_ARGUMENTS:
         return resolve(kind, name)
     builtin, path = [k for k in FILE_ARGUMENTS if name in builtin_names(k)], expanded(name)
@@ -68,7 +68,7 @@ def _read(kind: AnyKind | None, name: str) -> Resource:
 
 
 def _chains(files: FilesRead) -> tuple[feasibility.Chain, ...]:
-    """Return the chain of each procedure or, without procedures, of every arm with every fixture."""
+    """Assess each procedure's arm and fixture or, if no procedure is given, every arm with every fixture."""
     procedures = [p.content for p in files.of("procedure") if isinstance(p.content, Procedure)]
     if procedures:
         return tuple(_chain(files, p.arm, p.fixture, p) for p in procedures)

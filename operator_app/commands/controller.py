@@ -93,7 +93,7 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def procedure_of(arm: str, fixture: str, *, kind: str) -> tuple[str, str]:
-    """Return the arguments for `sarcal run`, and how to make the procedure ("" if a built-in procedure fits)."""
+    """Return the arguments of `sarcal run`, and a hint on how to make the procedure file; "" if a built-in one fits."""
     if arm != "sarcos_dextrous" or fixture not in builtin_names("fixture"):
         made_by = f"sarcal new procedure --arm {arm} --fixture {fixture}"
         return "PROCEDURE", f" (to make PROCEDURE: {made_by})"
@@ -135,7 +135,7 @@ def _recorded(settings: BusSettings, path: Path | None) -> Iterator[None]:
 
 @contextmanager
 def _tracker(tracker: SimulatedTracker | None, port: int | None) -> Iterator[str]:
-    """Serve `tracker` while the context is open; yield the option ``--tracker`` for `sarcal run`, "" if None."""
+    """Serve `tracker` while the context is open; yield the option ``--tracker`` for `sarcal run`, or "" for None."""
     if tracker is None:
         if port is not None:
             raise UsageError("--tracker-port: this fixture has no tracker; use --fixture tracker")

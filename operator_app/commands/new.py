@@ -247,7 +247,7 @@ def _save(
 
 
 def _reference(args: argparse.Namespace, name: str, file: str) -> str:
-    """Return how a procedure file refers to another file: by name if built-in, else by absolute or relative path."""
+    """Return the entry for `file` in a procedure: built-in name, absolute path, or path from the procedure's folder."""
     builtin = (*resources.builtin_names("arm"), *resources.builtin_names("fixture"))
     if file in builtin:
         return file

@@ -130,8 +130,8 @@ Declaration = Callable[[argparse._ActionsContainer], object]  # noqa: SLF001 - n
 def option(usage: str, description: str, **more: Any) -> Declaration:
     """Return the declaration of an option (``-o --output FILE``) or an argument (``poses+ FILE``).
 
-    An option with neither a metavar (``FILE``) nor `choices` is a switch. All others take a value; unless `more` or
-    `ARGUMENTS` has a ``type``, this value is a text that must not be empty. `more`: further arguments to argparse.
+    An option with neither a metavar (``FILE``) nor `choices` is a switch. All others take a value, by default a text
+    that must not be empty. `more`: further arguments to argparse, such as ``type``; they override `ARGUMENTS`.
     """
     more = {**ARGUMENTS.get(usage, {}), **more}
     names = usage.split()
@@ -156,7 +156,7 @@ def descriptions(text: str) -> dict[str, str]:
 
 
 def declaration(*parts: str | Declaration) -> Declaration:
-    """Return a function that adds all `parts` to a parser; a part that is text adds the options it describes."""
+    """Return a function that adds all `parts` to a parser; a part that is text lists options, see `descriptions`."""
 
     def declare(parser: argparse._ActionsContainer) -> None:
         for part in parts:
@@ -259,7 +259,7 @@ def tolerance_m(args: argparse.Namespace) -> float | None:
 
 
 def unsensed_joints(args: argparse.Namespace, joint_count: int) -> tuple[int, ...] | None:
-    """Return ``--unsensed``, None if absent; raises UsageError if a number exceeds the arm's joints."""
+    """Return the joints that ``--unsensed`` lists, None without it; raises UsageError for a joint the arm lacks."""
     joints: tuple[int, ...] | None = args.unsensed
     wrong = [j for j in joints or () if j > joint_count]
     if wrong:

@@ -64,8 +64,8 @@ def execute(args: argparse.Namespace) -> int:
 def _of_files(args: argparse.Namespace) -> tuple[Procedure, FloatArray | None, str]:
     """Return the procedure with arm and fixture from the options, None for the readings, and "nominal geometry".
 
-    With another arm, or without ``--procedure`` and with another kind of fixture, the planner chooses the drive joints.
-    Otherwise they are those of the procedure.
+    The drive joints are those of the procedure, but the planner chooses them if ``--arm`` is another arm or if, without
+    ``--procedure``, ``--fixture`` is of another kind.
     """
     procedure = load_procedure(args.procedure or "hinge")
     if args.arm:

@@ -72,10 +72,10 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def probe_json(result: Probe) -> dict[str, Any]:
-    """Return a probe as JSON data; each node lists its valid PDOs, and has ``room`` for drafting a bus profile.
+    """Return a probe as JSON data. Each node has a list of its valid PDOs (``pdos``) and a JSON object ``room``.
 
-    ``room``: numbers of all PDOs that the node receives ("taken") and sends ("sent"), and the width in bits of each
-    object that the PDOs must carry ("bits").
+    ``room`` has the data for drafting a bus profile: numbers of all PDOs that the node receives ("taken") and sends
+    ("sent"), and the width in bits of each object that the PDOs must carry ("bits").
     """
     data = asdict(result)
     for node, shown in zip(result.nodes, data["nodes"], strict=True):

@@ -63,7 +63,7 @@ def report(
     arm_joints: int,
     in_json: bool,
 ) -> None:
-    """Print the joints whose faults were cleared or whose drives were switched off, and the faults that remain."""
+    """Print which joints' faults were cleared, which drives were switched off, and which faults remain."""
     if in_json:
         facts = {
             "cleared": [{"joint": j, "was": text} for j, text in cleared.items()],

@@ -271,7 +271,7 @@ def _confirm(
 
 
 def remounting_lines(opening: Opening, *, drives_off: bool) -> tuple[str, ...]:
-    """Return the instructions between two placements; if not `drives_off`, the operator must check the drives."""
+    """Return the instructions between two placements. They include a check of the drives, unless `drives_off`."""
     off = (
         "Nothing commands the arm any more: its drives are off."
         if drives_off

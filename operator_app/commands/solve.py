@@ -123,7 +123,7 @@ def _test_poses(
 
 
 def _tables(args: argparse.Namespace, arm: ArmModel) -> tuple[str, tuple[ReadingTable, ...]]:
-    """Return the SHA-256 of the poses and the RVDT tables that file ``--rvdt-table`` states; without it, "" and ()."""
+    """Return the SHA-256 of the poses behind ``--rvdt-table`` and the tables in this file; "" and () without a file."""
     if not args.rvdt_table:
         return "", ()
     document, option = load_parameters(args.rvdt_table), f"--rvdt-table {args.rvdt_table}"

@@ -73,14 +73,14 @@ def _schema_file_name(kind: FileKind) -> str:
 
 
 def schema_line(kind: FileKind) -> str:
-    """Return the comment (without ``#``) at the top of a file by which editors find the file's schema."""
+    """Return the first comment of a file (without its ``#``), which tells editors where the JSON Schema is."""
     return f"yaml-language-server: $schema={_schema_file_name(kind)}"
 
 
 def save_with_schema(target: Path, data: bytes, kind: FileKind) -> None:
     """Write the JSON Schema of this kind into the target's folder, then `data` to `target`.
 
-    Raises WriteError; a schema file that did not exist before is then removed.
+    Raises WriteError if a file cannot be written; a schema file that did not exist before the call is then removed.
     """
     schema, schema_file = json_schema(kind), target.parent / _schema_file_name(kind)
     is_new = not schema_file.exists()
@@ -145,7 +145,7 @@ def kind_of(source: Resource) -> AnyKind | None:
 
 
 def _parsed(source: Resource, kind: AnyKind | None, joints: set[int]) -> FileContent:
-    """Read a file, which must fit the joint counts `joints` of the arms read so far; raises ConfigError."""
+    """Read a file; raises ConfigError, also for poses that fit no arm read so far (joint counts: `joints`)."""
     data, file = source.data, source.file
     # If the arms differ in their number of joints, the number for this file is not known.
     count = next(iter(joints)) if len(joints) == 1 else None

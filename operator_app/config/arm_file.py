@@ -28,7 +28,7 @@ from solver.chain.statics import UPRIGHT_DOWN
 class RowModel(StrictModel):
     """One D-H row; ``fixture`` marks an entry that the fixture determines (asterisk in the paper's Table 1).
 
-    ``beta_deg``: Hayati's angle, for a row between parallel axes, identified in place of s; ``s_m`` is then optional.
+    ``beta_deg``: Hayati's angle in a row between parallel axes; it is identified instead of s, and ``s_m`` is optional.
     """
 
     row: quantities.Count
@@ -48,7 +48,7 @@ class RowModel(StrictModel):
 
 
 class SensorFields(StrictModel):
-    """Base of sensor models. Their keys, except `kind`, are the arguments of the class `makes`, in the file's units."""
+    """Base of sensor models. All keys but ``kind``, converted to SI units, are the arguments of the class `makes`."""
 
     makes: ClassVar[type[Sensor]]
 

@@ -1,7 +1,6 @@
 """Writes a file whole or not at all, even in a power cut, and formats YAML that `strict_yaml` reads back exactly.
 
-Floats have as many digits as are needed to read the same double (at most 17). Text is quoted if it could be read as
-another type.
+Floats have enough digits (at most 17) to give the same double again. Text that looks like another type is quoted.
 """
 
 import math
@@ -53,7 +52,7 @@ def _replace(target: Path, data: bytes) -> None:
         # Also on Ctrl-C: a half-written temporary file is useless.
         Path(name).unlink(missing_ok=True)
         raise
-    # The rename survives a power cut only once the folder is on the disk; without read permission that cannot be had.
+    # The rename survives a power cut only once the folder is on the disk. Syncing a folder needs read permission.
     with suppress(OSError):
         folder = os.open(target.parent, os.O_RDONLY)
         try:

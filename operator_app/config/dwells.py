@@ -19,8 +19,7 @@ DWELL_SPREAD_DEG = 0.05
 
 LEAST_SAMPLES = 5
 GAP_STEPS, GAP_SHARE = 5.0, 0.25
-"""A gap between samples counts as observed time only up to GAP_STEPS median sampling intervals or GAP_SHARE of
-`dwell_s`, whichever is longer."""
+"""A gap counts as observed time only up to GAP_STEPS median intervals or, if longer, GAP_SHARE of `dwell_s`."""
 
 MOST_BISECTIONS = 6
 """Largest number of times that the limit of the spread is halved to separate dwells from slow motion between them."""
@@ -31,9 +30,11 @@ EDGE_SIGMAS = 5.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Dwell:
-    """A time at rest, from `start_s` for `seconds`; mean and standard deviation (n,), rad, of the samples in it.
+    """A time at rest in a recording.
 
-    `first`: index of the first of these samples in the recording. `samples`: their number.
+    `start_s`, `seconds`: start and duration.
+    `first`, `samples`: index (in the recording) of the first sample of the dwell, and number of these samples.
+    `mean_rad`, `sd_rad`: mean and standard deviation (n,) of these samples.
     """
 
     start_s: float
@@ -46,7 +47,7 @@ class Dwell:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RefusedDwell:
-    """A rest refused as a dwell: `joint` (from 1) moved by `moved_rad` or, if `joint` is 0, the rest was too short."""
+    """A time that is not a dwell, since `joint` (from 1) moved by `moved_rad` or, if `joint` is 0, it is too short."""
 
     start_s: float
     seconds: float
@@ -116,7 +117,7 @@ def find_dwells(
 
 
 def smallest_spread_rad(time_s: FloatArray, q_rad: FloatArray, dwell_s: float) -> float:
-    """Return the spread, rad, in the calmest window of `dwell_s`, of the joint that moves most; inf if none fits."""
+    """Return the largest spread, rad, of a joint's readings in the calmest `dwell_s` s; inf if the log is shorter."""
     last = np.searchsorted(time_s, time_s + dwell_s * (1.0 - 1e-9))
     return float(_ranges(q_rad, last[last < len(time_s)]).max(axis=1).min(initial=np.inf))
 
@@ -133,7 +134,7 @@ def _dwell(
     ends: tuple[int, int],
     spread_rad: float,
 ) -> Dwell | RefusedDwell:
-    """Return the dwell in samples `ends[0]` to `ends[1]`, without motion at either end, or why there is none."""
+    """Return the dwell in samples `ends[0]` to `ends[1]`, with motion at its ends cut off, or why there is none."""
     at_rest = q_rad[ends[0] : ends[1] + 1]
     away = np.abs(at_rest - np.median(at_rest, axis=0))
     noise = 1.4826 * np.median(away, axis=0)
@@ -157,7 +158,10 @@ def _dwell(
 def _at_rest(
     at_s: FloatArray, q_rad: FloatArray, window_s: float, spread_rad: float
 ) -> Iterator[tuple[int, int]]:
-    """Yield first and last index of each rest: overlapping windows of `window_s` with spreads up to `spread_rad`."""
+    """Yield first and last index of each rest.
+
+    A rest consists of overlapping windows of `window_s` in which no joint's readings spread by more than `spread_rad`.
+    """
     count = len(at_s)
     first = np.arange(count)
     last = np.maximum(

@@ -165,7 +165,7 @@ def _number_hint(value: Any, kind: str) -> str:
     if value is None:
         return "state it"
     if kind == "string_type" and isinstance(value, int | float):
-        # Of a number with a point, the digits in the file are not known (1.10).
+        # For a number with a point, the digits in the file are not known: 1.1 may be 1.10 there.
         return "write it in quotes" + (f": '{value}'" if type(value) is int else "")
     if not isinstance(value, str):
         return "correct the value"

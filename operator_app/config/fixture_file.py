@@ -99,7 +99,7 @@ class CommonFields(StrictModel, ABC):
 
     @abstractmethod
     def own(self) -> dict[str, Any]:
-        """Return the arguments of `makes` that only this kind of fixture has, by name."""
+        """Return the arguments, by name, of the class `makes` that only this kind of fixture has."""
 
 
 class MetalFields(CommonFields):
@@ -114,7 +114,7 @@ class MetalFields(CommonFields):
     stiffness: Any = None
 
     def own(self) -> dict[str, Any]:
-        """Return the argument ``compliance``."""
+        """Return the compliance, as an argument of the class `makes`."""
         return {"compliance": self.give.compliance(self.holds)}
 
 
@@ -130,8 +130,8 @@ class RigidPlacement(Placement):
 class HingePlacement(RigidPlacement):
     """Nominal placement of a hinge.
 
-    ``theta_off_1_deg`` and ``theta_off_n_deg`` are the offsets of the first and the last joint in the closed chain,
-    where x_0 and x_n are the common normals to the hinge axis. A missing key means the offset in the arm file.
+    ``theta_off_1_deg`` and ``theta_off_n_deg``: offsets of the first and last joint. They depend on the hinge, since
+    x_0 and x_n are the common normals to the hinge axis. If a key is missing, the offset in the arm file applies.
     """
 
     a_n_mm: quantities.LengthMm
@@ -200,7 +200,7 @@ class BallModel(MetalFields):
         return value
 
     def own(self) -> dict[str, Any]:
-        """Return the arguments ``compliance`` and ``distances``, the measured distances between sockets."""
+        """Return arguments of the class `makes`: the compliance and the measured distances between sockets."""
         known = tuple(
             KnownDistance(between=d.between, value_m=d.mm / 1e3, sigma_m=d.sigma_mm / 1e3)
             for d in self.distance
@@ -239,7 +239,7 @@ class MeasuredModel(CommonFields):
     stays_on_hand: quantities.Yes = True
 
     def own(self) -> dict[str, Any]:
-        """Return the instrument's sigmas, whether it measures poses, and which placements (base, target) are known."""
+        """Return arguments of `makes`: sigmas, whether whole poses are measured, whether base and tip are known."""
         return {
             "sigma_m": self.instrument_sigma_mm / 1e3,
             "sigma_rad": math.radians(self.instrument_sigma_deg),

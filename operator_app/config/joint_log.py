@@ -54,11 +54,11 @@ def load_joint_log(
     Parameters
     ----------
     unit
-        Unit of the angles; None: the unit in the header (``q1_rad``) or, without one, degrees. Angles that look like
-        radians are then refused, unless the header states radians.
+        Unit of the angles. None: the unit in the header (``q1_rad``) or, if the header states none, degrees. If the
+        header does not state radians, angles that look like radians are then refused.
     columns
-        Columns of joints 1 to n, in this order, by number from 1 (``2-8``, ``3,1,2``) or by name. If empty, the header
-        is searched for the arm file's names `joints`, then for numbered names; else all remaining columns are used.
+        Columns of joints 1 to n, in this order, by number from 1 (``2-8``, ``3,1,2``) or by name. If empty, the first
+        of these that exists: columns named as in `joints`; numbered names; all columns without another meaning.
     placement
         Number or name of the column with the fixture's placement at each pose. The placements are whole numbers, or
         names, which are then numbered in order of appearance. Empty: all poses have the same placement.
@@ -118,7 +118,10 @@ def wrong_header(header: list[str], width: int, file: str, line: int) -> ConfigE
 
 
 def unit_of(names: Sequence[str], unit: Unit | None, file: str, line: int) -> Unit | None:
-    """Return the unit with which all `names` end, else `unit`; raises ConfigError if these units conflict."""
+    """Return the unit with which all column `names` end (``_deg``, ``_rad``), or else the user's choice `unit`.
+
+    Raises ConfigError if the names end with both units, or with another unit than the user's choice.
+    """
     endings = {name.casefold().rpartition("_")[2] for name in names}
     stated: Unit | None = "rad" if endings == {"rad"} else "deg" if endings == {"deg"} else None
     if endings == {"rad", "deg"}:
@@ -131,7 +134,7 @@ def unit_of(names: Sequence[str], unit: Unit | None, file: str, line: int) -> Un
 
 
 def require_degrees(largest: float, count: str, file: str, *, stated: Unit | None) -> None:
-    """Raise ConfigError if the `largest` angle is below 2 pi, as in radians, and the file does not state radians.
+    """Raise ConfigError for angles that may be in radians: the `largest` is below 2 pi, and `stated` is not ``rad``.
 
     `count`: text for the message, such as "40 poses". `stated`: unit in the header; None if the header states none.
     """
@@ -149,8 +152,7 @@ def read_numbers(
 ) -> FloatArray:
     """Return the numbers (m, k) in k columns of a log; raises ConfigError with all problems, up to a hundred.
 
-    `readers`: for each column its index from 0, its name in messages, and the function that reads a cell or raises
-    `BadCell`.
+    `readers`: for each column, index from 0, name in messages, and a function that reads a cell or raises `BadCell`.
     """
     problems: list[Problem] = []
     values, width = array("d"), len(body[0][1])
@@ -229,7 +231,10 @@ def is_number(cell: str) -> bool:
 
 
 def find_column(option: str, word: str, header: list[str], count: int, file: str) -> int:
-    """Return the index (from 0) of the column whose name or number (from 1) is `word`; raises ConfigError."""
+    """Return the index (from 0) of the column `word`, which is a name or a number from 1.
+
+    Raises ConfigError, which mentions `option`, if the file has no such column or several. `count`: number of columns.
+    """
     if header.count(word) > 1:
         text = f"{option}: the header has {header.count(word)} columns {word!r}"
         raise only(file, text, f"give the number of the column, e.g. {header.index(word) + 1}")
@@ -252,7 +257,7 @@ def find_columns(
     file: str,
     joints: Sequence[str] = (),
 ) -> tuple[int, ...]:
-    """Return the column indices (from 0) of joints 1 to n, as listed in `option`, or else found in `remaining`."""
+    """Return the column indices (from 0) of joints 1 to n: listed in `option` or, if empty, found in `remaining`."""
     count = len(body[0][1])
     if not option:
         named = [header[k] for k in remaining] if header else []

@@ -58,7 +58,7 @@ def group_of(name: str) -> tuple[str, ...] | None:
 
 
 def groups_in(names: Collection[str]) -> tuple[tuple[str, ...], ...]:
-    """Return each group of columns (see `group_of`) that has a member in `names`; a file should have only one group."""
+    """Return the groups of orientation columns, such as (qw, qx, qy, qz), that have at least one member in `names`."""
     groups = {group: None for name in names if (group := group_of(name)) is not None}
     return tuple(groups)
 
@@ -72,9 +72,9 @@ class QuaternionError(ValueError):
 
 
 def rotation_vectors(group: tuple[str, ...], values: FloatArray) -> FloatArray:
-    """Return rotation vectors (m, 3), rad. `values`: the columns `group`, angles (m, 3), deg, or quaternions (m, 4).
+    """Convert orientations to rotation vectors (m, 3), rad; raises `QuaternionError` if a quaternion's length is not 1.
 
-    Raises `QuaternionError` for a quaternion that is not of unit length.
+    `values`: rotation vectors or three angles (m, 3), deg, or quaternions (m, 4), as the column names `group` state.
     """
     from scipy.spatial.transform import Rotation
 
@@ -132,7 +132,7 @@ def endpoint_columns(
 def endpoints_of(
     columns: tuple[str, ...], values: FloatArray, file: str, lines: Sequence[int]
 ) -> FloatArray:
-    """Return the endpoints in m rows: positions, in m, shape (m, 3), or with rotation vectors, in rad, shape (m, 6).
+    """Return measured endpoints, one per row: positions (m, 3), or positions and rotation vectors (m, 6), in m and rad.
 
     `columns`: names of k columns, from `endpoint_columns`. `values`: their numbers (m, k). `lines`: line number of each
     row in the file. If a value of a row is not finite, the endpoint of this row is nan. Raises ConfigError for
@@ -250,7 +250,7 @@ def _line_of(fields: Mapping[str, Any]) -> EndpointLine:
 
 
 def _require_names(names: Any) -> None:
-    """Raise BadLine if a name is unknown or missing, or if the names state two orientations or an incomplete one."""
+    """Raise BadLine if a column or key is unknown or missing, or if the orientation is incomplete or stated twice."""
     known = (*POSITION_COLUMNS, *OTHER_KEYS, *ROTATION, *ROLL_PITCH_YAW, *QUATERNION)
     for name in names:
         if name in known or group_of(name) is not None:
@@ -288,16 +288,14 @@ def _number(name: str, value: Any) -> float:
 TARGETS = tuple(f"{axis}{k}_m" for k in (1, 2, 3) for axis in "xyz")
 
 LEAST_HEIGHT_M = 0.01
-"""If the height of the triangle is below this, its targets are nearly in line, and rotations about this line cannot be
-measured."""
+"""If the triangle is lower than this, its targets are nearly in line: rotations about this line cannot be measured."""
 
 MOST_OFF_M, MOST_OFF_SPREADS = 1e-3, 8.0
 """Limits of the largest distance of a pose's targets from the common triangle: in metres, and as a multiple of its
 median over the poses. If both limits are exceeded, a target has moved or two targets were exchanged."""
 
 TRIANGLE_ITERATIONS = 5
-"""Iterations of aligning all triangles with their mean; from the second one on, the mean changes only by terms
-quadratic in the noise."""
+"""Iterations of aligning all triangles with their mean; the first leaves only changes of second order in the noise."""
 
 
 def poses_of_targets(points_m: FloatArray, labels: Sequence[str]) -> FloatArray:

@@ -148,7 +148,7 @@ class RvdtRemedy(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TwoFigures(StrictRecord):
-    """Sigma by eq. 14 or 15; `rms` divides by the number of residuals inside the root, `as_printed` outside."""
+    """Sigma by eq. 14 or 15, from the squares of N residuals: `rms` is sqrt(sum / N), `as_printed` is sqrt(sum) / N."""
 
     rms: quantities.NonNegativeNumber
     as_printed: quantities.NonNegativeNumber
@@ -200,7 +200,10 @@ def correlations_of(names: Sequence[str], covariance: FloatArray) -> dict[str, t
 def budget_of(
     names: Sequence[str], variance: FloatArray, parts: Mapping[str, FloatArray]
 ) -> dict[str, dict[str, float]]:
-    """Return the `Budget` of parameters: for each source, `parts` (k,) over `variance` (k,), if not rounded to 0."""
+    """Return the `Budget` of the k parameters `names`, without those of zero variance.
+
+    A source's share is its entry of `parts` (k,) divided by that of `variance` (k,); shares rounded to 0 are left out.
+    """
     by_source = {}
     for k, name in enumerate(names):
         if variance[k] > 0.0:

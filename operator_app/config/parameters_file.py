@@ -297,6 +297,6 @@ def joints_from_table(
 
 
 def home_offset_counts(arm: ArmModel, joint: int, theta_off_rad: float) -> int | None:
-    """Return an offset in counts of the joint's sensor, for object 607Ch (home offset); None without a sensor."""
+    """Return `theta_off_rad` in counts of the joint's sensor, for object 607Ch (home offset); None without a sensor."""
     sensor = arm.joints[joint - 1].sensor
     return None if isinstance(sensor, NoSensor) else round(theta_off_rad / sensor.resolution_rad)

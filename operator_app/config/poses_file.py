@@ -115,7 +115,7 @@ def parse_poses(data: bytes, file: str, *, joint_count: int | None = None) -> Lo
 
 
 def format_poses(poses: PoseSet) -> bytes:
-    """Format poses as CSV, every number with as many digits as are needed to read the same double."""
+    """Format poses as CSV; each number has enough digits that reading it back gives the same double."""
     joints = range(1, poses.joint_count + 1)
     columns: dict[str, Any] = {"placement": poses.placement.tolist(), "pose": poses.label}
 

@@ -31,10 +31,10 @@ DEFAULT_PROFILE = "sarcos"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AcceptanceLimits(StrictRecord):
-    """Limits for the acceptance of a calibration, in addition to the tests of every calibration; None means no limit.
+    """Limits that a calibration must meet to be accepted, besides the tests that always apply; None means no limit.
 
-    `sigma_pos_mm`, `sigma_ori_mrad`: limits of the `rms` values of eqs. 14 and 15 (`parameter_records.TwoFigures`). A
-    condition number above `scaled_condition_number` causes a warning and does not prevent acceptance.
+    `sigma_pos_mm`, `sigma_ori_mrad`: largest `rms` of eqs. 14 and 15 (see `parameter_records.TwoFigures`). If the
+    condition number exceeds `scaled_condition_number`, this causes only a warning.
     """
 
     scaled_condition_number: Annotated[quantities.PositiveNumber, Field(ge=1.0)] = 100.0

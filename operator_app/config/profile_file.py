@@ -57,7 +57,7 @@ class PdoSpec(StrictRecord):
         return tuple((int(index, 16), int(sub or 0), int(bits)) for index, sub, bits in parts)
 
     def at(self, node: int) -> bus_profile.Pdo:
-        """Return the PDO of one node."""
+        """Return this PDO for the drive with node number `node`, which may be part of the PDO's identifier."""
         match = re.fullmatch(_COB_ID, self.cob_id)
         base = 0 if match is None else int(match[1], 16) + (node if match[2] else 0)
         return bus_profile.Pdo(number=self.pdo, cob_id=base, entries=self.entries)
@@ -133,7 +133,10 @@ class ProfileFile(StrictRecord):
     )
 
     def for_joints(self, count: int | None) -> bus_profile.BusProfile:
-        """Return the profile of `count` joints; None: up to the last listed or, if none is, all that fit on the bus."""
+        """Return the profile of joints 1 to `count`.
+
+        If None, `count` is the largest joint number in the file or, if no joint is listed, as many as the bus allows.
+        """
         if count is None:
             listed = max((joint.joint for joint in self.joints), default=0)
             room = (
@@ -196,7 +199,7 @@ def load_profile(reference: str | Path, *, joints: int | None = None) -> bus_pro
 
 
 def format_profile(profile: bus_profile.BusProfile, *, comment: str) -> bytes:
-    """Format name, nodes, PDOs, `pdo_maps`, `compared`, and either supervisor or serial number; omit all else."""
+    """Format only name, nodes, PDOs, `pdo_maps`, `compared` and the supervisor, or else the serial number."""
     numbered = enumerate(profile.joints, 1)
     joints: list[dict[str, Any]] = [{"joint": k, "node": joint.node} for k, joint in numbered]
     shared: dict[str, Any] = {}

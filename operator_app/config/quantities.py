@@ -49,7 +49,7 @@ def refuse(text: str, remedy: str = "") -> PydanticCustomError:
 def in_form(
     pattern: str, what: str, remedy: str
 ) -> tuple[StringConstraints, AfterValidator, WithJsonSchema]:
-    """Return annotations of a text that must match `pattern`; an error calls the text `what`, with this remedy."""
+    """Return annotations for text that must match `pattern`; `what` (name of such text) and `remedy` are for errors."""
 
     def check(text: str) -> str:
         if not re.fullmatch(pattern, text):

@@ -22,7 +22,7 @@ RECORDING_LIMIT_BYTES = 1024 * 1024 * 1024
 
 LARGEST_ANGLE_RAD = 20.0 * np.pi
 PER_SECOND = ((1e17, 1e9), (1e14, 1e6), (1e11, 1e3), (0.0, 1.0))
-"""For ns, us, ms and s: the earliest end of a recording whose times have this unit, and units per second."""
+"""For ns, us, ms and s: the smallest last time of a recording in this unit, and the number of units in 1 s."""
 
 SINCE_1970_S = 1e8
 """Times from this value on count from 1970; smaller ones count from the start of the recording."""
@@ -48,7 +48,7 @@ class JointRecording:
 
 
 def utc_text(time_s: float) -> str:
-    """Return a time (s since 1970) in the format of poses files; empty if the time counts from another start."""
+    """Return a time, s since 1970, as in poses files; empty if it is below `SINCE_1970_S`: not a calendar time."""
     if time_s < SINCE_1970_S:
         return ""
     return f"{datetime.fromtimestamp(time_s, UTC):%Y-%m-%dT%H:%M:%S.%f}"[:-3] + "Z"
@@ -65,9 +65,8 @@ def load_timed_log(
 ) -> JointRecording:
     """Read a CSV log of angles over time; raises ConfigError if the file is invalid.
 
-    `time`: name or number of the column of times. Times are in s (from any start); in ms, us or ns since 1970; or in
-    ISO 8601. `joints`, `columns`: as in `load_bag`, but `columns` may also be numbers. `unit`, `instrument`: as in
-    `joint_log.load_joint_log`.
+    `time`: name or number of the column of times, which are in s (from any start), in ms, us or ns since 1970, or in
+    ISO 8601. `joints`, `columns`: see `load_bag`; `columns` may also be numbers. Others: see `load_joint_log`.
     """
     file = str(path)
     text = decode_text(read_limited(expanded(path), file, limit=RECORDING_LIMIT_BYTES), file)
@@ -188,7 +187,7 @@ def _find_joints(
     """Return the names of joints 1 to n in a recording with the joints `names`.
 
     `columns` lists them. If it is empty, they are the arm file's names `joints` or, if `names` lacks one of these, the
-    only series of n numbered names (panda_joint1 to panda_joint7). Raises ConfigError if the joints are not found.
+    only n names that differ just in a number (panda_joint1 to 7). Raises ConfigError if the joints are not found.
     """
     count = len(joints)
     if columns:
@@ -225,8 +224,8 @@ def load_bag(
     """Read the joint states of a ROS 2 bag: a file (.mcap, .db3) or its folder.
 
     `joints`: names of joints 1 to n in the arm file.
-    `columns`: their names in the bag, separated by commas; empty: `joints` or, if the bag lacks one of these names, the
-    only series of n numbered names.
+    `columns`: names of these joints in the bag, separated by commas; empty: `joints` or, if the bag lacks one of these,
+    the only n names that differ just in a number.
     `topic`: topic of the joint states; empty: ``/joint_states`` or, if the bag lacks it, the only topic of this type.
 
     Raises ConfigError if the bag cannot be read, or if rosbags is not installed.

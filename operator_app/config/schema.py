@@ -1,7 +1,7 @@
 """Converts a strict YAML document to a checked model, and reports all problems at once.
 
 Wraps pydantic: its errors become `Problem`s with file, line and key. For an unknown key, the problem suggests the key
-that was probably meant; that this key is missing is then not a second problem.
+that was probably meant, and this key is then not reported as missing.
 
 A model is either a `StrictModel`, which builds a domain object, or a dataclass derived from `StrictRecord`, which is a
 domain object itself. A dataclass is checked when it is read or written, but not when the program makes it.
@@ -63,7 +63,7 @@ Fields = Mapping[str, Any]
 def checked(check: Callable[[Any, Fields], Iterable[Complaint]]) -> pydantic.AfterValidator:
     """Return an annotation that makes pydantic call `check` with a field's value and the valid fields before this one.
 
-    `check` yields problems of any place in the file. They are added to the validation context and do not stop pydantic.
+    `check` may yield problems of other places in the file, too. All are collected and do not end the validation.
     """
 
     def validate(value: Any, info: pydantic.ValidationInfo) -> Any:
@@ -74,7 +74,7 @@ def checked(check: Callable[[Any, Fields], Iterable[Complaint]]) -> pydantic.Aft
 
 
 def numbered(place: str, key: str, first: int = 1) -> pydantic.AfterValidator:
-    """Return an annotation for the list `place`: its items must have `first`, `first` + 1, ... as values of `key`."""
+    """Return an annotation for a list at key `place`: the items' `key` must be `first`, `first` + 1, ... in order."""
 
     def check(items: Sequence[Any], _: Fields) -> Iterator[Complaint]:
         for k, item in enumerate(items):
@@ -108,7 +108,7 @@ def check_model(model: type[M], document: YamlDocument, *, kind: str) -> M:
 
 
 def read_by_kind(models: Mapping[str, type[M]], data: bytes, *, kind: str, file: str) -> M:
-    """Read a file with the one of `models` that its key ``kind`` names; otherwise the same as `read_model`."""
+    """Read a file as `read_model` does, with the model in `models` for the value of the file's key ``kind``."""
     document = load_strict(data, file)
     which = document.data.get("kind")
     if isinstance(which, str) and which in models:
@@ -177,9 +177,9 @@ def _problems(
 def _without_alternatives(
     document: YamlDocument, placed: list[tuple[Path, ErrorDetails]]
 ) -> list[tuple[Path, ErrorDetails]]:
-    """Return the errors; of a field that allows a keyword or another type, only those about one of the two.
+    """Return the errors; for a field that allows a keyword or another type, keep only those about what was meant.
 
-    Pydantic reports both if a value fits neither. The error about the keyword is kept if the value resembles
+    Pydantic reports errors about both if a value is neither. The error about the keyword is kept if the value resembles
     an allowed keyword, or is text in a field that allows no number; otherwise, the errors about the type are kept.
     """
     remaining = list(placed)
@@ -209,7 +209,7 @@ def _path(document: YamlDocument, error: ErrorDetails) -> Path:
 
 
 def _unknown_key(document: YamlDocument, model: type[M], path: Path) -> tuple[str, str, Path]:
-    """Return text and remedy for an unknown key, and the path of the key probably meant: empty if none is similar."""
+    """Return text and remedy for an unknown key, and the path of the key probably meant (empty: none is similar)."""
     key, parent = str(path[-1]), path[:-1]
     known = _keys(document, model, parent)
     present = document.at(parent)
@@ -253,7 +253,7 @@ def _keys(document: YamlDocument, model: type[M], path: Path) -> list[str]:
 
 
 def _choices(node: dict[str, Any], schema: dict[str, Any], value: Any) -> list[dict[str, Any]]:
-    """Return the alternatives in a node of a JSON Schema, without those for another ``kind`` than that of `value`."""
+    """Return the alternatives in a node of a JSON Schema; those with another ``kind`` than `value` has are left out."""
     if "$ref" in node:
         return [schema["$defs"][node["$ref"].rpartition("/")[2]]]
     # Older versions of pydantic write a reference with a default as allOf of one.

@@ -224,9 +224,9 @@ class YamlDocument:
         return tuple(self.problem(*complaint) for complaint in self.complaints)
 
     def problem(self, path: Path, text: str, remedy: str = "", mark: Mark | None = None) -> Problem:
-        """Return a problem about the value at `path`, with the line and column `mark`.
+        """Return a problem about the value at `path`.
 
-        Without `mark`, they are those of the value or, if it is not in the file, of its nearest parent.
+        `mark`: line and column; None: those of the value or, if it is not in the file, of the nearest parent.
         """
         place = path
         while place and place not in self.marks:

@@ -103,7 +103,7 @@ UR_KEYS = ("x", "y", "z", "roll", "pitch", "yaw")
 
 
 def chain_of(data: bytes, file: str, arm: ArmModel) -> UrdfChain:
-    """Return the chain in a file that matches `arm`, the nominal arm of the arm file.
+    """Return, of the chains in a file, the one most like `arm`, which is the nominal (uncalibrated) arm.
 
     The file is a URDF, a xacro whose chain has literal numbers, or UR's ``default_kinematics.yaml``. Raises ConfigError
     if the file cannot be read or describes another arm.
@@ -127,8 +127,8 @@ def with_calibration(
 def calibrated_origins(chain: UrdfChain, table: DhTable) -> dict[str, FloatArray]:
     """Return the new origin (4, 4), m, of each joint whose origin must change for the chain to match `table`.
 
-    Let ``C_j`` be the pose of the file's joint frame j in D-H frame j-1, with all joints at zero. At reading q_j, the
-    new origins place it at ``Rz(q_j + d_j) C_j``, d_j being the change of the offset: the mesh turns too.
+    Let ``C_j`` be the pose of the file's joint frame j in D-H frame j-1, with all joints at zero. With the new origins,
+    this pose at reading q_j is ``Rz(q_j + d_j) C_j``, where d_j is the change of theta_off_j. Meshes turn by d_j too.
     """
     rows, stated = table.stacked().T, chain.table.stacked().T
     turned = [
@@ -160,7 +160,7 @@ def calibrated_origins(chain: UrdfChain, table: DhTable) -> dict[str, FloatArray
 
 
 def entries_without_origin(chain: UrdfChain) -> tuple[str, ...]:
-    """Return the D-H entries that no joint origin contains: s, a, alpha, beta of link n if no fixed joint follows."""
+    """Return the D-H entries that no joint origin can hold: s, a, alpha, beta of row n if joint n ends the chain."""
     n = len(chain.joints)
     behind = tuple(f"{kind}_{n}" for kind in ("s", "a", "alpha", "beta"))
     return behind if chain.steps[-1].joint is not None else ()

@@ -26,8 +26,7 @@ NO_LIMIT_RAD = math.pi
 """Range of a continuous joint, in either direction."""
 PLACEHOLDER_ANGLE_RAD, PLACEHOLDER_RAD_PER_S = math.radians(3600.0), math.radians(3600.0)
 PLACEHOLDER_NM = 1e5
-"""Limits above these, such as 1e6 rad, 100 rad/s or 1e7 N m, and speeds and torques of 0 or less are placeholders: they
-count as not stated."""
+"""Limits above these, such as 1e6 rad, and speeds and torques of 0 or less are placeholders: they count as missing."""
 TURNING = ("revolute", "continuous")
 GRIPPER = re.compile(r"finger|grip|jaw|knuckle|thumb", re.IGNORECASE)
 """Names of joints of a gripper, not of the arm."""
@@ -42,7 +41,7 @@ REPORTED_RAD = 1e-8
 class UrdfJoint:
     """One revolute joint: axis (3,), range (rad), speed (rad/s), torque (N m); the last two are None if not stated.
 
-    `unstated`: a text for each limit that is missing from the file or is too large for any arm.
+    `unstated`: a text for each limit that is missing from the file, or is a placeholder such as 1e6 rad.
     """
 
     name: str
@@ -58,7 +57,7 @@ class UrdfJoint:
 class UrdfStep:
     """One joint element of the file: its pose `T` (4, 4), m, in link `parent`; `joint`: None for a fixed joint.
 
-    `rounded`: exact value, deg, of each angle that the file rounds by more than `REPORTED_RAD`; keys: the file's words.
+    `rounded`: exact value, deg, of each angle that the file rounds by more than `REPORTED_RAD`; keys: text in the file.
     """
 
     name: str
@@ -96,20 +95,20 @@ class UrdfChain:
 
     @property
     def unstated(self) -> list[str]:
-        """A text for each joint that has a limit missing from the file or too large for any arm."""
+        """A text for each joint that has a missing limit, or a placeholder such as 1e6 rad instead of a limit."""
         return [f"{j.name}: {', '.join(j.unstated)}" for j in self.joints if j.unstated]
 
     @property
     def rounded(self) -> dict[str, float]:
-        """Exact value, deg, of each angle that the file rounds by more than `REPORTED_RAD`; keys: the file's words."""
+        """Exact value, deg, of each angle that the file rounds by more than `REPORTED_RAD`; keys: text in the file."""
         return {word: deg for step in self.steps for word, deg in step.rounded.items()}
 
 
 def parse_urdf(data: bytes, file: str, *, base: str = "", tip: str = "") -> UrdfChain:
     """Read the chain of revolute joints between the links `base` and `tip`; the rest of the file is ignored.
 
-    An empty `base` is the file's root link; an empty `tip` is the end of the only arm, without its gripper. Raises
-    ConfigError if the file is not a URDF, or if its joints are not a serial chain of revolute joints.
+    An empty `base` means the file's root link; an empty `tip`, the end of the only arm, without its gripper. Raises
+    ConfigError if the file is not a URDF, or has no serial chain of revolute joints between the two links.
     """
     return UrdfTree.read(data, file).chain(base, tip)
 
@@ -258,7 +257,7 @@ def _only_end(elements: Mapping[str, ET.Element], base: str, file: str) -> str:
 
 
 def _begins_a_gripper(element: ET.Element, later: Sequence[ET.Element]) -> bool:
-    """Whether a joint has a gripper's name, or is prismatic or mimics another, with no arm joint among `later`."""
+    """Whether a joint has a gripper's name or, if `later` has no arm joint, is prismatic or mimics another joint."""
     if _has_gripper_name(element):
         return True
     if element.get("type") != "prismatic" and element.find("mimic") is None:

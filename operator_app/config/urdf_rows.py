@@ -20,7 +20,7 @@ sine of the angle between them exceeds MEETING_SINE, and the row's s and a are b
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisLine:
-    """A joint's axis in the base link's frame, all joints at zero: direction z, a point, a preferred x axis (3,)."""
+    """A joint axis in the base link's frame, all joints at zero: direction, point and preferred x axis, each (3,)."""
 
     z: FloatArray
     point_m: FloatArray
@@ -79,7 +79,7 @@ def _by_common_normal(before: FloatArray, line: AxisLine) -> tuple[float, ...]:
 
 
 def _hayati(before: FloatArray, line: AxisLine) -> tuple[float, ...]:
-    """Return the row with Hayati's beta (paper, [9]) from frame `before` to an axis `line` nearly parallel to its z.
+    """Return the row with Hayati's beta ([9] in the paper) from frame `before` to `line`, nearly parallel to its z.
 
     The origin of the next frame is where `line` crosses the x-y plane of frame `before`.
     """
@@ -124,7 +124,7 @@ def _normal_to(line: AxisLine, apart: FloatArray, z: FloatArray) -> tuple[FloatA
 
 
 def _across(z: FloatArray, *preferred: FloatArray) -> FloatArray:
-    """Return a unit vector normal to `z`, projected from the first vector of `preferred`, x and y not along `z`."""
+    """Return a unit vector normal to `z`: the projection of the first of `preferred`, x and y that is not along `z`."""
     across = (d - (d @ z) * z for d in (*preferred, *np.eye(3)[:2]))
     return next(x / np.linalg.norm(x) for x in across if np.linalg.norm(x) > 0.1)
 
@@ -166,9 +166,9 @@ def origin_words(T: FloatArray) -> dict[str, str]:
 
 
 def exact_deg(word: str) -> float | None:
-    """Return the exact angle, deg, that `word` states in rad with rounded or truncated decimals; None if there is none.
+    """Return the exact angle, deg, of which `word`, in rad, is the rounded or truncated value; None if it is not one.
 
-    With four or more decimals, it is a multiple of 15 deg (1.5708, 0.7854); with two or three, one of 90 deg (3.14).
+    Exact angles are multiples of 15 deg for four or more decimals (1.5708, 0.7854), of 90 deg for two or three (3.14).
     """
     match = re.fullmatch(r"[+-]?\d+\.(\d+)", word)
     if match is None or not 2 <= len(match[1]) < EXACT_PLACES:

@@ -90,9 +90,9 @@ def parse_settings(data: bytes, file: str) -> UserSettings:
 
 
 def usual_bus(named: str | None = None) -> BusSettings | None:
-    """Return the bus in the user's settings; None if they name no interface. Raises ConfigError for an invalid file.
+    """Return the bus in the user's settings; None if the settings state no interface, or are not read.
 
-    If an interface is `named`, or set in the environment, returns None without reading the settings.
+    If an interface is `named` or set in the environment, they are not read. Raises ConfigError for an invalid file.
     """
     from hardware.buses.python_can import BusSettings
 

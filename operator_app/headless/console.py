@@ -70,7 +70,7 @@ def cut_short_lines(cut: CutShort) -> list[str]:
 
 
 def _danger(cut: CutShort) -> list[str]:
-    """Return a warning if the arm may not be holding; none after an interrupt: `unattended` then raises an error."""
+    """Return a warning if the arm may not be holding, except after an interrupt: then `unattended` raises an error."""
     error = cut.session.not_held
     if error is None or not cut.connected or isinstance(cut.cause, KeyboardInterrupt):
         return []

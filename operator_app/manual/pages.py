@@ -89,7 +89,7 @@ class NoSuchTopicError(Exception):
 
 
 def files_on(page: str) -> Mapping[str, str]:
-    """Return the files that a page (Markdown) shows in full or takes from another page: contents by file name."""
+    """Return contents by name: notebooks of a page (Markdown), and complete files on it and on pages it refers to."""
     shown: dict[str, str] = dict(FILE.findall(page))
     for topic in FILES_OF.findall(page):
         shown |= FILE.findall(_written(topic))
@@ -104,7 +104,7 @@ def made_by_code(topic: str) -> bool:
 
 
 class Manual:
-    """All pages of the manual; `commands` generates the page of this name, which is missing if `commands` is None."""
+    """All pages of the manual. `commands` returns the page about the commands; if it is None, that page is missing."""
 
     def __init__(self, commands: Callable[[], str] | None = None) -> None:
         self._commands = commands

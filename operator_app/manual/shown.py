@@ -37,7 +37,7 @@ def as_text(markdown: str, width: int) -> str:
 
 
 def _inline(text: str) -> str:
-    """Replace links by text that names their target; keep the backticks of code, which has no colour of its own."""
+    """Replace links by text that names their target; keep the backticks around code, as no colour marks it."""
     text = PICTURE.sub(r"\\[Picture: \1]", text)
     text = LINK.sub(lambda m: m[1] + _target(m[2]), text)
     return CODE.sub(r"`` \1 ``", text)
@@ -65,7 +65,7 @@ class _Verbatim(CodeBlock):
 
 
 class _Rows(TableElement):
-    """Tables in which no cell is cut: if the text does not fit, each row becomes a block under its first cell."""
+    """A table whose cells wrap instead of being cut; if wide and too tall, it becomes one block of lines per row."""
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         for table in super().__rich_console__(console, options):

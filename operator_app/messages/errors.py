@@ -114,7 +114,7 @@ _TRIPS: Mapping[int, str] = {
 
 
 def trip_cause_remedy(code: int) -> str:
-    """Return how to remove the cause of a drive's trip, which must be done before the drive is reset."""
+    """Return how to remove the cause of a drive's trip (`code`: emergency code), as required before its reset."""
     return _TRIP_CAUSES.get(code, "Find the cause of this fault")
 
 

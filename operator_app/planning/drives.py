@@ -157,7 +157,7 @@ def choose_drives(
 
 
 def named_drives(prediction: DrivePrediction, drives: tuple[int, ...], kind: str) -> DriveChoice:
-    """Choose the procedure's `drives`; raises `GuardError` for an unknown joint or a wrong number of joints."""
+    """Choose the procedure's `drives`; raises `GuardError` if one is unknown, or their number is wrong."""
     motion = prediction.manifold.motion
     problem = modes_problem(
         drives, joint_count=motion.joint_count, mobility=motion.degrees, kind=kind
@@ -186,7 +186,7 @@ def _joint_out_of_range(arm: ArmModel, manifold: Manifold) -> str:
 
 
 def _usable(prediction: DrivePrediction, unsensed_joints: tuple[int, ...]) -> list[RankedDrives]:
-    """Return the sets usable at the current pose and in the region, best first; inexact joints only if need be."""
+    """Return the drive sets usable at the pose and in the region, best first; without inexact joints if possible."""
     usable_now = {r.drives for r in prediction.here if r.usable}
     usable = [
         r

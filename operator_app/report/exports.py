@@ -43,7 +43,7 @@ CSV_HEADER = ("parameter", "side", "unit", "nominal", "value", "sigma")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Calibration:
-    """Content of an export; `forced`: why a calibration that was not accepted is exported; empty if it was accepted."""
+    """A calibration to export. `forced`: reason for exporting it although it was not accepted; empty if accepted."""
 
     solution: Solution
     checks: Checks | None

@@ -47,7 +47,7 @@ class Facts:
 
     @property
     def json(self) -> dict[str, Any]:
-        """The object of `sarcal solve --json`."""
+        """The object that `sarcal solve --json` prints, without the key ``test``."""
         return merged(self.data, keyed(self.tables))
 
     @property
@@ -57,7 +57,7 @@ class Facts:
 
     @property
     def limits_met(self) -> str:
-        """Clause "the calibration meets its limits"; it adds "but its ..." if the condition number is too large."""
+        """Text "the calibration meets its limits", followed by "but its ..." if the condition number is too large."""
         exceeded = (n for n in self.notices if n.kind is FindingKind.CONDITION)
         met = "the calibration meets its limits"
         return f"{met}, but its {finding.text}" if (finding := next(exceeded, None)) else met
@@ -198,7 +198,7 @@ def _side_note(solution: Solution) -> str:
 
 
 def remedy_table(solution: Solution) -> FactTable | None:
-    """Return the table of RVDT offsets, gains and corrections that the poses determine; None if it is empty."""
+    """Return the table of the RVDT offsets, gains and corrections that the poses determine; None if there are none."""
     rows: list[tuple[Cell, ...]] = []
     for table in reading_tables(solution):
         offset, gain = Figure(table.theta_off_rad, ANGLE, places=3), Figure(table.gain, places=4)

@@ -31,13 +31,13 @@ def values_of(estimate: Estimate) -> list[tuple[Parameter, float, float]]:
 
 
 Format = Callable[..., Figure]
-"""Function that returns a value of one parameter as a `Figure`; all have the same number of decimal places."""
+"""Function that returns a value of one parameter as a `Figure` with a fixed number of decimal places."""
 
 
 def formats(estimate: Estimate) -> Callable[[Valued], Format]:
     """Return a function that maps a parameter to its `Format`.
 
-    All angles get the number of decimal places that shows their smallest sigma with two digits; so do all lengths.
+    All angles get as many decimal places as show the smallest sigma of an angle with two digits; lengths likewise.
     """
     return formats_of(((p, sd) for p, _, sd in values_of(estimate)), most=MOST_PLACES)
 
@@ -45,12 +45,12 @@ def formats(estimate: Estimate) -> Callable[[Valued], Format]:
 def formats_of(
     sigmas: Iterable[tuple[Valued, float]], *, most: int = 9
 ) -> Callable[[Valued], Format]:
-    """Return a function as `formats` does, for these parameters and sigmas; `most`: largest number of places."""
+    """Return a function from parameter to `Format` for given sigmas, rad or m, with at most `most` decimal places."""
     return _formats(sigmas, partial(places_to_show, least=3, most=most))
 
 
 def nominal_formats(values: Iterable[tuple[Valued, float]]) -> Callable[[Valued], Format]:
-    """Return a function as `formats` does, but with the fewest decimal places that show nominal `values` exactly."""
+    """Return a function from parameter to `Format`, with the fewest decimal places that show all `values` exactly."""
     return _formats(values, partial(places_needed, least=1, most=MOST_PLACES))
 
 
@@ -259,7 +259,7 @@ def jackknife_table(estimate: Estimate, spread: FloatArray | None) -> FactTable 
 
 
 def tolerated_table(solution: Solution) -> FactTable | None:
-    """Return the table of lengths, twists and offsets corrected within their tolerances; None if there are none."""
+    """Return the table of lengths, twists and offsets that were free within tolerances; None if there are none."""
     estimate, rows = solution.estimate, []
     format_of = formats(estimate)
     nominal_of = nominal_formats((p, p.nominal) for p in estimate.parameters)

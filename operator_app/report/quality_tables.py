@@ -165,7 +165,7 @@ def truth_table(solution: Solution) -> FactTable | None:
 
 
 def truth_in_words(solution: Solution) -> str:
-    """Return `truth_table` as a sentence, for use where a table does not fit; empty for a real arm."""
+    """Return a sentence on a simulated arm's true calibration errors, where no table fits; empty for a real arm."""
     truth = solution.truth
     if truth is None:
         return ""
@@ -185,7 +185,7 @@ CLOSURE_COLUMNS = (
 
 
 def closure_table(solution: Solution, beside: Estimate | None, checks: Checks | None) -> FactTable:
-    """Return the table of closure sigmas: before and after calibration, by estimate `beside`, and at held-out poses."""
+    """Return the table of closure sigmas: before and after calibration, of estimate `beside`, and at held-out poses."""
     estimate = solution.identified
     rows = [
         closure_row("nominal, before", solution.before, key=("before",)),
@@ -220,9 +220,9 @@ def closure_table(solution: Solution, beside: Estimate | None, checks: Checks | 
 def rows_in_use(
     best_table: ClosureSigmas | None, corrected: ClosureSigmas | None, *, name: str = "{}, after"
 ) -> Iterator[tuple[Cell, ...]]:
-    """Yield a row of closure sigmas for each of the two ways in which a controller can use the calibration.
+    """Yield the row of closure sigmas with the best D-H table, and the row with corrected readings.
 
-    The rows are for the best D-H table and for corrected readings; None leaves out a row. `name`: format of row names.
+    A controller uses one or the other. An argument that is None has no row. `name`: format string of the row names.
     """
     if best_table is not None:
         yield closure_row(name.format("best table"), best_table, key=("with_best_table",))
@@ -235,8 +235,8 @@ def closure_row(
 ) -> tuple[Cell, ...]:
     """Return one row of closure sigmas.
 
-    `key`: first part of the keys of the figures in JSON; None: no figure is in JSON. `reading`: last part of the key of
-    the rms, which is then the only figure in JSON; if empty, all figures are in JSON and this part is ``rms``.
+    `key`: first part of the figures' keys in JSON; None leaves all figures out of JSON.
+    `reading`: if not empty, JSON has only the rms figures, and their keys end with `reading` instead of ``rms``.
     """
     cells: list[Cell] = [name]
     turned = sigmas.orientation_rad
@@ -256,7 +256,7 @@ def closure_row(
 
 
 def causes_table(solution: Solution) -> FactTable | None:
-    """Return the table of possible faults, the main one first; None without any. Only HTML has their explanations."""
+    """Return the table of possible faults, the main one first; None if there are none. Only HTML describes them."""
     rows: list[tuple[Cell, ...]] = []
     for cause in solution.causes:
         role, effect = "text", "a warning"

@@ -91,7 +91,7 @@ def _sensor_words(sensor: Sensor, *, used: bool) -> str:
 
 
 def rvdt_table(subject: Subject) -> FactTable | None:
-    """Return the table of each RVDT's gain, linearity and noise, found from the closed loops; None if not known."""
+    """Return the table of each RVDT's gain, linearity and noise, measured in the closed loop; None if not measured."""
     rows: list[tuple[Cell, ...]] = []
     for verdict in () if subject.solution is None else subject.solution.rvdt:
         sensor, result = subject.procedure.arm.joints[verdict.joint - 1].sensor, verdict.figures

@@ -68,9 +68,9 @@ def wrapped(text: str, width: int, role: str = "text", indent: str = "") -> list
 
 
 def window(rows: Sequence[Line], first: int, height: int) -> tuple[list[Line], int, int]:
-    """Return what a list scrolled to index `first` shows: lines, number of rows, and index of the first row.
+    """Return the visible part of a list scrolled to row `first`: lines, number of rows, and index of the first row.
 
-    If not all rows fit, the last line is no row: it states how many rows are hidden below or, if none are, above.
+    If not all rows fit, the last line is not a row: it counts the rows hidden below or, at the end, those above.
     """
     if len(rows) <= height:
         return list(rows), len(rows), 0

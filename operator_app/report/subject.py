@@ -95,7 +95,7 @@ class Subject:
 
     @property
     def implicit(self) -> Estimate | None:
-        """The estimate by the implicit estimator, whether or not it was chosen; None if this estimator was not used."""
+        """The implicit estimator's estimate, even if only calculated for comparison; None if it was not calculated."""
         if self.solution is None:
             return None
         both = (self.solution.identified, self.solution.beside)
@@ -140,7 +140,7 @@ def subject_of_session(
 ) -> Subject:
     """Return the subject of a session, from its name, the events of its journal, its procedure and its calibration.
 
-    `calibration` is None if the poses do not determine every parameter; `unidentifiable` is then the error.
+    If the poses leave parameters undetermined, `calibration` is None and `unidentifiable` is the error that names them.
     """
     connected = (event for event in events if event.name == "connected")
     nodes = [node for event in connected for node in event.data.get("nodes", ())]

@@ -23,7 +23,7 @@ class Column:
     `words`: whether the cells are text, which is aligned to the left.
     `group`: header above neighbouring columns that belong together.
     `detail`: whether only the HTML page shows the column.
-    `summary`: whether all outputs except the HTML page show the column, in place of detail columns.
+    `summary`: whether the column replaces detail columns in all outputs except the HTML page, which omits it.
     """
 
     title: str
@@ -104,7 +104,7 @@ class Headline:
 
 
 def keyed(tables: Iterable[FactTable]) -> dict[str, Any]:
-    """Return a nested JSON object of all figures with a key; an object whose keys are all integers becomes a list."""
+    """Return all figures that have a `key` as a nested JSON object. An object with only integer keys becomes a list."""
     tree: dict[str | int, Any] = {}
     for figure in (c for t in tables for row in t.rows for c in row if isinstance(c, Figure)):
         if figure.key:

@@ -113,7 +113,7 @@ def table_spans(table: FactTable) -> tuple[list[Line], list[Line]]:
 
 
 def headline_spans(headlines: Sequence[Headline], width: int) -> Line:
-    """Return headlines side by side; notes are left out, from the last headline back, until the line fits `width`."""
+    """Return headlines in one line. If it is wider than `width`, the last headlines lose their notes until it fits."""
     row = ""
     for with_note in range(len(headlines), -1, -1):
         texts = [h.text if k < with_note else h.figure_text for k, h in enumerate(headlines)]
@@ -164,7 +164,7 @@ def unidentifiable_text(error: UnidentifiableError) -> str:
 
 
 def aligned(rows: Sequence[Sequence[str]], *, left: bool = False) -> str:
-    """Return rows as text in aligned columns: the first to the left, the others to the left if `left`, else right."""
+    """Return rows as text in aligned columns: all but the first are aligned to the right, unless `left`."""
     columns = list(zip_longest(*(map(sanitized, row) for row in rows), fillvalue=""))
     for k, cells in enumerate(columns):
         width = max(map(len, cells))

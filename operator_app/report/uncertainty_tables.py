@@ -94,7 +94,7 @@ def budget_table(solution: Solution) -> FactTable | None:
 
 
 def sensitivity_table(solution: Solution) -> FactTable | None:
-    """Return the table of the largest sigmas, now and if their main source were halved; None if not computed."""
+    """Return the largest sigmas as a table, now and if their main source's error were halved; None if not computed."""
     sensitivities = source_sensitivities(solution)
     rows: list[tuple[Cell, ...]] = []
     for h in sensitivities:
@@ -119,12 +119,12 @@ def sensitivity_table(solution: Solution) -> FactTable | None:
 
 
 def source_words(source: str) -> str:
-    """Return the name of a source in the uncertainty budget as text, such as ``RVDT curve 6``."""
+    """Return the text for an error source of the uncertainty budget, such as ``RVDT curve 6``."""
     return source.replace("_", " ").replace("rvdt", "RVDT")
 
 
 def scale_table(solution: Solution) -> FactTable | None:
-    """Return the table of each error family's ratio of estimated to stated magnitude; None if not estimated."""
+    """Return the table of estimated error divided by stated error, for each family of errors; None if not estimated."""
     if not solution.scales:
         return None
     rows: list[tuple[Cell, ...]] = []
@@ -191,9 +191,10 @@ def best_table_table(solution: Solution) -> FactTable | None:
 
 
 def posterior_data(solution: Solution) -> dict[str, Any]:
-    """Return JSON data: shares of information from the poses, socket distances, best D-H table, and corrections.
+    """Return JSON data: shares, distances between sockets, best D-H table, and corrections.
 
-    Angles are in deg and lengths in m, unless the key states another unit.
+    A share is the part of a parameter's information that comes from the poses. Angles are in deg and lengths in m,
+    unless the key states another unit.
     """
     best = solution.best
     data: dict[str, Any] = {
@@ -240,7 +241,7 @@ _PER_SI = np.array([np.rad2deg(1.0) if kind.is_angle else 1.0 for kind in DhKind
 
 
 def _correction_data(c: ReadingCorrection) -> dict[str, Any]:
-    """Return a correction as JSON; coefficients in deg or, for gravity, in deg kg/(N m) and deg kg m/(N m)."""
+    """Return a correction as JSON; coefficients in deg or, for gravity, in deg/(N m) times kg or kg m."""
     data: dict[str, Any] = {
         "source": c.source,
         "joint": c.joint,

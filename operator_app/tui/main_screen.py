@@ -29,7 +29,7 @@ from operator_app.tui.widgets.status import Banner, Log, SafetyStrip
 
 
 def done(step: Step, s: SessionSnapshot) -> bool:
-    """Whether a step is done: Capture with enough poses, Export with files written, others if the next step is open."""
+    """Whether a step is done. Capture needs enough poses, Export a written file, others what the next step requires."""
     if step is Step.EXPORT:
         return s.written is not None
     if step is Step.RESULTS:
@@ -289,7 +289,7 @@ class MainScreen(Screen[None]):
             self.call_after_refresh(self.forget)
 
     def _shown_at_once(self, s: SessionSnapshot) -> object:
-        """Return the values whose change repaints at once; ages and rates, which always change, are not among them."""
+        """Return the values of which a change is shown at once. Ages and rates, which always change, are left out."""
         joints = () if s.arm is None else tuple((j.mode, j.drive) for j in s.arm.joints)
         latest = s.messages[-1].number if s.messages else 0
         return (

@@ -81,7 +81,7 @@ class ScreenInterface:
         self._opening = False
 
     def press(self, *keys: str | None) -> bool:
-        """Do the action that a key has at this step; return False if there is none. `keys`: its name and character."""
+        """Do the action that a key has at this step; return False if none. `keys`: name and character of the key."""
         matching = (action_table.for_key(key, self.app.step) for key in keys if key is not None)
         action = next((a for a in matching if a is not None), None)
         if action is not None:

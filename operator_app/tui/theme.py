@@ -63,7 +63,7 @@ class Look:
         return Style.combine(self.styles[name] for name in role.split())
 
     def text(self, text: str) -> str:
-        """Return text, in ASCII if required, without control characters other than line breaks."""
+        """Return `text` without control characters other than line breaks; if `ascii_only`, in ASCII."""
         text = sanitized(text, keep="\n")
         if not self.ascii_only:
             return text

@@ -126,7 +126,7 @@ class ArmModel:
         return np.array([joint.sensor.linearity_rad for joint in self.joints])
 
     def gain_rad(self) -> FloatArray:
-        """Rms deviation of each RVDT over full scale for a gain error of one sigma, (n,), rad; 0 for other sensors."""
+        """Deviation (n,) at a gain error of one sigma: rms over the full scale, rad; 0 if the sensor is not an RVDT."""
         return np.array([joint.sensor.gain_rad for joint in self.joints])
 
     @property

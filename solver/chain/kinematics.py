@@ -166,10 +166,11 @@ is an angle."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Entries:
-    """The axes about or along which C D-H entries move the links after them, for `screws`.
+    """C entries of a D-H table as axes: an entry turns all later links about its axis, or shifts them along its axis.
 
-    `frame` (C,): index of the frame to which the entry's axis belongs. `axis` (C,): index of the axis in this frame:
-    0 for x, 1 for y, 2 for z. `turning`: indices of the entries that are angles. `sliding`: indices of the lengths.
+    `frame` (C,): index of the frame to which the entry's axis belongs.
+    `axis` (C,): index of the axis in this frame: 0 for x, 1 for y, 2 for z.
+    `turning`, `sliding`: indices of the entries that are angles, and of those that are lengths.
     """
 
     frame: IntArray
@@ -194,14 +195,14 @@ NO_ENTRIES = Entries.of((), ())
 
 
 def jacobian(frames: Frames, entries: Entries) -> FloatArray:
-    """Jacobian (..., 6, C) of the last frame with respect to `entries`: the result of `screws` with the poses first."""
+    """Jacobian (..., 6, C) of the last frame's rotation (rad) and position (m) with respect to `entries`."""
     return np.ascontiguousarray(poses_first(screws(frames, entries), 1, 0))
 
 
 def screws(frames: Frames, entries: Entries) -> FloatArray:
-    """Screw of the last frame per unit of each of the D-H entries, in the chain's first frame.
+    """Return the motion (C, 6, ...) of the last frame per unit change of each D-H entry, in the chain's first frame.
 
-    The result is (C, 6, ...): the infinitesimal rotation (rad), then the translation (m), of the end point p_e.
+    Each motion is a screw: the last frame's infinitesimal rotation (rad), then the translation (m) of its origin p_e.
 
     theta_j: (z_{j-1}, z_{j-1} x (p_e - p_{j-1})); s_j: (0, z_{j-1}); a_j: (0, x_j);
     alpha_j: (x_j, x_j x (p_e - p_j)); beta_j: (y_j, y_j x (p_e - p_j)). For a_j and alpha_j, x_j is the axis before

@@ -45,7 +45,7 @@ def rotation_vector(R: FloatArray) -> FloatArray:
 
 
 def _largest_row(R: FloatArray, w: FloatArray) -> FloatArray:
-    """Return the row (m, 4) of ``4 q q'`` that belongs to the largest of q1, q2, q3; `w` (m, 4): the row of q0."""
+    """Return row k (m, 4) of ``4 q q'``; q: unit quaternion of R; q_k: the largest of q1, q2, q3; `w`: row 0."""
     d = np.diagonal(R, axis1=-2, axis2=-1)
     k, every = np.argmax(d, axis=-1), np.arange(len(R))
     row = np.empty_like(w)

@@ -85,7 +85,7 @@ class Rvdt:
 
     @property
     def gain_rad(self) -> float:
-        """Rms deviation over full scale caused by a gain error of one standard deviation."""
+        """Deviation caused by a gain error of one standard deviation: rms over the full scale, rad."""
         return self.gain * self.full_scale_rad / math.sqrt(12.0)
 
 
@@ -139,10 +139,12 @@ _POWERS = _power_series()
 class SensorCurve:
     """Deviation of one sensor from the true angle: a line plus ``sum_k c_k P_k(x)``, k = 2, 3, ...
 
-    x is the angle from `middle_rad` (the electrical zero, in sensor coordinates), divided by `half_scale_rad` (half of
-    full scale). The line is the gain error, the Legendre polynomials P_k are the linearity deviation. There is no P_0,
-    because a constant deviation is part of the joint's offset. `joint`: 1-based. `gain`: standard deviation of the gain
-    error; if it is 0, there is no line. `bent`: whether there are polynomials.
+    The line is the gain error, the Legendre polynomials P_k are the linearity deviation. x is the angle from
+    `middle_rad`, divided by `half_scale_rad`. A constant deviation is part of the joint's offset, so there is no P_0.
+
+    `middle_rad`, `half_scale_rad`: electrical zero, in sensor coordinates, and half of the full scale.
+    `gain`: standard deviation of the gain error; 0 if there is no line. `bent`: whether there are polynomials.
+    `joint`: 1-based.
     """
 
     joint: int
@@ -167,7 +169,7 @@ class SensorCurve:
         return self.lines + self.bends
 
     def place(self, theta_rad: FloatArray) -> FloatArray:
-        """Return x at sensor angles (m,): angle from mid-scale over half the full scale, clipped to +-`SATURATION`."""
+        """Return x (m,) at sensor angles (m,), clipped to +-`SATURATION`."""
         x = (theta_rad - self.middle_rad) / self.half_scale_rad
         return np.asarray(np.clip(x, -SATURATION, SATURATION))
 
@@ -197,6 +199,6 @@ def powers_of(curve: SensorCurve, coefficients: FloatArray) -> FloatArray:
 
 
 def rms_per_amplitude() -> float:
-    """Return the expected rms over full scale of the sum of the weighted polynomials, with coefficients ~ N(0, 1)."""
+    """Return the expected rms, from x = -1 to 1, of the sum of P2..P10 with coefficients ~ N(0, weight^2)."""
     degrees = np.arange(LOWEST, LOWEST + len(SHAPE_WEIGHTS))
     return float(np.sqrt((np.array(SHAPE_WEIGHTS) ** 2 / (2.0 * degrees + 1.0)).sum()))

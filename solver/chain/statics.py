@@ -48,7 +48,7 @@ class LinkMasses:
 
     @property
     def moments(self) -> FloatArray:
-        """Coefficients of `torque_rates` (n, 4): mass (kg) and first moment (kg m) of each link."""
+        """Mass (kg) and first moment (kg m) of each link, (n, 4), which are multiplied by `torque_rates`."""
         return np.column_stack((self.mass_kg, self.mass_kg[:, None] * self.centre_m))
 
     @property

@@ -91,7 +91,7 @@ def path_watch(trace_rad: FloatArray | None, ranges: Ranges) -> Callable[[FloatA
 def moves_along(
     route: Sequence[Leg], drives: tuple[int, ...], goal: str, *, of: str = ""
 ) -> list[GoTo | ChangeDrives]:
-    """Return the moves and drive changes along a route from the present `drives`; `goal` + `of`: name of its end."""
+    """Return the moves and drive changes along a route to the pose named `goal` + `of`; `drives`: present drives."""
     moves: list[GoTo | ChangeDrives] = []
     for leg in route:
         if leg.drives != drives:

@@ -179,7 +179,7 @@ class Campaign:
             self.plan = None
 
     def _shift(self) -> float:
-        """Largest change, rad, of any predicted angle of a planned pose between the plan's and the present estimate."""
+        """Largest change, rad, of the planned poses' predicted angles from the plan's estimate to the present one."""
         if self.plan is None or self.estimate is None or not self.plan.visits:
             return 0.0
         index = list(self.plan.visits)

@@ -30,11 +30,8 @@ PRIOR_SHARE = 1e-8
 """Weight, relative to an average candidate, of the prior that makes the first information matrices regular."""
 MOST_RESTARTS = 24
 RESTART_WORK = 400_000
-"""Upper limit of the product of restarts, candidates, poses and unknowns.
-
-Restarts help in small problems, which have bad local optima and are cheap. With thousands of candidates, a single start
-comes within one per cent of the optimum.
-"""
+"""Upper limit of the product of restarts, candidates, poses and unknowns. Restarts help in small problems, which have
+bad local optima and are cheap. With thousands of candidates, one start comes within one per cent of the optimum."""
 MAX_SWEEPS = 10
 """Largest number of sweeps of exchanges."""
 WORTHWHILE = 1e-9
@@ -175,7 +172,7 @@ class _Search:
             chosen.append(best)
 
     def exchange(self, M: FloatArray, chosen: list[int]) -> None:
-        """Replace poses in `chosen`, one at a time, until no candidate is better; update `M` (N, N)."""
+        """Exchange poses in `chosen` for better candidates while there are any; update their information `M` (N, N)."""
         for _ in range(MAX_SWEEPS):
             changed = False
             for k, old in enumerate(chosen):

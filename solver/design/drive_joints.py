@@ -32,10 +32,10 @@ class RankedDrives:
     `drives`: joints (1-based) to be put into position mode.
     `score`: value by which sets are ranked, in [0, 1].
     `leverage`: how well the drives determine all motion, from 0 at a singularity to 1 (see `ChainMotion.leverage`).
-    `passive_conditioning`: smallest singular value of the passive joints' closure Jacobian; None if measured by trials.
-    `fastest_passive`, `fastest_joint`: largest ratio of a passive joint's speed to the drives' speed, and this joint.
+    `passive_conditioning`: smallest singular value of the passive joints' closure Jacobian; None for trial motions.
+    `fastest_passive`: largest ratio of a passive joint's speed to the drives' speed. `fastest_joint`: this joint.
     `still`: passive joints that hardly move.
-    `reach`: share of the region's poses that can be reached from pose 0; None if the ranking is not over a region.
+    `reach`: share of the region's poses that can be reached from pose 0; None for a ranking at one pose.
     `reasons`: reasons for the rank, as text, the most important first.
     """
 
@@ -76,9 +76,10 @@ def rank_over_region(manifold: Manifold) -> tuple[RankedDrives, ...]:
 class DriveTrial:
     """Measured trial motions of one drive set.
 
-    `drives`: joints (1-based) in position mode. `commanded_rad` (w, d): commanded displacement of the d drives in each
-    of w trial motions; its rank is d. `moved_rad` (w, n): measured displacement of every joint. `stopped`: why the
-    trial ended early, as text; empty if it did not end early.
+    `drives`: joints (1-based) in position mode.
+    `commanded_rad` (w, d): commanded displacement of the d drives in each of w trial motions; this matrix has rank d.
+    `moved_rad` (w, n): measured displacement of every joint in each trial motion.
+    `stopped`: why the trial ended early, as text; empty if it did not end early.
     """
 
     drives: tuple[int, ...]

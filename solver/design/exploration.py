@@ -28,9 +28,7 @@ RAY_MARGIN_RAD = float(np.deg2rad(5.0))
 """Smallest allowed distance of every joint from the ends of its range."""
 MOST_RATE = 2.5
 """Largest allowed ratio of a passive joint's motion to that of the drives: a larger ratio shows a singularity nearby.
-
-The limit is higher if the ratio is large at the start already: 1.3 times that ratio, but at most twice this value.
-"""
+The limit is raised to 1.3 times the ratio at the start if this is larger, but at most to twice this constant."""
 
 
 @dataclass(slots=True)
@@ -163,11 +161,11 @@ class Explorer:
         return ""
 
     def _most_rate(self, direction: FloatArray) -> float:
-        """Largest allowed ratio of a joint's motion to the drives' motion, for a ray in `direction`."""
+        """Largest allowed ratio of a joint's motion to the drives' motion while the drives move in `direction`."""
         return float(np.clip(1.3 * self._start_rate(direction), MOST_RATE, 2.0 * MOST_RATE))
 
     def _start_rate(self, direction: FloatArray) -> float:
-        """Largest ratio of a joint's motion to the drives' motion in `direction`, at the start."""
+        """Largest ratio of a joint's motion to the drives' motion at the start, if the drives move in `direction`."""
         return float(np.abs(self._start_rates @ direction).max() / np.abs(direction).max())
 
     def _move(self, target: FloatArray, reason: str) -> GoTo:

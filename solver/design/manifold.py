@@ -127,7 +127,7 @@ def candidate_poses(
 def _wave(
     points: FloatArray, tangent: FloatArray, step_rad: float, rng: np.random.Generator
 ) -> FloatArray:
-    """Return the ends (k, n + U), rad, of tangent steps from each of the `points`, in several directions each."""
+    """Take tangent steps in several directions from each of the `points`; return the ends (k, n + U), rad."""
     poses, angles, degrees = tangent.shape
     if degrees == 1:
         directions = np.broadcast_to([[[1.0], [-1.0]]], (poses, 2, 1))

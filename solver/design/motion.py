@@ -58,8 +58,8 @@ LIMITS = MotionLimits(least_leverage=0.2, most_rate=5.0)
 class ChainMotion:
     """First-order motion of a closed chain at m closed poses.
 
-    `tangent` (m, n + U, d): orthonormal directions of the self-motion, arm joints first, then the unsensed angles of
-    the model. `jacobian` (m, k, n + U): closure Jacobian of all joints. `joint_count`: n.
+    `tangent` (m, n + U, d): orthonormal directions of the self-motion: n arm joints, then the model's unsensed angles.
+    `jacobian` (m, k, n + U): closure Jacobian of the same angles. `joint_count`: n.
     """
 
     tangent: FloatArray
@@ -121,11 +121,12 @@ LOST_RAD = 0.25
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DriveTraces:
-    """Predicted motion of the chain in b straight moves of the drives, sampled at s + 1 points each.
+    """Predicted motion of the chain in b straight moves of the drives; each move is sampled at s + 1 points.
 
-    `q` (b, s + 1, n): angles of all arm joints, rad. `leverage` (b,): least leverage of the drive joints on the way;
-    0 at a singularity. `rate` (b,): largest ratio of the motion of any arm joint to that of the drive joint that moves
-    most. `closed` (b,): whether the chain could be followed to the end of the move.
+    `q` (b, s + 1, n): angles of all arm joints, rad.
+    `leverage` (b,): least leverage of the drive joints on the way (see `ChainMotion.leverage`).
+    `rate` (b,): largest ratio of any arm joint's motion to the motion of the drive joint that moves most.
+    `closed` (b,): whether the chain could be followed to the end of the move.
     """
 
     q: FloatArray

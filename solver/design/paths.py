@@ -54,8 +54,8 @@ class Leg:
 class PathGraph:
     """Graph of paths between poses; a node is a pose with a drive set, and edges are moves or changes of drive set.
 
-    `manifold`: poses and their neighbours. `drive_sets`: usable sets of drive joints, each of as many joints as the
-    mobility. `limits`: limits of every path. `allowed` (m,): poses that a path may pass; all by default.
+    `manifold`: poses and their neighbours. `drive_sets`: usable sets of drive joints; the number of joints in a set is
+    the chain's mobility. `limits`: limits of every path. `allowed` (m,): poses that a path may pass; all by default.
     """
 
     def __init__(
@@ -169,7 +169,7 @@ class PathGraph:
         return [divmod(node, size) for node in reversed(nodes)]
 
     def _follow(self, ranges: Ranges, nodes: list[tuple[int, int]]) -> tuple[Leg, ...] | None:
-        """Return the straight moves along a path; if an edge fails, remove it and return None."""
+        """Return safe straight moves along a path; if an edge allows none, remove the edge and return None."""
         legs = []
         for layer, group in groupby(nodes, key=lambda node: node[0]):
             poses = [pose for _, pose in group]
@@ -181,7 +181,7 @@ class PathGraph:
         return tuple(legs)
 
     def _leg(self, ranges: Ranges, layer: int, poses: list[int]) -> Leg | None:
-        """Follow `poses` in few safe straight moves; if a pose has none, remove its edge to the next, return None."""
+        """Join `poses` by few safe straight moves; if a pose allows none, remove the edge after it and return None."""
         drives = self.drive_sets[layer]
         columns = [j - 1 for j in drives]
         q, u = self.manifold.q[poses], self.manifold.u[poses]

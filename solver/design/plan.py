@@ -120,10 +120,10 @@ def make_plan(
 
     Raises `ValueError` if the loop does not close near the start, or fewer than `count` poses can be reached.
 
-    `captured`: joint angles (c, n) of poses captured already; their information is included. `covariance`: covariance
-    (P, P) of `x`; by default predictions from `x` count as reliable everywhere. `avoid_rad`: readings (b, n) where a
-    move had to be stopped. Around each of these no pose is planned: within `AVOID_RADIUS_RAD`, or within half the
-    distance to `q_start` if this is smaller.
+    `captured`: joint angles (c, n) of poses captured already; their information is included.
+    `covariance`: covariance (P, P) of `x`; by default predictions from `x` count as reliable everywhere.
+    `avoid_rad`: readings (b, n) of poses to avoid, e.g. where a move had to be stopped. No planned pose is nearer to
+    them than `AVOID_RADIUS_RAD`, or than half their distance from `q_start` if that is smaller.
     """
     manifold = candidate_poses(
         task.model,
@@ -230,7 +230,7 @@ def information_of(
 def _estimated_variances(
     task: PlanningTask, model: ClosureModel, x: FloatArray, readings: FloatArray
 ) -> Mapping[str, float] | None:
-    """Return the variances of the errors of captured readings (c, n), by component; None if no fit is possible."""
+    """Estimate the variances of the error model, by name, from captured readings (c, n); None if no fit is possible."""
     if not len(readings):
         return None
     errors = replace(task.errors_at(readings), prior=task.prior)
@@ -261,7 +261,7 @@ def _trusted(
     sets: tuple[tuple[int, ...], ...],
     covariance: FloatArray,
 ) -> BoolArray:
-    """Whether the angles of the free joints are predicted reliably at each pose (m,), with the best of `sets`."""
+    """Whether the free joints' angles at each pose (m,) are predicted reliably for at least one of the drive `sets`."""
     reduced = reduced_equations(manifold.model.loop(manifold.x, manifold.q, manifold.u))
     sigmas = [prediction_sigma(reduced.A, reduced.B, covariance, drives) for drives in sets]
     sigma = np.min(sigmas, axis=0)

@@ -1,8 +1,8 @@
 """Decides when to stop taking poses: the precision is reached, or no further pose helps.
 
-Every pose reduces noise a little, so a forecast decides whether more poses help. It adds the remaining poses one after
-the other: each time the pose that most improves the parameter farthest from its request. More poses help if the
-forecast reaches the request or comes noticeably nearer to it.
+Every pose reduces noise a little, so a forecast decides whether more poses help. The forecast adds the remaining poses
+one after the other, each time the one that most improves the parameter farthest above its requested uncertainty. More
+poses help if the forecast reaches the requested uncertainties or comes noticeably nearer to them.
 """
 
 from collections.abc import Mapping
@@ -132,7 +132,7 @@ def _forecast(
     goal: FloatArray,
     poses_left: int,
 ) -> tuple[FloatArray, int | None]:
-    """Return the standard deviations that the unknowns `columns` have after more poses, and the number of these poses.
+    """Return the standard deviations of the unknowns with indices `columns` after more poses, and the number of poses.
 
     Poses are added until each standard deviation is within its `goal`. If `poses_left` poses are not enough, the number
     is None. Each pose is the one that most reduces the variance of the parameter farthest above its goal.

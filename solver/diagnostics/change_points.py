@@ -17,10 +17,8 @@ from solver.diagnostics.limits import FALSE_ALARM_PROBABILITY, STEP_EDGE_POSES
 from solver.diagnostics.whitened_residuals import WhitenedResiduals
 
 AT_POSES = 0.4
-"""False-alarm rate of a test for steps at poses only, divided by the rate of the continuous statistic.
-
-The ratio was simulated for 10 to 300 poses.
-"""
+"""False-alarm rate of a test for steps at poses only, divided by the rate of the continuous statistic; simulated for 10
+to 300 poses."""
 
 AT_ONCE = 400_000
 """Largest number of matrix elements for suspects that are evaluated together; this limits the memory needed."""
@@ -31,7 +29,7 @@ FREE = 1e-7
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChangePoint:
-    """The most significant step of one suspect.
+    """The most significant step of one suspect (see the module).
 
     `pose`: index in time order of the first pose after the step.
     `size`: size of the step (d,), in the units of the suspect's quantities.
@@ -56,9 +54,9 @@ def steps(
 ) -> tuple[ChangePoint, ...]:
     """Return the most significant step of each suspect, in order of significance.
 
-    `residuals`: whitened residuals of the fit, poses in time order. `low_noise`: residuals whitened with smaller noise.
-    They are used to test for lost counts, which shift a reading and not the geometry of the loop. `scale`: factor by
-    which the actual variances exceed those of the fit; chi2 is divided by this factor.
+    `residuals`: whitened residuals of the fit, poses in time order.
+    `low_noise`: residuals whitened with smaller noise; used for lost counts, which shift a reading, not the geometry.
+    `scale`: ratio of actual variances to those of the fit; chi2 is divided by this ratio.
     """
     m = len(residuals.white)
     if m < 2 * STEP_EDGE_POSES or not suspects:
@@ -81,7 +79,7 @@ def _largest(
 ) -> Iterator[ChangePoint]:
     """Yield the most significant step of each suspect; all suspects have the same number d of columns.
 
-    `scale`: as in `steps`. `level`: probability of a false alarm for a suspect with `false_alarm_share` 1.
+    `scale`: ratio of actual to assumed variances. `level`: false-alarm probability if `false_alarm_share` is 1.
     """
     m, r, K = residuals.U.shape
     S, d = len(suspects), suspects[0].columns.shape[-1]

@@ -3,11 +3,11 @@
 Source: NIST/SEMATECH e-Handbook of Statistical Methods, 6.3.2 (Shewhart, EWMA) and 2.3.5 (control of a measurement
 process by a check standard: within- and between-session standard deviations). There is no long history to fix the
 limits, so each session is compared with a baseline of earlier sessions. The baseline omits the last `RECENT` sessions
-if enough others remain: a shift then stays out of its own baseline. The limits follow from the scatter between the
+if enough others remain, so that it does not contain a recent shift. The limits follow from the scatter between the
 sessions of the baseline. Few sessions determine a variance poorly. So the observed variance of a quantity is averaged
 with its stated variance, which is first scaled by the ratio of observed to stated variances of all quantities. The
-scaled variance has the weight of `PRIOR_DOF` degrees of freedom (Smyth 2004, "moderated t"). Nearly all of the
-false-alarm probability goes to the EWMA, because sessions with unusually large scatter disturb averages less.
+scaled variance has the weight of `PRIOR_DOF` degrees of freedom (Smyth 2004, "moderated t"). The EWMA gets nearly all
+of the false-alarm probability, because a single session with unusually large scatter changes an average less.
 """
 
 from collections.abc import Sequence
@@ -126,7 +126,10 @@ def control_chart(names: Sequence[str], values: FloatArray, within: FloatArray) 
 
 
 def smallest_shift(between: FloatArray, sessions: int, quantities: int) -> FloatArray:
-    """Return the shift of each quantity that `RECENT` further sessions detect with a probability of 90 %."""
+    """Return the shift of each quantity that `RECENT` further sessions detect with a probability of 90 %.
+
+    `between`: standard deviations between sessions. `sessions`: length of the baseline. `quantities`: number tested.
+    """
     from scipy.special import stdtrit
 
     weights = LAMBDA * (1.0 - LAMBDA) ** np.arange(RECENT)
@@ -141,7 +144,7 @@ def smallest_shift(between: FloatArray, sessions: int, quantities: int) -> Float
 def _variances(
     values: FloatArray, within: FloatArray, begin: IntArray, ends: IntArray, tested: IntArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the variances between sessions of the `tested` quantities, and the degrees of freedom of the variances."""
+    """Return the variances between sessions ``begin[j]:ends[j]`` of `tested` quantities j, and degrees of freedom."""
     columns = [(slice(int(begin[j]), int(ends[j])), j) for j in tested.tolist()]
     own = np.array([values[column].var(ddof=1) for column in columns])
     # A value stated to repeat exactly still scatters by rounding.

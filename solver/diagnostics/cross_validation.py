@@ -226,8 +226,8 @@ def shifted(
 ) -> CommonShift | None:
     """Return the most significant shift common to all poses; None if no shift is significant.
 
-    `subjects`: derivatives (m, r, c) of the misclosures with respect to the c components of each subject's shift, by
-    name. `variance_factor`: factor by which the variances may exceed those of `residuals`.
+    `subjects`: by name of a joint or half of the fixture, derivatives (m, r, c) of the misclosures with respect to the
+    c components of its shift. `variance_factor`: largest ratio of the actual variances to those of `residuals`.
     """
     from scipy.special import chdtri
 

@@ -73,11 +73,11 @@ class CauseRanking:
 class Diagnosis:
     """Results of `diagnose`.
 
-    `rankings`: rankings of the possible causes. The first is for all misfits; each other one is for the misfits that
-    remain after the best causes of the rankings before it are fitted.
+    `rankings`: rankings of the possible causes. The first is for the residuals of the fit; each later one is for the
+    residuals that remain after the best cause of every earlier ranking is fitted.
     `suspected_entries`: lengths and twists that may differ from the arm file although no test fires, the most probable
     first.
-    `residuals`: whitened residuals at the smaller of estimated and stated noise, with poses in time order.
+    `residuals`: residuals, poses in time order, whitened with the smaller of the estimated and the stated noise.
     `stated_chi2_per_dof`: chi2/dof at the stated variances.
     `parameter_shift`: parameters at the stated variances minus those of the diagnosed fit (P,), rad and m.
     """
@@ -113,7 +113,7 @@ def diagnose(
     `fit`: the mixed model at its solution. The fit is tested at the *stated* variances; only outliers and steps are
     tested at the estimated noise if that is smaller.
     `taken` (m,): position of each pose of the fit in time order.
-    `measured`: sensors' linearity deviations, determined by loops that do not use their readings, by joint (1-based).
+    `measured`: by joint (1-based), the sensor's linearity deviation as measured by loops that do not use its readings.
     """
     stated = fit.stated
     order = np.argsort(taken, kind="stable")
@@ -153,10 +153,10 @@ def _residual_tests(
 ) -> tuple[Outliers, list[HypothesisTest]]:
     """Search `residuals`, whitened by the noise of the fit, for outliers and steps.
 
-    Steps of a single reading are searched for in `low_noise`, whose motion noise is reduced to what the poses show. All
-    other steps are searched for in `residuals`, because deflections that the smooth model describes badly resemble a
-    change of the geometry. Small residuals do not reduce the noise of the fit, because one sensor may exceed its
-    specification while most errors are smaller than stated.
+    Steps of one joint's reading are searched for in `low_noise`, which is whitened with motion noise as small as the
+    poses show. All other steps change the geometry. Deflections that the model describes badly look similar, so these
+    steps are searched for in `residuals`. The noise is not scaled down if the residuals are small, because one sensor
+    may exceed its specification while most errors are smaller than stated.
     """
     outliers = find_outliers(residuals)
     most_significant = steps(residuals, faults.changes(), low_noise=low_noise)[:1]

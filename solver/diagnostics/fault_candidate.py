@@ -36,7 +36,7 @@ class Cause(Enum):
 
 
 class PeakDeviation(NamedTuple):
-    """Largest deviation of a sensor, and its sigma, rad: from the true angle or, if `from_line`, the best-fit line."""
+    """Largest deviation of a sensor from the true angle or, if `from_line`, the best-fit line; `sd`: its sigma; rad."""
 
     peak: float
     sd: float
@@ -65,11 +65,10 @@ class Candidate:
     `poses`: poses concerned, indices in time order; empty if all poses are concerned.
     `most`: largest credible magnitude of this cause, in units of the expected magnitude.
     `shapes`: (m, c): with coefficients b, a reading deviates by ``shapes @ b``, rad; None if b itself is the deviation.
-    `least`: smallest rms of the deviation that counts as a cause; used only if `most_stated` is 0.
     `most_stated`: largest deviation that the files allow, or 0 if they state none. The deviation counts as a cause only
     if it exceeds this value by `CERTAIN_SIGMAS` of its standard deviations.
-    `measured`: the sensor's linearity deviation, determined more accurately by loops that do not use the sensor's
-    readings; None if not determined.
+    `least`: if `most_stated` is 0, the deviation counts as a cause only if its rms is at least this value.
+    `measured`: linearity deviation of the sensor as measured by loops that do not use its readings; None if unknown.
     `lines`: (m, 2): orthonormal basis of the straight lines over the readings, i.e. of an offset and a gain error.
     `entries`: names of the parameters whose values changed, one per column; empty if none changed.
     """
@@ -101,7 +100,7 @@ class Candidate:
         return replace(self, columns=columns, places=len(columns), poses=(first,))
 
     def within_specification(self, b: FloatArray, covariance: FloatArray) -> bool:
-        """Whether the deviation by coefficients b (c,) may be within `most_stated` or, if that is 0, below `least`."""
+        """Whether coefficients b (c,) are too small to count as a cause (see `most_stated` and `least`)."""
         size = b if self.shapes is None else self.shapes @ b
         if self.most_stated:
             return not self.deviation(b, covariance).beyond(self.most_stated)
@@ -116,10 +115,10 @@ class Candidate:
         return out
 
     def deviation(self, b: FloatArray, covariance: FloatArray) -> PeakDeviation:
-        """Return the largest deviation over the poses, from the true angle (with gain error) or from the best-fit line.
+        """Return the largest deviation over the poses: from the true angle (with gain error) or from the best-fit line.
 
-        The result is whichever exceeds `most_stated` by more of its own standard deviations: poses determine the
-        deviation from the line far better than the gain. `measured`, if known, replaces the deviation from the line.
+        Of the two, the one that exceeds `most_stated` by more sigmas is returned, because the poses determine the gain
+        far worse than the deviation from the line. `measured`, if known, replaces the deviation from the line.
         """
         if self.measured is not None and self.measured.beyond(self.most_stated):
             return self.measured

@@ -27,8 +27,8 @@ class FaultModels:
     """Fault models of a fit at the stated variances, with poses in the order in which they were taken.
 
     `order` (m,): for each pose in time order, its index in the fit.
-    `measured`: sensors' linearity deviations, determined by loops that do not use their readings, by joint (1-based).
-    `readings` (m, n), rad, and `system`: readings and loop equations of the poses, in time order.
+    `measured`: by joint (1-based), the sensor's linearity deviation as measured by loops that do not use its readings.
+    `readings` (m, n): readings of the poses in time order, rad. `system`: loop equations of the poses in time order.
     """
 
     def __init__(
@@ -62,7 +62,7 @@ class FaultModels:
         most: float = 300.0,
         least: float = 0.0,
     ) -> Candidate:
-        """Candidate for errors ``shapes @ b`` of joint j's readings, with `shapes` (m, c) and b of magnitude `size`."""
+        """Candidate for errors ``shapes @ b`` (m,) of joint j's readings; `size`: expected magnitude of each b (c,)."""
         return Candidate(
             cause=cause,
             subject=str(j),

@@ -93,7 +93,7 @@ class HypothesisTest:
 def pull_tests(
     stated: LinearFit, false_alarm: float = FALSE_ALARM_PROBABILITY
 ) -> list[HypothesisTest]:
-    """Test the largest pull (deviation in sigmas) of the toleranced entries, and the sum of squares of these pulls."""
+    """Test the toleranced entries' pulls (deviations from nominal, in sigmas): the largest, and the sum of squares."""
     # Entries of the maker's table are the first of all effects.
     listed = [n for g in stated.design.groups if g.source in ENTRIES for n in g.names]
     own = np.flatnonzero([n in stated.design.errors.tolerance for n in listed])
@@ -119,7 +119,7 @@ def scale_tests(faults: FaultModels, residuals: WhitenedResiduals) -> list[Hypot
 
 
 def prediction_test(stated: LinearFit) -> HypothesisTest:
-    """Test the prediction of each fifth of the poses, and of a block far from the rest; return the worst test."""
+    """Test how well the other poses predict each fifth of the poses and a block far from the rest; return the worst."""
     q = stated.design.q
     parts = (*fold_poses(q), far_block(q)) if len(q) >= 2 * FOLDS else ()
     worst = HypothesisTest(code="PREDICTION", statistic=0.0, threshold=np.inf)
@@ -135,8 +135,8 @@ def variance_tests(stated: LinearFit) -> list[HypothesisTest]:
     """Test for every variance component whether the poses show a larger variance than the stated one.
 
     The statistic is the slope of the likelihood at the stated variances: a sum of squared errors minus its expectation.
-    There may be only few errors, e.g. one gain and one bow of a sensor. So the sum is distributed as a scaled chi2,
-    whose degrees of freedom follow from the mean and the variance of the sum (Satterthwaite).
+    A component may have few errors, e.g. the gain error of one sensor. So the sum is taken as a scaled chi2 instead of
+    normal; its degrees of freedom follow from the mean and the variance of the sum (Satterthwaite).
     """
     from scipy.special import chdtri
 
@@ -158,8 +158,8 @@ def without_curves_in_specification(
 ) -> Iterable[HypothesisTest]:
     """Yield `tests`, but no test that fires because of a linearity deviation within the sensor's specification.
 
-    A specification limits the largest deviation only. Even within this limit, ripples may exceed the standard deviation
-    that the error model assumes.
+    A specification limits the largest deviation only. A deviation within this limit may still vary more than the error
+    model assumes, e.g. as ripples, and fire a test although the sensor is sound.
     """
     for test in tests:
         joint = test.code.removeprefix("VARIANCE_CURVE_")
@@ -168,7 +168,7 @@ def without_curves_in_specification(
 
 
 def _as_stated(j: int, faults: FaultModels, residuals: WhitenedResiduals) -> bool:
-    """Whether joint j's sensor may be within its linearity specification, as measured or else by the residuals."""
+    """Whether joint j's linearity deviation (measured, or else fitted to `residuals`) may be within specification."""
     curve = faults.linearity_curve(j)
     if curve is None:
         return False
@@ -192,8 +192,7 @@ FREE = 1e-6
 class Outliers:
     """Result of the search for outliers.
 
-    `test`: test of the worst pose. `poses`: indices of the outliers, the worst first. `rest`: residuals of all other
-    poses.
+    `test`: test of the worst pose. `poses`: indices of the outliers, the worst first. `rest`: residuals without them.
     """
 
     test: HypothesisTest

@@ -39,7 +39,7 @@ TREND_FLOOR = 1e-12
 class Identifiability:
     """Identifiability indices of one Jacobian.
 
-    `rank`: number of parameters, or combinations of them, that the poses determine: all but the `directions`.
+    `rank`: number of parameters, or of combinations of parameters, that the poses determine.
     `scaled_condition_number`: ratio of largest to smallest singular value with unit columns (paper: below 100 is
     acceptable); inf if the smallest is zero.
     `condition_number`: ratio of largest to smallest singular value without column scaling (1 m : 1 rad).
@@ -207,11 +207,11 @@ def _immobile_offsets(
     spans_rad: FloatArray,
     known: tuple[UnidentifiableDirection, ...],
 ) -> tuple[UnidentifiableDirection, ...]:
-    """Return a direction for the offset of each immobile joint that the `known` directions do not include.
+    """Return a direction for each immobile joint whose offset is in none of the `known` directions.
 
-    The offset of an immobile joint is one more constant of the geometry. If link lengths are taken as exact, the rank
-    may still be full and the scaled condition number low (9.6 in an example with a rigid fixture). But a length error
-    of a millimetre then looks like an error of the offset. So the offset is reported as unidentifiable.
+    The offset of such a joint is one more constant of the geometry. If link lengths are taken as exact, the rank may
+    still be full, and the scaled condition number low (9.6 in one example). But a length error of a millimetre then
+    looks like an error of the offset, so the offset is reported as unidentifiable.
     """
     named = {name for direction in known for name in direction.parameters}
     return tuple(

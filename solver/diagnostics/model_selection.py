@@ -1,12 +1,12 @@
-"""Selects the unknowns of a model: compares faults by their evidence, and chooses the parameters to fix.
+"""Selects a model: compares faults by their evidence, and chooses which unidentifiable parameters to fix.
 
-A fault is a set of columns that were not fitted, with coefficients b ~ N(0, v D). The value of v that maximises the
-likelihood is used. The likelihood of a fault is large if the fault explains much of the misfit, and small if it could
-explain any misfit equally well (Occam's factor). The scale of the noise is estimated too, above a lower limit. So
-residuals that no fault explains count as noise, and the choice becomes less certain.
+A fault adds columns to the fit, with coefficients b ~ N(0, v D), where D holds the squares of the expected magnitudes.
+The value of v that maximises the likelihood is used. The likelihood is large if the fault explains much of the misfit,
+and small if the fault could explain any misfit equally well (Occam's factor). The scale of the noise is estimated, too,
+above a lower limit. So residuals that no fault explains count as noise, and the choice becomes less certain.
 
-Any parameter of an unidentifiable direction may be fixed without changing the loop. An entry of the arm's table is
-fixed in preference to a parameter of the fixture: a wrong s_1 would look like an error of the arm.
+Any parameter of an unidentifiable direction may be fixed without changing the loop. Entries of the arm's table are
+fixed rather than parameters of the fixture: a fixed s_1, if wrong, would look like an error of the arm.
 """
 
 from dataclasses import dataclass
@@ -75,11 +75,11 @@ def evidence(
     own: IntArray | None = None,
     most: float = np.inf,
 ) -> Evidence | None:
-    """Compute the evidence for the fault whose coefficients change the misclosures by the columns G (m, r, c).
+    """Compute the evidence for a fault with c coefficients b, which changes the misclosures by ``G @ b``.
 
-    The result is None if the fit already contains all of these columns. `expected_size` (c,): expected magnitudes of
-    the coefficients. `own`: poses (p,) each of which has c coefficients of its own; then G is (p, r, c), and
-    `expected_size` is (p * c,). `most`: largest multiple of `expected_size` to try.
+    The result is None if the fit already contains all columns G (m, r, c). `expected_size` (c,): expected magnitudes of
+    the coefficients. `own`: None, or the indices (p,) of the poses that have c coefficients each; then G is (p, r, c),
+    and `expected_size` is (p * c,). `most`: largest multiple of `expected_size` to try.
     """
     if own is not None:
         return _evidence_of_own(residuals, own, G, expected_size, most)

@@ -86,8 +86,8 @@ class LoopAngle:
     """True angle of one unsensed joint at every pose, with the covariance ``diag(own) + common common'``, rad^2.
 
     `joint`: 1-based.
-    `angle_rad` (m,): joint angle theta' including the offset, not wrapped. It is near the joint's reading, which is not
-    used otherwise, plus the nominal offset.
+    `angle_rad` (m,): joint angle theta' including the offset, not wrapped: the solution near the joint's reading plus
+    the nominal offset. The reading is not used otherwise.
     `own` (m,): variance of each angle due to the readings of its pose, independent from pose to pose.
     `common` (m, c): root of the covariance due to errors of the parameters, which are common to all poses.
     """
@@ -118,10 +118,11 @@ def loop_angles(
 ) -> tuple[LoopAngle, ...]:
     """Estimate the angles of the unsensed arm joints from readings `q` (m, n), rad.
 
-    `x` (P,), `covariance` (P, P): the parameters and their covariance. `near`: as in `adjust_poses`. The linearised
-    loop is c + J_q e + f + N du = 0, with e the errors of the readings, f the deflection of the fixture, and du the
-    change of the unsensed angles. With S the covariance of J_q e + f, and E the left null space of N, the best estimate
-    of du has the covariance ``N^+ (S - S E (E' S E)^-1 E' S) N^+'``. The covariance due to the parameters is added.
+    `covariance`: covariance (P, P) of `x`. `near`: joint corrections (m, n) and unsensed angles (m, U) to start from.
+
+    The linearised loop is c + J_q e + f + N du = 0, with e the errors of the readings, f the fixture's deflection, and
+    du the change of the unsensed angles. With S the covariance of J_q e + f, and E the left null space of N, the best
+    estimate of du has the covariance ``N^+ (S - S E (E' S E)^-1 E' S) N^+'``. The covariance due to `x` is added.
     """
     adjusted = adjust_poses(model, x, q, noise, near=near)
     error = adjusted.error

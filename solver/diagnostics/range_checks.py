@@ -164,7 +164,7 @@ def range_findings(
     """Return a finding for each joint whose readings are outside its range in the arm file, or are saturated.
 
     Readings of `unsensed_joints` are not checked. Raises `ReadingsOutOfRangeError` if at least half of the poses have a
-    reading far outside that wrong turn counts do not explain.
+    reading far outside its range. Readings that a wrong turn count explains do not count.
     """
     q = poses.q_rad
     outside = _outside(arm, q)
@@ -214,7 +214,7 @@ def _outside(arm: ArmModel, q: FloatArray) -> FloatArray:
 
 
 def _whole_turns(arm: ArmModel, q: FloatArray, joint: int) -> bool:
-    """Whether a wrong turn count of the encoder explains why readings of `joint` (1-based) are outside."""
+    """Whether a wrong turn count explains why the encoder readings of `joint` (1-based) are outside its range."""
     if isinstance(arm.joints[joint - 1].sensor, Rvdt):
         return False
     middle = arm.joints[joint - 1].middle_rad

@@ -30,8 +30,8 @@ class SmoothCurve:
     `smoother`: (degree + 1, m): maps the points to the coefficients.
     `residual`: (m,): points minus curve.
     `dof`: number of points minus number of coefficients.
-    `line_probability`: probability that a fit to points of a straight line improves as much on the line (F test, times
-    the number of degrees that were compared); 1 if the curve is a straight line.
+    `line_probability`: probability that, for points of a straight line, noise makes the curve fit so much better than
+    the line (F test, times the number of degrees that were compared); 1 if the curve is a straight line.
     """
 
     low: float
@@ -52,7 +52,7 @@ class SmoothCurve:
         return np.asarray(_basis(abscissa, self.low, self.high, self.degree) @ self.coefficients)
 
     def by_points(self, abscissa: FloatArray) -> FloatArray:
-        """Derivatives (k, m) of the curve at `abscissa` (k,) with respect to the points' values."""
+        """Derivatives (k, m) of the curve at `abscissa` (k,) with respect to the m values to which it was fitted."""
         return np.asarray(_basis(abscissa, self.low, self.high, self.degree) @ self.smoother)
 
 
@@ -124,7 +124,7 @@ class RvdtFigures:
     `half_range`: half the peak-to-peak deviation from a line of gain 1, as a fraction of full scale.
     `noise`: noise of a single reading.
     `loop_sd_rad`: standard deviation (rms over the poses) of an angle that the loop measures.
-    `line_probability`: probability that a linear sensor seems to be so curved.
+    `line_probability`: probability that noise makes a linear sensor look so curved (see `SmoothCurve`).
     `angle_rad`, `deviation_rad`: (m,) true sensor angle of each pose, and its reading minus this angle.
     `curve`: deviation as a function of the true sensor angle.
     `table_rad`: (k, 3): reading, correction to be added to the reading, standard deviation of the correction. Corrected
@@ -153,7 +153,7 @@ class RvdtFigures:
 
 
 def sensor_angle(reading_rad: FloatArray, measured: LoopAngle) -> tuple[FloatArray, float]:
-    """Return the true angle in sensor coordinates (m,) and the mean offset subtracted from it, rad."""
+    """Return the angles (m,) that an exact sensor would read, and the joint's offset (mean theta' - reading), rad."""
     apart = measured.angle_rad - reading_rad
     # The median decides on the whole turns; no reading is wrong by half a turn.
     middle = float(np.median(np.unwrap(apart)))
@@ -247,8 +247,8 @@ TERMS = 200
 class SingleNoise:
     """Noise of a single reading, without the error of rounding to whole LSB.
 
-    `lsb`, `low`, `high`: value and 95 % interval, LSB. `from_spread`: whether the noise was calculated from the spread
-    of the samples within each pose; otherwise it was calculated from the closure errors.
+    `lsb`: standard deviation, LSB. `low`, `high`: ends of its 95 % interval. `from_spread`: whether the noise follows
+    from the spread of the samples within each pose; otherwise it follows from the closure errors.
     """
 
     lsb: float

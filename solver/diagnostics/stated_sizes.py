@@ -83,10 +83,10 @@ class ExceededSpecification:
 
 
 def exceeded_specifications(fit: LinearFit) -> tuple[ExceededSpecification, ...]:
-    """Return the sources that are certainly larger than stated, the one nearest to its stated value first.
+    """Return the sources of error that certainly exceed their stated sizes, the smallest excess first.
 
     A variance estimated with standard error s is distributed as chi2 with ``2 v^2 / s^2`` degrees of freedom
-    (Satterthwaite). The order is by plausibility: large ratios to the stated value are rare.
+    (Satterthwaite). The smallest ratio to the stated size comes first, because large ratios are rare.
     """
     from scipy.special import chdtrc
 
@@ -160,7 +160,7 @@ def shares_of_poses(fit: LinearFit) -> dict[str, float]:
     """Share of each parameter's information that comes from the poses, by name.
 
     The share is ``1 - posterior variance / prior variance``, or 1 for a parameter without a prior. The prior variance
-    is the stated one, even if the estimated scale of its family differs from 1.
+    is the stated one, even if the fit estimates by which factor the actual errors differ from the stated ones.
     """
     design = fit.design
     names = [p.name for p in design.model.parameters]

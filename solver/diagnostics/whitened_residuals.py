@@ -48,7 +48,7 @@ class WhitenedResiduals:
         return np.asarray(self.whitener @ G)
 
     def score(self, G: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the score G'Pw (c,) of further columns G (m, r, c), and the score's covariance G'PG (c, c)."""
+        """Return the score G'Pw (c,) of columns G (m, r, c), and its covariance G'PG (c, c); P, w: see the module."""
         white = self.whiten(G).reshape(-1, G.shape[-1])
         inside = self.U.reshape(len(white), -1).T @ white
         return white.T @ self.white.reshape(-1), white.T @ white - inside.T @ inside
@@ -117,9 +117,9 @@ ROUNDING = 1e-13
 
 
 class OwnColumns:
-    """Columns with c coefficients for each of some poses, whitened, then rotated to be orthogonal within each pose.
+    """Whitened columns that act in one pose each, c columns in each of p poses, rotated to be orthogonal in every pose.
 
-    `poses`: (p,) indices.
+    `poses`: (p,): indices of the poses.
     `white`: (p, r, c): whitened columns before the rotation.
     `turn`: (p, c, c): maps coefficients of the rotated columns to coefficients of `white`.
     `own`, `score`: (p * c,): sums of squares of the rotated columns, and their scalar products with the residuals.
@@ -160,7 +160,7 @@ class OwnColumns:
         )
 
     def coefficients(self, solved: SolvedColumns) -> tuple[FloatArray, FloatArray]:
-        """Return the coefficients (p * c,) of the columns `white`, and the variances of these coefficients."""
+        """Return the coefficients (p * c,) of the columns before their rotation, and the coefficients' variances."""
         p, _, c = self.white.shape
         spread = self.inside / solved.total[:, None] @ solved.back.T
         spread = self.turn @ spread.reshape(p, c, -1)
@@ -169,11 +169,11 @@ class OwnColumns:
         return b, variance.reshape(-1)
 
     def moved(self, solved: SolvedColumns) -> FloatArray:
-        """Return the change of the parameters (P,) when the columns are fitted with the coefficients in `solved`."""
+        """Return the change of the parameters (P,) if these columns are fitted as well, with the result `solved`."""
         return np.asarray(self.residuals.to_x @ (self.inside.T @ solved.b))
 
     def drawn(self) -> WhitenedResiduals:
-        """Return the residuals after these columns, with coefficients ~ N(0, 1), are added to the noise of `poses`."""
+        """Return the residuals if the noise of `poses` includes these columns times coefficients ~ N(0, 1)."""
         residuals, solved = self.residuals, self.solved(1.0)
         b = (self.turn @ solved.b.reshape(len(self.poses), -1, 1))[..., 0]
         white = residuals.white + residuals.U @ (self.inside.T @ solved.b)
@@ -198,11 +198,11 @@ class OwnColumns:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SolvedColumns:
-    """Solution for the rotated columns of `OwnColumns`, whose coefficients have the prior variance v.
+    """Fit of the rotated columns of an `OwnColumns`; the prior of each coefficient is N(0, v).
 
-    `b` (p * c,): coefficients of the columns.
+    `b` (p * c,): coefficients of the rotated columns.
     `drop`: reduction of chi2 by the columns.
-    `logdet`: ``log det (I + v C)``, with C the covariance of the columns' scores.
+    `logdet`: ``log det (I + v C)``, with C = G'PG as in the module.
     `total` (p * c,), `back` (K, K): factors of the covariance of `b`, which is ``D + D W back' back W' D``. Here D is
     diag(1 / total), W is `OwnColumns.inside`, and ``back' back = (I - W' D W)^-1``.
     """

@@ -1,12 +1,12 @@
 """Gravity's torque on every joint, and the displacements of a fixture of unknown compliance.
 
-Each half of a fixture has an unknown compliance matrix C, constant in that half's own axes, symmetric and positive
-definite. It is modelled as C = S M S. S is diagonal, with one element for angles and one for positions. M is random,
-with mean I and the second moments of a Wishart matrix of nu degrees of freedom (d_ij is 1 if i = j, otherwise 0),
+Each half of a fixture has an unknown compliance matrix C. It is symmetric, positive definite and constant in the half's
+own axes. The model is C = S M S. S is diagonal; its elements s_i have one value for angles and another for positions. M
+is random, with mean I and the second moments of a Wishart matrix of nu degrees of freedom,
 
-    E[M_ik M_jl] = d_ik d_jl + (d_ij d_kl + d_il d_kj) / nu.
+    E[M_ik M_jl] = d_ik d_jl + (d_ij d_kl + d_il d_kj) / nu,        d_ij = 1 if i = j, otherwise 0.
 
-The wrench on the fixture at pose p is W(p) z, z ~ N(0, I), where z are the errors of the stated masses and centres. So
+The wrench on the fixture at pose p is W(p) z, where z ~ N(0, I) are the errors of the stated masses and centres. So
 the displacements C W z at two poses p and p' have the covariance
 
     s_i s_j (G_ij + (d_ij sum_k G_kk + G_ji) / nu),     G = S W(p) W(p')' S.
@@ -32,9 +32,9 @@ WISHART_DOF = 6.0
 class FixtureLoads:
     """Loads on a fixture at m poses that result from errors of the stated masses and centres.
 
-    `pull`: ``S W`` (m, k, a) of the module's docstring, for a errors of unit variance, in the frame of the deflection.
+    `pull` (m, k, a): ``S W`` of the module's docstring, in the frame of the deflection; a: number of errors.
     `halves`: for each half of the fixture, its share of the deflection's standard deviation, and the rotation (m, k, k)
-    from the half's own axes to the frame of the deflection; None if they coincide. The rotations commute with S.
+    from its own axes to the frame of the deflection (None if they coincide). The rotations commute with S.
     """
 
     pull: FloatArray
@@ -49,8 +49,9 @@ class FixtureLoads:
 def compliance_sizes(stated_deflection: tuple[float, float], *, rotations: int) -> FloatArray:
     """Return the diagonal (k,) of S for which a moment and a force of rms magnitude 1 cause the stated deflection.
 
-    `stated_deflection`: rms of each rotation, give_rad, and of each translation, give_m. With a and b the squares of
-    the elements of S for angles and positions, the module's covariance, summed over three components, is
+    `stated_deflection`: rms of each rotation, give_rad, and of each translation, give_m. `rotations`: number of closure
+    components that are rotations, 3 or 0. If a is the square of the element of S for angles, and b of that for
+    positions, the variances of the module's docstring, summed over three components, are
 
         a^2 (1 + 4 / nu) + 3 a b / nu = 3 give_rad^2,   b^2 (1 + 4 / nu) + 3 a b / nu = 3 give_m^2.
     """
@@ -76,7 +77,7 @@ def blocks(k: int) -> list[slice]:
 def covariance(one: FixtureLoads, two: FixtureLoads, s: FloatArray) -> FloatArray:
     """Return the covariance (m k, m' k) of the displacements at two sets of poses, by the module's formula.
 
-    `s` (k,): diagonal of S. The formula's first term is the same for any rotation of the halves' own axes.
+    `s` (k,): diagonal of S. Only the formula's term in 1 / nu depends on the orientation of the halves' own axes.
     """
     k, a, b = len(s), len(one.pull), len(two.pull)
     product = (one.pull.reshape(a * k, -1) @ two.pull.reshape(b * k, -1).T).reshape(a, k, b, k)
@@ -95,7 +96,7 @@ def _transposed(turn: FloatArray | None) -> FloatArray | None:
 
 
 def _turned(C: FloatArray, turn_a: FloatArray | None, turn_b: FloatArray | None) -> FloatArray:
-    """C (a, k, b, k) with its rows rotated by `turn_a` (a, k, k) and its columns by `turn_b` (b, k, k)."""
+    """Return C (a, k, b, k) with its rows rotated by `turn_a` (a, k, k) and its columns by `turn_b` (b, k, k)."""
     if turn_a is None or turn_b is None:
         return C
     a, k, b, _ = C.shape
@@ -105,7 +106,7 @@ def _turned(C: FloatArray, turn_a: FloatArray | None, turn_b: FloatArray | None)
 
 
 def variance(loads: FixtureLoads, s: FloatArray) -> FloatArray:
-    """Diagonal (m, k) of `covariance` at one set of poses; it is the same for any rotation of the halves' own axes."""
+    """Return the diagonal (m, k) of `covariance`; it does not depend on the orientation of the halves' own axes."""
     squares = (loads.pull**2).sum(-1)
     every = squares + (squares + squares.sum(-1, keepdims=True)) / WISHART_DOF
     return np.asarray(sum(share**2 for share, _ in loads.halves) * every * s**2)
@@ -138,13 +139,13 @@ class ArmPoses:
 
     @property
     def shapes(self) -> int:
-        """Number s of columns that `torques` returns."""
+        """Length s of the last axis of `torques`."""
         return 1 + 4 * len(self.masses.mass_kg) + len(self.masses.tilted)
 
     def torques(self, poses: IntArray | slice) -> FloatArray:
-        """Return gravity's torque (m, n, s), N m: in column 0 as stated, in the others its change for each error.
+        """Return gravity's torque (m, n, s), N m: first the stated one, then its change for each error of one sigma.
 
-        The errors, of one sigma each, are those of `_by_moment` (4 n columns), then the tilts of the base.
+        The errors are those of each link's mass and centre x, y, z (4 n columns), then the tilts of the base.
         """
         rows, masses = self.arm_rows(), self.masses
         arm = forward(self.q[poses] + rows[DhKind.THETA_OFF], *rows[DhKind.S :])
@@ -155,7 +156,7 @@ class ArmPoses:
 
 
 def _by_moment(rates: FloatArray, masses: LinkMasses) -> FloatArray:
-    """Return the torque (m, n, 4 n), N m, for errors of one sigma: for each link, of its mass, then centre x, y, z."""
+    """Return the torque's change (m, n, 4 n), N m, for an error of one sigma in each link's mass and centre x, y, z."""
     m, n = rates.shape[:2]
     # One product for each link: all joints at all poses with its moments.
     by_link = rates.transpose(2, 0, 1, 3).reshape(n, m * n, 4) @ masses.moments_sd

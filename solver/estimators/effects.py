@@ -27,10 +27,10 @@ from solver.estimators.shapes import JointShapes
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class System(ReducedEquations):
-    """Reduced closure equations of m poses (see the module).
+    """Reduced closure equations of m poses; w, A, B and E are those of the module's docstring.
 
-    `angle` (m, n): corrected joint angles, rad, at which sensor errors are evaluated. `distances`: misclosures (k,) and
-    derivatives (k, P) of the measured distances; these equations do not depend on the poses.
+    `angle` (m, n): corrected joint angles, rad, at which sensor errors are evaluated.
+    `distances`: misclosures (k,) and derivatives (k, P) of the measured distances, which do not depend on the poses.
     """
 
     angle: FloatArray
@@ -53,10 +53,11 @@ class System(ReducedEquations):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Whitened:
-    """Whitened equations of some poses: columns M (m, r, width) and misclosure w (m, r).
+    """Whitened equations of some poses.
 
-    The columns M are those of the parameters without a prior, then those of the effects. `L_inverse` (m, r, r):
-    matrices that whiten the equations. `C` (m, r, n + k), `noise` (m, n + k): noise's whitened columns and variances.
+    `M` (m, r, width): columns of the parameters without a prior, then of the effects. `w` (m, r): misclosures.
+    `L_inverse` (m, r, r): matrices that whiten the equations.
+    `C` (m, r, n + k): whitened columns of the noise. `noise` (m, n + k): variance of the noise along each column.
     """
 
     poses: slice
@@ -79,8 +80,8 @@ class NoiseSources:
 
     `names`: the sources. `component` (s,): index of the variance component that scales each source; -1 for none.
     `rates` (s, m, n + k): variance for a component of 1; without a component, the variance itself.
-    `missed` (s,): whether the source is the part of play that the effects leave out. Its component (at most 1) scales
-    this part but is not estimated from it, because the side to which play is taken up repeats from pose to pose.
+    `missed` (s,): whether the source is the part of play that the effects leave out. The component of these effects
+    scales this part, by at most 1. It is not estimated from this part, because the side of play repeats between poses.
     `estimated` (c,): indices of the components that are estimated from the noise.
     `derivatives` (m, n + k, c): derivatives of the noise's variance with respect to these components.
     """
@@ -117,7 +118,7 @@ class LinearModel(Layout):
         return JointShapes(self.q, self.accuracy, self.errors.curves, (self.play, self.sags))
 
     def at_poses(self, poses: IntArray) -> LinearModel:
-        """Return the model of a selection of poses, with smooth functions of the pose made from these poses only."""
+        """Return the model of a selection of poses. Smooth functions of the pose are recomputed from these poses."""
         return LinearModel(
             self.model.at_poses(poses),
             self.q[poses],
@@ -186,7 +187,7 @@ class LinearModel(Layout):
         )
 
     def noise_variance(self, v: FloatArray) -> FloatArray:
-        """Return the noise's variance (m, n + k) along n joints, rad^2, and k closure components, rad^2 or m^2."""
+        """Return the noise variances (m, n + k) of n joints and k closure components, rad^2 or m^2, for `v` (K,)."""
         return np.concatenate([self.noise_sources(poses).total(v) for poses in self.parts()])
 
     def smooth_deflection_variance(self, v: FloatArray) -> FloatArray:
@@ -211,7 +212,7 @@ class LinearModel(Layout):
     def whiten(self, system: System, v: FloatArray, root: FloatArray, poses: slice) -> Whitened:
         """Whiten the equations `system` of these `poses`; raises `PosesDoNotFitError` (see `whitener`).
 
-        `root` (width - hard,): standard deviation of each effect's coefficient, by which its column is multiplied.
+        `root` (width - hard,): standard deviations of the effects' coefficients, by which the columns are multiplied.
         """
         C, noise = system.noise_columns, self.noise_sources(poses).total(v)
         V = (C * noise[:, None, :]) @ np.swapaxes(C, -1, -2)
@@ -245,7 +246,7 @@ class LinearModel(Layout):
     def effects_at(self, b: FloatArray, angle: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the joint corrections (m, n) and fixture displacements (m, k) caused by effects with coefficients `b`.
 
-        The corrections include expected play and sag. `b` is not in units of the coefficients' standard deviations.
+        The corrections include expected play and sag. `b` is like `LinearFit.b`: not scaled to unit variance.
         """
         shift, deflection = self.expected.copy(), np.zeros((len(self.q), self.rows))
         at = len(self.soft_index)
@@ -269,8 +270,8 @@ class State:
     """Parameters x (P,), joint corrections e (m, n) and unsensed angles u (m, U), with the points of linearisation.
 
     Loops are linearised at joint angles `closed_q` (m, n) and unsensed angles `closed_u` (m, U), rad, at which they
-    close without deflection of the fixture. If the deflection left them open, a smaller arm would close them better.
-    The estimated scale of the arm would have a bias of the order of the noise squared, which dominates for many poses.
+    close without deflection of the fixture. Linearised at open loops, the fit would shrink the arm, because the gaps of
+    a smaller arm are smaller. This bias is of the order of the noise squared, and for many poses it dominates.
     """
 
     x: FloatArray
@@ -281,10 +282,9 @@ class State:
 
 
 class Linearisation:
-    """Equations of `design` at `state`, computed for some poses at a time.
+    """Equations of `design` at `state`, computed for some poses at a time, which limits the memory for Jacobians.
 
-    So the Jacobians of a hundred thousand poses are never in memory together. The equations of the last slice of poses
-    are kept: if one slice covers all poses, they are computed only once.
+    The equations of the last slice of poses are kept. So if one slice covers all poses, they are computed only once.
     """
 
     def __init__(self, design: LinearModel, state: State) -> None:
@@ -303,7 +303,7 @@ class Linearisation:
         return self._of(poses)[0] if isinstance(poses, slice) else self._made(poses)[0]
 
     def rates(self, poses: slice) -> Rates:
-        """Return the derivatives of the unsensed angles at a slice of the poses."""
+        """Return the derivatives that determine the step of the unsensed angles, at a slice of the poses."""
         return self._of(poses)[1]
 
     def _of(self, poses: slice) -> tuple[System, Rates]:

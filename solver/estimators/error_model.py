@@ -18,7 +18,7 @@ from solver.chain.sensors import DITHER, Rvdt, SensorCurve
 from solver.estimators.load_effects import LoadBasis
 
 SD_OF_PEAK = 0.5
-"""Sigma of a `SensorCurve`'s coefficients for which its peak is about 1: with sigma 1 its terms add up to about 2."""
+"""Sigma of a `SensorCurve`'s coefficients for which the curve's peak is about 1; for a sigma of 1 it is about 2."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -101,7 +101,8 @@ def stated_errors(
 ) -> ErrorModel:
     """Return the errors stated in the arm's file for readings that are means of `samples` (m,) samples each.
 
-    `sd_rad`: standard deviation of the samples at each pose (m, n), rad; None if not recorded.
+    `sd_rad`: standard deviation of the samples at each pose (m, n), rad; None if not recorded. `unsensed_joints`:
+    joints (1-based) whose readings are not used, so that the noise of their sensors is not estimated.
     """
     variance = variance_of_means(arm, samples)
     analogue = []
@@ -162,7 +163,7 @@ Names = tuple[str, str, str]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeasuredDistance:
-    """Measured distance of two points, and its uncertainty, m. `first`, `second`: names of each point's coordinates."""
+    """Measured distance between two points, and its uncertainty, m; `first`, `second`: names of their coordinates."""
 
     first: Names
     second: Names
@@ -173,7 +174,7 @@ class MeasuredDistance:
 def distance_and_rates(
     first: Sequence[int], second: Sequence[int], x: FloatArray
 ) -> tuple[float, FloatArray]:
-    """Return the distance, m, of the points x[first] and x[second], and its derivatives (P,) with respect to x (P,)."""
+    """Return the distance, m, between points x[first] and x[second], and its derivatives (P,) with respect to x."""
     apart = x[list(second)] - x[list(first)]
     value = float(np.linalg.norm(apart))
     rates = np.zeros_like(x)

@@ -1,4 +1,4 @@
-"""Result of any estimator, its closure error, and the check that there are enough poses.
+"""Result that every estimator returns, its closure error, and the check that there are enough poses.
 
 sigma_pos and sigma_ori (paper, eqs. 14 and 15) are computed at the measured joint angles.
 """
@@ -82,7 +82,7 @@ class Estimate:
         return None if self.chi2 is None else self.chi2 / self.dof
 
     def without(self, names: Collection[str]) -> Estimate:
-        """Return the same estimate without some of its parameters."""
+        """Return the estimate without the parameters `names`; the covariance of the others does not change."""
         indices = [k for k, p in enumerate(self.parameters) if p.name not in names]
         if len(indices) == len(self.parameters):
             return self
@@ -94,7 +94,7 @@ class Estimate:
         )
 
     def given(self, names: Collection[str]) -> Estimate:
-        """Return the estimate without the parameters `names`, with the covariance that applies if these were exact."""
+        """Return the estimate without `names`, with the covariance of the others if these values are known exactly."""
         indices = [k for k, p in enumerate(self.parameters) if p.name not in names]
         rest = self.without(names)
         if len(indices) == len(self.parameters):

@@ -75,9 +75,9 @@ class ParameterPrior:
 class ImplicitFit:
     """Result of the implicit estimator's iteration.
 
-    `x`, `covariance`: parameters (P,) and their covariance (P, P) under the noise model. `pose_chi2`: each pose's
-    share of chi2 (m,). `corrections`: joint corrections e (m, n), rad, adjusted minus measured. `unsensed`: unsensed
-    angles (m, U), rad.
+    `x` (P,), `covariance` (P, P): parameters, and their covariance under the noise model.
+    `pose_chi2` (m,): each pose's share of chi2.
+    `corrections` (m, n): joint corrections e, rad, adjusted minus measured. `unsensed` (m, U): unsensed angles, rad.
     """
 
     x: FloatArray
@@ -247,7 +247,7 @@ def whitener(V: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Block:
-    """Linearised equations of some poses: whitened w, A, B and E', and the derivatives of the unsensed angles."""
+    """Linearised equations of some poses: w, A, B and E' of the module's docstring, whitened; and `Rates`."""
 
     w: FloatArray
     A: FloatArray
@@ -259,7 +259,7 @@ class _Block:
 
     @classmethod
     def of(cls, error: LoopError, e: FloatArray, variance: FloatArray, noise: NoiseModel) -> _Block:
-        """Return the equations of loops linearised at corrections e (m, n); `variance` (m, n): of joint readings."""
+        """Return the equations of loops linearised at corrections e (m, n); `variance` (m, n): of the readings."""
         deflection_variance = noise.deflection_variance
         system, V = linearise(error, e, variance, deflection_variance)
         whiten = whitener(V)
@@ -274,7 +274,7 @@ class _Block:
         )
 
     def after(self, step: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """New corrections (m, n), changes of unsensed angles (m, U) and each pose's chi2 (m,), after a step (P,)."""
+        """Return corrections (m, n), changes of unsensed angles (m, U) and each pose's chi2 (m,) after a step (P,)."""
         residual = self.w + self.A @ step
         across = residual[..., None, :]
         e = -self.joint_variance * (across @ self.B)[..., 0, :]

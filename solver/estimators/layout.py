@@ -81,15 +81,15 @@ placement."""
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class VarianceComponent:
-    """One variance v to be estimated. The defaults are for a scale: a ratio to the stated variance.
+    """One variance v to be estimated. The defaults are for a v that is a ratio to the stated variance.
 
-    `start`, `stated`: value at which the search starts, and value in the files.
+    `start`: value at which the search starts. `stated`: value that the files state.
     `floor`, `ceiling`: limits of v. `raise_limit`: value to which one step may raise v.
     `scaled`: whether v has a log-normal prior with median `start` (method, section 10): v stays near `start` unless the
     poses determine it.
-    `soft`: v has a prior proportional to exp(-v / (2 soft)).
-    `spread_variance`, `spread_dof`: estimate of v, from the spread within poses or from a specification, and its
-    degrees of freedom.
+    `soft`: v has a prior proportional to exp(-v / (2 soft)); none if infinite.
+    `spread_variance`, `spread_dof`: a further estimate of v, from the spread of the samples within poses or from a
+    specification, and its degrees of freedom.
     """
 
     name: str
@@ -124,10 +124,10 @@ _SOURCES = {
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Group:
-    """Columns whose coefficients share one variance: ``fixed`` plus the sum of factor times variance component.
+    """Columns whose coefficients share one variance.
 
-    `source`: name of the group in an uncertainty budget. `names`: names of the columns. `rates`: pairs of a component's
-    index and its factor.
+    `source`: name of the group in an uncertainty budget. `names`: names of the columns.
+    `fixed`, `rates`: the variance is `fixed` plus, for each pair (index, factor) of `rates`, factor times ``v[index]``.
     """
 
     source: str
@@ -144,9 +144,10 @@ class Layout:
     """Groups of columns and K variance components of a closure model with stated errors, for readings `q` (m, n), rad.
 
     `like`: a layout of the same poses, whose smooth functions of the pose are reused.
-    `width`, `hard`: number of columns; the first `hard` columns belong to the parameters without a prior.
+    `width`: number of columns; the first `hard` of them belong to parameters without a prior, the others to effects.
     `column` (P,): column of each parameter. `index`: index of each component by name.
-    `floors`, `ceilings`, `raise_limits`, `test_floors`, `scaled` (K,): one value for each component.
+    `floors`, `ceilings`, `raise_limits`, `scaled` (K,): fields of the components, see `VarianceComponent`.
+    `test_floors` (K,): smallest variances with which single readings are tested.
     `expected` (m, n), rad: expected sum of play and sag. `deflection` (k,), rad and m: fixture's stated deflection.
     `loaded`: effects of load on the fixture; None if unknown or zero.
     """
@@ -392,7 +393,7 @@ class Layout:
 
     @property
     def noise_components(self) -> list[int]:
-        """Indices of the components that scale noise: that of analogue sensors, and `motion_components`."""
+        """Indices of the components that scale noise: one for each analogue sensor, then `motion_components`."""
         return [*range(len(self.errors.analogue)), *self.motion_components]
 
     def start_variances(self) -> FloatArray:
@@ -400,16 +401,16 @@ class Layout:
         return np.array([c.start for c in self.components])
 
     def stated_variances(self) -> FloatArray:
-        """Return the variances (K,) that the files state; all stated deflection and play is in noise components."""
+        """Return the variances (K,) that the files state. Noise of deflection and play has the full stated one."""
         return np.array([c.stated for c in self.components])
 
     def variances_by_name(self, named: Mapping[str, float]) -> FloatArray:
-        """Return variances (K,) within their bounds: those in `named`, and start values for the other components."""
+        """Return the variances (K,) in `named`, and start values for the other components, clipped to their bounds."""
         v = np.array([named.get(c.name, c.start) for c in self.components])
         return np.asarray(np.clip(v, self.floors, self.ceilings))
 
     def as_stated(self, v: FloatArray) -> FloatArray:
-        """Return `stated_variances` (K,), with that of the fixture's placement raised to its estimate in `v` (K,)."""
+        """Return `stated_variances` (K,), but for the fixture's placement its variance in `v` (K,) if it is larger."""
         stated = self.stated_variances()
         for k, c in enumerate(self.components):
             if c.name == PLACEMENT:
@@ -417,7 +418,7 @@ class Layout:
         return stated
 
     def group_variances(self, v: FloatArray) -> FloatArray:
-        """Variance of every effect column's coefficient (width - hard,)."""
+        """Return the variance (width - hard,) of each effect's coefficient for variance components `v` (K,)."""
         return np.asarray(self._fixed + self.variance_rates @ v)
 
 
@@ -429,7 +430,7 @@ _OFFSET = f"{DhKind.THETA_OFF.symbol}_"
 
 
 def _source(parameter: Parameter, fixture: Collection[str]) -> str:
-    """Return the kind of a parameter with a prior, an element of `_SOFT`; `fixture`: names of fixture parameters."""
+    """Return a parameter's kind: lengths, twists, offsets or placement; `fixture`: names of fixture parameters."""
     if parameter.name.startswith(_OFFSET):
         return OFFSETS
     if parameter.name in fixture:

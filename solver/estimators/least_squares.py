@@ -99,7 +99,7 @@ class Triangle:
 
 
 def triangle_of(blocks: Iterable[tuple[FloatArray, FloatArray]]) -> Triangle:
-    """QR factorisation block by block (TSQR) of residuals (..., r) and Jacobians (..., r, P).
+    """Return the triangle of residuals (..., r) and Jacobians (..., r, P), factorised block by block (TSQR).
 
     Each block is triangularised together with the triangle of all blocks before it, so that memory does not grow with
     the number of rows, and J'J is never formed.
@@ -109,7 +109,7 @@ def triangle_of(blocks: Iterable[tuple[FloatArray, FloatArray]]) -> Triangle:
 
 
 def stacked_triangle(blocks: Iterable[FloatArray]) -> FloatArray:
-    """Return the upper triangle (P, P) of the QR factors of all blocks (..., P), stacked a few rows at a time."""
+    """Return the upper triangle (P, P) of the QR factors of all rows of the `blocks` (..., P), a few rows at a time."""
     from scipy.linalg import lapack
 
     triangle: FloatArray | None = None

@@ -34,12 +34,13 @@ LEAST_RESOLVED_SHARE = 1e-3
 class LinearFit:
     """The mixed model of `design` at one linearisation, solved for given variance components `v` (K,).
 
-    `change` (P,): fitted change of each parameter, rad or m: the step dx without a prior; with a prior, the deviation
-    from the nominal value. `unit` (P,): change of each parameter, rad or m, for a coefficient of 1.
-    `b` (width - hard,): predicted coefficients of the effects, not scaled to unit variance.
+    `change` (P,): fitted change of each parameter, rad or m. A parameter with a prior changes from its nominal value,
+    any other from its value at the linearisation.
+    `unit` (P,): change of each parameter, rad or m, if the coefficient of its column is 1.
+    `b` (width - hard,): predicted coefficient of each effect, not scaled to unit variance.
     `half` (width, width): upper triangular root of the inverse, ``H^-1 = half half'``.
-    `chi2`: ``w' P w``, with the projector ``P = I - M H^-1 M'``. `dof`: expectation of `chi2` if the variances are
-    right, i.e. number of equations minus number of parameters without a prior.
+    `chi2`: ``w' P w``, with the whitened misclosure w and the projector ``P = I - M H^-1 M'``.
+    `dof`: number of equations minus number of parameters without a prior. If `v` is right, `chi2` has this expectation.
     """
 
     def __init__(self, design: LinearModel, system: System | Linearisation, v: FloatArray) -> None:
@@ -88,7 +89,7 @@ class LinearFit:
         return _square(self.half)
 
     def _distances(self) -> tuple[FloatArray, FloatArray]:
-        """Return the measured distances' misclosures (k,) and their derivatives (k, width) by the coefficients of M."""
+        """Return the distances' misclosures (k,) and derivatives (k, width) with respect to the coefficients of M."""
         w, rates = self.system.distances
         rows = np.zeros((len(w), self.design.width))
         if len(w):
@@ -113,7 +114,7 @@ class LinearFit:
         return self.design.whiten(self.system.at_poses(poses), self.v, self.root, poses)
 
     def parts(self) -> Iterator[Whitened]:
-        """Yield the whitened poses in parts, effects scaled to unit variance; only a single part is kept for reuse."""
+        """Yield the whitened poses in parts, with effects of unit variance; a part that holds all poses is stored."""
         yield from self._whitened or (self._whiten(poses) for poses in self.design.parts())
 
     def residual(self, part: Whitened) -> FloatArray:
@@ -121,7 +122,7 @@ class LinearFit:
         return part.w + part.times(self.coefficients)
 
     def orthonormal(self, part: Whitened) -> FloatArray:
-        """Return ``M half`` (m, r, width), whose columns are orthonormal over the rows of all poses and the prior."""
+        """Return ``M half`` (m, r, width) for some poses; over all poses, distances and priors it is orthonormal."""
         from scipy.linalg import blas
 
         M = part.M.reshape(-1, self.design.width)
@@ -133,7 +134,7 @@ class LinearFit:
         return gain, np.eye(part.w.shape[1]) - gain @ np.swapaxes(part.M, -1, -2)
 
     def _columns(self, G: FloatArray) -> Iterator[tuple[Whitened, FloatArray]]:
-        """Yield each part of the whitened poses, and the whitened values (m r, k) of the columns G for these poses."""
+        """Yield each of `parts`, with the rows (m r, k) of the columns G for its m poses, whitened in the same way."""
         for part in self.parts():
             yield part, (part.L_inverse @ G[part.poses]).reshape(-1, G.shape[-1])
 
@@ -153,7 +154,7 @@ class LinearFit:
 
     @cached_property
     def at_known_noise(self) -> LinearFit:
-        """The same linearisation, solved for stated variances, with estimated noise where it is below the stated noise.
+        """The same linearisation, solved for stated variances; noise has its estimated variance where that is smaller.
 
         Noise is limited to the stated value, so that a fault does not count as noise. A smaller estimate makes tests of
         single readings more powerful.
@@ -190,14 +191,14 @@ class LinearFit:
         return np.asarray(sum(G.T @ G for G in (*rows, self._distances()[1] @ gain)))
 
     def _gain(self) -> FloatArray:
-        """Return the parameters' rows (P, width) of the inverse of H, in rad and m."""
+        """Return the rows (P, width) of H^-1 that belong to the parameters, multiplied by `unit`."""
         return np.asarray(self.H_inverse[self.design.column] * self.unit[:, None])
 
     def budget(self) -> dict[str, FloatArray]:
         """Return the contribution (P,) of each source to the parameters' variances; the contributions sum to the total.
 
-        Each contribution is exact, because the estimate is linear in the errors. Without the source, the variance would
-        be smaller by this amount if the weights of the fit stayed the same.
+        Each contribution is exact, because the estimate is linear in the errors. If a source were removed and the fit
+        kept its weights, the variances would decrease by the source's contribution.
         """
         design, gain = self.design, self._gain()
         variances: dict[str, FloatArray] = {}
@@ -230,9 +231,10 @@ class LinearFit:
     # ---- predictions between poses, and effects outside the model
 
     def score(self, G: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Score s = G' P w (k,) of further columns G (m, r, k) of the equations, and its covariance C = G' P G (k, k).
+        """Return the score ``s = G' P w`` (k,) of new columns G (m, r, k), and its covariance ``C = G' P G`` (k, k).
 
-        If G were added to the model, its coefficients would be ``-C^-1 s``, and chi2 would fall by ``s' C^-1 s``.
+        P and w are those of `chi2` (see the class); this method whitens G. If the model contained these columns, their
+        coefficients would be ``-C^-1 s``, and chi2 would be smaller by ``s' C^-1 s``.
         """
         k = G.shape[-1]
         Gw, GG, GM = np.zeros(k), np.zeros((k, k)), np.zeros((k, self.design.width))
@@ -243,9 +245,9 @@ class LinearFit:
         return Gw + GM @ self.coefficients, GG - GM @ self.H_inverse @ GM.T
 
     def moved_by(self, G: FloatArray) -> FloatArray:
-        """Return the change (P, k) of each parameter if the coefficient of one of the further columns G (m, r, k) is 1.
+        """Return the change (P, k) of every parameter caused by each of k errors that the model does not contain.
 
-        The changes are rows of ``-H^-1 M'G``.
+        Column i of G (m, r, k) is what error i adds to the misclosures. The changes are rows of ``-H^-1 M'G``.
         """
         MG = np.zeros((self.design.width, G.shape[-1]))
         for part, white in self._columns(G):
@@ -253,7 +255,7 @@ class LinearFit:
         return np.asarray(-self._gain() @ MG)
 
     def held_out_chi2(self, *parts: IntArray) -> list[tuple[float, int]]:
-        """Return the misfit of each group of poses (indices (k,)) to its prediction from all others: chi2 and dof.
+        """Return (chi2, dof) of the misfit of each group of poses (indices (k,)) to the prediction from all others.
 
         No refit is needed: chi2 is ``(P w)_F' P_FF^-1 (P w)_F``, with P the projector and F the group's equations.
         """
@@ -277,10 +279,10 @@ class LinearFit:
         return np.concatenate(chi2), np.concatenate(dof)
 
     def without_each(self) -> FloatArray:
-        """Changes (m, P) of the parameters when each pose in turn is left out, at unchanged variances.
+        """Return the changes (m, P) of the parameters if each pose in turn is left out, at unchanged variances.
 
-        No refit is needed: the coefficients change by ``H^-1 M' (I - M H^-1 M')^-1 e`` (matrix inversion lemma), with M
-        and the residual e of the pose left out. Directions that only this pose determines do not contribute.
+        No refit is needed. If M and e are the columns and the residual of this pose, the coefficients change by
+        ``H^-1 M' (I - M H^-1 M')^-1 e`` (matrix inversion lemma). Directions that only this pose determines stay fixed.
         """
         steps = []
         for part in self.parts():
@@ -291,9 +293,10 @@ class LinearFit:
 
     @property
     def pulls(self) -> FloatArray:
-        """Predicted deviation of each effect from its mean (width - hard,), divided by the prediction's sigma.
+        """Predicted deviation of each effect from its mean, divided by the standard deviation of the prediction.
 
-        It is ~ N(0, 1) if the model is right, and 0 for an effect about which the poses give no information.
+        Each of the ``width - hard`` effects has a pull. It is ~ N(0, 1) if the model is right, and 0 if the poses give
+        no information about the effect.
         """
         remaining = np.diagonal(self.H_inverse)[self.design.hard :]
         z = self.unit_b / np.sqrt(np.maximum(1.0 - remaining, 1e-12))
@@ -314,10 +317,10 @@ class LinearFit:
 
 
 def _held_out(N: FloatArray, residual: FloatArray) -> tuple[float, int]:
-    """Return chi2 and its degrees of freedom: ``r' V^-1 r`` with r = `residual` (R,), and the rank of V.
+    """Return chi2 = ``r' V^-1 r`` of R held-out equations with residuals r = `residual` (R,), and dof, the rank of V.
 
-    ``V = I - N N'``, N (R, K); if V is singular, its pseudo-inverse is used. Apart from eigenvalues of 1, ``I - N'N``
-    has the same eigenvalues as V, so the smaller of the two matrices suffices.
+    ``V = I - N N'``, where N (R, K) is the part of `orthonormal` for these equations. If V is singular, chi2 is from
+    its pseudo-inverse. Except for eigenvalues of 1, ``I - N'N`` has those of V, so the smaller matrix suffices.
     """
     few = len(N) <= N.shape[1]
     if few and (chi2 := _square_in(np.eye(len(N)) - N @ N.T, residual)) is not None:
@@ -347,7 +350,7 @@ def _square_in(V: FloatArray, w: FloatArray) -> float | None:
 def inverse_root(H: FloatArray) -> tuple[FloatArray, float]:
     """Return the upper triangular root K of the inverse, ``H^-1 = K K'``, and the logarithm of H's determinant.
 
-    K is from Cholesky's method if possible, which is accurate for columns of any units; eigenvectors are not.
+    K is computed by Cholesky's method if possible. Unlike eigenvectors, it is then accurate for columns of any units.
     """
     root = _triangular_root(H)
     if root is not None:

@@ -76,7 +76,7 @@ class JointLoads:
 
     `expected` (m, n): expected twist. `columns` (m, n, c): deviation from `expected` for each coefficient of 1.
     `missed` (m, n): variance that `columns` leave out; 1 for a joint on which gravity has no lever arm.
-    `side` (m, n): expected sign of gravity's torque, which moves the joint to that side of its play: from -1 to 1.
+    `side` (m, n): expected sign of gravity's torque, from -1 to 1. It tells to which side of its play a joint moves.
     """
 
     expected: FloatArray
@@ -90,10 +90,10 @@ class LoadBasis:
     """Effects of load at m poses, in units of the stated sag and deflection, for coefficients ~ N(0, 1).
 
     `joints`: effects on the joints.
-    `all_deflections`: (M, k, c) columns of the deflection along the k closure components. This array is large, so all
-    selections of the M poses share it.
-    `rows`: (m,) index of each pose in `all_deflections`.
-    `deflection_missed`: (m, k) variance of the deflection that `all_deflections` leaves out.
+    `all_deflections` (M, k, c): columns of the deflection along the k closure components, for all M poses for which the
+    basis was computed. This array is large, so `at_poses` does not copy it.
+    `rows` (m,): index of each pose in `all_deflections`.
+    `deflection_missed` (m, k): variance of the deflection that `all_deflections` leaves out.
     `gravity`: gives the effects on the joints at other poses.
     """
 
@@ -108,13 +108,13 @@ class LoadBasis:
         return np.asarray(self.all_deflections[self.rows[poses]])
 
     def modelled_deflection(self, stated: FloatArray, poses: slice) -> FloatArray:
-        """Return the deflection (m, k, c), rad or m, for coefficients of 1; `stated` (k,): stated deflection."""
+        """Return the deflection (m, k, c), rad or m, for each coefficient of 1; `stated` (k,): stated deflection."""
         # To save memory, the large array is scaled for some poses at a time.
         scale = np.sqrt(1.0 - UNMODELLED_SHARE) * stated
         return np.asarray(scale[:, None] * self.deflection_at(poses))
 
     def missed_variance(self, stated: FloatArray, poses: slice) -> FloatArray:
-        """Return the variance (m, k), rad^2 or m^2, of the deflection that `modelled_deflection` leaves out."""
+        """Return the variance (m, k), rad^2 or m^2, that `modelled_deflection` for the same `stated` leaves out."""
         return np.asarray((1.0 - UNMODELLED_SHARE) * stated**2 * self.deflection_missed[poses])
 
     def at_poses(self, poses: IntArray) -> LoadBasis:
@@ -127,10 +127,10 @@ class LoadBasis:
 class Gravity:
     """Each joint's twist as a function of gravity's torque on the arm `part`, in units of the joint's stated sag.
 
-    The torque tau (m, n, s) is that of `ArmPoses.torques`: the stated torque, then s - 1 errors.
+    The torque tau (m, n, s) is that of `ArmPoses.torques`: tau_j0 is the stated one on joint j, the others are errors.
     `rate` (n,): the expected twist of joint j is ``rate_j tau_j0``; 0 for a joint on which gravity has no lever arm.
-    `turn` (n, s, c): the columns of the deviations from the expected twist are ``sum_s tau_js turn_jsc``.
-    `size` (n, s): rms deviation from the expected twist per N m of each column of tau.
+    `turn` (n, s, c): if coefficient c is 1, the twist of joint j deviates from this by ``sum_s tau_js turn_jsc``.
+    `size` (n, s): rms deviation from the expected twist for 1 N m of each of the s torques.
     """
 
     part: ArmPoses
@@ -140,7 +140,7 @@ class Gravity:
 
     @classmethod
     def of(cls, part: ArmPoses, torque: FloatArray) -> Gravity:
-        """Return the twists as functions of the torque, with an rms of 1 for each joint at `torque` (m, n, s)."""
+        """Return the functions that give each joint's twist an rms of 1 over the poses of `torque` (m, n, s), N m."""
         m, n, s = torque.shape
         cuts = pose_slices(m)
         rms = np.sqrt(sum(np.einsum("mns,mns->n", torque[cut], torque[cut]) for cut in cuts) / m)
@@ -158,12 +158,12 @@ class Gravity:
         return cls(part=part, size=size, turn=size[..., None] * leading, rate=rate)
 
     def at(self, q: FloatArray) -> JointLoads:
-        """Return the effects on the joints at joint angles `q` (m, n), rad."""
+        """Return the effects of gravity on the joints at joint angles `q` (m, n), rad."""
         part = replace(self.part, q=q, u=np.zeros((len(q), 0)))
         return self.effects(part.torques(slice(None)))
 
     def effects(self, torque: FloatArray) -> JointLoads:
-        """Return the effects on the joints under torques (m, n, s), N m."""
+        """Return the effects of gravity on the joints for its torques (m, n, s), N m (see `ArmPoses.torques`)."""
         blocks = []
         for cut in pose_slices(len(torque)):
             block = torque[cut]
@@ -187,7 +187,7 @@ def load_basis(
     """Return the effects of load at joint angles `q` (m, n) and unsensed angles `u` (m, U), rad.
 
     `x`: approximate parameters (P,). `stated_deflection`: the fixture's rotation (rad) and translation (m); their ratio
-    determines how much moments and forces contribute. `deflection_columns`: number of columns for each placement.
+    weights moments against forces. `deflection_columns`: number of columns for each placement.
     """
     m, k = len(q), model.components
     parts = model.parts()
@@ -225,7 +225,7 @@ def load_basis(
 
 
 def _side(torque: FloatArray) -> FloatArray:
-    """Return the expected sign (m, n) of a `torque` (m, n, s): column 0 is its mean, the others one-sigma errors."""
+    """Return the expected sign (m, n), from -1 to 1, of the torque on each joint; `torque`: see `ArmPoses.torques`."""
     from scipy.special import erf
 
     spread = np.sqrt(2.0 * (torque[..., 1:] ** 2).sum(-1))
@@ -235,9 +235,10 @@ def _side(torque: FloatArray) -> FloatArray:
 def _wrenches(
     part: ArmPoses, poses: IntArray | slice, torque: FloatArray | None = None
 ) -> FloatArray:
-    """Return the fixture's wrench W (m, k, 4 n, d) for errors of mass and centre, for each of the d `driven_sets`.
+    """Return the fixture's wrench W (m, k, 4 n, d) for each of the d `driven_sets` of joints in position mode.
 
-    The errors are the 4 n of `ArmPoses.torques`. `torque`: result of that method at these poses, if already computed.
+    Each of the 4 n columns is for an error of one sigma in a link's mass or centre, in the order of `ArmPoses.torques`.
+    `torque`: torques of `part` at these poses, if already computed.
     """
     model = part.model
     error = model.loop(part.x, part.q[poses], part.u[poses])
@@ -305,7 +306,7 @@ def _load_deflection(
 
 
 def _pulled(part: ArmPoses, poses: IntArray | slice, W: FloatArray) -> FixtureLoads:
-    """Return the loads on both halves of the fixture; `W` (m, k, 4 n, d): its wrenches, already multiplied by S."""
+    """Return the loads on both halves of the fixture; `W` (m, k, 4 n, d): result of `_wrenches`, multiplied by S."""
     axes = part.model.fixture_axes(part.x, part.q[poses], part.u[poses])
     share = np.array([1.0, TOOL_SIDE_COMPLIANCE]) / np.hypot(1.0, TOOL_SIDE_COMPLIANCE)
     halves = []
@@ -323,8 +324,8 @@ def wrench_of(
 ) -> FloatArray:
     """Return the fixture's wrench (..., k, c) that keeps f free joints at rest under torques (..., f, c).
 
-    `J` (..., k, f): closure Jacobian's columns for the free joints. `E` (..., k, r): left null space of its columns for
-    the fixture's own degrees of freedom. `friction_m`: friction torque of a free joint per force at the fixture, N m/N.
+    `J` (..., k, f): columns of the closure Jacobian for the free joints. `E` (..., k, r): basis of wrenches that the
+    fixture can carry (``E' N = 0``). `friction_m`: friction torque of a free joint per force at the fixture, N m/N.
     """
     K = np.swapaxes(E, -1, -2) @ J
     square = K @ np.swapaxes(K, -1, -2) + friction_m**2 * np.eye(K.shape[-2])

@@ -81,8 +81,8 @@ class MixedFit:
 
     `x`: parameters (P,). `corrections`, `unsensed`: joint corrections e (m, n) and unsensed angles (m, U), rad.
     `fit`: the linear fit at the solution.
-    `final_derivatives`: the likelihood's derivatives with respect to the variances, from the poses from which these
-    were estimated; None if the variances were given.
+    `final_derivatives`: derivatives of likelihood and priors, from those poses from which the variances were estimated;
+    None if the caller gave the variances.
     """
 
     x: FloatArray
@@ -94,16 +94,16 @@ class MixedFit:
     converged: bool
 
     def derivatives(self) -> Derivatives:
-        """Return the likelihood's derivatives with respect to the variances, at the solution, with priors."""
+        """Return the derivatives of likelihood and priors (see `with_priors`) at the solution."""
         return with_priors(self.fit) if self.final_derivatives is None else self.final_derivatives
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FitStart:
-    """Result of another fit of the same poses, from which a fit may start.
+    """Result of an earlier fit of the same poses, from which a new fit may start.
 
-    `corrections`, `unsensed`: joint corrections (m, n) and unsensed angles (m, U), rad, for the loops of the new fit.
-    `layout`: layout of the other fit, with its poses in the order of the new fit.
+    `corrections` (m, n): joint corrections, rad. `unsensed` (m, U): unsensed angles of the new fit's loops, rad.
+    `layout`: layout of the earlier fit, with its poses in the order of the new fit.
     """
 
     corrections: FloatArray
@@ -121,8 +121,8 @@ def fit_mixed(
 ) -> MixedFit:
     """Fit parameters, effects, joint corrections and variances to the readings of `design`, from `x0` (P,).
 
-    If `variances` (K,) are given, they stay fixed, and so does the assumed sign of sag, `errors.signed` of the design;
-    otherwise the fit determines both. `near`: another fit to start from; for fixed variances only.
+    If `variances` (K,) are given, the fit changes neither them nor the assumed sign of sag (`design.errors.signed`);
+    otherwise it determines both. `near`: earlier fit to start from; only with given `variances`.
     """
     if variances is not None or len(design.q) <= 2 * POSES_FOR_VARIANCES:
         return _iterate(design, x0, variances, progress, near)
@@ -148,7 +148,7 @@ def _iterate(
     *,
     derivatives: Derivatives | None = None,
 ) -> MixedFit:
-    """Iterate to convergence. `variances` (K,) stay fixed if given; `derivatives`: the likelihood's for these."""
+    """Iterate to convergence. If `variances` (K,) are given, they stay fixed; the result contains `derivatives`."""
     v = design.start_variances() if variances is None else variances
     free = variances is None and len(v) > 0
     settled = SETTLED_BESIDE_VARIANCES_SIGMA if free else SETTLED_SIGMA
@@ -213,10 +213,10 @@ def _iterate(
 
 
 def expected_variances(fit: LinearFit, derivatives: Derivatives, v: FloatArray) -> FloatArray:
-    """Return the variances with estimated scales at their posterior mean; in `v` (K,), these scales are at the mode.
+    """Return `v` (K,) with posterior means instead of modes for the variances that have a log-normal prior.
 
-    Variances at the mode do not include the uncertainty of the scales. With a scale exp(t), t ~ N(t_mode, s^2), the
-    expected variance of an error is exp(2 t_mode + 2 s^2) times the stated variance. Other variances do not change.
+    A mode does not include the uncertainty of the variance. If an error is exp(t) times the stated one, with
+    t ~ N(t_mode, s^2), its mean square is exp(2 t_mode + 2 s^2) times the stated variance.
     """
     return np.asarray(
         np.minimum(v * np.exp(2.0 * scale_spread(fit, derivatives)), fit.design.ceilings)
@@ -224,10 +224,9 @@ def expected_variances(fit: LinearFit, derivatives: Derivatives, v: FloatArray) 
 
 
 def gravity_share(fit: LinearFit) -> float:
-    """Return the ratio of the sag and play that the readings show to the sag and play expected from gravity.
+    """Return the factor by which to multiply the sag and play expected from gravity for the best fit to the readings.
 
-    If the ratio is below one half, zero is nearer to the readings than the expected values, and the fit continues with
-    expected values of zero.
+    If the factor is below one half, zero is nearer to the readings than the expected values.
     """
     design = fit.design
     G = np.concatenate(
@@ -238,10 +237,7 @@ def gravity_share(fit: LinearFit) -> float:
 
 
 def _start(design: LinearModel, x0: FloatArray, v: FloatArray, near: FitStart | None) -> State:
-    """Return the state to start from: that of `near`, if given.
-
-    Otherwise the corrections are zero, and the unsensed angles close the loops as well as possible.
-    """
+    """Return the state of `near` if given; else no corrections, and unsensed angles that best close the loops."""
     x, q = np.array(x0, dtype=float), design.q
     if near is not None:
         e, u = near.corrections, near.unsensed
@@ -256,10 +252,7 @@ def _start(design: LinearModel, x0: FloatArray, v: FloatArray, near: FitStart | 
 
 
 def _advance(design: LinearModel, at: Linearisation, fit: LinearFit) -> tuple[State, float, float]:
-    """Return the state after one linearisation, the largest change of a parameter, and the error of linearisation.
-
-    Change and error are in standard errors of the parameter.
-    """
+    """Return the next state, the largest change of a parameter and the error of that change, in standard errors."""
     old = at.state
     x = np.where(design.soft, design.nominal, old.x) + fit.change
     dx = x - old.x
@@ -317,8 +310,8 @@ def expected_fit(
 ) -> LinearFit:
     """Predict the fit of a calibration with poses near `q` (m, n), rad, parameters `x` (P,) and stated `errors`.
 
-    The result's covariance predicts that of the calibration; its misfit has no meaning. There are no readings: the
-    poses are those nearest to `q` at which the loops close with parameters `x`.
+    There are no readings: the poses are those nearest to `q` at which the loops close with parameters `x`. So the
+    covariance of the returned fit is meaningful, but its chi2 is not. `group`: placement of each pose (m,).
     """
     sd = np.sqrt(np.maximum(errors.joint_variance.mean(axis=0), 1e-12))
     closed = close_loops(model, x, q, sigma_rad=sd)

@@ -1,7 +1,7 @@
 """The paper's estimator: unweighted least squares on the reduced closure error (eqs. 5 and 6).
 
 Every equation has the same weight: 1 m counts as 1 rad, and a 12-bit wrist reading counts as much as the reading of a
-400,000-count encoder. Its estimate is the start value of the implicit estimator.
+400,000-count encoder. The paper's estimate is the start value of the implicit estimator.
 """
 
 import numpy as np

@@ -60,9 +60,10 @@ FAST_SHARE = 0.45
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Derivatives:
-    """Gradient (K,), expected information and negative second derivative (K, K) of the likelihood.
+    """Derivatives of the log-likelihood with respect to the K variance components.
 
-    Twice the gradient is a quadratic form of the residuals minus its expectation, `expected` (K,).
+    `score` (K,): gradient. `information`, `curvature` (K, K): expected and observed negative second derivative.
+    `expected` (K,): expectation of a quadratic form of the residuals. Twice the gradient is the form minus `expected`.
     """
 
     score: FloatArray
@@ -126,7 +127,7 @@ def likelihood_derivatives(fit: LinearFit) -> Derivatives:
 
 
 def with_priors(fit: LinearFit) -> Derivatives:
-    """Return the derivatives at `fit` of the log-likelihood plus the logarithms of the variances' priors."""
+    """Return the derivatives, at `fit`, of the log-likelihood plus the logarithm of the variances' priors."""
     v, derivatives = fit.v, fit.derivatives
     dof, spread, soft = np.array(
         [(c.spread_dof, c.spread_variance, c.soft) for c in fit.design.components]
@@ -151,7 +152,7 @@ def _scale_prior(design: Layout, t: FloatArray) -> tuple[FloatArray, FloatArray,
 
     Returns the gradient (K,), and the second derivative as a positive definite matrix (K, K) plus a diagonal (K,). The
     energy is ``(sum t^2 / own - sum_groups shared (sum g)^2) / (2 SCALE_SD^2)`` with ``g = L tanh(t / L)``, where L is
-    `LARGEST_COMMON`. The constants own and shared are such that small t of one group have `SCALE_CORRELATION`.
+    `LARGEST_COMMON`. For small t this is a normal prior with `SCALE_SD` and, within a group, `SCALE_CORRELATION`.
     """
     scaled, groups = design.scaled.astype(float), _scale_groups(design)
     own = 1.0 - SCALE_CORRELATION * groups.sum(axis=0)
@@ -169,10 +170,10 @@ def _scale_prior(design: Layout, t: FloatArray) -> tuple[FloatArray, FloatArray,
 
 
 def _scale_groups(design: Layout) -> FloatArray:
-    """Return one mask (K,) for each of up to two groups of scales whose priors are correlated, as an array (groups, K).
+    """Return masks (groups, K) of 0 and 1, one for each group of scales whose priors are correlated.
 
-    The scales of lengths and twists are one group; those of joints, sensors and the fixture's deflection are the other,
-    because joints better than stated do not make the maker's table more certain. The fixture's placement is in neither.
+    Lengths and twists are one group. Joints, sensors and the fixture's deflection are the other, because joints better
+    than stated do not make the maker's table more certain. The fixture's placement is in neither group.
     """
     names = np.array(list(design.index), dtype=str)
     of_links = np.isin(names, (LENGTHS, TWISTS))
@@ -198,7 +199,7 @@ class ScoringStep:
     """Newton's step of the variances.
 
     `change` (K,): change of the variances, within their bounds. `largest`: largest change, in standard errors.
-    `slope`: derivative of the log-likelihood along the step, per whole step; about twice the rise that results.
+    `slope`: gradient of the log-likelihood times the step; the step raises the log-likelihood by about half of this.
     """
 
     change: FloatArray
@@ -277,8 +278,8 @@ class VarianceSearch:
     If a variance leaves its floor, the curvature changes quickly, and plain steps may oscillate forever. The slope at a
     step's end, which is calculated anyway, locates the maximum along the step; the next iteration starts there.
 
-    `fast`: whether steps shrink so fast that further steps are negligible; the argument's value before the second step.
-    `slope_left`: expected slope (see `ScoringStep`) of the next step, the one from the variances last returned.
+    `fast`: whether steps shrink so fast that further steps are negligible. Before the second step, it is the argument.
+    `slope_left`: expected slope (see `ScoringStep`) of the step that starts at the variances returned last.
     """
 
     def __init__(self, *, fast: bool = False) -> None:
@@ -292,7 +293,7 @@ class VarianceSearch:
     ) -> FloatArray:
         """Return the variances (K,) for the next iteration; `newton_step`: Newton's step from the variances of `fit`.
 
-        `far`: whether the parameters have changed too much to compare the likelihood at the next iteration with `fit`.
+        `far`: whether the parameters change so much that likelihoods before and after the step cannot be compared.
         """
         size, last_size = newton_step.largest, self._last_size
         self.slope_left, self._last_size = newton_step.slope, size

@@ -1,8 +1,8 @@
 """Columns of effects, with one value per pose: errors of sensors, sides of play, sag and deflection.
 
 If masses are stated, sag and deflection follow from the load (`solver.estimators.load_effects`); otherwise they are
-smooth functions of the pose. The columns' coefficients are ~ N(0, 1). What the columns leave of a stated variance is
-independent noise.
+smooth functions of the pose. The columns' coefficients are ~ N(0, 1). The part of a stated variance that the columns
+leave out is noise, independent from pose to pose.
 
 The smooth functions are a low-rank Gaussian process over joint space, with several length scales and a linear part. The
 values of the process at all poses are ``Phi b`` with b ~ N(0, I); ``Phi`` (m, k) is computed from poses far apart
@@ -37,9 +37,9 @@ CONSTANT, LINEAR = 0.5, 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PoseBasis:
-    """Smooth functions of the pose, as columns.
+    """A smooth random function of the pose: sum of k columns with coefficients ~ N(0, 1).
 
-    `phi`: values (m, k). `missed` (m,): variance at each pose that these columns leave out.
+    `phi` (m, k): values of the columns. `missed` (m,): the function's variance minus that of the sum, at each pose.
     """
 
     phi: FloatArray
@@ -99,8 +99,9 @@ def pose_process(q: FloatArray, *, group: IntArray | None = None) -> PoseProcess
 class Shapes:
     """An effect that repeats at the same pose: play or sag of those joints that have any.
 
-    `joints` (d,): these joints, from 0. `columns` (m, d, c): deviation from the expected value, rad, for each
-    coefficient of 1. `expected` (m, n): expected value, rad. `missed` (m, n): variance that `columns` leave out, rad^2.
+    `joints` (d,): indices of these joints, from 0. `expected` (m, n): expected value of play or sag, rad.
+    `columns` (m, d, c): deviation from the expected value, rad, for each coefficient of 1.
+    `missed` (m, n): variance that `columns` leave out, rad^2.
     """
 
     joints: IntArray
@@ -112,7 +113,7 @@ class Shapes:
     def of(
         cls, sd_rad: FloatArray, columns: FloatArray, missed: FloatArray, expected: FloatArray
     ) -> Shapes:
-        """Return the effect for arrays (m, n, ...) in units of each joint's sigma `sd_rad` (n,), or of its square."""
+        """Return the effect; `columns` and `expected` are given in units of `sd_rad` (n,), `missed` in its square."""
         joints = np.flatnonzero(sd_rad)
         return cls(
             joints=joints,
@@ -131,10 +132,11 @@ def sides_of_play(q: FloatArray, errors: ErrorModel, sd_rad: FloatArray) -> Shap
     """Return the effect of play: a column for the side of the load, and one for the side of the approach if known.
 
     With probability p = 1 - `BY_APPROACH` the link rests on the side to which gravity moves it. Otherwise its side
-    follows from the direction of approach; both sides are then equally likely, since link or drive may lead. So the
-    expected value is p times the side of the load, and the variance about this value is 1 - p^2.
+    follows from the direction of approach. Both sides are then equally likely, since either link or drive may lead.
+    So, in units of `sd_rad`, the expected value is p times the side of the load, and the variance about it is 1 - p^2.
+    If that side is unknown (no masses, or `errors.signed` is False), the expected value is 0.
 
-    `sd_rad`: play of each joint at readings `q` (m, n), as a standard deviation (n,).
+    `sd_rad` (n,): standard deviation of each joint's play. `q` (m, n): readings, rad.
     """
     by_load = np.ones_like(q) if errors.loads is None else errors.loads.joints.side
     signed = errors.signed and errors.loads is not None
@@ -151,9 +153,9 @@ def sides_of_play(q: FloatArray, errors: ErrorModel, sd_rad: FloatArray) -> Shap
 def shapes_of_sag(
     q: FloatArray, errors: ErrorModel, basis: PoseBasis, sd_rad: FloatArray
 ) -> Shapes:
-    """Return the effect of every joint's twist under gravity; without stated masses, its columns are those of `basis`.
+    """Return the effect of every joint's twist under gravity; `basis` gives the columns if no masses are stated.
 
-    `sd_rad`: sag of each joint at readings `q` (m, n), as a standard deviation (n,).
+    `sd_rad` (n,): standard deviation of each joint's sag. `q` (m, n): readings, rad.
     """
     nothing = np.zeros_like(q)
     if not sd_rad.any():
@@ -175,8 +177,8 @@ class JointShapes:
     """The c columns of effects that change joint angles, for poses with readings `q` (m, n), rad.
 
     The columns are, in this order: harmonics of encoders, with standard deviations `accuracy_rad` (n,); gain and
-    linearity deviation of analogue sensors (`curves`); `effects`. Columns of analogue sensors depend on the corrected
-    angles, which change during a fit. `joint_of` (c,): index, from 0, of the joint whose angle each column changes.
+    linearity deviation of analogue sensors (`curves`); play and sag (`effects`). Columns of analogue sensors depend on
+    corrected angles, which change during a fit. `joint_of` (c,): index, from 0, of the joint that each column changes.
     """
 
     def __init__(

@@ -41,8 +41,8 @@ NORMAL_95 = 1.959963984540054
 class Component:
     """Standard deviation `sd` of one source of error, with its 95 % interval, and the value `stated` in the files.
 
-    `name`: ``fixture_m``, ``fixture_rad``, or of joint 6 ``rvdt_6`` (noise of a single reading) and ``curve_6``
-    (linearity deviation). `unit`: ``rad`` or ``m``.
+    `name`: ``fixture_m`` or ``fixture_rad`` (deflection); for the sensor of joint 6, ``rvdt_6`` (noise of a single
+    reading) or ``curve_6`` (linearity deviation). `unit`: ``rad`` or ``m``.
     """
 
     name: str
@@ -99,7 +99,7 @@ class Calibrated:
     """An estimate, its variance components, and the linear fit that further tests use.
 
     `linear`: the fit, with its poses in canonical order. `order` (m,): the caller's index of each pose of `linear`.
-    `derivatives`: derivatives of the likelihood with respect to the variances, at the solution.
+    `derivatives`: derivatives of likelihood and priors with respect to the variances, at the solution.
     `unsensed`: unsensed angles (m, U), rad, in the caller's order.
     """
 
@@ -192,8 +192,8 @@ def settle(
 ) -> tuple[MixedFit, IntArray]:
     """Fit as `estimate_with_errors` does, but return the fit itself and the order (m,) of its poses.
 
-    Element k of the order is the caller's index of pose k of the fit, whose poses are in canonical order. Among
-    equivalent parameter vectors, the fit has the nearest to the nominal values. `near`: see `fit_mixed`.
+    The fit sorts the poses (`canonical_order`); element k of the order is the caller's index of pose k of the fit. Of
+    equivalent parameter vectors, the fit has the one nearest to the nominal values. `near`: see `fit_mixed`.
     `variances`: fixed variances by name, or a function that returns them (K,) for a layout; None to estimate them.
     """
     order = canonical_order(q)
@@ -246,7 +246,7 @@ def _first(
 
 
 def noise_left(fitted: MixedFit, back: IntArray) -> NoiseModel:
-    """Return the noise at the estimated variances; indices `back` (m,) restore the caller's order of poses."""
+    """Return `VarianceComponents.noise` for a fit; indices `back` (m,) restore the caller's order of poses."""
     design, v = fitted.fit.design, fitted.fit.v
     joints, fixture = np.split(design.noise_variance(v), [design.model.joint_count], axis=1)
     deflection_variance = np.zeros(6)
@@ -328,8 +328,8 @@ def standard_errors(information: FloatArray, v: FloatArray, floor: FloatArray) -
 def interval(variance: float, error: float) -> tuple[float, float]:
     """Return the 95 % interval of a variance with standard error `error`, by Satterthwaite's approximation.
 
-    The estimate v, with standard error s, is taken as chi2-distributed with 2 v^2 / s^2 degrees of freedom; this is
-    exact if there is no other component.
+    The estimate v, with standard error s, is taken as chi2-distributed with 2 v^2 / s^2 degrees of freedom. This is
+    exact if v is the only variance of the model.
     """
     from scipy.special import chdtri
 

@@ -31,7 +31,7 @@ class ArmLoop(ClosureModel):
     OWN_ANGLES: ClassVar[tuple[str, ...]] = ()
     GROUND_SIDE: ClassVar[tuple[str, ...]] = ()
     """Names of the unknowns that an endpoint can have (`OWN`), of those that are angles (`OWN_ANGLES`), and of those
-    that state where the fixture is on the table (`GROUND_SIDE`)."""
+    that locate the fixture on the table (`GROUND_SIDE`)."""
     ARRAYS: ClassVar[tuple[str, ...]] = ()
     """Fields that hold arrays."""
 
@@ -79,12 +79,12 @@ class ArmLoop(ClosureModel):
 
     @property
     def ground_side(self) -> tuple[str, ...]:
-        """Names of the endpoint's unknowns that state where the fixture is on the table."""
+        """Names of those unknowns in `own` that locate the fixture on the table."""
         return tuple(name for name in self.own if name in self.GROUND_SIDE)
 
     @property
     def hand_side(self) -> tuple[str, ...]:
-        """Names of the endpoint's unknowns that state where the fixture is on the tool."""
+        """Names of those unknowns in `own` that locate the fixture on the tool."""
         return tuple(name for name in self.own if name not in self.GROUND_SIDE)
 
     def arm_rows(self) -> FloatArray:
@@ -111,10 +111,11 @@ class ArmLoop(ClosureModel):
         return stacked
 
     def own_values(self, x: FloatArray) -> FloatArray:
-        """Values (..., 1, O) of all unknowns in `OWN` for parameters (..., P); the pose axis has the length 1."""
+        """Return a value for every name in `OWN`, (..., 1, O): from `x` (..., P) if it is in `own`, else nominal."""
         x = np.asarray(x, dtype=np.float64)
         values = np.broadcast_to(self._own_nominal(), (*x.shape[:-1], len(self.OWN))).copy()
         values[..., self._own_indices()] = x[..., len(self.entries) :]
+        # The axis of length 1 stands for the poses, in all of which the values are the same.
         return values[..., None, :]
 
     def frames(self, x: FloatArray, q: FloatArray, u: FloatArray) -> Frames:
@@ -183,7 +184,7 @@ class ArmLoop(ClosureModel):
     def loop_error(
         self, residual: FloatArray, J: FloatArray, jac_own: FloatArray | None = None
     ) -> LoopError:
-        """Assemble the loop error; `J`: as returned by `columns`; `jac_own` (..., k, O): Jacobian for all of `OWN`."""
+        """Return the loop error for the Jacobian `J` of `columns` and the Jacobian `jac_own` (..., k, O) for `OWN`."""
         split = len(self.entries)
         jac_x, jac_theta = J[..., :split], J[..., split:]
         jac_q = jac_theta[..., 1 - self.FIRST_LINK :]

@@ -47,7 +47,7 @@ class ReducedError:
     `residual`: (..., m, r) in the fixture frame; for a hinge dx, dy (rad), then x, y, z (m) of eq. 13.
     `jac_x` (..., m, r, P): exact derivative of `residual` with respect to the parameters (the paper's C).
     `rotation_rows`: the first `rotation_rows` of the r rows are rotations.
-    `flipped`: (..., m) bool: whether the pose is on the other branch of the elimination: tool upside down on the hinge.
+    `flipped` (..., m), bool: whether the pose is on the flipped branch: the tool is upside down on the hinge.
     """
 
     residual: FloatArray
@@ -150,12 +150,12 @@ class ClosureModel(ABC):
     @property
     @abstractmethod
     def ground_side(self) -> tuple[str, ...]:
-        """Names of the unknowns that state where the fixture is on the table; their values change if it is moved."""
+        """Names of the unknowns that locate the fixture on the table; their values change if the fixture is moved."""
 
     @property
     @abstractmethod
     def hand_side(self) -> tuple[str, ...]:
-        """Names of the unknowns that state where the fixture is on the tool; their values change at every mounting."""
+        """Names of the unknowns that locate the fixture on the tool; their values change at every mounting."""
 
     @abstractmethod
     def loop(self, x: FloatArray, q: FloatArray, u: FloatArray) -> LoopError:
@@ -217,9 +217,10 @@ class ClosureModel(ABC):
     def fixture_axes(
         self, x: FloatArray, q: FloatArray, u: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Axes (m, 3, 3) of the fixture's half on the table and of its half on the tool, in the closure error's frame.
+        """Return the axes (m, 3, 3) of the fixture's half on the table, and those of its half on the tool.
 
-        The loop must have a single placement. The axes of a half that does not turn in this frame are the identity.
+        Both are in the frame of the closure error, and the identity for a half that does not turn in this frame. The
+        loop must have a single placement.
         """
         still = np.broadcast_to(np.eye(3), (len(q), 3, 3))
         return still, still

@@ -98,7 +98,7 @@ class DhLoop(ArmLoop):
     def fixture_axes(
         self, x: FloatArray, q: FloatArray, u: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Axes (m, 3, 3) in frame -1 of the fixture's half on the table (turned by theta_0) and on the tool (fixed)."""
+        """Return axes (m, 3, 3), in frame -1, of the table's half, turned by theta_0, and of the tool's half, fixed."""
         table, hand = ClosureModel.fixture_axes(self, x, q, u)
         if self.hinge:
             table = rotation_about_z(u[..., 0])
@@ -107,9 +107,9 @@ class DhLoop(ArmLoop):
     def equivalents(self, x: FloatArray) -> FloatArray:
         """Up to eight equivalent parameter vectors of a hinge loop; for a rigid loop only `x` itself.
 
-        They result from three changes: (a_0, alpha_0, theta_off_1) -> (-a_0, -alpha_0, theta_off_1 + pi); the same with
-        index n instead of 0 and 1; reversal of the hinge axis, (s_0, alpha_0, alpha_n) -> (-s_0, alpha_0 + pi,
-        alpha_n - pi). A change is used only if all its entries are unknowns; offsets of unsensed joints need no entry.
+        They combine three changes: (a_0, alpha_0, theta_off_1) -> (-a_0, -alpha_0, theta_off_1 + pi); the same for
+        (a_n, alpha_n, theta_off_n); reversal of the hinge axis, (s_0, alpha_0, alpha_n) -> (-s_0, alpha_0 + pi,
+        alpha_n - pi). A change is used only if all its entries, except offsets of unsensed joints, are unknowns.
         """
         candidates = [np.asarray(x, dtype=np.float64)]
         if self.hinge:
@@ -134,7 +134,7 @@ class DhLoop(ArmLoop):
 
     @property
     def ground_side(self) -> tuple[str, ...]:
-        """Unknown entries of link 0, and s_1 and theta_off_1 if unknown; all depend on the fixture's axis."""
+        """Names of the unknown entries that locate the fixture on the table: those of link 0, s_1, theta_off_1."""
         return tuple(
             e.name
             for e in self.entries
@@ -143,7 +143,7 @@ class DhLoop(ArmLoop):
 
     @property
     def hand_side(self) -> tuple[str, ...]:
-        """All unknown entries of link n, including theta_off_n, which depends on the fixture's axis."""
+        """Names of the unknown entries that locate the fixture on the tool: those of link n, with theta_off_n."""
         return tuple(e.name for e in self.entries if e.row == self.joint_count)
 
     @property
@@ -184,8 +184,8 @@ def _swing(
     """Return the swing (...), rad, and its change for each of C small rotations, (C, ...).
 
     The swing is the rotation vector in the xy plane that turns z onto a unit vector. Vectors in this plane are complex
-    numbers, x + iy. `n`, `nz` (...): components of the unit vector, x + iy and z. `w`, `wz` (C, ...): components of
-    the small rotations (spatial), likewise, rad.
+    numbers, x + iy. `n`, `nz` (...): components of the unit vector, x + iy and z. `w`, `wz` (C, ...): the same
+    components of the small rotations, rad, about axes of the fixed frame.
 
     The swing is ``i f n``, where f is the angle between z and the unit vector, divided by the sine of this angle. A
     small rotation w changes n by ``dn = i (w_z n - n_z w)``, and so

@@ -64,9 +64,10 @@ def constrained_axis_entries(ground: Line, hand: Line, n: int) -> dict[str, floa
 
 
 def constrained_frame_entries(R: FloatArray, p_m: FloatArray, n: int) -> dict[str, float]:
-    """Return the D-H entries of a rigid loop that fixes the tool frame, with s_n = a_n = alpha_n = 0.
+    """Return the D-H entries of a rigid loop whose tool frame stands still, with s_n = a_n = alpha_n = 0.
 
-    `R`, `p_m`: the tool frame for theta_off_n = 0, in the frame of `ground` in `constrained_axis_entries`.
+    `R`, `p_m`: rotation and origin of the tool frame for theta_off_n = 0. Like `ground` of `constrained_axis_entries`,
+    they are given in the base frame turned and shifted so that theta_off_1 and s_1 are zero.
     """
     hand = Line(point_m=np.zeros(3), direction=np.array([0.0, 0.0, 1.0]))
     entries = constrained_axis_entries(Line(point_m=p_m, direction=R[:, 2]), hand, n)

@@ -65,14 +65,14 @@ class PointClosure(ArmLoop):
     def fixture_axes(
         self, x: FloatArray, q: FloatArray, u: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Axes (m, 3, 3) of the socket, fixed in the base frame, and of the ball, which turns with the tool."""
+        """Return the axes (m, 3, 3), in the base frame, of the socket (identity) and of the ball, which turns."""
         table, _ = ArmLoop.fixture_axes(self, x, q, u)
         return table, self.frames(x, q, u).R_end
 
     def constraint_entries(
         self, ground: Line, hand: Line, rotation: FloatArray
     ) -> dict[str, float]:
-        """Coordinates of the ball's and the socket's centres by name, m, for the nominal entries of links 1 and n."""
+        """Coordinates of the ball's and the socket's centres by name, m; links 1 and n have their nominal entries."""
         table = self.table
         c, s = np.cos(table.theta_off_rad), np.sin(table.theta_off_rad)
         ca, sa = np.cos(table.alpha_rad[-1]), np.sin(table.alpha_rad[-1])
@@ -186,7 +186,7 @@ class MeasuredClosure(ArmLoop):
         return self.loop_error(np.concatenate((r, position), axis=-1), J, jac_own)
 
     def equivalents(self, x: FloatArray) -> FloatArray:
-        """All equivalent parameter vectors (E, P): each rotation vector may also be shortened by a full turn."""
+        """Equivalent parameter vectors (E, P): subtracting 2 pi from a rotation vector's length changes no rotation."""
         x = np.asarray(x, dtype=np.float64)
         names = [p.name for p in self.parameters]
         candidates = [x]

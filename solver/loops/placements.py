@@ -1,13 +1,13 @@
 """Several placements of a fixture in one data set: one arm, and unknowns of the fixture for each placement.
 
 The arm's parameters are shared; those of the fixture carry the placement's number: ``ground_x[2]``. With a single
-placement names have no number.
+placement names have no number. If the fixture's half on the tool is the same in all placements, e.g. one ball for
+several sockets, the unknowns of this half are shared as well (`same_hand`).
 
 With a hinge, theta_off_1 and s_1 are measured from the common normal of the hinge axis and joint 1's axis, theta_off_n
-to the common normal of joint n's axis and the hinge axis. So these entries depend on the placement, too
-(`ClosureModel.ground_side`, `hand_side`), with names like ``theta_off_1[2]``. No information is lost by this: an error
-of joint 1's zero rotates all placements about joint 1's axis, which no closed loop can show. If the tool keeps its half
-of the fixture, e.g. a ball while sockets change, `same_hand` shares the tool's unknowns too, including theta_off_n.
+to the common normal of joint n's axis and the hinge axis. So these entries count as unknowns of the fixture, with names
+like ``theta_off_1[2]`` (`ClosureModel.ground_side`, `hand_side`). No information is lost: an error of joint 1's zero
+rotates all placements about joint 1's axis, which no closed loop can show.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class Placements(ClosureModel):
         object.__setattr__(self, "_columns", columns)
 
     def columns(self, number: int) -> IntArray:
-        """Indices (P_own,) of one placement's parameters in the vector of all parameters."""
+        """Indices (P_own,) of the parameters of one placement's loop in the vector of all parameters."""
         return self._columns[self.numbers.index(number)]
 
     def of(self, number: int) -> tuple[ClosureModel, IntArray]:
@@ -115,7 +115,7 @@ class Placements(ClosureModel):
     def _each(
         self, x: FloatArray, q: FloatArray
     ) -> Iterator[tuple[ClosureModel, FloatArray, IntArray]]:
-        """Yield model, its parameters (..., P_own) and indices of its poses, for every placement that has poses."""
+        """Yield each placement that has poses: its loop, the loop's parameters (..., P_own) and its poses' indices."""
         if q.shape[-2] != len(self.placement):
             raise ValueError(f"{q.shape[-2]} poses for a model bound to {len(self.placement)}")
         for model, columns, poses in self.parts():
@@ -136,7 +136,7 @@ class Placements(ClosureModel):
         return {name: self._in_order(arrays[name], axes) for name, axes in trailing.items()}
 
     def _in_order(self, arrays: Sequence[NDArray[Any]], trailing: int) -> NDArray[Any]:
-        """Join the placements' arrays in the order of all poses; `trailing`: number of axes after the pose axis."""
+        """Join the placements' `arrays` in the order of the poses; `trailing`: number of axes after the pose axis."""
         order, axis = np.concatenate([poses for *_, poses in self.parts()]), -1 - trailing
         return np.take(np.concatenate(arrays, axis=axis), back_to_caller(order), axis=axis)
 
@@ -183,12 +183,12 @@ class Placements(ClosureModel):
 
     @property
     def ground_side(self) -> tuple[str, ...]:
-        """Names of the unknowns that state where the fixture is on the table, in all placements."""
+        """Names of the unknowns that locate the fixture on the table, in all placements."""
         return self._side("ground_side")
 
     @property
     def hand_side(self) -> tuple[str, ...]:
-        """Names of the unknowns that state where the fixture is on the tool, in all placements."""
+        """Names of the unknowns that locate the fixture on the tool, in all placements."""
         return self._side("hand_side")
 
     def without(self, names: Collection[str]) -> Placements:
@@ -249,8 +249,8 @@ class Placements(ClosureModel):
 def place(model: ClosureModel, placement: IntArray, *, same_hand: bool = False) -> Placements:
     """Return the loops of all placements of a fixture; `placement` (m,): number of the placement of each pose.
 
-    `model`: loop with the nominal values of all placements. A `MeasuredClosure` must have the measurements of all poses
-    in the order of `placement`. `same_hand`: whether the fixture's half on the tool is the same in all placements.
+    `model`: loop whose nominal values are those of every placement. A `MeasuredClosure` must have the measurements of
+    all poses, in order. `same_hand`: whether the fixture's half on the tool is the same in all placements.
     """
     numbers = tuple(np.unique(placement).tolist())
     models = tuple(model.at_poses(np.flatnonzero(placement == k)) for k in numbers)

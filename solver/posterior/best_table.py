@@ -1,9 +1,9 @@
 """The D-H table that best reproduces the full model's tool position without corrections of readings.
 
 The full model corrects the readings q by r(q) = S(q) b, where b are the coefficients of the effects. Many controllers,
-and a URDF, have no such corrections. So the table is changed by dT such that the tool position fk_T(q) of the table is
-near fk(q), the posterior mean of the full model, where the arm is used (method, section 10, "Best table"). With J_T and
-J_q the derivatives of the tool position with respect to table entries and joint angles, dT minimises
+and a URDF, have no such corrections. So the table is changed by dT to give, without corrections, nearly the tool
+positions of the full model at the poses where the arm is used (method, section 10, "Best table"). With J_T and J_q the
+derivatives of the tool position with respect to table entries and joint angles, dT minimises
 
     sum_q w_q |J_T dT - J_q r|^2 / s^2 + |dT / d|^2,
 
@@ -43,7 +43,7 @@ class BestTable:
     `rows` (5, n): theta_off, s, a, alpha and beta of links 1..n, rad and m. `tip_m` (3,): the tool's point in frame n.
     `entries`: names of the k entries and tip coordinates that the fit determines.
     `covariance` (k, k): covariance of `entries`, rad and m.
-    `left_m`: rms tool displacement due to corrections that no table can represent; it includes their uncertainty.
+    `left_m`: rms tool displacement due to the part of the corrections that no table represents, and its uncertainty.
     `sigma_m`: expected rms position error of the tool where the arm is used.
     """
 
@@ -56,7 +56,7 @@ class BestTable:
 
     @property
     def table(self) -> DhTable:
-        """The best table as a `DhTable`, without the tip."""
+        """The best table as a `DhTable`, without the tool's point."""
         return DhTable.from_stacked(self.rows)
 
     def tool(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -93,7 +93,7 @@ def _entries_of(names: Sequence[str]) -> list[DhEntry]:
 
 
 def every_entry(links: int, hayati: Sequence[int] = ()) -> list[DhEntry]:
-    """Return all entries of a D-H table of links 1..n: offset, s (in rows `hayati` beta instead of s), a and alpha."""
+    """Return all entries of a D-H table of links 1..n: theta_off, s, a, alpha; rows `hayati` have beta instead of s."""
     return [
         DhEntry(kind, row)
         for row in range(1, links + 1)
@@ -134,11 +134,11 @@ def best_table(
     fixed: Sequence[str] = (),
     tip: bool = True,
 ) -> BestTable:
-    """Return the table near `table` whose tool positions without corrections best match those with corrections.
+    """Return the table near `table` that, without corrections, best reproduces the tool positions with corrections.
 
     `readings`, `weight` (m,): poses where the arm is used, and their weights of sum 1; see `where_used`.
     `known`: names of the k entries of `table` and tip coordinates that the calibration identified.
-    `covariance` (k + c, k + c): of the values of `known`, then of the c coefficients of `corrections`.
+    `covariance` (k + c, k + c): covariance of the values of `known`, followed by the c coefficients of `corrections`.
     `hayati`: rows with beta instead of s. `fixed`: entries of the fixture's placement, which do not change.
     `tip`: whether the tool's point may move in the last frame. A ball needs this, because its centre is no D-H entry.
     """

@@ -85,7 +85,7 @@ class Corrections:
 
 
 def corrections_of(joints: JointCorrections, readings: CorrectionShapes) -> Corrections:
-    """Return a fit's corrections as functions of the readings; for play, their mean over the poses `readings`."""
+    """Return a fit's corrections as functions of the readings. Those for play are constants: means over `readings`."""
     design = joints.fit.design
     errors, b = design.errors, joints.coefficients
     each: list[ReadingCorrection] = []
@@ -134,7 +134,7 @@ def corrections_of(joints: JointCorrections, readings: CorrectionShapes) -> Corr
 def _play(
     joints: JointCorrections, readings: CorrectionShapes, columns: slice
 ) -> Iterator[ReadingCorrection]:
-    """Yield a constant for each column of play: its mean over `readings`, plus once per joint the expected play."""
+    """Yield the mean of each column of play over `readings`; a joint's first column includes the expected play."""
     mean = (readings.shapes[:, columns] * joints.coefficients[columns]).mean(axis=0)
     for k, j in enumerate(joints.joint_of[columns]):
         size = float(mean[k])
@@ -146,7 +146,7 @@ def _play(
 
 
 def _gravity(sagging: Mapping[int, FloatArray], masses: LinkMasses) -> Iterator[ReadingCorrection]:
-    """Yield each joint's corrections for gravity; `sagging`: its twist per N m of each column of `ArmPoses.torques`."""
+    """Yield the corrections for gravity; `sagging`: by joint, its twist (s,) per N m of each `ArmPoses.torques`."""
     n, stated, sd = len(masses.mass_kg), masses.moments, masses.moments_sd
     downs = [tuple(down) for down in (masses.down.tolist(), *masses.tilted.tolist())]
     for joint, shapes in sagging.items():
@@ -163,8 +163,9 @@ def _gravity(sagging: Mapping[int, FloatArray], masses: LinkMasses) -> Iterator[
 class CorrectionShapes:
     """Corrections at readings `q` (m, n), rad, as functions of the c coefficients of a fit's effects.
 
-    `shapes` (m, c): change of one joint's correction, rad, for each coefficient of 1. `expected` (m, n): correction,
-    rad, for coefficients of 0: expected sag and play. `play` (m, n): the part of `expected` due to play.
+    `shapes` (m, c): correction, rad, for each coefficient of 1; `JointCorrections.joint_of` has the joint.
+    `expected` (m, n): corrections for coefficients of 0, which are the expected sag and play, rad.
+    `play` (m, n): the part of `expected` due to play, rad.
     """
 
     q: FloatArray
@@ -190,7 +191,7 @@ class JointCorrections:
 
     @property
     def _effects(self) -> slice:
-        """Slice, among all effects of the fit, of those that change joint angles."""
+        """Slice that selects, from all effects of the fit, those that change joint angles."""
         first = len(self.fit.design.soft_index)
         return slice(first, first + len(self.joint_of))
 
@@ -219,7 +220,7 @@ class JointCorrections:
         )
 
     def with_parameters(self, index: IntArray) -> FloatArray:
-        """Return the covariance (k + c, k + c) of the parameters `index` (k,), then of the `coefficients`."""
+        """Return the covariance (k + c, k + c) of the parameters with indices `index` (k,) and the `coefficients`."""
         fit, effects = self.fit, self._effects
         columns = np.arange(fit.design.hard, fit.design.width)[effects]
         columns = np.concatenate((fit.design.column[index], columns))

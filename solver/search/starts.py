@@ -216,7 +216,7 @@ class InnerProblem:
         return r, J - L @ np.linalg.solve(N, Lt @ J)
 
     def filled(self, offsets: FloatArray) -> FloatArray:
-        """Return all parameters (P,) of the loop: `offsets` (K,), rad, and the fixture's unknowns fitted to them."""
+        """Return the loop's parameters (P,) at `offsets` (K,), rad, with the fixture's unknowns fitted to them."""
         frames = self._frames(offsets[None, :])
         M, p = frames.R_end, frames.p_end
         mean = M.mean(-3, keepdims=True)
@@ -241,7 +241,7 @@ class InnerProblem:
     def _projected(
         self, M: FloatArray, M_c: FloatArray, p: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the best h and t (S, 3) for all M_i and p_i (see the module); `M_c`: M_i minus their mean."""
+        """Return the h and t (S, 3) that best close the loops (see the module); `M_c`: each M_i minus their mean."""
         count = len(M)
         if self.model.constrained_part is ConstrainedPart.FRAME:
             return np.tile([0.0, 0.0, 1.0], (count, 1)), np.zeros((count, 3))

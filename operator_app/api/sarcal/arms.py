@@ -131,7 +131,7 @@ def snapshot_of(
     torques_nm: ArrayLike | None = None,
     moving: bool = False,
 ) -> ArmSnapshot:
-    """Return the state of an arm at its latest sample: `sample` is the arm's count of samples, `age_s` the age.
+    """Return the state of an arm at its latest sample, which the arm numbered `sample` and took `age_s` seconds ago.
 
     `angles_rad`, `torques_nm` and `modes` have one entry per joint; missing torques are taken as zero.
     """
@@ -166,7 +166,7 @@ def snapshot_of(
 
 
 def reading_of(order: ArmOrder, samples_rad: ArrayLike, *, first_sample: int) -> Reading:
-    """Return mean and standard deviation of samples (k, n), rad; `first_sample`: the arm's count of the first one."""
+    """Return mean and standard deviation of samples (k, n), rad; the arm numbered the first of them `first_sample`."""
     samples = np.asarray(samples_rad, dtype=float)
     mean = samples.mean(axis=0)
     scales = [joint.scale for joint in order.description.joints]
@@ -227,8 +227,7 @@ class SimulatedChain:
     def step(self, modes: Sequence[JointMode | None], targets_rad: FloatArray) -> FloatArray:
         """Simulate 10 ms and return the sensor readings (n,), rad.
 
-        `modes` has one entry per joint, None if the drive is off and the joint is blocked; `targets_rad` (n,) is
-        used in position mode.
+        `modes`: one per joint, None if the drive is off and the joint blocked. `targets_rad` (n,): for position mode.
         """
         state = self._plant.step(
             [

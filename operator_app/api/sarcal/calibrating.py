@@ -128,8 +128,7 @@ def calibrate(
 def load_result(session: str | PathLike[str]) -> Result:
     """Return the calibration of a session made by ``sarcal run``, ``sarcal import`` or `Result.save`.
 
-    The poses are not solved again, unless an earlier version made the session and its solution is missing or
-    outdated.
+    The poses are solved again only if an earlier version made the session, and its solution is missing or outdated.
 
     Parameters
     ----------

@@ -115,8 +115,7 @@ def poses_of(
         all poses; standard deviations may also be one per joint (n,). `samples` None: one sample per pose.
     endpoint_m
         Endpoint measured by an instrument, for a ``measured`` fixture: (m, 3), or (m, 6) with a rotation vector of at
-        most half a turn, rad. With any other fixture, `calibrate` does not use the endpoint, and its `Result` has a
-        warning.
+        most half a turn, rad. With any other fixture, `calibrate` ignores the endpoint, and its `Result` has a warning.
 
     Raises
     ------
@@ -262,7 +261,7 @@ def _csv_of(frame: Any) -> bytes:
 
 
 def _cell(value: Any, *, whole_number: bool) -> str:
-    """Return a value as text, with as many digits as are needed to read the same double.
+    """Return a value as text, with enough digits that reading it back gives the same double.
 
     With `whole_number`, 32.0 is written as 32: pandas turns whole numbers into floats, e.g. in a column with gaps.
     """

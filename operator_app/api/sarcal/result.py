@@ -251,8 +251,7 @@ class Result:
         ValueError
             The name of the folder is empty.
         SessionError, WriteError
-            The folder has a session that must not be replaced, the folder cannot be written, or this result was read
-            from a session.
+            The folder cannot be written, its session must not be replaced, or this result was read from a session.
         """
         if isinstance(self._origin, Journalled):
             raise SessionError(

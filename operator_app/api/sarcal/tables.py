@@ -18,8 +18,7 @@ from solver.chain.parameters import Parameter
 class Table:
     """A table returned by `Result.table`.
 
-    Its ``str`` is text for 80 columns (``correlations``: wider, with a column per parameter); a notebook shows it as
-    HTML.
+    Its ``str`` is text for 80 columns (``correlations``: wider, with a column per parameter); a notebook shows HTML.
 
     Attributes
     ----------
@@ -81,7 +80,7 @@ copyreg.pickle(MappingProxyType, lambda proxy: (_read_only, (dict(proxy),)))
 
 
 def with_units(parameters: Iterable[Parameter], values: Iterable[float]) -> Mapping[str, float]:
-    """Return values (rad, m) converted to deg and mm, read-only, by parameter name and unit."""
+    """Return values (rad, m) converted to deg and mm, read-only; keys: parameter names with unit (``a_0_mm``)."""
     return MappingProxyType(
         {
             f"{p.name}_deg" if p.is_angle else f"{p.name}_mm": (

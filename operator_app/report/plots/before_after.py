@@ -78,8 +78,8 @@ def hand_pair(solution: Solution, arm: ArmModel) -> Pair | None:
 class _Seen:
     """Arm and fixture in one pose: points, m, and directions of axes, all in the base frame.
 
-    `chain`: points of the arm, the last one on the tool. `hand_axis`: the fixture's axis, as the tool holds it.
-    `pin`, `pin_axis`: where the fixture holds the tool, and the axis of the fixture; zero if it has no axis.
+    `chain`: points of the arm, the last one on the tool. `pin`: the point of the fixture where the tool should be.
+    `hand_axis`, `pin_axis`: the fixture's axis on the tool and at `pin`; zero for a fixture without an axis.
     """
 
     chain: FloatArray
@@ -89,14 +89,14 @@ class _Seen:
 
     @property
     def gap(self) -> FloatArray:
-        """Vector, m, from the tool to the point where the fixture holds it."""
+        """Vector, m, from the tool to the point where it should be."""
         return np.asarray(self.pin - self.chain[-1])
 
 
 def arm_pair(subject: Subject) -> Pair | None:
     """Draw the arm before and after calibration, in the pose whose closure error was largest before.
 
-    Only the first placement is used. Returns None without a calibration or a drawing, or if a joint is unsensed.
+    Uses the first placement. Returns None without a calibration, if a joint is unsensed, or if the arm cannot be drawn.
     """
     solution = subject.solution
     if solution is None or solution.model.unsensed_joints:
@@ -162,7 +162,7 @@ def _seen(part: ClosureModel, x: FloatArray, q: FloatArray) -> _Seen | None:
 
 
 def _view(points: FloatArray, up: FloatArray) -> FloatArray:
-    """Return the right and up directions (rows) of the upright view in which the points have the largest extent."""
+    """Return the axes (2, 3) of an upright picture: the level direction in which the points extend most, and `up`."""
     spread = points - points.mean(axis=0)
     # The horizontal axis is the level direction with the largest extent.
     level = spread - np.outer(spread @ up, up)

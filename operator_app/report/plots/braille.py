@@ -209,7 +209,7 @@ class _Plane:
 
 
 def _axes(shown: Preview) -> tuple[int, int]:
-    """Return two joints' indices: the first two drives, or the only drive and the joint that moves most."""
+    """Return the joints (from 0) on the axes: the first two drives, or the only drive and the joint that moves most."""
     drives = [j - 1 for j in shown.choice.drives]
     if len(drives) > 1:
         return drives[0], drives[1]

@@ -64,7 +64,7 @@ def condition_trend(trend: Sequence[tuple[int, float]], limit: float) -> Picture
 
 
 def residuals(subject: Subject, estimate: Estimate) -> tuple[Picture, ...]:
-    """Return plots of each pose's closure error, calculated from its readings: position, orientation, distance."""
+    """Return plots of the poses' closure errors (position, orientation, distance), calculated from the readings."""
     split, after = estimate.rotation_rows, estimate.sigmas
     position = after.position_m.rms, estimate.residual[:, split:]
     drawn = [_closure(subject, "position", CLOSURE_LENGTH, *position)]

@@ -150,7 +150,7 @@ class Ribbon:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Polyline:
-    """Points joined by a line. `class_` is its style: colour ``a`` or ``b``, ``dashed``, or ``gap`` for an error."""
+    """Points joined by a line. `class_` is a colour, ``a`` or ``b``, or ``dashed``, or ``gap`` for a closure error."""
 
     x: Sequence[float]
     y: Sequence[float]

@@ -35,7 +35,7 @@ def comparison_text(comparison: CalibrationComparison) -> str:
 
 
 def comparison_json(comparison: CalibrationComparison) -> dict[str, Any]:
-    """Return the object of `sarcal compare --json`; angles in deg, lengths in m."""
+    """Return the object that `sarcal compare --json` prints; angles in deg, lengths in m."""
     drift = DRIFTED if comparison.drifted else NO_DRIFT
     return {
         "verdict": NOTHING_FOLLOWS if comparison.same_poses else drift,

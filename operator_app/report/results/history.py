@@ -44,7 +44,7 @@ def quantity(name: str) -> Quantity:
 
 
 def title_of(part: EntryHistory) -> str:
-    """Return the title of a part of the history."""
+    """Return the title of a part of the history: what its entries describe, fixture, estimator, number of sessions."""
     first, last = part.calibrations[0].document, part.calibrations[-1].document
     since = "" if part.side is Side.ARM else f", mounted {first.utc:%Y-%m-%d}"
     count = plural(len(part.calibrations), "session")
@@ -172,7 +172,7 @@ def history_text(history: ArmHistory, *, brief: bool = False) -> str:
 
 
 def history_json(history: ArmHistory) -> dict[str, Any]:
-    """Return the object of `sarcal history --json`; angles in deg, lengths in m."""
+    """Return the object that `sarcal history --json` prints; angles in deg, lengths in m."""
     last, verdict = history.calibrations[-1].document, "in control"
     if history.shifted:
         verdict = "shifted"

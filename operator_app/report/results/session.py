@@ -50,9 +50,9 @@ def unidentifiable_json(
     estimator: str | None = None,
     unsensed_joints: tuple[int, ...] | None = None,
 ) -> dict[str, Any]:
-    """Return the object of `sarcal run --json` for poses that leave parameters undetermined.
+    """Return the object that `sarcal run --json` prints if the poses leave parameters undetermined.
 
-    `estimator` and `unsensed_joints`, unless None, are used instead of those in the procedure.
+    `estimator` and `unsensed_joints` replace those of the procedure, unless they are None.
     """
     from operator_app.calibration.experiment import Experiment
     from operator_app.report.calibration_json import unidentifiable_data

@@ -35,7 +35,7 @@ def closure(verdict: VerificationResult) -> FactTable:
 
 
 def verification_json(verdict: VerificationResult, poses: PoseSet) -> dict[str, Any]:
-    """Return the object of `sarcal verify --json`."""
+    """Return the object that `sarcal verify --json` prints."""
     chi2, shift = verdict.verification.chi2, verdict.shift
     return {
         "verdict": "holds" if verdict.holds else "does not hold",
@@ -118,7 +118,7 @@ UNSOUND = "open loop not accepted"
 
 
 def open_loop_json(check: OpenLoopCheck) -> dict[str, Any]:
-    """Return the object of `sarcal verify --open-loop --json`; angles in deg, lengths in m."""
+    """Return the object that `sarcal verify --open-loop --json` prints; angles in deg, lengths in m."""
     return {
         "verdict": _verdict(check),
         "disagree": [d.name for d in check.disagree],

@@ -35,8 +35,8 @@ UNKNOWN_RAD = math.pi
 class ClosureFit:
     """The most probable closure of the loop at one reading.
 
-    `chi2`: minimum of the sum in the module's docstring; infinite if the loop cannot close.
-    `dof`: its degrees of freedom, reduced by one for each ignored reading.
+    `chi2`: smallest value of the sum that the module minimises; infinite if the loop cannot close.
+    `dof`: degrees of freedom of `chi2`, reduced by one for each ignored reading.
     `q_rad`: joint angles (n,) of the closed loop.
     """
 

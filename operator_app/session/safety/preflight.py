@@ -42,7 +42,7 @@ def require_plausible_readings(
     """Refuse joint readings that cannot be correct; record the result in the journal.
 
     `endpoint`: function that measures the tool with the instrument; called only if there are poses of the current
-    placement. Returns the joints (1-based) whose shift since the last pose could not be detected at the current pose.
+    placement. Returns the joints (1-based) of which a shift could not be detected at the current pose.
     Raises ClosureRefusedError; the message names joints that may be the cause.
     """
 
@@ -92,7 +92,7 @@ FALSE_REFUSAL_PROBABILITY_KNOWN_ARM = 1e-5
 """Probability of refusing a correct reading if offsets and placement error are known from earlier placements."""
 
 RESET_PROBABILITY = 1e-2
-"""A counter near zero counts as reset if the chi2 that its reading adds is exceeded with less than this probability.
+"""A counter near zero counts as reset if an increase of chi2 as large as its reading causes is less probable than this.
 By chance, a joint is within `AT_ZERO_COUNTS` counts of zero in one of 30,000 positions, and within k times this
 distance in k of 30,000. The limit for a reading at k times this distance is therefore divided by k."""
 
@@ -160,10 +160,10 @@ def _reset_counters(arm: ArmModel, loop: LoopAtReading, closure: ClosureFit) -> 
 def _reset_among(
     arm: ArmModel, loop: LoopAtReading, closure: ClosureFit, zeros: tuple[int, ...], at_most: float
 ) -> dict[int, float]:
-    """Return, by joint, the angles (rad) of those joints of `zeros` whose counters were reset; {} for none.
+    """Return, by joint, the estimated angles (rad) of those joints of `zeros` whose counters were reset; {} for none.
 
-    The counters count as reset if the chi2 that their readings add is exceeded with a probability below `at_most`. The
-    total chi2 is not tested, because errors in the files raise it even without these readings.
+    A reset is assumed if the readings of `zeros` raise chi2 so much that a larger increase has a probability below
+    `at_most`. The total chi2 is not tested, because errors in the files raise it even without these readings.
     """
     from scipy.special import chdtrc
 

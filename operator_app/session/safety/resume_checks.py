@@ -37,10 +37,10 @@ MAX_SAG_RAD = float(np.deg2rad(5.0))
 
 
 def counters_near_zero(arm: ArmModel, reading_rad: FloatArray) -> dict[int, float]:
-    """Return the distance from zero of each counter within `MAX_SAG_RAD` of zero, by joint, nearest first.
+    """Return, by joint (from 1), the distance from zero of each counter within `MAX_SAG_RAD` of zero, nearest first.
 
-    Joints are numbered from 1. The distance is in units of `AT_ZERO_COUNTS` counts, and at least 1. The probability
-    that a joint is this close to zero by chance is proportional to the distance.
+    The distance is in units of `AT_ZERO_COUNTS` counts; a smaller one is returned as 1. The probability that a joint
+    is within this distance of zero by chance is proportional to the distance.
     """
     times = {
         j: max(1.0, abs(float(q)) / (AT_ZERO_COUNTS * joint.sensor.resolution_rad))
@@ -57,7 +57,7 @@ def zero_position(arm: ArmModel, reading_rad: FloatArray, joints: Sequence[int])
 
 
 def reset_text(joints: Sequence[int], where: str, closes_with: str = "") -> str:
-    """Return an error text: the counters of `joints` were reset. `where`, `closes_with`: parts of this text."""
+    """Return the error text for reset counters; `where`: "at zero" or "near zero"; `closes_with`: clause to insert."""
     counters, are, were = (
         ("counter", "is", "was") if len(joints) == 1 else ("counters", "are", "were")
     )
@@ -68,7 +68,7 @@ def reset_text(joints: Sequence[int], where: str, closes_with: str = "") -> str:
 
 
 def check_counters(arm: ArmModel, reading_rad: FloatArray) -> None:
-    """Raise ConnectAgainError if a joint reads near zero, outside its range and closer to zero than to the range."""
+    """Raise ConnectAgainError if a counter was reset: a joint reads near zero, and closer to zero than to its range."""
     fresh = []
     for number, times in sorted(counters_near_zero(arm, reading_rad).items()):
         joint, q = arm.joints[number - 1], float(reading_rad[number - 1])
@@ -263,7 +263,7 @@ def _cause_text(near: Innovation | None) -> str:
 
 
 def fixture_in_place(state: SessionState, procedure: Procedure) -> EndpointConstraint:
-    """Return the fixture; an instrument's placements are from the calibration, else from its file, else from poses."""
+    """Return the fixture; an instrument is placed as calibrated, else as its file states, else as fitted to poses."""
     known = journal_calibration(state)
     fixture = procedure.fixture.fixture
     if isinstance(known, StoredCalibration):

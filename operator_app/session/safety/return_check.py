@@ -87,7 +87,7 @@ def _chi2_limit(repeat: Repeat) -> float:
 
 
 def _repeat(state: SessionState, procedure: Procedure) -> Repeat | None:
-    """Compare the last repeated pose with its first reading; None if motion of the chain explains any difference."""
+    """Compare the last repeated pose with its first reading; None if chain motion could explain every difference."""
     arm, fixture = procedure.arm, procedure.fixture.fixture
     model = fixture.model(arm, unsensed_joints=procedure.unsensed_joints)
     fixed = resume_checks.parameters_from_poses(state, procedure)

@@ -75,7 +75,7 @@ class SensorFaults:
                 self._arm.capture(1)
 
     def require_no_stuck_sensor(self, reading: Reading) -> None:
-        """Record and raise SensorFault if a joint reads as at the last pose, but has turned according to the others."""
+        """Record and raise SensorFault if a joint has turned, according to the loop, but reads as at the last pose."""
         state, arm, fixture = self._logbook.state, self._logbook.model, self._logbook.fixture
         if not state.poses_here or not fixture.holds_hand:
             # On an open arm every joint is driven, and its drive detects a stuck sensor.
@@ -120,7 +120,7 @@ class SensorFaults:
         return tuple(pose.number for pose in self._logbook.state.poses[-1:])
 
     def _poses_with_present_reading(self, joint: int) -> tuple[int, ...]:
-        """Return the numbers of the last consecutive poses at which `joint` had its present reading.
+        """Return the numbers of the latest consecutive poses at which `joint` read the same as it does at present.
 
         Used if a drive did not follow: the sensor of the joint may have been stuck at these poses.
         """

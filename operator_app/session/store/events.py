@@ -68,7 +68,7 @@ def _is_time(utc: str) -> bool:
 
 
 def of_type(what: str, *types: type) -> Check:
-    """Return a check for a value of one of these types; `what` names them in the problem."""
+    """Return a check for a value of one of these types; the problem text calls the types `what`."""
     return lambda value, _: "" if type(value) in types else f"must be {what}, not {_quoted(value)}"
 
 
@@ -115,7 +115,7 @@ def joint_number(value: Any, joints: int | None) -> str:
 
 
 def joint_key(value: Any, joints: int | None) -> str:
-    """Check a JSON key that is a joint number; return the problem as text, "" if the key is valid."""
+    """Check that a JSON key is the number of a joint (from 1); return the problem as text, "" if it is valid."""
     if not re.fullmatch(r"[1-9]\d{0,2}", value):
         return f"must be the number of a joint, not {_quoted(value)}"
     return joint_number(int(value), joints)

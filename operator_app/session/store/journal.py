@@ -1,7 +1,7 @@
-"""The journal: an append-only file with a checksummed line per event, on disk when `append` returns.
+"""The journal: an append-only file with a checksummed line per event; `append` returns once the line is on disk.
 
 All other files of a session can be made again from the journal. If another program deletes, moves, replaces or changes
-the file, all events are written to a new session folder beside it.
+the journal, all events are written to a new folder beside the session folder, or else in the temporary directory.
 """
 
 from __future__ import annotations

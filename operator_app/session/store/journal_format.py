@@ -256,7 +256,7 @@ def require_own_format(complete: list[bytes], rest: bytes, path: Path) -> None:
 
 
 def _require_version(first: bytes, path: Path) -> None:
-    """Raise JournalForeignError if line 1 states an unknown version, but accept `JOURNAL_SCHEMA` with damaged bytes."""
+    """Raise JournalForeignError if line 1 has an unknown version; accept a recognisably damaged `JOURNAL_SCHEMA`."""
     match = re.match(rb'\{"schema":"([^"\\]{0,60})"', first)
     split = split_checksum(first)
     if match is None or match[1].decode(errors="replace") == JOURNAL_SCHEMA:

@@ -142,7 +142,7 @@ def examine_lines(raw: bytes) -> tuple[tuple[RepairedLine, ...], bool]:
 
 
 def _recover(line: bytes, before: str) -> tuple[bytes, str, str] | None:
-    """Return the original line, its checksum, and text on what was restored; None if the line is lost.
+    """Return the original line, its checksum, and what was restored ("" if nothing); None if the line is lost.
 
     `before`: checksum of the previous line.
     """

@@ -96,7 +96,7 @@ class Logbook:
     # -- calibration -----------------------------------------------------------------------------
 
     def recorded_calibration(self) -> StoredCalibration | None:
-        """Return the journal's calibration if it is still current and has the procedure's options; else None."""
+        """Return the journal's calibration; None if poses, repeats or options of the procedure have changed since."""
         own, then = self.procedure, {"rereads": 0, **self.state.solved}
         now = {
             "estimator": own.estimator,

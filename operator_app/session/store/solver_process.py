@@ -34,7 +34,7 @@ THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 class Solver(Protocol):
-    """Calls a function in this or another process."""
+    """Calls a long computation, such as a calibration, in this process (`solve_here`) or another (`SolvingProcess`)."""
 
     def __call__(self, function: Callable[..., T], *args: object, **options: object) -> T:
         """Call `function` with these arguments and return its result."""

@@ -21,8 +21,9 @@ if TYPE_CHECKING:
 class MeasuredPose:
     """Data common to captured poses and check readings.
 
-    `mean_rad` and `sd_rad` (n,) are in sensor coordinates. `placement` numbers the mountings of the fixture from 1;
-    `endpoint` is the measurement of an instrument (m and rad), or empty.
+    `mean_rad`, `sd_rad` (n,): mean and standard deviation of the joint samples, in sensor coordinates.
+    `placement`: number of the mounting of the fixture, from 1.
+    `endpoint`: measurement of an instrument (m and rad); empty without one.
     """
 
     number: int
@@ -236,7 +237,7 @@ class SessionState:
 
     @property
     def rereads(self) -> tuple[RepeatedReading, ...]:
-        """Repeated poses for the diagnosis of a calibration."""
+        """Both readings of each repeated pose (see `repeats`), as the diagnosis of a calibration needs them."""
         return tuple(
             RepeatedReading(
                 label=str(r.first.number),
@@ -252,7 +253,7 @@ class SessionState:
     def required_poses(self, capture: CapturePlan) -> int:
         """Return how many used poses, in all placements together, are needed to complete the current placement.
 
-        A planned capture needs the poses that the plan chooses in addition to the explored poses.
+        In a planned capture, `capture.poses` is the number of poses that the plan chooses; explored poses are added.
         """
         used = self.used_poses
         if capture.strategy != "planned":

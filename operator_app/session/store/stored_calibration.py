@@ -74,7 +74,7 @@ def session_calibration(
 
 
 def require_estimator_for(unsensed_joints: tuple[int, ...], estimator: str) -> None:
-    """Raise SessionError if there are unsensed joints and `estimator` is the paper's."""
+    """Raise SessionError if there are unsensed joints and `estimator` is ``paper``, which cannot estimate them."""
     if unsensed_joints and estimator == "paper":
         raise SessionError(
             "the paper's estimator eliminates the hinge angle only (eqs. 10-13)",
@@ -122,7 +122,7 @@ def with_checks(
 def solution_data(
     solution: Solution, state: SessionState, *, length_tolerance_m: float | None
 ) -> dict[str, Any]:
-    """Return the data of the `solved` event for a solution that was calculated with `length_tolerance_m`."""
+    """Return the data of a `solved` event; `length_tolerance_m`: as in the procedure with which `solution` was made."""
     estimate, condition = solution.estimate, solution.identifiability.scaled_condition_number
     return {
         "estimator": estimate.estimator,

@@ -24,9 +24,9 @@ Truths = Callable[[int], Mapping[str, float]]
 
 
 def with_truth(solution: Solution, arm: ArmModel, truths: Truths, *, last: int = 1) -> Solution:
-    """Return `solution` with its true errors; `last`: number of the last placement that has poses.
+    """Return `solution` with its errors relative to `truths`; `last`: number of the last placement with poses.
 
-    As in `HandAccuracy`, the tool position error does not include the error of the fixture's placement.
+    The true tool position error does not include the error of the fixture's placement.
     """
     estimate = solution.identified
     inside, of = 0, 0

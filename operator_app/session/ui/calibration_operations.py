@@ -125,7 +125,7 @@ class CalibrationOperations(Listener):
         )
 
     def _loop_of(self, state: SessionState) -> ClosureModel:
-        """Return the loop of the used poses; for an open arm, first locate the instrument if there are enough poses."""
+        """Return the closure model of the used poses; on an open arm, first locate the instrument if poses suffice."""
         session, model = self._session, self._nominal_loop
         if session.fixture.holds_hand:
             return model
@@ -230,7 +230,7 @@ class CalibrationOperations(Listener):
 
 
 def diff_rows(new: ParametersDocument, active: ParametersDocument | None) -> tuple[DiffRow, ...]:
-    """Return, for each calibrated entry of `new`, its value there and in `active` (None without one), rad or m."""
+    """Return a row for each calibrated entry of `new`: its value (rad or m) in `new` and, if given, in `active`."""
     now, before = new.table.stacked(), None if active is None else active.table.stacked()
     return tuple(
         DiffRow(

@@ -1,6 +1,6 @@
 """Guards: pure functions that return why a step or an action is not allowed, as text; "" if it is allowed.
 
-Before an action that could do harm, the workflow repeats the check. Most guards of actions include `idle`.
+The workflow repeats the check before an action that could do harm. Most actions are refused while a task is running.
 """
 
 from collections.abc import Callable, Mapping
@@ -184,7 +184,7 @@ def may_move(s: SessionSnapshot) -> str:
 
 
 def may_go_best(s: SessionSnapshot) -> str:
-    """Return why moving to the most informative waypoint is refused; "" if it is known and moving is allowed."""
+    """Return why moving to the most informative waypoint is refused; "" if there is one and moving is allowed."""
     if s.best_waypoint is None:
         return "no best pose yet: it needs an estimate from a few poses"
     return may_move(s)

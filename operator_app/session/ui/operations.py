@@ -30,7 +30,7 @@ TEST_WIGGLE_RAD = float(np.deg2rad(2.0))
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Edit:
-    """A change of pose number `pose`, and functions to undo and redo it; `captured`: number of captures until then."""
+    """An edit of the pose `pose`, and functions to undo and redo the edit; `captured`: number of captures before it."""
 
     pose: int
     undo: Callable[[], object]

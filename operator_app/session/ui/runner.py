@@ -178,7 +178,7 @@ class Runner:
 
     @property
     def connected(self) -> bool:
-        """Whether an arm is connected or being connected, so that it can be stopped."""
+        """Whether an arm is connected or being connected, i.e. whether STOP has an arm to act on."""
         return self.session.identity is not None or self.connecting
 
     @property

@@ -27,12 +27,14 @@ DEFAULT_PROCEDURE = "hinge"
 class Sessions:
     """Opens and closes the sessions of one folder.
 
-    `procedure`: built-in name or path; None: `DEFAULT_PROCEDURE`. `choices`: options of the command line.
-    `join`: returns a context manager that provides the `Rig` (the arm) of an `Opening`.
+    `procedure`: built-in name or path; None: `DEFAULT_PROCEDURE`.
+    `choices`: options of the command line.
+    `join`: function of an `Opening`; returns a context manager that yields the `Rig`, i.e. the arm of the session.
     `warning`: first message to the operator; "" for none.
 
-    The other attributes are about the session that was closed last.
-    `last`: its folder; None if the folder was empty and has been removed. `exported`: whether parameters were written.
+    The other attributes describe the last closed session.
+    `last`: its folder; None if the folder was empty and has been removed.
+    `exported`: whether parameters were written.
     `held`: whether its arm confirmed that no drive follows commands; None if no arm was connected.
     `lost`: error about the lost journal; None if the journal was not lost.
     `not_held`: error stating that drives may still follow commands; None if the arm confirmed that none does.

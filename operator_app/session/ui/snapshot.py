@@ -75,7 +75,7 @@ class TaskKind(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Message:
-    """A message, numbered from 1. `time`: UTC, HH:MM:SS. `resolving_tasks`: tasks that resolve it, for an alarm."""
+    """A message, numbered from 1; `time`: UTC, HH:MM:SS. Success of one of `resolving_tasks` resolves an alarm."""
 
     number: int
     time: str
@@ -241,7 +241,7 @@ class SessionSnapshot:
 
     @property
     def chooses_by_plan(self) -> bool:
-        """Whether a plan chooses the next target: the capture is planned, and no task but the automatic one runs."""
+        """Whether a plan chooses the next target: the capture is planned, and only automatic capture may be running."""
         by_hand = self.task is not None and self.task.kind is not TaskKind.AUTOMATIC
         return self.procedure.capture.strategy == "planned" and not by_hand
 

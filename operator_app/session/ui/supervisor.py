@@ -139,7 +139,7 @@ UNWATCHED_S = 1.5
 class Supervisor:
     """Checks successive snapshots: raises alarms and, if necessary, stops the arm.
 
-    `reported_stop`: last reported reason why the arm stopped by itself; "" if it has not stopped.
+    `reported_stop`: why the arm stopped by itself, according to the last snapshot; "" if it did not.
     """
 
     def __init__(
@@ -155,9 +155,9 @@ class Supervisor:
         self.reported_stop = ""
 
     def check(self, now: SessionSnapshot, *, unseen_s: float) -> None:
-        """Check a snapshot: stop the arm if data are lost; end a motion if no screen polls.
+        """Check a snapshot: stop the arm if its data are lost; end a motion if no screen polls for `UNWATCHED_S`.
 
-        `unseen_s`: time, s, since a screen last polled.
+        `unseen_s`: time, s, since a screen last asked for a snapshot (polled).
         """
         self._end_unwatched_motion(now, unseen_s)
         self._report_stop(now)

@@ -204,7 +204,7 @@ def perform_action(
     *,
     tries: int = SNAPSHOTS_TRIED,
 ) -> None:
-    """Do `work` (default: `action.work`) or show why it is refused; with stale data, try up to `tries` snapshots."""
+    """Do `work` (default: `action.work`) or show why not; if only stale data prevent it, try up to `tries` times."""
     s, runner = interface.snapshot(), interface.runner
     missing = action.guard(s)
     late = s.data is DataState.STALE and not action.guard(replace(s, data=DataState.FRESH))

@@ -67,7 +67,7 @@ def take_poses(
 ) -> Finished | None:
     """Capture the missing poses of the procedure, continuing where the journal ends.
 
-    `drives`: drive joints to put into position mode; None: those now in this mode. A plan in progress keeps its own.
+    `drives`: drive joints to put into position mode; None: those now in this mode. A plan in progress keeps its drives.
     `homing`: whether the operator agrees that the arm first goes home if it is outside its box. Returns how a planned
     capture ended; None for an explored capture. Raises Cancelled if the operator ended the capture.
     """
@@ -243,7 +243,7 @@ class _DriftCheck:
         """Measure the pose `first` again and compare the two readings; if the pose cannot be measured, record why.
 
         Returns the drives' angles (rad) at the start of each move, for `retrace`. A shift between the readings raises
-        GuardError after a resume or if the last pose may be an outlier (`suspect`); otherwise it is only reported.
+        GuardError if the session was resumed, or `suspect` (the last pose may be an outlier); else it is only reported.
         """
         session, report = self.session, self.listener.report
         self.listener.going(None)

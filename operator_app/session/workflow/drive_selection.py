@@ -211,7 +211,7 @@ def waypoints_from(
 
 
 def verification_waypoints(session: Logbook, poses: int) -> tuple[Mapping[int, float], ...]:
-    """Return 3 * `poses` waypoints, unlike those of the session and earlier verifications; some may be unreachable."""
+    """Return 3 * `poses` waypoints not used by the session or an earlier verification; some may be unreachable."""
     seed = session.procedure.capture.seed + 1 + session.state.verifications
     return waypoints(drive_box(session), poses=poses, seed=seed)
 
@@ -274,7 +274,7 @@ def _last_reason(session: Session) -> str:
 
 
 def explore(session: Session, listener: Listener, after_pose: Callable[[], None]) -> None:
-    """Capture missing poses at waypoints; call `after_pose` after each. Raises GuardError if too few can be reached."""
+    """Capture missing poses, and call `after_pose` after each. Raises GuardError if too few waypoints are reachable."""
     plan, total = waypoints_of(session), session.procedure.capture.poses
     while (count := len(session.state.poses_here)) < total:
         waypoint = session.state.next_waypoint

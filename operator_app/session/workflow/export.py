@@ -22,7 +22,7 @@ from operator_app.session.workflow.session import Session
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Exported:
-    """Result of an export: the parameters file and its SHA-256; `receipt` is None if nothing was uploaded."""
+    """Result of an export: the parameters file, its SHA-256, and the receipt of the upload (None without an upload)."""
 
     parameters: Path
     sha256: str
@@ -32,15 +32,15 @@ class Exported:
 def export(
     session: Session, solution: Solution, *, upload_too: bool | None = None, forced: str = ""
 ) -> Exported:
-    """Write the session's files; if `upload_too` is true, also upload the parameters (None: as in the procedure).
+    """Write the session's files; upload the parameters if `upload_too` is true (None: if the procedure says so).
 
-    `forced`: reason for exporting a calibration that was not accepted; it is written to the journal and the file.
+    `forced`: reason for exporting a calibration that was not accepted; written to the journal and the file. Raises:
 
-    - GuardError: nothing was exported; this reason is missing or, before an upload, counters or sensors may have
-      changed since the poses were captured.
+    - GuardError: nothing was exported; `forced` is required and empty or, before an upload, counters or sensors may
+      have changed since the poses were captured.
     - JournalLostError: nothing was exported; the journal was lost or changed.
     - JournalError: the journal cannot be written; the message states what was uploaded.
-    - UploadUnknown, SessionError: the controller may have stored all or part of the parameters; this is recorded.
+    - UploadUnknown, SessionError: the controller may have stored all or part of the parameters; the journal states why.
     - KeyboardInterrupt during the upload: a note to the exception states that the result is unknown.
     """
     forced = export_reason(solution, forced, stated_by="--force REASON")
@@ -92,7 +92,7 @@ def export(
 def recorded_export(session: Session, active_document: bytes) -> Exported | None:
     """Return the session's recorded export; None if there is none, or if parameters.yaml was changed afterwards.
 
-    Its `receipt` is None unless the file was uploaded and is still the controller's `active_document`.
+    It has a `receipt` if the uploaded parameters.yaml is still the `active_document` of the controller.
     """
     exported, path = session.state.exported, session.journal.path.with_name(PARAMETERS_NAME)
     if not exported or not path.exists() or _sha256(path.read_bytes()) != exported.get("sha256"):
@@ -113,7 +113,7 @@ def _sha256(data: bytes) -> str:
 
 
 def _record_export(session: Session, exported: Mapping[str, Any], *, report: str) -> None:
-    """Record the export; if recording fails, the error begins with `report`, a text on the result of the upload."""
+    """Record the export; if that fails, put `report`, the result of the upload, before the text of the error."""
     try:
         session.record("exported", exported)
     except JournalError as error:

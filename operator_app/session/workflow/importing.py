@@ -122,8 +122,8 @@ class ImportedSession:
     ) -> Path:
         """Write the journal into `folder`, or into a new folder below `root`; return the folder.
 
-        If `folder` already contains a session, `replace_session` replaces the journal and removes the files named in
-        `stale`. Raises JournalError or WriteError if writing fails, and JournalError if that session must stay.
+        If `folder` already contains a session, `replace_session` removes the files named in `stale` and replaces the
+        journal, or raises JournalError. Raises JournalError or WriteError if writing fails.
         """
         if folder is None:
             folder = new_folder(

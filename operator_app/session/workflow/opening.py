@@ -1,7 +1,7 @@
 """Opens sessions: new ones from a procedure file and options, earlier ones from their journals.
 
-The journal contains the arm, fixture and procedure documents and the bus, so that resuming does not depend on files
-and environment.
+The journal contains the arm, fixture and procedure documents and the bus settings, so that resuming needs neither
+files nor environment.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ class Choices:
 
     @property
     def virtual_arm(self) -> Scenario:
-        """The scenario with this `scenario` name and `seed`; by default, the default scenario and seed 0."""
+        """The virtual arm's scenario: `scenario` (by default `DEFAULT_SCENARIO`) with random `seed` (by default 0)."""
         from hardware.virtual.scenarios import scenario
 
         return scenario(self.scenario or DEFAULT_SCENARIO, self.seed or 0)
@@ -134,7 +134,7 @@ class Opening:
 class Rig:
     """An arm that is ready to be connected, and the opening of its session.
 
-    `opening`: its choices also state what the arm, the environment and defaults determined; the journal records them.
+    `opening`: its `choices` include values from the arm, the environment and defaults, which the journal records.
     `simulated`: whether the arm is simulated.
     `instrument`: measures the tool of an open arm; None if the loop is closed.
     `truths`: true parameters of an arm simulated in this process; None for any other arm.

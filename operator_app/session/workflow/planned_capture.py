@@ -265,7 +265,7 @@ class PlannedCapture:
     def _new_campaign(self) -> Campaign:
         """Record and return a new campaign that contains the used poses and starts at the current position.
 
-        Raises GuardError, and records nothing, if an exploration would have to be repeated from outside the box.
+        Raises GuardError, and records nothing, if the campaign must explore again but the arm is outside the box.
         """
         session = self._session
         sets = session.state.drive_sets if session.procedure.position_joints is None else ()

@@ -1,4 +1,4 @@
-"""Measures a pose: standstill, joint sensors, instrument of an open arm, journal. Moves nothing.
+"""Measures poses: waits for standstill, reads joint sensors and instrument, records the pose. Moves nothing.
 
 The port of an instrument delivers lines in the format of `operator_app.config.measured_endpoints`. Lines for poses
 that were not requested are ignored.
@@ -67,7 +67,7 @@ class Instrument:
         self._unanswered: Counter[str] = Counter()
 
     def open(self) -> None:
-        """Open the port; raises InstrumentError."""
+        """Open the port; raises InstrumentError if that fails or the instrument's header line is invalid."""
         self._heading = self._port.open()
         if self._heading:
             try:
@@ -187,7 +187,7 @@ class PoseReader:
             )
 
     def _largest_spread_text(self) -> str:
-        """Sample again; return text that names the joint farthest above its spread limit, "" if none is above."""
+        """Sample the joints again; return text about the joint farthest above its spread limit, "" if none is above."""
         limits = np.asarray(self._rule.spread_rad(self._logbook.model))
         try:
             rows = [self._arm.capture(2).mean_rad for _ in range(self._rule.window_syncs)]
@@ -276,9 +276,10 @@ class PoseReader:
     def endpoint(
         self, what: str, reading: Reading, cancelled: Callable[[], bool]
     ) -> FloatArray | None:
-        """Measure the endpoint at the pose of `reading`; return (3,) or (6,), m and rad, or None without an instrument.
+        """Measure the endpoint at the pose of `reading`; return None if the arm is not open or has no instrument.
 
-        `what`: name of the pose. Raises Cancelled, and GuardError if the arm moves during the measurement.
+        Returns position (3,), m, or position and rotation vector (6,), m and rad. `what`: name of the pose. Raises
+        Cancelled, and GuardError if the arm moves during the measurement.
         """
         if self._logbook.fixture.holds_hand or self._instrument is None:
             return None

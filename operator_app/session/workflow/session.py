@@ -87,7 +87,7 @@ class Session(Logbook):
     def connect(self, *, measuring: bool = True) -> ArmIdentity:
         """Connect to the arm and return its identity; raises GuardError if it is not the session's arm.
 
-        On an open arm, the instrument is opened first, unless `measuring` is false, e.g. for an upload.
+        First opens the instrument that measures an open arm, unless `measuring` is false, e.g. for an upload.
         """
         require_mounted(self.state)
         if measuring:
@@ -135,7 +135,7 @@ class Session(Logbook):
         return checks
 
     def require_fixture(self) -> tuple[SetupCheck, ...]:
-        """Check the fixture as `check_fixture` does; raise FixtureRefusedError if a check refuses the fixture."""
+        """Call `check_fixture` and return its checks; raise FixtureRefusedError if one of them refuses the fixture."""
         checks = self.check_fixture()
         refused = tuple(c for c in checks if c.severity is Severity.REFUSED)
         if refused:
@@ -192,7 +192,7 @@ class Session(Logbook):
         self.record("control", {"start_rad": start.tolist(), "home_rad": home})
 
     def _check_readings(self) -> None:
-        """Check the readings (see `require_plausible_readings`), unless this was done since the arm was connected."""
+        """Call `require_plausible_readings`, once for each connection to the arm."""
         if self._readings_checked:
             return
         reading = self.arm.capture(self.procedure.capture.samples_per_pose)
@@ -205,7 +205,7 @@ class Session(Logbook):
     def require_counters_of_poses(self) -> None:
         """Before an upload, raise GuardError if counters or sensors may have changed since the poses were captured.
 
-        If the arm was connected again, also checks the readings as `take_control` does, once for each connection.
+        If the arm was connected again, also refuses implausible joint readings (checked once for each connection).
         """
         check_counters(self.model, self.arm.snapshot().positions_rad)
         require_no_sensor_fault(self.state, "an upload is refused")
@@ -265,8 +265,8 @@ class Session(Logbook):
     def reset_stop(self) -> None:
         """Clear STOP and drive faults after recording why the arm was stopped; the drives stay disabled.
 
-        Raises JournalError if the journal cannot be written (nothing was cleared then), and Stopped, DriveFault or
-        BusError as `ArmInterface.reset_stop` does.
+        Raises JournalError, and clears nothing, if the journal cannot be written. Raises Stopped if STOP was pressed
+        again, DriveFault if a fault cannot be cleared, and BusError.
         """
         with suppress(HardwareError):
             self.reader.sensor_faults.record_stop_cause()
@@ -279,7 +279,7 @@ class Session(Logbook):
     # -- end -------------------------------------------------------------------------------------
 
     def release_holding(self) -> None:
-        """Hold the arm, switch its drives off, release control, and set `held`.
+        """Hold the arm, switch its drives off and release control; then `held` states whether the arm confirmed this.
 
         First records the cause of a stop and the host latency, which are not available after the release.
         """
@@ -295,7 +295,7 @@ class Session(Logbook):
             self.identity = None
 
     def close(self, reason: str) -> None:
-        """Release the arm as `release_holding` does, and close the journal. May be called twice."""
+        """Hold the arm, switch its drives off, release control, close instrument and journal. May be called twice."""
         try:
             # If `release_holding` cannot write to the journal, neither can `record` below, which raises the error.
             with suppress(JournalError):

@@ -125,7 +125,7 @@ class ResultsPlot(Lines):
     """Whether the frame shows the title; without a frame the title is the first line."""
 
     def count_pages(self, s: SessionSnapshot) -> None:
-        """Count the pages: residuals, one for each RVDT, warnings, joints, and one for each table, in this order."""
+        """Count the pages: residuals, each RVDT, warnings, joints and each table have one page, in this order."""
         facts = facts_on(s)
         if s.solution is not None and facts is not None:
             self.words_from = 1 + len(s.solution.rvdt)

@@ -202,7 +202,7 @@ class ArmView(Lines):
 
 
 def _next(model: ClosureModel, x: FloatArray, s: SessionSnapshot) -> tuple[FloatArray, ...]:
-    """Return the arm's points (k, 3), m, at the next pose and, during a move, the tool's path (p, 3); () if unknown."""
+    """Return the arm's points (k, 3) at the next pose and, in a move, the tool's path (p, 3), m; () if unknown."""
     if s.heading is not None:
         way = s.heading.trace_rad
         if way is None:
@@ -220,7 +220,7 @@ def _points(model: ClosureModel, x: FloatArray, q: FloatArray) -> FloatArray:
 
 
 def _box(model: ClosureModel, x: FloatArray, q: FloatArray, s: SessionSnapshot) -> FloatArray:
-    """Return the lowest and highest screen coordinates (2, 2), m, of the arm at `q` and at the planned poses."""
+    """Return the lower left and upper right corner (2, 2), m, of a drawing of the arm at `q` and at planned poses."""
     poses = [q] if s.forecast is None else [q, *s.forecast.q_rad[s.forecast.reachable][:40]]
     points = np.concatenate([_points(model, x, pose) for pose in poses]) @ _VIEW.T
     low, high = points.min(axis=0), points.max(axis=0)

@@ -50,7 +50,7 @@ def _joined(cells: Sequence[Sequence[Span]], *, short: bool) -> Line:
 
 
 class Banner(Lines, can_focus=False):
-    """The line below the strip: whether the arm is real, then the most urgent of STOP, lost data, task and hint."""
+    """The line below the safety strip: whether the arm is real, and the most urgent of STOP, lost data, task, hint."""
 
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         kind: Span = (" SIMULATED " if s.simulated else " REAL ARM ", "badge")

@@ -24,8 +24,9 @@ from hardware.canopen.sdo import ObjectAccess
 from hardware.errors import BusError, HardwareError, SdoRefused
 from hardware.monitors.node_monitor import describe_master_frame
 
-LISTEN_S: Final = 1.2
-"""Time to listen: an operator sends several heartbeats in it, and a node at the default limit (1 s) sends one."""
+LISTEN_PERIODS: Final = 1.2
+"""Time to listen, as a multiple of the slowest heartbeat that the profile allows. At the default limit (1 s), an
+operator sends several heartbeats in this time, and every node sends one."""
 ANSWERS_S: Final = 0.6
 NODES: Final = range(1, 127)
 MAX_NAMED: Final = 6
@@ -149,14 +150,14 @@ def probe(
     profile: BusProfile,
     *,
     opener: Callable[[BusSettings], can.BusABC] = open_bus,
-    listen_s: float = LISTEN_S,
     answers_s: float = ANSWERS_S,
     record_to: Path | None = None,
 ) -> Probe:
     """Find the nodes on a bus and compare its drives with a profile; `BusError` if the bus fails.
 
-    `listen_s`: time to listen before anything is sent; `answers_s`: silence after which no more answers are expected.
+    The probe listens before it sends anything. `answers_s`: silence after which no more answers are expected.
     """
+    listen_s = LISTEN_PERIODS * 1e-3 * profile.slowest_heartbeat_ms
     wire = SharedBus(opener(settings), record_to=record_to)
     listener = _Listener(wire, profile)
     try:

@@ -1,6 +1,7 @@
 """The probe lists the nodes of a bus; it only reads, and sends nothing on a bus in use."""
 
 import struct
+from dataclasses import replace
 
 import pytest
 
@@ -20,8 +21,8 @@ def bus():
 
 
 def probe_of(bus: FakeArmBus) -> Probe:
-    settings = BusSettings(channel="fake")
-    return probe(settings, sarcos(), opener=lambda _: bus, listen_s=0.3, answers_s=0.1)
+    settings, profile = BusSettings(channel="fake"), replace(sarcos(), slowest_heartbeat_ms=250)
+    return probe(settings, profile, opener=lambda _: bus, answers_s=0.1)
 
 
 def test_probe_lists_every_node_with_type_and_position(bus):

@@ -54,7 +54,7 @@ class ClosedPoses:
 class ReducedEquations:
     """Loop equations of every pose after eliminating the unsensed angles: ``w + A dphi + B dq = 0``.
 
-    `E` (..., m, k, r): orthonormal basis with ``E' N = 0``.
+    `E` (..., m, k, r): orthonormal basis with ``E' N = 0``. c, C, J_q and N are those of the module's docstring.
     `w` (..., m, r): ``E' c``. `A` (..., m, r, P): ``E' C``. `B` (..., m, r, n): ``E' J_q``.
     """
 
@@ -66,11 +66,11 @@ class ReducedEquations:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Rates:
-    """Coefficients of the step of the unsensed angles: ``du = -(closed + by_x dx + by_q e + down deflection)``.
+    """Linear function for the step du of the unsensed angles: ``-(closed + by_x dx + by_q e + down deflection)``.
 
-    The letters c, C, J_q and N are those of the module's docstring.
+    dx are steps of the parameters, e joint corrections, and deflection is the fixture's, in the closure components.
     `closed` (m, U): ``N+ (c - J_q e0)``, with e0 the joint corrections at which the loops were linearised.
-    `by_x` (m, U, P): ``N+ C``. `by_q` (m, U, n): ``N+ J_q``. `down` (m, U, k): ``N+``.
+    `by_x` (m, U, P): ``N+ C``. `by_q` (m, U, n): ``N+ J_q``. `down` (m, U, k): ``N+``. Letters as in the module.
     """
 
     closed: FloatArray
@@ -118,11 +118,11 @@ def close_loops(
     max_iterations: int = 30,
     tolerance: float = 1e-12,
 ) -> ClosedPoses:
-    """Correct joint angles `q` (m, n), by Newton's iteration, until the loops close with parameters `x` (P,).
+    """Correct joint angles `q` (m, n) by Newton's method until the loops close with the parameters `x` (P,).
 
-    `sigma_rad`: standard deviation of each joint (n,), default equal. The correction with the smallest ``|dq / sigma|``
-    is taken; a joint with sigma 0 does not move. `u`: unsensed angles (m, U) to start from, by default the model's
-    `initial_unsensed`; no sigma limits their change. All angles are rad.
+    `sigma_rad` (n,): standard deviations of the joints; equal by default. Each step is the one with the smallest
+    ``|dq / sigma|``; a joint with sigma 0 does not move. `u` (m, U): unsensed angles to start from; by default the
+    model's `initial_unsensed`. They change freely. All angles are in rad.
     """
     if len(q) > BLOCK_POSES:
         # Poses are closed in blocks, so that the Jacobians of all are never in memory at once.
@@ -194,11 +194,11 @@ def unsensed_step(error: LoopError, displacement: FloatArray) -> FloatArray:
 
 
 def left_null_space(N: FloatArray) -> FloatArray:
-    """Orthonormal E (..., k, k - U) with ``E' N = 0`` for N of shape (..., k, U) and rank U.
+    """Return E (..., k, k - U), with orthonormal columns and ``E' N = 0``, for N (..., k, U) of rank U.
 
     Householder's reflections turn the columns of N, one after the other, into the first U axes. In reverse order, they
-    turn the other axes into the columns of E. A single column, as of a hinge, needs one reflection H. With the unit
-    column (a, b') and s = sign(a),
+    turn the other axes into the columns of E. If N has a single column, as for a hinge, one reflection H is enough.
+    With a the first component of this column (scaled to length 1), b the vector of the others, and s = sign(a),
 
         H = [-s a  -s b'; -s b  1 - b b' / (1 + |a|)],      E = H without its first column.
     """
@@ -219,7 +219,7 @@ def left_null_space(N: FloatArray) -> FloatArray:
 
 
 def left_inverse(N: FloatArray) -> FloatArray:
-    """Return the left inverse ``N+`` (..., U, k) of N (..., k, U); its row is 0 for an angle that moves nothing."""
+    """Return the left inverse ``N+`` (..., U, k) of N (..., k, U); to a zero column of N belongs a row of zeros."""
     Nt = np.swapaxes(N, -1, -2)
     if N.shape[-1] == 1:
         length = (N * N).sum(-2, keepdims=True)

@@ -39,8 +39,8 @@ WORTH_A_CHANGE = 0.03
 class DrivePrediction:
     """Drive sets ranked by the model.
 
-    `here`, `region`: rankings at the current pose and over the reachable region, the best first. `inexact`: joints with
-    a linearity deviation above `INEXACT_RAD`. As drives they would miss planned positions; other joints are preferred.
+    `here`, `region`: sets ranked at the current pose and over the reachable region, the best first.
+    `inexact`: joints with a linearity deviation above `INEXACT_RAD`. They become drives only if no other set is usable.
     """
 
     here: tuple[RankedDrives, ...]
@@ -119,10 +119,9 @@ def choose_drives(
 ) -> DriveChoice:
     """Return the best usable drive set, with reasons.
 
-    Without trials, this is the set with the highest score over the region among the sets usable at the current pose;
-    with trials, the tried set with the largest product of predicted and measured score.
-
-    Raises `SessionError` if no set is usable, or none of the tried sets moves the arm.
+    A usable set can drive the chain at the current pose and over the reachable region. Without trials, the best is the
+    set with the highest score over this region; with trials, the tried set with the largest product of this score and
+    the measured one. Raises `SessionError` if no set is usable, or none of the tried sets moves the arm.
     """
     usable = _usable(prediction, unsensed_joints)
     if not usable:
@@ -157,7 +156,7 @@ def choose_drives(
 
 
 def named_drives(prediction: DrivePrediction, drives: tuple[int, ...], kind: str) -> DriveChoice:
-    """Choose the procedure's `drives`; raises `GuardError` if one is unknown, or their number is wrong."""
+    """Return a choice of the `drives` that the procedure names; `GuardError` if a joint or their number is wrong."""
     motion = prediction.manifold.motion
     problem = modes_problem(
         drives, joint_count=motion.joint_count, mobility=motion.degrees, kind=kind
@@ -186,7 +185,7 @@ def _joint_out_of_range(arm: ArmModel, manifold: Manifold) -> str:
 
 
 def _usable(prediction: DrivePrediction, unsensed_joints: tuple[int, ...]) -> list[RankedDrives]:
-    """Return the drive sets usable at the pose and in the region, best first; without inexact joints if possible."""
+    """Return the sets usable at the pose and over the region, best first; with inexact joints only if no others are."""
     usable_now = {r.drives for r in prediction.here if r.usable}
     usable = [
         r

@@ -33,8 +33,8 @@ class Feasibility:
     `parameters`: unknowns of the calibration, without those that cannot be identified in the fixture's placement.
     `mobility`: number of drive joints; None if the drive joints cannot be ranked.
     `home_to_closed_rad` (n,): nearest closed pose minus home; None if there is no closed pose.
-    `choice`: drive joints; None if no joints can drive the chain, for the reason `refusal`.
-    `identifiability`: from poses spread over the reachable region; None if the drive joints cannot be ranked.
+    `choice`: drive joints; None if no joints can drive the chain. The reason is then in `refusal`.
+    `identifiability`: of `parameters`, from poses over the reachable region; None if drive joints cannot be ranked.
     For an open arm, only `parameters`, `checks` and `mobility` are given.
     """
 
@@ -142,6 +142,6 @@ class Chain:
 
     @property
     def refused(self) -> bool:
-        """Whether a calibration would fail, or a poses file does not fit or does not determine all parameters."""
+        """Whether a calibration would fail, or any poses file either does not fit or leaves parameters undetermined."""
         unidentifiable = any(identified.directions for _, identified in self.poses)
         return self.feasibility.refused or unidentifiable or bool(self.unfit)

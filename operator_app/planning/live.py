@@ -36,11 +36,11 @@ class LiveQuality:
 
     `needed`: smallest number of poses from which parameters can be estimated.
     `x` (P,): latest estimate, rad or m; nominal values before the first estimate.
-    `scaled_condition_number`: that of the captured poses; inf if there are too few for an estimate.
+    `scaled_condition_number`: for the captured poses; inf if there are too few for an estimate.
     `weakest`: parameters that the captured poses determine least; () if there are too few for an estimate.
     `history`: number of poses and scaled condition number at each estimate, oldest first.
     `coverage`: lowest and highest captured angle of each joint, rad; empty without poses.
-    `predicted_m`: position closure error, m, of each pose at the estimate made before that pose, by pose number.
+    `predicted_m`: position closure error, m, by pose number; calculated with the last estimate before the pose.
     """
 
     needed: int
@@ -128,7 +128,7 @@ class Forecast:
 
     `q_rad` (w, n): joint angles at each waypoint.
     `reachable` (w,): whether, at each waypoint, the loop closes with every joint inside its range.
-    `scaled_condition_number`: that of the first reachable poses, up to the number to capture; inf if these are too few.
+    `scaled_condition_number`: for the first reachable poses, as many as are to be captured; inf if these are too few.
     """
 
     q_rad: FloatArray
@@ -160,7 +160,7 @@ def predict(
 ) -> Forecast:
     """Predict the poses at the waypoints `plan` (rad, by drive joint) for an arm that starts at `start_rad` (n,).
 
-    `poses`: number of poses to capture, which limits those counted in `Forecast.scaled_condition_number`.
+    `poses`: number of poses to capture: `Forecast.scaled_condition_number` is for this many of the reachable poses.
     """
     joints = tuple(plan[0])
     columns = [j - 1 for j in joints]
@@ -185,7 +185,7 @@ def predict(
 def _followed(
     model: ClosureModel, x: FloatArray, start_rad: FloatArray, columns: list[int], goal: FloatArray
 ) -> tuple[FloatArray, BoolArray]:
-    """Move the drives (`columns`) from `start_rad` to each `goal` (w, d); return poses (w, n) and which close (w,)."""
+    """Move drives (`columns`) from `start_rad` to each `goal` (w, d); return poses (w, n) and whether each closes."""
     start = close_loops(model, x, np.asarray(start_rad)[None, :])
     weight = np.ones(model.joint_count)
     # The drive joints keep their angles (weight 0); the other joints follow.

@@ -24,8 +24,8 @@ from solver.diagnostics.identifiability import Identifiability, identifiability
 class PlannedPose:
     """One pose of a plan.
 
-    `q_rad` (n,): predicted readings of all joints. `drives`: drive joints (1-based).
-    `route`: path from the previous pose that has a path, or from the start; None if there is no safe path to this pose.
+    `q_rad` (n,): predicted readings of all joints. `drives`: drive joints (1-based). `route`: safe path to this pose,
+    or None if there is none. It begins at the last pose before this one that has a path, or else at the start.
     """
 
     q_rad: FloatArray
@@ -52,7 +52,7 @@ class Preview:
 
     @property
     def parameters(self) -> dict[str, Parameter]:
-        """Unknowns of the loop by name; also offsets of unsensed joints, although the plan takes these as known."""
+        """Unknowns of the loop by name, including the offsets of unsensed joints, which count as known in the plan."""
         return {p.name: p for p in self.plan.manifold.model.parameters}
 
     @property

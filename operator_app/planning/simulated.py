@@ -114,7 +114,7 @@ def _moving(
 
 
 def _sensor(arm: ArmModel, joint: int, rng: np.random.Generator) -> JointSensor | None:
-    """Return the sensor of a joint (from 0), or None; an RVDT gets a random deviation of its specified linearity."""
+    """Return the sensor of a joint (from 0), if any; that of an RVDT has a random deviation with the specified peak."""
     stated, curve = arm.joints[joint], None
     sensor = stated.sensor
     if isinstance(sensor, NoSensor):

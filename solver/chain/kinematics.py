@@ -93,7 +93,7 @@ class Frames:
 
     @property
     def origins_m(self) -> FloatArray:
-        """Origins (..., links + 1, 3)."""
+        """Origins of all frames, m, shape (..., links + 1, 3)."""
         return poses_first(self.origin_of, 0, 1)
 
     @property
@@ -180,7 +180,7 @@ class Entries:
 
     @classmethod
     def of(cls, kinds: Sequence[int], rows: Sequence[int]) -> Entries:
-        """Return the entries in columns `kinds` (`DhKind`) and rows `rows`; row 0 is the first link of the chain."""
+        """Return the entries with column ``kinds[i]`` (`DhKind`) and row ``rows[i]``; row 0 is the first link."""
         kind = np.array(kinds, dtype=np.int64)
         axis, turns = _AXIS[kind], _TURNS[kind]
         return cls(

@@ -45,7 +45,10 @@ def rotation_vector(R: FloatArray) -> FloatArray:
 
 
 def _largest_row(R: FloatArray, w: FloatArray) -> FloatArray:
-    """Return row k (m, 4) of ``4 q q'``; q: unit quaternion of R; q_k: the largest of q1, q2, q3; `w`: row 0."""
+    """Return row 1, 2 or 3 (m, 4) of the matrix ``4 q q'``, whichever has the largest diagonal element.
+
+    q is the unit quaternion of `R`. `w` (m, 4): row 0 of the matrix.
+    """
     d = np.diagonal(R, axis1=-2, axis2=-1)
     k, every = np.argmax(d, axis=-1), np.arange(len(R))
     row = np.empty_like(w)

@@ -123,7 +123,7 @@ deviation is."""
 
 
 def _power_series() -> FloatArray:
-    """Coefficients (11, 9) of 1, x, ..., x^10 in P2..P10, each multiplied by its weight in `SHAPE_WEIGHTS`."""
+    """Return the coefficients of 1, x, ..., x^10 (11 rows) in each of P2..P10 (9 columns) times its prior weight."""
     powers = np.zeros((len(SHAPE_WEIGHTS) + LOWEST, len(SHAPE_WEIGHTS)))
     for k, weight in enumerate(SHAPE_WEIGHTS):
         series = np.polynomial.legendre.leg2poly(np.eye(k + LOWEST + 1)[k + LOWEST])
@@ -139,12 +139,12 @@ _POWERS = _power_series()
 class SensorCurve:
     """Deviation of one sensor from the true angle: a line plus ``sum_k c_k P_k(x)``, k = 2, 3, ...
 
-    The line is the gain error, the Legendre polynomials P_k are the linearity deviation. x is the angle from
-    `middle_rad`, divided by `half_scale_rad`. A constant deviation is part of the joint's offset, so there is no P_0.
+    The line is the gain error, the Legendre polynomials P_k are the linearity deviation; either may be left out. x is
+    the angle from `middle_rad`, divided by `half_scale_rad`. There is no P_0, because a constant is part of the offset.
 
-    `middle_rad`, `half_scale_rad`: electrical zero, in sensor coordinates, and half of the full scale.
-    `gain`: standard deviation of the gain error; 0 if there is no line. `bent`: whether there are polynomials.
-    `joint`: 1-based.
+    `joint`: 1-based. `middle_rad`, `half_scale_rad`: electrical zero (sensor coordinates), and half of the full scale.
+    `gain`: standard deviation of the gain error; if it is 0, there is no line.
+    `bent`: whether there are polynomials.
     """
 
     joint: int

@@ -48,14 +48,15 @@ class LinkMasses:
 
     @property
     def moments(self) -> FloatArray:
-        """Mass (kg) and first moment (kg m) of each link, (n, 4), which are multiplied by `torque_rates`."""
+        """Mass (kg), then first moment (kg m) of each link, (n, 4); the torque is `torque_rates` times these values."""
         return np.column_stack((self.mass_kg, self.mass_kg[:, None] * self.centre_m))
 
     @property
     def moments_sd(self) -> FloatArray:
-        """Square roots (n, 4, 4) of the covariances of `moments`, whose errors are ``moments_sd @ z``, z ~ N(0, I).
+        """Square roots (n, 4, 4) of the covariance matrices of the rows of `moments`.
 
-        An error of the mass changes mass and first moment (h = m c). An error of the centre changes the first moment.
+        With z ~ N(0, I), ``moments_sd @ z`` are errors of the rows: an error of the mass changes mass and first moment
+        (h = m c), an error of the centre changes the first moment only.
         """
         root = np.zeros((len(self.mass_kg), 4, 4))
         root[:, 0, 0] = self.mass_sd_kg
@@ -65,7 +66,7 @@ class LinkMasses:
 
     @property
     def tilted(self) -> FloatArray:
-        """Change of `down` (2, 3) for one standard deviation of tilt about each horizontal axis."""
+        """Changes (2, 3) of `down` if the base tilts by one standard deviation, about each of two horizontal axes."""
         across = np.linalg.svd(self.down[None])[2][1:]
         return self.down_sd_rad * across
 
@@ -95,7 +96,7 @@ def torque_rates(arm: Frames, down: FloatArray) -> FloatArray:
 
     `arm`: frames 0..n of links 1..n, in frame 0. `down`: unit vector along gravity in frame 0, (3,), or d vectors
     (d, 3). The result is (..., n, n, 4), or (d, ..., n, n, 4) for several vectors. Its axes are joint, link, and the
-    quantity: mass (N m / kg), then x, y, z of the first moment (N m / kg m). Links before the joint have no torque.
+    quantity: mass (N m / kg), then x, y, z of the first moment (N m / kg m). Links before a joint have rates of 0.
     """
     axes, origins = arm.axes, arm.origins_m
     z, x, p = axes[..., :-1, :, 2], arm.normals[..., 1:, :], origins[..., :-1, :]

@@ -91,7 +91,10 @@ def path_watch(trace_rad: FloatArray | None, ranges: Ranges) -> Callable[[FloatA
 def moves_along(
     route: Sequence[Leg], drives: tuple[int, ...], goal: str, *, of: str = ""
 ) -> list[GoTo | ChangeDrives]:
-    """Return the moves and drive changes along a route to the pose named `goal` + `of`; `drives`: present drives."""
+    """Return the moves and drive changes along `route`, for an arm whose drive joints are now `drives`.
+
+    `goal`: name of the last pose, for the reasons shown to the operator. `of`: text added to it in reasons of moves.
+    """
     moves: list[GoTo | ChangeDrives] = []
     for leg in route:
         if leg.drives != drives:

@@ -179,7 +179,7 @@ class Campaign:
             self.plan = None
 
     def _shift(self) -> float:
-        """Largest change, rad, of the planned poses' predicted angles from the plan's estimate to the present one."""
+        """Return the largest change, rad, of the planned poses' predicted angles due to estimates after the plan."""
         if self.plan is None or self.estimate is None or not self.plan.visits:
             return 0.0
         index = list(self.plan.visits)
@@ -262,8 +262,8 @@ class Campaign:
     def _route(self, plan: PosePlan, target: int) -> tuple[Leg, ...] | None:
         """Return a path from the current pose to a candidate of `plan`; None if no safe path is found.
 
-        The path keeps four fifths of the planning margin, not all of it: between two poses inside the margin, a joint
-        may come nearer to the end of its range than at either pose.
+        The path stays at least 80 % of the planning margin away from the ends of the ranges. Candidates stay the whole
+        margin away, but on the way between two of them a joint may come nearer to an end than at either.
         """
         return plan.graph.route(
             self.task.ranges.within(0.8 * np.asarray(self.task.margin_rad)),

@@ -1,15 +1,15 @@
 """D-optimal choice of poses: the set whose information matrix has the largest determinant.
 
-Poses are added greedily, then exchanged for better candidates until no exchange helps
-(Fedorov 1972). With M the information so far and F the r rows of a candidate,
-``det(M + F'F) = det(M) det(I + F M^-1 F')``: this needs one product over all candidates and a determinant of size r for
-each of them, so a whole sweep takes milliseconds.
+Poses are added greedily, then exchanged for better candidates until no exchange helps (Fedorov 1972). If the
+information is M, a candidate with the square root F (r rows) raises its determinant to
+``det(M + F'F) = det(M) det(I + F M^-1 F')``. One product over all candidates and a determinant of size r for each of
+them are enough, so a whole sweep takes milliseconds.
 
 Besides the parameters, the unknowns include effects: nuisance parameters that describe stated errors (of lengths,
 twists, encoders, play, sag, compliance) and have the prior N(0, 1). Only the determinant of the parameters' information
-is maximised (D_s-optimality). A pose adds ``A' V^-1 A`` to the Fisher information in the estimators' linearisation
-(method, section 3), where A has columns for parameters and effects. A thousand similar poses determine the effects no
-better than one pose does (method, section 10).
+is maximised (D_s-optimality). A pose adds ``A' V^-1 A`` to the Fisher information (method, section 3). A are the
+derivatives of its closure equations with respect to parameters and effects, V is the covariance of these equations. A
+thousand similar poses determine the effects no better than one pose does (method, section 10).
 """
 
 from __future__ import annotations
@@ -52,16 +52,16 @@ def log_det(information: FloatArray) -> float:
 
 
 def summed_information(root: FloatArray, poses: Sequence[int]) -> FloatArray:
-    """Information (N, N) of some poses; a pose listed twice counts twice. `root`: `PoseInformation.root` (m, r, N)."""
+    """Return the information (N, N) of `poses` together, from `PoseInformation.root`; repeated poses count again."""
     rows = root[list(poses)].reshape(-1, root.shape[-1])
     return np.asarray(rows.T @ rows)
 
 
 def gains(root: FloatArray, information: FloatArray, parameters: int) -> FloatArray:
-    """Increase (m,) of log det of the parameters' information when each candidate alone is added to `information`.
+    """Return how much each of m candidates, added alone, increases the log det of the parameters' information, (m,).
 
     `root` (m, r, N): `PoseInformation.root` of the candidates. `parameters`: the first `parameters` of the N unknowns
-    are parameters; the others are effects. `information` (N, N): regular, with the prior of the effects.
+    are parameters; the others are effects. `information` (N, N): invertible, and includes the prior of the effects.
     """
     of_effects = _gains(root[..., parameters:], information[parameters:, parameters:])
     return _gains(root, information) - of_effects
@@ -92,10 +92,10 @@ def choose_poses(
     Raises `TooFewCandidatesError` if fewer than `count` candidates are allowed and far enough apart.
 
     `root` (m, r, N): `PoseInformation.root` of all candidates. `parameters`: the first `parameters` of the N unknowns
-    are to be determined; the others are effects. `fixed`: information (N, N) of poses captured already. `allowed` (m,):
-    which candidates may be chosen; all by default. `q`, `apart_rad`: joint angles (m, n) of the candidates, and the
-    least distance (Euclidean, rad) between chosen candidates. A distance is needed because the best set otherwise
-    consists of a few poses, nearly repeated: this averages sensor noise, but not the sensors' linearity deviations.
+    are to be determined; the others are effects (see the module). `fixed` (N, N): information that is known already.
+    `allowed` (m,): which candidates may be chosen; all by default. `q`, `apart_rad`: joint angles (m, n) of the
+    candidates, and the least distance (Euclidean, rad) between chosen candidates. Without this distance, the best set
+    consists of near repeats of a few poses, which average sensor noise, but not the sensors' linearity deviations.
     """
     m, _, N = root.shape
     P = parameters
@@ -130,9 +130,9 @@ def choose_poses(
 
 @dataclass(frozen=True, slots=True)
 class _Search:
-    """Search for the candidates that determine the first `parameters` of the N unknowns best.
+    """Greedy choice and exchange of candidates; the first `parameters` of the N unknowns are parameters, not effects.
 
-    `root` (m, r, N): square root of each candidate's information, with the unknowns scaled to similar size.
+    `root` (m, r, N): `PoseInformation.root` of the candidates, with the unknowns scaled to similar size.
     """
 
     root: FloatArray
@@ -195,22 +195,22 @@ built-in arms they carry 99.9 % of the information, and a choice among 3,000 pos
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PoseInformation:
-    """Square roots of the information of m poses about P parameters and K effects (see the module).
+    """Information of each of m poses about P parameters and K effects (nuisance parameters, see the module).
 
-    `parameters`: names, in column order. `root` (m, r, P + K): a pose's information is ``root' root``. With V = L L'
-    the covariance of the pose's equations, `root` is ``L^-1 [A, Z]``, where A are the derivatives with respect to the
-    parameters, and Z those with respect to the effects.
+    `parameters`: names, in column order. `root` (m, r, P + K): square root of the information, which is ``root' root``
+    for each pose. It is ``L^-1 [A, Z]``, with ``L L'`` the covariance of the pose's r closure equations, A their
+    derivatives with respect to the parameters, and Z those with respect to the effects.
     """
 
     parameters: tuple[str, ...]
     root: FloatArray
 
     def of(self, poses: Sequence[int]) -> FloatArray:
-        """Information of a set of poses (P + K, P + K); a pose listed twice counts twice."""
+        """Return the information (P + K, P + K) of `poses` (indices) together; a pose listed twice counts twice."""
         return summed_information(self.root, poses)
 
     def about(self, parameters: Sequence[str]) -> PoseInformation:
-        """Return the information about `parameters` and all effects; all other parameters count as known."""
+        """Return the information about `parameters` and the K effects only; all other parameters count as known."""
         columns = [self.parameters.index(name) for name in parameters]
         columns += range(len(self.parameters), self.root.shape[-1])
         return replace(self, parameters=tuple(parameters), root=self.root[..., columns])
@@ -225,12 +225,13 @@ def pose_information(
     errors: ErrorModel,
     variances: Mapping[str, float] | None = None,
 ) -> PoseInformation:
-    """Return the information of m poses about the P parameters of `model` to which `errors` gives no tolerance.
+    """Return the information of m poses about the parameters of `model` and the effects.
 
+    If `errors` states a tolerance for a parameter, the parameter counts as an effect. The result is about the P others.
     Raises `ValueError` if a closure component has no noise at all (exact joints and a stiff fixture).
-    `x`: all parameters (P + T,) of `model`; T of them have a tolerance. `q`: readings (m, n) of captured or planned
-    poses. `closed_q` (m, n), `closed_u` (m, U): nearest poses that close with `x`. `errors`: error model. `variances`:
-    variances of the components of `errors`, by name; by default the start values that `errors` states.
+    `x`: values of all parameters. `q` (m, n): readings of captured or planned poses. `closed_q` (m, n), `closed_u`
+    (m, U): nearest poses that close with `x`. `variances`: variances of the components of `errors`, by name; by default
+    the start values that `errors` states.
     """
     design = LinearModel(model, q, errors)
     equations = Linearisation(

@@ -32,8 +32,8 @@ class RankedDrives:
     `drives`: joints (1-based) to be put into position mode.
     `score`: value by which sets are ranked, in [0, 1].
     `leverage`: how well the drives determine all motion, from 0 at a singularity to 1 (see `ChainMotion.leverage`).
-    `passive_conditioning`: smallest singular value of the passive joints' closure Jacobian; None for trial motions.
-    `fastest_passive`: largest ratio of a passive joint's speed to the drives' speed. `fastest_joint`: this joint.
+    `passive_conditioning`: smallest singular value of the passive joints' closure Jacobian; None if ranked by trials.
+    `fastest_passive`, `fastest_joint`: largest ratio of a passive joint's speed to the drives' speed, and its joint.
     `still`: passive joints that hardly move.
     `reach`: share of the region's poses that can be reached from pose 0; None for a ranking at one pose.
     `reasons`: reasons for the rank, as text, the most important first.

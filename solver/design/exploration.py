@@ -41,10 +41,10 @@ class _Ray:
 
 
 class Explorer:
-    """Policy of the exploration. Alternate `propose` and `observe` until `propose` returns an empty tuple.
+    """Proposes moves along rays. Alternate `propose` and `observe` until `propose` returns an empty tuple.
 
-    `start_rad`: readings (n,) at the start. Each ray, a series of steps of the drives in one direction, begins and
-    ends there. `drives`: joints (1-based) in position mode. `ranges`: ranges of all joints, sensor coordinates.
+    A ray is a series of steps of the drives in one direction, away from the start, and a return to the start.
+    `start_rad` (n,): readings at the start. `drives`: joints (1-based) in position mode. `ranges`: of every joint.
     """
 
     def __init__(self, *, start_rad: FloatArray, drives: tuple[int, ...], ranges: Ranges) -> None:

@@ -75,9 +75,10 @@ def implicit_interim(
 
 
 def _with_fixture_variance(noise: NoiseModel, estimate: Estimate, used: NoiseModel) -> NoiseModel:
-    """Return `noise` with a fixture variance that explains the closure errors of `estimate`, fitted with `used`.
+    """Return `noise` with the fixture variance that would explain the closure errors of `estimate`.
 
-    The variance in `used` is multiplied by chi2/dof. If `used` has none, the variance is that of the closure errors.
+    `estimate` was made with the noise `used`. The result has the fixture variance of `used` times chi2/dof or, if
+    `used` has no fixture variance, the mean squares of the closure errors.
     """
     if used.fixture_variance is not None:
         scale = estimate.chi2_per_dof or 1.0

@@ -162,7 +162,7 @@ def _far_from(others: FloatArray, points: FloatArray, distance: float) -> BoolAr
 
 
 def _spread(points: FloatArray, distance: float) -> IntArray:
-    """Return the indices of the points that remain if every point within `distance` of an earlier one is dropped."""
+    """Return the indices of the points to keep: none of them is within `distance` of an earlier one of them."""
     dropped = np.zeros(len(points), dtype=np.bool_)
     if len(points):
         pairs = _tree(points).query_pairs(distance, output_type="ndarray")

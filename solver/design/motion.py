@@ -1,4 +1,4 @@
-"""Motion of a closed chain and its limits: tangents at poses, and traces of all joints in straight drive moves."""
+"""Motion of a closed chain: its tangents at poses, predicted straight moves of the drives, and limits of motion."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Ranges:
         return Ranges(lower_rad=self.lower_rad + margin_rad, upper_rad=self.upper_rad - margin_rad)
 
     def clearance(self, q: FloatArray) -> FloatArray:
-        """Distance of each pose (..., n) from the nearest end of any range (...,); < 0 outside."""
+        """Return the distance (...,), rad, of each pose (..., n) from the nearest end of a range; negative outside."""
         return np.asarray(np.minimum(q - self.lower_rad, self.upper_rad - q).min(-1))
 
 
@@ -56,10 +56,10 @@ LIMITS = MotionLimits(least_leverage=0.2, most_rate=5.0)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChainMotion:
-    """First-order motion of a closed chain at m closed poses.
+    """First-order motion, at m closed poses, of a chain with n joints, U unsensed angles and mobility d.
 
-    `tangent` (m, n + U, d): orthonormal directions of the self-motion: n arm joints, then the model's unsensed angles.
-    `jacobian` (m, k, n + U): closure Jacobian of the same angles. `joint_count`: n.
+    `tangent` (m, n + U, d): orthonormal directions of the self-motion, in the joint angles, then the unsensed angles.
+    `jacobian` (m, k, n + U): derivatives of the k closure components with respect to these angles. `joint_count`: n.
     """
 
     tangent: FloatArray

@@ -93,7 +93,7 @@ class PathGraph:
         return np.asarray((layers == label[source]).any(axis=0))
 
     def distances(self, sources: Sequence[int]) -> FloatArray:
-        """Costs of the cheapest paths between poses, (len(sources), len(sources)); inf if there is no path."""
+        """Return the costs (k, k) of the cheapest paths between the k poses `sources`; inf if there is no path."""
         from scipy.sparse.csgraph import dijkstra
 
         size, layers, count = self.manifold.size, len(self.drive_sets), len(sources)
@@ -150,7 +150,7 @@ class PathGraph:
     def _search(
         self, source: int, target: int, drives: tuple[int, ...]
     ) -> list[tuple[int, int]] | None:
-        """Cheapest path as pairs of layer (index of a drive set) and pose index; None if there is no path."""
+        """Return the cheapest path as pairs (index of the drive set, index of the pose); None if there is no path."""
         from scipy.sparse.csgraph import dijkstra
 
         size = self.manifold.size
@@ -169,7 +169,7 @@ class PathGraph:
         return [divmod(node, size) for node in reversed(nodes)]
 
     def _follow(self, ranges: Ranges, nodes: list[tuple[int, int]]) -> tuple[Leg, ...] | None:
-        """Return safe straight moves along a path; if an edge allows none, remove the edge and return None."""
+        """Return safe straight moves along the path `nodes`; None if `_leg` finds no safe move and removes an edge."""
         legs = []
         for layer, group in groupby(nodes, key=lambda node: node[0]):
             poses = [pose for _, pose in group]
@@ -181,7 +181,7 @@ class PathGraph:
         return tuple(legs)
 
     def _leg(self, ranges: Ranges, layer: int, poses: list[int]) -> Leg | None:
-        """Join `poses` by few safe straight moves; if a pose allows none, remove the edge after it and return None."""
+        """Join `poses` by few safe straight moves. If none from a pose is safe, remove its next edge, return None."""
         drives = self.drive_sets[layer]
         columns = [j - 1 for j in drives]
         q, u = self.manifold.q[poses], self.manifold.u[poses]

@@ -121,7 +121,7 @@ def make_plan(
     Raises `ValueError` if the loop does not close near the start, or fewer than `count` poses can be reached.
 
     `captured`: joint angles (c, n) of poses captured already; their information is included.
-    `covariance`: covariance (P, P) of `x`; by default predictions from `x` count as reliable everywhere.
+    `covariance` (P, P): covariance of `x`, used to exclude poses whose prediction is uncertain; None: none is excluded.
     `avoid_rad`: readings (b, n) of poses to avoid, e.g. where a move had to be stopped. No planned pose is nearer to
     them than `AVOID_RADIUS_RAD`, or than half their distance from `q_start` if that is smaller.
     """
@@ -203,9 +203,9 @@ def information_of(
 ) -> tuple[FloatArray, PoseInformation]:
     """Return the information (N, N) from priors and captured poses together, and the information of each candidate.
 
-    `readings` (c, n): captured poses, evaluated on the nearest closed loops. `closed_q` (m, n), `closed_u` (m, U):
-    candidates. A fit of the captured poses estimates the variances of the errors. If no fit is possible, the start
-    values of the variances are used.
+    `readings` (c, n): captured poses; the information of each is calculated at the nearest pose that closes the loop.
+    `closed_q` (m, n), `closed_u` (m, U): candidates. The variances of the errors come from a fit of the captured poses
+    or, if no fit is possible, are the start values of the error model.
     """
     c = len(readings)
     variance = np.broadcast_to(task.noise.joint_variance, (max(c, 1), readings.shape[-1]))

@@ -69,7 +69,7 @@ class ArmLoop(ClosureModel):
         object.__setattr__(self, "parameters", tuple(parameters))
 
     def _own_nominal(self) -> FloatArray:
-        """Nominal values (O,) of all unknowns that an endpoint of this kind can have, in the order of `OWN`."""
+        """Return nominal values (O,) of the unknowns that an endpoint of this class can have, in the order of `OWN`."""
         return np.zeros(0)
 
     @property
@@ -111,7 +111,7 @@ class ArmLoop(ClosureModel):
         return stacked
 
     def own_values(self, x: FloatArray) -> FloatArray:
-        """Return a value for every name in `OWN`, (..., 1, O): from `x` (..., P) if it is in `own`, else nominal."""
+        """Return values (..., 1, O) of all unknowns in `OWN`: from `x` (..., P) if they are in `own`, else nominal."""
         x = np.asarray(x, dtype=np.float64)
         values = np.broadcast_to(self._own_nominal(), (*x.shape[:-1], len(self.OWN))).copy()
         values[..., self._own_indices()] = x[..., len(self.entries) :]
@@ -171,10 +171,10 @@ class ArmLoop(ClosureModel):
         return np.concatenate((frames.origins_m[0], point)), np.zeros(3)
 
     def columns(self, frames: Frames, lever_m: FloatArray | None = None) -> FloatArray:
-        """Screws (..., 6, P_entries + links) of the chain's end for each unknown entry, then for each link's angle.
+        """Return the motions (..., 6, E + links) of the chain's end per unit of E unknown entries, then of the angles.
 
-        With `lever_m` (..., 3), they are the screws of a point of the last link, displaced from the chain's end by this
-        vector: ``v_tip = v_end + w x lever``. All vectors are in the chain's first frame.
+        A motion is a small rotation w (rad), then the translation v_end (m), in the chain's first frame. With `lever_m`
+        (..., 3), the translation is that of the point at this vector from the chain's end: ``v_end + w x lever``.
         """
         J = jacobian(frames, self._moved)
         if lever_m is not None:
@@ -184,7 +184,7 @@ class ArmLoop(ClosureModel):
     def loop_error(
         self, residual: FloatArray, J: FloatArray, jac_own: FloatArray | None = None
     ) -> LoopError:
-        """Return the loop error for the Jacobian `J` of `columns` and the Jacobian `jac_own` (..., k, O) for `OWN`."""
+        """Return the loop error. `J` has the columns of `columns`; `jac_own` (..., k, O) has one for each of `OWN`."""
         split = len(self.entries)
         jac_x, jac_theta = J[..., :split], J[..., split:]
         jac_q = jac_theta[..., 1 - self.FIRST_LINK :]

@@ -44,7 +44,7 @@ class LoopError:
 class ReducedError:
     """Closure error with the unsensed angles eliminated, as the paper minimises it.
 
-    `residual`: (..., m, r) in the fixture frame; for a hinge dx, dy (rad), then x, y, z (m) of eq. 13.
+    `residual` (..., m, r): in the fixture's frame. For a hinge, r is 5: dx and dy (rad), then x, y and z (m) of eq. 13.
     `jac_x` (..., m, r, P): exact derivative of `residual` with respect to the parameters (the paper's C).
     `rotation_rows`: the first `rotation_rows` of the r rows are rotations.
     `flipped` (..., m), bool: whether the pose is on the flipped branch: the tool is upside down on the hinge.
@@ -115,9 +115,9 @@ class ConstrainedPart(Enum):
 class ClosureModel(ABC):
     """A loop formed by an arm and a fixture.
 
-    Joint angles `q` are always the readings of *all* n joints, (..., m, n), rad, never wrapped. A model ignores the
-    readings of joints that it treats as unsensed; their columns of `jac_q` are zero. `x` (..., P) are values of
-    `parameters`, the paper's phi.
+    Joint angles `q` are always the readings of *all* n joints at m poses, (..., m, n), rad, never wrapped. A model
+    ignores the readings of joints that it treats as unsensed; their columns of `jac_q` are zero. `x` (..., P) are
+    values of `parameters`, the paper's phi. `u` (..., m, U) are the unsensed angles, rad.
     """
 
     __slots__ = ()
@@ -140,7 +140,7 @@ class ClosureModel(ABC):
     @property
     @abstractmethod
     def components(self) -> int:
-        """Number k of closure components: six, or the three of a position."""
+        """Number k of closure components: 6 (rotation and position) or 3 (position only)."""
 
     @property
     @abstractmethod
@@ -178,11 +178,11 @@ class ClosureModel(ABC):
         """Return the same loop with `entries` of the arm's table as additional unknowns."""
 
     def angle_of(self, u: FloatArray, joint: int) -> FloatArray:
-        """Angle (..., m), rad, of an unsensed arm joint (1-based); in `u` (..., m, U) arm joints are last."""
+        """Return angles (..., m), rad, of an unsensed arm joint (1-based), from all unsensed angles `u` (..., m, U)."""
         return u[..., self.unsensed_joints.index(joint) - len(self.unsensed_joints)]
 
     def reduced(self, x: FloatArray, q: FloatArray, *, rates: bool = True) -> ReducedError:
-        """Return the closure error with the hinge's angle eliminated or, without a hinge, the closure error as it is.
+        """Return the closure error after eliminating the hinge angle, if the loop has a hinge.
 
         `rates`: whether to calculate the Jacobian (else it is empty). Raises `ValueError` if arm joints are unsensed.
         """
@@ -219,15 +219,15 @@ class ClosureModel(ABC):
     ) -> tuple[FloatArray, FloatArray]:
         """Return the axes (m, 3, 3) of the fixture's half on the table, and those of its half on the tool.
 
-        Both are in the frame of the closure error, and the identity for a half that does not turn in this frame. The
-        loop must have a single placement.
+        Both are given in the frame of the closure error. The axes of a half that does not turn in this frame are
+        identity matrices. The loop must have a single placement.
         """
         still = np.broadcast_to(np.eye(3), (len(q), 3, 3))
         return still, still
 
     @property
     def entries(self) -> tuple[DhEntry, ...]:
-        """Unknown D-H entries; empty for several placements, which have a D-H table each."""
+        """Unknown D-H entries; empty for several placements, because each of them has its own D-H table."""
         return ()
 
     def arm_rows(self) -> FloatArray:
@@ -275,7 +275,7 @@ def pose_blocks(model: ClosureModel, q: FloatArray) -> tuple[tuple[ClosureModel,
 
 
 def unsensed_at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> FloatArray:
-    """Return `ClosureModel.initial_unsensed`, (m, U), calculated for a block of poses at a time, to limit memory."""
+    """Return `ClosureModel.initial_unsensed` (m, U), calculated block by block to limit the memory used."""
     return np.concatenate(
         [part.initial_unsensed(x, part_q) for part, part_q in pose_blocks(model, q)]
     )

@@ -51,7 +51,7 @@ class DhLoop(ArmLoop):
         return self.loop_error(np.concatenate((r, frames.p_end), axis=-1), J)
 
     def initial_unsensed(self, x: FloatArray, q: FloatArray) -> FloatArray:
-        """Hinge angle by eq. 12, then for each unsensed joint its reading plus its nominal offset, (..., m, U), rad."""
+        """Return u (..., m, U), rad: hinge angle by eq. 12, then reading plus nominal offset of each unsensed joint."""
         joints = ArmLoop.initial_unsensed(self, x, q)
         if not self.hinge:
             return joints
@@ -98,7 +98,7 @@ class DhLoop(ArmLoop):
     def fixture_axes(
         self, x: FloatArray, q: FloatArray, u: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return axes (m, 3, 3), in frame -1, of the table's half, turned by theta_0, and of the tool's half, fixed."""
+        """Return the axes (m, 3, 3), in frame -1, of the halves on the table (turned by theta_0) and on the tool."""
         table, hand = ClosureModel.fixture_axes(self, x, q, u)
         if self.hinge:
             table = rotation_about_z(u[..., 0])
@@ -134,7 +134,7 @@ class DhLoop(ArmLoop):
 
     @property
     def ground_side(self) -> tuple[str, ...]:
-        """Names of the unknown entries that locate the fixture on the table: those of link 0, s_1, theta_off_1."""
+        """Names of the unknown entries that locate the fixture on the table: any of link 0, and theta_off_1 and s_1."""
         return tuple(
             e.name
             for e in self.entries
@@ -143,7 +143,7 @@ class DhLoop(ArmLoop):
 
     @property
     def hand_side(self) -> tuple[str, ...]:
-        """Names of the unknown entries that locate the fixture on the tool: those of link n, with theta_off_n."""
+        """Names of the unknown entries that locate the fixture on the tool: any of link n, including theta_off_n."""
         return tuple(e.name for e in self.entries if e.row == self.joint_count)
 
     @property

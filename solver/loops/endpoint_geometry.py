@@ -36,8 +36,8 @@ def constrained_axis_entries(ground: Line, hand: Line, n: int) -> dict[str, floa
     `point_m` of the line is used.
 
     `ground`: the line fixed in the table, in the base frame turned and shifted so that theta_off_1 and s_1 are zero.
-    `hand`: the line fixed in the tool. Its frame has the origin of frame n-1 and turns with joint n, without
-    theta_off_n: ``R_1 .. R_{n-1} Rz(theta_n)``.
+    `hand`: the line fixed in the tool, in the frame that has the origin of frame n-1 and the rotation
+    ``R_1 .. R_{n-1} Rz(theta_n)``, where the angle theta_n of joint n does not include theta_off_n.
     """
     # Tool: direction = Rz(off_n) (0, -sin alpha_n, cos alpha_n).
     off_n = _bearing(hand.direction) + 0.5 * np.pi
@@ -64,10 +64,10 @@ def constrained_axis_entries(ground: Line, hand: Line, n: int) -> dict[str, floa
 
 
 def constrained_frame_entries(R: FloatArray, p_m: FloatArray, n: int) -> dict[str, float]:
-    """Return the D-H entries of a rigid loop whose tool frame stands still, with s_n = a_n = alpha_n = 0.
+    """Return the D-H entries of links 0, 1 and n, by name, of a rigid loop with s_n = a_n = alpha_n = 0.
 
-    `R`, `p_m`: rotation and origin of the tool frame for theta_off_n = 0. Like `ground` of `constrained_axis_entries`,
-    they are given in the base frame turned and shifted so that theta_off_1 and s_1 are zero.
+    `R`, `p_m`: constant rotation and origin of the tool frame for theta_off_n = 0, in the base frame turned and shifted
+    so that theta_off_1 and s_1 are zero.
     """
     hand = Line(point_m=np.zeros(3), direction=np.array([0.0, 0.0, 1.0]))
     entries = constrained_axis_entries(Line(point_m=p_m, direction=R[:, 2]), hand, n)

@@ -65,14 +65,14 @@ class PointClosure(ArmLoop):
     def fixture_axes(
         self, x: FloatArray, q: FloatArray, u: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the axes (m, 3, 3), in the base frame, of the socket (identity) and of the ball, which turns."""
+        """Return axes (m, 3, 3) in the base frame: the socket's (identity) and the ball's, which turn with the tool."""
         table, _ = ArmLoop.fixture_axes(self, x, q, u)
         return table, self.frames(x, q, u).R_end
 
     def constraint_entries(
         self, ground: Line, hand: Line, rotation: FloatArray
     ) -> dict[str, float]:
-        """Coordinates of the ball's and the socket's centres by name, m; links 1 and n have their nominal entries."""
+        """Return tip_x .. ground_z, m, from the points of `hand` and `ground`; links 1 and n are taken as nominal."""
         table = self.table
         c, s = np.cos(table.theta_off_rad), np.sin(table.theta_off_rad)
         ca, sa = np.cos(table.alpha_rad[-1]), np.sin(table.alpha_rad[-1])
@@ -186,7 +186,7 @@ class MeasuredClosure(ArmLoop):
         return self.loop_error(np.concatenate((r, position), axis=-1), J, jac_own)
 
     def equivalents(self, x: FloatArray) -> FloatArray:
-        """Equivalent parameter vectors (E, P): subtracting 2 pi from a rotation vector's length changes no rotation."""
+        """Return equivalent parameter vectors (E, P): a rotation vector shorter by 2 pi describes the same rotation."""
         x = np.asarray(x, dtype=np.float64)
         names = [p.name for p in self.parameters]
         candidates = [x]
@@ -206,7 +206,7 @@ class MeasuredClosure(ArmLoop):
         return select_poses(self, poses, "endpoint_m", "endpoint_rotation")
 
     def fixture_axis(self, x: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-        """Measured position of the target in the base frame, m, and a zero axis; None unless there is just one pose."""
+        """Return the target's position (base frame, m) and a zero axis if only one pose is measured, else None."""
         if self.endpoint_m is None or len(self.endpoint_m) != 1:
             return None
         own = self.own_values(x)[0]

@@ -64,7 +64,7 @@ class Placements(ClosureModel):
         object.__setattr__(self, "_columns", columns)
 
     def columns(self, number: int) -> IntArray:
-        """Indices (P_own,) of the parameters of one placement's loop in the vector of all parameters."""
+        """Return the indices, in the vector of all parameters, of the parameters of placement `number`'s loop."""
         return self._columns[self.numbers.index(number)]
 
     def of(self, number: int) -> tuple[ClosureModel, IntArray]:
@@ -115,7 +115,7 @@ class Placements(ClosureModel):
     def _each(
         self, x: FloatArray, q: FloatArray
     ) -> Iterator[tuple[ClosureModel, FloatArray, IntArray]]:
-        """Yield each placement that has poses: its loop, the loop's parameters (..., P_own) and its poses' indices."""
+        """Yield each placement that has poses: its loop, the values of the loop's parameters, its poses' indices."""
         if q.shape[-2] != len(self.placement):
             raise ValueError(f"{q.shape[-2]} poses for a model bound to {len(self.placement)}")
         for model, columns, poses in self.parts():
@@ -249,7 +249,7 @@ class Placements(ClosureModel):
 def place(model: ClosureModel, placement: IntArray, *, same_hand: bool = False) -> Placements:
     """Return the loops of all placements of a fixture; `placement` (m,): number of the placement of each pose.
 
-    `model`: loop whose nominal values are those of every placement. A `MeasuredClosure` must have the measurements of
+    `model`: loop of one placement, whose nominal values are used for all. A `MeasuredClosure` must have measurements of
     all poses, in order. `same_hand`: whether the fixture's half on the tool is the same in all placements.
     """
     numbers = tuple(np.unique(placement).tolist())

@@ -2,9 +2,10 @@
 
 Every start has its own damping; starts that have converged leave the batch. `global_start` refines the results.
 
-If the fixture is passive, the search varies only the offsets of the inner joints, 2 .. n-1; the fixture's unknowns are
-projected out. The part of the tool that the fixture constrains (a line, a point or the whole tool) does not move in the
-base frame. With M_i = R_1 .. R_{n-1} Rz(theta_n) and p_i the origin of frame n-1 at pose i,
+If the fixture is passive, the search varies only the offsets of the inner joints, 2 .. n-1. The fixture's unknowns are
+projected out, i.e. follow from these offsets: the part of the tool that the fixture constrains (a line, a point or the
+whole tool) does not move in the base frame. With M_i = R_1 .. R_{n-1} Rz(theta_n) and p_i the origin of frame n-1 at
+pose i,
 
     hinge:  M_i h = const,      p_i + M_i t = const      (h: direction of the line in the tool; t: a point on it)
     ball:                       p_i + M_i t = const      (t: the ball's centre)
@@ -93,7 +94,7 @@ def best_minima(
 def _all_equations(
     model: ClosureModel, q: FloatArray, x: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return all closure equations at parameters `x` (S, P), as a `BatchProblem`: residuals and their Jacobian."""
+    """Return the closure errors of all poses (S, R), and their Jacobian (S, R, P), at parameters `x` (S, P)."""
     error, count = model.reduced(x, q), len(x)
     return error.residual.reshape(count, -1), error.jac_x.reshape(count, -1, x.shape[1])
 
@@ -101,7 +102,7 @@ def _all_equations(
 def _minima(
     x: FloatArray, cost: FloatArray, *, angles: Sequence[int]
 ) -> list[tuple[FloatArray, int]]:
-    """Return the best minima in order of increasing cost, with the number of starts that reached each."""
+    """Merge results `x` (S, K) with equal `angles`; return the best, by `cost` (S,), each with its number of starts."""
     order = np.argsort(cost, kind="stable")
     minima: list[tuple[FloatArray, int]] = []
     while len(order) and len(minima) < REFINED_MINIMA:
@@ -157,11 +158,10 @@ RIDGE = 1e-9
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InnerProblem:
-    """A `BatchProblem` whose unknowns are offsets of inner joints; it has the poses of one placement.
+    """The `BatchProblem` of one placement, whose unknowns are offsets of inner joints.
 
     `model`: loop of the placement. `columns`: indices of the loop's parameters in the whole parameter vector.
-    `table`: D-H rows 1..n, with zeros where a value is part of the fixture's unknowns: the offsets of joints 1 and n,
-    the length s of row 1, and the lengths and twists of row n.
+    `table`: D-H rows 1..n. Values that the fixture's unknowns replace are zero: theta_off_1, s_1 and all of row n.
     `searched`: joints (1-based, never 1 or n) whose offsets are the unknowns. Other offsets are those of `table`.
     `q`: joint angles (m, n), rad. `per_m`: weight of positions relative to directions, 1/m.
     """
@@ -216,7 +216,7 @@ class InnerProblem:
         return r, J - L @ np.linalg.solve(N, Lt @ J)
 
     def filled(self, offsets: FloatArray) -> FloatArray:
-        """Return the loop's parameters (P,) at `offsets` (K,), rad, with the fixture's unknowns fitted to them."""
+        """Return the loop's parameters (P,): `offsets` (K,), rad, and the fixture's unknowns that then fit best."""
         frames = self._frames(offsets[None, :])
         M, p = frames.R_end, frames.p_end
         mean = M.mean(-3, keepdims=True)
@@ -241,7 +241,7 @@ class InnerProblem:
     def _projected(
         self, M: FloatArray, M_c: FloatArray, p: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the h and t (S, 3) that best close the loops (see the module); `M_c`: each M_i minus their mean."""
+        """Return the module's h, t (S, 3) for M (S, m, 3, 3) and p (S, m, 3); `M_c`: M minus its mean over poses."""
         count = len(M)
         if self.model.constrained_part is ConstrainedPart.FRAME:
             return np.tile([0.0, 0.0, 1.0], (count, 1)), np.zeros((count, 3))
@@ -271,7 +271,7 @@ def spread_poses(q: FloatArray, count: int) -> FloatArray:
 
 
 def projectable_parts(model: ClosureModel, q: FloatArray) -> list[InnerProblem]:
-    """Return an `InnerProblem` for each placement; an empty list if a fixture cannot be projected out."""
+    """Return an `InnerProblem` for each placement; an empty list if the fixture does not constrain the tool."""
     parts = []
     n = model.joint_count
     for piece, columns, poses in model.parts():

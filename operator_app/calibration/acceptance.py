@@ -121,7 +121,7 @@ def _refuses(cause: Candidate, evidence: Evidence, estimate: Estimate, impact: f
 
 
 def _unnamed(diagnosis: Diagnosis) -> Iterable[Finding]:
-    """Yield a finding if a test fires and no known cause explains the misfit well."""
+    """Yield the finding of an unexplained misfit, if a test fires but no known cause explains the misfit well."""
     if not diagnosis.fires:
         return
     ratio, probability = _left(diagnosis), 1.0
@@ -148,7 +148,7 @@ def _unnamed(diagnosis: Diagnosis) -> Iterable[Finding]:
 
 
 def _left(diagnosis: Diagnosis) -> float:
-    """Return chi2/dof with the best cause of each ranking fitted; that of the stated model if no cause is possible."""
+    """Return the chi2/dof that remains with the best causes fitted; without such causes, that of the stated model."""
     last = diagnosis.rankings[-1].best if diagnosis.rankings else None
     if last is None or _impossible_compliance(diagnosis):
         return diagnosis.stated_chi2_per_dof
@@ -156,7 +156,7 @@ def _left(diagnosis: Diagnosis) -> float:
 
 
 def _impossible_compliance(diagnosis: Diagnosis) -> bool:
-    """Whether the best explanation is a fixture more compliant than any metal: such a model would fit any data."""
+    """Whether the best explanation is a fixture more compliant than any metal, which would fit almost any data."""
     best = diagnosis.best
     if best is None or best.candidate.cause is not Cause.GIVES:
         return False
@@ -169,7 +169,7 @@ def _impossible_compliance(diagnosis: Diagnosis) -> bool:
 def each_once(causes: Iterable[Finding]) -> tuple[Finding, ...]:
     """Return one finding for each code; it blocks if any finding of that code blocks.
 
-    A code occurs twice if a misfit remained after a cause was accepted, and the same cause was accepted again.
+    A code occurs twice if the misfit that remains after a cause has been fitted is best explained by the same cause.
     """
     by_code: dict[str, Finding] = {}
     for cause in causes:
@@ -195,9 +195,9 @@ def little_motion(
 ) -> tuple[Finding, ...]:
     """Return the finding that poses differ too little to determine some parameters; empty if all sigmas are small.
 
-    Only parameters named in `judged` are tested. The finding names those whose `standard_deviation` (P,) is large, or
-    larger than `known` (rad or m, by name, from a file). It blocks acceptance if a value is too uncertain for any use.
-    `narrows`: function that returns the error source to be reduced for a named parameter, or "" if there is none.
+    Only parameters named in `judged` are tested. The finding names each whose `standard_deviation` (P,), rad or m, is
+    large, or exceeds the one that a file states (`known`, by name). It blocks if a value is too uncertain for any use.
+    `narrows`: function that returns, for a parameter's name, the error source to be reduced, or "" if there is none.
     """
     wide, coarse, refuses = [], [], False
     worst, farthest = "", 0.0
@@ -227,7 +227,7 @@ def little_motion(
 def paper_test(
     paper: Estimate | None, implicit: Estimate
 ) -> tuple[tuple[HypothesisTest, ...], tuple[Finding, ...]]:
-    """Test whether the paper's estimate (if any) and the implicit one agree; return the test, and a finding if not."""
+    """Test the paper's estimate, if any, against the implicit one; return the test, and a finding if they disagree."""
     if paper is None:
         return (), ()
     names = [p.name for p in implicit.parameters]
@@ -262,7 +262,7 @@ READING_KINDS = {
 def return_tests(
     returned: tuple[tuple[RepeatedReading, Repeat], ...], estimate: Estimate
 ) -> tuple[tuple[HypothesisTest, ...], tuple[Finding, ...]]:
-    """Test every repeated pose against the stated errors; return the tests and a finding for each slip."""
+    """Test each repeated pose for a slip beyond the stated errors; return the tests, and one finding for each slip."""
     tests, causes = [], []
     for read, repeat in returned:
         test = HypothesisTest.of_chi2(
@@ -279,10 +279,10 @@ def return_tests(
 def proven_by_return(
     since: tuple[Finding, ...], by_tests: tuple[Finding, ...]
 ) -> tuple[tuple[Finding, ...], tuple[Finding, ...]]:
-    """Return the causes that repeated poses prove, all blocking, and the causes in `by_tests` that remain unproven.
+    """Return the causes that repeated poses prove, all of which block, and the remaining causes in `by_tests`.
 
-    `since`: causes from repeated poses; the blocking ones are proven. `by_tests`: causes from tests of the fit. A cause
-    in both is taken from `by_tests`. A proven slip blocks even if smaller than the sigmas, because it has widened them.
+    `since`: causes from repeated poses; those that block are proven. `by_tests`: causes from tests of the fit. A cause
+    in both is taken from `by_tests`. It blocks even if smaller than the sigmas, because the slip has widened these.
     """
     proven: list[Finding] = []
     for returned in since:
@@ -301,10 +301,10 @@ SLIP_KINDS = frozenset(
 
 
 def not_yet_named(since: tuple[Finding, ...], by_tests: tuple[Finding, ...]) -> tuple[Finding, ...]:
-    """Return the causes in `since` (from repeated poses) that are missing in `by_tests` (from tests of the fit).
+    """Return the causes in `since` (from repeated poses) that no cause in `by_tests` (from tests of the fit) confirms.
 
-    A movement of the fixture is found in `by_tests` only if they name a slip; a compliant fixture is not enough. A step
-    of a joint's reading is found only if they name an error of its sensor or reading; a wrong length is not enough.
+    Only a slip confirms a movement of the fixture; a compliant fixture does not. Only an error of the same joint's
+    sensor or reading confirms a step of a joint's reading; a wrong length does not.
     """
     slipped = any(cause.kind in SLIP_KINDS for cause in by_tests)
     joints = {c.joint for c in by_tests if c.sensor or c.kind in READING_KINDS}

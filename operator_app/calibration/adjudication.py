@@ -1,4 +1,4 @@
-"""Adjudication: derives the causes of a misfit and the verdict from a fit, its tests and the screening.
+"""Adjudication: finds the causes of a misfit, and the verdict, from a fit, its tests and the checks made before them.
 
 Other models are fitted only if the fit is poor or its solution is implausible.
 """
@@ -61,7 +61,7 @@ class PriorInformation:
     """Results that the adjudication uses in addition to the tests of the fit.
 
     `judged`: names of the parameters that decide on acceptance.
-    `paper`: the paper's estimate if that estimator was chosen; else None.
+    `paper`: estimate of the paper's estimator if the user chose this estimator; otherwise None.
     `out_of_range`: readings outside the arm file's ranges.
     `flipped`: number of poses that were left out because the tool is, or seems to be, upside down.
     `left_out`: findings that state why poses were left out.
@@ -84,7 +84,7 @@ class PriorInformation:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Case:
-    """A fit with the results of its tests and its screening.
+    """A fit, the diagnosis of its misfit, and the results that were known before the diagnosis (`known`).
 
     `stated`: the experiment with the files' values and the fitted poses in the order in which they were taken.
     """
@@ -108,13 +108,13 @@ class _Case:
 
     @property
     def gross(self) -> bool:
-        """Whether the misfit would still be too large after the best single linear explanation."""
+        """Whether the misfit remains too large even if the most probable single fault is added to the linear fit."""
         best = self.diagnosis.best
         least = self.chi2_per_dof if best is None else best.chi2_per_dof
         return least > limits.CHI2_PER_DOF_REFUSED
 
     def suspects(self, *causes: Cause) -> str:
-        """Return which joint or part the best single explanation concerns, if its cause is one of `causes`; else ""."""
+        """Return the joint or part with the most probable fault, if this fault is one of `causes`; otherwise ""."""
         best = self.diagnosis.best
         return best.candidate.subject if best is not None and best.candidate.cause in causes else ""
 
@@ -201,7 +201,7 @@ def _misfit_causes(
 ) -> tuple[tuple[Finding, ...], tuple[Finding, ...], bool]:
     """Explain the misfit by the causes that the tests support or, if it is gross, by alternative models.
 
-    Returns all causes, the alternative models among these causes, and whether a blocking misfit remains unexplained.
+    Returns all causes, those of them that are alternative models, and whether a misfit that blocks stays unexplained.
     """
     diagnosis, scale = case.diagnosis, case.chi2_per_dof
     by_tests = acceptance.causes_of(diagnosis, case.fit.estimate, case.known.judged, labels)
@@ -246,10 +246,10 @@ def _misfit_causes(
 
 
 def _wrong_distances(case: _Case, margin: float, *, again: bool = True) -> tuple[Finding, ...]:
-    """Return findings of measured distances that may be wrong; empty if there are none.
+    """Return findings of measured socket distances that may be wrong; empty if there are none.
 
-    Distances may be wrong if the fit without them has a chi2 of at most `margin` above that of a fit with the most
-    probable fault. `again`: solve the loops again without the distances; else both chi2 follow from the linear fit.
+    Distances may be wrong if, without them, chi2 is at most `margin` larger than with the most probable fault fitted.
+    `again`: if needed, solve the loops without the distances; otherwise, only the linear fit is used.
     """
     if again and (case.gross or not case.fit.estimate.converged):
         return refuted_distances(case.stated)
@@ -267,7 +267,7 @@ def _begins_with_a_placement(case: _Case) -> bool:
 
 
 def _local_minimum_causes(case: _Case) -> tuple[Finding, ...]:
-    """Return findings that the solution may be a wrong local minimum; alternative models near nominal come first."""
+    """Return findings that the solution may be only a local minimum; alternative models near nominal come first."""
     if case.known.search is not None:
         return ()
     model, estimate, judged = case.model, case.fit.estimate, case.known.judged
@@ -280,7 +280,7 @@ def _local_minimum_causes(case: _Case) -> tuple[Finding, ...]:
 def _fit_causes(case: _Case, *, without_motion: bool) -> tuple[Finding, ...]:
     """Return the causes that the fit itself shows: it has not converged, or sigmas are large.
 
-    `without_motion`: do not report large sigmas. The sigmas are computed as if values known from files were exact.
+    `without_motion`: leave out large sigmas. The sigmas are computed as if the parameters `known.by_files` were exact.
     """
     estimate = case.estimate.given(case.known.by_files)
     open_end = Finding(
@@ -306,8 +306,8 @@ def _fit_causes(case: _Case, *, without_motion: bool) -> tuple[Finding, ...]:
 def _poorly_determined(case: _Case) -> tuple[Finding, ...]:
     """Return findings on parameters that neither these poses nor the files determine well.
 
-    The sigmas are those at the nominal values, since the sigmas of a diverged fit have no meaning. Nothing is returned
-    if parallel axes in the nominal geometry are the cause.
+    The sigmas are computed at the nominal values, because the sigmas of a diverged fit have no meaning. The result is
+    empty if axes are parallel at the nominal values, since this is then the cause.
     """
     design, model = case.fit.linear.design, case.model
     nominal = nominal_vector(model.parameters)
@@ -342,7 +342,7 @@ def _blocking_when_probable(causes: tuple[Finding, ...]) -> tuple[Finding, ...]:
 def _exceeded_specifications(fit: LinearFit, diagnosis: Diagnosis) -> tuple[Finding, ...]:
     """Return findings of error sources beyond their specification; the parameters' sigmas already include the excess.
 
-    A linearity deviation is included only if its own test fires.
+    A linearity deviation is included only if the test for it fires.
     """
     by_source: dict[str, Finding] = {}
     fired = {test.code for test in diagnosis.tests if test.fires}
@@ -366,7 +366,7 @@ def _screening_causes(poses: PoseSet, known: PriorInformation) -> tuple[Finding,
 
 
 def second_solution(search: GlobalStart | None) -> tuple[Finding, ...]:
-    """Return the finding that several solutions fit the poses; empty if only one does or `search` is None."""
+    """Return the finding that several solutions of the global search fit; empty if one does, or without a search."""
     if search is None or not search.alternatives:
         return ()
     solutions = {"solutions": 1 + len(search.alternatives)}
@@ -374,7 +374,7 @@ def second_solution(search: GlobalStart | None) -> tuple[Finding, ...]:
 
 
 def _geometry_causes(checks: tuple[SetupCheck, ...]) -> tuple[Finding, ...]:
-    """Return a finding per fixture axis almost parallel to a joint axis: D-H entries are then ambiguous (Hayati)."""
+    """Return a finding for each joint axis almost parallel to a fixture axis: entries are then ambiguous (Hayati)."""
     return tuple(
         Finding(
             FindingKind.PARALLEL_AXES,

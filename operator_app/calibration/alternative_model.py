@@ -54,14 +54,14 @@ Alternative = tuple[Finding, Experiment]
 
 
 def without_reading(stated: Experiment, joint: int) -> Experiment:
-    """Return the experiment that also ignores the readings of `joint`."""
+    """Return `stated` with the readings of `joint` ignored, in addition to those that it already ignores."""
     return replace(stated, unsensed=tuple(sorted((*stated.unsensed, joint))))
 
 
 def start(alternative: Experiment) -> tuple[FloatArray, float]:
     """Fit the loops of an alternative; return its parameters (P,), as start values, and the mean square error.
 
-    This is the mean square closure error or, if joints are unsensed, the mean square correction of the readings, rad^2.
+    The error is that of the closure or, if joints are unsensed, the necessary correction of the readings (rad^2).
     """
     if alternative.unsensed:
         fit = without_readings(alternative)
@@ -98,8 +98,8 @@ def is_near(alternative: Experiment) -> bool:
 def closes(alternative: Experiment, *, far: float) -> bool:
     """Whether the loops close much better in the fixture of `alternative` than in the fixture that the file states.
 
-    `far`: mean square closure error in the file's fixture, rotations included. If only noise causes it, `far` is a few
-    times the error in the other fixture. If the tool tilts in a rigid fixture, `far` is about 100 times that error.
+    `far`: mean square closure error in the file's fixture, rotations included. It is a few times the error in the other
+    fixture if the file is right, and about 100 times if the tool tilts in a fixture stated as rigid.
     """
     cost = cost_of(alternative)
     return (
@@ -110,7 +110,7 @@ def closes(alternative: Experiment, *, far: float) -> bool:
 
 
 def cost_of(alternative: Experiment) -> float:
-    """Return the mean square error that `start` gives for an alternative; infinite if its loops cannot be solved."""
+    """Return the mean square error of an alternative after a short fit; infinite if its loops cannot be solved."""
     return tried(lambda: start(alternative)[1], np.inf)
 
 
@@ -128,8 +128,8 @@ def solved(alternative: Experiment, *, anywhere: bool = False) -> tuple[float, i
 def fitted(alternative: Experiment, *, anywhere: bool = False) -> MixedFit:
     """Return the fit of an alternative at stated variances; raises an error if it cannot be solved.
 
-    `anywhere`: whether to ignore the stated tolerance of the fixture's placement. If False, a fixture far from its
-    stated placement increases chi2: of two alternatives that fit, the one with the nearer fixture has the smaller chi2.
+    `anywhere`: ignore the stated tolerance of the fixture's placement. Otherwise, of two alternatives that fit, the one
+    whose fixture is nearer to its stated placement has the smaller chi2.
     """
     arm, poses = alternative.arm, alternative.poses
     x, _ = start(alternative)
@@ -158,10 +158,10 @@ BENDS = 3
 
 
 def shift_of(reading_rad: FloatArray, angle_rad: FloatArray) -> tuple[int, float] | None:
-    """Find a step between a joint's readings (m,) and its known angles (m,), both in the order of the poses in time.
+    """Find a step in the deviation of a joint's readings (m,) from its known angles (m,), both in the order of time.
 
-    Returns the index of the first pose after the step, and the step, rad. The result is None if no step explains most
-    of the deviation of the readings from a smooth function of the angles.
+    Returns the index of the first pose after the step, and the step, rad. A step is accepted if it explains most of
+    what remains of the deviation without a smooth function of the angle. The result is None if there is no such step.
     """
     m = len(reading_rad)
     if m < 2 * (limits.STEP_EDGE_POSES + BENDS):
@@ -201,7 +201,7 @@ def other_fixtures(stated: Experiment) -> Iterator[Alternative]:
 
 
 def hinge_instead(stated: Experiment) -> Alternative:
-    """Return the alternative whose fixture is a hinge: its axis is the tool's line that moves least in the base."""
+    """Return the alternative with a hinge, whose axis is the line of the tool that moves least in the base frame."""
     arm, fixture = stated.arm, stated.fixture
     frames = _frames(arm, stated.poses)
     eye = np.broadcast_to(np.eye(3), frames[0].shape)
@@ -225,7 +225,7 @@ def hinge_instead(stated: Experiment) -> Alternative:
 
 
 def _ball_instead(stated: Experiment) -> Alternative:
-    """Return the alternative with a ball on the file's hinge axis or, if it states none, where the tool moves least."""
+    """Return the alternative with a ball: on the stated hinge's axis or, without one, where the tool moves least."""
     fixture = stated.fixture
     R, p = frames = _frames(stated.arm, stated.poses)
     if isinstance(fixture, Hinge):
@@ -239,7 +239,7 @@ def _ball_instead(stated: Experiment) -> Alternative:
 
 
 def _frames(arm: ArmModel, poses: PoseSet) -> tuple[FloatArray, FloatArray]:
-    """Rotations (m, 3, 3) and origins (m, 3), m, of the tool in the base frame, from the nominal D-H table."""
+    """Return rotations (m, 3, 3) and origins (m, 3), in metres, of the nominal table's last frame in the base frame."""
     frames = arm.table.frames(poses.q_rad)
     return frames.R_end, frames.p_end
 

@@ -1,6 +1,6 @@
 """Alternative models for a gross misfit: solves the most promising and returns their probabilities.
 
-Used if no linear explanation accounts for the misfit, or if the solution is implausible.
+Used if no fault in the linear model accounts for the misfit, or if the solution is implausible.
 """
 
 from collections.abc import Iterable, Iterator
@@ -88,8 +88,8 @@ def find_alternatives(
 
     `scale`: chi2/dof of the stated model at stated variances; infinite without a solution. `dof`: the model's dof.
     `of_files`: try only simple mistakes in the poses or arm file.
-    `near`: as `of_files`, but keep only mistakes whose correction brings the solution near the nominal values. The
-    stated model itself may then fit well.
+    `near`: like `of_files`, but keep only mistakes whose correction brings the solution near the nominal values. Such
+    mistakes are found even if the stated model fits well.
     `sensors`: with `near`, also try a sensor whose readings are useless in all poses.
     """
     deadline = thread_time() + LONGEST_S
@@ -141,8 +141,8 @@ def find_alternatives(
 def poses_in_radians(stated: Experiment, scale: float) -> tuple[Finding, ...]:
     """Return the finding that all readings are in radians, if the joints' ranges allow it and loops then fit better.
 
-    `scale`: finite chi2/dof of the stated model. `find_alternatives` would not find this mistake: if radians are read
-    as degrees, the readings hardly differ between poses, so that the loops close with small errors.
+    `scale`: finite chi2/dof of the stated model. `find_alternatives` does not find this mistake: angles in radians,
+    read as degrees, hardly differ between poses, so that even the uncorrected loops close with small errors.
     """
     q_rad = stated.poses.q_rad
     mistake = next(mistakes(stated.arm, q_rad))
@@ -168,11 +168,11 @@ def hinge_alternative(stated: Experiment) -> tuple[Finding, ...]:
 def wrong_distances(
     stated: Experiment, fit: LinearFit, *, most_chi2: float, again: bool = True
 ) -> tuple[Finding, ...]:
-    """Return findings of wrong measured socket distances: the poses fit only if these distances are left out.
+    """Return findings of wrong measured socket distances; empty if the poses do not fit without them either.
 
     The distances that deviate most are left out one after the other, until chi2 passes its test and is at most
-    `most_chi2` (at the variances of `fit.at_known_noise`). `again`: if the linear `fit` does not pass, solve the loops
-    without the distances and test this solution, since effects of large errors are not linear.
+    `most_chi2` (at the variances of `fit.at_known_noise`). `again`: if the linear `fit` does not pass, also solve the
+    loops without the distances and test this solution, since effects of large errors are not linear.
     """
     fit_stated = fit.stated
     known = compared(stated, fit_stated)
@@ -201,7 +201,7 @@ def wrong_distances(
 def refuted_distances(stated: Experiment) -> tuple[Finding, ...]:
     """Fit the poses without any measured socket distance; return findings of the distances that the fit contradicts.
 
-    This is for distances so wrong that a fit with them has no meaning. The loops are solved from the nominal values.
+    Use this if a fit with the distances has no meaning. The loops are solved from the nominal values.
     """
     known = [(d, 0.0) for d in stated_distances(stated)]
     if not known or not isinstance(stated.fixture, Ball):
@@ -241,7 +241,7 @@ def step_alternative(stated: Experiment, joint: int, scale: float) -> tuple[Find
 
 
 def _weight(ratio: float, dof_left: int, dof: int) -> float:
-    """Return the log weight of an alternative with chi2/dof `ratio` and `dof_left` dof; the stated model has `dof`."""
+    """Return the log weight of an alternative, from its chi2/dof (`ratio`) and from how many `dof` it loses."""
     fits = -0.5 * dof * np.log(max(ratio, limits.SMALLEST_NOISE_SCALE))
     return float(fits - PER_FREEDOM * max(0, dof - dof_left))
 
@@ -294,7 +294,7 @@ def _corrected(stated: Experiment, mistake: Mistake) -> Alternative:
 
 
 def _without_worst(stated: Experiment) -> Iterator[Alternative]:
-    """Yield alternatives with one, two, ... poses left out, always the one with the largest remaining closure error."""
+    """Yield alternatives with one pose after another left out: each time, the pose with the largest closure error."""
     labels, kept, rest = pose_labels(stated.poses), np.arange(len(stated.poses)), stated
     left_out: list[str] = []
     while not stated.unsensed and len(left_out) < min(MOST_LEFT_OUT, len(labels) // 10):
@@ -316,7 +316,7 @@ def _refitted(stated: Experiment, poses: PoseSet) -> Experiment:
 
 
 def _other_rows(stated: Experiment, endpoint: FloatArray, rows: int) -> Alternative:
-    """Return the alternative in which the endpoint of each pose is read `rows` rows further down in the file."""
+    """Return the alternative in which each pose gets the endpoint that is `rows` rows further down in the file."""
     kept = np.arange(max(-rows, 0), len(endpoint) - max(rows, 0))
     poses = replace(stated.poses.at_poses(kept), endpoint=endpoint[kept + rows])
     names = ("further down" if rows > 0 else "further up",)
@@ -330,7 +330,7 @@ def _with_table(arm: ArmModel, **columns: FloatArray) -> ArmModel:
 def turned_zero(stated: Experiment, estimate: Estimate) -> tuple[Finding, ...]:
     """Return the finding of a joint whose zero is a quarter or half turn off; empty if there is none.
 
-    `estimate` must show about this offset, and the poses must fit after its correction.
+    There is one if an offset in `estimate` is off by roughly such a turn, and the poses fit after its correction.
     """
     names, nominal = [p.name for p in estimate.parameters], nominal_vector(estimate.parameters)
     changes = dict(
@@ -354,7 +354,7 @@ def _turned(stated: Experiment, joint: int, turn_rad: float) -> Alternative:
 
 
 def _frozen(stated: Experiment) -> Iterator[Alternative]:
-    """Yield alternatives in which a sensor is stuck in a run of poses; only the run's first pose is used."""
+    """Yield alternatives in which a sensor is stuck in successive poses; only the first of these poses is used."""
     poses, sigma = stated.poses, stated.arm.sigma_rad()
     for j in range(1, poses.joint_count + 1):
         for first, last in constant_reading_runs(poses.q_rad, j, 3.0 * float(sigma[j - 1])):
@@ -386,7 +386,7 @@ def _shifted(blind: Experiment, unsensed: tuple[int, ...]) -> list[tuple[Finding
     """Return the finding of a step in one joint's readings, with chi2/dof and dof after correction of the step.
 
     `blind`: experiment that ignores the readings of the joint to be tested and of the joints `unsensed`. The list is
-    empty if there is no step, or if `blind` ignores none or several joints besides `unsensed`.
+    empty if there is no step, or if `blind` does not ignore exactly one joint besides `unsensed`.
     """
     more = [j for j in blind.unsensed if j not in unsensed]
     if len(more) != 1:

@@ -137,14 +137,15 @@ def calibrate(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Prepared:
-    """Loops of the poses on one branch, with the model, data and error model of their fit.
+    """Loops of the poses on the main branch, with the model, data and error model of their fit.
 
-    `fixed`: unidentifiable unknowns that are fixed at their nominal values on request.
+    `fixed`: unidentifiable unknowns that stay at their nominal values because the caller set `drop`.
     `hard`: model with only the unknowns that the poses have to identify.
-    `model`: `hard` with further entries, free within a tolerance. `tolerance`: their standard deviations, by name.
+    `model`: `hard` with further entries of the maker's table, which the fit may correct within a tolerance.
+    `tolerance`: standard deviation (rad, m) of each of these further entries, by name.
     `errors`: error model of the distinct poses.
     `distinct`: indices of the distinct poses. `which`: for every pose on the branch, its position in `distinct`.
-    `prior`: names of the arm's entries whose uncertainty the arm's file states.
+    `prior`: names of the arm's unknowns in `hard` whose uncertainty the arm's file states.
     `identifiability`: identifiability at the paper's estimate; None if it was not evaluated.
     """
 
@@ -167,8 +168,8 @@ class Prepared:
 class Fitted:
     """The implicit fit, and the result of the chosen estimator (`estimate`).
 
-    `whole`: implicit fit of the distinct poses. `part`: the same fit, reduced to at most `MOST_DIAGNOSED_POSES` poses
-    for the tests. `tested`: indices of the poses in `part`.
+    `whole`: implicit fit of the distinct poses. `part`: the same estimate with a linear fit of at most
+    `MOST_DIAGNOSED_POSES` poses, for the tests. `tested`: indices of these poses.
     `shares`: share of each parameter's information that comes from the poses; empty with the paper's estimator.
     """
 
@@ -234,8 +235,8 @@ def prepare(
 def fit(prepared: Prepared, progress: Progress | None) -> Fitted:
     """Fit by the implicit estimator from several starts; return the fit and the estimate of the chosen estimator.
 
-    Raises `PosesDoNotFitError` if no start leads to a fit; the error lists the alternative models that fit. Also raises
-    an error if parameters are unidentifiable at the estimate.
+    Raises `PosesDoNotFitError` if no start leads to a fit; the error lists the alternative models that fit. Raises
+    `UnidentifiableError`, or an error that names its cause, if parameters are unidentifiable at the estimate.
     """
     experiment, loops, distinct = prepared.experiment, prepared.loops, prepared.distinct
     rows = np.searchsorted(np.flatnonzero(loops.kept), distinct)
@@ -280,7 +281,7 @@ def fit(prepared: Prepared, progress: Progress | None) -> Fitted:
 def diagnose(
     fitted: Fitted, rereads: tuple[RepeatedReading, ...]
 ) -> tuple[PriorInformation, Adjudication]:
-    """Test the fit, every RVDT, the fixture's geometry and repeated poses, and rank the causes of a misfit."""
+    """Test the fit, the RVDTs, the fixture's geometry and repeated poses; return these results and the adjudication."""
     prepared, model, x = fitted.prepared, fitted.model, fitted.estimate.x
     loops, experiment = prepared.loops, prepared.experiment
     part, tested, shares = fitted.part, fitted.tested, fitted.shares
@@ -357,16 +358,16 @@ def collect(
 
 
 def _identifiability(prepared: Prepared, x: FloatArray) -> Identifiability:
-    """Identifiability at parameters `x`, from the loop closure; raises the errors of `_require_identifiable`."""
+    """Return the identifiability at parameters `x`, from the loop closure, or raise an error if it does not suffice."""
     loops, sigma_rad = prepared.loops, prepared.experiment.arm.sigma_rad()
     identified = identifiability(loops.identifiable, x, loops.q, sigma_rad=sigma_rad)
     return _require_identifiable(prepared, identified)
 
 
 def _require_identifiable(prepared: Prepared, identified: Identifiability) -> Identifiability:
-    """Return `identified` if acceptable; otherwise raise an error with the unidentifiable directions or their cause.
+    """Return `identified`, or raise an error with the unidentifiable directions or their cause.
 
-    The implicit estimator accepts directions that involve a parameter whose uncertainty the arm's file states.
+    The implicit estimator accepts a direction if the arm's file states the uncertainty of one of its parameters.
     """
     experiment, loops, model = prepared.experiment, prepared.loops, prepared.hard
     known = frozenset[str]() if prepared.by_paper else prepared.prior
@@ -391,7 +392,7 @@ def _require_identifiable(prepared: Prepared, identified: Identifiability) -> Id
 
 
 def _identifiability_of(prepared: Prepared, part: Calibrated, x: FloatArray) -> Identifiability:
-    """Return the identifiability at the chosen estimate; `x` (P,): implicit estimate, used with unsensed joints."""
+    """Return the identifiability at the chosen estimate; with unsensed joints, at the implicit estimate `x` (P,)."""
     loops = prepared.loops
     if prepared.by_paper and prepared.identifiability is not None:
         return prepared.identifiability
@@ -404,7 +405,7 @@ def _identifiability_of(prepared: Prepared, part: Calibrated, x: FloatArray) -> 
 
 
 def _starts(prepared: Prepared) -> Iterator[FloatArray | None]:
-    """Yield start values (P,) for the implicit fit, in the order to be tried; None: the fit finds its own start."""
+    """Yield start values (P,) for the implicit fit, in the order to be tried; None lets the fit find a start."""
     loops, unsensed = prepared.loops, prepared.experiment.unsensed
     model, q, identifiable = prepared.model, loops.q, loops.identifiable
     if prepared.prior and loops.search is None and not unsensed:

@@ -45,13 +45,14 @@ NEWTON_STEPS = 3
 class CalibratedArm:
     """Links 1..n of a calibrated arm, and the tip: the point of its tool that the fixture holds.
 
-    The base frame is that of the arm's file: entries that depend on the fixture on the table keep the file's values.
+    The base frame is that of the arm's file: entries that locate the fixture on the table keep the file's values.
 
-    `flange`: rows 1..n with the arm's own entries as calibrated, all others as in the arm's file.
-    `hand`: the same rows, but with the calibrated values of the entries that locate the fixture on the tool.
+    `flange`: D-H rows 1..n. The arm's own entries are as calibrated, all others as in the arm's file.
+    `hand`: the same rows, but the entries that locate the fixture on the tool are as calibrated, too.
     `tip_m`: the tip in the last frame of `hand`, (3,), m: the ball's centre or the instrument's target. It is zero for
     a rigid attachment and for a hinge (the hinge's axis is the z axis of that frame).
-    `identified`: entries of `flange` that were calibrated. `free`: calibrated entries of `hand` and tip coordinates.
+    `identified`: names of the calibrated entries of `flange`.
+    `free`: names of the calibrated entries of `hand` and of the calibrated tip coordinates.
     `best`: best D-H table for uncorrected readings. `corrections`: corrections of the readings. Both may be None.
     """
 
@@ -96,7 +97,7 @@ class CalibratedArm:
         return T
 
     def tip_with_sigma_m(self, q_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the tip in the base frame (m, 3), m, and the standard deviation (m,), m, of its error.
+        """Return the tip (m, 3) in the base frame, and the standard deviation (m,) of its error, both in metres.
 
         Both follow from `best` if it is not None (`BestTable.tool`). Otherwise, the standard deviation is
         ``sqrt(trace(J C J'))``: J holds the derivatives of the tip by the parameters `free`, and C is their covariance.
@@ -107,7 +108,7 @@ class CalibratedArm:
         return tip, np.sqrt(spread_along(rates, self._covariance))
 
     def stated_part_m(self, q_rad: FloatArray, names: Collection[str]) -> FloatArray:
-        """Return the tip's standard deviation (m,), m, due to the parameters `names`; the rest adds in quadrature."""
+        """Return the part of the tip's standard deviation, (m,) in metres, that the parameters `names` cause."""
         known = [k for k, name in enumerate(self.free) if name in names]
         if not known:
             return np.zeros(len(q_rad))
@@ -116,9 +117,10 @@ class CalibratedArm:
         return np.sqrt(spread_along(self._rates(q_rad, self.free)[1], part))
 
     def rate_m_per_rad(self, joint: int, rates: dict[str, float], q_rad: FloatArray) -> FloatArray:
-        """Return the tip displacement (m,), in m per rad of error in the fixed offset of `joint`, at readings (m, n).
+        """Return the displacement (m,) of the tip at m poses, in metres per rad of error of `joint`'s fixed offset.
 
-        `rates`: by name, the change of each other parameter per rad of this error, in the last placement.
+        `rates`: by name, the change of each fitted parameter per rad of this error. If each placement has its own
+        parameter, that of the last placement counts. `q_rad` (m, n): readings of the poses.
         """
         plain = {name.partition("[")[0]: rate for name, rate in rates.items()}
         names = (DhEntry(DhKind.THETA_OFF, joint).name, *self.free)
@@ -126,7 +128,7 @@ class CalibratedArm:
         return np.asarray(np.linalg.norm(self._rates(q_rad, names)[1] @ along, axis=-1))
 
     def _rates(self, q_rad: FloatArray, names: tuple[str, ...]) -> tuple[FloatArray, FloatArray]:
-        """Return tip positions (m, 3), m, and their derivatives (m, 3, k) with respect to the k parameters `names`."""
+        """Return tip positions (m, 3), in metres, at m poses, and their derivatives (m, 3, k) by the k parameters."""
         return tool_positions(self.hand, self.tip_m, names, q_rad)[:2]
 
 
@@ -199,14 +201,14 @@ def side_of(model: ClosureModel, name: str) -> Literal["arm", "ground", "hand"]:
 
 
 def last_placement(solution: Solution) -> tuple[ClosureModel, dict[str, int]]:
-    """Return the loop of the last placement with poses, and by name the index of its parameters in the estimate."""
+    """Return the loop of the last placement, and the index in the estimate of each of its parameters, by name."""
     part, columns, _ = solution.model.parts()[-1]
     index = np.arange(len(solution.estimate.x))[columns].tolist()
     return part, dict(zip([p.name for p in part.parameters], index, strict=True))
 
 
 def calibrated_arm(solution: Solution, arm: ArmModel) -> CalibratedArm:
-    """Return `arm` with the values that `solution` identified; `arm` is the arm of the arm file."""
+    """Return `arm`, the arm of an arm file, with the values that `solution` identified."""
     estimate = solution.estimate
     # If the fixture is remounted on the tool for every placement, the tool of the last placement counts.
     part, column = last_placement(solution)
@@ -247,7 +249,7 @@ def calibrated_arm(solution: Solution, arm: ArmModel) -> CalibratedArm:
 def with_best_table(
     solution: Solution, arm: ArmModel, calibrated: Calibrated, q: FloatArray
 ) -> Solution:
-    """Return `solution` with corrections and best table; `calibrated`: implicit fit of the readings `q` (m, n), rad."""
+    """Return `solution` with best table and corrections; `calibrated`: implicit fit to the readings `q` (m, n), rad."""
     own = calibrated_arm(solution, arm)
     part, column = last_placement(solution)
     index = np.array([column[name] for name in own.free], dtype=np.int64)
@@ -280,10 +282,10 @@ def with_best_table(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClosureInUse:
-    """Closure sigmas for the two ways in which a controller can use a calibration; None if not computed.
+    """Closure sigmas for both uses of a calibration in a controller; None if not computed.
 
-    `best_table`: sigmas with the best D-H table, at uncorrected readings. `corrected`: sigmas with the identified
-    entries, at readings to which the corrections are added.
+    `best_table`: with the best D-H table and uncorrected readings.
+    `corrected`: with the identified entries, and readings to which the corrections are added.
     """
 
     best_table: ClosureSigmas | None = None
@@ -317,7 +319,7 @@ def closure_in_use(
     """Return the closure sigmas for both uses of a calibration: the best table, and corrected readings.
 
     `model`, `x`: a loop of the calibrated arm and the values of its parameters (P,), rad and m. `q`: readings (m, n).
-    `unknown`: parameters of an uncalibrated placement, estimated once with the table, once with corrected readings.
+    `unknown`: names of parameters of an uncalibrated placement. They are estimated from `q`, for each use separately.
     """
     best, corrections = solution.best, solution.corrections
     if best is None or corrections is None:
@@ -343,7 +345,7 @@ def closure_in_use(
 
 
 def _with_last_link(rows: FloatArray, other: FloatArray, *, than: FloatArray) -> DhTable:
-    """Return `rows` (5, n), but with the entries of the last link from `other` where `other` and `than` differ."""
+    """Return the table `rows` (5, n). Last-link entries in which `other` and `than` differ are taken from `other`."""
     rows, differ = rows.copy(), other[:, -1] != than[:, -1]
     rows[differ, -1] = other[differ, -1]
     return DhTable.from_stacked(rows)
@@ -379,7 +381,7 @@ def tool_accuracy(
 ) -> HandAccuracy:
     """Summarise the tool position error before and after calibration over the ranges of all joints.
 
-    The summary includes the uncertainty of fixed offsets or, if no file states it, the names of these offsets.
+    If a file states the uncertainty of fixed offsets, `after` includes it; otherwise, `holds_for` names these offsets.
     `as_stated`: parameters known from the files rather than from the poses. `fit`: fit of the calibration.
     """
     errors, q = hand_errors(calibrated, arm), even_poses(arm)

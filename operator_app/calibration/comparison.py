@@ -1,9 +1,9 @@
 """Comparison of two calibrations of one arm: changes of parameters, and which of them exceed noise.
 
-Eight parameter vectors describe the same hinge loop. The second document's is replaced by the one that is nearest to
-the first document's. A difference counts as drift if it is too large for the standard deviations of both documents, at
-a level corrected for the number of free parameters (Bonferroni). The arm's lengths and twists are not in this number:
-their sigma is mostly the maker's tolerance. Two estimates from the same poses never show drift.
+Up to eight parameter vectors describe the same hinge loop. Of those equivalent to the second document's vector, the one
+nearest to the first document's is compared. A difference counts as drift if it is too large for the standard deviations
+of both documents, at a level corrected for the number of free parameters (Bonferroni). Lengths and twists are not
+counted: their sigma is mostly the maker's tolerance. Two estimates from the same poses never show drift.
 """
 
 import math
@@ -51,7 +51,7 @@ class Side(Enum):
 class ParameterChange:
     """One parameter in two calibrations, SI units.
 
-    `before`: value in the first calibration. `after`: of the equivalent values in the second, the nearest to `before`.
+    `before`: value in the first calibration. `after`: value in the second (`nearest_values`).
     `change`: after minus before, for angles at most half a turn. `sigma`: standard deviation of the change.
     `significant`: whether the change exceeds noise at the level of the comparison. It is false for two estimates from
     the same poses, because both contain the same noise.
@@ -79,7 +79,7 @@ class CalibrationComparison:
     """Result of the comparison of two calibrations of one arm.
 
     `drifts`: one entry for each parameter that both calibrations identified and that can be compared.
-    `level`: false-alarm probability over all free parameters. `threshold_sigmas`: the change, in sigmas, at this level.
+    `level`: probability of any false alarm. `threshold_sigmas`: smallest significant change, in standard deviations.
     `scale_before`, `scale_after`: factor applied to each document's standard deviations: sqrt(chi2/dof), at least 1.
     `left_out`: parameters that were not compared, with the reason.
     """
@@ -213,8 +213,8 @@ def _different_arms(a: ParametersDocument, b: ParametersDocument) -> tuple[str, 
 def _loop(document: ParametersDocument) -> DhLoop:
     """Return the loop that a document describes.
 
-    The first or last joint counts as unsensed if its offset was not identified. Otherwise, `equivalents` would lack the
-    vectors with other signs of a and alpha in the adjacent link, because they need another offset of the joint.
+    The first or last joint counts as unsensed if its offset was not identified. Only then does `equivalents` return the
+    vectors with opposite signs of a and alpha in the adjacent link, which change this offset by half a turn.
     """
     entries = tuple(DhEntry.parse(e.entry) for e in document.calibrated)
     known = {e.name for e in entries}
@@ -228,7 +228,7 @@ def _loop(document: ParametersDocument) -> DhLoop:
 
 
 def nearest_values(a: ParametersDocument, b: ParametersDocument) -> dict[str, float]:
-    """Return the identified entries of `b` (rad, m), replaced by the equivalent values nearest to those of `a`."""
+    """Return the identified entries of `b` (rad, m), by name: of all values for the same loop, those nearest to `a`."""
     loop = _loop(b)
     rows_a, rows_b = a.table.stacked(), b.table.stacked()
     x = np.array([rows_b[e.kind, e.row] for e in loop.entries])
@@ -265,9 +265,9 @@ REPORTED_SCALE = 1.1
 def notices(
     a: ParametersDocument, b: ParametersDocument, scales: tuple[float, float]
 ) -> tuple[Finding, ...]:
-    """Return the differences between the documents, except differences of identified parameters.
+    """Return notices of what differs between the documents, apart from the identified parameters.
 
-    `scales`: factors applied to the standard deviations of `a` and `b`.
+    `scales`: factors by which the comparison multiplies the standard deviations of `a` and `b`.
     """
     K, findings = FindingKind, []
     if a.utc > b.utc:

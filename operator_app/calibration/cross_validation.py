@@ -29,7 +29,7 @@ class Checks:
     `jackknife_sd`: standard deviation (rad, m) of every identified parameter, from leaving out each pose in turn;
     parameters only corrected within tolerances are not included.
     `held_out`: parts of the poses, each tested with the estimate from all other poses.
-    `far_block`: test of a block of poses with the estimate from all other poses, which are far away (extrapolation).
+    `far_block`: test of a block of poses far from all others, with the estimate from these others (extrapolation).
     """
 
     jackknife_sd: FloatArray | None = None

@@ -44,7 +44,7 @@ def error_model(
     tolerance: Mapping[str, float] = MappingProxyType({}),
     prior: Mapping[str, float] = MappingProxyType({}),
 ) -> ErrorModel:
-    """Return the stated errors of the `kept` poses; `tolerance`, `prior`: standard deviations as in `ErrorModel`."""
+    """Return the stated errors of the `kept` poses; `tolerance`, `prior`: see these attributes of `ErrorModel`."""
     arm, fixture, poses = experiment.arm, experiment.fixture, experiment.poses
     errors = stated_errors(
         arm,
@@ -78,7 +78,7 @@ def error_model(
 
 
 def stated_distances(experiment: Experiment) -> tuple[KnownDistance, ...]:
-    """Return the stated distances between two sockets of a ball, if poses were taken in both sockets."""
+    """Return the distances that a ball's fixture file states between two sockets, if both sockets have poses."""
     fixture, placements = experiment.fixture, set(experiment.poses.placements)
     known = fixture.distances if isinstance(fixture, Ball) else ()
     return tuple(d for d in known if set(d.between) <= placements)
@@ -90,10 +90,10 @@ def _socket(number: int) -> Names:
 
 
 def _loads(experiment: Experiment, kept: IntArray) -> LoadBasis | None:
-    """Effects of gravity at the kept poses: on the arm and, if the arm file states masses, on the fixture.
+    """Return effects of gravity at the kept poses: on the arm and, if the arm file states masses, on the fixture.
 
-    They are computed at the nominal values and with the poses in canonical order. They therefore depend neither on the
-    start values of a fit nor on the order of the poses in the file, not even in the last digit.
+    They are computed at the nominal values, with the poses sorted by their readings. They therefore depend neither on
+    the start values of a fit nor on the order of the poses in the file, not even in the last digit.
     """
     arm, fixture = experiment.arm, experiment.fixture
     if not len(kept):
@@ -119,8 +119,8 @@ def _loads(experiment: Experiment, kept: IntArray) -> LoadBasis | None:
 def approach_of(arm: ArmModel, poses: PoseSet, kept: IntArray) -> FloatArray | None:
     """Return the direction (m, n), 1 or -1, in which each joint moved last before each kept pose.
 
-    The direction is 0 as long as the joint has not moved in the pose's placement. The order of the poses follows from
-    their times, not from the file; the result is None if the times do not determine the order.
+    The direction is 0 until the joint has first moved in the placement. The order of the poses follows from their
+    times, not from the file; the result is None if the times do not determine the order.
     """
     if poses.utc is None or not all(poses.utc):
         return None
@@ -164,10 +164,10 @@ def _instrument_variance(fixture: EndpointConstraint) -> FloatArray | None:
 
 
 def averaged_at_rest(arm: ArmModel, poses: PoseSet) -> PoseSet:
-    """Average successive rows of one placement between which no joint moved; the number of rows stays the same.
+    """Replace successive rows between which no joint moved by their average; the number of rows stays the same.
 
-    Such rows, e.g. in a log at a fixed rate, form a group with the same pose, deflection and play: only the noise of
-    the readings is independent. Each row gets the group's mean reading, mean endpoint and number of samples, so that
+    Such rows of one placement, e.g. in a log at a fixed rate, have the same pose, deflection and play; only their noise
+    is independent. Each row gets the group's mean reading, mean endpoint and total number of samples, so that
     `distinct_poses` counts the group once. If the rows of every group are equal already, `poses` is returned.
     """
     q, rows = poses.q_rad, [poses.q_rad, poses.placement[:, None]]
@@ -209,7 +209,7 @@ def _moves_rad(arm: ArmModel) -> FloatArray:
 
 
 def distinct_poses(poses: PoseSet, kept: BoolArray) -> tuple[IntArray, IntArray]:
-    """Return indices of the distinct `kept` poses, and each kept pose's position in this list; equal poses share one.
+    """Return indices of the distinct `kept` poses, and for each kept pose the position of its equal in this list.
 
     Poses of one placement with exactly equal readings and endpoints count as one: repeated rows add no information.
     """
@@ -232,9 +232,9 @@ def free_within_tolerance(
 ) -> tuple[ClosureModel, dict[str, float]]:
     """Free the arm's lengths and twists within their tolerances, since the maker's table is not exact.
 
-    Offsets that `model` fixes are freed too, if the arm's file states their uncertainty. Entries that the fixture
-    determines stay fixed, and so do the entries `fixed`. Returns the loop, and the standard deviation (m, rad) of each
-    newly freed entry by name.
+    Offsets that `model` fixes are freed too, if the arm's file states their uncertainty. Entries that locate the
+    fixture and the entries `fixed` are not freed. Returns the loop, and the standard deviation (m, rad) of each newly
+    freed entry by name.
     """
     part = model.parts()[0][0]
     n = arm.joint_count

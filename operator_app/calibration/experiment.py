@@ -29,7 +29,7 @@ ANGLES_TRIED = 36
 
 
 class EndpointMissingError(SolverError):
-    """The fixture is an instrument, but the poses have no endpoints or (`orientation`) no measured orientations."""
+    """An instrument is the fixture, but poses have no endpoints or, if `orientation`, no measured orientations."""
 
     def __init__(self, *, orientation: bool = False) -> None:
         what, columns = "endpoints", "x_m,y_m,z_m"
@@ -103,7 +103,7 @@ class IdentifiableLoops(NamedTuple):
 
     `model`: the loops with all unknowns or, if unidentifiable unknowns are to be dropped, the same as `identifiable`.
     `identifiable`: the loops with the unknowns that the poses identify. `unidentifiable`: names of the other unknowns.
-    `q`, `kept`: readings (k, n), rad, of the poses on the main branch, and a mask (m,) of these.
+    `q` (k, n): readings, rad, of the k poses on the main branch. `kept` (m,): mask of these poses.
     `paper`: the paper's estimate of `identifiable`; None with unsensed joints.
     """
 
@@ -129,7 +129,7 @@ def identifiable_loops(
     drop: bool,
     progress: Progress | None,
 ) -> IdentifiableLoops:
-    """Choose the poses of one branch and the parameters that they determine; estimate them if all joints are sensed."""
+    """Choose the poses of one branch and the parameters that they identify; with all joints sensed, estimate these."""
     q, arm, choice, made = experiment.poses.q_rad, experiment.arm, None, None
     if search:
         choice = global_start(model, q, progress=progress)
@@ -157,7 +157,7 @@ def identifiable_loops(
 def _without_unidentifiable(
     model: ClosureModel, arm: ArmModel, x0: FloatArray | None, q: FloatArray, *, drop: bool
 ) -> tuple[ClosureModel, tuple[str, ...]]:
-    """Fix unidentifiable parameters; return the model and their names. If not allowed, return `model` and ()."""
+    """Fix unidentifiable parameters, if that is allowed; return the model and the names of the parameters fixed."""
     # They may be fixed if `drop`, or if all of them are offsets whose uncertainty the arm's file states.
     if not drop and arm.offset_tolerance_rad is None:
         return model, ()
@@ -170,10 +170,10 @@ def _without_unidentifiable(
 def on_main_branch(model: ClosureModel, q: FloatArray) -> tuple[BoolArray, Estimate | None]:
     """Find the poses on the hinge's main branch, which is the branch with most poses; `q`: readings (m, n), rad.
 
-    Returns a mask (m,) of these poses, and the paper's estimate from them, with all joints taken as sensed. The
-    estimate is None if it needs more poses, or if the poses are on other branches at the estimate than at the nominal
-    parameters. Branches are separated at the nominal parameters first: even inaccurate values show whether a tool is
-    upside down, while a fit to both branches would lie between them.
+    Returns a mask (m,) of these poses, and the paper's estimate from them, as if all joints were sensed. The estimate
+    is None if the poses are too few, or if some are on another branch at the estimate than at the nominal parameters.
+    The branches are first separated at the nominal parameters: even inaccurate values show whether a tool is upside
+    down, while a fit to both branches would lie between them.
     """
     everything = np.ones(len(q), dtype=np.bool_), None
     # Even the readings of unsensed joints are used: with errors of a degree they still distinguish the branches.

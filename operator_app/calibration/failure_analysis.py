@@ -34,7 +34,7 @@ def explain_unidentifiable(
     paper: Estimate | None,
     saturated: PosesDoNotFitError | None,
 ) -> SolverError:
-    """Return an error that names the cause (stuck or saturated sensor, mistake, open loops), else `error` itself."""
+    """Return an error that names the cause (stuck or saturated sensor, mistake, open loops); without one, `error`."""
     stuck = explained(error, stated)
     if stuck is not error:
         return stuck
@@ -104,9 +104,9 @@ def turned_unread(
 ) -> tuple[int, float] | None:
     """Return the joint that turned although its reading did not change, and its turn (rad); None if none did.
 
-    First, the loop is closed at `before_rad`; the correction of the readings that this needs is added to `after_rad`
-    too, so that placement errors cancel. Then the loop is closed at `after_rad` several times: once with all `still`
-    joints fixed, then with each of them free in turn. No motion is linearised.
+    First, the loop is closed at `before_rad`. The correction of the readings that closes it is added to `after_rad`
+    too, so that placement errors cancel. Then the loop is closed at `after_rad`: once with all `still` joints fixed,
+    then with each of them free in turn. A joint has turned if freeing it makes the correction much smaller.
 
     `x`: approximate parameters (P,). `before_rad`, `after_rad`: readings (n,). `still`: joints (1-based) whose readings
     did not change.
@@ -137,7 +137,7 @@ def turned_unread(
 def _correction(
     model: ClosureModel, x: FloatArray, start_rad: FloatArray, sigma: FloatArray
 ) -> FloatArray | None:
-    """Return the smallest correction (n,), rad, in units of `sigma` (n,), that closes the loop; None if none does."""
+    """Return the correction (n,), rad, that closes the loop and is smallest in units of `sigma` (n,); None if none."""
     closed = close_loops(model, x, start_rad[None], sigma_rad=sigma)
     return closed.q[0] - start_rad if closed.closed[0] else None
 

@@ -251,7 +251,7 @@ def rms_displacement(
 ) -> dict[str, float]:
     """Return the fixture's rms rotation (`turn_rad`) and displacement (`shift_m`) due to the fault `candidate`.
 
-    The rms is over the poses that it affects, in the placement with the largest displacement.
+    The rms is over the poses that the fault affects, in the placement with the largest displacement.
     """
     displacement = candidate.moves(evidence.b, len(faults.system.w))
     along_fixture = (faults.system.E @ displacement[..., None])[..., 0]
@@ -276,10 +276,10 @@ def _rms(values: FloatArray) -> float:
 
 
 def motion_causes(experiment: Experiment, labels: tuple[str, ...]) -> tuple[Finding, ...]:
-    """Return a finding for each joint whose readings spread within a pose by more than its sensor's noise.
+    """Return a finding for each joint whose samples within a pose spread by more than its sensor's noise.
 
     An RVDT that is noisy in most poses is reported by its RVDT verdict instead. If the arm moves during sampling, the
-    mean of the samples does not close the loop, even if the fit does not show this.
+    mean of the samples does not belong to a closed loop, even if the fit is good.
     """
     arm, sd_rad = experiment.arm, experiment.poses.sd_rad
     if sd_rad is None:
@@ -333,8 +333,8 @@ def left_out_poses(
 ) -> tuple[tuple[Finding, ...], tuple[RangeFinding, ...]]:
     """Return findings that state why poses were left out, and the part of `out_of_range` still to be reported.
 
-    `left_out`: indices of the left-out poses. If all poses of a range finding were left out because their angles are in
-    radians, that range finding is not reported.
+    `left_out`: indices of the left-out poses. A range finding is not reported if all its poses were left out because
+    they are in radians.
     """
     joints = {
         k: [f.joint for f in out_of_range if f.fault is ReadingFault.OUTSIDE and k in f.poses]

@@ -26,9 +26,9 @@ ONE_DAY, ONCE_A_YEAR = timedelta(days=1), timedelta(days=365)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PastCalibration:
-    """One accepted calibration: session, document, type A uncertainty of its entries (rad, m), and mounting.
+    """One accepted calibration of a session; `within`: type A uncertainty of its entries (rad, m), by name.
 
-    The fixture stayed mounted between sessions of the same `mounting`.
+    Sessions between which the fixture stayed mounted have the same number `mounting`.
     """
 
     session: str
@@ -51,10 +51,10 @@ class PastVerification:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EntryHistory:
-    """Calibrations with one fixture and estimator, oldest first, and their entries of one side.
+    """History of the entries that describe one part (`side`), from calibrations with one fixture and one estimator.
 
-    `side`: part that the entries describe: arm, table or tool.
-    `values` (sessions, entries), rad and m, replaced by the equivalent values nearest to the first session's.
+    `side`: the part: arm, fixture on the table or fixture on the tool. `calibrations`: the calibrations, oldest first.
+    `values` (sessions, entries): rad and m; of equivalent values, those nearest to the first session's.
     `sigma`, `within`: standard uncertainty of `values`, and its type A part, in the same shape and units.
     `chart`: control limits of each session, and the shifts of entries in the order in which they were detected.
     `smallest`: smallest shift of each entry that three more sessions detect in 90 % of cases; NaN with few sessions.
@@ -79,7 +79,7 @@ class EntryHistory:
 class ArmHistory:
     """Calibrations and verifications of one arm over time.
 
-    `parts`: for each fixture and estimator, histories of the arm's offsets, and of the parameters of the last mounting.
+    `parts`: for each fixture and estimator, histories of the arm's offsets and of the last mounting's parameters.
     `left_out`: sessions not used, each with the reason. `due`: date of the next calibration. `due_why`: its reason.
     """
 
@@ -188,8 +188,8 @@ def _due(
 ) -> tuple[datetime, str]:
     """Return when and why the next calibration is due.
 
-    After a failed verification it is due on that verification's date; if the last calibration detected a shift, on the
-    date of that calibration; otherwise an interval after the last calibration.
+    The first case that applies: on the date of a failed verification after the last calibration; on the date of the
+    last calibration, if it detected a shift; an interval after the last calibration.
     """
     last = accepted[-1].document.utc
     if failed := [v for v in checks if v.utc > last and not v.holds]:

@@ -47,7 +47,7 @@ def with_registered_instrument(
 
 
 def _refined(arm: ArmModel, fixture: Measured, poses: PoseSet) -> EndpointConstraint:
-    """Return the fixture with base and target fitted together with the arm's offsets; unchanged if the fit fails."""
+    """Return the fixture with base and target from a fit together with the arm's offsets; unchanged if it fails."""
     model = Experiment(arm=arm, fixture=fixture, poses=poses).loop()
     if len(poses) < poses_needed(len(model.parameters), model.equations_per_pose):
         return fixture
@@ -71,7 +71,7 @@ def _refined(arm: ArmModel, fixture: Measured, poses: PoseSet) -> EndpointConstr
 
 
 def with_calibrated_places(fixture: EndpointConstraint, model: ClosureModel) -> EndpointConstraint:
-    """Return an instrument with the placements of base and target that `model` has; any other fixture unchanged."""
+    """Return an instrument with its base and target placed as in `model`; any other fixture is returned unchanged."""
     part = model.parts()[0][0]
     if not isinstance(fixture, Measured) or not isinstance(part, MeasuredClosure):
         return fixture
@@ -90,7 +90,7 @@ class InstrumentStation:
     """Calibrated T_instrument_base and T_flange_target, (4, 4), m, of one placement.
 
     `placement`: number of the placement; None if there is only one.
-    `full_pose`: whether orientations were measured; otherwise the rotation of the target is only nominal.
+    `full_pose`: whether orientations were measured; if not, the target's rotation is the nominal one.
     """
 
     placement: int | None
@@ -126,7 +126,7 @@ def endpoints_at_nominal_base(
 ) -> PoseSet:
     """Return the poses with the endpoints of `placements` moved rigidly, as if measured from the nominal station.
 
-    To move them, the base's pose in each placement is fitted with the calibrated arm and target. A later fit to the
+    For this, the base's pose in each placement is fitted with the calibrated arm and target. A later fit to the
     returned endpoints can then start from the nominal pose of the base, however far the instrument was moved.
     """
     part, columns, _ = solution.model.parts()[0]
@@ -185,10 +185,11 @@ def placed_by_poses(
 def _fitted(
     p: FloatArray, R: FloatArray, measured: FloatArray, instrument: Measured
 ) -> tuple[FloatArray, ...]:
-    """Return R_base, base and tip that fit ``base + R_base (p + R tip)`` to the points `measured` (m, 3).
+    """Return R_base and base, the arm's base in the instrument's frame, and tip, the target in the flange's frame.
 
-    `p` (m, 3), `R` (m, 3, 3): flange in the arm's base frame. At a given R_base the equations are linear; if R_base is
-    unknown, Gauss-Newton starts from all 24 rotations of a cube. A weak prior keeps the target near its stated place.
+    They fit ``base + R_base (p + R tip)`` to `measured` (m, 3), m; `p` (m, 3), `R` (m, 3, 3): flange in the arm's base
+    frame. If R_base is unknown, Gauss-Newton starts from all 24 rotations of a cube. A weak prior keeps tip near its
+    place.
     """
     from scipy.spatial.transform import Rotation
 

@@ -65,7 +65,7 @@ def _best_fit(
     group: IntArray,
     progress: Progress | None = None,
 ) -> tuple[Calibrated | None, float]:
-    """Fit from each start until a fit is good; return the best fit and its misfit, or None and inf if all fail."""
+    """Fit from each start until a fit is good; return the best fit and its chi2/dof, or None and inf if all fail."""
     best: Calibrated | None = None
     least = np.inf
     for x0 in starts:
@@ -85,7 +85,7 @@ def _best_fit(
 
 
 def gross_misfit(calibrated: Calibrated) -> float:
-    """chi2/dof at stated variances; infinite if it is NaN."""
+    """Return chi2/dof at stated variances; infinite if chi2 is not finite."""
     ratio = calibrated.linear.stated.chi2 / max(calibrated.linear.dof, 1)
     return float(ratio) if np.isfinite(ratio) else np.inf
 
@@ -97,10 +97,10 @@ ITERATIONS = 25
 def far_from_nominal(
     parameters: tuple[Parameter, ...], x: FloatArray, sd: FloatArray | None = None
 ) -> list[tuple[Parameter, float]]:
-    """Parameters whose values (P,) are implausibly far from nominal, each with its change from nominal (rad, m).
+    """Return the parameters whose values `x` (P,) are implausibly far from nominal, each with its change (rad, m).
 
-    The list begins with the largest change relative to its limit. If `sd` (P,) is given, three standard deviations are
-    added to the limit, because a weakly determined parameter may have any value.
+    The largest change relative to its limit is the first. If `sd` (P,) is given, three standard deviations are added to
+    the limits, because a weakly determined parameter may have any value.
     """
     spread = np.zeros(len(x)) if sd is None else 3.0 * np.nan_to_num(sd, nan=np.inf)
     changes = wrap_angles(parameters, x - nominal_vector(parameters)).tolist()
@@ -115,7 +115,7 @@ def far_from_nominal(
 def local_minimum_causes(
     model: ClosureModel, estimate: Estimate, q: FloatArray, judged: tuple[str, ...]
 ) -> tuple[Finding, ...]:
-    """Report that a better solution exists, or that the estimate is far from nominal; empty if neither is the case.
+    """Return a finding if the estimate is implausibly far from nominal; it states whether another solution fits better.
 
     `q`: readings (m, n) of the used poses, rad. `judged`: names of the identified parameters.
     """
@@ -144,7 +144,7 @@ def local_minimum_causes(
 def far_from_files(
     model: ClosureModel, estimate: Estimate, judged: tuple[str, ...]
 ) -> tuple[Finding, ...]:
-    """Return the finding that a parameter other than the fixture's placement is implausibly far from nominal."""
+    """Return the finding that a parameter is implausibly far from nominal; the fixture's placement may be anywhere."""
     far = [
         item for item in _far(_described(estimate, judged)) if item[0].name not in of_fixture(model)
     ]
@@ -152,7 +152,7 @@ def far_from_files(
 
 
 def _implausible(far: tuple[Parameter, float], times: float | None) -> Finding:
-    """Return the finding of a value far from nominal; `times`: how many times better another one fits, if any."""
+    """Return the finding of a value far from nominal; `times`: factor by which another solution fits better."""
     p, change = far
     return Finding(
         FindingKind.FAR_FROM_NOMINAL if times is None else FindingKind.OTHER_SOLUTION,
@@ -166,9 +166,9 @@ def _implausible(far: tuple[Parameter, float], times: float | None) -> Finding:
 
 
 def of_fixture(model: ClosureModel) -> set[str]:
-    """Return the names of the parameters that depend on the fixture's (first) placement.
+    """Return the names of the parameters of the fixture's placement; of several placements, only those of the first.
 
-    Placements of an instrument and its target are not included: a large error in these means that a file is wrong.
+    The placements of an instrument's base and target are not included: if these are far off, a file is wrong.
     """
     sides = {
         name
@@ -179,7 +179,7 @@ def of_fixture(model: ClosureModel) -> set[str]:
 
 
 def fixture_elsewhere(estimate: Estimate, model: ClosureModel) -> tuple[Finding, ...]:
-    """Return a notice, without effect on the verdict, if the fixture is not where its file states."""
+    """Return a notice, without effect on the verdict, if the fixture is far from where its file states."""
     far = _far(estimate.without({p.name for p in estimate.parameters} - of_fixture(model)))
     if not far:
         return ()
@@ -221,10 +221,10 @@ def has_diverged(
     *,
     anywhere: Collection[str] = (),
 ) -> bool:
-    """Whether a gross cause blocks acceptance, and the solution is implausible or too uncertain for any use.
+    """Whether the solution has diverged: a cause of a misfit blocks, and the values are implausible or useless.
 
-    `scale`: chi2/dof at stated variances. `judged`: names of the identified parameters. `anywhere`: names of parameters
-    that are plausible at any distance from their nominal values.
+    That is, a parameter is far from nominal, or too uncertain for any use. `scale`: chi2/dof at stated variances.
+    `judged`: names of the identified parameters. `anywhere`: names of parameters that may have any value.
     """
     # A local optimum counts as diverged even if it fits well.
     if not any(
@@ -252,6 +252,6 @@ def _limit(parameter: Parameter) -> float:
 
 
 def _described(estimate: Estimate, judged: tuple[str, ...]) -> Estimate:
-    """Return the estimate of only those parameters in `judged` that do not belong to one of several placements."""
+    """Return the estimate without parameters that are not in `judged` or belong to one of several placements."""
     names = [p.name for p in estimate.parameters]
     return estimate.without([n for n in names if n not in judged or n.endswith("]")])

@@ -1,4 +1,4 @@
-"""Checks whether new poses can test a calibration: readings of this arm, not among its poses, in a known placement."""
+"""Checks that new poses can test a calibration: that they are from its arm, new, and in a suitable placement."""
 
 import numpy as np
 
@@ -41,7 +41,7 @@ def require_in_range(arm: ArmModel, new: PoseSet, solution: Solution) -> None:
 def may_be_elsewhere(fixture: EndpointConstraint) -> bool:
     """Whether poses in a placement that was not calibrated (another socket or station) can test a calibration.
 
-    They can if the ball or the instrument's target stays on the tool, and no file fixes the instrument's station.
+    They can with a ball, or an instrument whose station no file fixes, if the ball or target stays on the tool.
     """
     moves = fixture.kind == "ball" or (isinstance(fixture, Measured) and not fixture.base_known)
     return moves and fixture.stays_on_hand
@@ -66,7 +66,7 @@ def _are_calibrated(new: PoseSet, made_from: PoseSet) -> bool:
 def require_calibrated_placement(
     new: PoseSet, made_from: PoseSet, fixture: EndpointConstraint
 ) -> None:
-    """Require new poses of one or of all calibrated placements, unless `may_be_elsewhere`; else raise `NoTestError`."""
+    """Raise `NoTestError` unless new poses are of one or all calibrated placements, or may be of others."""
     if may_be_elsewhere(fixture) or _are_calibrated(new, made_from):
         return
     known, states = made_from.placements, new.placements
@@ -111,7 +111,7 @@ def require_new(new: PoseSet, made_from: PoseSet, fixture: EndpointConstraint) -
 
 
 def require_poses_at_a_place(new: PoseSet, made_from: PoseSet, fixture: EndpointConstraint) -> None:
-    """Raise `NoTestError` if an uncalibrated placement has so few poses that they only determine where it is."""
+    """Raise `NoTestError` if an uncalibrated placement has so few poses that they suffice only to locate it."""
     others = [k for k in new.placements if k not in made_from.placements]
     if fixture.kind == "ball" and len(new) <= len(others):
         raise NoTestError(

@@ -1,4 +1,4 @@
-"""Notices about a calibration, including limits of the procedure that it exceeds."""
+"""Notices about a calibration, and findings for limits of the procedure that the calibration exceeds."""
 
 from collections.abc import Iterator
 from dataclasses import replace

@@ -25,9 +25,9 @@ class OpenLoopCheck:
     """Check of a closed-loop calibration on the open arm.
 
     `solution`: calibration of the open arm.
-    `differences`: differences of all parameters of the arm that both calibrations identified; `before` is the value
-    from the closed loop, `after` the value from the open arm. `chi2`: chi2 of all differences together.
-    `left_out`: offsets not compared, because one of the two calibrations cannot separate them from the mounting.
+    `differences`: change of each parameter of the arm that both calibrations identified, from its value in the closed
+    loop (`before`) to that in the open arm (`after`). `chi2`: chi2 of all differences together.
+    `left_out`: offsets not compared, because the open arm does not determine them or they depend on the fixture.
     """
 
     solution: Solution

@@ -1,7 +1,7 @@
-"""Placements of a fixture: finds placements that do not differ, and distances between ball sockets.
+"""Compares the placements of a fixture, and computes distances between the sockets in which a ball was placed.
 
-All placements share the arm's parameters; each has its own parameters of the fixture. If the fixture's parameters of
-two placements agree within their covariance, it was not remounted between them, and the two count as one.
+All placements share the arm's parameters; each has its own parameters of the fixture. If those of two placements agree
+within their covariance, the fixture was not remounted in between, and the two count as one.
 """
 
 import math
@@ -34,8 +34,8 @@ def indistinguishable_placements(model: ClosureModel, estimate: Estimate) -> tup
     """Return findings of placements between which the fixture was not remounted.
 
     Each finding names the parameter with the largest difference in standard deviations, and states that difference.
-    `estimate` covers all unknowns of `model`. Stations of an instrument are not compared: nothing is mounted there, and
-    a further station adds no information about the arm.
+    `estimate` covers all unknowns of `model`. Stations of an instrument are not compared, since a further station adds
+    no information about the arm.
     """
     if not isinstance(model, Placements) or model.parts()[0][0].constrained_part is None:
         return ()
@@ -76,7 +76,7 @@ def _pairs(model: Placements, estimate: Estimate) -> Iterator[Finding]:
 
 
 def _in_sigmas(difference: FloatArray, covariance: FloatArray) -> tuple[FloatArray, float]:
-    """Return the magnitude of each difference (k,) in standard deviations, and chi2 of all of them together."""
+    """Return the magnitude of each difference (k,) in standard deviations, and the chi2 of all differences together."""
     sd = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
     known = sd > 0.0
     if np.any(difference[~known] != 0.0):
@@ -97,10 +97,10 @@ there are more, only distances of neighbours and measured distances are listed."
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Distance:
-    """Distance between the sockets of two placements (`between`: their numbers), m, and its standard uncertainty.
+    """Distance between the sockets of two placements, m, and its standard uncertainty.
 
-    `measured`: the measured distance in the fixture's file, if any, which `value_m` takes into account. `deviation`:
-    measured distance minus the distance from the poses alone, in sigmas of this difference.
+    `between`: numbers of the placements. `measured`: distance in the fixture's file, if any, which `value_m` includes.
+    `deviation`: measured distance minus the distance from the poses alone, in standard deviations of this difference.
     """
 
     between: tuple[int, int]
@@ -117,7 +117,7 @@ def distances(
     placements: tuple[int, ...],
     measured: Sequence[tuple[KnownDistance, float]] = (),
 ) -> tuple[Distance, ...]:
-    """Return the distances between the sockets of a ball; empty for other fixtures or a single placement.
+    """Return the distances between sockets in which a ball was placed; empty for other fixtures or a single placement.
 
     `x`, `covariance`: estimate (P,) of the parameters and its covariance (P, P), rad and m.
     `measured`: the measured distances that the estimate used, each with its deviation in sigmas.
@@ -171,7 +171,7 @@ def contradicted(experiment: Experiment, fit: LinearFit) -> tuple[Finding, ...]:
 
 
 def contradiction(between: tuple[int, int], deviation: float) -> Finding:
-    """Return the finding that the poses contradict the distance between two sockets by `deviation` sigmas."""
+    """Return the finding that the poses contradict the measured distance between two sockets by `deviation` sigmas."""
     return Finding(
         FindingKind.DISTANCE_ABOVE if deviation > 0.0 else FindingKind.DISTANCE_BELOW,
         joints=between,

@@ -78,7 +78,7 @@ def predict_new_poses(
 
     - whitened residuals of the new poses, in their order, with at least the stated variances;
     - the chi2 test of the new poses, with the variances estimated in the calibration;
-    - derivatives (m, E, k) of each pose's E closure equations with respect to each shift, by joint or `FIXTURE`.
+    - by joint number or `FIXTURE`, derivatives (m, E, k) of each pose's E closure equations by k components of a shift.
     """
     old = _used(solution, averaged_at_rest(new.arm, made_from))
     if len(new.poses.placements) == 1:
@@ -157,8 +157,8 @@ def errors_as_calibrated(
 def _as_learned(design: Layout, *, learned: Mapping[str, float]) -> FloatArray:
     """Return variances (K,) of the error components for a prediction, from the calibration's estimates (`learned`).
 
-    Estimates from one part of the workspace may be too small in another. Therefore the variances depend partly on the
-    stated ones (method, section 10). A variance of noise never exceeds the stated one.
+    Estimates from one part of the workspace may be too small in another: those below the stated variances are raised
+    towards these (method, section 10). A variance of noise never exceeds the stated one.
     """
     v = design.stated_variances()
     for k, c in enumerate(design.components):
@@ -173,7 +173,7 @@ def _as_learned(design: Layout, *, learned: Mapping[str, float]) -> FloatArray:
 
 
 def _at_least_stated(design: Layout, *, learned: Mapping[str, float]) -> FloatArray:
-    """Return variances (K,) of the error components for a test: as for a prediction, but not below the stated ones."""
+    """Return variances (K,) of the error components for a test: those for predictions, but at least the stated ones."""
     return np.maximum(design.stated_variances(), _as_learned(design, learned=learned))
 
 
@@ -188,8 +188,8 @@ def fit_as_stated(
 ) -> MixedFit:
     """Fit old and new poses together, at the stated variances or those that `variances` returns.
 
-    The fit expects sag along gravity, as stated. If in the first `old` poses the arm does not sag in this direction,
-    the fit is repeated with either direction equally likely.
+    The fit first assumes that the arm sags in the direction of gravity. If the first `old` poses contradict this, the
+    fit is repeated with both directions of sag equally likely.
     """
     design = LinearModel(model, both.q_rad, errors, group=both.placement)
     v = variances(design)
@@ -204,7 +204,7 @@ def fit_as_stated(
 
 
 def _used(solution: Solution, poses: PoseSet) -> PoseSet:
-    """Return the distinct poses that the calibration used; of more than `MOST` poses, an even selection of `MOST`."""
+    """Return the distinct poses that the calibration used; if there are more than `MOST`, an even selection of them."""
     on_branch = np.ones(len(poses), dtype=np.bool_)
     on_branch[list(solution.dropped_flipped)] = False
     distinct = distinct_poses(poses, on_branch)[0]
@@ -217,7 +217,7 @@ def _used(solution: Solution, poses: PoseSet) -> PoseSet:
 def _model(
     estimate: Estimate, old: PoseSet, both: Experiment, start: Mapping[str, float]
 ) -> tuple[ClosureModel, FloatArray, list[int | None]]:
-    """Return the loops of all poses, the values (P,) of their parameters, and each parameter's index in `estimate`."""
+    """Return the loops of `both`, the values (P,) of their parameters, and each one's index in `estimate` or None."""
     known = {p.name: k for k, p in enumerate(estimate.parameters)}
     model = both.loop()
     if len(both.poses.placements) > 1 and len(old.placements) == 1:
@@ -236,7 +236,7 @@ def _model(
 
 
 def _covariance(estimate: Estimate, column: Sequence[int | None]) -> FloatArray:
-    """Return the covariance of the parameters at indices `column` of the estimate; None stands for a huge variance."""
+    """Return the covariance of the parameters at indices `column` of the estimate; None means a huge variance."""
     indices = [k for k, c in enumerate(column) if c is not None]
     rows = [c for c in column if c is not None]
     covariance = np.diag(np.full(len(column), NOT_KNOWN**2))
@@ -245,7 +245,7 @@ def _covariance(estimate: Estimate, column: Sequence[int | None]) -> FloatArray:
 
 
 def concatenated_poses(old: PoseSet, new: PoseSet) -> PoseSet:
-    """Return both pose sets as one, the old poses first, without data that only one set has."""
+    """Return both pose sets as one, the old poses first; kinds of data that only one set has are left out."""
     ends = [p.endpoint for p in (old, new) if p.endpoint is not None]
     columns = min((e.shape[1] for e in ends), default=0)
 

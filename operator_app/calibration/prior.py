@@ -3,9 +3,9 @@
 Earlier poses determine the arm's own entries. Offsets that are measured from the fixture change within the fixture's
 tolerance at each remounting. If the fixture was once mounted outside its tolerance, the prior is wider accordingly.
 
-The innovation is the deviation of a reading from its prediction by earlier poses of the same placement. Earlier poses
-nearby also show the local linearity deviation, sag and compliance. These errors therefore add no uncertainty to the
-prediction, unlike to a prediction from the parameters alone.
+The innovation is the deviation of a reading from its prediction by earlier poses of the same placement. Poses nearby
+also show the local linearity deviation, sag and compliance. A prediction from the parameters alone would be uncertain
+by these errors; this prediction is not.
 """
 
 from collections.abc import Mapping
@@ -42,9 +42,9 @@ class KnownArm:
     """Information about the arm from poses in earlier placements of a fixture.
 
     `names`: the k entries that are the same in every placement. `values` (k,) and `covariance` (k, k): rad and m.
-    `ends`: by name, the mean over earlier placements, rad, of each offset that is measured from the fixture.
-    `placement_ratio`: rms deviation of earlier placements from the nominal one, divided by the standard deviation
-    that the fixture's tolerance implies; at least 1.
+    `ends`: mean over earlier placements, rad, of each offset that is measured from the fixture, by name.
+    `placement_ratio`: rms deviation of earlier placements from the nominal one, divided by the standard deviation that
+    the fixture's tolerance implies; at least 1.
     """
 
     names: tuple[str, ...]
@@ -141,9 +141,9 @@ def known_arm(experiment: Experiment) -> KnownArm | None:
 def _by_files(
     model: ClosureModel, arm: ArmModel, fixture: EndpointConstraint, stated: Mapping[str, float]
 ) -> FloatArray:
-    """Standard deviation (P,) of each unknown, from the files.
+    """Return the standard deviation (P,) of each unknown, from the files of arm and fixture.
 
-    Offsets have at least a protractor's uncertainty, whatever the arm's file states: the arm may not be calibrated yet.
+    Offsets have at least a protractor's uncertainty, even if the file states less: the arm may not be calibrated yet.
     """
     offset = max(ROUGH_PLACEMENT.orientation_rad / WITHIN, arm.offset_tolerance_rad or 0.0)
     tolerance = fixture.tolerance
@@ -177,7 +177,7 @@ class Innovation:
     """Deviation of a reading from the prediction by earlier poses.
 
     `chi2`: chi2 of the reading; infinite if the loop does not close at the reading. `dof`: its degrees of freedom.
-    `usual`: largest chi2 of any earlier pose, predicted from the other earlier poses; wrong files make it large too.
+    `usual`: largest chi2 of any earlier pose, predicted from the other earlier poses. Wrong files increase it too.
     `shifts`: by joint (1-based), the shift of this joint's reading that would explain most of the deviation.
     """
 
@@ -187,7 +187,7 @@ class Innovation:
     shifts: Mapping[int, ShiftOfReading]
 
     def unseen(self, shift_rad: float, chi2: float) -> tuple[int, ...]:
-        """Return the joints for which a reading shift of `shift_rad` raises chi2 by less than `chi2`, on average."""
+        """Return the joints whose readings could shift by `shift_rad` and raise chi2 by less than `chi2` on average."""
         return tuple(j for j, s in self.shifts.items() if (shift_rad / s.sigma_rad) ** 2 < chi2)
 
 
@@ -226,7 +226,7 @@ LEAST, AT_MOST = 10, 60
 
 
 def is_unpredicted(experiment: Experiment) -> bool:
-    """Whether the last pose contradicts the prediction from earlier poses; false without a prediction."""
+    """Whether the last pose contradicts the prediction from earlier poses; false if no prediction is possible."""
     count = len(experiment.poses)
     if count <= LEAST or not experiment.fixture.holds_hand:
         return False

@@ -139,7 +139,7 @@ def compare_readings(
 
 
 def _of_fixture(d: FloatArray, columns: FloatArray) -> tuple[float, FloatArray]:
-    """Return the gain in log-likelihood if the fixture slipped, and the most likely slip (k,).
+    """Return the gain in log-likelihood if the fixture slipped, and the most likely slip (k,) in its k directions.
 
     `d` (r,): difference of two readings, whitened to unit variance. `columns` (r, k): change of `d` per unit slip.
     """
@@ -155,7 +155,7 @@ def _of_fixture(d: FloatArray, columns: FloatArray) -> tuple[float, FloatArray]:
 def repeats_of(
     rereads: Iterable[RepeatedReading], used: Experiment, model: ClosureModel, x: FloatArray
 ) -> tuple[tuple[RepeatedReading, Repeat], ...]:
-    """Compare the two readings of each repeated pose in `used`; `model` has the loops of `used`.
+    """Compare the two readings of each repeated pose in `used`; `model`, `x`: loops of `used` and their parameters.
 
     For an open arm the result is empty: without a loop, the drives alone may cause any difference.
     """

@@ -47,7 +47,7 @@ def check_rvdts(
 ) -> tuple[RvdtVerdict, ...]:
     """Test the noise of every RVDT and, if there is a single placement, its readings against the loops.
 
-    `calibrated`: fit of the `distinct` poses (k,) with the RVDTs' readings; start of the fit without these readings.
+    `calibrated`: fit of the `distinct` poses (k,) with the RVDTs' readings, where a fit without them starts.
     """
     arm, poses = experiment.arm, experiment.poses
     sensors = {
@@ -153,9 +153,9 @@ class ReadingTable:
     """Corrections of the readings of one joint.
 
     `joint`: 1-based. `theta_off_rad`: offset to be used with corrected readings.
-    `gain`: change of reading per change of angle, ideally 1; the corrections already contain it.
-    `reading_rad` (k,): readings in rising order. `add_rad` (k,): correction to add at each of them, to be interpolated
-    linearly in between. `sigma_rad` (k,): standard uncertainty of each correction.
+    `gain`: change of reading per change of angle, ideally 1. Its error is already part of the corrections.
+    `reading_rad` (k,): readings in rising order. `add_rad` (k,): correction to add at each of them; between them, it is
+    interpolated linearly. `sigma_rad` (k,): standard uncertainty of each correction.
     """
 
     joint: int

@@ -34,7 +34,7 @@ class SourceSensitivity:
 
 
 def source_sensitivities(solution: Solution) -> tuple[SourceSensitivity, ...]:
-    """Return the largest source of error of each of the least certain parameters.
+    """Return the main source of error of each of the `WORST` parameters with the largest uncertainties.
 
     The result is empty without an uncertainty budget, and for a diverged solution, on which no advice can be based.
     """

@@ -60,11 +60,11 @@ class HandAccuracy:
 
     `before`: distance between the tool positions from the arm file and from the calibration, in the arm's base frame;
     the fixture's placement does not matter.
-    `after`: remaining error from the covariance of the parameters, one standard deviation.
+    `after`: standard deviation of the remaining error, from the covariance of the parameters.
     `poses`: number of poses, evenly spread over all joints' ranges.
     `holds_for`: fixed offsets whose uncertainty no file states: `after` is valid only if their fixed values are right.
     `stated`: parameters known from files rather than from the poses; () if their uncertainty contributes little.
-    `after_by_poses`: `after` without this uncertainty and that of fixed offsets; None if these contribute little.
+    `after_by_poses`: `after` without the uncertainty of parameters known from files; None if it contributes little.
     """
 
     before: Spread
@@ -79,9 +79,9 @@ class HandAccuracy:
 class TrueErrors:
     """True errors of a calibration, which are known only for a simulated arm.
 
-    `inside_95`: number of entries whose 95 % interval contains the true value. `of`: number of entries.
-    `tool_rms_m`: true tool position error, rms over the joints' ranges. `predicted_rms_m`: this error as predicted from
-    the covariance of the parameters.
+    `inside_95`: number of entries, out of `of`, whose 95 % interval contains the true value.
+    `tool_rms_m`: true tool position error, rms over the joints' ranges.
+    `predicted_rms_m`: this error as predicted from the covariance of the parameters.
     """
 
     inside_95: int
@@ -100,7 +100,7 @@ def spread_of(distances_m: FloatArray) -> Spread:
 
 
 def spread_along(J: FloatArray, C: FloatArray) -> FloatArray:
-    """Return ``trace(J C J')`` (m,); J (m, 3, P): derivatives by parameters, C (P, P): covariance of the parameters."""
+    """Return the variance ``trace(J C J')`` (m,), from derivatives J (m, 3, P) by parameters of covariance C (P, P)."""
     # One product for all poses is faster than many small ones.
     rows = J.reshape(-1, len(C))
     return np.asarray(np.maximum(((rows @ C) * rows).reshape(len(J), -1).sum(-1), 0.0))
@@ -109,9 +109,9 @@ def spread_along(J: FloatArray, C: FloatArray) -> FloatArray:
 def tip_sigma(model: ClosureModel, estimate: Estimate, q: FloatArray) -> TipSigma:
     """Propagate the covariance of all parameters to the tool position at poses `q` (m, n), rad.
 
-    At each pose, ``sigma^2 = trace(J C J')``. J: derivatives of the position rows of the closure by the parameters; C:
-    covariance of the parameters. The tool position is in the arm's base frame, independent of the fixture's place on
-    the table (`ClosureModel.ground_side`). Errors of the readings are not included.
+    At each pose, ``sigma^2 = trace(J C J')``. J holds the derivatives of the closure's position rows by the parameters,
+    and C is the covariance of the parameters. The tool position is that in the arm's base frame, so that the fixture's
+    place on the table (`ClosureModel.ground_side`) does not matter. Errors of the readings are not included.
     """
     x, C = estimate.x, estimate.covariance
     ground = set(model.ground_side)

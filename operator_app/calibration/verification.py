@@ -60,10 +60,10 @@ class Fixed:
     """Parameters and error estimates of a calibration that is to be tested with new poses.
 
     `values`: parameter values by name, rad and m. `covariance` (P, P): their covariance, in the same order.
-    `rvdt_sd_rad`: standard deviation, by joint, of an RVDT's noise and linearity deviation together, as estimated.
-    `fixture_variance`: estimated compliance variance of the fixture (6,), rad^2 and m^2; None if not estimated.
-    The values of `fixture_variance` and `rvdt_sd_rad` are used only if they are smaller than those from the files.
     `unsensed_joints`: joints whose readings the calibration did not use.
+    `rvdt_sd_rad`: standard deviation, by joint, of an RVDT's noise and linearity deviation together, as estimated.
+    `fixture_variance`: estimated compliance variance of the fixture (6,), rad^2 and m^2; None if not estimated. These
+    two estimates are used only where they are smaller than the values from the files.
     """
 
     values: Mapping[str, float]
@@ -83,8 +83,8 @@ class VerificationResult:
     `poses`: number of distinct poses.
     `shift`: common shift of one joint or the fixture in all new poses; None if there is none.
     `instrument`: whether an instrument measured the endpoints of the open arm, instead of a fixture.
-    `stated`: the test with at least the stated errors. Its upper limit is raised by `STATED_VARIANCE_FACTOR` or, if
-    this is larger, by the chi2/dof of the accepted calibration.
+    `stated`: chi2 test with at least the stated variances. Its upper limit is multiplied by `STATED_VARIANCE_FACTOR`
+    or, if this is larger, by the chi2/dof of the accepted calibration.
     `in_use`: closure sigmas of the same poses with the best table and with the corrections.
     `others_fit`: whether the poses outside `odd_poses` pass the test `stated`, and there is no common shift.
     """
@@ -126,7 +126,7 @@ class VerificationResult:
 def fixed_calibration(solution: Solution, placement: int | None = None) -> Fixed:
     """Return the results of a calibration that its verification needs.
 
-    `placement`: return only the parameters of this placement, under names without its number; None: all parameters.
+    `placement`: return only the parameters of this placement, without its number in their names; None: all parameters.
     """
     estimate, components = solution.estimate, solution.components
     names, columns = [p.name for p in estimate.parameters], np.arange(len(estimate.x))
@@ -166,8 +166,9 @@ def verify_poses(
 ) -> VerificationResult:
     """Test new poses of the same arm in the same fixture: in one calibrated placement, or in all of them.
 
-    Linearity deviation, sag and compliance are known from the calibration's own poses, `made_from` (including flipped
-    poses). The test searches for one common shift. Rows that repeat a pose count once, as in the calibration.
+    Effects of linearity deviation, sag and compliance are predicted from the calibration's own poses, `made_from`
+    (which may include flipped poses). The test looks for one shift common to all new poses. Rows that repeat a pose
+    count once.
     `elsewhere`: the new poses may be in other placements. These are then estimated from the new poses, with all other
     parameters fixed. Raises `ValueError` if the calibration is of another loop (another fixture, or another number of
     placements), and `NoTestError` if the new poses only suffice to locate their own socket or station.
@@ -257,8 +258,8 @@ def _with_prediction(
     """Return `result` with tests of the new poses against their prediction from the calibration's poses.
 
     `residuals`, `sharp`, `subjects`: the three results of `predict_new_poses`.
-    `scale`: factor, at least 1, by which the accepted calibration's variances exceed the stated variances. It widens
-    the test of each single pose; the test of all poses together is widened by at least `STATED_VARIANCE_FACTOR`.
+    `scale`: factor, at least 1, by which the accepted calibration's variances exceed the stated ones. The test of each
+    pose allows for this factor; the test of all poses together allows for at least `STATED_VARIANCE_FACTOR`.
     """
     from scipy.special import chdtrc
 
@@ -324,7 +325,7 @@ def _fixed_and_unknown(
     poses: PoseSet,
     calibrated: tuple[int, ...],
 ) -> tuple[Fixed, tuple[str, ...]]:
-    """Return the fixed parameters, renamed as in `model`, and the names of parameters of uncalibrated placements."""
+    """Return `fixed` with names as in `model`, and the names of the parameters that locate uncalibrated placements."""
     known, sources, unknown = list(fixed.values), dict[str, str](), list[str]()
     for p in model.parameters:
         base, _, number = p.name.rstrip("]").partition("[")
@@ -363,9 +364,9 @@ def verify_new_poses(
     made_from: PoseSet,
     new: PoseSet,
 ) -> VerificationResult:
-    """Test a calibration with poses from which it was not made.
+    """Test a calibration with poses that were not used to make it.
 
-    `made_from`: the poses of `solution`. `new`: other poses, either in one calibrated placement or in all of them; with
+    `made_from`: the poses of `solution`. `new`: other poses, in one calibrated placement or in all of them. If
     `may_be_elsewhere`, other placements are allowed too. Raises `NoTestError` if `new` cannot test this calibration.
     """
     require_in_range(arm, new, solution)

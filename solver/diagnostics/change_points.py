@@ -32,7 +32,7 @@ class ChangePoint:
     """The most significant step of one suspect (see the module).
 
     `pose`: index in time order of the first pose after the step.
-    `size`: size of the step (d,), in the units of the suspect's quantities.
+    `size` (d,): step of each of the suspect's d quantities, rad or m.
     `chi2`: reduction of chi2 when the step is fitted.
     `threshold`: the step is significant if `chi2` exceeds this. If there is no step, the probability that any suspect
     exceeds its threshold at any pose is `FALSE_ALARM_PROBABILITY`.
@@ -55,7 +55,7 @@ def steps(
     """Return the most significant step of each suspect, in order of significance.
 
     `residuals`: whitened residuals of the fit, poses in time order.
-    `low_noise`: residuals whitened with smaller noise; used for lost counts, which shift a reading, not the geometry.
+    `low_noise`: residuals whitened with smaller noise, in which steps by lost counts are searched for.
     `scale`: ratio of actual variances to those of the fit; chi2 is divided by this ratio.
     """
     m = len(residuals.white)
@@ -79,7 +79,7 @@ def _largest(
 ) -> Iterator[ChangePoint]:
     """Yield the most significant step of each suspect; all suspects have the same number d of columns.
 
-    `scale`: ratio of actual to assumed variances. `level`: false-alarm probability if `false_alarm_share` is 1.
+    `scale`: ratio of actual to assumed variances. `level`: false-alarm probability per unit of `false_alarm_share`.
     """
     m, r, K = residuals.U.shape
     S, d = len(suspects), suspects[0].columns.shape[-1]
@@ -126,13 +126,13 @@ def _sums_from_each_pose(values: FloatArray) -> FloatArray:
 def step_threshold(poses: int, dof: int, false_alarm: float) -> float:
     """Return the value that the largest chi2 over all poses exceeds by chance with probability `false_alarm`.
 
-    The statistic is the square of a standardised Brownian bridge in `dof` dimensions, evaluated between the shares h
-    and 1-h of the poses. The tail of its maximum is (Csorgo & Horvath 1997, eq. 1.3.26)
+    At each pose, chi2 is the square of a standardised Brownian bridge in d = `dof` dimensions. At least a share h of
+    the poses lies before the step, and as many after it. The maximum has the tail (Csorgo & Horvath 1997, eq. 1.3.26)
 
         P(max > x) ~ x^(d/2) e^(-x/2) / (2^(d/2) Gamma(d/2)) ((1 - d/x) T + 4/x),
         T = log((1-h)^2 / h^2).
 
-    More than half of the alarms that the formula counts are maxima between two poses; `AT_POSES` corrects for these.
+    The formula also counts maxima between two poses, which are more than half of all; `AT_POSES` corrects for these.
     """
     from scipy.special import chdtri, gammaln
 

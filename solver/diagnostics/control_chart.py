@@ -1,13 +1,13 @@
 """Control charts of several quantities measured in every session: Shewhart and EWMA, with change points.
 
 Source: NIST/SEMATECH e-Handbook of Statistical Methods, 6.3.2 (Shewhart, EWMA) and 2.3.5 (control of a measurement
-process by a check standard: within- and between-session standard deviations). There is no long history to fix the
-limits, so each session is compared with a baseline of earlier sessions. The baseline omits the last `RECENT` sessions
-if enough others remain, so that it does not contain a recent shift. The limits follow from the scatter between the
-sessions of the baseline. Few sessions determine a variance poorly. So the observed variance of a quantity is averaged
-with its stated variance, which is first scaled by the ratio of observed to stated variances of all quantities. The
-scaled variance has the weight of `PRIOR_DOF` degrees of freedom (Smyth 2004, "moderated t"). The EWMA gets nearly all
-of the false-alarm probability, because a single session with unusually large scatter changes an average less.
+process by a check standard: within- and between-session standard deviations).
+
+As there is no long history, the limits follow from the scatter within a baseline of earlier sessions. The baseline
+omits the last `RECENT` sessions if enough others remain, so that it does not contain a recent shift. Few sessions
+determine a variance poorly. So each quantity's observed variance is averaged with an expected variance: the stated one
+times the ratio of observed to stated variances over all quantities, with the weight of `PRIOR_DOF` degrees of freedom
+(Smyth 2004, "moderated t"). The EWMA gets nearly all of the false-alarm probability, as outliers affect averages less.
 """
 
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ from solver.arrays import FloatArray, IntArray
 from solver.diagnostics.limits import CONTROL_CHART_FALSE_ALARM_PROBABILITY
 
 BASELINE = 4
-"""Number of sessions before the first session that is tested."""
+"""Smallest number of earlier sessions with which a session is tested."""
 
 RECENT = 3
 """The EWMA averages this many sessions, the last of which is the tested one. The baseline omits these sessions if
@@ -29,12 +29,12 @@ LAMBDA = 0.3
 """Weight of the newest value in the EWMA; the Handbook recommends 0.2 to 0.3."""
 
 PRIOR_DOF = 8.0
-"""Weight, in degrees of freedom, of the ratio of observed to stated scatter of all quantities together. The ratio of a
-single quantity differs from that ratio by about 25 %."""
+"""Weight, in degrees of freedom, of the ratio of observed to stated scatter over all quantities. The ratio of a single
+quantity differs from this common ratio by about 25 %."""
 
 SHEWHART_SHARE = 0.1
-"""Probability of a false alarm in the Shewhart chart, as a share of the probability in the EWMA chart. Shifts of six
-times the scatter show in both charts."""
+"""Probability of a false alarm in the Shewhart chart divided by that in the EWMA chart. Shifts of six times the scatter
+show in both charts."""
 
 LEAST_RATIO = 0.1
 """The scatter between sessions is assumed to be at least this share of the stated repeatability."""
@@ -42,9 +42,10 @@ LEAST_RATIO = 0.1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChartSignal:
-    """Detected shift of quantity `name` by `size` (standard deviation `sigma`), from session `at` on.
+    """Shift of the quantity `name` that a chart detected.
 
-    The shift was detected in session `detected_at` (counted from 0) by chart `chart`: ``shewhart`` or ``ewma``.
+    `at`: first session after the shift. `detected_at`: session of the detection. Both count from 0.
+    `size`, `sigma`: size of the shift, and its standard deviation. `chart`: ``shewhart`` or ``ewma``.
     """
 
     name: str
@@ -57,10 +58,10 @@ class ChartSignal:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ControlChart:
-    """Limits of each session: arrays (sessions, quantities), NaN where nothing was tested, and the detected shifts.
+    """Control limits and detected shifts. The arrays are (sessions, quantities), and NaN where nothing was tested.
 
     `centre`: mean of the baseline.
-    `between`: standard deviation between sessions.
+    `between`: standard deviation between sessions, as estimated from the baseline.
     `shewhart`: half width of the limits for a single value. `ewma_limit`: half width of the limits for `ewma`.
     `ewma`: weighted mean of recent values.
     `changes`: shifts in the order in which they were detected; after a shift, the quantity's baseline starts anew.
@@ -75,7 +76,7 @@ class ControlChart:
 
 
 def control_chart(names: Sequence[str], values: FloatArray, within: FloatArray) -> ControlChart:
-    """Test sessions one after the other; return the limits and the detected shifts.
+    """Test sessions one after the other, and return the limits and the detected shifts.
 
     `values` (sessions, quantities): values of the quantities `names`, sessions in time order. `within`, of the same
     shape: stated repeatability of each value (type A standard uncertainty).
@@ -126,9 +127,9 @@ def control_chart(names: Sequence[str], values: FloatArray, within: FloatArray) 
 
 
 def smallest_shift(between: FloatArray, sessions: int, quantities: int) -> FloatArray:
-    """Return the shift of each quantity that `RECENT` further sessions detect with a probability of 90 %.
+    """Return the smallest shift of each quantity that `RECENT` further sessions detect with a probability of 90 %.
 
-    `between`: standard deviations between sessions. `sessions`: length of the baseline. `quantities`: number tested.
+    `between` (`quantities`,): standard deviations between sessions. `sessions`: number of sessions in the baseline.
     """
     from scipy.special import stdtrit
 
@@ -144,7 +145,7 @@ def smallest_shift(between: FloatArray, sessions: int, quantities: int) -> Float
 def _variances(
     values: FloatArray, within: FloatArray, begin: IntArray, ends: IntArray, tested: IntArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the variances between sessions ``begin[j]:ends[j]`` of `tested` quantities j, and degrees of freedom."""
+    """Return the variances of the quantities j in `tested` between sessions ``begin[j]:ends[j]``, and their dof."""
     columns = [(slice(int(begin[j]), int(ends[j])), j) for j in tested.tolist()]
     own = np.array([values[column].var(ddof=1) for column in columns])
     # A value stated to repeat exactly still scatters by rounding.
@@ -157,7 +158,7 @@ def _variances(
 
 
 def _change(values: FloatArray, baseline: int, variance: float) -> tuple[int, float, float]:
-    """Return the most probable start of a shift (index in `values`, not below `baseline`), its size and its sigma."""
+    """Return the most probable start of a shift (index in `values`, at least `baseline`), and its size and sigma."""
     best = (0, 0.0, 1.0)
     for k in range(baseline, len(values)):
         size = float(values[k:].mean() - values[:k].mean())

@@ -1,7 +1,7 @@
-"""Tests with held-out poses: parts of a pose set predicted from the rest, new poses, and shifts common to new poses.
+"""Tests poses against predictions from other poses: parts of a pose set, or new poses and the shifts they share.
 
-Fitted and later poses form one mixed model. The fitted poses determine the parameters and the errors common to all
-poses (of sensors, sag and compliance). Their estimate, with its covariance, is the prior for the later poses.
+The fitted and the new poses form one mixed model. The fitted poses determine the parameters and the errors common to
+all poses (of sensors, sag and compliance). This estimate, with its covariance, is the prior for the new poses.
 """
 
 from collections.abc import Callable, Mapping
@@ -43,8 +43,8 @@ class HeldOutPoses:
 class HoldOut:
     """Results of a hold-out, in which each part of a pose set is predicted from the rest.
 
-    `parts`: test of each part with the estimate from the rest.
-    `sigmas`: sigma_pos and sigma_ori over all poses, each with the parameters estimated without this pose's part.
+    `parts`: test of each part against its prediction from the rest.
+    `sigmas`: sigma_pos and sigma_ori over all poses; each pose is tested with parameters estimated without its part.
     `inside_sigmas`: sigma_pos and sigma_ori of the fitted poses, over all fits. They should be similar to `sigmas`.
     """
 
@@ -108,7 +108,7 @@ def fold_poses(q: FloatArray) -> tuple[IntArray, ...]:
 
 
 def far_block(q: FloatArray) -> IntArray:
-    """Indices of a block of poses far from the rest; a prediction of the block from the rest is an extrapolation.
+    """Return the indices of a block of poses so far from the rest that predicting them is an extrapolation.
 
     The block consists of the pose farthest from the mean and this pose's nearest neighbours, together `FAR_SHARE` of
     all poses. For the distances, each joint's readings are divided by their span over all poses.
@@ -132,9 +132,10 @@ def hold_out(
 ) -> HoldOut:
     """Test each part of the poses against its prediction from all other poses.
 
-    `estimate_of`: function that fits the poses with given indices (k,). `fit`: fit of all poses, with the variances of
-    all sources of error. `order` (m,): index in `q` of each pose of `fit`. Raises `TooFewPosesError` if the other poses
-    are too few for an estimate.
+    Raises `TooFewPosesError` if the other poses are too few for an estimate.
+
+    `estimate_of`: function that fits the poses with given indices in `q`. `fit`: fit of all poses, from which chi2 is
+    calculated. `order` (m,): index in `q` of each pose of `fit`. `parts`: indices in `q` of each part's poses.
     """
     tested, outside, inside, rows = [], [], [], 0
     for poses in parts:
@@ -164,7 +165,7 @@ class CommonShift:
     """A shift of a joint's offset or of the fixture that is the same in all tested poses.
 
     `subject`: number of the joint, or name of the half of the fixture.
-    `size`, `sigma`: size of the shift and its standard deviation; None if the shift has several components.
+    `size`, `sigma`: the shift and its standard deviation, rad or m; None if the shift has several components.
     `chi2`: reduction of chi2 when the shift is fitted. `threshold`: if there is no shift, the probability that any
     subject's `chi2` exceeds its threshold is `FALSE_ALARM_PROBABILITY`.
     """
@@ -181,8 +182,8 @@ def predicted_residuals(
 ) -> WhitenedResiduals:
     """Return the residuals of the `later` poses (mask (m,)) against their prediction from the other poses of `fit`.
 
-    `given`: estimate to predict from instead of the other poses. It consists of the steps (h,) of the h parameters
-    without a prior, from the linearisation point, and of the covariance (h, h) of these steps.
+    `given`: estimate that replaces the other poses. It consists of the values (h,) of the h parameters without a prior,
+    relative to the linearisation point, and of their covariance (h, h).
     """
     width, hard = fit.design.width, fit.design.hard
     gram, right = np.zeros((width, width)), np.zeros(width)
@@ -227,7 +228,7 @@ def shifted(
     """Return the most significant shift common to all poses; None if no shift is significant.
 
     `subjects`: by name of a joint or half of the fixture, derivatives (m, r, c) of the misclosures with respect to the
-    c components of its shift. `variance_factor`: largest ratio of the actual variances to those of `residuals`.
+    c components of its shift. `variance_factor`: factor by which actual variances may exceed those of `residuals`.
     """
     from scipy.special import chdtri
 

@@ -52,7 +52,7 @@ class Explanation:
 
     @property
     def chi2_per_dof(self) -> float:
-        """chi2/dof, at the stated variances, of the residuals after the candidate is fitted."""
+        """Remaining chi2/dof after the candidate is fitted, at the stated variances."""
         return self.evidence.chi2 / max(self.evidence.dof, 1)
 
 
@@ -73,13 +73,13 @@ class CauseRanking:
 class Diagnosis:
     """Results of `diagnose`.
 
-    `rankings`: rankings of the possible causes. The first is for the residuals of the fit; each later one is for the
-    residuals that remain after the best cause of every earlier ranking is fitted.
+    `rankings`: rankings of the possible causes. The first is for the residuals of the fit. Each later one is for the
+    residuals that remain once the best causes of all earlier rankings are fitted.
     `suspected_entries`: lengths and twists that may differ from the arm file although no test fires, the most probable
     first.
     `residuals`: residuals, poses in time order, whitened with the smaller of the estimated and the stated noise.
     `stated_chi2_per_dof`: chi2/dof at the stated variances.
-    `parameter_shift`: parameters at the stated variances minus those of the diagnosed fit (P,), rad and m.
+    `parameter_shift` (P,): parameters fitted at the stated variances minus those of the diagnosed fit, rad and m.
     """
 
     tests: tuple[HypothesisTest, ...]
@@ -154,9 +154,9 @@ def _residual_tests(
     """Search `residuals`, whitened by the noise of the fit, for outliers and steps.
 
     Steps of one joint's reading are searched for in `low_noise`, which is whitened with motion noise as small as the
-    poses show. All other steps change the geometry. Deflections that the model describes badly look similar, so these
-    steps are searched for in `residuals`. The noise is not scaled down if the residuals are small, because one sensor
-    may exceed its specification while most errors are smaller than stated.
+    poses show. All other steps change the geometry. Deflections that the model describes badly look like such steps,
+    which are therefore searched for in `residuals`. The noise is not scaled down if the residuals are small, because
+    one sensor may exceed its specification while most errors are smaller than stated.
     """
     outliers = find_outliers(residuals)
     most_significant = steps(residuals, faults.changes(), low_noise=low_noise)[:1]
@@ -172,7 +172,7 @@ def _residual_tests(
 def _explanations(
     faults: FaultModels, residuals: WhitenedResiduals, outliers: Outliers
 ) -> Iterator[CauseRanking]:
-    """Yield rankings of possible causes, each for the residuals that remain after the best earlier causes are fitted.
+    """Yield rankings of possible causes. Before each further ranking, the best cause of the previous one is fitted.
 
     The rankings end when no test fires, when no cause explains the residuals, or after `limits.MOST_CAUSES_FITTED`.
     """
@@ -206,7 +206,7 @@ def _with_cause(
 def _changes(
     faults: FaultModels, residuals: WhitenedResiduals, outliers: Outliers
 ) -> Iterable[Candidate]:
-    """Yield the steps and outliers in `residuals` as candidates; `outliers`: found by `find_outliers` at scale 1."""
+    """Yield a candidate for each step and group of outliers; `outliers`: result of `find_outliers` at scale 1."""
     scale = noise_scale(residuals.chi2, residuals.dof)
     for step in steps(residuals, faults.changes(), scale=scale):
         yield step.suspect.from_pose(step.pose)

@@ -36,7 +36,7 @@ class Cause(Enum):
 
 
 class PeakDeviation(NamedTuple):
-    """Largest deviation of a sensor from the true angle or, if `from_line`, the best-fit line; `sd`: its sigma; rad."""
+    """Largest deviation `peak` of a sensor from the best-fit line or true angle, and its standard deviation, rad."""
 
     peak: float
     sd: float
@@ -54,23 +54,23 @@ link hardly ever changes its length during a session."""
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Candidate:
-    """One possible cause of misclosures, described by c coefficients that a fit can determine.
+    """One possible cause of misclosures, described by c coefficients that a fit to m poses can determine.
 
-    `cause`, `subject`: kind of cause, and the joint, entry or half of the fixture concerned.
-    `columns`: derivatives (m, r, c) of the misclosures with respect to each coefficient.
-    `expected_size`: expected magnitudes (c,) of the coefficients.
-    `own`: None if the coefficients are the same in all poses. Otherwise indices (p,) of the poses concerned, each of
-    which has c coefficients of its own; then `columns` is (p, r, c), and `expected_size` is (p * c,).
-    `places`: number of alternatives (e.g. poses) among which this cause was found.
+    `subject`: the joint, arm file entry or half of the fixture that is concerned.
+    `columns` (m, r, c): derivatives of the r misclosures of each pose with respect to the coefficients.
+    `expected_size` (c,): expected magnitudes of the coefficients.
+    `own`: None if one set of c coefficients applies to all poses. If each pose concerned has its own set, the indices
+    (p,) of these poses; then `columns` is (p, r, c), and `expected_size` is (p * c,).
+    `places`: number of alternatives (e.g. poses) from which this one was selected; its prior is divided by this number.
     `poses`: poses concerned, indices in time order; empty if all poses are concerned.
-    `most`: largest credible magnitude of this cause, in units of the expected magnitude.
-    `shapes`: (m, c): with coefficients b, a reading deviates by ``shapes @ b``, rad; None if b itself is the deviation.
-    `most_stated`: largest deviation that the files allow, or 0 if they state none. The deviation counts as a cause only
-    if it exceeds this value by `CERTAIN_SIGMAS` of its standard deviations.
-    `least`: if `most_stated` is 0, the deviation counts as a cause only if its rms is at least this value.
+    `most`: largest credible magnitude (rms) of the coefficients, in units of `expected_size`.
+    `shapes` (m, c): coefficients b change the readings by ``shapes @ b``, rad; None if b itself is the deviation.
+    `least`: smallest deviation (rms) that counts as a cause; not used if `most_stated` is given.
+    `most_stated`: largest deviation that the files allow; 0 if they state none. A deviation counts as a cause only if
+    it exceeds this value by more than `CERTAIN_SIGMAS` of its standard deviations.
     `measured`: linearity deviation of the sensor as measured by loops that do not use its readings; None if unknown.
-    `lines`: (m, 2): orthonormal basis of the straight lines over the readings, i.e. of an offset and a gain error.
-    `entries`: names of the parameters whose values changed, one per column; empty if none changed.
+    `lines` (m, 2): orthonormal basis of the straight lines over the readings, i.e. of an offset and a gain error.
+    `entries`: for a slip of the fixture, the name of the parameter that each column changes; otherwise empty.
     """
 
     cause: Cause
@@ -90,7 +90,7 @@ class Candidate:
 
     @property
     def false_alarm_share(self) -> float:
-        """Weight of this candidate when the step test divides its false-alarm probability among the candidates."""
+        """Weight of this candidate in the step test, which divides its false-alarm probability among all candidates."""
         return LENGTHS_SHARE if self.cause is Cause.LENGTH_CHANGED else 1.0
 
     def from_pose(self, first: int) -> Candidate:
@@ -107,7 +107,7 @@ class Candidate:
         return float(np.sqrt(np.mean(size**2))) < self.least
 
     def moves(self, b: FloatArray, poses: int) -> FloatArray:
-        """Return the change of the misclosures (m, r) that coefficients `b` cause; `poses`: number m of all poses."""
+        """Return the change of the misclosures (m, r) caused by coefficients `b`; `poses`: number m of all poses."""
         if self.own is None:
             return np.asarray(self.columns @ b)
         out = np.zeros((poses, self.columns.shape[1]))
@@ -115,10 +115,11 @@ class Candidate:
         return out
 
     def deviation(self, b: FloatArray, covariance: FloatArray) -> PeakDeviation:
-        """Return the largest deviation over the poses: from the true angle (with gain error) or from the best-fit line.
+        """Return the sensor's largest deviation over the poses, with its standard deviation.
 
-        Of the two, the one that exceeds `most_stated` by more sigmas is returned, because the poses determine the gain
-        far worse than the deviation from the line. `measured`, if known, replaces the deviation from the line.
+        Deviations from the true angle include the gain error, which the poses determine badly. So deviations from the
+        best-fit line (or `measured`, if known) are compared, too. The one that exceeds `most_stated` by more sigmas is
+        returned. If `measured` certainly exceeds `most_stated`, it is returned in any case.
         """
         if self.measured is not None and self.measured.beyond(self.most_stated):
             return self.measured

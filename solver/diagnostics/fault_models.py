@@ -1,7 +1,7 @@
 """Models of all faults of arm, fixture and readings, as further columns of the linear fit.
 
-A column is the derivative of the misclosures with respect to a quantity that the fit took as exact. The columns of the
-faults can be compared without a refit.
+A column holds the derivatives of the misclosures with respect to a quantity that the fit took as exact. With these
+columns, faults can be compared without a refit.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -62,7 +62,7 @@ class FaultModels:
         most: float = 300.0,
         least: float = 0.0,
     ) -> Candidate:
-        """Candidate for errors ``shapes @ b`` (m,) of joint j's readings; `size`: expected magnitude of each b (c,)."""
+        """Return the candidate for errors ``shapes @ b`` of joint j's readings, rad; `size`: expected size of b."""
         return Candidate(
             cause=cause,
             subject=str(j),
@@ -86,7 +86,7 @@ class FaultModels:
         )
 
     def changes(self) -> list[Candidate]:
-        """Return candidates for a change that lasts from some pose on (`Candidate.from_pose`)."""
+        """Return candidates for lasting changes; `Candidate.from_pose` sets the pose at which a change begins."""
         model = self.design.model
         always = np.ones((len(self.readings), 1))
         candidates = [self._along(Cause.LOST_COUNTS, j, always) for j in self.sensed]
@@ -230,7 +230,7 @@ class FaultModels:
 
 
 def constant_reading_runs(q: FloatArray, joint: int, tolerance_rad: float) -> list[tuple[int, int]]:
-    """Runs [first, last) of poses with the same reading of a joint although at least half of the other joints move."""
+    """Return runs [first, last) of poses in which a joint's reading is constant while at least half the others move."""
     m = len(q)
     reading = q[:, joint - 1]
     others = np.delete(q, joint - 1, axis=1)

@@ -61,7 +61,7 @@ class HypothesisTest:
         *,
         false_alarm: float = FALSE_ALARM_PROBABILITY,
     ) -> HypothesisTest:
-        """Test the sum of squares of normal deviations z (k,), in sigmas, with this `covariance` (k, k).
+        """Test the sum of squares of normal deviations `z` (k,), in sigmas, with the given `covariance` (k, k).
 
         The sum is approximated by a shifted, scaled chi2 of equal mean, variance and skewness (Pearson 1959), which is
         exact for independent deviations.
@@ -81,7 +81,7 @@ class HypothesisTest:
     def of_sigmas(
         cls, code: str, z: FloatArray, *, false_alarm: float = FALSE_ALARM_PROBABILITY
     ) -> HypothesisTest:
-        """Test the largest magnitude in `z` (k,), normal deviations in sigmas."""
+        """Test the largest magnitude among normal deviations `z` (k,), in sigmas."""
         return cls(
             code=code,
             statistic=float(np.abs(z).max()),
@@ -93,7 +93,7 @@ class HypothesisTest:
 def pull_tests(
     stated: LinearFit, false_alarm: float = FALSE_ALARM_PROBABILITY
 ) -> list[HypothesisTest]:
-    """Test the toleranced entries' pulls (deviations from nominal, in sigmas): the largest, and the sum of squares."""
+    """Test how many sigmas lengths and twists deviate from nominal: the largest deviation, and the sum of squares."""
     # Entries of the maker's table are the first of all effects.
     listed = [n for g in stated.design.groups if g.source in ENTRIES for n in g.names]
     own = np.flatnonzero([n in stated.design.errors.tolerance for n in listed])
@@ -109,7 +109,7 @@ def pull_tests(
 
 
 def scale_tests(faults: FaultModels, residuals: WhitenedResiduals) -> list[HypothesisTest]:
-    """Test the scale of every encoder. The loops reveal scale errors of 1 %, for which there is no other test."""
+    """Test every encoder for a scale error. The loops reveal an error of 1 %, which no other test detects."""
     z = []
     for candidate in faults.scales():
         s, C = residuals.score(candidate.columns)
@@ -119,7 +119,7 @@ def scale_tests(faults: FaultModels, residuals: WhitenedResiduals) -> list[Hypot
 
 
 def prediction_test(stated: LinearFit) -> HypothesisTest:
-    """Test how well the other poses predict each fifth of the poses and a block far from the rest; return the worst."""
+    """Test parts of the poses (`fold_poses`, `far_block`) against predictions from the rest; return the worst test."""
     q = stated.design.q
     parts = (*fold_poses(q), far_block(q)) if len(q) >= 2 * FOLDS else ()
     worst = HypothesisTest(code="PREDICTION", statistic=0.0, threshold=np.inf)
@@ -134,9 +134,9 @@ def prediction_test(stated: LinearFit) -> HypothesisTest:
 def variance_tests(stated: LinearFit) -> list[HypothesisTest]:
     """Test for every variance component whether the poses show a larger variance than the stated one.
 
-    The statistic is the slope of the likelihood at the stated variances: a sum of squared errors minus its expectation.
-    A component may have few errors, e.g. the gain error of one sensor. So the sum is taken as a scaled chi2 instead of
-    normal; its degrees of freedom follow from the mean and the variance of the sum (Satterthwaite).
+    The statistic is the slope of the likelihood at the stated variance. It equals a sum of squared errors minus the
+    expected sum. The sum is not normal if a component has few errors, e.g. the gain error of one sensor. So a scaled
+    chi2 is used, whose degrees of freedom follow from the mean and the variance of the sum (Satterthwaite).
     """
     from scipy.special import chdtri
 
@@ -156,7 +156,7 @@ def variance_tests(stated: LinearFit) -> list[HypothesisTest]:
 def without_curves_in_specification(
     tests: Iterable[HypothesisTest], faults: FaultModels, residuals: WhitenedResiduals
 ) -> Iterable[HypothesisTest]:
-    """Yield `tests`, but no test that fires because of a linearity deviation within the sensor's specification.
+    """Yield all tests except those that fire because of a linearity deviation within the sensor's specification.
 
     A specification limits the largest deviation only. A deviation within this limit may still vary more than the error
     model assumes, e.g. as ripples, and fire a test although the sensor is sound.
@@ -168,7 +168,7 @@ def without_curves_in_specification(
 
 
 def _as_stated(j: int, faults: FaultModels, residuals: WhitenedResiduals) -> bool:
-    """Whether joint j's linearity deviation (measured, or else fitted to `residuals`) may be within specification."""
+    """Whether joint j's linearity deviation, fitted to `residuals` if not measured, may be within specification."""
     curve = faults.linearity_curve(j)
     if curve is None:
         return False
@@ -201,7 +201,7 @@ class Outliers:
 
 
 def find_outliers(residuals: WhitenedResiduals, *, scale: float = 1.0) -> Outliers:
-    """Test every pose against its prediction from the others; `scale`: ratio of actual to assumed variances.
+    """Test each pose against its prediction from all others; `scale`: ratio of actual to assumed variances.
 
     The most improbable pose is set aside and the rest is tested again, so that outliers do not hide each other. With
     many poses, several are set aside at a time to limit the work. The fit itself keeps all poses.
@@ -236,7 +236,7 @@ def find_outliers(residuals: WhitenedResiduals, *, scale: float = 1.0) -> Outlie
 
 
 def leave_one_out_chi2(residuals: WhitenedResiduals) -> tuple[FloatArray, FloatArray]:
-    """Return chi2 of every pose against its prediction from the others, and its degrees of freedom, (m,) each."""
+    """Return chi2 (m,) of each pose against its prediction from all others, and the degrees of freedom (m,) of chi2."""
     r = residuals.U.shape[1]
     H = np.eye(r) - residuals.U @ np.swapaxes(residuals.U, -1, -2)
     values, vectors = np.linalg.eigh(H)

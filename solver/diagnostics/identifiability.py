@@ -20,8 +20,8 @@ from solver.estimators.paper import closure_problem
 from solver.loops.closure import ClosureModel, pose_blocks
 
 RANK_TOLERANCE = 1e-7
-"""A scaled singular value below this share of the largest counts as zero. On closed poses true zeros come
-out near 1e-12 and the weakest parameter of a usable pose set above 1e-4."""
+"""A scaled singular value below this share of the largest counts as zero. On closed poses, true zeros are computed
+as about 1e-12, and the value of the weakest parameter of a usable pose set exceeds 1e-4."""
 
 CLOSED = 1e-9
 """Closure error (rad, m) below which a loop counts as closed, small enough for true zeros to be recognised."""
@@ -40,14 +40,14 @@ class Identifiability:
     """Identifiability indices of one Jacobian.
 
     `rank`: number of parameters, or of combinations of parameters, that the poses determine.
-    `scaled_condition_number`: ratio of largest to smallest singular value with unit columns (paper: below 100 is
-    acceptable); inf if the smallest is zero.
-    `condition_number`: ratio of largest to smallest singular value without column scaling (1 m : 1 rad).
-    `observability`: observability indices O1..O5 of the literature, for the scaled Jacobian of m poses.
+    `scaled_condition_number`: ratio of largest to smallest singular value, with columns scaled to length 1 (paper:
+    below 100 is acceptable); inf if the smallest is zero.
+    `condition_number`: ratio of largest to smallest singular value in rad and m, without column scaling.
+    `observability`: observability indices O1..O5 of the literature, for the scaled Jacobian.
     `directions`: the unidentifiable directions; () if the rank is full.
-    `weakest`: the direction that is least determined among the identifiable ones.
-    `trend`: pairs of a number k and the scaled condition number of the first k poses, at the same parameters; only for
-    k at which the rank is full.
+    `weakest`: the least determined of the identifiable directions.
+    `trend`: pairs (k, scaled condition number of the first k poses), at the same parameters, for several numbers k at
+    which the rank is full.
     """
 
     rank: int
@@ -78,7 +78,7 @@ def identifiability(
 
 
 def _trend(J: FloatArray) -> tuple[tuple[int, float], ...]:
-    """Return pairs of k and the scaled condition number of the first k poses of `J` (m, r, P), for some values of k."""
+    """Return `Identifiability.trend` from the Jacobian `J` (m, r, P) of all poses."""
     m, r, P = J.shape
     fewest = -(-P // max(r, 1))
     if m < fewest or not r:
@@ -103,8 +103,8 @@ def _trend(J: FloatArray) -> tuple[tuple[int, float], ...]:
 def condition_at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> float | None:
     """Scaled condition number at the readings `q` (m, n), without closing the loops.
 
-    The Jacobian is the paper's C (eq. 6) at parameters `x` (P,). The result is None if joints are unsensed, a case that
-    the paper does not treat, and inf if the rank is deficient.
+    The Jacobian is the paper's C (eq. 6) at parameters `x` (P,). The result is inf if the rank is deficient. It is None
+    if joints are unsensed, a case that the paper does not treat.
     """
     if model.unsensed_joints:
         return None
@@ -114,7 +114,7 @@ def condition_at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> 
 
 
 def well_conditioned_at_readings(paper: Estimate, q: FloatArray) -> bool:
-    """Whether all directions are certainly identifiable, judged at the readings `q` (m, n) without closing the loops.
+    """Whether the Jacobian at the readings `q` (m, n), without closed loops, proves all directions identifiable.
 
     `paper`: the paper's estimate, whose covariance is proportional to the inverse of J'J, with J the Jacobian.
     """
@@ -130,7 +130,7 @@ def well_conditioned_at_readings(paper: Estimate, q: FloatArray) -> bool:
 def jacobian_at_closed(
     model: ClosureModel, x: FloatArray, q: FloatArray, sigma_rad: FloatArray | None
 ) -> FloatArray:
-    """Reduced Jacobian (m, r, P) on the closed loops nearest to `q` (m, n), or at `q` for poses that cannot close."""
+    """Return the reduced Jacobian (m, r, P) at the closed loop nearest to each pose; at `q` if a pose cannot close."""
     poses = close_loops(model, x, q, sigma_rad=sigma_rad, tolerance=CLOSED)
     closed_q, u = poses.q, poses.u
     if not poses.closed.all():
@@ -167,7 +167,7 @@ def identifiability_of_jacobian(
 
 
 def _observability(s: FloatArray, poses: int) -> tuple[float, float, float, float, float]:
-    """Indices O1 (Borm & Menq), O2, O3 (Nahvi), O4 (Nahvi & Hollerbach), O5 (Sun & Hollerbach)."""
+    """Return O1 (Borm & Menq), O2, O3 (Nahvi), O4 (Nahvi & Hollerbach), O5 (Sun & Hollerbach) from singular values."""
     low, high = float(s[-1]), float(s[0])
     if low <= 0.0 or high <= 0.0:
         return (0.0, 0.0, 0.0, 0.0, 0.0)
@@ -209,9 +209,9 @@ def _immobile_offsets(
 ) -> tuple[UnidentifiableDirection, ...]:
     """Return a direction for each immobile joint whose offset is in none of the `known` directions.
 
-    The offset of such a joint is one more constant of the geometry. If link lengths are taken as exact, the rank may
-    still be full, and the scaled condition number low (9.6 in one example). But a length error of a millimetre then
-    looks like an error of the offset, so the offset is reported as unidentifiable.
+    Only exact link lengths distinguish the offset of an immobile joint from the rest of the geometry. The rank may then
+    be full, and the scaled condition number low (9.6 in one example). But a length error of a millimetre looks like an
+    error of the offset, so the offset is reported as unidentifiable.
     """
     named = {name for direction in known for name in direction.parameters}
     return tuple(
@@ -264,7 +264,7 @@ def identifiability_of_fit(
     taken: IntArray,
     without: Collection[int] = (),
 ) -> Identifiability:
-    """Compute the identifiability of the unknowns `names` from the poses of `fit`; all other unknowns count as known.
+    """Compute the identifiability of the parameters `names` from the poses of `fit`; all others count as known.
 
     `taken` (m,): position of each pose of the fit in time order. `without`: joints (1-based) whose readings are not
     used.

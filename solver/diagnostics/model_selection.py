@@ -2,11 +2,11 @@
 
 A fault adds columns to the fit, with coefficients b ~ N(0, v D), where D holds the squares of the expected magnitudes.
 The value of v that maximises the likelihood is used. The likelihood is large if the fault explains much of the misfit,
-and small if the fault could explain any misfit equally well (Occam's factor). The scale of the noise is estimated, too,
-above a lower limit. So residuals that no fault explains count as noise, and the choice becomes less certain.
+and small if the fault could explain any misfit equally well (Occam's factor). The noise variances are scaled by the
+remaining chi2/dof (see `noise_scale`). So unexplained residuals count as noise, and make the choice less certain.
 
 Any parameter of an unidentifiable direction may be fixed without changing the loop. Entries of the arm's table are
-fixed rather than parameters of the fixture: a fixed s_1, if wrong, would look like an error of the arm.
+fixed rather than parameters of the fixture, because a wrong parameter of the fixture looks like an error of the arm.
 """
 
 from dataclasses import dataclass
@@ -37,10 +37,10 @@ class Evidence:
 
     `log_likelihood`: log-likelihood, up to a constant that is the same for all explanations of one pose set.
     `chi2`, `dof`: remaining chi2 and its degrees of freedom, at stated variances.
-    `size`: standard deviation of the coefficients, in units of their expected magnitudes.
-    `b` (c,): coefficients.
+    `size`: most likely standard deviation of the coefficients, in units of their expected magnitudes.
+    `b` (c,): the c coefficients of the explanation.
     `covariance` (c, c): covariance of `b`; only the variances (c,) if each pose has coefficients of its own.
-    `moved`: change of the parameters (P,) when the explanation is fitted (rad, m).
+    `moved` (P,): change of the parameters when the explanation is fitted, rad and m.
     """
 
     log_likelihood: float
@@ -53,15 +53,15 @@ class Evidence:
 
 
 def noise_scale(chi2: float, dof: int, most: float = 1.0) -> float:
-    """Ratio of actual to stated variances, chi2/dof, limited to between `SMALLEST_NOISE_SCALE` and `most`."""
+    """Return chi2/dof as the ratio of actual to stated variances, limited to [`SMALLEST_NOISE_SCALE`, `most`]."""
     return min(most, max(SMALLEST_NOISE_SCALE, chi2 / max(dof, 1)))
 
 
 def log_likelihood(residuals: WhitenedResiduals, *, most_noise: float) -> float:
-    """Log-likelihood if no known fault occurred.
+    """Return the log-likelihood of the residuals if no known fault occurred.
 
-    `most_noise`: largest scale of the variances; 1 if errors are no larger than stated, infinite if an unknown cause
-    makes all errors larger.
+    `most_noise`: largest ratio of actual to stated variances. It is 1 if no error is larger than stated, and infinite
+    if an unknown cause may have made all errors larger.
     """
     scale = noise_scale(residuals.chi2, residuals.dof, most_noise)
     return -0.5 * (max(residuals.dof, 1) * float(np.log(scale)) + residuals.chi2 / scale)
@@ -75,11 +75,12 @@ def evidence(
     own: IntArray | None = None,
     most: float = np.inf,
 ) -> Evidence | None:
-    """Compute the evidence for a fault with c coefficients b, which changes the misclosures by ``G @ b``.
+    """Compute the evidence for a fault whose coefficients b (c,) change the misclosures by ``G @ b``.
 
-    The result is None if the fit already contains all columns G (m, r, c). `expected_size` (c,): expected magnitudes of
-    the coefficients. `own`: None, or the indices (p,) of the poses that have c coefficients each; then G is (p, r, c),
-    and `expected_size` is (p * c,). `most`: largest multiple of `expected_size` to try.
+    The result is None if the fit already contains all columns G (m, r, c).
+
+    `expected_size` (c,): expected magnitudes of the coefficients. `most`: largest multiple of these to try.
+    `own`: indices (p,) of the poses if each has its own c coefficients; G is then (p, r, c), the sizes are (p * c,).
     """
     if own is not None:
         return _evidence_of_own(residuals, own, G, expected_size, most)
@@ -127,7 +128,7 @@ def _evidence_of_own(
 
     @cache
     def at(k: int) -> tuple[float, SolvedColumns]:
-        """Log-likelihood for coefficients of standard deviation `sizes[k]`, and the solution for the coefficients."""
+        """Return the log-likelihood, and the solution, for coefficients of standard deviation `sizes[k]`."""
         solved = columns.solved(float(sizes[k]) ** 2)
         chi2 = max(residuals.chi2 - solved.drop, 1e-12)
         f = max(SMALLEST_NOISE_SCALE, chi2 / dof)
@@ -154,7 +155,7 @@ def _evidence_of_own(
 
 
 def probabilities(log_weights: FloatArray) -> FloatArray:
-    """Probabilities of explanations from their log-likelihoods plus the logarithm of their priors."""
+    """Return the probabilities of explanations from `log_weights`: log-likelihood plus logarithm of the prior."""
     weights = np.exp(log_weights - np.max(log_weights))
     return np.asarray(weights / weights.sum())
 
@@ -168,14 +169,14 @@ def drop_unidentifiable(
 ) -> tuple[ClosureModel, tuple[str, ...]]:
     """Fix the parameters that the poses do not determine.
 
-    `x`: parameters (P,) that nearly close the loops; with other values no direction looks unidentifiable. By default
-    `nearly_closing_parameters`: only offsets and fixture are fitted, because a fit of all lengths might shrink the arm
-    to zero.
+    `x`: parameters (P,) that nearly close the loops; if the loops stay open, no direction looks unidentifiable. By
+    default, `nearly_closing_parameters` fits the offsets and the fixture only, because a fit of all lengths might
+    shrink the arm to zero.
     `q`: joint angles (m, n), rad.
     `sigma_rad`: standard deviation of each joint's reading (n,), for closing the loops.
 
-    Returns the loop with fewer unknowns, and the names of the parameters now fixed at their nominal values. The
-    remaining parameters have to be estimated again, because `x` was found with other values of the fixed parameters.
+    Returns the loop with fewer unknowns, and the names of the parameters now fixed at their nominal values. In `x`
+    these may have other values, so the remaining parameters have to be estimated again.
     """
     x = nearly_closing_parameters(model, q) if x is None else x
     J = jacobian_at_closed(model, x, q, sigma_rad)
@@ -189,7 +190,7 @@ def drop_unidentifiable(
 
 
 def nearly_closing_parameters(model: ClosureModel, q: FloatArray) -> FloatArray:
-    """Return parameters (P,) that nearly close the loops: offsets and fixture are fitted, all others nominal."""
+    """Return parameters (P,) that nearly close the loops: offsets and fixture as fitted, all others at nominal."""
     fixture = {*model.ground_side, *model.hand_side}
     known = {p.name for p in model.parameters if not p.name.startswith("theta_off_")} - fixture
     plain = model.with_all_joints_sensed().without(known)
@@ -204,13 +205,13 @@ def _choose(
     directions: tuple[UnidentifiableDirection, ...],
     fixture: set[str],
 ) -> int:
-    """Index of the parameter to fix: an immobile joint's offset, else the least determined one, arm before fixture."""
+    """Return the index of the parameter to fix: an immobile joint's offset or, if none, the least determined one."""
     for direction in directions:
         for joint in direction.immobile_joints:
             if f"theta_off_{joint}" in direction.parameters:
                 return names.index(f"theta_off_{joint}")
     named = {name for direction in directions for name in direction.parameters}
-    # Share of each parameter in the null space: the part of it that least squares cannot determine.
+    # Share of each parameter that least squares cannot determine. Parameters of the fixture are chosen last.
     scaled = J / column_scale(J)
     share = 1.0 - np.diagonal(np.linalg.pinv(scaled, rcond=1e-7) @ scaled)
     return min(

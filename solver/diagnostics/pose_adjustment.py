@@ -1,6 +1,6 @@
-"""Most probable joint corrections of poses at fixed parameters, and the resulting angles of unsensed joints.
+"""Closes loops at fixed parameters by the most probable corrections of the readings; finds angles of unsensed joints.
 
-The iteration is that of the implicit estimator, but the parameters stay as they are: only the readings are adjusted.
+The iteration is that of the implicit estimator, but the parameters stay as they are.
 """
 
 from dataclasses import dataclass
@@ -19,13 +19,13 @@ MAX_ITERATIONS = 40
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AdjustedPoses:
-    """Poses adjusted to fixed parameters.
+    """Poses whose loops were closed at fixed parameters.
 
-    `error`, `system`, `V`: closure errors, reduced equations, and covariances (m, r, r) of the misclosures, evaluated
-    at the start of the last iteration, whose step is negligibly small.
-    `corrections`: joint corrections (m, n), rad: adjusted minus measured.
-    `unsensed`: unsensed angles (m, U), rad.
-    `converged`: whether each pose's loop was closed (m,).
+    `error`, `system`, `V`: closure errors, reduced equations, and covariances (m, r, r) of the misclosures. They belong
+    to the state before the last step, which is negligibly small.
+    `corrections` (m, n): adjusted minus measured joint angles, rad.
+    `unsensed` (m, U): unsensed angles, rad; those of arm joints are last.
+    `converged` (m,): whether each pose's loop was closed.
     """
 
     error: LoopError
@@ -44,9 +44,9 @@ def adjust_poses(
     *,
     near: tuple[FloatArray, FloatArray] | None = None,
 ) -> AdjustedPoses:
-    """Return the most likely corrections of joint angles `q` (m, n), rad, that close loops with parameters `x` (P,).
+    """Close the loops of poses `q` (m, n), rad, at parameters `x` (P,) by the most likely corrections of the readings.
 
-    `near`: corrections (m, n) and unsensed angles (m, U), rad, to start from, if known.
+    `near`: corrections (m, n) and unsensed angles (m, U), rad, from which to start, if known.
     """
     variance = np.broadcast_to(noise.joint_variance, q.shape)
     deflection_variance = noise.deflection_variance
@@ -83,13 +83,13 @@ def adjust_poses(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoopAngle:
-    """True angle of one unsensed joint at every pose, with the covariance ``diag(own) + common common'``, rad^2.
+    """Angle of one unsensed joint at each of m poses, with the covariance ``diag(own) + common common'``, rad^2.
 
     `joint`: 1-based.
-    `angle_rad` (m,): joint angle theta' including the offset, not wrapped: the solution near the joint's reading plus
-    the nominal offset. The reading is not used otherwise.
-    `own` (m,): variance of each angle due to the readings of its pose, independent from pose to pose.
-    `common` (m, c): root of the covariance due to errors of the parameters, which are common to all poses.
+    `angle_rad` (m,): joint angle theta' including the offset, not wrapped. The joint's own reading is used only to
+    start the iteration.
+    `own` (m,): variance of each angle due to the noise of its own pose, which is independent of the other poses.
+    `common` (m, c): one column for each independent error of the parameters, which is the same in all poses.
     """
 
     joint: int
@@ -120,9 +120,9 @@ def loop_angles(
 
     `covariance`: covariance (P, P) of `x`. `near`: joint corrections (m, n) and unsensed angles (m, U) to start from.
 
-    The linearised loop is c + J_q e + f + N du = 0, with e the errors of the readings, f the fixture's deflection, and
-    du the change of the unsensed angles. With S the covariance of J_q e + f, and E the left null space of N, the best
-    estimate of du has the covariance ``N^+ (S - S E (E' S E)^-1 E' S) N^+'``. The covariance due to `x` is added.
+    The linearised loop is c + J_q e + f + N du = 0: c is the closure error, e the errors of the readings, f the
+    fixture's deflection, du the change of the unsensed angles. With S the covariance of J_q e + f, and E the left null
+    space of N, du has the covariance ``N^+ (S - S E (E' S E)^-1 E' S) N^+'``. The covariance due to `x` is added.
     """
     adjusted = adjust_poses(model, x, q, noise, near=near)
     error = adjusted.error

@@ -70,7 +70,7 @@ class ReadingsOutOfRangeError(SolverError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Mistake:
-    """A simple mistake that would explain the readings, and the remedy; `q_rad`: the readings without the mistake."""
+    """A simple mistake that would explain the readings, and its remedy; `q_rad`: the readings without the mistake."""
 
     code: str
     text: str
@@ -137,7 +137,7 @@ def _joints(columns: Sequence[int]) -> str:
 
 
 def _like_radians(arm: ArmModel, q: FloatArray) -> list[int]:
-    """Joints (0-based) with small readings which, taken as radians, would vary and lie inside the joint's range."""
+    """Return joints (0-based) whose readings are small but, taken as radians, vary and lie inside the joint's range."""
     as_degrees = np.rad2deg(q)
     inside = 10 * (_outside(arm, as_degrees) > 0.0).sum(axis=0) <= len(q)
     small = (np.abs(q) < np.deg2rad(2.0 * np.pi)).all(axis=0)
@@ -146,7 +146,7 @@ def _like_radians(arm: ArmModel, q: FloatArray) -> list[int]:
 
 
 def rows_in_radians(arm: ArmModel, q: FloatArray) -> list[int]:
-    """Poses (0-based) that have several readings outside their ranges, and would have none if all were in radians."""
+    """Return poses (0-based) with several readings outside their ranges, but none if the readings are in radians."""
     outside = (_outside(arm, q) > 0.0).sum(axis=1) > 1
     inside = ~(_outside(arm, np.rad2deg(q)) > 0.0).any(axis=1)
     small = (np.abs(q) < np.deg2rad(2.0 * np.pi)).all(axis=1)
@@ -154,7 +154,7 @@ def rows_in_radians(arm: ArmModel, q: FloatArray) -> list[int]:
 
 
 def mostly_in_range(arm: ArmModel, q: FloatArray) -> bool:
-    """Whether at least nine in ten poses lie inside all ranges."""
+    """Whether all readings lie inside their ranges in at least nine of ten poses."""
     return 10 * int((_outside(arm, q) > 0.0).any(axis=1).sum()) <= len(q)
 
 
@@ -164,7 +164,7 @@ def range_findings(
     """Return a finding for each joint whose readings are outside its range in the arm file, or are saturated.
 
     Readings of `unsensed_joints` are not checked. Raises `ReadingsOutOfRangeError` if at least half of the poses have a
-    reading far outside its range. Readings that a wrong turn count explains do not count.
+    reading that is far outside its range and that no wrong turn count explains.
     """
     q = poses.q_rad
     outside = _outside(arm, q)
@@ -225,7 +225,7 @@ def _whole_turns(arm: ArmModel, q: FloatArray, joint: int) -> bool:
 
 
 def _saturated_poses(reading: FloatArray, middle_rad: float, sensor: Rvdt) -> IntArray:
-    """Poses at which an RVDT reads the same end of full scale; empty if there are fewer than `SATURATED_POSES`."""
+    """Return the poses in which an RVDT reads one end of full scale; empty if fewer than `SATURATED_POSES` do."""
     end = 0.5 * sensor.full_scale_rad
     near = limits.SATURATED_SIGMAS * sensor.sigma_rad
     for side in (-1.0, 1.0):

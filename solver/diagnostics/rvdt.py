@@ -39,13 +39,12 @@ class RvdtVerdict:
     """Verdict on one joint's RVDT.
 
     `joint`: 1-based.
-    `verdict`, `text`: the verdict, and a text with verdict and figures.
+    `text`: the verdict in words, with its figures.
     `treat_as_unsensed`: whether the calibration is better without the joint's reading.
-    `share`: share of the squared closure error that disappears if this joint's readings are corrected (0..1, negative
-    if the error grows); 0 if the poses cannot decide.
+    `share`: share of the squared closure error that disappears if this joint's readings are corrected (at most 1,
+    negative if the error grows); 0 if the poses cannot decide.
     `figures`: measured figures; None if the poses cannot decide.
-    `noise`: noise of a single reading, known even if the poses do not determine the linearity deviation; None if
-    the readings are not used and their spread is not recorded.
+    `noise`: noise of a single reading; None if it is unknown. It may be known even if the poses cannot decide.
     """
 
     joint: int
@@ -71,11 +70,11 @@ def rvdt_verdicts(
 
     Raises `TooFewPosesError` if no degree of freedom would be left.
 
-    `model`: one placement's loop with the RVDT joints unsensed, so that their readings are not used.
+    `model`: loop in one placement of the fixture. The RVDTs' joints are unsensed, so their readings are not used.
     `errors`: stated errors of all other sources, which would otherwise look like noise of the RVDT.
-    `calibrated`: fit of these poses with the RVDTs' readings. The new fit starts from its parameters and takes over the
-    variances of the other sources. A variance below its start value is replaced by the start value, because the fit
-    may have attributed part of this error to the RVDT.
+    `calibrated`: fit of these poses that used the RVDTs' readings. The fit without them starts from its parameters, and
+    takes over the variances of the other sources. A variance below its start value is replaced by the start value,
+    because the first fit may have attributed part of this error to the RVDT.
     `noise`: noise of single readings by joint (1-based), if known.
     `samples`: number of readings averaged at each pose (m,).
     """
@@ -151,10 +150,10 @@ def _beside(calibrated: Calibrated, model: ClosureModel, q: FloatArray) -> FitSt
 def _without_compliance(
     noise: Mapping[int, SingleNoise], fit: LinearFit
 ) -> Mapping[int, SingleNoise]:
-    """Return `noise`, with lower limits of 0 where an unexpectedly compliant fixture may have caused the noise.
+    """Return `noise`; if the fixture deflects more than stated, noise that follows from closure errors may be 0.
 
-    A rotation of the fixture under load looks like noise of the wrist's sensors, and no pose separates the two. So a
-    fixture that deflects more than stated may have caused all the scatter between poses.
+    A rotation of the fixture under load looks like noise of the wrist's sensors, and no pose separates the two. So the
+    fixture may have caused all of this noise, and its lower limit is set to 0.
     """
     uncertain = {j: replace(one, low=0.0) for j, one in noise.items() if not one.from_spread}
     compliance = compliance_test(fit.stated, fit.design) if uncertain else None
@@ -180,7 +179,7 @@ def _undecidable(reading: FloatArray, measured: LoopAngle, sensor: Rvdt) -> str:
 
 
 def undecided(joint: int, sensor: Rvdt, reason: str, noise: SingleNoise | None) -> RvdtVerdict:
-    """Return the verdict "curve not determined by these poses", with the reason, and with the noise if it is known."""
+    """Return the verdict on an RVDT whose curve these poses do not determine, with the reason, and noise if known."""
     noisy = noise is not None and _too_noisy(noise, sensor)
     verdict = Soundness.OUT_OF_SPECIFICATION if noisy else Soundness.CANNOT_DECIDE
     noise_texts = [] if noise is None else _noise_words(noise, sensor)
@@ -199,7 +198,7 @@ def _too_noisy(noise: SingleNoise, sensor: Rvdt) -> bool:
 
 
 def linearity_deviation(figures: RvdtFigures, sensor: Rvdt) -> PeakDeviation:
-    """Largest linearity deviation of a sensor over the poses, rad."""
+    """Return the largest deviation of an RVDT from its best-fit line over the covered range, rad."""
     scale = sensor.full_scale_rad
     return PeakDeviation(
         peak=scale * figures.linearity, sd=scale * figures.linearity_sd, from_line=True
@@ -261,7 +260,7 @@ def _noise_words(noise: SingleNoise, sensor: Rvdt) -> list[str]:
 def _share(
     sensed: ClosureModel, known: dict[str, float], q: FloatArray, joint: int, figures: RvdtFigures
 ) -> float:
-    """Share of the squared closure error that disappears if the joint's readings are corrected by `figures`."""
+    """Return the share of the squared closure error that disappears if `figures` correct the joint's readings."""
     known = known | {f"theta_off_{joint}": float(wrap_angle(figures.theta_off_rad))}
     x = nominal_vector(sensed.parameters, known)
     better = q.copy()

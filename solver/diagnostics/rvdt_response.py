@@ -1,4 +1,4 @@
-"""Errors of an RVDT against the angle that the closed loop measures: gain, linearity deviation, noise of a reading.
+"""Errors of an RVDT relative to the angle that the closed loop measures: gain, linearity deviation and noise.
 
 The deviation as a function of the angle is a Legendre series, whose degree is chosen by leave-one-out prediction.
 """
@@ -23,15 +23,15 @@ POINTS_PER_TERM = 4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SmoothCurve:
-    """Legendre series over the covered range, fitted by least squares.
+    """Legendre series that was fitted by least squares to the values at m points.
 
-    `low`, `high`: covered range of the abscissa.
+    `low`, `high`: range of the points' abscissas.
     `coefficients`: (degree + 1,).
-    `smoother`: (degree + 1, m): maps the points to the coefficients.
-    `residual`: (m,): points minus curve.
+    `smoother` (degree + 1, m): maps the values to the coefficients.
+    `residual` (m,): values minus curve.
     `dof`: number of points minus number of coefficients.
-    `line_probability`: probability that, for points of a straight line, noise makes the curve fit so much better than
-    the line (F test, times the number of degrees that were compared); 1 if the curve is a straight line.
+    `line_probability`: probability that the curve fits so much better than a straight line although the true curve is
+    straight (F test, times the number of degrees that were compared); 1 if the fitted curve is a straight line.
     """
 
     low: float
@@ -52,16 +52,16 @@ class SmoothCurve:
         return np.asarray(_basis(abscissa, self.low, self.high, self.degree) @ self.coefficients)
 
     def by_points(self, abscissa: FloatArray) -> FloatArray:
-        """Derivatives (k, m) of the curve at `abscissa` (k,) with respect to the m values to which it was fitted."""
+        """Return the derivatives (k, m) of the curve at `abscissa` (k,) with respect to the m fitted values."""
         return np.asarray(_basis(abscissa, self.low, self.high, self.degree) @ self.smoother)
 
 
 def fit_curve(abscissa: FloatArray, values: FloatArray, least_degree: int = 1) -> SmoothCurve:
-    """Fit points (m,) with the degree, from `least_degree` up, whose leave-one-out error is smallest.
+    """Fit a Legendre series to points (m,); its degree is chosen by the leave-one-out error.
 
-    A higher degree must improve on the best lower degree by more than the standard error of the improvement, so that
-    noise is not fitted. The chosen curve as a whole is tested against a straight line. There must be at least
-    ``2 * POINTS_PER_TERM`` points, and not all at one abscissa.
+    A degree above `least_degree` must reduce the error of the best lower degree by more than the standard error of the
+    reduction, so that noise is not fitted. The degree is low enough for `POINTS_PER_TERM` points per term. At least
+    ``2 * POINTS_PER_TERM`` points are needed, not all at one abscissa.
     """
     from scipy.special import fdtrc
 
@@ -118,17 +118,17 @@ class RvdtFigures:
 
     `covered`: fraction of full scale that the poses cover.
     `theta_off_rad`: offset that makes the deviations average to zero over the covered range.
-    `gain`: slope of the best-fit line, reading per true angle; 1 means no error.
-    `linearity`, `linearity_sd`: largest deviation from the best-fit line over the covered range, as a fraction of full
-    scale, and its standard deviation. Over the full scale, the largest deviation may be larger, rarely smaller.
+    `gain`: slope of the best-fit line of the reading against the true angle; 1 means no error.
+    `linearity`, `linearity_sd`: largest deviation from the best-fit line over the covered range, and its standard
+    deviation, as fractions of full scale. Over the full scale it may be larger, but is rarely smaller.
     `half_range`: half the peak-to-peak deviation from a line of gain 1, as a fraction of full scale.
     `noise`: noise of a single reading.
-    `loop_sd_rad`: standard deviation (rms over the poses) of an angle that the loop measures.
+    `loop_sd_rad`: standard deviation of the angles that the loop measures (rms over the poses).
     `line_probability`: probability that noise makes a linear sensor look so curved (see `SmoothCurve`).
-    `angle_rad`, `deviation_rad`: (m,) true sensor angle of each pose, and its reading minus this angle.
-    `curve`: deviation as a function of the true sensor angle.
-    `table_rad`: (k, 3): reading, correction to be added to the reading, standard deviation of the correction. Corrected
-    readings have to be used with `theta_off_rad`.
+    `angle_rad` (m,): true angle of the sensor in each pose. `deviation_rad` (m,): reading minus this angle.
+    `curve`: deviation as a function of the true angle.
+    `table_rad` (k, 3): each row has a reading, the correction to be added to it, and the standard deviation of the
+    correction. Corrected readings have to be used with `theta_off_rad`.
     """
 
     covered: float
@@ -153,7 +153,7 @@ class RvdtFigures:
 
 
 def sensor_angle(reading_rad: FloatArray, measured: LoopAngle) -> tuple[FloatArray, float]:
-    """Return the angles (m,) that an exact sensor would read, and the joint's offset (mean theta' - reading), rad."""
+    """Return the angles (m,) that an exact sensor would read, and the offset (mean of theta' minus reading), rad."""
     apart = measured.angle_rad - reading_rad
     # The median decides on the whole turns; no reading is wrong by half a turn.
     middle = float(np.median(np.unwrap(apart)))
@@ -171,10 +171,10 @@ def measure(
 ) -> RvdtFigures:
     """Split the deviations of readings (m,) from the angles `measured` into gain, linearity deviation and noise.
 
-    Raises `ValueError` if there are too few poses to fit any curve.
+    At least ``2 * POINTS_PER_TERM`` poses are needed.
 
-    `noise`: noise of a single reading. If it is None, the scatter about the fitted curve is an upper limit, because it
-    includes slowly varying errors of the loop. `samples`: number of readings averaged at each pose.
+    `noise`: noise of a single reading. If it is None, the scatter about the fitted curve is used. This overestimates
+    the noise, as it includes slowly varying errors of the loop. `samples`: number of readings averaged at each pose.
     """
     from scipy.special import chdtri
 
@@ -225,7 +225,7 @@ def measure(
 
 
 def _off_line(x: FloatArray, y: FloatArray) -> FloatArray:
-    """Values (k, ...) over x (k,) minus their best-fit line."""
+    """Return the values `y` (k, ...) at the abscissas `x` (k,) minus their best-fit line."""
     across = x - x.mean()
     across /= np.linalg.norm(across)
     return np.asarray(y - y.mean(axis=0) - np.multiply.outer(across, across @ y))
@@ -247,7 +247,7 @@ TERMS = 200
 class SingleNoise:
     """Noise of a single reading, without the error of rounding to whole LSB.
 
-    `lsb`: standard deviation, LSB. `low`, `high`: ends of its 95 % interval. `from_spread`: whether the noise follows
+    `lsb`: standard deviation, LSB. `low`, `high`: its 95 % interval, LSB. `from_spread`: whether the noise follows
     from the spread of the samples within each pose; otherwise it follows from the closure errors.
     """
 
@@ -284,7 +284,7 @@ def single_noise(
 
 
 def _of_spread(sd_lsb: FloatArray, samples: IntArray) -> SingleNoise:
-    """Return the noise from the pooled spreads `sd_lsb` (m,) of poses with `samples` (m,) readings."""
+    """Return the noise from the spreads `sd_lsb` (m,) of the `samples` (m,) readings averaged at each pose."""
     from scipy.special import chdtri
 
     weight = (samples - 1) / (samples - 1).sum()
@@ -300,11 +300,11 @@ def _of_spread(sd_lsb: FloatArray, samples: IntArray) -> SingleNoise:
 
 
 def spread_of(noise_lsb: float) -> float:
-    """Mean square spread (LSB^2) of rounded readings of a joint at rest at an arbitrary angle.
+    """Return the mean square spread S (LSB^2) of the rounded readings of a joint at rest, averaged over all angles.
 
-    It is half the mean square difference of two readings. Rounding turns a difference d into one of the two
-    nearest integers, with mean square ``d^2 + f (1 - f)``, f the fractional part of d. As a Fourier series,
-    averaged over d with variance ``2 noise^2``, this is
+    S is half the mean square difference of two readings. Rounding turns a true difference d into one of the two nearest
+    integers, with mean square ``d^2 + f (1 - f)``, where f is the fractional part of d. As d is normal with variance
+    ``2 noise^2``, averaging over d gives the Fourier series
 
         S = noise^2 + 1/12 - sum_k exp(-4 pi^2 k^2 noise^2) / (2 pi^2 k^2)
 
@@ -316,7 +316,7 @@ def spread_of(noise_lsb: float) -> float:
 
 
 def noise_of_spread(mean_square: float) -> float:
-    """Noise (LSB) for which rounded readings have this mean square spread (LSB^2): the inverse of `spread_of`."""
+    """Return the noise (LSB) for which rounded readings have this mean square spread (LSB^2): inverts `spread_of`."""
     if mean_square > 1.0 + 1.0 / 12.0:
         # From 1 LSB on the series is negligible: exp(-4 pi^2).
         return float(np.sqrt(mean_square - 1.0 / 12.0))

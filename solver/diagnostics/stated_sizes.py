@@ -26,8 +26,8 @@ def with_estimated_motion_noise(fit: LinearFit) -> LinearFit:
     """Return `fit` with smaller motion noise of fixture and joints if the poses show less noise than stated.
 
     The stated variances of the fixture are multiplied by one factor, those of the joints by another. The factors
-    follow from one scoring step of the restricted likelihood at the stated variances, which is exact if all noise is of
-    one kind. The components of sensor noise are unchanged: less motion noise implies nothing about single readings.
+    follow from one scoring step of the restricted likelihood at the stated variances. The step is exact if all noise is
+    of one kind. Sensor noise is unchanged: less motion noise implies nothing about single readings.
     """
     design, stated = fit.design, fit.design.stated_variances()
     of_each = ([design.index[n] for n in names if n in design.index] for names in MOTION_NOISE)
@@ -49,8 +49,7 @@ def with_estimated_motion_noise(fit: LinearFit) -> LinearFit:
 def sensor_noise_with_estimated_motion(fit: LinearFit) -> tuple[FloatArray, FloatArray]:
     """Estimate the noise variances of `fit` again without priors; return all variances (K,) and their standard errors.
 
-    Priors at the stated values keep sigmas from being too small, but attribute part of a sensor's noise to fixture and
-    joints.
+    The priors, which keep sigmas from being too small, would attribute part of a sensor's noise to fixture and joints.
     """
     design, v = fit.design, fit.v.copy()
     noise = design.noise_components
@@ -74,7 +73,7 @@ class ExceededSpecification:
     """A source of error that exceeds its specification.
 
     `component`: name of the source in the error model. `times`: ratio of estimated to stated standard deviation.
-    `log_chance`: logarithm of the probability that the estimate is so large although the error is as stated.
+    `log_chance`: logarithm of the probability that chance makes the estimate so large if the error is as stated.
     """
 
     component: str
@@ -83,10 +82,10 @@ class ExceededSpecification:
 
 
 def exceeded_specifications(fit: LinearFit) -> tuple[ExceededSpecification, ...]:
-    """Return the sources of error that certainly exceed their stated sizes, the smallest excess first.
+    """Return the sources of error that certainly exceed their stated sizes.
 
-    A variance estimated with standard error s is distributed as chi2 with ``2 v^2 / s^2`` degrees of freedom
-    (Satterthwaite). The smallest ratio to the stated size comes first, because large ratios are rare.
+    A variance v estimated with standard error s is taken as chi2-distributed with ``2 v^2 / s^2`` degrees of freedom
+    (Satterthwaite). The smallest ratio of actual to stated size is the most plausible, and comes first.
     """
     from scipy.special import chdtrc
 
@@ -138,8 +137,8 @@ class Scale:
 def learned_scales(fit: LinearFit, derivatives: Derivatives) -> tuple[Scale, ...]:
     """Return the scale of every family of errors whose scale is estimated.
 
-    `fit`: fit whose variances are at the posterior means of the scales. `derivatives`: result of `with_priors(fit)`.
-    The logarithm of a scale is taken as normal about the mode (Laplace's approximation; method, section 10).
+    `fit`: fit whose variances follow from the posterior means of the scales. `derivatives`: ``with_priors(fit)``. The
+    logarithm of a scale is taken as normally distributed (Laplace's approximation; method, section 10).
     """
     components = fit.design.components
     learned = [k for k, c in enumerate(components) if c.scaled]

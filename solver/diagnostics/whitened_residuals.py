@@ -4,13 +4,13 @@ At the solution of a calibration the misclosures of all poses are
 
     w_i = -A_i dx + Z_i b + f_i,    f_i ~ N(0, V_i),    b ~ N(0, I),
 
-with dx the parameters without a prior and b all other unknowns. V_i and Z_i follow from the variances, which are given.
-In coordinates whitened by V_i, P = I - U U' projects out everything that dx and b explain. For further columns G the
-score s is G'Pw, and its covariance is G'PG. If G is fitted, chi2 falls by s'(G'PG)^-1 s (Rao 1948): no refit is needed.
+with dx the parameters without a prior and b all other unknowns. V_i and Z_i follow from the variances of the fit. A
+column holds the derivatives of the misclosures with respect to one unknown. In coordinates whitened by V_i, the
+projector P = I - U U' removes everything that dx and b explain; U holds the fitted columns. Further columns G have the
+score s = G'Pw with covariance C = G'PG. If they are fitted, chi2 falls by s'C^-1 s (Rao 1948): no refit is needed.
 
-Columns that act in one pose each (`OwnColumns`) are block diagonal. With T = G'G in whitened coordinates and W the
-projection of G on the fitted columns, C = G'PG = T - W W'. So the matrix inversion lemma needs only a matrix of the
-size of the fit, whatever the number of poses.
+Columns of single poses (`OwnColumns`) make T = G'G block diagonal. With W = G'U, C is T - W W'. By the matrix inversion
+lemma, a solution with C then takes only one matrix as large as U'U, whatever the number of poses.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ FREE = 1e-9
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class WhitenedResiduals:
-    """A linear system of m poses with r equations each, and K fitted columns, including those of P parameters.
+    """Residuals of a fit of K columns (see the module) to m poses with r equations each.
 
-    `whitener`: (m, r, r): ``L^-1``, with ``L L' = V`` the covariance of a pose's noise.
-    `U`: (m, r, K): whitened fitted columns; together with the rows of the prior they are orthonormal.
-    `white`: (m, r): whitened misclosures ``L^-1 w`` minus their fitted part.
-    `to_x`: (P, K): maps coefficients of `U` to changes of the parameters (rad, m).
+    `whitener` (m, r, r): ``L^-1``, with ``L L' = V`` the covariance of a pose's noise.
+    `U` (m, r, K): whitened fitted columns; together with the rows of the prior they are orthonormal.
+    `white` (m, r): whitened misclosures ``L^-1 w`` minus their fitted part.
+    `to_x` (P, K): maps coefficients of `U` to changes of the P parameters of the loop (rad, m).
     `dof`: number of equations minus number of parameters without a prior.
     """
 
@@ -44,24 +44,24 @@ class WhitenedResiduals:
     dof: int
 
     def whiten(self, G: FloatArray) -> FloatArray:
-        """Transform columns (m, r, c) to whitened coordinates."""
+        """Transform c columns (m, r, c) to whitened coordinates."""
         return np.asarray(self.whitener @ G)
 
     def score(self, G: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the score G'Pw (c,) of columns G (m, r, c), and its covariance G'PG (c, c); P, w: see the module."""
+        """Return the score G'Pw (c,) of c columns G (m, r, c), and its covariance G'PG (c, c); see the module."""
         white = self.whiten(G).reshape(-1, G.shape[-1])
         inside = self.U.reshape(len(white), -1).T @ white
         return white.T @ self.white.reshape(-1), white.T @ white - inside.T @ inside
 
     def moved(self, G: FloatArray, b: FloatArray) -> FloatArray:
-        """Change of the parameters (P,) if G (m, r, c) times b (c,) were removed from the misclosures."""
+        """Return the change of the parameters (P,) if G (m, r, c) times b (c,) is subtracted from the misclosures."""
         white = (self.whiten(G) @ b).reshape(-1)
         return np.asarray(self.to_x @ (self.U.reshape(len(white), -1).T @ white))
 
     def with_columns(self, G: FloatArray, sd: FloatArray | None = None) -> WhitenedResiduals:
         """Return the residuals after the columns G (m, r, c) are fitted as well.
 
-        `sd` (c,): standard deviations of the columns' coefficients; None if nothing is known about the coefficients.
+        `sd` (c,): standard deviations of the priors of the columns' coefficients; None if they have no prior.
         """
         m, r, K = self.U.shape
         G, prior = (G, 0.0) if sd is None else (G * sd, 1.0)
@@ -85,7 +85,7 @@ class WhitenedResiduals:
         )
 
     def without(self, poses: IntArray) -> WhitenedResiduals:
-        """Return the residuals of a fit without the poses `poses` (p,). All arrays keep their shapes.
+        """Return the residuals of a fit without the poses with indices `poses`. All arrays keep their shapes.
 
         The whiteners and rows of these poses become zero. The fitted columns become orthonormal over the other rows.
         """
@@ -117,13 +117,15 @@ ROUNDING = 1e-13
 
 
 class OwnColumns:
-    """Whitened columns that act in one pose each, c columns in each of p poses, rotated to be orthogonal in every pose.
+    """Columns of single poses: each of p poses has c columns of its own, which are zero in all other poses.
 
-    `poses`: (p,): indices of the poses.
-    `white`: (p, r, c): whitened columns before the rotation.
-    `turn`: (p, c, c): maps coefficients of the rotated columns to coefficients of `white`.
-    `own`, `score`: (p * c,): sums of squares of the rotated columns, and their scalar products with the residuals.
-    `inside`: (p * c, K): projections of the rotated columns on the fitted columns.
+    The c whitened columns of each pose are rotated so that they are orthogonal to each other.
+
+    `poses` (p,): indices of the poses.
+    `white` (p, r, c): whitened columns before the rotation.
+    `turn` (p, c, c): maps coefficients of the rotated columns to coefficients of `white`.
+    `own`, `score` (p * c,): sum of squares of each rotated column, and its scalar product with the residuals.
+    `inside` (p * c, K): scalar products of the rotated columns with the K fitted columns.
     """
 
     def __init__(self, residuals: WhitenedResiduals, poses: IntArray, columns: FloatArray) -> None:
@@ -160,7 +162,7 @@ class OwnColumns:
         )
 
     def coefficients(self, solved: SolvedColumns) -> tuple[FloatArray, FloatArray]:
-        """Return the coefficients (p * c,) of the columns before their rotation, and the coefficients' variances."""
+        """Return the coefficients (p * c,) of the unrotated columns `white`, and the variances of the coefficients."""
         p, _, c = self.white.shape
         spread = self.inside / solved.total[:, None] @ solved.back.T
         spread = self.turn @ spread.reshape(p, c, -1)
@@ -169,11 +171,11 @@ class OwnColumns:
         return b, variance.reshape(-1)
 
     def moved(self, solved: SolvedColumns) -> FloatArray:
-        """Return the change of the parameters (P,) if these columns are fitted as well, with the result `solved`."""
+        """Return the change of the parameters (P,) when the columns are fitted with the coefficients `solved`."""
         return np.asarray(self.residuals.to_x @ (self.inside.T @ solved.b))
 
     def drawn(self) -> WhitenedResiduals:
-        """Return the residuals if the noise of `poses` includes these columns times coefficients ~ N(0, 1)."""
+        """Return the residuals after the columns, with coefficients ~ N(0, 1), are added to the noise of `poses`."""
         residuals, solved = self.residuals, self.solved(1.0)
         b = (self.turn @ solved.b.reshape(len(self.poses), -1, 1))[..., 0]
         white = residuals.white + residuals.U @ (self.inside.T @ solved.b)
@@ -202,9 +204,9 @@ class SolvedColumns:
 
     `b` (p * c,): coefficients of the rotated columns.
     `drop`: reduction of chi2 by the columns.
-    `logdet`: ``log det (I + v C)``, with C = G'PG as in the module.
-    `total` (p * c,), `back` (K, K): factors of the covariance of `b`, which is ``D + D W back' back W' D``. Here D is
-    diag(1 / total), W is `OwnColumns.inside`, and ``back' back = (I - W' D W)^-1``.
+    `logdet`: ``log det (I + v C)``, with C the covariance of the score (see the module).
+    `total` (p * c,), `back` (K, K): with D = diag(1 / total) and W = `OwnColumns.inside`, the covariance of `b` is
+    ``D + D W back' back W' D``, where ``back' back = (I - W' D W)^-1``.
     """
 
     b: FloatArray

@@ -66,11 +66,11 @@ class ReducedEquations:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Rates:
-    """Linear function for the step du of the unsensed angles: ``-(closed + by_x dx + by_q e + down deflection)``.
+    """Linear function for the step of the unsensed angles: ``du = -(closed + by_x dx + by_q e + down deflection)``.
 
-    dx are steps of the parameters, e joint corrections, and deflection is the fixture's, in the closure components.
+    dx are steps of the parameters, e joint corrections, and deflection is the fixture's deflection (k components).
     `closed` (m, U): ``N+ (c - J_q e0)``, with e0 the joint corrections at which the loops were linearised.
-    `by_x` (m, U, P): ``N+ C``. `by_q` (m, U, n): ``N+ J_q``. `down` (m, U, k): ``N+``. Letters as in the module.
+    `by_x` (m, U, P): ``N+ C``. `by_q` (m, U, n): ``N+ J_q``. `down` (m, U, k): ``N+``. c, C, J_q, N: see the module.
     """
 
     closed: FloatArray
@@ -122,7 +122,7 @@ def close_loops(
 
     `sigma_rad` (n,): standard deviations of the joints; equal by default. Each step is the one with the smallest
     ``|dq / sigma|``; a joint with sigma 0 does not move. `u` (m, U): unsensed angles to start from; by default the
-    model's `initial_unsensed`. They change freely. All angles are in rad.
+    model's `initial_unsensed`; these change freely. All angles are in rad.
     """
     if len(q) > BLOCK_POSES:
         # Poses are closed in blocks, so that the Jacobians of all are never in memory at once.
@@ -198,7 +198,7 @@ def left_null_space(N: FloatArray) -> FloatArray:
 
     Householder's reflections turn the columns of N, one after the other, into the first U axes. In reverse order, they
     turn the other axes into the columns of E. If N has a single column, as for a hinge, one reflection H is enough.
-    With a the first component of this column (scaled to length 1), b the vector of the others, and s = sign(a),
+    With a the first component of this column (scaled to length 1), b the vector of the rest, and s = sign(a),
 
         H = [-s a  -s b'; -s b  1 - b b' / (1 + |a|)],      E = H without its first column.
     """
@@ -219,7 +219,7 @@ def left_null_space(N: FloatArray) -> FloatArray:
 
 
 def left_inverse(N: FloatArray) -> FloatArray:
-    """Return the left inverse ``N+`` (..., U, k) of N (..., k, U); to a zero column of N belongs a row of zeros."""
+    """Return the left inverse ``N+`` (..., U, k) of N (..., k, U); a zero column of N gives a row of zeros."""
     Nt = np.swapaxes(N, -1, -2)
     if N.shape[-1] == 1:
         length = (N * N).sum(-2, keepdims=True)

@@ -156,7 +156,7 @@ def choose_drives(
 
 
 def named_drives(prediction: DrivePrediction, drives: tuple[int, ...], kind: str) -> DriveChoice:
-    """Return a choice of the `drives` that the procedure names; `GuardError` if a joint or their number is wrong."""
+    """Return the procedure's `drives` as the choice; `GuardError` for an unknown joint or a wrong number of joints."""
     motion = prediction.manifold.motion
     problem = modes_problem(
         drives, joint_count=motion.joint_count, mobility=motion.degrees, kind=kind
@@ -185,7 +185,7 @@ def _joint_out_of_range(arm: ArmModel, manifold: Manifold) -> str:
 
 
 def _usable(prediction: DrivePrediction, unsensed_joints: tuple[int, ...]) -> list[RankedDrives]:
-    """Return the sets usable at the pose and over the region, best first; with inexact joints only if no others are."""
+    """Return the sets usable at the pose and over the region, best first; with inexact joints only as a last resort."""
     usable_now = {r.drives for r in prediction.here if r.usable}
     usable = [
         r

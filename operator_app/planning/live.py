@@ -160,7 +160,7 @@ def predict(
 ) -> Forecast:
     """Predict the poses at the waypoints `plan` (rad, by drive joint) for an arm that starts at `start_rad` (n,).
 
-    `poses`: number of poses to capture: `Forecast.scaled_condition_number` is for this many of the reachable poses.
+    `poses`: number of poses to capture. `Forecast.scaled_condition_number` is for this number of reachable poses.
     """
     joints = tuple(plan[0])
     columns = [j - 1 for j in joints]

@@ -109,10 +109,10 @@ def _closed(arm: ArmModel, model: ClosureModel, x: FloatArray) -> Iterator[Float
 
 
 def _least_motion(columns: FloatArray, joints: int | None = None) -> FloatArray:
-    """Return the most that the least mobile joint of each of m closed chains can move, (m,), in a motion of norm 1.
+    """Return how far (m,) the least mobile joint of each of m closed chains can move in a self-motion of norm 1.
 
-    `columns` (m, k, d): loop Jacobians, a column for each angle. Only the first `joints` angles (default: all) are
-    considered. The result is multiplied by the ratio of the Jacobian's singular values: small near singularities.
+    `columns` (m, k, d): Jacobians of the loops, a column for each angle. Only the first `joints` angles (default: all)
+    are considered. The result is multiplied by smallest / largest singular value, a factor small near singularities.
     """
     rows, freedoms = columns.shape[1:]
     if freedoms <= rows:
@@ -123,7 +123,7 @@ def _least_motion(columns: FloatArray, joints: int | None = None) -> FloatArray:
 
 
 def _in_a_hinge(arm: ArmModel, q: FloatArray, axis: FloatArray) -> FloatArray:
-    """Return the tool's Jacobians (m, 6, n + 1) at `q` (m, n), with respect to the joints and a hinge on the tool.
+    """Return the tool's Jacobians (m, 6, n + 1) at `q` (m, n), with respect to the n joints and a hinge on the tool.
 
     The hinge passes through the tool point; `axis` (3,) is its direction in the tool frame.
     """

@@ -114,7 +114,7 @@ def _moving(
 
 
 def _sensor(arm: ArmModel, joint: int, rng: np.random.Generator) -> JointSensor | None:
-    """Return the sensor of a joint (from 0), if any; that of an RVDT has a random deviation with the specified peak."""
+    """Return the simulated sensor of a joint (0-based), or None; RVDTs deviate at random, with the specified peak."""
     stated, curve = arm.joints[joint], None
     sensor = stated.sensor
     if isinstance(sensor, NoSensor):

@@ -55,7 +55,7 @@ def require_closed_chain(fixture: EndpointConstraint) -> None:
 
 
 def without_hidden(arm: ArmModel, fixture: EndpointConstraint, model: ClosureModel) -> ClosureModel:
-    """Return `model` without the unknowns that poses cannot tell from the placement; they stay at nominal values."""
+    """Return `model` with those unknowns fixed at nominal values that poses cannot distinguish from the placement."""
     part, *_ = model.parts()[0]
     nominal = nominal_vector(part.parameters)
     checks = fixture.placement_checks(arm, part, nominal)
@@ -137,7 +137,7 @@ def fixed_parameter_checks(procedure: Procedure) -> tuple[SetupCheck, ...]:
 
 
 def entries_to_fix(arm: ArmModel, fixture: EndpointConstraint) -> Mapping[str, str]:
-    """Return the arm's D-H entries to be fixed, as poses in `fixture` cannot identify them, each with the reason."""
+    """Return the arm's D-H entries that must be fixed because poses in `fixture` cannot identify them, with reasons."""
     return {
         check.entry or f"theta_off_{check.joint}": check.text
         for check in setup_checks(fixture, arm, arm.home_rad)

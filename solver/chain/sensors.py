@@ -140,11 +140,10 @@ class SensorCurve:
     """Deviation of one sensor from the true angle: a line plus ``sum_k c_k P_k(x)``, k = 2, 3, ...
 
     The line is the gain error, the Legendre polynomials P_k are the linearity deviation; either may be left out. x is
-    the angle from `middle_rad`, divided by `half_scale_rad`. There is no P_0, because a constant is part of the offset.
+    the angle from `middle_rad`, divided by `half_scale_rad`. There is no P_0, as a constant is part of the offset.
 
     `joint`: 1-based. `middle_rad`, `half_scale_rad`: electrical zero (sensor coordinates), and half of the full scale.
-    `gain`: standard deviation of the gain error; if it is 0, there is no line.
-    `bent`: whether there are polynomials.
+    `gain`: standard deviation of the gain error; if it is 0, there is no line. `bent`: whether there are polynomials.
     """
 
     joint: int

@@ -179,7 +179,7 @@ class Campaign:
             self.plan = None
 
     def _shift(self) -> float:
-        """Return the largest change, rad, of the planned poses' predicted angles due to estimates after the plan."""
+        """Return the largest change, rad, of the planned poses' predicted angles since the plan was made."""
         if self.plan is None or self.estimate is None or not self.plan.visits:
             return 0.0
         index = list(self.plan.visits)

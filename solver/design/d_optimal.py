@@ -90,7 +90,6 @@ def choose_poses(
     """Return the indices of `count` different candidates whose information, added to `fixed`, has the largest log det.
 
     Raises `TooFewCandidatesError` if fewer than `count` candidates are allowed and far enough apart.
-
     `root` (m, r, N): `PoseInformation.root` of all candidates. `parameters`: the first `parameters` of the N unknowns
     are to be determined; the others are effects (see the module). `fixed` (N, N): information that is known already.
     `allowed` (m,): which candidates may be chosen; all by default. `q`, `apart_rad`: joint angles (m, n) of the
@@ -227,7 +226,7 @@ def pose_information(
 ) -> PoseInformation:
     """Return the information of m poses about the parameters of `model` and the effects.
 
-    If `errors` states a tolerance for a parameter, the parameter counts as an effect. The result is about the P others.
+    A parameter for which `errors` states a tolerance counts as an effect, so P of the parameters remain.
     Raises `ValueError` if a closure component has no noise at all (exact joints and a stiff fixture).
     `x`: values of all parameters. `q` (m, n): readings of captured or planned poses. `closed_q` (m, n), `closed_u`
     (m, U): nearest poses that close with `x`. `variances`: variances of the components of `errors`, by name; by default

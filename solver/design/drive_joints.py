@@ -33,7 +33,7 @@ class RankedDrives:
     `score`: value by which sets are ranked, in [0, 1].
     `leverage`: how well the drives determine all motion, from 0 at a singularity to 1 (see `ChainMotion.leverage`).
     `passive_conditioning`: smallest singular value of the passive joints' closure Jacobian; None if ranked by trials.
-    `fastest_passive`, `fastest_joint`: largest ratio of a passive joint's speed to the drives' speed, and its joint.
+    `fastest_passive`, `fastest_joint`: largest ratio of a passive joint's speed to the drives', and which joint has it.
     `still`: passive joints that hardly move.
     `reach`: share of the region's poses that can be reached from pose 0; None for a ranking at one pose.
     `reasons`: reasons for the rank, as text, the most important first.

@@ -67,7 +67,6 @@ def grow_manifold(
     """Cover the manifold of the closed poses that are reachable from the closed pose nearest to `q_start` (n,), rad.
 
     Raises `ValueError` if no closed pose is found near the start.
-
     `x` (P,): parameters of the loop. `ranges`: all poses lie inside, except possibly the start. `step_rad`: length of a
     tangent step. `most`: largest number of poses. `seed`: seed of the random directions.
     """
@@ -162,7 +161,7 @@ def _far_from(others: FloatArray, points: FloatArray, distance: float) -> BoolAr
 
 
 def _spread(points: FloatArray, distance: float) -> IntArray:
-    """Return the indices of the points to keep: none of them is within `distance` of an earlier one of them."""
+    """Return the indices of the points that are kept, in order; a point within `distance` of a kept one is dropped."""
     dropped = np.zeros(len(points), dtype=np.bool_)
     if len(points):
         pairs = _tree(points).query_pairs(distance, output_type="ndarray")

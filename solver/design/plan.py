@@ -119,7 +119,6 @@ def make_plan(
     """Plan `count` poses for an arm at the readings `q_start` (n,), with the estimate `x` (P,) of the parameters.
 
     Raises `ValueError` if the loop does not close near the start, or fewer than `count` poses can be reached.
-
     `captured`: joint angles (c, n) of poses captured already; their information is included.
     `covariance` (P, P): covariance of `x`, used to exclude poses whose prediction is uncertain; None: none is excluded.
     `avoid_rad`: readings (b, n) of poses to avoid, e.g. where a move had to be stopped. No planned pose is nearer to

@@ -160,7 +160,7 @@ class ArmLoop(ClosureModel):
         return replace(self, entries=self.entries + new)
 
     def with_table(self, table: DhTable) -> Self:
-        """Return the same loop with other nominal values of its links."""
+        """Return the same loop with `table` as the nominal values of its links."""
         return replace(self, table=table)
 
     def drawn(self, x: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray] | None:
@@ -171,9 +171,9 @@ class ArmLoop(ClosureModel):
         return np.concatenate((frames.origins_m[0], point)), np.zeros(3)
 
     def columns(self, frames: Frames, lever_m: FloatArray | None = None) -> FloatArray:
-        """Return the motions (..., 6, E + links) of the chain's end per unit of E unknown entries, then of the angles.
+        """Return the Jacobian (..., 6, E + links) of the chain's end for its E unknown entries, then all links' angles.
 
-        A motion is a small rotation w (rad), then the translation v_end (m), in the chain's first frame. With `lever_m`
+        A column is a small rotation w (rad), then the translation v_end (m), in the chain's first frame. With `lever_m`
         (..., 3), the translation is that of the point at this vector from the chain's end: ``v_end + w x lever``.
         """
         J = jacobian(frames, self._moved)

@@ -34,7 +34,6 @@ def constrained_axis_entries(ground: Line, hand: Line, n: int) -> dict[str, floa
 
     If a line is parallel to the neighbouring joint axis, their common normal is not unique. Then the normal through
     `point_m` of the line is used.
-
     `ground`: the line fixed in the table, in the base frame turned and shifted so that theta_off_1 and s_1 are zero.
     `hand`: the line fixed in the tool, in the frame that has the origin of frame n-1 and the rotation
     ``R_1 .. R_{n-1} Rz(theta_n)``, where the angle theta_n of joint n does not include theta_off_n.

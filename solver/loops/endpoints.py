@@ -33,7 +33,6 @@ class PointClosure(ArmLoop):
 
     `tip_m`, `ground_m`: nominal centre of the ball in the flange frame, and of the socket in the base frame, (3,).
     `own`: names of the unknowns among tip_x .. ground_z.
-
     No number of sockets determines theta_off_1 and s_1: their errors look like a rotation or a lift of all sockets.
     """
 
@@ -72,7 +71,7 @@ class PointClosure(ArmLoop):
     def constraint_entries(
         self, ground: Line, hand: Line, rotation: FloatArray
     ) -> dict[str, float]:
-        """Return tip_x .. ground_z, m, from the points of `hand` and `ground`; links 1 and n are taken as nominal."""
+        """Return tip_x .. ground_z, m, from the points of `hand` and `ground`; entries of links 1 and n are nominal."""
         table = self.table
         c, s = np.cos(table.theta_off_rad), np.sin(table.theta_off_rad)
         ca, sa = np.cos(table.alpha_rad[-1]), np.sin(table.alpha_rad[-1])

@@ -64,7 +64,7 @@ class Placements(ClosureModel):
         object.__setattr__(self, "_columns", columns)
 
     def columns(self, number: int) -> IntArray:
-        """Return the indices, in the vector of all parameters, of the parameters of placement `number`'s loop."""
+        """Return the indices of the parameters of placement `number` in the vector of all parameters."""
         return self._columns[self.numbers.index(number)]
 
     def of(self, number: int) -> tuple[ClosureModel, IntArray]:
@@ -249,7 +249,7 @@ class Placements(ClosureModel):
 def place(model: ClosureModel, placement: IntArray, *, same_hand: bool = False) -> Placements:
     """Return the loops of all placements of a fixture; `placement` (m,): number of the placement of each pose.
 
-    `model`: loop of one placement, whose nominal values are used for all. A `MeasuredClosure` must have measurements of
+    `model`: loop of one placement; its nominal values are used for all. A `MeasuredClosure` must have measurements of
     all poses, in order. `same_hand`: whether the fixture's half on the tool is the same in all placements.
     """
     numbers = tuple(np.unique(placement).tolist())

@@ -3,9 +3,9 @@
 Every start has its own damping; starts that have converged leave the batch. `global_start` refines the results.
 
 If the fixture is passive, the search varies only the offsets of the inner joints, 2 .. n-1. The fixture's unknowns are
-projected out, i.e. follow from these offsets: the part of the tool that the fixture constrains (a line, a point or the
-whole tool) does not move in the base frame. With M_i = R_1 .. R_{n-1} Rz(theta_n) and p_i the origin of frame n-1 at
-pose i,
+projected out: they follow from these offsets, because the part of the tool that the fixture constrains (a line, a point
+or the whole tool) does not move in the base frame. With M_i = R_1 .. R_{n-1} Rz(theta_n) and p_i the origin of frame
+n-1 at pose i,
 
     hinge:  M_i h = const,      p_i + M_i t = const      (h: direction of the line in the tool; t: a point on it)
     ball:                       p_i + M_i t = const      (t: the ball's centre)
@@ -102,7 +102,10 @@ def _all_equations(
 def _minima(
     x: FloatArray, cost: FloatArray, *, angles: Sequence[int]
 ) -> list[tuple[FloatArray, int]]:
-    """Merge results `x` (S, K) with equal `angles`; return the best, by `cost` (S,), each with its number of starts."""
+    """Return the best minima in order of increasing cost, with the number of starts that reached each.
+
+    `x` (S, K), `cost` (S,): results of all starts. `angles`: columns of `x` that are equal for equal minima.
+    """
     order = np.argsort(cost, kind="stable")
     minima: list[tuple[FloatArray, int]] = []
     while len(order) and len(minima) < REFINED_MINIMA:
@@ -216,7 +219,7 @@ class InnerProblem:
         return r, J - L @ np.linalg.solve(N, Lt @ J)
 
     def filled(self, offsets: FloatArray) -> FloatArray:
-        """Return the loop's parameters (P,): `offsets` (K,), rad, and the fixture's unknowns that then fit best."""
+        """Return the loop's parameters (P,): `offsets` (K,), rad, and best-fitting values of the fixture's unknowns."""
         frames = self._frames(offsets[None, :])
         M, p = frames.R_end, frames.p_end
         mean = M.mean(-3, keepdims=True)
@@ -241,7 +244,7 @@ class InnerProblem:
     def _projected(
         self, M: FloatArray, M_c: FloatArray, p: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the module's h, t (S, 3) for M (S, m, 3, 3) and p (S, m, 3); `M_c`: M minus its mean over poses."""
+        """Fit h and t (S, 3) to M (S, m, 3, 3) and p (S, m, 3), all as in the module; `M_c`: M minus its mean."""
         count = len(M)
         if self.model.constrained_part is ConstrainedPart.FRAME:
             return np.tile([0.0, 0.0, 1.0], (count, 1)), np.zeros((count, 3))

@@ -374,7 +374,7 @@ def second_solution(search: GlobalStart | None) -> tuple[Finding, ...]:
 
 
 def _geometry_causes(checks: tuple[SetupCheck, ...]) -> tuple[Finding, ...]:
-    """Return a finding for each joint axis almost parallel to a fixture axis: entries are then ambiguous (Hayati)."""
+    """Return a finding for each joint axis almost parallel to a fixture axis: D-H entries are ambiguous (Hayati)."""
     return tuple(
         Finding(
             FindingKind.PARALLEL_AXES,

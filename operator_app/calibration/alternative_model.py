@@ -160,8 +160,8 @@ BENDS = 3
 def shift_of(reading_rad: FloatArray, angle_rad: FloatArray) -> tuple[int, float] | None:
     """Find a step in the deviation of a joint's readings (m,) from its known angles (m,), both in the order of time.
 
-    Returns the index of the first pose after the step, and the step, rad. A step is accepted if it explains most of
-    what remains of the deviation without a smooth function of the angle. The result is None if there is no such step.
+    Returns the index of the first pose after the step, and the step, rad; None if there is no step. A step has to
+    explain most of the deviation that is left after a smooth function of the angle is subtracted.
     """
     m = len(reading_rad)
     if m < 2 * (limits.STEP_EDGE_POSES + BENDS):

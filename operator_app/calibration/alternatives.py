@@ -51,7 +51,7 @@ PROMISING_COST_SHARE = 0.3
 """An alternative is solved completely if its squared closure error is below this share of the stated model's."""
 
 PER_FREEDOM = 4.6
-"""An alternative's log weight falls by this (ln 100) per degree of freedom that it has less than the stated model."""
+"""An alternative's log weight falls by this (ln 100) for each degree of freedom fewer than the stated model has."""
 
 LEAST_M = 2e-3
 """Two lengths that differ by less than this count as equal."""
@@ -139,7 +139,7 @@ def find_alternatives(
 
 
 def poses_in_radians(stated: Experiment, scale: float) -> tuple[Finding, ...]:
-    """Return the finding that all readings are in radians, if the joints' ranges allow it and loops then fit better.
+    """Return the finding that all readings are in radians, if the joints' ranges allow it and the loops fit better.
 
     `scale`: finite chi2/dof of the stated model. `find_alternatives` does not find this mistake: angles in radians,
     read as degrees, hardly differ between poses, so that even the uncorrected loops close with small errors.
@@ -201,7 +201,7 @@ def wrong_distances(
 def refuted_distances(stated: Experiment) -> tuple[Finding, ...]:
     """Fit the poses without any measured socket distance; return findings of the distances that the fit contradicts.
 
-    Use this if a fit with the distances has no meaning. The loops are solved from the nominal values.
+    Use this for distances so wrong that a fit with them has no meaning. The loops are solved from the nominal values.
     """
     known = [(d, 0.0) for d in stated_distances(stated)]
     if not known or not isinstance(stated.fixture, Ball):
@@ -241,7 +241,7 @@ def step_alternative(stated: Experiment, joint: int, scale: float) -> tuple[Find
 
 
 def _weight(ratio: float, dof_left: int, dof: int) -> float:
-    """Return the log weight of an alternative, from its chi2/dof (`ratio`) and from how many `dof` it loses."""
+    """Return the log weight of an alternative with chi2/dof `ratio` and `dof_left` dof; the stated model has `dof`."""
     fits = -0.5 * dof * np.log(max(ratio, limits.SMALLEST_NOISE_SCALE))
     return float(fits - PER_FREEDOM * max(0, dof - dof_left))
 
@@ -330,7 +330,7 @@ def _with_table(arm: ArmModel, **columns: FloatArray) -> ArmModel:
 def turned_zero(stated: Experiment, estimate: Estimate) -> tuple[Finding, ...]:
     """Return the finding of a joint whose zero is a quarter or half turn off; empty if there is none.
 
-    There is one if an offset in `estimate` is off by roughly such a turn, and the poses fit after its correction.
+    There is one if an offset in `estimate` is off by roughly such a turn, and the poses fit once it is corrected.
     """
     names, nominal = [p.name for p in estimate.parameters], nominal_vector(estimate.parameters)
     changes = dict(

@@ -365,9 +365,9 @@ def _identifiability(prepared: Prepared, x: FloatArray) -> Identifiability:
 
 
 def _require_identifiable(prepared: Prepared, identified: Identifiability) -> Identifiability:
-    """Return `identified`, or raise an error with the unidentifiable directions or their cause.
+    """Return `identified`; if parameters are unidentifiable, raise an error with the directions or their cause.
 
-    The implicit estimator accepts a direction if the arm's file states the uncertainty of one of its parameters.
+    The implicit estimator accepts a direction if the arm's file states the uncertainty of a parameter in it.
     """
     experiment, loops, model = prepared.experiment, prepared.loops, prepared.hard
     known = frozenset[str]() if prepared.by_paper else prepared.prior

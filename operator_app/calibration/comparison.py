@@ -51,7 +51,7 @@ class Side(Enum):
 class ParameterChange:
     """One parameter in two calibrations, SI units.
 
-    `before`: value in the first calibration. `after`: value in the second (`nearest_values`).
+    `before`: value in the first calibration. `after`: of equivalent values in the second, the one nearest to `before`.
     `change`: after minus before, for angles at most half a turn. `sigma`: standard deviation of the change.
     `significant`: whether the change exceeds noise at the level of the comparison. It is false for two estimates from
     the same poses, because both contain the same noise.

@@ -29,7 +29,7 @@ ANGLES_TRIED = 36
 
 
 class EndpointMissingError(SolverError):
-    """An instrument is the fixture, but poses have no endpoints or, if `orientation`, no measured orientations."""
+    """The fixture is an instrument, but the poses have no endpoints or, with `orientation`, no orientations."""
 
     def __init__(self, *, orientation: bool = False) -> None:
         what, columns = "endpoints", "x_m,y_m,z_m"

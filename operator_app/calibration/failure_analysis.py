@@ -137,7 +137,7 @@ def turned_unread(
 def _correction(
     model: ClosureModel, x: FloatArray, start_rad: FloatArray, sigma: FloatArray
 ) -> FloatArray | None:
-    """Return the correction (n,), rad, that closes the loop and is smallest in units of `sigma` (n,); None if none."""
+    """Return the correction (n,), rad, that closes the loop and is smallest in units of `sigma` (n,), or None."""
     closed = close_loops(model, x, start_rad[None], sigma_rad=sigma)
     return closed.q[0] - start_rad if closed.closed[0] else None
 

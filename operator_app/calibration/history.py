@@ -188,8 +188,8 @@ def _due(
 ) -> tuple[datetime, str]:
     """Return when and why the next calibration is due.
 
-    The first case that applies: on the date of a failed verification after the last calibration; on the date of the
-    last calibration, if it detected a shift; an interval after the last calibration.
+    It is due on the date of a failed verification after the last calibration; otherwise on that of the last
+    calibration, if this detected a shift; otherwise an interval later.
     """
     last = accepted[-1].document.utc
     if failed := [v for v in checks if v.utc > last and not v.holds]:

@@ -47,7 +47,7 @@ def with_registered_instrument(
 
 
 def _refined(arm: ArmModel, fixture: Measured, poses: PoseSet) -> EndpointConstraint:
-    """Return the fixture with base and target from a fit together with the arm's offsets; unchanged if it fails."""
+    """Return the fixture with base and target fitted together with the arm's offsets; unchanged if the fit fails."""
     model = Experiment(arm=arm, fixture=fixture, poses=poses).loop()
     if len(poses) < poses_needed(len(model.parameters), model.equations_per_pose):
         return fixture
@@ -187,9 +187,8 @@ def _fitted(
 ) -> tuple[FloatArray, ...]:
     """Return R_base and base, the arm's base in the instrument's frame, and tip, the target in the flange's frame.
 
-    They fit ``base + R_base (p + R tip)`` to `measured` (m, 3), m; `p` (m, 3), `R` (m, 3, 3): flange in the arm's base
-    frame. If R_base is unknown, Gauss-Newton starts from all 24 rotations of a cube. A weak prior keeps tip near its
-    place.
+    They fit ``base + R_base (p + R tip)`` to `measured` (m, 3), m; `p` (m, 3), `R` (m, 3, 3): flange in the base frame.
+    If R_base is unknown, Gauss-Newton starts from all 24 rotations of a cube. A weak prior keeps tip near nominal.
     """
     from scipy.spatial.transform import Rotation
 

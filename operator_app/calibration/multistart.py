@@ -99,8 +99,8 @@ def far_from_nominal(
 ) -> list[tuple[Parameter, float]]:
     """Return the parameters whose values `x` (P,) are implausibly far from nominal, each with its change (rad, m).
 
-    The largest change relative to its limit is the first. If `sd` (P,) is given, three standard deviations are added to
-    the limits, because a weakly determined parameter may have any value.
+    The largest change, relative to its limit, comes first. If `sd` (P,) is given, three standard deviations are added
+    to the limits, because a weakly determined parameter may have any value.
     """
     spread = np.zeros(len(x)) if sd is None else 3.0 * np.nan_to_num(sd, nan=np.inf)
     changes = wrap_angles(parameters, x - nominal_vector(parameters)).tolist()
@@ -152,7 +152,7 @@ def far_from_files(
 
 
 def _implausible(far: tuple[Parameter, float], times: float | None) -> Finding:
-    """Return the finding of a value far from nominal; `times`: factor by which another solution fits better."""
+    """Return the finding of a value far from nominal; `times`: how many times better another solution fits, or None."""
     p, change = far
     return Finding(
         FindingKind.FAR_FROM_NOMINAL if times is None else FindingKind.OTHER_SOLUTION,

@@ -19,7 +19,7 @@ NAMED = 5
 """Largest number of poses that a message names."""
 
 DEFAULT_PLACEMENT = 1
-"""Placement of poses whose file was written without regard to placements."""
+"""Placement number of poses whose file states none."""
 
 LEAST_POINTS, LEAST_FULL_POSES = 4, 2
 """Fewest poses from another station for a test: if only points are measured, and if orientations are measured too.
@@ -66,7 +66,7 @@ def _are_calibrated(new: PoseSet, made_from: PoseSet) -> bool:
 def require_calibrated_placement(
     new: PoseSet, made_from: PoseSet, fixture: EndpointConstraint
 ) -> None:
-    """Raise `NoTestError` unless new poses are of one or all calibrated placements, or may be of others."""
+    """Raise `NoTestError` unless new poses are of one or all calibrated placements, or `may_be_elsewhere` holds."""
     if may_be_elsewhere(fixture) or _are_calibrated(new, made_from):
         return
     known, states = made_from.placements, new.placements

@@ -99,7 +99,7 @@ there are more, only distances of neighbours and measured distances are listed."
 class Distance:
     """Distance between the sockets of two placements, m, and its standard uncertainty.
 
-    `between`: numbers of the placements. `measured`: distance in the fixture's file, if any, which `value_m` includes.
+    `between`: numbers of the placements. `measured`: distance in the fixture's file, if any; `value_m` already uses it.
     `deviation`: measured distance minus the distance from the poses alone, in standard deviations of this difference.
     """
 

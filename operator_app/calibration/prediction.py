@@ -78,7 +78,7 @@ def predict_new_poses(
 
     - whitened residuals of the new poses, in their order, with at least the stated variances;
     - the chi2 test of the new poses, with the variances estimated in the calibration;
-    - by joint number or `FIXTURE`, derivatives (m, E, k) of each pose's E closure equations by k components of a shift.
+    - derivatives (m, E, k) of each pose's E closure equations by the k components of a shift: of a joint or `FIXTURE`.
     """
     old = _used(solution, averaged_at_rest(new.arm, made_from))
     if len(new.poses.placements) == 1:

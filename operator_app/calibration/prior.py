@@ -187,7 +187,7 @@ class Innovation:
     shifts: Mapping[int, ShiftOfReading]
 
     def unseen(self, shift_rad: float, chi2: float) -> tuple[int, ...]:
-        """Return the joints whose readings could shift by `shift_rad` and raise chi2 by less than `chi2` on average."""
+        """Return the joints whose reading can shift by `shift_rad` and raise chi2 by less than `chi2`, on average."""
         return tuple(j for j, s in self.shifts.items() if (shift_rad / s.sigma_rad) ** 2 < chi2)
 
 

@@ -47,7 +47,7 @@ def check_rvdts(
 ) -> tuple[RvdtVerdict, ...]:
     """Test the noise of every RVDT and, if there is a single placement, its readings against the loops.
 
-    `calibrated`: fit of the `distinct` poses (k,) with the RVDTs' readings, where a fit without them starts.
+    `calibrated`: fit of the `distinct` poses (k,) with the RVDTs' readings. The fit without them starts from it.
     """
     arm, poses = experiment.arm, experiment.poses
     sensors = {

@@ -62,8 +62,9 @@ class Fixed:
     `values`: parameter values by name, rad and m. `covariance` (P, P): their covariance, in the same order.
     `unsensed_joints`: joints whose readings the calibration did not use.
     `rvdt_sd_rad`: standard deviation, by joint, of an RVDT's noise and linearity deviation together, as estimated.
-    `fixture_variance`: estimated compliance variance of the fixture (6,), rad^2 and m^2; None if not estimated. These
-    two estimates are used only where they are smaller than the values from the files.
+    `fixture_variance`: estimated compliance variance of the fixture (6,), rad^2 and m^2; None if not estimated.
+
+    The last two are used only where they are smaller than the values from the files.
     """
 
     values: Mapping[str, float]
@@ -166,9 +167,8 @@ def verify_poses(
 ) -> VerificationResult:
     """Test new poses of the same arm in the same fixture: in one calibrated placement, or in all of them.
 
-    Effects of linearity deviation, sag and compliance are predicted from the calibration's own poses, `made_from`
-    (which may include flipped poses). The test looks for one shift common to all new poses. Rows that repeat a pose
-    count once.
+    Effects of linearity deviation, sag and compliance are predicted from the calibration's own poses, `made_from` (with
+    flipped poses). The test looks for one shift common to all new poses. Rows that repeat a pose count once.
     `elsewhere`: the new poses may be in other placements. These are then estimated from the new poses, with all other
     parameters fixed. Raises `ValueError` if the calibration is of another loop (another fixture, or another number of
     placements), and `NoTestError` if the new poses only suffice to locate their own socket or station.

@@ -101,10 +101,7 @@ def reduced_equations(error: LoopError) -> ReducedEquations:
     E = left_null_space(error.jac_u)
     Et = np.swapaxes(E, -1, -2)
     return ReducedEquations(
-        E=E,
-        w=(Et @ error.residual[..., None])[..., 0],
-        A=Et @ error.jac_x,
-        B=Et @ error.jac_q,
+        E=E, w=(Et @ error.residual[..., None])[..., 0], A=Et @ error.jac_x, B=Et @ error.jac_q
     )
 
 

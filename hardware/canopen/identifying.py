@@ -59,10 +59,7 @@ def read_identity(
 
 
 def check_arm(
-    access: ObjectAccess,
-    identity: ArmIdentity,
-    description: ArmDescription,
-    profile: BusProfile,
+    access: ObjectAccess, identity: ArmIdentity, description: ArmDescription, profile: BusProfile
 ) -> None:
     """Compare the arm on the bus with its description: model, joints, device types, objects listed in the profile.
 

@@ -147,10 +147,7 @@ def change_modes(loop: ControlLoop, modes: Sequence[JointMode]) -> Steps[None]:
 
 
 def move(
-    link: Connection,
-    targets_rad: Mapping[int, float],
-    speed_rad_per_s: float,
-    watch: Watch | None,
+    link: Connection, targets_rad: Mapping[int, float], speed_rad_per_s: float, watch: Watch | None
 ) -> Steps[MoveResult]:
     """Move joints along a straight line in joint space, so that all arrive together.
 

@@ -282,9 +282,6 @@ def _silence(
             "the profile (`sarcal probe`); if they agree, its maker must find out why it sends something else."
         )
     unanswered = tuple(drives[j - 1] for j in lost_joints if j not in wrong_lengths)
-    silent = (
-        ("no heartbeat from", nodes.silent()),
-        ("no answer to SYNC from", unanswered),
-    )
+    silent = (("no heartbeat from", nodes.silent()), ("no answer to SYNC from", unanswered))
     if silence := " and ".join(f"{what} {_nodes(numbers)}" for what, numbers in silent if numbers):
         yield errors.BusError(f"The arm has gone silent: {silence}")

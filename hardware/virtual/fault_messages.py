@@ -275,12 +275,7 @@ FAULTS: Mapping[str, FaultDescription] = {
     "blocked-joint": FaultDescription(
         "a joint in free mode does not move",
         "Check that joint's valve; reset (R, or `sarcal reset`), then go on.",
-        texts=(
-            "excess torque",
-            "drive is in",
-            "poses could be reached",
-            "does not come to rest",
-        ),
+        texts=("excess torque", "drive is in", "poses could be reached", "does not come to rest"),
         arm=ArmReaction.TRIPS,
     ),
     "sagging-drive": FaultDescription(

@@ -25,12 +25,7 @@ from solver.estimators.linear_fit import LinearFit
 from solver.estimators.variance_components import Calibrated
 from solver.loops.closure import ClosureModel, ClosureSigmas
 from solver.loops.endpoints import TIP, MeasuredClosure, PointClosure
-from solver.posterior.best_table import (
-    BestTable,
-    best_table,
-    tool_positions,
-    where_used,
-)
+from solver.posterior.best_table import BestTable, best_table, tool_positions, where_used
 from solver.posterior.corrections import Corrections, JointCorrections, corrections_of
 
 Frame = Literal["tip", "flange"]
@@ -274,9 +269,7 @@ def with_best_table(
     )
     used_closure = closure_in_use(solution, arm, solution.model, solution.estimate.x, q)
     return replace(
-        solution,
-        with_best_table=used_closure.best_table,
-        with_corrections=used_closure.corrected,
+        solution, with_best_table=used_closure.best_table, with_corrections=used_closure.corrected
     )
 
 

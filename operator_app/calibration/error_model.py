@@ -225,10 +225,7 @@ def distinct_poses(poses: PoseSet, kept: BoolArray) -> tuple[IntArray, IntArray]
 
 
 def free_within_tolerance(
-    model: ClosureModel,
-    arm: ArmModel,
-    *,
-    fixed: Collection[str] = (),
+    model: ClosureModel, arm: ArmModel, *, fixed: Collection[str] = ()
 ) -> tuple[ClosureModel, dict[str, float]]:
     """Free the arm's lengths and twists within their tolerances, since the maker's table is not exact.
 

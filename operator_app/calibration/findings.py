@@ -326,10 +326,7 @@ WRONG_ROW_JOINTS = 3
 
 
 def left_out_poses(
-    left_out: tuple[int, ...],
-    out_of_range: tuple[RangeFinding, ...],
-    arm: ArmModel,
-    poses: PoseSet,
+    left_out: tuple[int, ...], out_of_range: tuple[RangeFinding, ...], arm: ArmModel, poses: PoseSet
 ) -> tuple[tuple[Finding, ...], tuple[RangeFinding, ...]]:
     """Return findings that state why poses were left out, and the part of `out_of_range` still to be reported.
 

@@ -20,11 +20,7 @@ from operator_app.calibration.result import Solution
 from operator_app.units import SLIP_SIGMA
 from solver.arrays import FloatArray, IntArray
 from solver.chain.poses import PoseSet, canonical_order
-from solver.diagnostics.cross_validation import (
-    NOT_KNOWN,
-    CommonShift,
-    predicted_residuals,
-)
+from solver.diagnostics.cross_validation import NOT_KNOWN, CommonShift, predicted_residuals
 from solver.diagnostics.limits import STATED_VARIANCE_SHARE
 from solver.diagnostics.statistics import Chi2Test, chi2_test
 from solver.diagnostics.whitened_residuals import WhitenedResiduals

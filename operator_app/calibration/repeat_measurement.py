@@ -69,11 +69,7 @@ class Repeat:
 
 
 def compare_readings(
-    arm: ArmModel,
-    model: ClosureModel,
-    x: FloatArray,
-    read: RepeatedReading,
-    compliance: Compliance,
+    arm: ArmModel, model: ClosureModel, x: FloatArray, read: RepeatedReading, compliance: Compliance
 ) -> Repeat | None:
     """Compare two readings of one pose; None if motions of the chain could explain every possible difference.
 

@@ -9,13 +9,7 @@ from typing import Any
 
 from operator_app.commands.table import APP, COMMANDS, parser_of
 from operator_app.exit_codes import ExitCode, UsageError
-from operator_app.manual.pages import (
-    SECTIONS,
-    Manual,
-    NoSuchTopicError,
-    files_on,
-    made_by_code,
-)
+from operator_app.manual.pages import SECTIONS, Manual, NoSuchTopicError, files_on, made_by_code
 from operator_app.safe_output import say
 
 WIDEST = 100

@@ -12,11 +12,7 @@ from operator_app.calibration.open_loop import check_open_loop
 from operator_app.calibration.result import Solution
 from operator_app.calibration.verification import VerificationResult, verify_new_poses
 from operator_app.commands.bus_arguments import NEW_POSES
-from operator_app.commands.choices import (
-    choices_from,
-    recording,
-    require_instrument,
-)
+from operator_app.commands.choices import choices_from, recording, require_instrument
 from operator_app.commands.file_arguments import poses_with_warnings
 from operator_app.composition import unattended
 from operator_app.config.fixture_file import load_fixture

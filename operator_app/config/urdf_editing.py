@@ -26,11 +26,7 @@ BASE_LINK, FLANGE, TIP_LINK = "base_link", "flange", "tip"
 
 
 def format_urdf(
-    arm: ArmModel,
-    table: DhTable,
-    *,
-    T_tip: FloatArray | None = None,
-    comment: Iterable[str] = (),
+    arm: ArmModel, table: DhTable, *, T_tip: FloatArray | None = None, comment: Iterable[str] = ()
 ) -> bytes:
     """Return a URDF of links 1..n with the geometry of `table`, and ranges, speeds and torques of `arm`.
 

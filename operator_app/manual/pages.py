@@ -12,9 +12,7 @@ from types import MappingProxyType
 
 SECTIONS: Mapping[str, Mapping[str, str]] = MappingProxyType(
     {
-        "Tutorial": {
-            "tutorial": "your first calibration, on the simulated arm",
-        },
+        "Tutorial": {"tutorial": "your first calibration, on the simulated arm"},
         "How to": {
             "terminal-app": "work in the terminal app",
             "own-arm": "describe your own arm, plan, rehearse",

@@ -71,10 +71,7 @@ def box_of(
         lower.append(max(limits.lower_rad + RANGE_END_MARGIN_RAD, centre + box.lower_rad))
         upper.append(min(limits.upper_rad - RANGE_END_MARGIN_RAD, centre + box.upper_rad))
     return Box(
-        joints=joints,
-        centre_rad=tuple(centres),
-        lower_rad=tuple(lower),
-        upper_rad=tuple(upper),
+        joints=joints, centre_rad=tuple(centres), lower_rad=tuple(lower), upper_rad=tuple(upper)
     )
 
 

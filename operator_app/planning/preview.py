@@ -135,10 +135,7 @@ def _visited(
     poses, position = [], 0
     for target in plan.visits:
         route = plan.graph.route(
-            task.ranges.within(RANGE_END_MARGIN_RAD),
-            source=position,
-            target=target,
-            drives=drives,
+            task.ranges.within(RANGE_END_MARGIN_RAD), source=position, target=target, drives=drives
         )
         if route is not None:
             position = target

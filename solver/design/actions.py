@@ -102,11 +102,7 @@ def moves_along(
             why = f"joints {' and '.join(map(str, drives))} reach {goal}"
             moves.append(ChangeDrives(drives=drives, why=why))
         moves.extend(
-            GoTo(
-                targets_rad=leg.targets(k),
-                trace_rad=leg.trace_rad,
-                why=f"to {goal}{of}",
-            )
+            GoTo(targets_rad=leg.targets(k), trace_rad=leg.trace_rad, why=f"to {goal}{of}")
             for k in range(len(leg.waypoints_rad))
         )
     return moves

@@ -99,10 +99,7 @@ def stop_decision(
     order = np.argsort(-_ratio(now, goal), kind="stable")
     weak = tuple(
         WeakParameter(
-            name=names[k],
-            sigma=float(now[k]),
-            requested=float(goal[k]),
-            forecast=float(later[k]),
+            name=names[k], sigma=float(now[k]), requested=float(goal[k]), forecast=float(later[k])
         )
         for k in order
         if now[k] > goal[k]

@@ -60,11 +60,7 @@ class HoldOut:
 
 
 def verify(
-    model: ClosureModel,
-    x: FloatArray,
-    covariance: FloatArray,
-    q: FloatArray,
-    noise: NoiseModel,
+    model: ClosureModel, x: FloatArray, covariance: FloatArray, q: FloatArray, noise: NoiseModel
 ) -> HeldOutPoses:
     """Test poses `q` (m, n), rad, with parameters `x` (P,) and their `covariance` C (P, P).
 

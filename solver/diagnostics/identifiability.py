@@ -60,11 +60,7 @@ class Identifiability:
 
 
 def identifiability(
-    model: ClosureModel,
-    x: FloatArray,
-    q: FloatArray,
-    *,
-    sigma_rad: FloatArray | None = None,
+    model: ClosureModel, x: FloatArray, q: FloatArray, *, sigma_rad: FloatArray | None = None
 ) -> Identifiability:
     """Compute the identifiability indices of the pose set `q` (m, n) at the parameters `x` (P,).
 
@@ -203,9 +199,7 @@ def _immobile(spans_rad: FloatArray) -> tuple[int, ...]:
 
 
 def _immobile_offsets(
-    names: Sequence[str],
-    spans_rad: FloatArray,
-    known: tuple[UnidentifiableDirection, ...],
+    names: Sequence[str], spans_rad: FloatArray, known: tuple[UnidentifiableDirection, ...]
 ) -> tuple[UnidentifiableDirection, ...]:
     """Return a direction for each immobile joint whose offset is in none of the `known` directions.
 
@@ -258,11 +252,7 @@ def _immobile_words(joints: tuple[int, ...], spans_rad: FloatArray) -> str:
 
 
 def identifiability_of_fit(
-    fit: LinearFit,
-    names: Sequence[str],
-    *,
-    taken: IntArray,
-    without: Collection[int] = (),
+    fit: LinearFit, names: Sequence[str], *, taken: IntArray, without: Collection[int] = ()
 ) -> Identifiability:
     """Compute the identifiability of the parameters `names` from the poses of `fit`; all others count as known.
 

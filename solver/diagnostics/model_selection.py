@@ -161,11 +161,7 @@ def probabilities(log_weights: FloatArray) -> FloatArray:
 
 
 def drop_unidentifiable(
-    model: ClosureModel,
-    x: FloatArray | None,
-    q: FloatArray,
-    *,
-    sigma_rad: FloatArray | None = None,
+    model: ClosureModel, x: FloatArray | None, q: FloatArray, *, sigma_rad: FloatArray | None = None
 ) -> tuple[ClosureModel, tuple[str, ...]]:
     """Fix the parameters that the poses do not determine.
 

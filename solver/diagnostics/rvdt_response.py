@@ -60,15 +60,15 @@ def fit_curve(abscissa: FloatArray, values: FloatArray, least_degree: int = 1) -
     """Fit a Legendre series to points (m,); its degree is chosen by the leave-one-out error.
 
     A degree above `least_degree` must reduce the error of the best lower degree by more than the standard error of the
-    reduction, so that noise is not fitted. The degree is low enough for `POINTS_PER_TERM` points per term. At least
-    ``2 * POINTS_PER_TERM`` points are needed, not all at one abscissa.
+    reduction, so that noise is not fitted, and it needs `POINTS_PER_TERM` points per term of the series. At least twice
+    as many points are needed in any case, not all at one abscissa.
     """
     from scipy.special import fdtrc
 
     m = len(abscissa)
     low, high = float(abscissa.min()), float(abscissa.max())
     # Degrees are nested: each adds one direction to those of the degree below.
-    most = min(MAX_DEGREE, m // POINTS_PER_TERM - 1)
+    most = max(least_degree, min(MAX_DEGREE, m // POINTS_PER_TERM - 1))
     nested = _basis(abscissa, low, high, most)
     Q, R = np.linalg.qr(nested)
     residuals = values[:, None] - np.cumsum(Q * (Q.T @ values), axis=1)

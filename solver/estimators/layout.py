@@ -18,13 +18,7 @@ from solver.chain.parameters import DhKind, Parameter, nominal_vector
 from solver.chain.sensors import LOWEST
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.load_effects import UNMODELLED_SHARE
-from solver.estimators.shapes import (
-    PoseBasis,
-    Shapes,
-    pose_process,
-    shapes_of_sag,
-    sides_of_play,
-)
+from solver.estimators.shapes import PoseBasis, Shapes, pose_process, shapes_of_sag, sides_of_play
 from solver.loops.closure import ClosureModel
 
 LEAST_NOISE_SHARE = 1e-3

@@ -153,11 +153,7 @@ def column_scale(J: FloatArray) -> FloatArray:
 
 
 def solve_damped(
-    problem: Problem,
-    x0: FloatArray,
-    *,
-    max_iterations: int = 100,
-    progress: Progress | None = None,
+    problem: Problem, x0: FloatArray, *, max_iterations: int = 100, progress: Progress | None = None
 ) -> Fit:
     """Minimise the sum of squared residuals from `x0` (P,) until the steps are negligible.
 

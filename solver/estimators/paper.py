@@ -10,13 +10,7 @@ from solver.arrays import FloatArray
 from solver.chain.parameters import nominal_vector, wrap_angles
 from solver.chain.poses import canonical_order
 from solver.estimators.estimate import Estimate, closure_at_readings, require_enough_poses
-from solver.estimators.least_squares import (
-    Problem,
-    Progress,
-    Triangle,
-    solve_damped,
-    triangle_of,
-)
+from solver.estimators.least_squares import Problem, Progress, Triangle, solve_damped, triangle_of
 from solver.loops.closure import ClosureModel, nearest_equivalent, pose_blocks
 
 SAME_DESCRIPTION = 1e-9

@@ -8,18 +8,10 @@ import numpy as np
 from solver.arrays import ComplexArray, FloatArray
 from solver.chain.kinematics import NO_ENTRIES, DhTable, poses_first, screws
 from solver.chain.parameters import DhKind
-from solver.chain.rotations import (
-    rotation_about_z,
-    rotation_vector,
-    rotation_vector_differential,
-)
+from solver.chain.rotations import rotation_about_z, rotation_vector, rotation_vector_differential
 from solver.loops.arm_loop import ArmLoop
 from solver.loops.closure import ClosureModel, ConstrainedPart, LoopError, ReducedError
-from solver.loops.endpoint_geometry import (
-    Line,
-    constrained_axis_entries,
-    constrained_frame_entries,
-)
+from solver.loops.endpoint_geometry import Line, constrained_axis_entries, constrained_frame_entries
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -74,12 +74,7 @@ def product(theta, s, a, alpha, beta=0.0):
         ]
         T = T @ np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
         cb, sb = np.cos(beta[..., j]), np.sin(beta[..., j])
-        Ry = [
-            [cb, zero, sb, zero],
-            [zero, one, zero, zero],
-            [-sb, zero, cb, zero],
-            rows[3],
-        ]
+        Ry = [[cb, zero, sb, zero], [zero, one, zero, zero], [-sb, zero, cb, zero], rows[3]]
         T = T @ np.stack([np.stack(row, axis=-1) for row in Ry], axis=-2)
     return T
 

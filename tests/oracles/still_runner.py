@@ -48,11 +48,7 @@ class StaticRunner:
     ) -> None:
         number = len(self.picture.messages) + 1
         message = Message(
-            number=number,
-            time="12:00:00",
-            level=level,
-            text=text,
-            resolving_tasks=resolving_tasks,
+            number=number, time="12:00:00", level=level, text=text, resolving_tasks=resolving_tasks
         )
         self.publish(lambda s: replace(s, messages=(*s.messages, message)))
 

@@ -280,11 +280,7 @@ class Result:
         return where
 
     def export(
-        self,
-        path: str | PathLike[str],
-        *,
-        force: str = "",
-        into: str | PathLike[str] | None = None,
+        self, path: str | PathLike[str], *, force: str = "", into: str | PathLike[str] | None = None
     ) -> Path:
         """Write one file for another tool, as ``sarcal export --format`` does, and return its path.
 

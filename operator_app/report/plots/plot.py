@@ -74,12 +74,7 @@ def _ticks(low: float, high: float, step: float) -> tuple[float, ...]:
 
 
 def map_axes(
-    labels: tuple[str, str],
-    x: Iterable[float],
-    y: Iterable[float],
-    *,
-    unit: str,
-    aspect: float,
+    labels: tuple[str, str], x: Iterable[float], y: Iterable[float], *, unit: str, aspect: float
 ) -> tuple[Axis, Axis]:
     """Return two axes of equal scale that contain all values, in a frame whose width is `aspect` times its height."""
     across, up = axis(labels[0], x, unit=unit), axis(labels[1], y, unit=unit)

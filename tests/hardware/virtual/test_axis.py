@@ -5,11 +5,7 @@ import numpy as np
 import pytest
 from numpy.polynomial import legendre
 
-from hardware.virtual.axis import (
-    AxisSettings,
-    LinearityDeviation,
-    joint_sensor,
-)
+from hardware.virtual.axis import AxisSettings, LinearityDeviation, joint_sensor
 from solver.chain.sensors import NoSensor, Rvdt
 from tests.hardware.virtual.conftest import SARCOS
 from tests.oracles.virtual_rig import joint

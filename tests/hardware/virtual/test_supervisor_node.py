@@ -7,12 +7,7 @@ import pytest
 from canopen import SdoAbortedError
 
 from hardware.virtual.faults import inject
-from hardware.virtual.parameter_store import (
-    Disk,
-    FolderDisk,
-    ParameterStore,
-    ValidatedParameters,
-)
+from hardware.virtual.parameter_store import Disk, FolderDisk, ParameterStore, ValidatedParameters
 from hardware.virtual.supervisor_node import ArmLabel
 from tests.hardware.virtual.conftest import write_to_supervisor
 from tests.oracles.virtual_rig import Rig, parse, rig

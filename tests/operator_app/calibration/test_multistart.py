@@ -22,16 +22,7 @@ from solver.chain.parameters import nominal_vector
 from solver.diagnostics.limits import CHI2_PER_DOF_SECOND_START
 from solver.errors import PosesDoNotFitError
 from solver.estimators.error_model import ErrorModel
-from tests.oracles.as_shipped import (
-    ARM,
-    BALL,
-    HINGE,
-    PANDA,
-    fit_of,
-    panda_poses,
-    poses_of,
-    solved,
-)
+from tests.oracles.as_shipped import ARM, BALL, HINGE, PANDA, fit_of, panda_poses, poses_of, solved
 from tests.oracles.shop_floor import session
 from tests.oracles.shop_floor_faults import CASES
 from tests.oracles.shop_floor_misread import hysteresis

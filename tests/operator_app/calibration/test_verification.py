@@ -11,10 +11,7 @@ from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.calibrated_arm import calibrated_arm
 from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.new_poses import NoTestError, require_new
-from operator_app.calibration.prediction import (
-    FIXTURE,
-    concatenated_poses,
-)
+from operator_app.calibration.prediction import FIXTURE, concatenated_poses
 from operator_app.calibration.verification import (
     fixed_calibration,
     predict,

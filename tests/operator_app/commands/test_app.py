@@ -23,10 +23,7 @@ def source(source):
 
 @pytest.mark.parametrize(
     ("reason", "words", "plain", "option"),
-    [
-        ("SIGTERM", "ended by SIGTERM", False, ""),
-        ("interrupted", "interrupted", True, "--plain "),
-    ],
+    [("SIGTERM", "ended by SIGTERM", False, ""), ("interrupted", "interrupted", True, "--plain ")],
 )
 def test_connected_arm_is_reported_as_held_with_the_command_to_continue(
     source, reason, words, plain, option

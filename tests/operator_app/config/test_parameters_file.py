@@ -29,11 +29,7 @@ from operator_app.config.parameter_records import (
     budget_of,
     correlations_of,
 )
-from operator_app.config.parameters_file import (
-    format_parameters,
-    parse_parameters,
-    rows_from_table,
-)
+from operator_app.config.parameters_file import format_parameters, parse_parameters, rows_from_table
 from operator_app.config.schema import schema_name
 from solver.chain.kinematics import DhTable
 from tests.oracles.identity import same

@@ -11,10 +11,7 @@ from tests.oracles.plant_arm import node
 
 @pytest.mark.parametrize(
     ("second_name", "nodes"),
-    [
-        ("sarcal virtual supervisor", "2 simulated CANopen nodes"),
-        ("a drive", "2 CANopen nodes"),
-    ],
+    [("sarcal virtual supervisor", "2 simulated CANopen nodes"), ("a drive", "2 CANopen nodes")],
 )
 def test_simulated_nodes_are_reported_as_simulated(second_name, nodes):
     identities = (node(1, 1, "sarcal virtual joint drive"), node(2, 2, second_name))

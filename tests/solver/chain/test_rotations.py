@@ -4,11 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from solver.chain.rotations import (
-    rotation_matrix,
-    rotation_vector,
-    rotation_vector_differential,
-)
+from solver.chain.rotations import rotation_matrix, rotation_vector, rotation_vector_differential
 
 ANGLES = (0.0, 1e-300, 1e-12, 1e-8, 1e-6, 0.99e-4, 1e-4, 1.01e-4, 1e-2, 1.0, 2.0, 3.0, 3.14)
 NEAR_PI = tuple(np.pi - d for d in (1e-2, 1e-4, 1e-6, 1e-9, 1e-12))

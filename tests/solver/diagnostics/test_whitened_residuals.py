@@ -6,12 +6,7 @@ import numpy as np
 import pytest
 
 from solver.diagnostics.hypothesis_tests import find_outliers
-from solver.diagnostics.model_selection import (
-    evidence,
-    log_likelihood,
-    noise_scale,
-    probabilities,
-)
+from solver.diagnostics.model_selection import evidence, log_likelihood, noise_scale, probabilities
 from solver.diagnostics.whitened_residuals import OwnColumns, WhitenedResiduals
 from tests.oracles.fit_residuals import fit_residuals
 

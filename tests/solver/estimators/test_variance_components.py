@@ -15,11 +15,7 @@ from solver.estimators.variance_components import (
     estimate_with_errors,
 )
 from tests.oracles.loop_oracle import paper_truth
-from tests.oracles.simulated_loops import (
-    RVDT_SD,
-    RvdtCurve,
-    Simulation,
-)
+from tests.oracles.simulated_loops import RVDT_SD, RvdtCurve, Simulation
 from tests.solver.conftest import NAMES, loop_of, paper_arm
 
 STATED = NoiseModel(joint_variance=Simulation().sigma() ** 2)

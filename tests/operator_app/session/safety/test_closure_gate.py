@@ -17,11 +17,7 @@ from operator_app.session.store.replay import session_state
 from operator_app.session.workflow.capture import take_poses
 from operator_app.session.workflow.listener import Listener
 from tests.oracles.journal_events import event_data
-from tests.oracles.plant_sessions import (
-    MakeSession,
-    left_session,
-    short_procedure,
-)
+from tests.oracles.plant_sessions import MakeSession, left_session, short_procedure
 from tests.oracles.wrong_zero import ShiftedCounterArm
 
 PROCEDURE = replace(load_procedure("hinge"), capture=short_procedure(40).capture)

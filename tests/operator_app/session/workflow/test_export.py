@@ -56,10 +56,7 @@ def test_upload_without_receipt_is_journalled(make_session, monkeypatch, method,
 
 @pytest.mark.parametrize(
     ("lost", "upload"),
-    [
-        (True, "lost at the commit"),
-        (False, "the parameters were uploaded to slot A and read back"),
-    ],
+    [(True, "lost at the commit"), (False, "the parameters were uploaded to slot A and read back")],
 )
 def test_upload_outcome_is_reported_if_the_journal_fails(make_session, monkeypatch, lost, upload):
     session = make_session(short_procedure(8))

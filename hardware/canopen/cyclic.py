@@ -21,7 +21,7 @@ MAX_LATE_SYNCS: Final = 100
 
 @dataclass(frozen=True, slots=True)
 class Setpoint:
-    """Command of one joint (6040h, 607Ah, 6060h). `mode` is a CiA 402 code; `JointFrames` sends the drive's own."""
+    """Command of one joint (6040h, 607Ah, 6060h); `mode` is a CiA 402 code, which `JointFrames` may translate."""
 
     controlword: int
     target_counts: int

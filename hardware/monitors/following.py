@@ -215,7 +215,7 @@ class Dropout:
 
 @dataclass(slots=True)
 class _EnabledJoint:
-    """Numbers of a joint's answers, by the state that its drive reports, while the drive is commanded to be enabled."""
+    """Counts of a joint's answers, one for each reported state, since its drive was commanded to be enabled."""
 
     enabled_syncs: int = 0
     disabled_syncs: int = 0

@@ -40,10 +40,10 @@ NEWTON_STEPS = 3
 class CalibratedArm:
     """Links 1..n of a calibrated arm, and the tip: the point of its tool that the fixture holds.
 
-    The base frame is that of the arm's file: entries that locate the fixture on the table keep the file's values.
+    The base frame is that of the arm's file: entries that locate the fixture in the laboratory keep the file's values.
 
-    `flange`: D-H rows 1..n. The arm's own entries are as calibrated, all others as in the arm's file.
-    `hand`: the same rows, but the entries that locate the fixture on the tool are as calibrated, too.
+    `flange`: D-H rows 1..n with the arm's own entries as calibrated, and the other entries as in the arm's file.
+    `hand`: D-H rows 1..n with the arm's own entries, and those that locate the fixture on the tool, as calibrated.
     `tip_m`: the tip in the last frame of `hand`, (3,), m: the ball's centre or the instrument's target. It is zero for
     a rigid attachment and for a hinge (the hinge's axis is the z axis of that frame).
     `identified`: names of the calibrated entries of `flange`.

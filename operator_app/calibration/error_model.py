@@ -164,7 +164,7 @@ def _instrument_variance(fixture: EndpointConstraint) -> FloatArray | None:
 
 
 def averaged_at_rest(arm: ArmModel, poses: PoseSet) -> PoseSet:
-    """Replace successive rows between which no joint moved by their average; the number of rows stays the same.
+    """Average successive rows between which no joint moved; the number of rows stays the same.
 
     Such rows of one placement, e.g. in a log at a fixed rate, have the same pose, deflection and play; only their noise
     is independent. Each row gets the group's mean reading, mean endpoint and total number of samples, so that

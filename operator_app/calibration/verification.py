@@ -366,8 +366,8 @@ def verify_new_poses(
 ) -> VerificationResult:
     """Test a calibration with poses that were not used to make it.
 
-    `made_from`: the poses of `solution`. `new`: other poses, in one calibrated placement or in all of them. If
-    `may_be_elsewhere`, other placements are allowed too. Raises `NoTestError` if `new` cannot test this calibration.
+    `made_from`: the poses of `solution`. `new`: other poses, in one calibrated placement or in all of them; other
+    placements are allowed where the function `may_be_elsewhere` is true. Raises `NoTestError` if no test is possible.
     """
     require_in_range(arm, new, solution)
     require_new(new, made_from, fixture)

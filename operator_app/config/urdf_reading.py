@@ -180,7 +180,7 @@ class UrdfTree:
         )
 
     def around(self, first: str, last: str) -> Iterator[tuple[str, str]]:
-        """Yield all pairs of links: one fixed to the parent of joint `first`, and one fixed to the child of `last`."""
+        """Yield all pairs (base, tip) of links that do not move relative to the ends of the chain `first` .. `last`."""
         named = {e.get("name", ""): e for e in self.elements.values()}
         if first not in named or last not in named:
             return

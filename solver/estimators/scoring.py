@@ -172,8 +172,8 @@ def _scale_prior(design: Layout, t: FloatArray) -> tuple[FloatArray, FloatArray,
 def _scale_groups(design: Layout) -> FloatArray:
     """Return masks (groups, K) of 0 and 1, one for each group of scales whose priors are correlated.
 
-    Lengths and twists are one group. Joints, sensors and the fixture's deflection are the other, because joints better
-    than stated do not make the maker's table more certain. The fixture's placement is in neither group.
+    Lengths and twists, which the maker's table states, are one group. Joints, sensors and the fixture's deflection are
+    the other: that they are better than stated says nothing about the table. The fixture's placement is in neither.
     """
     names = np.array(list(design.index), dtype=str)
     of_links = np.isin(names, (LENGTHS, TWISTS))
@@ -278,8 +278,8 @@ class VarianceSearch:
     If a variance leaves its floor, the curvature changes quickly, and plain steps may oscillate forever. The slope at a
     step's end, which is calculated anyway, locates the maximum along the step; the next iteration starts there.
 
-    `fast`: whether steps shrink so fast that further steps are negligible. Before the second step, it is the argument.
-    `slope_left`: expected slope (see `ScoringStep`) of the step that starts at the variances returned last.
+    `fast`: whether steps shrink so fast that further steps are negligible; as given to `__init__` until two are known.
+    `slope_left`: expected slope (see `ScoringStep`) of the step after the one that `next_variances` returned last.
     """
 
     def __init__(self, *, fast: bool = False) -> None:

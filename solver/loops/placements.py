@@ -100,7 +100,7 @@ class Placements(ClosureModel):
         return self._in_order(angles, 1)
 
     def reduced(self, x: FloatArray, q: FloatArray, *, rates: bool = True) -> ReducedError:
-        """Reduced closure error of every pose in its own placement."""
+        """Return the closure error of every pose in its own placement, with the hinge angle eliminated."""
         return self.merged(
             [
                 model.reduced(own_x, q[..., poses, :], rates=rates)

@@ -104,7 +104,7 @@ def _minima(
 ) -> list[tuple[FloatArray, int]]:
     """Return the best minima in order of increasing cost, with the number of starts that reached each.
 
-    `x` (S, K), `cost` (S,): results of all starts. `angles`: columns of `x` that are equal for equal minima.
+    `x` (S, K), `cost` (S,): results of S starts. Two results are the same minimum if the columns `angles` of `x` agree.
     """
     order = np.argsort(cost, kind="stable")
     minima: list[tuple[FloatArray, int]] = []

@@ -39,7 +39,7 @@ class _ConnectedArm:
 
     @property
     def drives(self) -> tuple[int, ...]:
-        """Joints (from 1) in position mode: all if the tool is free, else the procedure's, else the best choice."""
+        """Joints (from 1) in position mode: the procedure's or, if it names none, the best set; all of an open arm."""
         fixture = self.procedure.fixture.fixture
         if not fixture.holds_hand:
             return tuple(range(1, self.n + 1))

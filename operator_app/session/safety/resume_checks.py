@@ -57,7 +57,10 @@ def zero_position(arm: ArmModel, reading_rad: FloatArray, joints: Sequence[int])
 
 
 def reset_text(joints: Sequence[int], where: str, closes_with: str = "") -> str:
-    """Return the error text for reset counters; `where`: "at zero" or "near zero"; `closes_with`: clause to insert."""
+    """Return the error text for reset counters, which read `where` ("at zero" or "near zero").
+
+    `closes_with`: a clause, from its semicolon on, about the angles at which the loop closes.
+    """
     counters, are, were = (
         ("counter", "is", "was") if len(joints) == 1 else ("counters", "are", "were")
     )

@@ -70,7 +70,7 @@ def compliance_sizes(stated_deflection: tuple[float, float], *, rotations: int) 
 
 
 def blocks(k: int) -> list[slice]:
-    """Return a slice for each kind of closure components: rotations and positions if k = 6, otherwise positions."""
+    """Return a slice for each kind of the k closure components: rotations and positions if k = 6, else positions."""
     return [slice(0, 3), slice(3, 6)] if k == 6 else [slice(0, k)]
 
 
@@ -156,7 +156,7 @@ class ArmPoses:
 
 
 def _by_moment(rates: FloatArray, masses: LinkMasses) -> FloatArray:
-    """Return the change (m, n, 4 n), N m, of each torque for an error of one sigma in every mass and centre x, y, z."""
+    """Return the torque changes (m, n, 4 n), N m, for errors of one sigma in each link's mass and centre x, y, z."""
     m, n = rates.shape[:2]
     # One product for each link: all joints at all poses with its moments.
     by_link = rates.transpose(2, 0, 1, 3).reshape(n, m * n, 4) @ masses.moments_sd

@@ -1,7 +1,7 @@
 """Errors that the arm file and the fixture file state.
 
 Every source of error has a standard deviation; 0 means exact. In the linear mixed model (`solver.estimators.effects`) a
-source is noise, which is independent from pose to pose, or an effect, which has one value for all poses.
+source is noise, which is independent from pose to pose, or an effect, which has one coefficient for all poses.
 """
 
 from __future__ import annotations
@@ -48,8 +48,7 @@ class ErrorModel:
 
     `joint_variance` (m, n): variance of each pose's mean readings due to resolution and stated noise, rad^2.
     `analogue`: sensors whose noise is estimated; `joint_variance` does not include their noise.
-    `endpoint_variance` (6,): variance of an instrument's readings of the end point, rad^2 then m^2; 0 without an
-    instrument.
+    `endpoint_variance` (6,): variance of an instrument's readings of the end point, rad^2 then m^2; 0 if there is none.
     `accuracy_rad` (n,): standard deviation of each joint's encoder error, which has periods of one and half a turn.
     `backlash_rad`, `sag_rad` (n,): standard deviations of each joint's play and of its twist under load.
     `give_rad`, `give_m`: standard deviation of the deflection along each closure component; None without a fixture.
@@ -188,8 +187,8 @@ def distance_rows(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the misclosures (k,) of k `distances` at x (P,), divided by their uncertainties s, and derivatives (k, P).
 
-    The equation of a distance d from point p_a to p_b is ``(d(x) - d_measured) / s + u . (dp_b - dp_a) / s =
-    0``, with ``u = (p_b - p_a) / d``.
+    The equation of a distance d from point p_a to p_b is ``(d(x) - d_measured) / s + u . (dp_b - dp_a) / s = 0``, with
+    ``u = (p_b - p_a) / d``.
     """
     index = {p.name: k for k, p in enumerate(parameters)}
     w, rows = np.zeros(len(distances)), np.zeros((len(distances), len(x)))

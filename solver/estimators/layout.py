@@ -136,7 +136,7 @@ class Group:
     fixed: float = 0.0
 
     def variance(self, v: FloatArray) -> float:
-        """Return the variance of the coefficient of each column for variance components `v` (K,)."""
+        """Return the variance that each column's coefficient has for variance components `v` (K,)."""
         return self.fixed + sum(rate * float(v[c]) for c, rate in self.rates)
 
 

@@ -18,8 +18,8 @@ carries no moment. With ``F = E y``, ``E' N = 0``, and friction rho limiting the
 F is linear in the errors z of masses and centres (`solver.chain.statics`): F = W z, z ~ N(0, I). Which joints were in
 position mode is not recorded, only that they were as many as the loop has degrees of freedom. W has columns for up to
 `MOST_DRIVE_SETS` such sets, with equal weights. The covariance of the displacements under F follows from the fixture's
-compliance (`solver.estimators.compliance`). Its leading eigenvectors (Nystroem's method), scaled to the stated rms over
-the poses, are the columns of deflection.
+compliance (`solver.estimators.compliance`). The columns of deflection are the leading eigenvectors of this covariance
+(by Nystroem's method), scaled to the stated rms over the poses.
 """
 
 from __future__ import annotations

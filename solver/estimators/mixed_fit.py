@@ -122,7 +122,7 @@ def fit_mixed(
     """Fit parameters, effects, joint corrections and variances to the readings of `design`, from `x0` (P,).
 
     The fit also decides whether sag has the expected sign (`design.errors.signed`). If `variances` (K,) are given, it
-    changes neither them nor the sign. `near`: an earlier fit to start from, only together with `variances`.
+    changes neither them nor the sign. `near`: an earlier fit to start from, allowed only together with `variances`.
     """
     if variances is not None or len(design.q) <= 2 * POSES_FOR_VARIANCES:
         return _iterate(design, x0, variances, progress, near)
@@ -148,7 +148,7 @@ def _iterate(
     *,
     derivatives: Derivatives | None = None,
 ) -> MixedFit:
-    """Iterate to convergence. Given `variances` (K,) stay fixed; given `derivatives` are passed on to the result."""
+    """Iterate to convergence. If given, `variances` (K,) stay fixed, and `derivatives` are passed on to the result."""
     v = design.start_variances() if variances is None else variances
     free = variances is None and len(v) > 0
     settled = SETTLED_BESIDE_VARIANCES_SIGMA if free else SETTLED_SIGMA
@@ -237,7 +237,7 @@ def gravity_share(fit: LinearFit) -> float:
 
 
 def _start(design: LinearModel, x0: FloatArray, v: FloatArray, near: FitStart | None) -> State:
-    """Return the start at `x0`: angles of `near`, or no corrections and unsensed angles that best close the loops."""
+    """Return the first state, at `x0`; without `near`, no corrections, and unsensed angles that close loops best."""
     x, q = np.array(x0, dtype=float), design.q
     if near is not None:
         e, u = near.corrections, near.unsensed
@@ -308,7 +308,7 @@ def expected_fit(
     *,
     group: IntArray | None = None,
 ) -> LinearFit:
-    """Return the fit to expect of a calibration with parameters `x` (P,) and stated `errors`.
+    """Return the linear fit to be expected of a calibration with parameters `x` (P,) and stated `errors`.
 
     Its poses are those nearest to `q` (m, n), rad, at which the loops close. There are no readings, so the covariance
     of the returned fit is meaningful, but its chi2 is not. `group`: placement of each pose (m,).

@@ -173,8 +173,8 @@ def _scale_prior(design: Layout, t: FloatArray) -> tuple[FloatArray, FloatArray,
 def _scale_groups(design: Layout) -> FloatArray:
     """Return masks (groups, K) of 0 and 1, one for each group of scales whose priors are correlated.
 
-    One group has lengths and twists, the other joints, sensors and the fixture's deflection. The groups are separate,
-    because accurate joints do not make the maker's table more certain. The fixture's placement is in neither group.
+    Lengths and twists form one group. Joints, sensors and the fixture's deflection form the other, because accurate
+    joints do not make the maker's table more certain. The fixture's placement is in neither group.
     """
     names = np.array(list(design.index), dtype=str)
     of_links = np.isin(names, (LENGTHS, TWISTS))
@@ -240,7 +240,7 @@ def step(fit: LinearFit, derivatives: Derivatives) -> ScoringStep:
         return np.where(scaled, grown, v + change / size)
 
     def to(bound: FloatArray) -> FloatArray:
-        """Return the change of each variance that reaches `bound`, in units of its standard error."""
+        """Return the change (K,), in standard errors, with which each variance reaches `bound` (K,)."""
         return np.where(scaled, 0.5 * np.log(np.maximum(bound, TINY) / v), bound - v) * size
 
     def bounded(metric: FloatArray) -> FloatArray:
@@ -274,7 +274,7 @@ def step(fit: LinearFit, derivatives: Derivatives) -> ScoringStep:
 
 
 class VarianceSearch:
-    """Maximisation of the likelihood by Newton's steps of the variances, shortened where they overshoot the maximum.
+    """Search for the variances of maximum likelihood by Newton's steps, which are shortened where they overshoot.
 
     If a variance leaves its floor, the curvature changes quickly, and plain steps may oscillate forever. The slope at a
     step's end, which is calculated anyway, locates the maximum along the step; the next iteration starts there.

@@ -132,7 +132,7 @@ def sides_of_play(q: FloatArray, errors: ErrorModel, sd_rad: FloatArray) -> Shap
     """Return the effect of play: a column for the side of the load, and one for the side of the approach if known.
 
     With probability p = 1 - `BY_APPROACH`, gravity determines on which side of its play the link rests. Otherwise the
-    direction of approach determines it. Both sides are then equally likely, since either link or drive may lead.
+    direction of approach does, but either link or drive may lead, so both sides are equally likely.
     So in units of `sd_rad`, the expected value is p times the side of the load (1 or -1), with a variance of 1 - p^2.
     The expected value is 0 if the side of the load is unknown (no masses, or `errors.signed` is False).
 

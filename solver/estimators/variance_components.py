@@ -57,7 +57,7 @@ class Component:
 class ComplianceTest:
     """Score test whether a fixture is more compliant than stated: whether its rotations or translations scatter more.
 
-    `statistic`: square of the larger of their two scores, divided by their standard deviations; 0 if both are negative.
+    `statistic`: square of the larger of the two scores, each divided by its standard deviation; 0 if both are negative.
     `p_value`: probability of a statistic at least as large if the stated compliance is right.
     `deflects`: whether `p_value` is below `COMPLIANCE_LEVEL`, i.e. the fixture is more compliant than stated.
     """
@@ -190,9 +190,9 @@ def settle(
     variances: Callable[[Layout], FloatArray] | Mapping[str, float] | None = None,
     progress: Progress | None = None,
 ) -> tuple[MixedFit, IntArray]:
-    """Fit like `estimate_with_errors`, but return the fit itself, and the order (m,) in which it has the poses.
+    """Fit like `estimate_with_errors`, but return the fit itself, and the order (m,) of its poses.
 
-    The fit sorts the poses (`canonical_order`); pose k of the fit has index ``order[k]`` for the caller. If several
+    The fit sorts the poses (`canonical_order`); pose k of the fit is the caller's pose ``order[k]``. If several
     parameter vectors are equivalent, the fit has the one nearest to the nominal values. `near`: see `fit_mixed`.
     `variances`: fixed variances by name, or a function that returns them (K,) for a layout; None to estimate them.
     """

@@ -43,7 +43,7 @@ class BestTable:
     `rows` (5, n): theta_off, s, a, alpha and beta of links 1..n, rad and m. `tip_m` (3,): the tool's point in frame n.
     `entries`: names of the k entries and tip coordinates that the fit determines.
     `covariance` (k, k): covariance of `entries`, rad and m.
-    `left_m`: rms tool displacement, with its uncertainty, by the part of the corrections that no table represents.
+    `left_m`: rms tool displacement by the part of the corrections that no table represents, including its uncertainty.
     `sigma_m`: expected rms position error of the tool where the arm is used.
     """
 
@@ -140,7 +140,7 @@ def best_table(
     `known`: names of the entries of `table` and tip coordinates (k of them) that the calibration identified.
     `covariance` (k + c, k + c): covariance of the values of `known`, followed by the c coefficients of `corrections`.
     `hayati`: rows with beta instead of s. `fixed`: entries of the fixture's placement, which do not change.
-    `tip`: whether the tool's point may move in the last frame. It must if it is a ball's centre, which is no D-H entry.
+    `tip`: whether the tool's point may move in the last frame. A ball's centre must, because it is no D-H entry.
     """
     m = len(weight)
     every = (*(entry.name for entry in every_entry(table.links, hayati)), *TIP)

@@ -4,7 +4,7 @@ True angle = reading + theta_off + the sum of a joint's corrections, each a func
 
     harmonic   c1 sin q_j + c2 cos q_j + c3 sin 2 q_j + c4 cos 2 q_j        encoder, once and twice a turn
     linearity  sum_k c_k x^k,  x = (q_j - middle) / half, |x| <= 1.2        RVDT, gain and linearity deviation
-    gravity    tau_j of `solver.chain.statics`, c for masses, first moments  twist of joint j under load
+    gravity    tau_j of `solver.chain.statics`, c for mass, first moment    twist of joint j under load
     offset     c1                                                           mean displacement due to play
 
 `sarcal help corrections` shows a function in plain Python that applies the corrections. `JointCorrections` has the
@@ -134,7 +134,7 @@ def corrections_of(joints: JointCorrections, readings: CorrectionShapes) -> Corr
 def _play(
     joints: JointCorrections, readings: CorrectionShapes, columns: slice
 ) -> Iterator[ReadingCorrection]:
-    """Yield a constant for each column of play: its mean over `readings`. A joint's first adds the expected play."""
+    """Yield a constant for each column of play, its mean over `readings`; a joint's first includes expected play."""
     mean = (readings.shapes[:, columns] * joints.coefficients[columns]).mean(axis=0)
     for k, j in enumerate(joints.joint_of[columns]):
         size = float(mean[k])

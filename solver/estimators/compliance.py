@@ -30,11 +30,11 @@ WISHART_DOF = 6.0
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FixtureLoads:
-    """Loads on a fixture at m poses that result from errors of the stated masses and centres.
+    """Loads on a fixture at m poses, due to errors of the stated masses and centres of mass.
 
-    `pull` (m, k, a): ``S W`` of the module's docstring, in the frame of the deflection; a: number of errors.
+    `pull` (m, k, a): ``S W`` of the module's docstring, in the frame of the deflection; a: number of these errors.
     `halves`: for each half of the fixture, its share of the deflection's standard deviation, and the rotation (m, k, k)
-    from its own axes to the frame of the deflection (None if they coincide). The rotations commute with S.
+    from its axes to the frame of the deflection (None if the two coincide). Rotations commute with S.
     """
 
     pull: FloatArray
@@ -47,11 +47,11 @@ class FixtureLoads:
 
 
 def compliance_sizes(stated_deflection: tuple[float, float], *, rotations: int) -> FloatArray:
-    """Return the diagonal (k,) of S for which a moment and a force of rms magnitude 1 cause the stated deflection.
+    """Return the diagonal (k,) of S with which a random moment and force, each of rms 1, cause the stated deflection.
 
     `stated_deflection`: rms of each rotation, give_rad, and of each translation, give_m. `rotations`: number of closure
-    components that are rotations, 3 or 0. If a is the square of the element of S for angles, and b of that for
-    positions, the variances of the module's docstring, summed over three components, are
+    components that are rotations, 3 or 0. With a and b the squares of the elements of S for angles and for positions,
+    the variances of the module's docstring, summed over three components, are
 
         a^2 (1 + 4 / nu) + 3 a b / nu = 3 give_rad^2,   b^2 (1 + 4 / nu) + 3 a b / nu = 3 give_m^2.
     """
@@ -70,14 +70,14 @@ def compliance_sizes(stated_deflection: tuple[float, float], *, rotations: int) 
 
 
 def blocks(k: int) -> list[slice]:
-    """Return the slices of rotations and of positions if there are k = 6 closure components, else one slice of all."""
+    """Return a slice for each kind of the k closure components: rotations and positions if k = 6, else positions."""
     return [slice(0, 3), slice(3, 6)] if k == 6 else [slice(0, k)]
 
 
 def covariance(one: FixtureLoads, two: FixtureLoads, s: FloatArray) -> FloatArray:
-    """Return the covariance (m k, m' k) of the displacements at two sets of poses, by the module's formula.
+    """Return the covariance (m k, m' k) of the displacements at m poses (`one`) with those at m' poses (`two`).
 
-    `s` (k,): diagonal of S. Only the formula's term in 1 / nu depends on the orientation of the halves' own axes.
+    See the module for the formula, whose term in 1 / nu is evaluated in the halves' own axes. `s` (k,): diagonal of S.
     """
     k, a, b = len(s), len(one.pull), len(two.pull)
     product = (one.pull.reshape(a * k, -1) @ two.pull.reshape(b * k, -1).T).reshape(a, k, b, k)
@@ -106,7 +106,7 @@ def _turned(C: FloatArray, turn_a: FloatArray | None, turn_b: FloatArray | None)
 
 
 def variance(loads: FixtureLoads, s: FloatArray) -> FloatArray:
-    """Return the diagonal (m, k) of `covariance`; it does not depend on the orientation of the halves' own axes."""
+    """Return the diagonal (m, k) of ``covariance(loads, loads, s)``, which does not depend on the halves' axes."""
     squares = (loads.pull**2).sum(-1)
     every = squares + (squares + squares.sum(-1, keepdims=True)) / WISHART_DOF
     return np.asarray(sum(share**2 for share, _ in loads.halves) * every * s**2)
@@ -123,7 +123,7 @@ class ArmPoses:
     masses: LinkMasses
 
     def arm_rows(self) -> FloatArray:
-        """D-H rows 1..n (5, n) of the arm without the fixture: calibrated where known, else nominal.
+        """Return the D-H rows 1..n (5, n) of the arm without the fixture: calibrated where possible, else nominal.
 
         The offsets of the first and the last joint are nominal, because their calibrated values are measured from the
         fixture's axis and would give a wrong direction of gravity.
@@ -139,13 +139,13 @@ class ArmPoses:
 
     @property
     def shapes(self) -> int:
-        """Length s of the last axis of `torques`."""
+        """Number s of torques that `torques` returns for each joint and pose."""
         return 1 + 4 * len(self.masses.mass_kg) + len(self.masses.tilted)
 
     def torques(self, poses: IntArray | slice) -> FloatArray:
-        """Return gravity's torque (m, n, s), N m: first the stated one, then its change for each error of one sigma.
+        """Return gravity's torque on each joint (m, n, s), N m: as stated, then its change for each error of one sigma.
 
-        The errors are those of each link's mass and centre x, y, z (4 n columns), then the tilts of the base.
+        The errors are those of each link's mass and centre x, y, z (4 n of them), then the tilts of the base.
         """
         rows, masses = self.arm_rows(), self.masses
         arm = forward(self.q[poses] + rows[DhKind.THETA_OFF], *rows[DhKind.S :])
@@ -156,7 +156,7 @@ class ArmPoses:
 
 
 def _by_moment(rates: FloatArray, masses: LinkMasses) -> FloatArray:
-    """Return the torque's change (m, n, 4 n), N m, for an error of one sigma in each link's mass and centre x, y, z."""
+    """Return the torque changes (m, n, 4 n), N m, for errors of one sigma in each link's mass and centre x, y, z."""
     m, n = rates.shape[:2]
     # One product for each link: all joints at all poses with its moments.
     by_link = rates.transpose(2, 0, 1, 3).reshape(n, m * n, 4) @ masses.moments_sd

@@ -5,9 +5,9 @@ At one linearisation the reduced closure of all poses reads
     w + A dx + Z b + B n + E' f = 0,     n ~ N(0, S),  f ~ N(0, F),  b_l ~ N(0, g_l I),
 
 with w the misclosure including expected play and sag, dx the steps of the parameters without a prior, n and f the noise
-of joints and fixture, and b_l the effects of group l, whose variance is g_l. Noise is independent from pose to pose.
-Effects have one value for all poses: deviations of toleranced entries, harmonics of encoders, deviations of analogue
-sensors, sag and compliance as functions of the pose. `solver.estimators.layout` relates g_l to variance components.
+of joints and fixture, and b_l the coefficients of the effects in group l. Noise is independent from pose to pose. An
+effect has one coefficient for all poses: a deviation of a D-H entry or analogue sensor, a harmonic of an encoder, or a
+function of the pose for play, sag or deflection. `solver.estimators.layout` relates g_l to variance components.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ from solver.estimators.shapes import JointShapes
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class System(ReducedEquations):
-    """Reduced closure equations of m poses; w, A, B and E are those of the module's docstring.
+    """Reduced closure equations of m poses; `w`, `A`, `B` and `E` are those of the module's docstring.
 
     `angle` (m, n): corrected joint angles, rad, at which sensor errors are evaluated.
-    `distances`: misclosures (k,) and derivatives (k, P) of the measured distances, which do not depend on the poses.
+    `distances`: misclosures (k,) and derivatives (k, P) of the k measured distances, which do not depend on the poses.
     """
 
     angle: FloatArray
@@ -38,7 +38,7 @@ class System(ReducedEquations):
 
     @property
     def noise_columns(self) -> FloatArray:
-        """Columns C = [B, E'] (m, r, n + k) along which noise acts: joints, then closure components."""
+        """Columns C = [B, E'] (m, r, n + k), along which the noise of n joints, then of k closure components, acts."""
         return np.concatenate((self.B, np.swapaxes(self.E, -1, -2)), axis=-1)
 
     @property
@@ -53,7 +53,7 @@ class System(ReducedEquations):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Whitened:
-    """Whitened equations of some poses.
+    """Whitened equations of some poses, r of them for each pose.
 
     `M` (m, r, width): columns of the parameters without a prior, then of the effects. `w` (m, r): misclosures.
     `L_inverse` (m, r, r): matrices that whiten the equations.
@@ -68,7 +68,7 @@ class Whitened:
     noise: FloatArray
 
     def times(self, coefficients: FloatArray) -> FloatArray:
-        """Multiply the columns by coefficients (width, ...), as one product for all poses. Returns (m, r, ...)."""
+        """Return ``M @ coefficients`` (m, r, ...) for `coefficients` (width, ...)."""
         m, r, width = self.M.shape
         product = self.M.reshape(m * r, width) @ coefficients
         return product.reshape(m, r, *coefficients.shape[1:])
@@ -79,11 +79,11 @@ class NoiseSources:
     """Noise of m poses, along n joints and k closure components, from each of s sources.
 
     `names`: the sources. `component` (s,): index of the variance component that scales each source; -1 for none.
-    `rates` (s, m, n + k): variance for a component of 1; without a component, the variance itself.
-    `missed` (s,): whether the source is the part of play that the effects leave out. The component of these effects
-    scales this part, by at most 1. It is not estimated from this part, because the side of play repeats between poses.
+    `rates` (s, m, n + k): variance of each source if its component is 1; the variance itself if it has no component.
+    `missed` (s,): whether the source is the part of play that the effects do not model. Its scale is the component of
+    those effects, but at most 1. That component is not estimated from this noise, because the side of play repeats.
     `estimated` (c,): indices of the components that are estimated from the noise.
-    `derivatives` (m, n + k, c): derivatives of the noise's variance with respect to these components.
+    `derivatives` (m, n + k, c): derivatives of the noise's variance with respect to the components in `estimated`.
     """
 
     names: tuple[str, ...]
@@ -94,11 +94,11 @@ class NoiseSources:
     derivatives: FloatArray
 
     def variances(self, v: FloatArray) -> FloatArray:
-        """Variance (s, m, n + k) of every source for variance components `v` (K,)."""
+        """Return the noise variance (s, m, n + k) of every source for variance components `v` (K,)."""
         return self.rates * self._factors(v)[:, None, None]
 
     def total(self, v: FloatArray) -> FloatArray:
-        """Variance (m, n + k) of all sources together for variance components `v` (K,)."""
+        """Return the noise variance (m, n + k) of all sources together for variance components `v` (K,)."""
         s, *shape = self.rates.shape
         return np.asarray((self._factors(v) @ self.rates.reshape(s, -1)).reshape(shape))
 
@@ -108,7 +108,7 @@ class NoiseSources:
 
 
 class LinearModel(Layout):
-    """Layout of a closure model with stated errors; calculates its noise and columns for some poses at a time."""
+    """A `Layout` with methods that calculate its noise and the columns of its effects, for some poses at a time."""
 
     _noise: tuple[slice, NoiseSources] | None = None
 
@@ -191,7 +191,7 @@ class LinearModel(Layout):
         return np.concatenate([self.noise_sources(poses).total(v) for poses in self.parts()])
 
     def smooth_deflection_variance(self, v: FloatArray) -> FloatArray:
-        """Variance (6,), rad^2 then m^2, of the deflection that repeats at the same pose."""
+        """Return the variance (6,), rad^2 then m^2, of the part of the deflection that repeats at the same pose."""
         variance = np.zeros(6)
         # One group for each of `deflecting_rows` with columns (the discrepancy's too), then that of the loads.
         groups = [g for g in self.groups if g.source == "fixture_give"]
@@ -206,13 +206,13 @@ class LinearModel(Layout):
     # ---- columns
 
     def parts(self) -> list[slice]:
-        """Slices of poses that are whitened together, so that memory does not grow with columns times poses."""
+        """Return slices of poses. Whitening one slice at a time keeps the memory for the columns small."""
         return pose_slices(len(self.q))
 
     def whiten(self, system: System, v: FloatArray, root: FloatArray, poses: slice) -> Whitened:
-        """Whiten the equations `system` of these `poses`; raises `PosesDoNotFitError` (see `whitener`).
+        """Return the equations `system` of these `poses`, whitened. Raises `PosesDoNotFitError` (see `whitener`).
 
-        `root` (width - hard,): standard deviations of the effects' coefficients, by which the columns are multiplied.
+        `root` (width - hard,): standard deviations of the effects' coefficients; each scales its column.
         """
         C, noise = system.noise_columns, self.noise_sources(poses).total(v)
         V = (C * noise[:, None, :]) @ np.swapaxes(C, -1, -2)
@@ -246,7 +246,7 @@ class LinearModel(Layout):
     def effects_at(self, b: FloatArray, angle: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the joint corrections (m, n) and fixture displacements (m, k) caused by effects with coefficients `b`.
 
-        The corrections include expected play and sag. `b` is like `LinearFit.b`: not scaled to unit variance.
+        The corrections include expected play and sag. `b` (width - hard,): `LinearFit.b`, not scaled to unit variance.
         """
         shift, deflection = self.expected.copy(), np.zeros((len(self.q), self.rows))
         at = len(self.soft_index)
@@ -267,11 +267,11 @@ class LinearModel(Layout):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class State:
-    """Parameters x (P,), joint corrections e (m, n) and unsensed angles u (m, U), with the points of linearisation.
+    """Parameters x (P,), joint corrections e (m, n), unsensed angles u (m, U), and the angles for linearisation.
 
     Loops are linearised at joint angles `closed_q` (m, n) and unsensed angles `closed_u` (m, U), rad, at which they
-    close without deflection of the fixture. Linearised at open loops, the fit would shrink the arm, because the gaps of
-    a smaller arm are smaller. This bias is of the order of the noise squared, and for many poses it dominates.
+    close without deflection of the fixture. If open loops were linearised, the fit would shrink the arm, because the
+    gaps of a smaller arm are smaller. This bias is of the order of the noise squared, and for many poses it dominates.
     """
 
     x: FloatArray
@@ -282,7 +282,7 @@ class State:
 
 
 class Linearisation:
-    """Equations of `design` at `state`, computed for some poses at a time, which limits the memory for Jacobians.
+    """The equations of `design`, linearised at `state`. They are computed for some poses at a time, to save memory.
 
     The equations of the last slice of poses are kept. So if one slice covers all poses, they are computed only once.
     """
@@ -303,7 +303,7 @@ class Linearisation:
         return self._of(poses)[0] if isinstance(poses, slice) else self._made(poses)[0]
 
     def rates(self, poses: slice) -> Rates:
-        """Return the derivatives that determine the step of the unsensed angles, at a slice of the poses."""
+        """Return the coefficients that give the step of the unsensed angles, for a slice of the poses."""
         return self._of(poses)[1]
 
     def _of(self, poses: slice) -> tuple[System, Rates]:

@@ -1,7 +1,7 @@
 """Errors that the arm file and the fixture file state.
 
 Every source of error has a standard deviation; 0 means exact. In the linear mixed model (`solver.estimators.effects`) a
-source is noise, which is independent from pose to pose, or an effect, which has one value for all poses.
+source is noise, which is independent from pose to pose, or an effect, which has one coefficient for all poses.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ SD_OF_PEAK = 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AnalogueReading:
-    """A sensor whose noise and linearity deviation are estimated with the parameters; `joint` is 1-based.
+    """A sensor whose noise and linearity deviation are estimated together with the parameters; `joint` is 1-based.
 
     `variance`: stated variance of a single reading, rad^2.
     `share` (m,): variance of each pose's mean reading, divided by `variance`.
-    `spread_variance`, `spread_dof`: variance of the samples within poses, rad^2, and its degrees of freedom; both 0 if
-    the spread of the samples was not recorded.
+    `spread_variance`, `spread_dof`: pooled variance of the samples within each pose, rad^2, and its degrees of freedom;
+    both 0 if the spread of the samples was not recorded.
     `curve`: basis functions of the sensor's systematic deviation; None if it has none.
     `curve_variance`: variance (rad^2) of the coefficients of `curve` according to the specification.
     """
@@ -46,19 +46,18 @@ class AnalogueReading:
 class ErrorModel:
     """Errors of the readings of n joints at m poses, and of the fixture.
 
-    `joint_variance`: (m, n), rad^2: variance of each pose's mean readings due to resolution and stated noise. For the
-    joints in `analogue`, it excludes the noise, which is estimated.
-    `endpoint_variance`: (6,), rad^2 then m^2: variance of the readings of an instrument that measures the end point.
-    `accuracy_rad`: (n,): standard deviation of each joint's encoder error, which has periods of one and half a turn.
-    `backlash_rad`, `sag_rad`: (n,): standard deviations of each joint's play and of its twist under load.
-    `give_rad`, `give_m`: standard deviation of the fixture's deflection along each closure component; None without a
-    fixture.
+    `joint_variance` (m, n): variance of each pose's mean readings due to resolution and stated noise, rad^2.
+    `analogue`: sensors whose noise is estimated; `joint_variance` does not include their noise.
+    `endpoint_variance` (6,): variance of an instrument's readings of the end point, rad^2 then m^2; 0 if there is none.
+    `accuracy_rad` (n,): standard deviation of each joint's encoder error, which has periods of one and half a turn.
+    `backlash_rad`, `sag_rad` (n,): standard deviations of each joint's play and of its twist under load.
+    `give_rad`, `give_m`: standard deviation of the deflection along each closure component; None without a fixture.
     `tolerance`: standard deviation (rad, m), by name, of each entry of the maker's table that the fit may correct.
     `prior`: standard deviation, by name, of each identified parameter whose uncertainty a file states.
     `distances`: measured distances between points of the loop.
-    `discrepancy`: whether the fit also estimates a misfit of unknown source that is a smooth function of the pose.
-    `loads`: effects of gravity if masses are stated; None: sag and compliance are smooth functions of the pose.
-    `approach`: (m, n): direction in which every joint approached the pose, 1 or -1; 0 if unknown.
+    `discrepancy`: whether the fit also estimates a misfit of unknown source, as a smooth function of the pose.
+    `loads`: effects of gravity if masses are stated; if None, sag and deflection are smooth functions of the pose.
+    `approach` (m, n): direction in which each joint approached the pose, 1 or -1; 0 if unknown.
     `signed`: whether joints are expected to sag in the direction of gravity; otherwise either side is equally likely.
     """
 
@@ -99,9 +98,9 @@ def stated_errors(
     sd_rad: FloatArray | None = None,
     unsensed_joints: tuple[int, ...] = (),
 ) -> ErrorModel:
-    """Return the errors stated in the arm's file for readings that are means of `samples` (m,) samples each.
+    """Return the errors that the arm's file states, for poses at which readings are means of `samples` (m,) samples.
 
-    `sd_rad`: standard deviation of the samples at each pose (m, n), rad; None if not recorded. `unsensed_joints`:
+    `sd_rad` (m, n): standard deviation of the samples at each pose, rad; None if not recorded. `unsensed_joints`:
     joints (1-based) whose readings are not used, so that the noise of their sensors is not estimated.
     """
     variance = variance_of_means(arm, samples)
@@ -144,14 +143,14 @@ def stated_errors(
 
 
 def variance_of_means(arm: ArmModel, samples: IntArray) -> FloatArray:
-    """Variance (m, n), rad^2, of means of `samples` (m,) readings, from the sensors' specifications."""
+    """Return the variance (m, n), rad^2, of the mean of `samples` (m,) readings, from the sensors' specifications."""
     counts, which = np.unique(samples, return_inverse=True)
     by_count = [[j.sensor.variance_of_mean_rad2(int(k)) for j in arm.joints] for k in counts]
     return np.array(by_count).reshape(-1, arm.joint_count)[which]
 
 
 def _spread(sd_rad: FloatArray, samples: IntArray) -> tuple[float, int]:
-    """Return the pooled variance (rad^2) of the samples within poses and its degrees of freedom; 0, 0 if unrecorded."""
+    """Return the pooled variance (rad^2) of the samples within each pose and its dof; (0, 0) if not recorded."""
     dof = int((samples - 1).sum())
     if dof == 0 or not np.any(sd_rad):
         return 0.0, 0
@@ -163,7 +162,7 @@ Names = tuple[str, str, str]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeasuredDistance:
-    """Measured distance between two points, and its uncertainty, m; `first`, `second`: names of their coordinates."""
+    """Measured distance and its uncertainty, m. `first`, `second`: names of the coordinates of its two end points."""
 
     first: Names
     second: Names
@@ -186,7 +185,7 @@ def distance_and_rates(
 def distance_rows(
     distances: Sequence[MeasuredDistance], parameters: Sequence[Parameter], x: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the distances' misclosures (k,) at x (P,), in units of their uncertainties s, and derivatives (k, P).
+    """Return the misclosures (k,) of k `distances` at x (P,), divided by their uncertainties s, and derivatives (k, P).
 
     The equation of a distance d from point p_a to p_b is ``(d(x) - d_measured) / s + u . (dp_b - dp_a) / s = 0``, with
     ``u = (p_b - p_a) / d``.

@@ -1,4 +1,4 @@
-"""Result that every estimator returns, its closure error, and the check that there are enough poses.
+"""The result of every estimator, the closure error at the readings, and the check that there are enough poses.
 
 sigma_pos and sigma_ori (paper, eqs. 14 and 15) are computed at the measured joint angles.
 """
@@ -29,16 +29,16 @@ from solver.loops.closure import (
 class Estimate:
     """Identified parameters and how well they are known.
 
-    `x`, `covariance`: values (P,) of `parameters`, rad and m, and their covariance (P, P) under the estimator's own
-    noise model. Among equivalent vectors, `x` is the nearest to the nominal values. Angles are in (-pi, pi], or within
-    half a turn of their nominal values if they have a prior.
-    `residual`, `rotation_rows`: reduced closure error (m, r) at the *measured* joints; the first `rotation_rows` rows
-    are rad, the others m.
-    `flipped`: indices of poses on the other branch of the closure (tool upside down on the hinge).
+    `x` (P,): values of `parameters`, rad and m. Of several equivalent vectors, it is the one nearest to the nominal
+    values. Angles are in (-pi, pi], but within half a turn of their nominal values if they have a prior.
+    `covariance` (P, P): covariance of `x` if the estimator's noise model is right.
+    `residual` (m, r): reduced closure error at the *measured* joint angles; of the r values of a pose, the first
+    `rotation_rows` are rad, the others m.
+    `flipped`: indices of poses on the other branch of the closure, where the tool is upside down on the hinge.
     `dof`: degrees of freedom: equations minus parameters.
     `chi2`, `pose_chi2`: weighted sum of squared residuals, and each pose's share of it (m,); None without a noise
     model.
-    `corrections`: joint corrections (m, n), rad, adjusted minus measured; None without a noise model.
+    `corrections` (m, n): joint corrections, rad, adjusted minus measured; None without a noise model.
     """
 
     estimator: Literal["paper", "implicit"]
@@ -62,7 +62,7 @@ class Estimate:
 
     @property
     def standard_deviation(self) -> FloatArray:
-        """Standard deviation of every parameter (P,)."""
+        """Standard deviation (P,) of every parameter."""
         return np.sqrt(np.diagonal(self.covariance))
 
     @property
@@ -94,7 +94,7 @@ class Estimate:
         )
 
     def given(self, names: Collection[str]) -> Estimate:
-        """Return the estimate without `names`, with the covariance of the others if these values are known exactly."""
+        """Return the estimate without `names`; the covariance of the others is conditioned on the values of `names`."""
         indices = [k for k, p in enumerate(self.parameters) if p.name not in names]
         rest = self.without(names)
         if len(indices) == len(self.parameters):
@@ -113,12 +113,12 @@ class Estimate:
         )
 
     def value(self, name: str) -> float:
-        """Value of one parameter, rad or m."""
+        """Return the value of one parameter, rad or m."""
         return float(self.x[[p.name for p in self.parameters].index(name)])
 
 
 def require_enough_poses(model: ClosureModel, poses: int, *, known: int = 0) -> int:
-    """Return the degrees of freedom that `poses` poses leave. Raises `TooFewPosesError` if none is left.
+    """Return the degrees of freedom of a fit to `poses` poses. Raises `TooFewPosesError` if there are none.
 
     `known`: number of parameters with a prior; they are not counted, because each prior adds an equation.
     """
@@ -135,7 +135,7 @@ def require_enough_poses(model: ClosureModel, poses: int, *, known: int = 0) -> 
 
 
 def closure_at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> ReducedError:
-    """Closure error at the *measured* joint angles (m, n), rad, without derivatives.
+    """Return the closure error at the *measured* joint angles `q` (m, n), rad, without derivatives.
 
     Unsensed joints take the angles that close each loop best; their readings are not used.
     """
@@ -153,7 +153,7 @@ def _at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> ReducedEr
 
 
 def _at_unsensed_angles(model: ClosureModel, x: FloatArray, q: FloatArray) -> ReducedError:
-    """Closure error of one placement, with the unsensed joints at the angles that close each loop best."""
+    """Return the closure error of one placement, with unsensed joints at the angles that close each loop best."""
     u = close_loops(model, x, q, sigma_rad=np.zeros(q.shape[-1]), max_iterations=50).u
     sensed, filled = model.with_all_joints_sensed(), q.copy()
     values = {p.name: p.nominal for p in sensed.parameters}

@@ -56,7 +56,7 @@ class NoiseModel:
 
     @property
     def deflection_variance(self) -> FloatArray:
-        """`fixture_variance` (6,), with zeros instead of None."""
+        """`fixture_variance` (6,), or zeros if it is None."""
         return np.zeros(6) if self.fixture_variance is None else self.fixture_variance
 
 
@@ -235,7 +235,7 @@ def linearise(
 
 
 def whitener(V: FloatArray) -> FloatArray:
-    """Return ``L^-1`` (..., r, r) of the misclosures' covariances ``V = L L'``.
+    """Return the matrices ``L^-1`` (..., r, r) that whiten misclosures of covariances ``V = L L'``.
 
     Raises `PosesDoNotFitError` if V has no such factor, because poses are far from closing.
     """
@@ -247,7 +247,7 @@ def whitener(V: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Block:
-    """Linearised equations of some poses: w, A, B and E' of the module's docstring, whitened; and `Rates`."""
+    """Linearised and whitened equations of some poses. w, A, B and E' (`Et`) are those of the module's docstring."""
 
     w: FloatArray
     A: FloatArray
@@ -259,7 +259,7 @@ class _Block:
 
     @classmethod
     def of(cls, error: LoopError, e: FloatArray, variance: FloatArray, noise: NoiseModel) -> _Block:
-        """Return the equations of loops linearised at corrections e (m, n); `variance` (m, n): of the readings."""
+        """Return the equations of loops linearised at corrections e (m, n); `variance` (m, n): each reading's."""
         deflection_variance = noise.deflection_variance
         system, V = linearise(error, e, variance, deflection_variance)
         whiten = whitener(V)

@@ -41,7 +41,7 @@ SPECIFICATION_DOF = 4
 coefficients, which imply little about the magnitude of the others."""
 
 DEFLECTION_RAISE_LIMIT = 5e-4
-"""Deflection (rad, m) to which one step may raise the estimate; also a start of the search if the misfit is large."""
+"""Deflection (rad, m) to which one step may raise the estimate. If the misfit is large, the search starts there."""
 
 LARGEST_SCALE = 10.0
 """Largest errors of lengths, twists and encoders, play and sag, in units of the stated errors. Larger errors are a
@@ -75,15 +75,15 @@ placement."""
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class VarianceComponent:
-    """One variance v to be estimated. The defaults are for a v that is a ratio to the stated variance.
+    """One variance v to be estimated. The defaults suit a v that is the ratio of a variance to the stated one.
 
     `start`: value at which the search starts. `stated`: value that the files state.
-    `floor`, `ceiling`: limits of v. `raise_limit`: value to which one step may raise v.
+    `floor`, `ceiling`: limits of v. `raise_limit`: value to which one step may raise v, however small v is.
     `scaled`: whether v has a log-normal prior with median `start` (method, section 10): v stays near `start` unless the
     poses determine it.
-    `soft`: v has a prior proportional to exp(-v / (2 soft)); none if infinite.
-    `spread_variance`, `spread_dof`: a further estimate of v, from the spread of the samples within poses or from a
-    specification, and its degrees of freedom.
+    `soft`: if finite, v has a prior density proportional to exp(-v / (2 soft)).
+    `spread_variance`, `spread_dof`: another estimate of v, and its degrees of freedom. It is from the spread of the
+    samples within each pose, or from a specification.
     """
 
     name: str
@@ -121,7 +121,7 @@ class Group:
     """Columns whose coefficients share one variance.
 
     `source`: name of the group in an uncertainty budget. `names`: names of the columns.
-    `fixed`, `rates`: the variance is `fixed` plus, for each pair (index, factor) of `rates`, factor times ``v[index]``.
+    `fixed`, `rates`: the variance is `fixed` plus ``factor * v[index]`` for each pair (index, factor) in `rates`.
     """
 
     source: str
@@ -130,19 +130,19 @@ class Group:
     fixed: float = 0.0
 
     def variance(self, v: FloatArray) -> float:
-        """Variance of the coefficients of all columns in the group, for component values `v` (K,)."""
+        """Return the variance that each column's coefficient has for variance components `v` (K,)."""
         return self.fixed + sum(rate * float(v[c]) for c, rate in self.rates)
 
 
 class Layout:
-    """Groups of columns and K variance components of a closure model with stated errors, for readings `q` (m, n), rad.
+    """Columns of the parameters and effects of a closure model with stated errors, and their K variance components.
 
-    `like`: a layout of the same poses, whose smooth functions of the pose are reused.
+    `q` (m, n): readings, rad. `like`: a layout of the same poses; its smooth functions of the pose are used again.
     `width`: number of columns; the first `hard` of them belong to parameters without a prior, the others to effects.
     `column` (P,): column of each parameter. `index`: index of each component by name.
-    `floors`, `ceilings`, `raise_limits`, `scaled` (K,): fields of the components, see `VarianceComponent`.
-    `test_floors` (K,): smallest variances with which single readings are tested.
-    `expected` (m, n), rad: expected sum of play and sag. `deflection` (k,), rad and m: fixture's stated deflection.
+    `floors`, `ceilings`, `raise_limits`, `scaled` (K,): values of these fields of all `VarianceComponent`s.
+    `test_floors` (K,): smallest variances of noise that tests of single readings assume.
+    `expected` (m, n): expected sum of play and sag, rad. `deflection` (k,): the fixture's stated deflection, rad, m.
     `loaded`: effects of load on the fixture; None if unknown or zero.
     """
 
@@ -381,30 +381,30 @@ class Layout:
 
     @property
     def motion_components(self) -> list[int]:
-        """Indices of the components that scale the non-repeatable part of deflection, play and sag."""
+        """Indices of the components that scale the noise of deflection, play and sag."""
         moving = (*FIXTURE_NOISE, "joint_play", UNMODELLED)
         return [k for name, k in self.index.items() if name in moving]
 
     @property
     def noise_components(self) -> list[int]:
-        """Indices of the components that scale noise: one for each analogue sensor, then `motion_components`."""
+        """Indices of all components that scale noise: one for each analogue sensor, then `motion_components`."""
         return [*range(len(self.errors.analogue)), *self.motion_components]
 
     def start_variances(self) -> FloatArray:
-        """Start values of the components (K,)."""
+        """Return the start values (K,) of the variance components."""
         return np.array([c.start for c in self.components])
 
     def stated_variances(self) -> FloatArray:
-        """Return the variances (K,) that the files state. Noise of deflection and play has the full stated one."""
+        """Return the variances (K,) as stated. Noise of deflection and of play has the whole stated variance."""
         return np.array([c.stated for c in self.components])
 
     def variances_by_name(self, named: Mapping[str, float]) -> FloatArray:
-        """Return the variances (K,) in `named`, and start values for the other components, clipped to their bounds."""
+        """Return all variances (K,), clipped to their bounds: those in `named`, and start values for the others."""
         v = np.array([named.get(c.name, c.start) for c in self.components])
         return np.asarray(np.clip(v, self.floors, self.ceilings))
 
     def as_stated(self, v: FloatArray) -> FloatArray:
-        """Return `stated_variances` (K,), but for the fixture's placement its variance in `v` (K,) if it is larger."""
+        """Return `stated_variances` (K,); the fixture's placement keeps its variance in `v` (K,) if that is larger."""
         stated = self.stated_variances()
         for k, c in enumerate(self.components):
             if c.name == PLACEMENT:
@@ -424,7 +424,7 @@ _OFFSET = f"{DhKind.THETA_OFF.symbol}_"
 
 
 def _source(parameter: Parameter, fixture: Collection[str]) -> str:
-    """Return a parameter's kind: lengths, twists, offsets or placement; `fixture`: names of fixture parameters."""
+    """Return a parameter's kind: `LENGTHS`, `TWISTS`, `OFFSETS` or `PLACEMENT`. `fixture`: the fixture's parameters."""
     if parameter.name.startswith(_OFFSET):
         return OFFSETS
     if parameter.name in fixture:

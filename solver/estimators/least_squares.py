@@ -41,11 +41,11 @@ Progress = Callable[[int, float], None]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Triangle:
-    """Residuals r (R,) and their Jacobian J (R, P), reduced to what least squares need: P rows for any number R.
+    """Residuals r (R,) and their Jacobian J (R, P), reduced by a QR factorisation to P rows for any number R.
 
     ``|r + J dx|^2 = |b + T dx|^2 + rest`` for every dx, and ``J' J = T' T``.
 
-    `T`: upper triangle of the QR factors of J, (P, P). `b`: residuals rotated into the rows of T (P,). `rest`: sum of
+    `T` (P, P): upper triangle of the QR factors of J. `b` (P,): residuals rotated into the rows of T. `rest`: sum of
     squares of the part of the residuals that no dx changes.
     """
 
@@ -63,7 +63,7 @@ class Triangle:
         return replace(self, b=self.b + self.T @ step)
 
     def step(self, damping: float = 0.0) -> tuple[FloatArray, float]:
-        """Return the step (P,) for `damping`, and the reduction of the cost expected from it.
+        """Return the step (P,) with Levenberg-Marquardt `damping`, and the reduction of the cost expected from it.
 
         The step is zero along undetermined directions, and nan if the equations contain nan.
         """
@@ -83,7 +83,7 @@ class Triangle:
         return -(Vt.T @ (gain * beta)) / scale, lower
 
     def covariance(self) -> FloatArray:
-        """``(J' J)^-1`` (P, P); the pseudo-inverse if some directions may be undetermined."""
+        """Return ``(J' J)^-1`` (P, P), or the pseudo-inverse if some directions may be undetermined."""
         from scipy.linalg import lapack
 
         if not self._full_rank():
@@ -128,15 +128,15 @@ def stacked_triangle(blocks: Iterable[FloatArray]) -> FloatArray:
 
 
 Problem = Callable[[FloatArray], Triangle]
-"""Function from parameters (P,) to residuals and Jacobian, triangularised."""
+"""Function that returns the triangle of residuals and Jacobian at given parameters (P,)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fit:
-    """Parameters `x` (P,) after some accepted steps, and the `cost`, half the sum of squared residuals.
+    """Parameters `x` (P,) where the iteration ended, and the `cost`, half the sum of squared residuals.
 
     `converged`: whether the last step, or the reduction of the cost expected from it, was negligible. `triangle`:
-    triangle at `x`; its Jacobian is from before the last step if that step was so small that it was not evaluated.
+    triangle at `x`. If the last step was too small to be evaluated, the Jacobian is that of the point before it.
     """
 
     x: FloatArray
@@ -157,7 +157,7 @@ def solve_damped(
 ) -> Fit:
     """Minimise the sum of squared residuals from `x0` (P,) until the steps are negligible.
 
-    `problem` returns residuals and their exact Jacobian, as a triangle.
+    `problem` returns the `Triangle` of the residuals and their exact Jacobian at given parameters.
     """
     x = np.array(x0, dtype=np.float64)
     current, damping, iteration, last_cost = problem(x), 0.0, 0, 0.0
@@ -172,7 +172,7 @@ def solve_damped(
             step, predicted = current.step(damping)
             largest = float(np.max(np.abs(step), initial=0.0))
             gain = predicted**2 / last_cost if last_cost > 0.0 else np.inf
-            # At the floor of rounding no step measurably descends; that is the minimum.
+            # Within rounding no step lowers the cost measurably: this is the minimum.
             if predicted <= LAST_SHARE * current.cost + 1e-300 or gain <= LEFT_SHARE * current.cost:
                 if damping == 0.0:
                     x, current, iteration = x + step, current.after(step), iteration + 1

@@ -34,13 +34,13 @@ LEAST_RESOLVED_SHARE = 1e-3
 class LinearFit:
     """The mixed model of `design` at one linearisation, solved for given variance components `v` (K,).
 
-    `change` (P,): fitted change of each parameter, rad or m. A parameter with a prior changes from its nominal value,
-    any other from its value at the linearisation.
-    `unit` (P,): change of each parameter, rad or m, if the coefficient of its column is 1.
+    `change` (P,): fitted change of each parameter, rad or m: from its nominal value if it has a prior, otherwise from
+    its value at the linearisation.
+    `unit` (P,): factor from the coefficient of each parameter's column to the parameter's change, rad or m.
     `b` (width - hard,): predicted coefficient of each effect, not scaled to unit variance.
     `half` (width, width): upper triangular root of the inverse, ``H^-1 = half half'``.
     `chi2`: ``w' P w``, with the whitened misclosure w and the projector ``P = I - M H^-1 M'``.
-    `dof`: number of equations minus number of parameters without a prior. If `v` is right, `chi2` has this expectation.
+    `dof`: number of equations minus number of parameters without a prior; the expectation of `chi2` if `v` is right.
     """
 
     def __init__(self, design: LinearModel, system: System | Linearisation, v: FloatArray) -> None:
@@ -89,7 +89,7 @@ class LinearFit:
         return _square(self.half)
 
     def _distances(self) -> tuple[FloatArray, FloatArray]:
-        """Return the distances' misclosures (k,) and derivatives (k, width) with respect to the coefficients of M."""
+        """Return the distances' misclosures (k,), and derivatives (k, width) with respect to all coefficients."""
         w, rates = self.system.distances
         rows = np.zeros((len(w), self.design.width))
         if len(w):
@@ -97,13 +97,13 @@ class LinearFit:
         return w, rows
 
     def distance_deviations(self) -> FloatArray:
-        """Return each measured distance minus its prediction from all other data (k,), in sigmas of the difference."""
+        """Return the k measured distances minus their predictions from all other data, in sigmas of the differences."""
         w, rows = self._distances()
         known = 1.0 - ((rows @ self.half) ** 2).sum(-1)
         return np.asarray(-(w + rows @ self.coefficients) / np.sqrt(np.maximum(known, 1e-12)))
 
     def chi2_without_distances(self, chosen: IntArray) -> float:
-        """chi2 of the fit without the measured distances `chosen` (indices)."""
+        """Return chi2 of the fit without the measured distances `chosen` (indices)."""
         w, rows = self._distances()
         left = (w + rows @ self.coefficients)[chosen]
         inside = rows[chosen] @ self.half
@@ -114,27 +114,27 @@ class LinearFit:
         return self.design.whiten(self.system.at_poses(poses), self.v, self.root, poses)
 
     def parts(self) -> Iterator[Whitened]:
-        """Yield the whitened poses in parts, with effects of unit variance; a part that holds all poses is stored."""
+        """Yield the whitened equations for some poses at a time; the effects' columns are scaled to unit variance."""
         yield from self._whitened or (self._whiten(poses) for poses in self.design.parts())
 
     def residual(self, part: Whitened) -> FloatArray:
-        """Whitened residuals (m, r) of some poses."""
+        """Return the whitened residuals (m, r) of some poses."""
         return part.w + part.times(self.coefficients)
 
     def orthonormal(self, part: Whitened) -> FloatArray:
-        """Return ``M half`` (m, r, width) for some poses; over all poses, distances and priors it is orthonormal."""
+        """Return ``M half`` (m, r, width) of some poses. Over all equations and priors, its columns are orthonormal."""
         from scipy.linalg import blas
 
         M = part.M.reshape(-1, self.design.width)
         return np.asarray(blas.dtrmm(1.0, self.half, M.T, trans_a=1).T.reshape(part.M.shape))
 
     def leverage(self, part: Whitened) -> tuple[FloatArray, FloatArray]:
-        """Return ``M H^-1`` (m, r, width) for some poses, and each pose's block (m, r, r) of the projector P."""
+        """Return ``M H^-1`` (m, r, width) for some poses, and each pose's block (m, r, r) of P (see the class)."""
         gain = part.times(self.H_inverse)
         return gain, np.eye(part.w.shape[1]) - gain @ np.swapaxes(part.M, -1, -2)
 
     def _columns(self, G: FloatArray) -> Iterator[tuple[Whitened, FloatArray]]:
-        """Yield each of `parts`, with the rows (m r, k) of the columns G for its m poses, whitened in the same way."""
+        """Yield each of `parts`, and for its m poses the rows (m r, k) of the columns `G`, whitened like the part."""
         for part in self.parts():
             yield part, (part.L_inverse @ G[part.poses]).reshape(-1, G.shape[-1])
 
@@ -144,20 +144,20 @@ class LinearFit:
         return self.system.at_poses(slice(0, len(self.design.q)))
 
     def at_poses(self, poses: IntArray) -> LinearFit:
-        """Return the linear fit of a selection of poses alone, at the same linearisation."""
+        """Return the linear fit of a selection of poses alone, at the same linearisation and variances."""
         return LinearFit(self.design.at_poses(poses), self.system.at_poses(poses), self.v)
 
     @cached_property
     def stated(self) -> LinearFit:
-        """The same linearisation, solved for the variances that the files state instead of the fitted variances."""
+        """The linear fit at the same linearisation, but for the variances that the files state."""
         return LinearFit(self.design, self.system, self.design.as_stated(self.v))
 
     @cached_property
     def at_known_noise(self) -> LinearFit:
-        """The same linearisation, solved for stated variances; noise has its estimated variance where that is smaller.
+        """The linear fit at the same linearisation, but for the variances with which faults are tested.
 
-        Noise is limited to the stated value, so that a fault does not count as noise. A smaller estimate makes tests of
-        single readings more powerful.
+        These are the stated variances. Noise has its estimated variance if that is smaller, so that tests of single
+        readings are more powerful. It never has a larger variance, so that a fault does not count as noise.
         """
         v = self.design.as_stated(self.v)
         noise = self.design.noise_components
@@ -166,7 +166,7 @@ class LinearFit:
 
     @cached_property
     def derivatives(self) -> Derivatives:
-        """Derivatives of the likelihood with respect to the variances, without their priors."""
+        """Derivatives of the likelihood with respect to the variances; the priors of the variances are not included."""
         return likelihood_derivatives(self)
 
     # ---- uncertainty of the parameters
@@ -180,18 +180,18 @@ class LinearFit:
 
     @property
     def standard_deviation(self) -> FloatArray:
-        """Square roots of the covariance's diagonal (P,)."""
+        """Standard deviation (P,) of every parameter."""
         return np.asarray(np.sqrt((self.half[self.design.column] ** 2).sum(-1)) * self.unit)
 
     @property
     def repeatability(self) -> FloatArray:
-        """Covariance (P, P) from noise alone: the scatter if the same poses were taken again."""
+        """Covariance (P, P) of the parameters from noise alone: their scatter if the same poses were taken again."""
         gain = self._gain().T
         rows = [part.times(gain).reshape(-1, gain.shape[1]) for part in self.parts()]
         return np.asarray(sum(G.T @ G for G in (*rows, self._distances()[1] @ gain)))
 
     def _gain(self) -> FloatArray:
-        """Return the rows (P, width) of H^-1 that belong to the parameters, multiplied by `unit`."""
+        """Return the rows (P, width) of ``H^-1`` for the parameters, each multiplied by its element of `unit`."""
         return np.asarray(self.H_inverse[self.design.column] * self.unit[:, None])
 
     def budget(self) -> dict[str, FloatArray]:
@@ -231,10 +231,10 @@ class LinearFit:
     # ---- predictions between poses, and effects outside the model
 
     def score(self, G: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the score ``s = G' P w`` (k,) of new columns G (m, r, k), and its covariance ``C = G' P G`` (k, k).
+        """Return the score ``s = G' P w`` (k,) of new columns `G` (m, r, k), and its covariance ``C = G' P G`` (k, k).
 
-        P and w are those of `chi2` (see the class); this method whitens G. If the model contained these columns, their
-        coefficients would be ``-C^-1 s``, and chi2 would be smaller by ``s' C^-1 s``.
+        The class explains P and w. `G` is not yet whitened. If the model contained these columns, their coefficients
+        would be ``-C^-1 s``, and chi2 would be smaller by ``s' C^-1 s``.
         """
         k = G.shape[-1]
         Gw, GG, GM = np.zeros(k), np.zeros((k, k)), np.zeros((k, self.design.width))
@@ -247,7 +247,7 @@ class LinearFit:
     def moved_by(self, G: FloatArray) -> FloatArray:
         """Return the change (P, k) of every parameter caused by each of k errors that the model does not contain.
 
-        Column i of G (m, r, k) is what error i adds to the misclosures. The changes are rows of ``-H^-1 M'G``.
+        Column i of `G` (m, r, k) is what error i adds to the misclosures. The changes are rows of ``-H^-1 M'G``.
         """
         MG = np.zeros((self.design.width, G.shape[-1]))
         for part, white in self._columns(G):
@@ -255,7 +255,7 @@ class LinearFit:
         return np.asarray(-self._gain() @ MG)
 
     def held_out_chi2(self, *parts: IntArray) -> list[tuple[float, int]]:
-        """Return (chi2, dof) of the misfit of each group of poses (indices (k,)) to the prediction from all others.
+        """Return (chi2, dof) for each group of poses (indices in `parts`): misfit to the prediction from all others.
 
         No refit is needed: chi2 is ``(P w)_F' P_FF^-1 (P w)_F``, with P the projector and F the group's equations.
         """
@@ -279,10 +279,10 @@ class LinearFit:
         return np.concatenate(chi2), np.concatenate(dof)
 
     def without_each(self) -> FloatArray:
-        """Return the changes (m, P) of the parameters if each pose in turn is left out, at unchanged variances.
+        """Return the changes (m, P) of the parameters if each pose in turn is left out and the variances stay the same.
 
-        No refit is needed. If M and e are the columns and the residual of this pose, the coefficients change by
-        ``H^-1 M' (I - M H^-1 M')^-1 e`` (matrix inversion lemma). Directions that only this pose determines stay fixed.
+        No refit is needed. With the pose's rows M and residual e, coefficients change by
+        ``H^-1 M' (I - M H^-1 M')^-1 e`` (matrix inversion lemma), except in directions that only this pose determines.
         """
         steps = []
         for part in self.parts():
@@ -293,7 +293,7 @@ class LinearFit:
 
     @property
     def pulls(self) -> FloatArray:
-        """Predicted deviation of each effect from its mean, divided by the standard deviation of the prediction.
+        """Predicted coefficient of each effect, divided by the standard deviation of the prediction.
 
         Each of the ``width - hard`` effects has a pull. It is ~ N(0, 1) if the model is right, and 0 if the poses give
         no information about the effect.
@@ -303,7 +303,7 @@ class LinearFit:
         return np.where(remaining < 1.0 - LEAST_PULL_INFORMATION, z, 0.0)
 
     def pull_covariance(self, effects: IntArray) -> FloatArray:
-        """Return the covariance (k, k) of the `pulls` of some effects (indices (k,)) if the model is right.
+        """Return the covariance (k, k) that the `pulls` of `effects` (k indices) have if the model is right.
 
         If the poses determine only the sum of some effects, their pulls are correlated. The rows of effects about which
         the poses give no information are zero.
@@ -319,8 +319,8 @@ class LinearFit:
 def _held_out(N: FloatArray, residual: FloatArray) -> tuple[float, int]:
     """Return chi2 = ``r' V^-1 r`` of R held-out equations with residuals r = `residual` (R,), and dof, the rank of V.
 
-    ``V = I - N N'``, where N (R, K) is the part of `orthonormal` for these equations. If V is singular, chi2 is from
-    its pseudo-inverse. Except for eigenvalues of 1, ``I - N'N`` has those of V, so the smaller matrix suffices.
+    ``V = I - N N'``, where N (R, K) are the rows of `orthonormal` for these equations. If V is singular, chi2 is from
+    its pseudo-inverse. V and ``I - N'N`` differ only by eigenvalues of 1, so the smaller of the two suffices.
     """
     few = len(N) <= N.shape[1]
     if few and (chi2 := _square_in(np.eye(len(N)) - N @ N.T, residual)) is not None:
@@ -350,7 +350,7 @@ def _square_in(V: FloatArray, w: FloatArray) -> float | None:
 def inverse_root(H: FloatArray) -> tuple[FloatArray, float]:
     """Return the upper triangular root K of the inverse, ``H^-1 = K K'``, and the logarithm of H's determinant.
 
-    K is computed by Cholesky's method if possible. Unlike eigenvectors, it is then accurate for columns of any units.
+    K is from Cholesky's method if possible, which is accurate even if the units of columns differ greatly.
     """
     root = _triangular_root(H)
     if root is not None:

@@ -1,4 +1,4 @@
-"""Deflections under load, from static equilibrium: a few columns instead of a general function of the pose.
+"""Columns for the sag of joints and the deflection of a fixture under load, from static equilibrium.
 
 Sag: a joint's drive carries the arm, so the sag of joint j is a compliance times gravity's torque tau_j(q). The
 compliance is positive and of unknown magnitude, so it is modelled as half-normal, |z| with z ~ N(0, 1). Its mean,
@@ -11,15 +11,15 @@ rest, a virtual motion of the free joints does no work; with F the fixture's wre
 
 (Murray, Li & Sastry, *A Mathematical Introduction to Robotic Manipulation*, 1994, eq. 6.4). J_f and N are the columns
 of the closure Jacobian for the free joints and for the fixture's own degrees of freedom, about which the fixture
-carries no moment. With ``F = E y``, ``E' N = 0``, and friction that limits the force at a singularity, the solution is
+carries no moment. With ``F = E y``, ``E' N = 0``, and friction rho limiting the force at a singularity, the solution is
 
     F = -E (K K' + rho^2 I)^-1 K dtau_f,     K = E' J_f.
 
 F is linear in the errors z of masses and centres (`solver.chain.statics`): F = W z, z ~ N(0, I). Which joints were in
-position mode is not recorded; it may be any set of as many joints as the loop has degrees of freedom. W has columns for
-up to `MOST_DRIVE_SETS` sets, with equal weights. The covariance of the displacements under F follows from the fixture's
-compliance (`solver.estimators.compliance`). Its leading eigenvectors (by Nystroem's method, from poses far apart),
-scaled to the stated rms over the poses, are the columns of deflection.
+position mode is not recorded, only that they were as many as the loop has degrees of freedom. W has columns for up to
+`MOST_DRIVE_SETS` such sets, with equal weights. The covariance of the displacements under F follows from the fixture's
+compliance (`solver.estimators.compliance`). The columns of deflection are the leading eigenvectors of this covariance
+(by Nystroem's method), scaled to the stated rms over the poses.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ UNMODELLED_SHARE = 0.15
 """Share of the variance of a stated sag or deflection that the stated loads do not explain."""
 
 FRICTION_M = 0.1
-"""Friction torque of a free joint per force at the fixture, N m/N."""
+"""rho: friction torque of a free joint per force at the fixture, N m/N."""
 
 TOOL_SIDE_COMPLIANCE = 0.5
 """Compliance of the fixture's half on the tool, as a share of the compliance of the half on the table."""
@@ -74,8 +74,8 @@ LEAST_TORQUE_NM = 1e-6
 class JointLoads:
     """Effects of gravity on n joints at m poses; twists are in units of each joint's stated sag.
 
-    `expected` (m, n): expected twist. `columns` (m, n, c): deviation from `expected` for each coefficient of 1.
-    `missed` (m, n): variance that `columns` leave out; 1 for a joint on which gravity has no lever arm.
+    `expected` (m, n): expected twist. `columns` (m, n, c): what a coefficient of 1 adds to the expected twist.
+    `missed` (m, n): variance of the twist that the columns leave out; 1 for a joint on which gravity has no lever arm.
     `side` (m, n): expected sign of gravity's torque, from -1 to 1. It tells to which side of its play a joint moves.
     """
 
@@ -87,14 +87,14 @@ class JointLoads:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LoadBasis:
-    """Effects of load at m poses, in units of the stated sag and deflection, for coefficients ~ N(0, 1).
+    """Effects of load at m poses, as columns in units of the stated sag and deflection; coefficients are ~ N(0, 1).
 
     `joints`: effects on the joints.
     `all_deflections` (M, k, c): columns of the deflection along the k closure components, for all M poses for which the
     basis was computed. This array is large, so `at_poses` does not copy it.
     `rows` (m,): index of each pose in `all_deflections`.
-    `deflection_missed` (m, k): variance of the deflection that `all_deflections` leaves out.
-    `gravity`: gives the effects on the joints at other poses.
+    `deflection_missed` (m, k): variance of the deflection that the columns leave out.
+    `gravity`: calculates the effects on the joints at other poses.
     """
 
     joints: JointLoads
@@ -104,17 +104,17 @@ class LoadBasis:
     gravity: Gravity
 
     def deflection_at(self, poses: slice = slice(None)) -> FloatArray:
-        """Return the rows (m, k, c) of `all_deflections` for a slice of the poses."""
+        """Return the columns (m, k, c) of the deflection at a slice of the poses, in units of the stated one."""
         return np.asarray(self.all_deflections[self.rows[poses]])
 
     def modelled_deflection(self, stated: FloatArray, poses: slice) -> FloatArray:
-        """Return the deflection (m, k, c), rad or m, for each coefficient of 1; `stated` (k,): stated deflection."""
+        """Return the columns (m, k, c) of the deflection, rad and m, if the stated deflection is `stated` (k,)."""
         # To save memory, the large array is scaled for some poses at a time.
         scale = np.sqrt(1.0 - UNMODELLED_SHARE) * stated
         return np.asarray(scale[:, None] * self.deflection_at(poses))
 
     def missed_variance(self, stated: FloatArray, poses: slice) -> FloatArray:
-        """Return the variance (m, k), rad^2 or m^2, that `modelled_deflection` for the same `stated` leaves out."""
+        """Return the variance (m, k), rad^2 and m^2, that the columns of `modelled_deflection` leave out."""
         return np.asarray((1.0 - UNMODELLED_SHARE) * stated**2 * self.deflection_missed[poses])
 
     def at_poses(self, poses: IntArray) -> LoadBasis:
@@ -127,10 +127,10 @@ class LoadBasis:
 class Gravity:
     """Each joint's twist as a function of gravity's torque on the arm `part`, in units of the joint's stated sag.
 
-    The torque tau (m, n, s) is that of `ArmPoses.torques`: tau_j0 is the stated one on joint j, the others are errors.
+    tau (m, n, s) is from `ArmPoses.torques`: tau_j0 is the stated torque on joint j, the others are its errors.
     `rate` (n,): the expected twist of joint j is ``rate_j tau_j0``; 0 for a joint on which gravity has no lever arm.
-    `turn` (n, s, c): if coefficient c is 1, the twist of joint j deviates from this by ``sum_s tau_js turn_jsc``.
-    `size` (n, s): rms deviation from the expected twist for 1 N m of each of the s torques.
+    `turn` (n, s, c): ``sum_s tau_js turn_jsc`` is what a coefficient c of 1 adds to the expected twist of joint j.
+    `size` (n, s): rms deviation of joint j from its expected twist per N m of the torque tau_js.
     """
 
     part: ArmPoses
@@ -140,7 +140,7 @@ class Gravity:
 
     @classmethod
     def of(cls, part: ArmPoses, torque: FloatArray) -> Gravity:
-        """Return the functions that give each joint's twist an rms of 1 over the poses of `torque` (m, n, s), N m."""
+        """Return the function for which each joint's twist has rms 1 over the poses of `torque` (m, n, s), N m."""
         m, n, s = torque.shape
         cuts = pose_slices(m)
         rms = np.sqrt(sum(np.einsum("mns,mns->n", torque[cut], torque[cut]) for cut in cuts) / m)
@@ -163,7 +163,7 @@ class Gravity:
         return self.effects(part.torques(slice(None)))
 
     def effects(self, torque: FloatArray) -> JointLoads:
-        """Return the effects of gravity on the joints for its torques (m, n, s), N m (see `ArmPoses.torques`)."""
+        """Return the effects on the joints of gravity's torques `torque` (m, n, s), N m (see `ArmPoses.torques`)."""
         blocks = []
         for cut in pose_slices(len(torque)):
             block = torque[cut]
@@ -184,10 +184,10 @@ def load_basis(
     stated_deflection: tuple[float, float],
     deflection_columns: int = DEFLECTION_COLUMNS,
 ) -> LoadBasis:
-    """Return the effects of load at joint angles `q` (m, n) and unsensed angles `u` (m, U), rad.
+    """Return the columns for the effects of load at joint angles `q` (m, n) and unsensed angles `u` (m, U), rad.
 
-    `x`: approximate parameters (P,). `stated_deflection`: the fixture's rotation (rad) and translation (m); their ratio
-    weights moments against forces. `deflection_columns`: number of columns for each placement.
+    `x`: approximate parameters (P,). `stated_deflection`: the fixture's rotation (rad) and translation (m); only their
+    ratio matters, as the weight of moments against forces. `deflection_columns`: number of columns for each placement.
     """
     m, k = len(q), model.components
     parts = model.parts()
@@ -235,9 +235,9 @@ def _side(torque: FloatArray) -> FloatArray:
 def _wrenches(
     part: ArmPoses, poses: IntArray | slice, torque: FloatArray | None = None
 ) -> FloatArray:
-    """Return the fixture's wrench W (m, k, 4 n, d) for each of the d `driven_sets` of joints in position mode.
+    """Return the fixture's wrenches W (m, k, 4 n, d) for d possible sets of joints in position mode (`driven_sets`).
 
-    Each of the 4 n columns is for an error of one sigma in a link's mass or centre, in the order of `ArmPoses.torques`.
+    The axis 4 n is for errors of one sigma in each link's mass and centre, in the order of `ArmPoses.torques`.
     `torque`: torques of `part` at these poses, if already computed.
     """
     model = part.model
@@ -259,10 +259,10 @@ def _wrenches(
 def _load_deflection(
     part: ArmPoses, stated_deflection: tuple[float, float], columns: int, torque: FloatArray | None
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the columns (m, k, c) of the fixture's deflection, and the variance (m, k) that the columns leave out.
+    """Return the columns (m, k, c) of the fixture's deflection, and the variance (m, k) that these columns leave out.
 
-    Both are in units of the stated deflection. `torque`: gravity's torque at all poses; if None, it is calculated for
-    some poses at a time, to save memory.
+    The unit is the stated deflection. `columns`: c. `torque`: gravity's torque at all poses; if None, it is calculated
+    for some poses at a time, to save memory.
     """
     m, k = len(part.q), part.model.components
     centres = farthest(part.q, CENTRES)
@@ -306,7 +306,7 @@ def _load_deflection(
 
 
 def _pulled(part: ArmPoses, poses: IntArray | slice, W: FloatArray) -> FixtureLoads:
-    """Return the loads on both halves of the fixture; `W` (m, k, 4 n, d): result of `_wrenches`, multiplied by S."""
+    """Return the loads on both halves of the fixture; `W` (m, k, 4 n, d): wrenches of `_wrenches` times S."""
     axes = part.model.fixture_axes(part.x, part.q[poses], part.u[poses])
     share = np.array([1.0, TOOL_SIDE_COMPLIANCE]) / np.hypot(1.0, TOOL_SIDE_COMPLIANCE)
     halves = []
@@ -322,7 +322,7 @@ def _pulled(part: ArmPoses, poses: IntArray | slice, W: FloatArray) -> FixtureLo
 def wrench_of(
     J: FloatArray, E: FloatArray, torque: FloatArray, friction_m: float = FRICTION_M
 ) -> FloatArray:
-    """Return the fixture's wrench (..., k, c) that keeps f free joints at rest under torques (..., f, c).
+    """Return the fixture's wrench (..., k, c) that keeps f free joints at rest, for c cases of torque (..., f, c).
 
     `J` (..., k, f): columns of the closure Jacobian for the free joints. `E` (..., k, r): basis of wrenches that the
     fixture can carry (``E' N = 0``). `friction_m`: friction torque of a free joint per force at the fixture, N m/N.
@@ -333,7 +333,7 @@ def wrench_of(
 
 
 def driven_sets(joints: int, equations: int) -> list[tuple[int, ...]]:
-    """Return up to `MOST_DRIVE_SETS` sets of ``joints - equations`` joints (from 0) that may be in position mode."""
+    """Return up to `MOST_DRIVE_SETS` possible sets of the ``joints - equations`` joints (from 0) in position mode."""
     every = list(combinations(range(joints), max(joints - equations, 0)))
     chosen = np.unique(
         np.linspace(0, len(every) - 1, min(MOST_DRIVE_SETS, len(every))).astype(np.int64)
@@ -344,7 +344,7 @@ def driven_sets(joints: int, equations: int) -> list[tuple[int, ...]]:
 def farthest(points: FloatArray, count: int, *, first: int | None = None) -> IntArray:
     """Return the indices of `count` of the `points` (m, d), chosen far from each other.
 
-    The first is `first`, by default the point nearest to the mean; each next is the farthest from those chosen so far.
+    The first is `first`, by default the point nearest to the mean. Each next one is farthest from those chosen so far.
     """
     if len(points) <= count:
         return np.arange(len(points))

@@ -81,8 +81,8 @@ class MixedFit:
 
     `x`: parameters (P,). `corrections`, `unsensed`: joint corrections e (m, n) and unsensed angles (m, U), rad.
     `fit`: the linear fit at the solution.
-    `final_derivatives`: derivatives of likelihood and priors, from those poses from which the variances were estimated;
-    None if the caller gave the variances.
+    `final_derivatives`: derivatives of likelihood and priors at the poses used to estimate the variances; None if the
+    caller gave the variances.
     """
 
     x: FloatArray
@@ -102,7 +102,7 @@ class MixedFit:
 class FitStart:
     """Result of an earlier fit of the same poses, from which a new fit may start.
 
-    `corrections` (m, n): joint corrections, rad. `unsensed` (m, U): unsensed angles of the new fit's loops, rad.
+    `corrections` (m, n): joint corrections, rad. `unsensed` (m, U): the angles that are unsensed in the new fit, rad.
     `layout`: layout of the earlier fit, with its poses in the order of the new fit.
     """
 
@@ -121,8 +121,8 @@ def fit_mixed(
 ) -> MixedFit:
     """Fit parameters, effects, joint corrections and variances to the readings of `design`, from `x0` (P,).
 
-    If `variances` (K,) are given, the fit changes neither them nor the assumed sign of sag (`design.errors.signed`);
-    otherwise it determines both. `near`: earlier fit to start from; only with given `variances`.
+    The fit also decides whether sag has the expected sign (`design.errors.signed`). If `variances` (K,) are given, it
+    changes neither them nor the sign. `near`: an earlier fit to start from, allowed only together with `variances`.
     """
     if variances is not None or len(design.q) <= 2 * POSES_FOR_VARIANCES:
         return _iterate(design, x0, variances, progress, near)
@@ -148,7 +148,7 @@ def _iterate(
     *,
     derivatives: Derivatives | None = None,
 ) -> MixedFit:
-    """Iterate to convergence. If `variances` (K,) are given, they stay fixed; the result contains `derivatives`."""
+    """Iterate to convergence. If given, `variances` (K,) stay fixed, and `derivatives` are passed on to the result."""
     v = design.start_variances() if variances is None else variances
     free = variances is None and len(v) > 0
     settled = SETTLED_BESIDE_VARIANCES_SIGMA if free else SETTLED_SIGMA
@@ -226,7 +226,7 @@ def expected_variances(fit: LinearFit, derivatives: Derivatives, v: FloatArray) 
 def gravity_share(fit: LinearFit) -> float:
     """Return the factor by which to multiply the sag and play expected from gravity for the best fit to the readings.
 
-    If the factor is below one half, zero is nearer to the readings than the expected values.
+    If the factor is below one half, the readings fit better without expected sag and play (0) than with them (1).
     """
     design = fit.design
     G = np.concatenate(
@@ -237,7 +237,7 @@ def gravity_share(fit: LinearFit) -> float:
 
 
 def _start(design: LinearModel, x0: FloatArray, v: FloatArray, near: FitStart | None) -> State:
-    """Return the state of `near` if given; else no corrections, and unsensed angles that best close the loops."""
+    """Return the first state, at `x0`; without `near`, no corrections, and unsensed angles that close loops best."""
     x, q = np.array(x0, dtype=float), design.q
     if near is not None:
         e, u = near.corrections, near.unsensed
@@ -252,7 +252,7 @@ def _start(design: LinearModel, x0: FloatArray, v: FloatArray, near: FitStart | 
 
 
 def _advance(design: LinearModel, at: Linearisation, fit: LinearFit) -> tuple[State, float, float]:
-    """Return the next state, the largest change of a parameter and the error of that change, in standard errors."""
+    """Return the next state, the largest change of a parameter, and this change's error, both in standard errors."""
     old = at.state
     x = np.where(design.soft, design.nominal, old.x) + fit.change
     dx = x - old.x
@@ -308,10 +308,10 @@ def expected_fit(
     *,
     group: IntArray | None = None,
 ) -> LinearFit:
-    """Predict the fit of a calibration with poses near `q` (m, n), rad, parameters `x` (P,) and stated `errors`.
+    """Return the linear fit to be expected of a calibration with parameters `x` (P,) and stated `errors`.
 
-    There are no readings: the poses are those nearest to `q` at which the loops close with parameters `x`. So the
-    covariance of the returned fit is meaningful, but its chi2 is not. `group`: placement of each pose (m,).
+    Its poses are those nearest to `q` (m, n), rad, at which the loops close. There are no readings, so the covariance
+    of the returned fit is meaningful, but its chi2 is not. `group`: placement of each pose (m,).
     """
     sd = np.sqrt(np.maximum(errors.joint_variance.mean(axis=0), 1e-12))
     closed = close_loops(model, x, q, sigma_rad=sd)

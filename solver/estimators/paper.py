@@ -54,9 +54,9 @@ def estimate_paper(
 
 
 def closure_problem(model: ClosureModel, q: FloatArray) -> Problem:
-    """Return the least-squares problem of the poses `q` (m, n), rad; it is evaluated a block of poses at a time.
+    """Return the least-squares problem of the poses `q` (m, n), rad, which is evaluated for a block of poses at a time.
 
-    The problem gives the closure error c and the paper's C = dc/dphi (eqs. 5, 6 and 13) at parameters (P,).
+    At parameters (P,), the residual is the closure error c, the Jacobian the paper's C = dc/dphi (eqs. 5, 6, 13).
     """
     blocks = pose_blocks(model, q)
 

@@ -2,8 +2,8 @@
 
 Restricted likelihood (Patterson & Thompson 1971) estimates variances from the part of the data that no parameter can
 explain, so degrees of freedom are accounted for. Its derivatives need only the inverse of the mixed-model equations and
-blocks of single poses. The scale of a source of errors has a log-normal prior whose median is the stated scale (method,
-section 10, "Scales").
+each pose's block of the projector. The scale of a source of error is the ratio of its magnitude to the one expected
+from the files. It has a log-normal prior of median 1 (method, section 10, "Scales").
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class Derivatives:
     """Derivatives of the log-likelihood with respect to the K variance components.
 
     `score` (K,): gradient. `information`, `curvature` (K, K): expected and observed negative second derivative.
-    `expected` (K,): expectation of a quadratic form of the residuals. Twice the gradient is the form minus `expected`.
+    `expected` (K,): twice the gradient is a quadratic form of the residuals minus the form's expectation, `expected`.
     """
 
     score: FloatArray
@@ -151,8 +151,9 @@ def _scale_prior(design: Layout, t: FloatArray) -> tuple[FloatArray, FloatArray,
     """Differentiate the energy (minus the log density) of the prior of the scales' logarithms `t` (K,).
 
     Returns the gradient (K,), and the second derivative as a positive definite matrix (K, K) plus a diagonal (K,). The
-    energy is ``(sum t^2 / own - sum_groups shared (sum g)^2) / (2 SCALE_SD^2)`` with ``g = L tanh(t / L)``, where L is
-    `LARGEST_COMMON`. For small t this is a normal prior with `SCALE_SD` and, within a group, `SCALE_CORRELATION`.
+    energy is ``(sum t^2 / own - sum_groups shared (sum g)^2) / (2 SCALE_SD^2)`` with ``g = L tanh(t / L)`` and L =
+    `LARGEST_COMMON`. For small t, own and shared make this a normal prior with `SCALE_SD` and, in a group,
+    `SCALE_CORRELATION`.
     """
     scaled, groups = design.scaled.astype(float), _scale_groups(design)
     own = 1.0 - SCALE_CORRELATION * groups.sum(axis=0)
@@ -184,7 +185,7 @@ def _scale_groups(design: Layout) -> FloatArray:
 
 
 def scale_spread(fit: LinearFit, derivatives: Derivatives) -> FloatArray:
-    """Posterior variance (K,) of the logarithm of each estimated scale; zero for the other components."""
+    """Return the posterior variance (K,) of each scale's logarithm; 0 for components without a log-normal prior."""
     scaled = fit.design.scaled
     spread = np.zeros(len(scaled))
     if scaled.any():
@@ -196,10 +197,10 @@ def scale_spread(fit: LinearFit, derivatives: Derivatives) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ScoringStep:
-    """Newton's step of the variances.
+    """Newton's step of the K variances.
 
     `change` (K,): change of the variances, within their bounds. `largest`: largest change, in standard errors.
-    `slope`: gradient of the log-likelihood times the step; the step raises the log-likelihood by about half of this.
+    `slope`: gradient of the log-likelihood times the step. The step raises the log-likelihood by about half the slope.
     """
 
     change: FloatArray
@@ -215,8 +216,8 @@ class ScoringStep:
 def step(fit: LinearFit, derivatives: Derivatives) -> ScoringStep:
     """Return Newton's step of the variances; a variance that would leave its bounds stops at the bound.
 
-    For an estimated scale, the step is calculated in ``t = log(v) / 2``, in which the log-likelihood is most nearly
-    quadratic.
+    For a variance v with a log-normal prior, the step is calculated in ``t = log(v) / 2``, in which the log-likelihood
+    is most nearly quadratic.
     """
     v, floor, scaled = fit.v, fit.design.floors, fit.design.scaled
     ceiling, raise_limit = fit.design.ceilings, fit.design.raise_limits
@@ -234,16 +235,16 @@ def step(fit: LinearFit, derivatives: Derivatives) -> ScoringStep:
     moving = determined & (above | (score > 0.0)) & (below | (score < 0.0))
 
     def changed(change: FloatArray) -> FloatArray:
-        """Return the variances (K,) after `change` (K,), which is in units of standard errors."""
+        """Return the variances (K,) after `change` (K,), which is in units of their standard errors."""
         grown = v * np.exp(np.clip(2.0 * change / size, -50.0, 50.0))
         return np.where(scaled, grown, v + change / size)
 
     def to(bound: FloatArray) -> FloatArray:
-        """Change that reaches a bound, in units of standard errors."""
+        """Return the change (K,), in standard errors, with which each variance reaches `bound` (K,)."""
         return np.where(scaled, 0.5 * np.log(np.maximum(bound, TINY) / v), bound - v) * size
 
     def bounded(metric: FloatArray) -> FloatArray:
-        """Solve ``metric @ change = score``; a variance that would leave its bounds is fixed at the bound."""
+        """Solve ``metric @ change = score``, with each variance that would leave its bounds fixed at the bound."""
         change, free = np.zeros(len(v)), moving.copy()
         ridged = metric + 1e-9 * np.eye(len(v))
         while free.any():
@@ -273,7 +274,7 @@ def step(fit: LinearFit, derivatives: Derivatives) -> ScoringStep:
 
 
 class VarianceSearch:
-    """Maximisation of the likelihood: Newton's steps, shortened where they overshoot the maximum.
+    """Search for the variances of maximum likelihood by Newton's steps, which are shortened where they overshoot.
 
     If a variance leaves its floor, the curvature changes quickly, and plain steps may oscillate forever. The slope at a
     step's end, which is calculated anyway, locates the maximum along the step; the next iteration starts there.

@@ -29,7 +29,7 @@ CENTRES = 64
 
 SCALES_RAD = (np.deg2rad(60.0), np.deg2rad(120.0))
 WEIGHTS = (0.5, 0.5)
-"""Shares of the variance at each length scale."""
+"""Length scales of the smooth functions, and the share of the variance at each of them."""
 
 CONSTANT, LINEAR = 0.5, 0.5
 """Variances of the process's constant and linear parts, in addition to the variance at the length scales."""
@@ -39,7 +39,7 @@ CONSTANT, LINEAR = 0.5, 0.5
 class PoseBasis:
     """A smooth random function of the pose: sum of k columns with coefficients ~ N(0, 1).
 
-    `phi` (m, k): values of the columns. `missed` (m,): the function's variance minus that of the sum, at each pose.
+    `phi` (m, k): values of the columns. `missed` (m,): part of the function's variance that the sum leaves out.
     """
 
     phi: FloatArray
@@ -48,10 +48,10 @@ class PoseBasis:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PoseProcess:
-    """Low-rank approximation of a random process over the poses.
+    """Low-rank approximation of a random process over m poses.
 
-    `values` (m, c): columns that, with coefficients ~ N(0, 1), approximate the process. `turn` (c, c): rotates `values`
-    to orthogonal columns in order of decreasing variance. `variance` (m,): variance of the process itself.
+    `values` (m, c): columns whose sum, with coefficients ~ N(0, 1), approximates the process. `variance` (m,): variance
+    of the process itself. `turn` (c, c): rotation; ``values @ turn`` has orthogonal columns, the largest first.
     """
 
     values: FloatArray
@@ -59,13 +59,13 @@ class PoseProcess:
     variance: FloatArray
 
     def leading(self, columns: int) -> PoseBasis:
-        """Return the first `columns` columns, which have the largest variance."""
+        """Return the `columns` orthogonal columns that have the largest variance."""
         phi = self.values @ self.turn[:, :columns]
         return PoseBasis(phi=phi, missed=np.maximum(self.variance - (phi**2).sum(-1), 0.0))
 
 
 def pose_process(q: FloatArray, *, group: IntArray | None = None) -> PoseProcess:
-    """Return the smooth random process at joint angles `q` (m, n), rad; poses of different `group` are independent."""
+    """Return the smooth random process at joint angles `q` (m, n), rad; each placement in `group` (m,) has its own."""
     spread = np.maximum(q.std(axis=0), 1e-9)
     moving = np.ptp(q, axis=0) > np.deg2rad(0.5)
     angle = q[:, moving]
@@ -97,11 +97,11 @@ def pose_process(q: FloatArray, *, group: IntArray | None = None) -> PoseProcess
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Shapes:
-    """An effect that repeats at the same pose: play or sag of those joints that have any.
+    """An effect that repeats at the same pose: the play, or the sag, of d of the n joints.
 
-    `joints` (d,): indices of these joints, from 0. `expected` (m, n): expected value of play or sag, rad.
-    `columns` (m, d, c): deviation from the expected value, rad, for each coefficient of 1.
-    `missed` (m, n): variance that `columns` leave out, rad^2.
+    `joints` (d,): indices, from 0, of the d joints. `expected` (m, n): expected value of play or sag, rad.
+    `columns` (m, d, c): c columns for each joint: what a coefficient of 1 adds to the expected value, rad.
+    `missed` (m, n): part of the variance that the columns leave out, rad^2.
     """
 
     joints: IntArray
@@ -113,7 +113,7 @@ class Shapes:
     def of(
         cls, sd_rad: FloatArray, columns: FloatArray, missed: FloatArray, expected: FloatArray
     ) -> Shapes:
-        """Return the effect; `columns` and `expected` are given in units of `sd_rad` (n,), `missed` in its square."""
+        """Return the effect. `columns` and `expected` are in units of `sd_rad` (n,), `missed` in ``sd_rad**2``."""
         joints = np.flatnonzero(sd_rad)
         return cls(
             joints=joints,
@@ -124,17 +124,17 @@ class Shapes:
 
     @property
     def width(self) -> int:
-        """Number c of columns of one joint."""
+        """Number c of columns for each joint."""
         return int(self.columns.shape[-1])
 
 
 def sides_of_play(q: FloatArray, errors: ErrorModel, sd_rad: FloatArray) -> Shapes:
     """Return the effect of play: a column for the side of the load, and one for the side of the approach if known.
 
-    With probability p = 1 - `BY_APPROACH` the link rests on the side to which gravity moves it. Otherwise its side
-    follows from the direction of approach. Both sides are then equally likely, since either link or drive may lead.
-    So, in units of `sd_rad`, the expected value is p times the side of the load, and the variance about it is 1 - p^2.
-    If that side is unknown (no masses, or `errors.signed` is False), the expected value is 0.
+    With probability p = 1 - `BY_APPROACH`, gravity determines on which side of its play the link rests. Otherwise the
+    direction of approach does, but either link or drive may lead, so both sides are equally likely.
+    So in units of `sd_rad`, the expected value is p times the side of the load (1 or -1), with a variance of 1 - p^2.
+    The expected value is 0 if the side of the load is unknown (no masses, or `errors.signed` is False).
 
     `sd_rad` (n,): standard deviation of each joint's play. `q` (m, n): readings, rad.
     """
@@ -153,7 +153,7 @@ def sides_of_play(q: FloatArray, errors: ErrorModel, sd_rad: FloatArray) -> Shap
 def shapes_of_sag(
     q: FloatArray, errors: ErrorModel, basis: PoseBasis, sd_rad: FloatArray
 ) -> Shapes:
-    """Return the effect of every joint's twist under gravity; `basis` gives the columns if no masses are stated.
+    """Return the effect of every joint's twist under gravity. If no masses are stated, `basis` gives the columns.
 
     `sd_rad` (n,): standard deviation of each joint's sag. `q` (m, n): readings, rad.
     """
@@ -174,11 +174,11 @@ def shapes_of_sag(
 
 
 class JointShapes:
-    """The c columns of effects that change joint angles, for poses with readings `q` (m, n), rad.
+    """The columns of the effects that change joint angles (c of them), for poses with readings `q` (m, n), rad.
 
-    The columns are, in this order: harmonics of encoders, with standard deviations `accuracy_rad` (n,); gain and
-    linearity deviation of analogue sensors (`curves`); play and sag (`effects`). Columns of analogue sensors depend on
-    corrected angles, which change during a fit. `joint_of` (c,): index, from 0, of the joint that each column changes.
+    The first columns are harmonics of encoders, with standard deviations `accuracy_rad` (n,).
+    Next are gain and linearity deviation of analogue sensors (`curves`), at corrected angles, which change in a fit.
+    The last are play and sag (`effects`). `joint_of` (c,): index, from 0, of the joint that each column changes.
     """
 
     def __init__(
@@ -217,11 +217,11 @@ class JointShapes:
         return self._last[1]
 
     def shift(self, b: FloatArray, angle: FloatArray, poses: slice) -> FloatArray:
-        """Return the joint corrections (m, n), rad, for coefficients b (c,); `angle` and `poses`: see `at`."""
+        """Return the joint corrections (m, n), rad, for coefficients `b` (c,) of the columns that `at` returns."""
         return np.asarray(self.at(angle, poses) @ (self._along * b[:, None]))
 
     def _constant_shapes(self, poses: slice) -> FloatArray:
-        """Return the columns (m, c), with zeros for analogue sensors, whose columns depend on the corrected angles."""
+        """Return the columns (m, c); those that depend on corrected angles (analogue sensors) are left at zero."""
         turn = self._q[poses, self._turning]
         m = len(turn)
         shapes = [(self._accuracy_rad * encoder_waves(turn)).reshape(m, -1)]

@@ -1,4 +1,4 @@
-"""The implicit estimator with every stated source of error: parameters, effects and variances at once.
+"""The implicit estimator with every stated source of error: it fits parameters, effects and variances together.
 
 The specification of an encoder is reliable; the stated noise of an RVDT and the stated compliance of a fixture are not,
 and a maker's lengths are known only within a tolerance. All errors form one linear mixed model
@@ -41,8 +41,8 @@ NORMAL_95 = 1.959963984540054
 class Component:
     """Standard deviation `sd` of one source of error, with its 95 % interval, and the value `stated` in the files.
 
-    `name`: ``fixture_m`` or ``fixture_rad`` (deflection); for the sensor of joint 6, ``rvdt_6`` (noise of a single
-    reading) or ``curve_6`` (linearity deviation). `unit`: ``rad`` or ``m``.
+    `name`: ``fixture_m`` or ``fixture_rad`` for the fixture's deflection; e.g. for the sensor of joint 6, ``rvdt_6``
+    (noise of a single reading) or ``curve_6`` (linearity deviation). `unit`: ``rad`` or ``m``.
     """
 
     name: str
@@ -55,7 +55,7 @@ class Component:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ComplianceTest:
-    """Score test whether a fixture is more compliant than stated, from its rotation noise and its translation noise.
+    """Score test whether a fixture is more compliant than stated: whether its rotations or translations scatter more.
 
     `statistic`: square of the larger of the two scores, each divided by its standard deviation; 0 if both are negative.
     `p_value`: probability of a statistic at least as large if the stated compliance is right.
@@ -71,11 +71,11 @@ class ComplianceTest:
 class VarianceComponents:
     """Results of a fit in addition to the parameters.
 
-    `components`: standard deviations of RVDTs and fixture, with intervals.
+    `components`: standard deviations, with intervals, of the errors of RVDTs and of the fixture's deflection.
     `variances`: every estimated variance by component name.
     `compliance`: test whether the fixture is more compliant than stated; None if not tested.
-    `noise`: estimated variances of each pose's readings and of the fixture's deflection. Errors of the readings that
-    repeat from pose to pose are not included.
+    `noise`: estimated variances of each pose's readings and of the fixture's deflection. The variance of a reading does
+    not include errors that repeat from pose to pose.
     `repeatability`: covariance (P, P) of the parameters from noise alone: their scatter if all poses were repeated.
     `budget`: contribution (P,) of each source to the parameters' variances; the sum over all sources is the total.
     `signed`: whether joints are taken to sag in the direction of gravity; False if the readings contradict this.
@@ -90,7 +90,7 @@ class VarianceComponents:
     signed: bool = True
 
     def at_poses(self, poses: IntArray) -> VarianceComponents:
-        """Return the results with the per-pose values of some poses only."""
+        """Return a copy in which `noise` covers only the readings of a selection of poses."""
         return replace(self, noise=select_poses(self.noise, poses, "joint_variance"))
 
 
@@ -142,9 +142,9 @@ def estimate_with_errors(
 ) -> Calibrated:
     """Fit parameters, joint corrections, effects and variances to joint angles `q` (m, n), rad, from `x0` (P,).
 
-    `x0` is by default the estimate without effects (`solver.estimators.implicit`), with toleranced parameters at their
-    nominal values. `group`: placement of each pose (m,). Raises `ValueError` if `errors` name a joint whose reading is
-    not used, or a parameter that is not free; raises `TooFewPosesError` if no degree of freedom would be left.
+    `x0` is by default the estimate without effects (`solver.estimators.implicit`), with parameters of
+    `errors.tolerance` at nominal values. `group`: placement of each pose (m,). Raises `ValueError` if `errors` name a
+    joint whose reading is not used, or a parameter that is not free; `TooFewPosesError` without degrees of freedom.
     """
     fitted, order = settle(model, q, errors, x0=x0, group=group, progress=progress)
     back = back_to_caller(order)
@@ -159,7 +159,7 @@ def estimate_with_errors(
 
 
 def estimate_of(fitted: MixedFit, order: IntArray) -> Estimate:
-    """Return a fit's estimate, in the caller's order of poses; `order` (m,): the caller's index of each fitted pose."""
+    """Return a fit's estimate in the caller's order of poses; `order` (m,): the caller's index of each fitted pose."""
     fit, design = fitted.fit, fitted.fit.design
     error = closure_at_readings(design.model, fitted.x, design.q)
     return Estimate(
@@ -190,10 +190,10 @@ def settle(
     variances: Callable[[Layout], FloatArray] | Mapping[str, float] | None = None,
     progress: Progress | None = None,
 ) -> tuple[MixedFit, IntArray]:
-    """Fit as `estimate_with_errors` does, but return the fit itself and the order (m,) of its poses.
+    """Fit like `estimate_with_errors`, but return the fit itself, and the order (m,) of its poses.
 
-    The fit sorts the poses (`canonical_order`); element k of the order is the caller's index of pose k of the fit. Of
-    equivalent parameter vectors, the fit has the one nearest to the nominal values. `near`: see `fit_mixed`.
+    The fit sorts the poses (`canonical_order`); pose k of the fit is the caller's pose ``order[k]``. If several
+    parameter vectors are equivalent, the fit has the one nearest to the nominal values. `near`: see `fit_mixed`.
     `variances`: fixed variances by name, or a function that returns them (K,) for a layout; None to estimate them.
     """
     order = canonical_order(q)
@@ -223,7 +223,7 @@ def settle(
 def _near(
     model: ClosureModel, errors: ErrorModel, x: FloatArray, nominal: FloatArray
 ) -> FloatArray:
-    """Return `x` with full turns added to angles that have a prior, until they are within half a turn of nominal."""
+    """Return `x` with full turns added to each angle that has a prior, so that it is within half a turn of nominal."""
     priors = {*errors.tolerance, *errors.prior}
     known = [p.is_angle and p.name in priors for p in model.parameters]
     return np.where(known, nominal + wrap_angle(x - nominal), x)
@@ -232,7 +232,7 @@ def _near(
 def _first(
     model: ClosureModel, q: FloatArray, errors: ErrorModel, progress: Progress | None
 ) -> FloatArray:
-    """Parameters (P,) to start from; toleranced parameters are at their nominal values."""
+    """Return the default start (P,): an estimate without effects, with the parameters of `errors.tolerance` nominal."""
     x = nominal_vector(model.parameters)
     hard = np.array([p.name not in errors.tolerance for p in model.parameters])
     variance = errors.joint_variance.copy()
@@ -246,7 +246,7 @@ def _first(
 
 
 def noise_left(fitted: MixedFit, back: IntArray) -> NoiseModel:
-    """Return `VarianceComponents.noise` for a fit; indices `back` (m,) restore the caller's order of poses."""
+    """Return the noise that a fit estimates (`VarianceComponents.noise`); `back` (m,) restores the caller's order."""
     design, v = fitted.fit.design, fitted.fit.v
     joints, fixture = np.split(design.noise_variance(v), [design.model.joint_count], axis=1)
     deflection_variance = np.zeros(6)
@@ -271,14 +271,14 @@ def _report(fitted: MixedFit, back: IntArray) -> VarianceComponents:
 
 
 LEAST_LEFT = 1e-12
-"""Least share of a variance's information that remains if the others are estimated; less is due to rounding."""
+"""Smallest share of a variance's information that can remain if the others are estimated; less is due to rounding."""
 
 MOST_CERTAIN = 1e6
 """Largest ratio of a variance to its standard error that `interval` uses."""
 
 
 def components(design: LinearModel, v: FloatArray, error: FloatArray) -> tuple[Component, ...]:
-    """Report noise and linearity of RVDTs, and fixture noise, from variances `v` and standard errors `error` (K,)."""
+    """Report noise and linearity of RVDTs, and fixture noise; `v`, `error` (K,): variances and standard errors."""
     out = []
     for k, c in enumerate(design.components):
         kind = c.name.split("_")[0]
@@ -293,7 +293,7 @@ def components(design: LinearModel, v: FloatArray, error: FloatArray) -> tuple[C
 
 
 def compliance_test(stated: LinearFit, design: LinearModel) -> ComplianceTest | None:
-    """Test whether the fixture's noise is larger than stated; None if the fixture has no noise components."""
+    """Test whether the fixture's noise is larger than stated; None if no compliance of the fixture is stated."""
     from scipy.special import ndtr
 
     slots = [design.index[name] for name in FIXTURE_NOISE if name in design.index]
@@ -307,9 +307,9 @@ def compliance_test(stated: LinearFit, design: LinearModel) -> ComplianceTest | 
 
 
 def standard_errors(information: FloatArray, v: FloatArray, floor: FloatArray) -> FloatArray:
-    """Standard errors (K,) of variances `v` (K,), from the likelihood's `information` (K, K).
+    """Return the standard errors (K,) of variances `v` (K,), from the likelihood's `information` (K, K).
 
-    A variance at its floor counts as known for the errors of the others; its own error includes their uncertainty.
+    A variance at its floor counts as known for the errors of the others. Its own error includes their uncertainty.
     """
     inner = v > floor * (1.0 + 1e-9)
     size = np.sqrt(np.maximum(np.diagonal(information), 1e-300))

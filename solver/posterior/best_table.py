@@ -1,4 +1,4 @@
-"""The D-H table that best reproduces the full model's tool position without corrections of readings.
+"""The D-H table with which an arm without corrections of readings best reproduces the full model's tool positions.
 
 The full model corrects the readings q by r(q) = S(q) b, where b are the coefficients of the effects. Many controllers,
 and a URDF, have no such corrections. So the table is changed by dT to give, without corrections, nearly the tool
@@ -8,8 +8,8 @@ derivatives of the tool position with respect to table entries and joint angles,
     sum_q w_q |J_T dT - J_q r|^2 / s^2 + |dT / d|^2,
 
 where s is a small tool error and d the largest plausible error of an entry. The solution is linear in b: dT = G b. So
-the table's covariance follows from that of parameters and b. The tool displacement that no table can represent,
-(J_q S - J_T G) b, gives `left_m`.
+the table's covariance follows from that of parameters and b. The tool displacement that no table can represent is
+(J_q S - J_T G) b. Its rms is `left_m`.
 """
 
 from collections.abc import Sequence
@@ -38,12 +38,12 @@ number of the session's poses."""
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BestTable:
-    """A table, the tool's point in its last frame, and their uncertainties.
+    """A D-H table, the tool's point in its last frame, and the uncertainty of both.
 
     `rows` (5, n): theta_off, s, a, alpha and beta of links 1..n, rad and m. `tip_m` (3,): the tool's point in frame n.
     `entries`: names of the k entries and tip coordinates that the fit determines.
     `covariance` (k, k): covariance of `entries`, rad and m.
-    `left_m`: rms tool displacement due to the part of the corrections that no table represents, and its uncertainty.
+    `left_m`: rms tool displacement by the part of the corrections that no table represents, including its uncertainty.
     `sigma_m`: expected rms position error of the tool where the arm is used.
     """
 
@@ -70,10 +70,10 @@ class BestTable:
 def tool_positions(
     table: DhTable, tip_m: FloatArray, names: Sequence[str], q: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the tool's point in the base frame (m, 3), m, at readings q (m, n), rad, and its derivatives.
+    """Return the tool's point in the base frame (m, 3), m, at readings q (m, n), rad, and two arrays of derivatives.
 
-    The first derivatives (m, 3, k) are with respect to the k entries and tip coordinates in `names`, the second
-    (m, 3, n) with respect to the readings.
+    One array (m, 3, k) is with respect to the k entries and tip coordinates in `names`, the other (m, 3, n) with
+    respect to the readings.
     """
     point = PointClosure(
         table=table,
@@ -106,9 +106,9 @@ def every_entry(links: int, hayati: Sequence[int] = ()) -> list[DhEntry]:
 def where_used(
     q: FloatArray, lower_rad: FloatArray, upper_rad: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return readings (m, n), rad, that represent the use of an arm, and their weights (m,) of sum 1.
+    """Return readings (m, n), rad, at which an arm is likely to be used, and their weights (m,), whose sum is 1.
 
-    The session's readings `q` (k, n) come first. `lower_rad`, `upper_rad` (n,): the joints' limits.
+    The first k are the session's `q` (k, n); others are near these, or anywhere from `lower_rad` to `upper_rad` (n,).
     """
     k = len(q)
     even = even_points(TIMES * k, q.shape[1])
@@ -134,13 +134,13 @@ def best_table(
     fixed: Sequence[str] = (),
     tip: bool = True,
 ) -> BestTable:
-    """Return the table near `table` that, without corrections, best reproduces the tool positions with corrections.
+    """Return the table near `table` with which an arm without corrections best reproduces the corrected tool positions.
 
     `readings`, `weight` (m,): poses where the arm is used, and their weights of sum 1; see `where_used`.
-    `known`: names of the k entries of `table` and tip coordinates that the calibration identified.
+    `known`: names of the entries of `table` and tip coordinates (k of them) that the calibration identified.
     `covariance` (k + c, k + c): covariance of the values of `known`, followed by the c coefficients of `corrections`.
     `hayati`: rows with beta instead of s. `fixed`: entries of the fixture's placement, which do not change.
-    `tip`: whether the tool's point may move in the last frame. A ball needs this, because its centre is no D-H entry.
+    `tip`: whether the tool's point may move in the last frame. A ball's centre must, because it is no D-H entry.
     """
     m = len(weight)
     every = (*(entry.name for entry in every_entry(table.links, hayati)), *TIP)

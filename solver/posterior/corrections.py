@@ -4,7 +4,7 @@ True angle = reading + theta_off + the sum of a joint's corrections, each a func
 
     harmonic   c1 sin q_j + c2 cos q_j + c3 sin 2 q_j + c4 cos 2 q_j        encoder, once and twice a turn
     linearity  sum_k c_k x^k,  x = (q_j - middle) / half, |x| <= 1.2        RVDT, gain and linearity deviation
-    gravity    tau_j of `solver.chain.statics`, coefficients for m_k, h_k   twist of joint j under load
+    gravity    tau_j of `solver.chain.statics`, c for mass, first moment    twist of joint j under load
     offset     c1                                                           mean displacement due to play
 
 `sarcal help corrections` shows a function in plain Python that applies the corrections. `JointCorrections` has the
@@ -36,10 +36,10 @@ class ReadingCorrection:
     """One correction of one joint (1-based); the module's docstring describes each `kind`.
 
     `source`: name of the source in an uncertainty budget.
-    `coefficients`: (c,), rad; for gravity (4 n,): mass (kg) and first moment (kg m) of each link, multiplied by the
+    `coefficients` (c,): rad; for gravity (4 n,): each link's mass (kg) and first moment (kg m), both multiplied by the
     joint's compliance, rad/(N m).
     `middle_rad`, `half_scale_rad`: for linearity, the sensor's electrical zero and half of its full scale.
-    `down`: for gravity, its direction in the base frame (3,), or the change of its direction by a tilt of the base.
+    `down` (3,): for gravity, its direction in the base frame, or the change of this direction by a tilt of the base.
     """
 
     source: str
@@ -55,14 +55,14 @@ class ReadingCorrection:
 class Corrections:
     """All corrections of an arm.
 
-    `each`: the individual corrections. `rows`: D-H rows 1..n (5, n), rad and m, for the lever arms of gravity.
+    `each`: the individual corrections. `rows`: D-H rows 1..n (5, n), rad and m, which give the lever arms of gravity.
     """
 
     each: tuple[ReadingCorrection, ...]
     rows: FloatArray
 
     def at(self, q: FloatArray) -> FloatArray:
-        """Corrections (..., n), rad, to be added to readings q (..., n), rad."""
+        """Return the corrections (..., n), rad, to be added to readings q (..., n), rad."""
         total = np.zeros_like(q)
         downs = list(dict.fromkeys(c.down for c in self.each if c.kind == "gravity"))
         if downs:
@@ -85,7 +85,7 @@ class Corrections:
 
 
 def corrections_of(joints: JointCorrections, readings: CorrectionShapes) -> Corrections:
-    """Return a fit's corrections as functions of the readings. Those for play are constants: means over `readings`."""
+    """Return a fit's corrections as functions of the readings. For play they are constant: means over `readings`."""
     design = joints.fit.design
     errors, b = design.errors, joints.coefficients
     each: list[ReadingCorrection] = []
@@ -134,7 +134,7 @@ def corrections_of(joints: JointCorrections, readings: CorrectionShapes) -> Corr
 def _play(
     joints: JointCorrections, readings: CorrectionShapes, columns: slice
 ) -> Iterator[ReadingCorrection]:
-    """Yield the mean of each column of play over `readings`; a joint's first column includes the expected play."""
+    """Yield a constant for each column of play, its mean over `readings`; a joint's first includes expected play."""
     mean = (readings.shapes[:, columns] * joints.coefficients[columns]).mean(axis=0)
     for k, j in enumerate(joints.joint_of[columns]):
         size = float(mean[k])
@@ -146,7 +146,7 @@ def _play(
 
 
 def _gravity(sagging: Mapping[int, FloatArray], masses: LinkMasses) -> Iterator[ReadingCorrection]:
-    """Yield the corrections for gravity; `sagging`: by joint, its twist (s,) per N m of each `ArmPoses.torques`."""
+    """Yield the corrections for gravity; `sagging`: each joint's twist (s,), rad per N m of the `ArmPoses.torques`."""
     n, stated, sd = len(masses.mass_kg), masses.moments, masses.moments_sd
     downs = [tuple(down) for down in (masses.down.tolist(), *masses.tilted.tolist())]
     for joint, shapes in sagging.items():
@@ -161,10 +161,10 @@ def _gravity(sagging: Mapping[int, FloatArray], masses: LinkMasses) -> Iterator[
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CorrectionShapes:
-    """Corrections at readings `q` (m, n), rad, as functions of the c coefficients of a fit's effects.
+    """Corrections at readings `q` (m, n), rad, as linear functions of c coefficients, one for each effect.
 
-    `shapes` (m, c): correction, rad, for each coefficient of 1; `JointCorrections.joint_of` has the joint.
-    `expected` (m, n): corrections for coefficients of 0, which are the expected sag and play, rad.
+    `shapes` (m, c): what a coefficient of 1 adds to the correction of its joint (`JointCorrections.joint_of`), rad.
+    `expected` (m, n): corrections if all coefficients are 0: the expected sag and play, rad.
     `play` (m, n): the part of `expected` due to play, rad.
     """
 
@@ -180,13 +180,13 @@ class CorrectionShapes:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class JointCorrections:
-    """The c effects of a fit that change joint angles; `fit`: the linear fit at the solution."""
+    """The effects of a fit that change joint angles, c in number; `fit`: the linear fit at the solution."""
 
     fit: LinearFit
 
     @property
     def joint_of(self) -> IntArray:
-        """Index, from 0, of the joint that each effect changes (c,)."""
+        """Index (c,), from 0, of the joint that each effect changes."""
         return self.fit.design.along_joints.joint_of
 
     @property
@@ -197,7 +197,7 @@ class JointCorrections:
 
     @property
     def coefficients(self) -> FloatArray:
-        """Posterior mean of the effects' coefficients (c,)."""
+        """Posterior mean (c,) of each effect's coefficient."""
         return self.fit.b[self._effects]
 
     def at(self, q: FloatArray) -> CorrectionShapes:
@@ -220,7 +220,7 @@ class JointCorrections:
         )
 
     def with_parameters(self, index: IntArray) -> FloatArray:
-        """Return the covariance (k + c, k + c) of the parameters with indices `index` (k,) and the `coefficients`."""
+        """Return the covariance (k + c, k + c) of the k parameters at `index`, followed by the c `coefficients`."""
         fit, effects = self.fit, self._effects
         columns = np.arange(fit.design.hard, fit.design.width)[effects]
         columns = np.concatenate((fit.design.column[index], columns))

@@ -70,7 +70,7 @@ class Candidate:
     it exceeds this value by more than `CERTAIN_SIGMAS` of its standard deviations.
     `measured`: linearity deviation of the sensor as measured by loops that do not use its readings; None if unknown.
     `lines` (m, 2): orthonormal basis of the straight lines over the readings, i.e. of an offset and a gain error.
-    `entries`: for a slip of the fixture, the name of the parameter that each column changes; otherwise empty.
+    `entries`: for a slip of the fixture or a changed length, the parameter that each column changes; otherwise empty.
     """
 
     cause: Cause

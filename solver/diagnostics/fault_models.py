@@ -98,7 +98,8 @@ class FaultModels:
                 candidates.append(replace(slip, entries=own))
         for p in (model.parameters[k] for k in self.design.soft_index):
             if p.name in self.design.errors.tolerance and not p.is_angle:
-                candidates.append(self._of_parameters(Cause.LENGTH_CHANGED, p.name, (p.name,)))
+                longer = self._of_parameters(Cause.LENGTH_CHANGED, p.name, (p.name,))
+                candidates.append(replace(longer, entries=(p.name,)))
         return candidates
 
     def persistent_faults(self) -> Iterator[Candidate]:

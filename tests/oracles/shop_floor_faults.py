@@ -8,6 +8,7 @@ import numpy as np
 
 from tests.oracles.shop_floor import (
     LENGTHS,
+    ROWS,
     Sizes,
     Specimen,
     Stream,
@@ -71,6 +72,19 @@ def slipped_hinge(seed: int, *, shift_m: float = 0.0, turn_deg: float = 0.0) -> 
     specimen = Specimen.drawn(seed, Sizes())
     slipped = walked(specimen, slipped=(int(rng.integers(8, 33)), *halves))
     return Case(taken=slipped, causes=("SLIP_FIXTURE",), judged=OWN)
+
+
+def slipped_link(seed: int, *, mm: float) -> Case:
+    """The upper arm or the forearm becomes longer or shorter in mid-session, as if its clamp slipped."""
+    rng = stream(seed, Stream.FAULTS)
+    before, entry = Specimen.drawn(seed, Sizes()), str(rng.choice(("s_3", "s_5")))
+    change = 1e-3 * mm * rng.choice((-1.0, 1.0))
+    chain = before.chain.changed(**{entry: before.chain.value(entry) + change})
+    first, then = walked(before), walked(replace(before, chain=chain))
+    k = int(rng.integers(8, 33))
+    rows = {n: np.concatenate((getattr(first, n)[:k], getattr(then, n)[k:])) for n in ROWS}
+    causes = ("STEP_LENGTH_s_[35]",)
+    return Case(taken=replace(first, **rows), causes=causes, judged=OWN)
 
 
 @cache
@@ -208,6 +222,7 @@ CASES: dict[str, Callable[[int], Case]] = {
     "hinge slips 1 mm": partial(slipped_hinge, shift_m=1e-3),
     "hinge slips 5 mm": partial(slipped_hinge, shift_m=5e-3),
     "hinge turns 0.5 deg": partial(slipped_hinge, turn_deg=0.5),
+    "link slips 2 mm": partial(slipped_link, mm=2.0),
     "1 outlier 0.5 deg": partial(odd_poses, poses=1),
     "3 outliers 0.5 deg": partial(odd_poses, poses=3),
     "3 flipped": partial(flipped, poses=3),

@@ -12,6 +12,7 @@ from tests.benchmarks.shop_floor_outcome import CRASHED, NORMAL_95, outcome
 from tests.benchmarks.verdicts import one
 from tests.oracles.as_shipped import displaced, spread_out
 from tests.oracles.shop_floor import PARAMETERS, SOURCES, Sizes, Stream, session, stream, walked
+from tests.oracles.shop_floor_faults import slipped_link
 
 pytestmark = pytest.mark.campaign
 
@@ -62,6 +63,7 @@ SURE = (
     "motion 1 deg",
     "hinge turns 0.5 deg",
     "hinge slips 5 mm",
+    "link slips 2 mm",
     "RVDT 5 %",
     "1 outlier 0.5 deg",
     "12 flipped",
@@ -88,6 +90,12 @@ def test_fault_is_named_first_and_not_accepted_unnamed(name):
     assert verdict.outcome.verdict != CRASHED, verdict.outcome.text
     assert not verdict.accepted_wrong
     assert verdict.first, (verdict.outcome.causes, verdict.outcome.text)
+
+
+@pytest.mark.parametrize(("mm", "accepted"), [(0.5, True), (2.0, False)])
+def test_a_change_of_a_length_must_be_within_its_stated_uncertainty(mm, accepted):
+    result = outcome(slipped_link(3100, mm=mm).taken)
+    assert (result.accepted, result.causes[0][:-1]) == (accepted, "STEP_LENGTH_s_")
 
 
 def test_slip_within_tolerance_is_accepted():

@@ -15,7 +15,7 @@ from typing import Final
 from hardware import errors
 from hardware.arm import ArmIdentity, DriveState
 from hardware.canopen import drive_settings, identifying, objects
-from hardware.canopen.cia402 import POWERED_STATES, state_of
+from hardware.canopen.cia402 import FAULT_STATES, POWERED_STATES, state_of
 from hardware.canopen.configuring import configure, zero_residual_torques
 from hardware.canopen.cyclic import Sample
 from hardware.canopen.maps import check_communication, check_mapping, check_positions
@@ -286,7 +286,7 @@ class StartUp:
 
     def _read_fault_codes(self, first: Sample) -> None:
         """Record the error code (603Fh) of each drive that `first` shows in fault, as its emergency was missed."""
-        faulty = first.joints_in({DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE})
+        faulty = first.joints_in(FAULT_STATES)
         nodes_in_fault = [self._profile.drives[joint - 1] for joint in faulty]
         codes = {n: self._access.read_unsigned(n, objects.ERROR_CODE) for n in nodes_in_fault}
         nodes = self._loop.nodes

@@ -73,14 +73,12 @@ class Loads:
         """
         weakest = min(joint.max_torque_nm for joint in arm.joints) / PAPER_TORQUE_NM
         n, payload = arm.joint_count, self.payload_kg * min(1.0, weakest)
-        if n == len(payload):
-            placed, friction = payload, self.friction_nm
-        else:
-            placed, friction = np.zeros(n), np.zeros(n)
+        placed = payload
+        if n != len(payload):
+            placed = np.zeros(n)
             placed[[n // 2 - 1, max(n - 3, 0)]] = float(payload.max())
-        if np.any(self.friction_nm > 0.0):
-            share = self.friction_nm.max() / PAPER_TORQUE_NM
-            friction = share * np.array([joint.max_torque_nm for joint in arm.joints])
+        share = self.friction_nm.max() / PAPER_TORQUE_NM
+        friction = share * np.array([joint.max_torque_nm for joint in arm.joints])
         return replace(self, payload_kg=placed, friction_nm=friction, down=np.array(arm.down))
 
 

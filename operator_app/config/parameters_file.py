@@ -47,15 +47,11 @@ def _time_from_text(value: Any) -> datetime:
     raise refuse(f"{shown} is not a UTC time", "write for example 2026-01-31T12:00:00Z")
 
 
-def _time_in_text(value: datetime) -> str:
-    return value.astimezone(UTC).replace(tzinfo=None).isoformat() + "Z"
-
-
 Sha256 = Annotated[str, *in_form("[0-9a-f]{64}", "SHA-256 digest", "write 64 digits 0-9, a-f")]
 UtcTime = Annotated[
     datetime,
     BeforeValidator(_time_from_text),
-    PlainSerializer(_time_in_text),
+    PlainSerializer(lambda time: time.astimezone(UTC).replace(tzinfo=None).isoformat() + "Z"),
     WithJsonSchema({"type": "string", "pattern": f"^{UTC_FORM}$"}),
 ]
 
@@ -122,20 +118,17 @@ def _check_rank(quality: records.Quality, fields: schema.Fields) -> Iterator[Com
 def _check_correlations(value: records.Correlations, fields: schema.Fields) -> Iterator[Complaint]:
     if "calibrated" not in fields:
         return
-    place, remedy = (
-        "correlations",
-        "`calibrated` and `correlations` do not match: edit both or neither",
-    )
+    remedy = "`calibrated` and `correlations` do not match: edit both or neither"
     if value and list(value) != [part.entry for part in fields["calibrated"]][1:]:
         text = (
             "must list every calibrated entry except the first, in the same order as `calibrated`"
         )
-        yield (place,), text, remedy
+        yield ("correlations",), text, remedy
         return
     for k, (name, row) in enumerate(value.items(), 1):
         if len(row) != k:
             text = f"has {len(row)} correlations; expected {k} (one for each calibrated entry listed before {name})"
-            yield (place, name), text, remedy
+            yield ("correlations", name), text, remedy
 
 
 def _check_budget(value: records.Budget, fields: schema.Fields) -> Iterator[Complaint]:

@@ -109,7 +109,7 @@ def reset(loop: ControlLoop, *, press: object | None) -> Steps[tuple[int, ...]]:
     if not loop.latch.release(press):
         raise errors.Stopped("STOP was pressed again before it was reset: reset it once more")
     loop.commands = None  # old commands must not be sent again
-    loop.nodes.forget_faults()
+    loop.nodes.faults = ()
     loop.watch.reset()
     return (yield from drive_to(loop, cia402.TargetState.FAULT_CLEARED))
 

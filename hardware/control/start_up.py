@@ -90,7 +90,12 @@ class StartUp:
         try:
             return self._run(press, takes_over=takes_over)
         except BaseException as failure:
-            self._undo(failure)
+            # The drives' own PDOs are restored; objects set to 0 remain 0 and are listed in `failure`.
+            if self._configured:
+                with suppress(errors.BusError):
+                    self._command_nodes(NmtCommand.RESET_COMMUNICATION)
+            if isinstance(failure, errors.HardwareError):
+                failure.kept_writes = tuple(self._zeroed)
             raise
 
     def _run(self, press: object | None, *, takes_over: bool) -> ArmIdentity:
@@ -191,14 +196,6 @@ class StartUp:
                 "was sent to the arm. End that program, or take its device off this bus, then connect again; "
                 "`sarcal monitor` shows what it sends."
             )
-
-    def _undo(self, failure: BaseException) -> None:
-        """After a failure, restore the drives' own PDOs; objects set to 0 remain 0 and are listed in `failure`."""
-        if self._configured:
-            with suppress(errors.BusError):
-                self._command_nodes(NmtCommand.RESET_COMMUNICATION)
-        if isinstance(failure, errors.HardwareError):
-            failure.kept_writes = tuple(self._zeroed)
 
     def _check_drives(self, identity: ArmIdentity) -> tuple[int, ...]:
         """Compare the PDOs with the profile and the arm with its description; write PDOs if the profile requires it.

@@ -12,6 +12,7 @@ is written as version 2.
 import math
 import re
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -39,10 +40,8 @@ UTC_FORM = r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d{6})?Z"
 
 def _time_from_text(value: Any) -> datetime:
     if isinstance(value, str) and re.fullmatch(UTC_FORM, value):
-        try:
+        with suppress(ValueError, OverflowError):
             return datetime.fromisoformat(value).astimezone(UTC)
-        except (ValueError, OverflowError):
-            pass
     shown = value_in_words(value)
     raise refuse(f"{shown} is not a UTC time", "write for example 2026-01-31T12:00:00Z")
 

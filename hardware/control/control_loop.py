@@ -269,13 +269,12 @@ class ControlLoop:
                 self._allow(self.sample, self.commands, commands)
         except StopIteration as stop:
             self._tasks.popleft().finish(result=stop.value)
-            return
         except Exception as error:  # noqa: BLE001 - handed to the caller, who raises it
             self._tasks.popleft().finish(error=error)
-            return
-        if commands is not None:
-            self.commands = commands
-        self._cycle()
+        else:
+            if commands is not None:
+                self.commands = commands
+            self._cycle()
 
     def _cycle(self) -> None:
         if self._pace is Pace.REAL_TIME:

@@ -103,8 +103,7 @@ def check(bench: Bench, *, last: Stage) -> Iterator[CheckFinding]:
 
 def _look(bench: Bench, identity: ArmIdentity) -> Iterator[Clause]:
     arm, n = bench.arm, bench.joints
-    identity_text = f"{identity.model}, serial {identity.serial_number}"
-    yield Clause("connect", True, identity_text)
+    yield Clause("connect", True, f"{identity.model}, serial {identity.serial_number}")
     for text in identity.configured:
         yield Clause("configured", True, text)
     yield from clauses.identifies_itself(identity, bench.description.model, n)

@@ -223,10 +223,9 @@ class StartUp:
         """Check the arm except its PDOs; store limits and torques that it states; return `ArmIdentity.unwatching`."""
         access, profile, loop, link = self._access, self._profile, self._loop, self._link
         identifying.check_arm(access, identity, link.on_bus.description, profile)
-        timeout_s = drive_settings.heartbeat_timeout_s(
+        loop.nodes.heartbeat_timeout_s = drive_settings.heartbeat_timeout_s(
             access, profile, loop.nodes.heartbeat_timeout_s
         )
-        loop.nodes.heartbeat_timeout_s = timeout_s
         unwatching = drive_settings.check_operator_monitoring(access, profile)
         windows_counts = drive_settings.following_windows_counts(access, profile, link.scales)
         loop.watch.set_following_windows(windows_counts, link.scales)
@@ -234,8 +233,7 @@ class StartUp:
         return unwatching
 
     def _raise_if_cancelled(self) -> None:
-        failure = self._loop.failure
-        if failure is not None:
+        if (failure := self._loop.failure) is not None:
             raise failure
         if self._pressed():
             raise errors.Stopped(

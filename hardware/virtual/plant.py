@@ -219,8 +219,7 @@ class Plant:
             self._last = angles - start
         self._last_but_one, self._last = self._last, angles - start
         if self._rubs:
-            bristle = self._bristle + self._last
-            self._bristle = np.clip(bristle, -PRESLIDING_RAD, PRESLIDING_RAD)
+            self._bristle = np.clip(self._bristle + self._last, -PRESLIDING_RAD, PRESLIDING_RAD)
         self._angles = angles
 
     def _rub(self, increment: FloatArray) -> tuple[FloatArray, FloatArray]:

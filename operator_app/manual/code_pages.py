@@ -106,8 +106,7 @@ def _type(spec: Mapping[str, Any]) -> str:
         return f"`{spec['const']}`"
     if "enum" in spec:
         return " or ".join(f"`{value}`" for value in spec["enum"])
-    choices = spec.get("anyOf") or spec.get("oneOf")
-    if choices:
+    if choices := spec.get("anyOf") or spec.get("oneOf"):
         return " or ".join(_type(c) for c in choices if c.get("type") != "null")
     match spec.get("type"):
         case "array" if "prefixItems" in spec:
@@ -219,8 +218,7 @@ def _objects_page() -> str:
 
 
 def _objects(product: int) -> Iterator[tuple[str, ...]]:
-    entries = variables(product_dictionary(product, 0))
-    for (index, sub), entry in sorted(entries.items()):
+    for (index, sub), entry in sorted(variables(product_dictionary(product, 0)).items()):
         place = f"{index:04X}h sub {sub}" if sub else f"{index:04X}h"
         parent = getattr(entry.parent, "name", "")
         name = f"{parent}: {entry.name}" if parent else entry.name

@@ -210,18 +210,16 @@ class ControlDenied(HardwareError):
 
     def __init__(self, holder: int, reason: str = "") -> None:
         self.holder = holder
-        if holder == 127:  # the number of every operator, this program included
-            super().__init__(
-                "another program on this bus sends the heartbeat of an operator (node 127), and may be in control of "
-                "this arm; `sarcal monitor` shows what that program sends"
-            )
-        elif holder:
-            super().__init__(
-                f"node {holder} is in control of this arm; `sarcal monitor` shows what that program sends"
-            )
-        else:
-            because = reason or "the supervisor gives no reason"
-            super().__init__(f"control of this arm was refused: {because}")
+        text = f"control of this arm was refused: {reason or 'the supervisor gives no reason'}"
+        if holder:
+            text = f"node {holder} is in control of this arm"
+            if holder == 127:  # the number of every operator, this program included
+                text = (
+                    "another program on this bus sends the heartbeat of an operator (node 127), and may be in control "
+                    "of this arm"
+                )
+            text += "; `sarcal monitor` shows what that program sends"
+        super().__init__(text)
 
 
 class ModeNotReached(HardwareError):
@@ -247,11 +245,8 @@ class DriveFault(HardwareError):
 
     def __init__(self, joint: int, code: int, text: str, *, tripped: bool = True) -> None:
         self.joint, self.code = joint, code
-        super().__init__(
-            f"joint {joint} tripped: {text} ({code:04X}h)"
-            if tripped
-            else f"joint {joint} reports an error: {text} ({code:04X}h)"
-        )
+        what = "tripped" if tripped else "reports an error"
+        super().__init__(f"joint {joint} {what}: {text} ({code:04X}h)")
 
 
 class DriveDropout(DriveFault):

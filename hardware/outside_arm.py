@@ -81,10 +81,8 @@ class OutsideArm:
                 return self._left_held
             self._closing, self._left_held = True, False
             try:
-                with self._translated_errors():
+                with suppress(errors.HardwareError), self._translated_errors():
                     self._left_held = arm.close()
-            except errors.HardwareError:
-                pass
             finally:
                 # Not before: STOP needs the arm until it is closed.
                 self._arm, self._in_control, self._closing = None, False, False

@@ -120,7 +120,7 @@ POWERED_STATES: Final = frozenset({_S.OPERATION_ENABLED, _S.QUICK_STOP_ACTIVE})
 """States in which the drive controls its joint."""
 CLOSED_LOOP_STATES: Final = POWERED_STATES | {_S.FAULT_REACTION_ACTIVE}
 """`POWERED_STATES` and the state in which the drive brakes after a fault."""
-_IN_FAULT: Final = frozenset({_S.FAULT_REACTION_ACTIVE, _S.FAULT})
+FAULT_STATES: Final = frozenset({_S.FAULT_REACTION_ACTIVE, _S.FAULT})
 
 
 def command_of(controlword: int) -> Command:
@@ -156,7 +156,7 @@ def after_event(state: DriveState, event: DriveEvent) -> DriveState:
         case DriveEvent.INITIALISED:  # 0 and 1
             return _S.SWITCH_ON_DISABLED if state is _S.NOT_READY_TO_SWITCH_ON else state
         case DriveEvent.FAULT:  # 13
-            return state if state in _IN_FAULT else _S.FAULT_REACTION_ACTIVE
+            return state if state in FAULT_STATES else _S.FAULT_REACTION_ACTIVE
         case DriveEvent.FAULT_REACTION_DONE:  # 14
             return _S.FAULT if state is _S.FAULT_REACTION_ACTIVE else state
         case DriveEvent.QUICK_STOP:

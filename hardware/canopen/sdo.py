@@ -227,8 +227,7 @@ class ObjectAccess:
 
     def read_text(self, node: int, index: int, subindex: int = 0) -> str:
         """Read a visible string; invalid bytes become escapes."""
-        data = self.read(node, index, subindex)
-        return data.rstrip(b"\x00").decode("utf-8", "backslashreplace")
+        return self.read(node, index, subindex).rstrip(b"\x00").decode("utf-8", "backslashreplace")
 
     def write(self, node: int, index: int, subindex: int, data: bytes) -> None:
         """Write an object's bytes, in segments if there are more than four."""

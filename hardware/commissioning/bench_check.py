@@ -74,11 +74,6 @@ class Bench:
         """Number of joints."""
         return len(self.description.joints)
 
-    @property
-    def moving(self) -> Bounds:
-        """`bounds` for test motions: a joint may come to rest up to half a step (`step_rad`) away from its target."""
-        return replace(self.bounds, near_rad=0.5 * self.step_rad)
-
 
 def check(bench: Bench, *, last: Stage) -> Iterator[CheckFinding]:
     """Check an arm up to and including stage `last`; yields findings. The caller must close the arm."""
@@ -108,8 +103,7 @@ def check(bench: Bench, *, last: Stage) -> Iterator[CheckFinding]:
 
 def _look(bench: Bench, identity: ArmIdentity) -> Iterator[Clause]:
     arm, n = bench.arm, bench.joints
-    identity_text = f"{identity.model}, serial {identity.serial_number}"
-    yield Clause("connect", True, identity_text)
+    yield Clause("connect", True, f"{identity.model}, serial {identity.serial_number}")
     for text in identity.configured:
         yield Clause("configured", True, text)
     yield from clauses.identifies_itself(identity, bench.description.model, n)
@@ -177,7 +171,9 @@ def _move(bench: Bench, identity: ArmIdentity) -> Iterator[Clause]:
 
 
 def _turn(bench: Bench, joint: int) -> Iterator[Clause]:
-    arm, speed, bounds = bench.arm, bench.speed_rad_per_s, bench.moving
+    arm, speed = bench.arm, bench.speed_rad_per_s
+    # A joint may come to rest up to half a step away from its target.
+    bounds = replace(bench.bounds, near_rad=0.5 * bench.step_rad)
     start = arm.capture(bench.bounds.samples).mean_rad
     home, ends = float(start[joint - 1]), bench.description.joints[joint - 1]
     up = ends.upper_rad - home >= home - ends.lower_rad  # where more of the range is left

@@ -89,6 +89,7 @@ class _Listener:
 
     def __init__(self, wire: SharedBus, profile: BusProfile) -> None:
         self._wire, self._profile = wire, profile
+        self.listen_s = LISTEN_PERIODS * 1e-3 * profile.slowest_heartbeat_ms
         self.heartbeats: Counter[int] = Counter()
         self.answers: Counter[int] = Counter()
         self.device_types: dict[int, int] = {}
@@ -157,11 +158,10 @@ def probe(
 
     The probe listens before it sends anything. `answers_s`: silence after which no more answers are expected.
     """
-    listen_s = LISTEN_PERIODS * 1e-3 * profile.slowest_heartbeat_ms
     wire = SharedBus(opener(settings), record_to=record_to)
     listener = _Listener(wire, profile)
     try:
-        listener.listen(listen_s)
+        listener.listen(listener.listen_s)
         if others := listener.take_masters():
             busy = f"another program uses this bus: {others}"
             return Probe(busy=busy, heard=tuple(sorted(listener.heartbeats)), nodes=())
@@ -174,8 +174,7 @@ def probe(
         access = ObjectAccess(wire.send, sorted(answers))
         listener.deliver = access.deliver
         nodes = tuple(
-            _read_node(access, profile, node, listener, answers[node], listen_s=listen_s)
-            for node in sorted(answers)
+            _read_node(access, profile, node, listener, answers[node]) for node in sorted(answers)
         )
         came = listener.take_masters()
         return Probe(
@@ -190,13 +189,7 @@ def probe(
 
 
 def _read_node(
-    access: ObjectAccess,
-    profile: BusProfile,
-    node: int,
-    listener: _Listener,
-    answers: int,
-    *,
-    listen_s: float,
+    access: ObjectAccess, profile: BusProfile, node: int, listener: _Listener, answers: int
 ) -> FoundNode:
     kind = listener.device_types.get(node, 0)
     is_drive, heard = profile.is_drive(kind), listener.heartbeats[node] > 0
@@ -211,7 +204,7 @@ def _read_node(
     if node_found.unread:
         node_found.problems += (node_found.unread,)
     if not node_found.heard:
-        node_found.problems += (f"node {node}: no heartbeat was heard in {listen_s:g} s",)
+        node_found.problems += (f"node {node}: no heartbeat was heard in {listener.listen_s:g} s",)
     return node_found
 
 

@@ -82,11 +82,9 @@ class CanopenArm(ConnectableArm):
             with suppress(errors.HardwareError):
                 self.hold()
             raise
-        joint = motion_steps.not_following(self._link.loop.sample, modes)
-        if joint is not None:
+        if (joint := motion_steps.not_following(self._link.loop.sample, modes)) is not None:
             actual = "it, but not that it follows its target (6041h, bit 12)"
-            position = JointMode.POSITION.value
-            raise errors.ModeNotReached(joint, position, actual, not_following=True)
+            raise errors.ModeNotReached(joint, JointMode.POSITION.value, actual, not_following=True)
 
     def _set_modes(
         self, modes: Sequence[JointMode], *, despite: tuple[type[errors.HardwareError], ...] = ()
@@ -132,8 +130,7 @@ class CanopenArm(ConnectableArm):
     def settle(self, *, window: int, spread_rad: Sequence[float], timeout_syncs: int) -> bool:
         """Wait until each joint's last `window` positions span no more than `spread_rad`; false on time-out."""
         link = self._link
-        steps = motion_steps.settle(link, window, spread_rad, timeout_syncs)
-        return link.loop.run(steps)
+        return link.loop.run(motion_steps.settle(link, window, spread_rad, timeout_syncs))
 
     def capture(self, samples: int) -> Reading:
         """Average `samples` samples, each latched on one SYNC; `MappingChanged` if a drive's PDO map was changed."""

@@ -164,8 +164,7 @@ class ConnectableArm:
                 self._left_held = not link.is_lost() and _stopped(last)
                 self.left_powered = last.joints_in(CLOSED_LOOP_STATES)
                 return
-            sample = release_arm(link.loop)
-            if sample is not None:
+            if (sample := release_arm(link.loop)) is not None:
                 self._left_held = _stopped(sample)
                 self.left_powered = sample.joints_in(CLOSED_LOOP_STATES)
             with contextlib.suppress(errors.HardwareError):  # the token lapses with the heartbeat

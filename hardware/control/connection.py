@@ -152,8 +152,7 @@ class Connection:
 
     def take_token(self) -> None:
         """Take the control token from the supervisor, if there is one; `ControlDenied` if it refuses."""
-        supervisor = self.profile.supervisor
-        if supervisor is not None:
+        if (supervisor := self.profile.supervisor) is not None:
             try:
                 self.access.write_unsigned(supervisor, objects.TOKEN, 0, objects.OPERATOR_NODE, 4)
             except errors.SdoRefused as refused:

@@ -20,10 +20,10 @@ from dataclasses import dataclass, field
 from queue import Empty
 from typing import Any, TypeVar
 
-from hardware.arm import DriveState
 from hardware.buses.shared_bus import SharedBus
 from hardware.canopen import objects
 from hardware.canopen.bus_profile import BusProfile
+from hardware.canopen.cia402 import FAULT_STATES
 from hardware.canopen.cyclic import Abandoned, Sample, Setpoints, frames_of
 from hardware.canopen.objects import NmtState
 from hardware.control.sampling import CommandSender, CyclicView, Sampler
@@ -205,9 +205,7 @@ class ControlLoop:
             lost_joints=self._sampler.lost(),
             duplicate_joints=self._sampler.duplicates(),
             wrong_lengths=self._sampler.wrong_lengths(),
-            tripped_joints=self.sample.joints_in(
-                {DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE}
-            ),
+            tripped_joints=self.sample.joints_in(FAULT_STATES),
         )
         despite = () if task is None else task.despite
         first = next((alarm for alarm in every if not isinstance(alarm, despite)), None)
@@ -271,13 +269,12 @@ class ControlLoop:
                 self._allow(self.sample, self.commands, commands)
         except StopIteration as stop:
             self._tasks.popleft().finish(result=stop.value)
-            return
         except Exception as error:  # noqa: BLE001 - handed to the caller, who raises it
             self._tasks.popleft().finish(error=error)
-            return
-        if commands is not None:
-            self.commands = commands
-        self._cycle()
+        else:
+            if commands is not None:
+                self.commands = commands
+            self._cycle()
 
     def _cycle(self) -> None:
         if self._pace is Pace.REAL_TIME:

@@ -109,7 +109,7 @@ def reset(loop: ControlLoop, *, press: object | None) -> Steps[tuple[int, ...]]:
     if not loop.latch.release(press):
         raise errors.Stopped("STOP was pressed again before it was reset: reset it once more")
     loop.commands = None  # old commands must not be sent again
-    loop.nodes.forget_faults()
+    loop.nodes.faults = ()
     loop.watch.reset()
     return (yield from drive_to(loop, cia402.TargetState.FAULT_CLEARED))
 
@@ -170,8 +170,7 @@ def move(
     try:
         while not path.finished:
             if sample.complete or path.braking:
-                point = path.next().tolist()
-                for joint, angle in zip(joints, point, strict=True):
+                for joint, angle in zip(joints, path.next().tolist(), strict=True):
                     state = cia402.state_of(sample.statuswords[joint - 1])
                     # A tripped drive gets no further targets.
                     if state is DriveState.OPERATION_ENABLED:
@@ -259,8 +258,7 @@ def hold_all(loop: ControlLoop) -> Steps[None]:
 
 def raise_alarm(loop: ControlLoop) -> None:
     """If an alarm requires the running steps to end, raise it."""
-    alarm = loop.alarm()
-    if alarm is not None:
+    if (alarm := loop.alarm()) is not None:
         raise alarm
 
 

@@ -15,7 +15,7 @@ from typing import Final
 from hardware import errors
 from hardware.arm import ArmIdentity, DriveState
 from hardware.canopen import drive_settings, identifying, objects
-from hardware.canopen.cia402 import POWERED_STATES, state_of
+from hardware.canopen.cia402 import FAULT_STATES, POWERED_STATES, state_of
 from hardware.canopen.configuring import configure, zero_residual_torques
 from hardware.canopen.cyclic import Sample
 from hardware.canopen.maps import check_communication, check_mapping, check_positions
@@ -90,7 +90,12 @@ class StartUp:
         try:
             return self._run(press, takes_over=takes_over)
         except BaseException as failure:
-            self._undo(failure)
+            # The drives' own PDOs are restored; objects set to 0 remain 0 and are listed in `failure`.
+            if self._configured:
+                with suppress(errors.BusError):
+                    self._command_nodes(NmtCommand.RESET_COMMUNICATION)
+            if isinstance(failure, errors.HardwareError):
+                failure.kept_writes = tuple(self._zeroed)
             raise
 
     def _run(self, press: object | None, *, takes_over: bool) -> ArmIdentity:
@@ -192,14 +197,6 @@ class StartUp:
                 "`sarcal monitor` shows what it sends."
             )
 
-    def _undo(self, failure: BaseException) -> None:
-        """After a failure, restore the drives' own PDOs; objects set to 0 remain 0 and are listed in `failure`."""
-        if self._configured:
-            with suppress(errors.BusError):
-                self._command_nodes(NmtCommand.RESET_COMMUNICATION)
-        if isinstance(failure, errors.HardwareError):
-            failure.kept_writes = tuple(self._zeroed)
-
     def _check_drives(self, identity: ArmIdentity) -> tuple[int, ...]:
         """Compare the PDOs with the profile and the arm with its description; write PDOs if the profile requires it.
 
@@ -226,10 +223,9 @@ class StartUp:
         """Check the arm except its PDOs; store limits and torques that it states; return `ArmIdentity.unwatching`."""
         access, profile, loop, link = self._access, self._profile, self._loop, self._link
         identifying.check_arm(access, identity, link.on_bus.description, profile)
-        timeout_s = drive_settings.heartbeat_timeout_s(
+        loop.nodes.heartbeat_timeout_s = drive_settings.heartbeat_timeout_s(
             access, profile, loop.nodes.heartbeat_timeout_s
         )
-        loop.nodes.heartbeat_timeout_s = timeout_s
         unwatching = drive_settings.check_operator_monitoring(access, profile)
         windows_counts = drive_settings.following_windows_counts(access, profile, link.scales)
         loop.watch.set_following_windows(windows_counts, link.scales)
@@ -237,8 +233,7 @@ class StartUp:
         return unwatching
 
     def _raise_if_cancelled(self) -> None:
-        failure = self._loop.failure
-        if failure is not None:
+        if (failure := self._loop.failure) is not None:
             raise failure
         if self._pressed():
             raise errors.Stopped(
@@ -286,7 +281,7 @@ class StartUp:
 
     def _read_fault_codes(self, first: Sample) -> None:
         """Record the error code (603Fh) of each drive that `first` shows in fault, as its emergency was missed."""
-        faulty = first.joints_in({DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE})
+        faulty = first.joints_in(FAULT_STATES)
         nodes_in_fault = [self._profile.drives[joint - 1] for joint in faulty]
         codes = {n: self._access.read_unsigned(n, objects.ERROR_CODE) for n in nodes_in_fault}
         nodes = self._loop.nodes

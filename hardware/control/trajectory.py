@@ -101,29 +101,22 @@ class StraightMove:
 
     def next(self) -> FloatArray:
         """Return the target of the next control period, shape (n,), rad; after the end, the final target."""
-        self._target = self._next()
+        distance = self._window[-1]
+        if not self.finished:
+            self._step += 1
+            time_s = self._step * CONTROL_PERIOD_S
+            distance, _ = self._line.at(time_s)
+            self._window.append(distance)
+            # Once the window is constant the joints are at rest; its mean would have a rounding error.
+            self.finished = time_s >= self._line.end_s and self._window[0] == distance
+            if not self.finished:
+                distance = math.fsum(self._window) / len(self._window)
+        at_end = distance >= self._length
+        self._target = self._end if at_end else self._start + distance * self._direction
         return self._target.copy()
-
-    def _next(self) -> FloatArray:
-        if self.finished:
-            return self._place(self._window[-1])
-        self._step += 1
-        time_s = self._step * CONTROL_PERIOD_S
-        distance, _ = self._line.at(time_s)
-        self._window.append(distance)
-        # Once the window is constant the joints are at rest; its mean would have a rounding error.
-        if time_s >= self._line.end_s and self._window[0] == distance:
-            self.finished = True
-            return self._place(distance)
-        return self._place(math.fsum(self._window) / len(self._window))
 
     def brake(self) -> None:
         """Start braking: from now on, `next` returns targets that bring the joints to rest."""
         if not self.braking:
             self.braking = True
             self._line.brake(self._step * CONTROL_PERIOD_S)
-
-    def _place(self, distance: float) -> FloatArray:
-        if distance >= self._length:
-            return self._end.copy()
-        return self._start + distance * self._direction

@@ -296,6 +296,6 @@ class DropoutMonitor:
 
 def _priority(dropout: Dropout) -> int:
     """Return 0 for a likely cause of other dropouts (a drive in fault), 2 for a likely effect (quick stop), else 1."""
-    if dropout.state in (DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE):
+    if dropout.state in cia402.FAULT_STATES:
         return 0
     return 2 if dropout.state is DriveState.QUICK_STOP_ACTIVE else 1

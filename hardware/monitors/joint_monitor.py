@@ -239,8 +239,7 @@ def alarms(
             f"Another program commands this arm: it sent {nodes.foreign_command}. End that program, check what it "
             "changed, then connect again."
         )
-    down = nodes.not_operational()
-    if down:
+    if down := nodes.not_operational():
         has = "has" if len(down) == 1 else "have"
         yield errors.BusError(
             f"{_nodes(down).capitalize()} {has} left operation, as after a loss of power"

@@ -199,10 +199,6 @@ class NodeMonitor:
         if all(fault.node != node for fault in self.faults):
             self._emergency(node, code, 0, sync_count)
 
-    def forget_faults(self) -> None:
-        """Clear the emergencies; recorded restarts and commands of another master remain until `expect_boot_up`."""
-        self.faults = ()
-
     def _heartbeat(self, node: int, state: int) -> None:
         if node == objects.OPERATOR_NODE:
             self.other_operator_at_s = self._clock()

@@ -27,7 +27,7 @@ from hardware.virtual.axis import AxisSettings
 from hardware.virtual.disturbances import Disturbances
 from hardware.virtual.drive_node import DriveGroup, DriveNode
 from hardware.virtual.faults import ScriptedFault, inject
-from hardware.virtual.node import ControllerNetwork, VirtualNode
+from hardware.virtual.node import NODE_BITS, ControllerNetwork, VirtualNode
 from hardware.virtual.parameter_store import ParameterStore, Validate
 from hardware.virtual.plant import Plant
 from hardware.virtual.supervisor_node import ArmLabel, SupervisorNode
@@ -39,7 +39,6 @@ _SHORT_POLL_S = 0.002
 """Longest wait for a frame while frames are delayed by a fault."""
 _CATCH_UP_FRAMES = 1000
 """Number of queued frames handled before a heartbeat counts as lost: the heartbeat may be behind them."""
-_NODE_BITS = 0x7F
 STORM = 50
 """Number of emergencies sent on every SYNC in an emergency storm."""
 _SDO_REFUSAL = struct.Struct("<B3sI")
@@ -214,17 +213,15 @@ class VirtualController:
         if self.disturbances.off_until_s is not None:
             return
         identifier, data = message.arbitration_id, message.data
-        if identifier == objects.COB_SYNC:
-            self._on_sync()
-            return
-        if identifier == objects.COB_NMT:
-            self._on_nmt(data)
-            return
-        number = identifier & _NODE_BITS
+        number = identifier & NODE_BITS
         if number in self.disturbances.cut_since_s:
             return
         node = self._by_number.get(number)
         match identifier - number:
+            case objects.COB_SYNC if not number:
+                self._on_sync()
+            case objects.COB_NMT if not number:
+                self._on_nmt(data)
             case objects.COB_RPDO1 if isinstance(node, DriveNode):
                 node.on_rpdo1(data)
             case objects.COB_HEARTBEAT if node is None and len(data) == 1:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
-from hardware.arm import DriveState, JointMode
+from hardware.arm import JointMode
 from hardware.canopen import cia402, objects
 from hardware.canopen.objects import JOINT_PRODUCT, EmergencyCode, ErrorBit, NmtState
 from hardware.eds import pdo_struct
@@ -121,9 +121,6 @@ class DriveNode(VirtualNode):
         }
 
 
-_FAULTED = (DriveState.FAULT_REACTION_ACTIVE, DriveState.FAULT)
-
-
 class DriveGroup:
     """Drives of joints 1..n, with their plant and the active faults.
 
@@ -144,7 +141,7 @@ class DriveGroup:
         for node, counts, torque, speed in zip(self.drives, *values, strict=True):
             with node.lock:
                 node.drive.read(self._disturbances.read(node.number, counts), torque, speed)
-        if any(node.drive.state in _FAULTED for node in self.drives):
+        if any(node.drive.state in cia402.FAULT_STATES for node in self.drives):
             self.quick_stop()
 
     def _command_of(self, node: DriveNode) -> JointCommand:

@@ -93,8 +93,7 @@ def _cut_cable(arm: VirtualController, node: int) -> None:
 
 
 def _slow_heartbeat(arm: VirtualController, joint: int) -> None:
-    period_ms = round(SLOW_HEARTBEAT_S * 1e3)
-    arm.drives[joint - 1].answers[objects.HEARTBEAT_PRODUCER, 0] = period_ms
+    arm.drives[joint - 1].answers[objects.HEARTBEAT_PRODUCER, 0] = round(SLOW_HEARTBEAT_S * 1e3)
     arm.disturbances.heartbeat_period_s[joint] = SLOW_HEARTBEAT_S
 
 

@@ -22,7 +22,7 @@ from hardware.virtual.sdo_server import NodeSdoServer
 Value = int | bytes | str
 
 _NUMBERS = frozenset(ODVariable.STRUCT_TYPES)
-_NODE_BITS = 0x7F
+NODE_BITS = 0x7F
 
 
 class ControllerNetwork:
@@ -35,7 +35,7 @@ class ControllerNetwork:
     def send_message(self, can_id: int, data: bytes) -> None:
         """Send a frame; safe from any thread."""
         faults = self._disturbances
-        if faults.off_until_s is not None or can_id & _NODE_BITS in faults.cut_since_s:
+        if faults.off_until_s is not None or can_id & NODE_BITS in faults.cut_since_s:
             return
         message = can.Message(arbitration_id=can_id, data=data, is_extended_id=False)
         with self._send_lock:

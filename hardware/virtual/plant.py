@@ -73,14 +73,12 @@ class Loads:
         """
         weakest = min(joint.max_torque_nm for joint in arm.joints) / PAPER_TORQUE_NM
         n, payload = arm.joint_count, self.payload_kg * min(1.0, weakest)
-        if n == len(payload):
-            placed, friction = payload, self.friction_nm
-        else:
-            placed, friction = np.zeros(n), np.zeros(n)
+        placed = payload
+        if n != len(payload):
+            placed = np.zeros(n)
             placed[[n // 2 - 1, max(n - 3, 0)]] = float(payload.max())
-        if np.any(self.friction_nm > 0.0):
-            share = self.friction_nm.max() / PAPER_TORQUE_NM
-            friction = share * np.array([joint.max_torque_nm for joint in arm.joints])
+        share = self.friction_nm.max() / PAPER_TORQUE_NM
+        friction = share * np.array([joint.max_torque_nm for joint in arm.joints])
         return replace(self, payload_kg=placed, friction_nm=friction, down=np.array(arm.down))
 
 
@@ -221,8 +219,7 @@ class Plant:
             self._last = angles - start
         self._last_but_one, self._last = self._last, angles - start
         if self._rubs:
-            bristle = self._bristle + self._last
-            self._bristle = np.clip(bristle, -PRESLIDING_RAD, PRESLIDING_RAD)
+            self._bristle = np.clip(self._bristle + self._last, -PRESLIDING_RAD, PRESLIDING_RAD)
         self._angles = angles
 
     def _rub(self, increment: FloatArray) -> tuple[FloatArray, FloatArray]:

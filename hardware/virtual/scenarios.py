@@ -100,12 +100,11 @@ class Scenario:
     def curves(self, arm: ArmModel) -> tuple[LinearityDeviation | None, ...]:
         """Return each joint's linearity deviation; None for an encoder, or if this scenario has no such deviations."""
         rng, peak = self._rng(_Stream.CURVES), self.linearity_of_full_scale
-        sensors = [joint.sensor for joint in self.arm(arm).joints]
         return tuple(
-            LinearityDeviation.drawn(rng, full_scale_rad=sensor.full_scale_rad, peak=peak)
-            if isinstance(sensor, Rvdt) and peak > 0.0
+            LinearityDeviation.drawn(rng, full_scale_rad=joint.sensor.full_scale_rad, peak=peak)
+            if isinstance(joint.sensor, Rvdt) and peak > 0.0
             else None
-            for sensor in sensors
+            for joint in self.arm(arm).joints
         )
 
     def build(self, arm: ArmModel) -> Plant:
@@ -176,8 +175,7 @@ def scenario_of(
         truth = specimens.draw_truth(
             arm, fixture, rng, maker_errors=name != "exact" and mounted.lengths is None
         )
-        loads = mounted.loads.of(arm)
-        mounted = replace(mounted, truth=truth, specimen=None, loads=loads)
+        mounted = replace(mounted, truth=truth, specimen=None, loads=mounted.loads.of(arm))
     elif not fixture.holds_hand:
         # The same arm as in the hinge, without the hinge.
         mounted = replace(mounted, truth=specimens.open_truth(arm, fixture, mounted.truth, rng))

@@ -58,8 +58,7 @@ class SimulatedTracker:
     def answer(self, question: str) -> str:
         """Return the answer to a request line; for an invalid request, an error that shows a valid request."""
         try:
-            request = json.loads(question)
-            pose = str(request["measure"])
+            pose = str(json.loads(question)["measure"])
         except (ValueError, TypeError, KeyError, RecursionError):
             return json.dumps({"error": 'ask {"measure": "12"} for a measurement of pose 12'})
         position = self.measured().tolist()
@@ -114,8 +113,7 @@ def serve_tracker(answer: Callable[[str], str], port: int = TRACKER_PORT) -> Ite
                     question = self.rfile.readline(LONGEST_QUESTION)
                     if not question.endswith(b"\n"):
                         return
-                    reply = answer(question.decode(errors="replace"))
-                    self.wfile.write(reply.encode() + b"\n")
+                    self.wfile.write(answer(question.decode(errors="replace")).encode() + b"\n")
                 except OSError:  # the client disconnected
                     return
 

@@ -5,7 +5,7 @@ poses at once, and is ten times slower for one pose. A test compares the two to 
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -263,15 +263,12 @@ def with_length_errors(
     they depend on the fixture, and the calibration identifies them.
     """
     n = truth.joint_count
-    fixed = {"s_m": slice(2, n), "a_m": slice(1, n)}
-    columns = {}
-    for name, rows in fixed.items():
-        column = np.array(getattr(truth.table, name))
-        size = rng.uniform(*range_m, column[rows].shape)
-        column[rows] += size * rng.choice((-1.0, 1.0), column[rows].shape)
-        columns[name] = column
-    stacked = replace(truth.table, **columns).stacked()[:, -truth.loop.table.links :]
-    return Truth(truth.loop.with_table(DhTable.from_stacked(stacked)))
+    stacked = truth.table.stacked()
+    for kind, rows in ((DhKind.S, slice(2, n)), (DhKind.A, slice(1, n))):
+        size = rng.uniform(*range_m, stacked[kind, rows].shape)
+        stacked[kind, rows] += size * rng.choice((-1.0, 1.0), size.shape)
+    own = stacked[:, -truth.loop.table.links :]
+    return Truth(truth.loop.with_table(DhTable.from_stacked(own)))
 
 
 PLACEMENT_ENTRIES = ("a_0", "s_0", "alpha_0", "s_1", "a_7", "s_7", "alpha_7")

@@ -57,8 +57,7 @@ def json_schema(kind: FileKind) -> dict[str, Any]:
     meanings: dict[str, str] = yaml.safe_load(text)[kind]
     for name, model in schema["$defs"].items():
         for key, spec in model.get("properties", {}).items():
-            meaning = meanings.get(f"{name}.{key}", meanings.get(key))
-            if meaning:
+            if meaning := meanings.get(f"{name}.{key}", meanings.get(key)):
                 spec.setdefault("description", meaning)
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",

@@ -42,9 +42,7 @@ def read_records(text: str, file: str, *, example: str) -> Iterator[Record]:
 
     Raises ConfigError if the file is empty or not CSV with commas. `example`: remedy for an empty file.
     """
-    first = next((line for line in io.StringIO(text, newline=None) if line.strip()), None)
-    if first is None:
-        raise only(file, "is empty", example)
+    first = next((line for line in io.StringIO(text, newline=None) if line.strip()), "")
     for mark, name in ((";", "semicolons"), ("\t", "tabs")):
         if mark in first and "," not in first:
             remedy = "save the file with commas between columns and points as decimal marks"

@@ -181,8 +181,7 @@ def _at_rest(
 
 def _ranges(q_rad: FloatArray, last: IntArray) -> FloatArray:
     """Return ranges (len(last), n); row k is the maximum minus the minimum of `q_rad[k : last[k] + 1]`."""
-    first = np.arange(len(last))
-    length = last - first + 1
+    length = last - np.arange(len(last)) + 1
     ranges = np.zeros((len(last), q_rad.shape[1]))
     high = low = q_rad
     for level in range(int(length.max(initial=0)).bit_length()):

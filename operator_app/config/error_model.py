@@ -81,8 +81,7 @@ def assumed_of_rows(arm: ToleranceModel, rows: Sequence[RowToleranceModel]) -> I
 
 def assumed_of_joints(key: str, models: Mapping[int, StrictModel]) -> Iterator[str]:
     """Yield, as text, the default of `key` and the joints to which it applies because the file states no `key`."""
-    silent = [j for j, model in models.items() if key not in model.model_fields_set]
-    if silent:
+    if silent := [j for j, model in models.items() if key not in model.model_fields_set]:
         value = getattr(models[silent[0]], key)
         yield f"{key}: {value:g} (joint{'s' * (len(silent) > 1)} {', '.join(map(str, silent))})"
 

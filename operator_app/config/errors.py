@@ -44,8 +44,7 @@ class ConfigError(Exception):
     """A file cannot be used. `problems` lists all problems, in the order of the file."""
 
     def __init__(self, problems: Iterable[Problem]) -> None:
-        in_order = sorted(problems, key=lambda p: (p.line or 0, p.column or 0))
-        self.problems: tuple[Problem, ...] = tuple(in_order)
+        self.problems = tuple(sorted(problems, key=lambda p: (p.line or 0, p.column or 0)))
         super().__init__("\n".join(str(problem) for problem in self.problems))
 
     def __reduce__(self) -> tuple[type[ConfigError], tuple[tuple[Problem, ...]]]:

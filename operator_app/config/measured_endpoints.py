@@ -59,8 +59,7 @@ def group_of(name: str) -> tuple[str, ...] | None:
 
 def groups_in(names: Collection[str]) -> tuple[tuple[str, ...], ...]:
     """Return the groups of orientation columns, such as (qw, qx, qy, qz), that have at least one member in `names`."""
-    groups = {group: None for name in names if (group := group_of(name)) is not None}
-    return tuple(groups)
+    return tuple(dict.fromkeys(filter(None, map(group_of, names))))
 
 
 class QuaternionError(ValueError):
@@ -142,8 +141,7 @@ def endpoints_of(
     out = np.full((len(values), 6 if turn else 3), np.nan)
     if not seen.size:
         return out
-    checked = range(3 if turn == QUATERNION else len(columns))
-    for k in checked:
+    for k in range(3 if turn == QUATERNION else len(columns)):
         row = seen[np.argmax(np.abs(values[seen, k]))]
         largest = abs(float(values[row, k]))
         doubt = length_doubt(largest) if k < len(POSITION_COLUMNS) else angle_doubt(largest)
@@ -263,14 +261,12 @@ def _require_names(names: Any) -> None:
             raise BadLine(f"has {name}: convert it to {right} and name it {meant[0]}")
         hint = f": did you mean {near[0]}?" if near else ""
         raise BadLine(f"has the unknown key {name}{hint}")
-    missing = [name for name in POSITION_COLUMNS if name not in names]
-    if missing:
+    if missing := [name for name in POSITION_COLUMNS if name not in names]:
         raise BadLine(f"has no {', '.join(missing)}: a measurement is x_m,y_m,z_m in metres")
     groups = groups_in(names)
     if len(groups) > 1:
         raise BadLine(f"states the orientation twice: choose one of {ROTATION_EXAMPLE}")
-    absent = [name for group in groups for name in group if name not in names]
-    if absent:
+    if absent := [name for group in groups for name in group if name not in names]:
         raise BadLine(f"states the orientation without {', '.join(absent)}: send them as well")
 
 

@@ -12,6 +12,7 @@ is written as version 2.
 import math
 import re
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -39,23 +40,17 @@ UTC_FORM = r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d{6})?Z"
 
 def _time_from_text(value: Any) -> datetime:
     if isinstance(value, str) and re.fullmatch(UTC_FORM, value):
-        try:
+        with suppress(ValueError, OverflowError):
             return datetime.fromisoformat(value).astimezone(UTC)
-        except (ValueError, OverflowError):
-            pass
     shown = value_in_words(value)
     raise refuse(f"{shown} is not a UTC time", "write for example 2026-01-31T12:00:00Z")
-
-
-def _time_in_text(value: datetime) -> str:
-    return value.astimezone(UTC).replace(tzinfo=None).isoformat() + "Z"
 
 
 Sha256 = Annotated[str, *in_form("[0-9a-f]{64}", "SHA-256 digest", "write 64 digits 0-9, a-f")]
 UtcTime = Annotated[
     datetime,
     BeforeValidator(_time_from_text),
-    PlainSerializer(_time_in_text),
+    PlainSerializer(lambda time: time.astimezone(UTC).replace(tzinfo=None).isoformat() + "Z"),
     WithJsonSchema({"type": "string", "pattern": f"^{UTC_FORM}$"}),
 ]
 
@@ -122,20 +117,17 @@ def _check_rank(quality: records.Quality, fields: schema.Fields) -> Iterator[Com
 def _check_correlations(value: records.Correlations, fields: schema.Fields) -> Iterator[Complaint]:
     if "calibrated" not in fields:
         return
-    place, remedy = (
-        "correlations",
-        "`calibrated` and `correlations` do not match: edit both or neither",
-    )
+    remedy = "`calibrated` and `correlations` do not match: edit both or neither"
     if value and list(value) != [part.entry for part in fields["calibrated"]][1:]:
         text = (
             "must list every calibrated entry except the first, in the same order as `calibrated`"
         )
-        yield (place,), text, remedy
+        yield ("correlations",), text, remedy
         return
     for k, (name, row) in enumerate(value.items(), 1):
         if len(row) != k:
             text = f"has {len(row)} correlations; expected {k} (one for each calibrated entry listed before {name})"
-            yield (place, name), text, remedy
+            yield ("correlations", name), text, remedy
 
 
 def _check_budget(value: records.Budget, fields: schema.Fields) -> Iterator[Complaint]:

@@ -150,18 +150,15 @@ def _complaints(names: tuple[str, ...], joint_count: int | None) -> Iterator[Com
     joints = {int(m[1]) for name in names if (m := THETA.fullmatch(name))}
     last = joint_count if joint_count is not None else max(joints, default=1)
     theta, sd = ([f"{kind}{j}_deg" for j in range(1, last + 1)] for kind in ("theta", "sd"))
-    # These columns were probably meant by misspelt names: they are not also reported as missing.
-    meant: set[str] = set()
     endpoints = (*POSITION_COLUMNS, *ROTATION, *ROLL_PITCH_YAW, *QUATERNION, *TARGETS)
-    every = (*KEY, *theta, *sd, *OPTIONAL, *endpoints)
-    missing = [c for c in every if c not in names]
+    missing = [c for c in (*KEY, *theta, *sd, *OPTIONAL, *endpoints) if c not in names]
     unknown = [name for name in names if not _known(name)]
     other_unit = {name: c for name in unknown if (c := _in_our_unit(name, missing))}
-    meant |= {*other_unit.values()}
+    # These columns were probably meant by misspelt names: they are not also reported as missing.
+    meant = {*other_unit.values()}
     for ending, right in (("_deg", "degrees"), ("_m", "metres")):
         # Seven columns in radians are reported as one mistake.
-        matching = {name: c for name, c in other_unit.items() if c.endswith(ending)}
-        if matching:
+        if matching := {name: c for name, c in other_unit.items() if c.endswith(ending)}:
             text, it = (
                 ("unknown column", "it") if len(matching) == 1 else ("unknown columns", "them")
             )
@@ -170,8 +167,7 @@ def _complaints(names: tuple[str, ...], joint_count: int | None) -> Iterator[Com
             yield names.index(next(iter(matching))) + 1, ", ".join(matching), text, remedy
     for k, name in enumerate(names):
         if name and name in names[:k]:
-            first = names.index(name) + 1
-            text = f"this column is given twice (columns {first} and {k + 1})"
+            text = f"this column is given twice (columns {names.index(name) + 1} and {k + 1})"
             yield k + 1, name, text, "keep one of them"
         elif name in unknown and name not in other_unit:
             text, remedy, instead = _unknown(name, missing)

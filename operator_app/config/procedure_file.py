@@ -136,11 +136,8 @@ def _check_joints(file_model: ProcedureFile, arm: ArmModel | None) -> Iterator[C
             yield ("modes", "position", k), text, remedy
     if modes.trial and drives:
         text = "has no effect, because modes.position lists the drive joints"
-        yield (
-            ("modes", "trial"),
-            text,
-            "write position: auto to choose them by trial, or leave trial out",
-        )
+        remedy = "write position: auto to choose them by trial, or leave trial out"
+        yield ("modes", "trial"), text, remedy
     yield from _check_exploration(file_model, drives, arm)
     if arm is not None:
         yield from _check_limits(file_model, arm)
@@ -205,11 +202,8 @@ def _check_requested(
     place: KeyPath = ("capture", "requested_sigma")
     requested = file_model.capture.requested_sigma
     if requested and file_model.capture.strategy != "planned":
-        yield (
-            place,
-            "only a planned capture uses it",
-            "add `plan: planned` to capture, or remove this key",
-        )
+        remedy = "add `plan: planned` to capture, or remove this key"
+        yield place, "only a planned capture uses it", remedy
     known = {f"{p.name}_{'deg' if p.is_angle else 'mm'}": p for p in parameters}
     for key in requested:
         if key in known:

@@ -139,12 +139,8 @@ class ProfileFile(StrictRecord):
         """
         if count is None:
             listed = max((joint.joint for joint in self.joints), default=0)
-            room = (
-                objects.MAX_JOINTS
-                if self.supervisor == "none"
-                else min(objects.MAX_JOINTS, self.supervisor - 1)
-            )
-            count = listed or room
+            below = objects.MAX_JOINTS if self.supervisor == "none" else self.supervisor - 1
+            count = listed or min(objects.MAX_JOINTS, below)
         modes = {JointMode.POSITION: self.modes.position, JointMode.FREE: self.modes.free}
         return bus_profile.BusProfile(
             name=self.name,

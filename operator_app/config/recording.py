@@ -1,6 +1,7 @@
 """Joint angles over time: CSV logs with times, and joint states of ROS 2 bags (`rosbags`)."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -128,10 +129,8 @@ def endpoints_at_rest(recording: JointRecording, dwells: Sequence[Dwell]) -> Flo
 
 def _time_s(cell: str) -> float:
     """Return a number unchanged, or a time in ISO 8601 (UTC unless it has a zone) as s since 1970; raises BadCell."""
-    try:
+    with suppress(ValueError):
         return float(cell or "nan")
-    except ValueError:
-        pass
     try:
         time = datetime.fromisoformat(cell)
     except ValueError as error:

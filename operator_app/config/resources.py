@@ -40,8 +40,7 @@ class Resource:
 
 def builtin_names(kind: Kind) -> tuple[str, ...]:
     """Return the names of the built-in files of a kind."""
-    entries = _folder(kind).iterdir()
-    return tuple(sorted(e.name[:-5] for e in entries if e.name.endswith(".yaml")))
+    return tuple(sorted(e.name[:-5] for e in _folder(kind).iterdir() if e.name.endswith(".yaml")))
 
 
 def resolve(kind: Kind, reference: str | Path, *, folder: Path | None = None) -> Resource:

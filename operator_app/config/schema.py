@@ -227,8 +227,7 @@ def _unknown_key(document: YamlDocument, model: type[M], path: Path) -> tuple[st
         remedy = f"give the value in {UNITS[other[2]]}, as {candidate}"
         return text, remedy, (*parent, candidate)
     bare = [c for c in open_keys if (unit := UNIT.fullmatch(c)) is not None and unit[1] == key]
-    near = bare or difflib.get_close_matches(key, open_keys, n=1, cutoff=0.6)
-    if near:
+    if near := bare or difflib.get_close_matches(key, open_keys, n=1, cutoff=0.6):
         return text, f"did you mean {near[0]}?", (*parent, near[0])
     return text, f"known here: {', '.join(known)}" if known else "remove it", ()
 

@@ -157,8 +157,7 @@ def calibrated_origins(chain: UrdfChain, table: DhTable) -> dict[str, FloatArray
 
 def entries_without_origin(chain: UrdfChain) -> tuple[str, ...]:
     """Return the D-H entries that no joint origin can hold: s, a, alpha, beta of row n if joint n ends the chain."""
-    n = len(chain.joints)
-    behind = tuple(f"{kind}_{n}" for kind in ("s", "a", "alpha", "beta"))
+    behind = tuple(f"{kind}_{len(chain.joints)}" for kind in ("s", "a", "alpha", "beta"))
     return behind if chain.steps[-1].joint is not None else ()
 
 

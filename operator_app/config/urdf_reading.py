@@ -7,7 +7,7 @@ import re
 import xml.etree.ElementTree as ET
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -318,50 +318,40 @@ def _step(element: ET.Element, file: str) -> UrdfStep:
         if not np.linalg.norm(axis) > 0.0:
             raise refuse("has no axis", "write for example <axis xyz='0 0 1'/>")
         stated = next(element.iterfind("limit"), ET.Element("limit"))
-        low, high = -NO_LIMIT_RAD, NO_LIMIT_RAD
+        low, high, unstated = -NO_LIMIT_RAD, NO_LIMIT_RAD, ["no range"]
         if kind == "revolute":
             low, high = (float(numbers(stated, key, "0", 1)[0]) for key in ("lower", "upper"))
+            unstated = []
             if not low < high:
                 shown = f"lower is {low:g} rad and upper is {high:g} rad"
                 raise refuse(shown, "state lower and upper, lower below upper")
         speed, effort = (float(numbers(stated, k, "0", 1)[0]) for k in ("velocity", "effort"))
-        joint = UrdfJoint(
-            name=name,
-            axis=axis / np.linalg.norm(axis),
-            lower_rad=low,
-            upper_rad=high,
-            velocity_rad_per_s=speed if speed > 0.0 else None,
-            effort_nm=effort if effort > 0.0 else None,
-            unstated=() if kind == "revolute" else ("no range",),
-        )
-        joint = _with_plausible_limits(joint)
+        joint = _joint(name, axis / np.linalg.norm(axis), low, high, speed, effort, unstated)
     elif kind != "fixed":
         raise refuse(f"is of type {kind!r}", ONLY_REVOLUTE)
     return UrdfStep(name=name, parent=_links(element)[0], T=T, joint=joint, rounded=rounded)
 
 
-def _with_plausible_limits(joint: UrdfJoint) -> UrdfJoint:
-    low, high, speed = joint.lower_rad, joint.upper_rad, joint.velocity_rad_per_s
-    effort = joint.effort_nm
-    unstated = [*joint.unstated]
+def _joint(
+    name: str, axis: FloatArray, low: float, high: float, speed: float, effort: float,
+    unstated: list[str],
+) -> UrdfJoint:  # fmt: skip
+    """Return a joint without limits that are missing or placeholders, which are appended to `unstated`."""
     if max(-low, high) > PLACEHOLDER_ANGLE_RAD:
         unstated.append(f"range of {low:g} to {high:g} rad")
-        low = -NO_LIMIT_RAD if -low > PLACEHOLDER_ANGLE_RAD else low
-        high = NO_LIMIT_RAD if high > PLACEHOLDER_ANGLE_RAD else high
-    if speed is None:
-        unstated.append("no velocity")
-    elif speed > PLACEHOLDER_RAD_PER_S:
-        unstated.append(f"velocity of {speed:g} rad/s")
-        speed = None
-    if effort is None:
-        unstated.append("no effort")
-    elif effort > PLACEHOLDER_NM:
-        unstated.append(f"effort of {effort:g} N m")
-        effort = None
-    return replace(
-        joint, lower_rad=low, upper_rad=high, velocity_rad_per_s=speed, effort_nm=effort,
+    if not 0.0 < speed <= PLACEHOLDER_RAD_PER_S:
+        unstated.append(f"velocity of {speed:g} rad/s" if speed > 0.0 else "no velocity")
+    if not 0.0 < effort <= PLACEHOLDER_NM:
+        unstated.append(f"effort of {effort:g} N m" if effort > 0.0 else "no effort")
+    return UrdfJoint(
+        name=name,
+        axis=axis,
+        lower_rad=low if -low <= PLACEHOLDER_ANGLE_RAD else -NO_LIMIT_RAD,
+        upper_rad=high if high <= PLACEHOLDER_ANGLE_RAD else NO_LIMIT_RAD,
+        velocity_rad_per_s=speed if 0.0 < speed <= PLACEHOLDER_RAD_PER_S else None,
+        effort_nm=effort if 0.0 < effort <= PLACEHOLDER_NM else None,
         unstated=tuple(unstated),
-    )  # fmt: skip
+    )
 
 
 def arm_file_of(chain: UrdfChain, *, name: str) -> Mapping[str, object]:

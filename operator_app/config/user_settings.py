@@ -25,7 +25,6 @@ from operator_app.config.strict_yaml import load_strict
 if TYPE_CHECKING:
     from hardware.buses.python_can import BusSettings
 
-FILE_NAME = "settings.yaml"
 SETTINGS_SCHEMA = "sarcal/settings/1"
 
 
@@ -54,7 +53,7 @@ KEYS = tuple(field.name for field in fields(UserSettings))
 
 def settings_path() -> Path:
     """Return the path of the settings file, which need not exist."""
-    return user_config_path("sarcal", appauthor=False) / FILE_NAME
+    return user_config_path("sarcal", appauthor=False) / "settings.yaml"
 
 
 def load_settings() -> UserSettings:

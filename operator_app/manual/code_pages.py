@@ -8,8 +8,8 @@ from typing import Any
 
 from canopen.objectdictionary import ODVariable, datatypes
 
-from hardware.canopen.objects import JOINT_PRODUCT
-from hardware.eds import EDS_FILES, product_dictionary, variables
+from hardware.canopen.objects import JOINT_PRODUCT, SUPERVISOR_PRODUCT
+from hardware.eds import product_dictionary, variables
 from hardware.virtual.fault_messages import FAULTS, OPERATOR_SIDE, FaultDescription
 from operator_app.config.any_file import FileKind, json_schema
 from operator_app.config.resources import builtin_names, resolve
@@ -44,18 +44,21 @@ def _file_page(kind: FileKind) -> str:
     models = schema["$defs"]
     tops = [choice["$ref"].rpartition("/")[2] for choice in schema["oneOf"]]
     title = "Bus profile" if kind == "profile" else f"{kind.capitalize()} file"
-    blocks = [
+    return _page(
         f"# {title}",
         PURPOSE[kind],
-        (
-            "YAML. Unknown keys, duplicate keys, wrong units and values that are not numbers are errors; all of them "
-            "are listed at once, with file, line and key. A name ends in its unit: `_m`, `_mm`, `_deg`, `_mrad`, `_s`."
+        "YAML. Unknown keys, duplicate keys, wrong units and values that are not numbers are errors; all of them "
+        "are listed at once, with file, line and key. A name ends in its unit: `_m`, `_mm`, `_deg`, `_mrad`, `_s`.",
+        *(_example(kind) if kind in EXAMPLES else ()),
+        *(
+            block
+            for name in dict.fromkeys((*tops, *models))
+            for block in _model(name, models[name])
         ),
-    ]
-    if kind in EXAMPLES:
-        blocks += _example(kind)
-    for name in dict.fromkeys((*tops, *models)):
-        blocks += _model(name, models[name])
+    )
+
+
+def _page(*blocks: str) -> str:
     return "\n\n".join(blocks) + "\n"
 
 
@@ -103,8 +106,7 @@ def _type(spec: Mapping[str, Any]) -> str:
         return f"`{spec['const']}`"
     if "enum" in spec:
         return " or ".join(f"`{value}`" for value in spec["enum"])
-    choices = spec.get("anyOf") or spec.get("oneOf")
-    if choices:
+    if choices := spec.get("anyOf") or spec.get("oneOf"):
         return " or ".join(_type(c) for c in choices if c.get("type") != "null")
     match spec.get("type"):
         case "array" if "prefixItems" in spec:
@@ -149,33 +151,29 @@ TYPES = {
 
 def _exit_codes_page() -> str:
     rows = [(f"`{int(code)}`", meaning) for code, meaning in MEANING.items()]
-    blocks = [
+    return _page(
         "# Exit codes",
         "A script reads the exit code, not the text. The codes do not change between versions.",
         table(("code", "meaning"), rows),
-        (
-            "Results go to stdout, progress and errors to stderr. `--json` prints one JSON document on stdout, and "
-            "keeps the exit code.\n"
-        ),
-    ]
-    return "\n\n".join(blocks)
+        "Results go to stdout, progress and errors to stderr. `--json` prints one JSON document on stdout, and "
+        "keeps the exit code.",
+    )
 
 
 def _keys_page() -> str:
-    blocks = [
-        "# Keys of the terminal app",
-        (
-            "`?` explains the panel that has the focus and lists these keys. Ctrl+P finds every action by name. While "
-            "the arm moves by itself, any key ends the motion. STOP is a software stop over the bus. It is not an "
-            "emergency stop."
-        ),
-        "## Everywhere",
-        _keys(a for a in ACTIONS if a.steps == EVERYWHERE),
-    ]
+    by_step = list[str]()
     for step in Step:
         own = [a for a in ACTIONS if step in a.steps and a.steps != EVERYWHERE]
-        blocks += [f"## {int(step)} {step.title}", _keys(own)]
-    return "\n\n".join(blocks) + "\n"
+        by_step += [f"## {int(step)} {step.title}", _keys(own)]
+    return _page(
+        "# Keys of the terminal app",
+        "`?` explains the panel that has the focus and lists these keys. Ctrl+P finds every action by name. While "
+        "the arm moves by itself, any key ends the motion. STOP is a software stop over the bus. It is not an "
+        "emergency stop.",
+        "## Everywhere",
+        _keys(a for a in ACTIONS if a.steps == EVERYWHERE),
+        *by_step,
+    )
 
 
 def _keys(actions: Iterable[Entry]) -> str:
@@ -187,20 +185,17 @@ def faults_page() -> str:
     """Return the page of faults that can be injected."""
     head = ("fault", "what is broken", "the operator", "the arm", "what is kept", "what to do")
     at_connect = ", ".join(f"`{name}`" for name, fault in FAULTS.items() if fault.at_connect)
-    blocks = [
+    return _page(
         "# Faults",
-        (
-            "What can go wrong on the bus and in the arm, what is reported, and what to do. `sarcal controller "
-            "--fault NAME` produces each fault of the first table on the virtual controller. J is the number of the "
-            f"joint. A fault that shows while an arm is being connected ({at_connect}) is present from the start; the "
-            "others begin after 1000 SYNCs. `--fault-sync N` changes that; 0 is from the start. An upload that meets "
-            "a fault either completes, or the parameters that were active stay active."
-        ),
+        "What can go wrong on the bus and in the arm, what is reported, and what to do. `sarcal controller "
+        "--fault NAME` produces each fault of the first table on the virtual controller. J is the number of the "
+        f"joint. A fault that shows while an arm is being connected ({at_connect}) is present from the start; the "
+        "others begin after 1000 SYNCs. `--fault-sync N` changes that; 0 is from the start. An upload that meets "
+        "a fault either completes, or the parameters that were active stay active.",
         table(head, ((f"`{name}`", *_fault(fault)) for name, fault in FAULTS.items())),
         "## Where the operator sits",
-        table(head, ((name, *_fault(fault)) for name, fault in OPERATOR_SIDE.items())) + "\n",
-    ]
-    return "\n\n".join(blocks)
+        table(head, ((name, *_fault(fault)) for name, fault in OPERATOR_SIDE.items())),
+    )
 
 
 def _fault(fault: FaultDescription) -> tuple[str, ...]:
@@ -208,25 +203,22 @@ def _fault(fault: FaultDescription) -> tuple[str, ...]:
 
 
 def _objects_page() -> str:
-    blocks = [
+    head = ("object", "name", "type", "access", "default")
+    return _page(
         "# Object dictionary",
-        (
-            "The virtual joint drive and the supervisor, from their EDS files. `sarcal eds` writes these for other "
-            "CANopen tools. Joint j is node j, the supervisor node 16. CiA 301 and CiA 402 define the objects up to "
-            "1FFFh and from 6000h; 2000h to 2FFFh are our own. Positions are counts of the joint's sensor. 607Ch "
-            "keeps `theta_off` in the same counts; it never shifts what 6064h reports."
-        ),
-    ]
-    for product in EDS_FILES:
-        title = "Joint drive" if product == JOINT_PRODUCT else "Supervisor"
-        head = ("object", "name", "type", "access", "default")
-        blocks += [f"## {title}", table(head, _objects(product))]
-    return "\n\n".join(blocks) + "\n"
+        "The virtual joint drive and the supervisor, from their EDS files. `sarcal eds` writes these for other "
+        "CANopen tools. Joint j is node j, the supervisor node 16. CiA 301 and CiA 402 define the objects up to "
+        "1FFFh and from 6000h; 2000h to 2FFFh are our own. Positions are counts of the joint's sensor. 607Ch "
+        "keeps `theta_off` in the same counts; it never shifts what 6064h reports.",
+        "## Joint drive",
+        table(head, _objects(JOINT_PRODUCT)),
+        "## Supervisor",
+        table(head, _objects(SUPERVISOR_PRODUCT)),
+    )
 
 
 def _objects(product: int) -> Iterator[tuple[str, ...]]:
-    entries = variables(product_dictionary(product, 0))
-    for (index, sub), entry in sorted(entries.items()):
+    for (index, sub), entry in sorted(variables(product_dictionary(product, 0)).items()):
         place = f"{index:04X}h sub {sub}" if sub else f"{index:04X}h"
         parent = getattr(entry.parent, "name", "")
         name = f"{parent}: {entry.name}" if parent else entry.name

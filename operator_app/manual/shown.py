@@ -45,8 +45,7 @@ def _inline(text: str) -> str:
 
 def _target(link: str) -> str:
     """Return the target of a link as text: the command that shows a page, or an address; "" within the same page."""
-    page = re.fullmatch(r"([a-z0-9-]+)\.md(#.*)?", link)
-    if page:
+    if page := re.fullmatch(r"([a-z0-9-]+)\.md(#.*)?", link):
         return f" (sarcal help {page[1]})"
     return "" if link.startswith("#") else f" ({link})"
 

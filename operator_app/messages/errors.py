@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from fixtures.errors import FixtureError
 from hardware import errors
 from hardware.arm import ArmIdentity, DriveState, HostLatency
+from hardware.canopen.cia402 import FAULT_STATES
 from hardware.canopen.objects import STOP_CONTACTS, EmergencyCode
 from operator_app.config.errors import ConfigError, WriteError
 from operator_app.config.procedure import Procedure
@@ -120,15 +121,10 @@ def trip_cause_remedy(code: int) -> str:
 
 def drive_words(state: DriveState) -> str:
     """Return a drive's state as one of four short terms for an operator beside the arm."""
-    match state:
-        case DriveState.OPERATION_ENABLED:
-            return "enabled"
-        case DriveState.QUICK_STOP_ACTIVE:
-            return "stopped"
-        case DriveState.FAULT | DriveState.FAULT_REACTION_ACTIVE:
-            return "in fault"
-        case _:
-            return "off"
+    if state in FAULT_STATES:
+        return "in fault"
+    terms = {DriveState.OPERATION_ENABLED: "enabled", DriveState.QUICK_STOP_ACTIVE: "stopped"}
+    return terms.get(state, "off")
 
 
 def summary(procedure: Procedure) -> str:

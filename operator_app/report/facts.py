@@ -87,6 +87,36 @@ def facts_of(
     if solution.components is not None:
         within = solution.within.items()
         repeatability = np.array([s for name, s in within if name not in solution.tolerated])
+    tables = (
+        parameter_tables.parameter_table(
+            estimate,
+            beside=beside,
+            repeatability=repeatability,
+            sides={p.name: side_of(solution.model, p.name) for p in estimate.parameters},
+            note=_side_note(solution),
+        ),
+        parameter_tables.instrument_table(solution),
+        quality_tables.truth_table(solution),
+        quality_tables.causes_table(solution),
+        parameter_tables.dh_table(solution),
+        uncertainty_tables.best_table_table(solution),
+        uncertainty_tables.distance_table(solution),
+        quality_tables.hand_table(solution),
+        quality_tables.accuracy_table(solution),
+        quality_tables.determined_table(solution, headlines),
+        quality_tables.trend_table(solution),
+        quality_tables.closure_table(solution, beside, checks),
+        parameter_tables.estimators_table(estimate, beside, diverged=diverged),
+        parameter_tables.jackknife_table(estimate, None if checks is None else checks.jackknife_sd),
+        uncertainty_tables.components_table(solution.components, diverged=diverged),
+        uncertainty_tables.scale_table(solution),
+        remedy_table(solution),
+        uncertainty_tables.budget_table(solution),
+        uncertainty_tables.sensitivity_table(solution),
+        parameter_tables.tolerated_table(solution),
+        quality_tables.tests_table(solution),
+        parameter_tables.correlation_table(estimate),
+    )
     return Facts(
         accepted=solution.accepted,
         verdict=solution.verdict.words,
@@ -94,42 +124,7 @@ def facts_of(
         causes=solution.causes,
         notices=solution.warnings,
         headlines=headlines,
-        tables=tuple(
-            table
-            for table in (
-                parameter_tables.parameter_table(
-                    estimate,
-                    beside=beside,
-                    repeatability=repeatability,
-                    sides={p.name: side_of(solution.model, p.name) for p in estimate.parameters},
-                    note=_side_note(solution),
-                ),
-                parameter_tables.instrument_table(solution),
-                quality_tables.truth_table(solution),
-                quality_tables.causes_table(solution),
-                parameter_tables.dh_table(solution),
-                uncertainty_tables.best_table_table(solution),
-                uncertainty_tables.distance_table(solution),
-                quality_tables.hand_table(solution),
-                quality_tables.accuracy_table(solution),
-                quality_tables.determined_table(solution, headlines),
-                quality_tables.trend_table(solution),
-                quality_tables.closure_table(solution, beside, checks),
-                parameter_tables.estimators_table(estimate, beside, diverged=diverged),
-                parameter_tables.jackknife_table(
-                    estimate, None if checks is None else checks.jackknife_sd
-                ),
-                uncertainty_tables.components_table(solution.components, diverged=diverged),
-                uncertainty_tables.scale_table(solution),
-                remedy_table(solution),
-                uncertainty_tables.budget_table(solution),
-                uncertainty_tables.sensitivity_table(solution),
-                parameter_tables.tolerated_table(solution),
-                quality_tables.tests_table(solution),
-                parameter_tables.correlation_table(estimate),
-            )
-            if table is not None
-        ),
+        tables=tuple(table for table in tables if table is not None),
         data=calibration_data(solution)
         | uncertainty_tables.posterior_data(solution)
         | checks_data(checks),

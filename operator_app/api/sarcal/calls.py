@@ -110,8 +110,7 @@ def joints(name: str, value: Any, joint_count: int) -> tuple[int, ...]:
             chosen.add(whole(name, joint))
         except (TypeError, ValueError) as error:
             raise type(error)(f"{name} contains {joint!r}: {expected}") from None
-    wrong = chosen.difference(range(1, joint_count + 1))
-    if wrong:
+    if wrong := chosen.difference(range(1, joint_count + 1)):
         raise ValueError(f"{name} contains {min(wrong)}: {expected}")
     return tuple(sorted(chosen))
 

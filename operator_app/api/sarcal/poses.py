@@ -238,8 +238,7 @@ def load_poses(
     if isinstance(source, str | PathLike):
         read = load_poses_file(fspath(source), joint_count=joint_count)
         return Poses(fspath(source), read.poses, read.warnings)
-    columns = getattr(source, "columns", None)
-    if columns is None:
+    if getattr(source, "columns", None) is None:
         raise TypeError(
             "a bare array does not state its unit: use sarcal.poses_of(q_rad=...) or "
             "sarcal.poses_of(q_deg=...)"

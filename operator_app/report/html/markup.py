@@ -80,10 +80,9 @@ class Section:
     @property
     def html(self) -> Html:
         """The section as an element."""
-        heading = element("h2", self.title, id=f"{self.ident}-h")
         return element(
             "section",
-            heading,
+            element("h2", self.title, id=f"{self.ident}-h"),
             *self.content,
             id=self.ident,
             aria_labelledby=f"{self.ident}-h",
@@ -95,11 +94,6 @@ def definitions(rows: Iterable[tuple[str, str]]) -> Html:
     """Return a list of terms and their definitions."""
     parts = (part for name, value in rows for part in (element("dt", name), element("dd", value)))
     return element("dl", *parts, class_="facts")
-
-
-def figure(caption: str, drawn: Html) -> Html:
-    """Return a plot under its caption."""
-    return element("figure", element("figcaption", element("b", caption)), drawn)
 
 
 def plots(drawn: Iterable[Html]) -> Html:

@@ -184,34 +184,24 @@ def history_html(history: ArmHistory) -> bytes:
     """Return the history page of an arm, UTF-8."""
     last = history.calibrations[-1].document
     title = f"{last.arm.model} {last.arm.serial}: history"
-    sections = [
-        Section(
-            ident=f"part-{k}",
-            title=history_output.title_of(part),
-            content=(
-                *(
-                    [markup.plots(_chart(part, j) for j in range(len(part.names)))]
-                    if part.several
-                    else []
-                ),
-                markup.table_html(history_output.entries_table(part)),
-                markup.table_html(history_output.sessions_table(part)),
-            ),
-        )
-        for k, part in enumerate(history.parts, 1)
-    ]
+    sections = []
+    for k, part in enumerate(history.parts, 1):
+        drawn_entries = (_chart(part, j) for j in range(len(part.names)))
+        charts = [markup.plots(drawn_entries)] if part.several else []
+        tables = history_output.entries_table(part), history_output.sessions_table(part)
+        content = (*charts, *map(markup.table_html, tables))
+        heading = history_output.title_of(part)
+        sections.append(Section(ident=f"part-{k}", title=heading, content=content))
     notes = [
         *history_output.checks_lines(history),
         *(f"{n} left out: {reason}" for n, reason in history.left_out),
     ]
     method = (markup.bullets(notes), markup.remark(history_output.HOW))
     sections.append(Section(ident="how", title="Verifications and method", content=method))
+    lines = history_output.verdict_text(history).split("\n- ")
     verdict = element(
         "div",
-        *(
-            element("p", line.strip())
-            for line in history_output.verdict_text(history).split("\n- ")
-        ),
+        *(element("p", line.strip()) for line in lines),
         element("p", history_output.due_text(history)),
         class_="verdict no" if history.shifted else "verdict",
     )

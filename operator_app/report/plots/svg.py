@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain
 
-from operator_app.report.html.markup import Html, element, figure, join
+from operator_app.report.html.markup import Html, element, join
 from operator_app.report.plots.plot import (
     Axis,
     Band,
@@ -178,4 +178,4 @@ def _legend(layers: Sequence[Layer]) -> Html:
 
 def drawn(picture: Picture) -> Html:
     """Draw a picture under its caption."""
-    return figure(picture.title, plot(picture))
+    return element("figure", element("figcaption", element("b", picture.title)), plot(picture))

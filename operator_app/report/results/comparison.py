@@ -12,12 +12,8 @@ from operator_app.report.table import Cell, FactTable, figures, shown, words
 from operator_app.report.text import paragraph, table_lines, warnings_text
 from operator_app.units import Figure, in_json, quantity_of
 
-DRIFTED = "drifted"
-NO_DRIFT = "no significant drift"
 CALCULATION_CODES = {"ESTIMATOR", "ENTRIES", "TABLE"}
 """Codes of notices about differences in the calculation, which change parameters even if the arm has not changed."""
-
-NOTHING_FOLLOWS = "same poses: nothing follows for the arm"
 
 
 def comparison_text(comparison: CalibrationComparison) -> str:
@@ -36,9 +32,11 @@ def comparison_text(comparison: CalibrationComparison) -> str:
 
 def comparison_json(comparison: CalibrationComparison) -> dict[str, Any]:
     """Return the object that `sarcal compare --json` prints; angles in deg, lengths in m."""
-    drift = DRIFTED if comparison.drifted else NO_DRIFT
+    verdict = "drifted" if comparison.drifted else "no significant drift"
+    if comparison.same_poses:
+        verdict = "same poses: nothing follows for the arm"
     return {
-        "verdict": NOTHING_FOLLOWS if comparison.same_poses else drift,
+        "verdict": verdict,
         "drifted": [d.name for d in comparison.drifted],
         "level": comparison.level,
         "threshold_sigmas": comparison.threshold_sigmas,

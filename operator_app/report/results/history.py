@@ -48,8 +48,7 @@ def title_of(part: EntryHistory) -> str:
     first, last = part.calibrations[0].document, part.calibrations[-1].document
     since = "" if part.side is Side.ARM else f", mounted {first.utc:%Y-%m-%d}"
     count = plural(len(part.calibrations), "session")
-    what = TITLES[part.side]
-    return f"{what}: fixture {last.fixture.name}, {last.estimator}{since}, {count}"
+    return f"{TITLES[part.side]}: fixture {last.fixture.name}, {last.estimator}{since}, {count}"
 
 
 def entries_table(part: EntryHistory) -> FactTable:
@@ -107,8 +106,7 @@ def verdict_text(history: ArmHistory, width: int = WIDTH) -> str:
         )
         return paragraph(text, width=width)
     verdict = "IN CONTROL: no entry has shifted."
-    scattered = [text for part in history.parts for text in _scatter_texts(part)]
-    if scattered:
+    if scattered := [text for part in history.parts for text in _scatter_texts(part)]:
         verdict += (
             f" But sessions scatter more than their sigmas explain: {'; '.join(scattered)}. The limits are as wide as "
             "this scatter. Check the home marks and the couplings of these joints."

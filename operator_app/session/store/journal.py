@@ -122,15 +122,15 @@ class Journal:
                         f"name that session, {path.resolve().parent}",
                     )
                 raw = read_bytes(path)
-                contents = parse_journal(raw, path)
+                contents, whole = parse_journal(raw, path), raw.rfind(b"\n") + 1
                 if contents.torn:
-                    write_new_file(timestamped_path(path, "torn"), raw[contents.whole_bytes :])
-                    os.ftruncate(descriptor, contents.whole_bytes)
+                    write_new_file(timestamped_path(path, "torn"), raw[whole:])
+                    os.ftruncate(descriptor, whole)
                     os.fsync(descriptor)
         except JournalError:
             os.close(descriptor)
             raise
-        return cls(path, descriptor, contents, raw[: contents.whole_bytes])
+        return cls(path, descriptor, contents, raw[:whole])
 
     def append(self, name: str, data: Mapping[str, Any], *, clock: Clock = utc_now) -> JournalEvent:
         """Write one event and return once it is on disk. A failed write leaves the file as it was.

@@ -49,14 +49,13 @@ class JournalContents:
     """Events of a journal.
 
     `torn` is the message about an incomplete last line (empty if it is complete), `file` the journal's name in
-    messages, `chain` the last checksum, and `whole_bytes` the number of bytes in complete lines.
+    messages, and `chain` the last checksum.
     """
 
     events: tuple[JournalEvent, ...]
     torn: str = ""
     file: str = JOURNAL_NAME
     chain: str = ""
-    whole_bytes: int = 0
 
 
 class BadLineError(Exception):
@@ -164,8 +163,7 @@ def parse_journal(raw: bytes, path: Path) -> JournalContents:
     """
     *complete, rest = raw.split(b"\n")
     require_own_format(complete, rest, path)
-    events: list[JournalEvent] = []
-    chain, position = "", 0
+    chain, events = "", list[JournalEvent]()
     for number, line in enumerate(complete, 1):
         try:
             event, chain = verified_line(line, number, chain)
@@ -174,13 +172,10 @@ def parse_journal(raw: bytes, path: Path) -> JournalContents:
         except BadLineError as error:
             raise JournalDamagedError(path=path, line=number, problem=str(error)) from error
         events.append(event)
-        position += len(line) + 1
     torn = ""
     if rest:
         torn = f"line {len(complete) + 1} of {path} is incomplete and was left out"
-    return JournalContents(
-        events=tuple(events), torn=torn, file=str(path), chain=chain, whole_bytes=position
-    )
+    return JournalContents(events=tuple(events), torn=torn, file=str(path), chain=chain)
 
 
 def read_bytes(path: Path) -> bytes:

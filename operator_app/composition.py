@@ -52,9 +52,6 @@ EMBEDDED_TIMEOUT_S = 10.0
 SWITCH_INTERVAL_S = 0.0005
 """Thread switch interval of the interpreter, so short that SYNC does not wait for a solver or a repaint."""
 
-RARELY = 100_000
-"""Value for `gc.set_threshold` that makes full garbage collections rare."""
-
 COMPILED = ("scipy.linalg", "scipy.special", "scipy.sparse.csgraph", "scipy.spatial")
 """Libraries loaded before an arm is live: loading one later would block the interpreter for 10 to 40 ms."""
 
@@ -71,7 +68,7 @@ def prepare_real_time() -> None:
     # collections, each closed dialog keeps 0.4 MB. Young objects are collected as usual.
     gc.freeze()
     young, middle, _ = gc.get_threshold()
-    gc.set_threshold(young, middle, RARELY)
+    gc.set_threshold(young, middle, 100_000)
 
 
 @contextmanager

@@ -52,11 +52,6 @@ ASSUMED_LIMITS = {
     "effort": "a torque of 50 N m",
 }
 
-HOMES = {
-    False: "the middle of the ranges.",
-    True: "bent so that every joint moves in a hinge; in the middle of the ranges the arm is stretched out.",
-}
-
 
 def execute(args: argparse.Namespace) -> int:
     """Create the file, and print what the user must check in it."""
@@ -83,8 +78,10 @@ def _arm(args: argparse.Namespace) -> int:
     name = _named(args.name or chain.name)
     body = dict(arm_file_of(chain, name=name))
     bent = bent_home(parse_arm(dump_strict(body), args.urdf))
+    home = "the middle of the ranges."
     if bent is not None:
         body["home_deg"] = short_degrees(bent)
+        home = "bent so that every joint moves in a hinge; in the middle of the ranges the arm is stretched out."
     limits = [f"- limits of {text}\n" for text in chain.unstated]
     # Without the names of the joints, which may contain any word.
     unstated = " ".join(text.partition(": ")[2] for text in chain.unstated)
@@ -94,7 +91,7 @@ def _arm(args: argparse.Namespace) -> int:
         urdf=Path(args.urdf).name,
         limits="".join([*limits, f"  {assumed}.\n"] if limits else []),
         counts=COUNTS_PER_REV,
-        home=HOMES[bent is not None],
+        home=home,
     )
     target = _save(args, "arm", name, dump_strict(body, comment=comment), parse_arm)
     say(f"Arm         {target}: {len(chain.joints)} joints, {chain.base} to {chain.tip}")

@@ -40,8 +40,6 @@ if TYPE_CHECKING:
 
 SOURCE_KINDS: tuple[Kind, ...] = ("procedure", "arm", "fixture", "profile")
 """Kinds of the documents in `Procedure.sources`, in the same order."""
-LATER: frozenset[Kind] = frozenset({"profile"})
-"""Kinds that are not in journals of earlier versions."""
 
 PLANNED_POSES = 12
 """Largest default number of poses of a planned capture that replaces the explored capture of a procedure file."""
@@ -248,7 +246,8 @@ def resume(reference: str, choices: Choices, *, root: Path) -> Opening:
             f"{folder} contains poses that verify {state.settings['verifies']}",
             "name that session instead; its poses alone are its calibration",
         )
-    if set(SOURCE_KINDS) - LATER - set(state.sources):
+    # Journals of earlier versions contain no profile.
+    if not {"procedure", "arm", "fixture"} <= state.sources.keys():
         raise SessionError(
             f"the journal of {folder} does not contain its procedure",
             "start a new session; its poses can be solved with `sarcal solve`",

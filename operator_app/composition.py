@@ -95,21 +95,17 @@ def open_arm(
             "calibrate the arm in a session of its own: sarcal run",
         )
     prepare_real_time()
-    procedure = opening.effective_procedure
-    bus = settings = opening.choices.bus(procedure)
-    stated = opening.choices
-    if (
-        bus.interface == "virtual"
-        and stated.interface is None
-        and (stated.channel or stated.bitrate)
-    ):
+    procedure, stated = opening.effective_procedure, opening.choices
+    bus = settings = stated.bus(procedure)
+    embedded = bus.interface == "virtual"
+    if embedded and stated.interface is None and (stated.channel or stated.bitrate):
         option = f"-c {stated.channel}" if stated.channel else f"-b {stated.bitrate}"
         raise UsageError(
             f"{option}: no interface is named, and the simulated arm has no bus; add -i, such as -i socketcan"
         )
+    choices = _completed(stated, bus, embedded=embedded)
     outside = offer(bus.interface)
     if outside is not None:
-        choices = _completed(opening.choices, bus, embedded=False)
         keeps_parameters = procedure.upload and outside.keeps_parameters
         opening = replace(
             opening, procedure=replace(procedure, upload=keeps_parameters), choices=choices
@@ -121,7 +117,6 @@ def open_arm(
     if procedure.profile.supervisor is None:
         # Without a supervisor nothing stores parameters: they stay in the session folder.
         procedure = replace(procedure, upload=False)
-    embedded = settings.interface == "virtual"
     controller: VirtualController | None = None
     with ExitStack() as stack:
         if embedded:
@@ -153,7 +148,6 @@ def open_arm(
         arm = CanopenArm(on_bus, record_to=record_to)
         stack.callback(_print_recording_problem, arm)
         stack.callback(arm.close)
-        choices = _completed(opening.choices, bus, embedded=embedded)
         yield Rig(
             arm=arm,
             opening=replace(opening, procedure=procedure, choices=choices),

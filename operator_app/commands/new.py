@@ -15,7 +15,7 @@ from fixtures.base import Tolerance
 from fixtures.hinge import Hinge
 from operator_app.commands.file_arguments import OF_WHAT
 from operator_app.config import resources
-from operator_app.config.any_file import FileKind, save_with_schema, schema_line
+from operator_app.config.any_file import save_with_schema, schema_line
 from operator_app.config.arm_file import load_arm, parse_arm
 from operator_app.config.atomic import dump_strict
 from operator_app.config.fixture_file import load_fixture, parse_fixture
@@ -93,7 +93,7 @@ def _arm(args: argparse.Namespace) -> int:
         counts=COUNTS_PER_REV,
         home=home,
     )
-    target = _save(args, "arm", name, dump_strict(body, comment=comment), parse_arm)
+    target = _save(args, name, dump_strict(body, comment=comment), parse_arm)
     say(f"Arm         {target}: {len(chain.joints)} joints, {chain.base} to {chain.tip}")
     if chain.rounded:
         meanings = ", ".join(f"{word} is {deg:g} deg" for word, deg in chain.rounded.items())
@@ -154,7 +154,7 @@ def _fixture(args: argparse.Namespace) -> int:
         else math.radians(args.tolerance_deg),
     )
     content = fixture_file(replace(fixture, tolerance=tolerance), name=name, arm=arm)
-    target = _save(args, "fixture", name, content, parse_fixture)
+    target = _save(args, name, content, parse_fixture)
     say(f"Fixture     {target}: {args.kind} for {arm.name}")
     distance = home_to_closed_rad(arm, fixture)
     if distance is None:
@@ -180,9 +180,7 @@ def _procedure(args: argparse.Namespace) -> int:
         return _copy(args, read, refers=("arm", "fixture"))
     if not (args.arm and args.fixture):
         raise UsageError("new procedure: give --arm and --fixture, or --from NAME")
-    named = {kind: resources.resolve(kind, getattr(args, kind)) for kind in ("arm", "fixture")}
-    arm = parse_arm(named["arm"].data, named["arm"].file)
-    spec = parse_fixture(named["fixture"].data, named["fixture"].file)
+    arm, spec = load_arm(args.arm), load_fixture(args.fixture)
     name = _named(args.name or f"{arm.name}_in_{spec.name}")
     held = entries_to_fix(arm, spec.fixture)
     content = procedure_file(
@@ -193,7 +191,7 @@ def _procedure(args: argparse.Namespace) -> int:
         held=held,
         closed=spec.fixture.holds_hand,
     )
-    target = _save(args, "procedure", name, content, read)
+    target = _save(args, name, content, read)
     say(f"Procedure   {target}: {arm.name} in {spec.name}")
     for entry, reason in held.items():
         say(f"{entry} is fixed: {reason}.")
@@ -207,7 +205,7 @@ def _copy(
     name = _named(args.name or f"my_{args.packaged}")
     instead = {k: _reference(args, name, v) for k in refers if (v := getattr(args, k))}
     content = copied(args.what, args.packaged, name=name, **instead)
-    target = _save(args, args.what, name, content, parse)
+    target = _save(args, name, content, parse)
     say(f"{args.what.capitalize():<12}{target}: a copy of {args.packaged}; change its numbers")
     return ExitCode.ACCEPTED
 
@@ -228,18 +226,14 @@ def _target(args: argparse.Namespace, name: str) -> Path:
 
 
 def _save(
-    args: argparse.Namespace,
-    kind: FileKind,
-    name: str,
-    content: bytes,
-    parse: Callable[[bytes, str], object],
+    args: argparse.Namespace, name: str, content: bytes, parse: Callable[[bytes, str], object]
 ) -> Path:
     """Check a file by parsing it, then write it and its JSON Schema; an existing file is never overwritten."""
     target = _target(args, name)
     if resources.exists(target):
         raise UsageError(f"{target} exists already; name another file with -o")
     parse(content, str(target))
-    save_with_schema(target, content, kind)
+    save_with_schema(target, content, args.what)
     return target
 
 

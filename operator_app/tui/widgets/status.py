@@ -129,10 +129,9 @@ def _data(s: SessionSnapshot, *, short: bool) -> list[Span]:
 
 
 def _modes(s: SessionSnapshot, *, short: bool) -> list[Span]:
-    if s.arm is None:
-        return [("MODE ", "dim"), ("○", "dim")]
-    position = [str(j.joint) for j in s.arm.joints if j.mode is JointMode.POSITION]
-    free = sum(j.mode is JointMode.FREE for j in s.arm.joints)
+    joints = () if s.arm is None else s.arm.joints
+    position = [str(j.joint) for j in joints if j.mode is JointMode.POSITION]
+    free = sum(j.mode is JointMode.FREE for j in joints)
     if not position and not free:
         return [("MODE ", "dim"), ("○", "dim")]
     if not free:

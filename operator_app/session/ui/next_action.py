@@ -109,15 +109,10 @@ def _fixture(s: SessionSnapshot) -> NextAction:
 
 def _modes(s: SessionSnapshot) -> NextAction:
     marked = s.selected_joints
-    problem = guards.modes_problem(s, marked)
-    if (
-        not problem
-        and s.state.position_joints == marked
-        and not guards.missing_for(Step.CAPTURE, s)
-    ):
-        return _next(Step.CAPTURE, "the modes are set and read back")
-    if problem:
+    if problem := guards.modes_problem(s, marked):
         return NextAction("suggest", "Best set", problem)
+    if s.state.position_joints == marked and not guards.missing_for(Step.CAPTURE, s):
+        return _next(Step.CAPTURE, "the modes are set and read back")
     if needs_reconnect(s):
         return _CONNECT_AGAIN
     if any(alarm.resolving_tasks == {TaskKind.MODES} for alarm in s.alarms):

@@ -282,12 +282,8 @@ class Runner:
             self.say(Level.INFO, f"{job.text}: {error}")
             self._recover()
         except EXPECTED as error:
-            message = words(error)
-            self.say(
-                Level.ALARM,
-                f"{message.happened}. {message.remedy}",
-                resolving_tasks(error, job.kind),
-            )
+            message, resolving = words(error), resolving_tasks(error, job.kind)
+            self.say(Level.ALARM, f"{message.happened}. {message.remedy}", resolving)
             self._recover()
         except BaseException as error:  # noqa: BLE001 - kept for the screen to raise
             self.defect = error

@@ -141,15 +141,10 @@ def parse_line(line: bytes, number: int, *, any_number: bool = False) -> Journal
     schema = record.pop("schema", None) if number == 1 or any_number else None
     if schema is not None and schema != JOURNAL_SCHEMA:
         raise JournalForeignError(*_other_version(schema))
-    seq, utc, name, data = (record.get(key) for key in LINE_KEYS[:-1])
-    if (
-        set(record) != set(LINE_KEYS)
-        or type(seq) is not int
-        or not isinstance(utc, str)
-        or not isinstance(name, str)
-        or not isinstance(data, dict)
-    ):
+    values: list[Any] = [record.get(key) for key in LINE_KEYS[:-1]]
+    if set(record) != set(LINE_KEYS) or list(map(type, values)) != [int, str, str, dict]:
         raise BadLineError("it is not a journal line")
+    seq, utc, name, data = values
     if seq != number and not any_number:
         raise BadLineError(f"its sequence number is {seq}")
     return JournalEvent(seq=seq, utc=utc, name=name, data=data)
@@ -236,11 +231,8 @@ def require_own_format(complete: list[bytes], rest: bytes, path: Path) -> None:
             "delete the folder, or restore the file from a copy",
         )
     torn = not complete and any(begin.startswith(first) for begin in BEGINNINGS)
-    if (
-        torn
-        or first.startswith(BEGINNINGS)
-        or any(CHECKSUM.search(line) for line in complete[:100])
-    ):
+    begins = torn or first.startswith(BEGINNINGS)
+    if begins or any(CHECKSUM.search(line) for line in complete[:100]):
         _require_version(first, path)
         return
     if b"\0" in first[:4096]:

@@ -296,8 +296,6 @@ def _with_choices(procedure: Procedure, choices: Choices) -> Procedure:
         capture = replace(capture, poses=min(capture.poses, PLANNED_POSES))
     capture = replace(capture, strategy=plan or capture.strategy)
     if choices.poses is not None:
-        if choices.poses < 1:
-            raise SessionError(f"{choices.poses} poses were requested", "request at least 1")
         if choices.poses > MOST_POSES:
             raise SessionError(
                 f"more than {MOST_POSES} poses were requested", f"request at most {MOST_POSES}"

@@ -14,6 +14,7 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from datetime import UTC, datetime
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -212,16 +213,12 @@ class Journal:
         return ""
 
     def _changed_line(self) -> str:
-        position = 0
-        for number, line in enumerate(self._lines, 1):
-            try:
-                stored = os.pread(self._descriptor, len(line), position)
-            except OSError as error:
-                return f"cannot be read back ({error.strerror})"
-            if stored != line:
-                return f"was changed in line {number}"
-            position += len(line)
-        return ""
+        try:
+            stored = os.pread(self._descriptor, self._size, 0).splitlines(keepends=True)
+        except OSError as error:
+            return f"cannot be read back ({error.strerror})"
+        pairs = enumerate(zip_longest(self._lines, stored), 1)
+        return next((f"was changed in line {k}" for k, (own, read) in pairs if own != read), "")
 
     def _raise_lost(self, problem: str, line: bytes) -> None:
         """Write all lines, including `line`, to a new session folder, then raise JournalLostError."""

@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 
 from fixtures.ball import Ball
-from fixtures.base import Tolerance
 from fixtures.hinge import Hinge
 from operator_app.commands.file_arguments import OF_WHAT
 from operator_app.config import resources
@@ -141,18 +140,13 @@ def _fixture(args: argparse.Namespace) -> int:
         base = _millimetres(args, "base_point") if args.base_point else None
         fixture = ball_between(arm, _millimetres(args, "hand_point"), base)
     else:
-        fixture = hinge_between(
-            arm,
-            _line(args, "hand"),
-            _line(args, "base") if args.base_point or args.base_direction else None,
-        )
-    usual = load_fixture(args.kind).fixture.tolerance
-    tolerance = Tolerance(
-        position_m=usual.position_m if args.tolerance_mm is None else args.tolerance_mm / 1e3,
-        orientation_rad=usual.orientation_rad
-        if args.tolerance_deg is None
-        else math.radians(args.tolerance_deg),
-    )
+        on_hand, on_base = _line(args, "hand"), args.base_point or args.base_direction
+        fixture = hinge_between(arm, on_hand, _line(args, "base") if on_base else None)
+    tolerance = load_fixture(args.kind).fixture.tolerance
+    if args.tolerance_mm is not None:
+        tolerance = replace(tolerance, position_m=args.tolerance_mm / 1e3)
+    if args.tolerance_deg is not None:
+        tolerance = replace(tolerance, orientation_rad=math.radians(args.tolerance_deg))
     content = fixture_file(replace(fixture, tolerance=tolerance), name=name, arm=arm)
     target = _save(args, name, content, parse_fixture)
     say(f"Fixture     {target}: {args.kind} for {arm.name}")

@@ -141,10 +141,7 @@ def _say_corrected(poses: PoseSet, corrected: PoseSet, tables: tuple[ReadingTabl
     for table in tables:
         read, now = (p.q_rad[:, table.joint - 1] for p in (poses, corrected))
         largest = Figure(float(abs(now - read).max()), ANGLE, places=3).with_unit
-        beyond = table.beyond(read)
-        outside = (
-            f"; {beyond} of {len(poses)} are beyond the table and use its nearest end"
-            if beyond
-            else ""
-        )
+        outside = ""
+        if beyond := table.beyond(read):
+            outside = f"; {beyond} of {len(poses)} are beyond the table and use its nearest end"
         say(f"Readings of joint {table.joint} corrected by up to {largest}{outside}.", err=True)

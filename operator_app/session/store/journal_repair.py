@@ -114,13 +114,11 @@ def examine_lines(raw: bytes) -> tuple[tuple[RepairedLine, ...], bool]:
         if proof is None and number > len(complete):
             return _without_invalid(results), True
         if proof is None:
-            reason = (
-                "cannot be verified: the line before it is lost"
-                if known is None
-                else "the checksum does not match"
-                if line.rstrip().endswith(b'"}')
-                else "it is not a journal line"
-            )
+            reason = "it is not a journal line"
+            if known is None:
+                reason = "cannot be verified: the line before it is lost"
+            elif line.rstrip().endswith(b'"}'):
+                reason = "the checksum does not match"
             results.append(
                 RepairedLine(number=number, event=None, words=f"{reason}{_event_hint(line)}")
             )

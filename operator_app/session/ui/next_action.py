@@ -27,11 +27,9 @@ def next_action(step: Step, s: SessionSnapshot) -> NextAction:
     if s.task is not None and not s.task.moves:
         return NextAction("", "", f"{s.task.progress} ...")
     if s.stopped:
-        when = (
-            "the arm stopped by itself: keep clear until the cause is known, then"
-            if s.stopped_for
-            else "STOP is latched: when it is safe,"
-        )
+        when = "STOP is latched: when it is safe,"
+        if s.stopped_for:
+            when = "the arm stopped by itself: keep clear until the cause is known, then"
         hint = f"{when} Enter (or R) resets it; nothing moves by itself"
         if s.unstopped_joints:
             hint = f"{unstopped_words(s.unstopped_joints)}: use the hardware stop; then Enter (or R) resets STOP"

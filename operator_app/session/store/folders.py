@@ -42,10 +42,10 @@ def new_folder(root: Path, name: str, utc: datetime) -> Path:
     return free_path(root / f"{utc:%Y%m%d-%H%M%S}-{re.sub(r'[^A-Za-z0-9_-]+', '-', name)}")
 
 
-def next_order(root: Path, *, but: Path) -> int:
-    """Return the order number of a new session below `root`: 1 more than the largest in folders other than `but`."""
+def next_order(new: Path) -> int:
+    """Return the order number of a new session in folder `new`: 1 more than the largest in the folders beside it."""
     try:
-        folders = [p for p in root.iterdir() if p != but]
+        folders = [p for p in new.parent.iterdir() if p != new]
     except OSError:
         return 1
     opened = (first_event(folder / JOURNAL_NAME) for folder in folders)

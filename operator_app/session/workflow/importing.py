@@ -131,7 +131,7 @@ class ImportedSession:
             )
         self._record("closed", {"reason": "imported"})
         opened, *others = self._events
-        order = next_order(folder.parent, but=folder)
+        order = next_order(folder)
         lines = format_lines((replace(opened, data={**opened.data, "order": order}), *others))
         path = folder / JOURNAL_NAME
         remedy = "choose a folder with free space and write permission"

@@ -178,14 +178,8 @@ def open_session(rig: Rig, *, clock: Clock = utc_now) -> Session:
         if opening.resumed:
             session.record("resumed", {"settings": settings})
         else:
-            session.record(
-                "opened",
-                {
-                    "sources": dict(opening.state.sources),
-                    "settings": settings,
-                    "order": next_order(folder.parent, but=folder),
-                },
-            )
+            sources, order = dict(opening.state.sources), next_order(folder)
+            session.record("opened", {"sources": sources, "settings": settings, "order": order})
     except BaseException:
         journal.close()
         raise

@@ -52,9 +52,6 @@ EMBEDDED_TIMEOUT_S = 10.0
 SWITCH_INTERVAL_S = 0.0005
 """Thread switch interval of the interpreter, so short that SYNC does not wait for a solver or a repaint."""
 
-RARELY = 100_000
-"""Value for `gc.set_threshold` that makes full garbage collections rare."""
-
 COMPILED = ("scipy.linalg", "scipy.special", "scipy.sparse.csgraph", "scipy.spatial")
 """Libraries loaded before an arm is live: loading one later would block the interpreter for 10 to 40 ms."""
 
@@ -71,7 +68,7 @@ def prepare_real_time() -> None:
     # collections, each closed dialog keeps 0.4 MB. Young objects are collected as usual.
     gc.freeze()
     young, middle, _ = gc.get_threshold()
-    gc.set_threshold(young, middle, RARELY)
+    gc.set_threshold(young, middle, 100_000)
 
 
 @contextmanager
@@ -98,21 +95,17 @@ def open_arm(
             "calibrate the arm in a session of its own: sarcal run",
         )
     prepare_real_time()
-    procedure = opening.effective_procedure
-    bus = settings = opening.choices.bus(procedure)
-    stated = opening.choices
-    if (
-        bus.interface == "virtual"
-        and stated.interface is None
-        and (stated.channel or stated.bitrate)
-    ):
+    procedure, stated = opening.effective_procedure, opening.choices
+    bus = settings = stated.bus(procedure)
+    embedded = bus.interface == "virtual"
+    if embedded and stated.interface is None and (stated.channel or stated.bitrate):
         option = f"-c {stated.channel}" if stated.channel else f"-b {stated.bitrate}"
         raise UsageError(
             f"{option}: no interface is named, and the simulated arm has no bus; add -i, such as -i socketcan"
         )
+    choices = _completed(stated, bus, embedded=embedded)
     outside = offer(bus.interface)
     if outside is not None:
-        choices = _completed(opening.choices, bus, embedded=False)
         keeps_parameters = procedure.upload and outside.keeps_parameters
         opening = replace(
             opening, procedure=replace(procedure, upload=keeps_parameters), choices=choices
@@ -124,7 +117,6 @@ def open_arm(
     if procedure.profile.supervisor is None:
         # Without a supervisor nothing stores parameters: they stay in the session folder.
         procedure = replace(procedure, upload=False)
-    embedded = settings.interface == "virtual"
     controller: VirtualController | None = None
     with ExitStack() as stack:
         if embedded:
@@ -156,7 +148,6 @@ def open_arm(
         arm = CanopenArm(on_bus, record_to=record_to)
         stack.callback(_print_recording_problem, arm)
         stack.callback(arm.close)
-        choices = _completed(opening.choices, bus, embedded=embedded)
         yield Rig(
             arm=arm,
             opening=replace(opening, procedure=procedure, choices=choices),

@@ -33,11 +33,9 @@ class DrivesNotOffError(SessionError):
         self.powered = powered
         if powered:
             joints = ", ".join(map(str, powered))
-            drives = (
-                f"the drive of joint {joints} is"
-                if len(powered) == 1
-                else f"the drives of joints {joints} are"
-            )
+            drives = f"the drives of joints {joints} are"
+            if len(powered) == 1:
+                drives = f"the drive of joint {joints} is"
             super().__init__(
                 f"{drives} still powered after the release of the arm",
                 "keep clear of the arm and its fixture, and switch off its power with the hardware stop; then find "

@@ -257,6 +257,4 @@ def others_free(driven: int, joint_count: int) -> str:
 def names(items: Iterable[object]) -> str:
     """Return items as text, such as ``1, 2 and 3``."""
     listed = [str(item) for item in items]
-    return (
-        " and ".join([", ".join(listed[:-1]), listed[-1]]) if len(listed) > 1 else "".join(listed)
-    )
+    return " and ".join(filter(None, (", ".join(listed[:-1]), *listed[-1:])))

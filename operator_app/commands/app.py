@@ -6,7 +6,7 @@ import argparse
 import os
 import signal
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from typing import TYPE_CHECKING, NoReturn
@@ -71,18 +71,12 @@ def _report_end(made: Sequence[Sessions], reason: str, *, plain: bool) -> int:
     return ExitCode.ACCEPTED if reason in ("left", "end of input") else ExitCode.INTERRUPTED
 
 
-_ARM: Mapping[bool | None, str] = {
-    True: "the arm is held. ",
-    False: "the arm did not answer: keep clear, its state is unknown. ",
-    None: "",
-}
-"""Final state of the arm as text, by whether it confirmed that it is held; None: no arm was connected."""
-
-
 def farewell(sessions: Sessions, folder: Path, reason: str, *, plain: bool = False) -> str:
     """Return the message at the end: final state of the arm, session folder, and how to resume."""
     how = {"left": "", "interrupted": "interrupted; "}.get(reason, f"ended by {reason}; ")
-    arm = _ARM[sessions.held]
+    arm = "the arm is held. " if sessions.held else ""
+    if sessions.held is False:
+        arm = "the arm did not answer: keep clear, its state is unknown. "
     if sessions.not_held is not None and sessions.not_held.powered:
         arm = "the arm is not held: keep clear. "
     message = f"sarcal: {how}{arm}Session {folder}\n"

@@ -3,7 +3,6 @@
 import argparse
 import math
 import sys
-from collections.abc import Sequence
 from dataclasses import asdict
 
 from hardware.arm import PowerReporting
@@ -52,24 +51,18 @@ def execute(args: argparse.Namespace) -> int:
     if args.json:
         rows = [{"stage": "", **asdict(f)} | {"stage": f.stage.value} for f in findings]
         say(as_json({"findings": rows, "held": held}))
+    if not any(finding.name == "connect" for finding in findings):
+        left = "Nothing was enabled: there is no connection to the arm."
+    else:
+        left = "The arm is held." if held else str(DrivesNotOffError(powered))
     failed = sum(f.passed is False for f in findings)
     passed = sum(f.passed is True for f in findings)
     say(
         f"{passed} passed, {failed} failed, {len(findings) - passed - failed} not tested. "
-        + _left(findings, None if held else DrivesNotOffError(powered)),
+        f"{left[0].upper()}{left[1:]}",
         err=args.json,
     )
     return ExitCode.ACCEPTED if held and not failed else ExitCode.ARM_FAULT
-
-
-def _left(findings: Sequence[CheckFinding], problem: DrivesNotOffError | None) -> str:
-    """Return the final state of the arm, as text."""
-    if not any(finding.name == "connect" for finding in findings):
-        return "Nothing was enabled: there is no connection to the arm."
-    if problem is None:
-        return "The arm is held."
-    text = str(problem)
-    return f"{text[0].upper()}{text[1:]}"
 
 
 def _ask(question: str) -> bool:

@@ -28,8 +28,6 @@ from operator_app.safe_output import say
 from operator_app.virtual_arms import run_controller
 
 _AT_SYNC = 1000
-_LOOK_S = 0.2
-"""Interval between checks that the controller is running, s."""
 
 
 def execute(args: argparse.Namespace) -> int:
@@ -84,7 +82,7 @@ def execute(args: argparse.Namespace) -> int:
             err=True,
         )
         while (failure := controller.failure) is None:
-            time.sleep(_LOOK_S)
+            time.sleep(0.2)
     if isinstance(failure, (CanError, OSError)):
         raise BusError(
             f"The bus can no longer be used: {failure}. Check adapter and interface, and start again."

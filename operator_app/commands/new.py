@@ -11,11 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from fixtures.ball import Ball
-from fixtures.base import Tolerance
 from fixtures.hinge import Hinge
 from operator_app.commands.file_arguments import OF_WHAT
 from operator_app.config import resources
-from operator_app.config.any_file import FileKind, save_with_schema, schema_line
+from operator_app.config.any_file import save_with_schema, schema_line
 from operator_app.config.arm_file import load_arm, parse_arm
 from operator_app.config.atomic import dump_strict
 from operator_app.config.fixture_file import load_fixture, parse_fixture
@@ -52,11 +51,6 @@ ASSUMED_LIMITS = {
     "effort": "a torque of 50 N m",
 }
 
-HOMES = {
-    False: "the middle of the ranges.",
-    True: "bent so that every joint moves in a hinge; in the middle of the ranges the arm is stretched out.",
-}
-
 
 def execute(args: argparse.Namespace) -> int:
     """Create the file, and print what the user must check in it."""
@@ -83,8 +77,10 @@ def _arm(args: argparse.Namespace) -> int:
     name = _named(args.name or chain.name)
     body = dict(arm_file_of(chain, name=name))
     bent = bent_home(parse_arm(dump_strict(body), args.urdf))
+    home = "the middle of the ranges."
     if bent is not None:
         body["home_deg"] = short_degrees(bent)
+        home = "bent so that every joint moves in a hinge; in the middle of the ranges the arm is stretched out."
     limits = [f"- limits of {text}\n" for text in chain.unstated]
     # Without the names of the joints, which may contain any word.
     unstated = " ".join(text.partition(": ")[2] for text in chain.unstated)
@@ -94,9 +90,9 @@ def _arm(args: argparse.Namespace) -> int:
         urdf=Path(args.urdf).name,
         limits="".join([*limits, f"  {assumed}.\n"] if limits else []),
         counts=COUNTS_PER_REV,
-        home=HOMES[bent is not None],
+        home=home,
     )
-    target = _save(args, "arm", name, dump_strict(body, comment=comment), parse_arm)
+    target = _save(args, name, dump_strict(body, comment=comment), parse_arm)
     say(f"Arm         {target}: {len(chain.joints)} joints, {chain.base} to {chain.tip}")
     if chain.rounded:
         meanings = ", ".join(f"{word} is {deg:g} deg" for word, deg in chain.rounded.items())
@@ -144,20 +140,15 @@ def _fixture(args: argparse.Namespace) -> int:
         base = _millimetres(args, "base_point") if args.base_point else None
         fixture = ball_between(arm, _millimetres(args, "hand_point"), base)
     else:
-        fixture = hinge_between(
-            arm,
-            _line(args, "hand"),
-            _line(args, "base") if args.base_point or args.base_direction else None,
-        )
-    usual = load_fixture(args.kind).fixture.tolerance
-    tolerance = Tolerance(
-        position_m=usual.position_m if args.tolerance_mm is None else args.tolerance_mm / 1e3,
-        orientation_rad=usual.orientation_rad
-        if args.tolerance_deg is None
-        else math.radians(args.tolerance_deg),
-    )
+        on_hand, on_base = _line(args, "hand"), args.base_point or args.base_direction
+        fixture = hinge_between(arm, on_hand, _line(args, "base") if on_base else None)
+    tolerance = load_fixture(args.kind).fixture.tolerance
+    if args.tolerance_mm is not None:
+        tolerance = replace(tolerance, position_m=args.tolerance_mm / 1e3)
+    if args.tolerance_deg is not None:
+        tolerance = replace(tolerance, orientation_rad=math.radians(args.tolerance_deg))
     content = fixture_file(replace(fixture, tolerance=tolerance), name=name, arm=arm)
-    target = _save(args, "fixture", name, content, parse_fixture)
+    target = _save(args, name, content, parse_fixture)
     say(f"Fixture     {target}: {args.kind} for {arm.name}")
     distance = home_to_closed_rad(arm, fixture)
     if distance is None:
@@ -183,9 +174,7 @@ def _procedure(args: argparse.Namespace) -> int:
         return _copy(args, read, refers=("arm", "fixture"))
     if not (args.arm and args.fixture):
         raise UsageError("new procedure: give --arm and --fixture, or --from NAME")
-    named = {kind: resources.resolve(kind, getattr(args, kind)) for kind in ("arm", "fixture")}
-    arm = parse_arm(named["arm"].data, named["arm"].file)
-    spec = parse_fixture(named["fixture"].data, named["fixture"].file)
+    arm, spec = load_arm(args.arm), load_fixture(args.fixture)
     name = _named(args.name or f"{arm.name}_in_{spec.name}")
     held = entries_to_fix(arm, spec.fixture)
     content = procedure_file(
@@ -196,7 +185,7 @@ def _procedure(args: argparse.Namespace) -> int:
         held=held,
         closed=spec.fixture.holds_hand,
     )
-    target = _save(args, "procedure", name, content, read)
+    target = _save(args, name, content, read)
     say(f"Procedure   {target}: {arm.name} in {spec.name}")
     for entry, reason in held.items():
         say(f"{entry} is fixed: {reason}.")
@@ -210,7 +199,7 @@ def _copy(
     name = _named(args.name or f"my_{args.packaged}")
     instead = {k: _reference(args, name, v) for k in refers if (v := getattr(args, k))}
     content = copied(args.what, args.packaged, name=name, **instead)
-    target = _save(args, args.what, name, content, parse)
+    target = _save(args, name, content, parse)
     say(f"{args.what.capitalize():<12}{target}: a copy of {args.packaged}; change its numbers")
     return ExitCode.ACCEPTED
 
@@ -231,18 +220,14 @@ def _target(args: argparse.Namespace, name: str) -> Path:
 
 
 def _save(
-    args: argparse.Namespace,
-    kind: FileKind,
-    name: str,
-    content: bytes,
-    parse: Callable[[bytes, str], object],
+    args: argparse.Namespace, name: str, content: bytes, parse: Callable[[bytes, str], object]
 ) -> Path:
     """Check a file by parsing it, then write it and its JSON Schema; an existing file is never overwritten."""
     target = _target(args, name)
     if resources.exists(target):
         raise UsageError(f"{target} exists already; name another file with -o")
     parse(content, str(target))
-    save_with_schema(target, content, kind)
+    save_with_schema(target, content, args.what)
     return target
 
 

@@ -119,11 +119,9 @@ def _draft(args: argparse.Namespace, result: Probe) -> int:
     except DraftRefused as none:
         for reason in none.reasons:
             say(f"sarcal: {reason}", err=True)
-        otherwise = (
-            ""
-            if args.configure or unsure
-            else ", or have them set up at every connect: --configure"
-        )
+        otherwise = ", or have them set up at every connect: --configure"
+        if args.configure or unsure:
+            otherwise = ""
         say(f"sarcal: no profile was written. Set these up{otherwise}, then probe again.", err=True)
         return ExitCode.ARM_FAULT
     heading = f"{schema_line('profile')}\n{CHECK.format(maps=MAPS[args.configure])}"

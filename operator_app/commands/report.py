@@ -14,7 +14,6 @@ from operator_app.report.subject import subject_of_session
 from operator_app.report.text import facts_text, unidentifiable_text
 from operator_app.safe_output import as_json, say
 from operator_app.session.store.journal import read_journal
-from operator_app.session.store.replay import session_state
 from operator_app.session.store.stored_calibration import session_calibration, with_checks
 from operator_app.session.workflow.opening import Choices, resume
 from solver.errors import UnidentifiableError
@@ -23,10 +22,9 @@ from solver.errors import UnidentifiableError
 def execute(args: argparse.Namespace) -> int:
     """Read the session's calibration and show it."""
     opening = resume(args.session, Choices(), root=args.sessions)
-    procedure = opening.effective_procedure
+    procedure, folder, state = opening.effective_procedure, opening.folder, opening.state
     unsensed = unsensed_joints(args, procedure.arm.joint_count)
-    contents = read_journal(opening.folder)
-    state = session_state(contents)
+    contents = read_journal(folder)
     calibration, unidentifiable = None, None
     try:
         # From the journal or, if it is not stored there, computed now; the report states which.
@@ -36,7 +34,6 @@ def execute(args: argparse.Namespace) -> int:
         calibration = with_checks(calibration, state, procedure)
     except UnidentifiableError as error:
         unidentifiable = error
-    folder = opening.folder
     subject = subject_of_session(
         folder.resolve().name,
         contents.events,

@@ -272,11 +272,9 @@ def _confirm(
 
 def remounting_lines(opening: Opening, *, drives_off: bool) -> tuple[str, ...]:
     """Return the instructions between two placements. They include a check of the drives, unless `drives_off`."""
-    off = (
-        "Nothing commands the arm any more: its drives are off."
-        if drives_off
-        else "This program does not command the arm and has not checked its drives: make sure that they are off."
-    )
+    off = "This program does not command the arm and has not checked its drives: make sure that they are off."
+    if drives_off:
+        off = "Nothing commands the arm any more: its drives are off."
     number = opening.state.placement + 1
     lines = [
         f"All poses of placement {opening.state.placement} of {opening.procedure.placements} are captured.",

@@ -78,9 +78,9 @@ def execute(args: argparse.Namespace) -> int:
     facts = facts_of(solution, checks=checks)
     tested = None
     if args.test:
-        new = corrected_poses(_test_poses(args, arm, fixture, as_read, solution), tables)
-        elsewhere = new_poses.is_elsewhere(new, poses, fixture)
         try:
+            new = corrected_poses(_test_poses(args, arm, fixture, as_read, solution), tables)
+            elsewhere = new_poses.is_elsewhere(new, poses, fixture)
             tested = verify_poses(arm, fixture, new, solution, poses, elsewhere=elsewhere)
         except new_poses.NoTestError as error:
             raise UsageError(f"--test {args.test}: {error}") from error
@@ -113,12 +113,9 @@ def _test_poses(
         # The file contains all placements: test with those that were not used for the calibration.
         others = tuple(k for k in new.placements if k not in poses.placements)
         new = pick_placements(new, others) if others else new
-    try:
-        new_poses.require_in_range(arm, new, solution)
-        new_poses.require_calibrated_placement(new, poses, fixture)
-        new_poses.require_new(new, poses, fixture)
-    except new_poses.NoTestError as error:
-        raise UsageError(f"--test {args.test}: {error}") from error
+    new_poses.require_in_range(arm, new, solution)
+    new_poses.require_calibrated_placement(new, poses, fixture)
+    new_poses.require_new(new, poses, fixture)
     return new
 
 
@@ -144,10 +141,7 @@ def _say_corrected(poses: PoseSet, corrected: PoseSet, tables: tuple[ReadingTabl
     for table in tables:
         read, now = (p.q_rad[:, table.joint - 1] for p in (poses, corrected))
         largest = Figure(float(abs(now - read).max()), ANGLE, places=3).with_unit
-        beyond = table.beyond(read)
-        outside = (
-            f"; {beyond} of {len(poses)} are beyond the table and use its nearest end"
-            if beyond
-            else ""
-        )
+        outside = ""
+        if beyond := table.beyond(read):
+            outside = f"; {beyond} of {len(poses)} are beyond the table and use its nearest end"
         say(f"Readings of joint {table.joint} corrected by up to {largest}{outside}.", err=True)

@@ -70,9 +70,7 @@ def parser_of(command: str) -> argparse.ArgumentParser:
 
 
 FILE_ARGUMENTS: tuple[Kind, ...] = ("arm", "fixture", "procedure")
-COPIED = "packaged"
-HELP_TOPIC = "topic"
-COMPLETED = (*FILE_ARGUMENTS, COPIED, HELP_TOPIC, "session", "name", "a", "b", "resume")
+COMPLETED = (*FILE_ARGUMENTS, "packaged", "topic", "session", "name", "a", "b", "resume")
 """Destinations of the arguments and options whose values are completed; the last five are sessions."""
 
 
@@ -103,13 +101,13 @@ def complete(parser: argparse.ArgumentParser, command: argparse.ArgumentParser |
 def _names(
     dest: str, *, prefix: str, parsed_args: argparse.Namespace, **_: object
 ) -> Iterable[str]:
-    if dest == HELP_TOPIC:
+    if dest == "topic":
         from operator_app.manual.pages import SECTIONS
 
         return [topic for topics in SECTIONS.values() for topic in topics]
     from operator_app.config.resources import builtin_names
 
-    if dest == COPIED:
+    if dest == "packaged":
         # The kind, as in `new arm --from`, is not parsed yet: take it from the typed words.
         typed = words_to_complete() or []
         return [name for kind in FILE_ARGUMENTS if kind in typed for name in builtin_names(kind)]

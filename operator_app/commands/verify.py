@@ -2,7 +2,6 @@
 
 import argparse
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -68,10 +67,7 @@ def execute(args: argparse.Namespace) -> int:
                 f"{opening.folder} was imported from {opening.state.imported} and has no arm; give a file of "
                 f"new poses: sarcal verify {args.session} POSES.csv"
             )
-        count = NEW_POSES if requested is None else requested
-        verdict, poses = _on_the_arm(
-            opening, solution, count, homing=args.go_home, record_to=recording(args, opening)
-        )
+        verdict, poses = _on_the_arm(args, opening, solution, requested or NEW_POSES)
     say(
         as_json(verification_json(verdict, poses))
         if args.json
@@ -108,7 +104,7 @@ def _open_arm(
 ) -> tuple[Measured, PoseSet]:
     choices = replace(
         calibrated.choices,
-        poses=OPEN_POSES if count is None else count,
+        poses=count or OPEN_POSES,
         plan=None,
         estimator=None,
         unsensed_joints=None,
@@ -148,12 +144,12 @@ def _open_arm(
 
 
 def _on_the_arm(
-    opening: Opening, solution: Solution, count: int, *, homing: bool, record_to: Path | None
+    args: argparse.Namespace, opening: Opening, solution: Solution, count: int
 ) -> tuple[VerificationResult, PoseSet]:
-    with unattended(opening, record_to=record_to) as session:
+    with unattended(opening, record_to=recording(args, opening)) as session:
         connect(session, Listener())
         session.set_modes(drives_of(session))
-        if homing:
+        if args.go_home:
             go_home_if_outside(session, ConsoleListener())
         result = verify(session, solution, count, Listener())
     say(f"Captured {count} new poses, kept in the journal of {opening.folder}", err=True)

@@ -65,9 +65,6 @@ def help_text(step: Step, panel: Lines | None, width: int) -> str:
     return "\n\n".join(blocks)
 
 
-SOON_S = 0.1
-
-
 class ScreenInterface:
     """The `UserInterface` of the terminal app; an action applies to the row that is marked on the screen.
 
@@ -118,7 +115,7 @@ class ScreenInterface:
 
     def retry_soon(self, work: Callable[[], None]) -> None:
         """Call `work` 0.1 s later, without blocking the screen."""
-        self.app.set_timer(SOON_S, work)
+        self.app.set_timer(0.1, work)
 
     def refuse(self, reason: str) -> None:
         """Show above the footer why an action is refused."""

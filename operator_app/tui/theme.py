@@ -47,8 +47,6 @@ ASCII = str.maketrans(
     }
 )  # fmt: skip
 """ASCII replacements of one character each, so that nothing moves. Plots choose ASCII or braille themselves."""
-PLUS_MINUS = "±", "+-"
-"""The only replacement by two characters, possible because no aligned text follows this character."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,7 +65,8 @@ class Look:
         text = sanitized(text, keep="\n")
         if not self.ascii_only:
             return text
-        plain = text.replace(*PLUS_MINUS).translate(ASCII)
+        # No aligned text follows this sign: two characters may replace it.
+        plain = text.replace("±", "+-").translate(ASCII)
         return plain.encode("ascii", "replace").decode("ascii")
 
 

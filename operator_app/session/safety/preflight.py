@@ -11,7 +11,6 @@ arm to unintended positions.
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 
@@ -30,7 +29,7 @@ from operator_app.session.safety.resume_checks import (
     zero_position,
 )
 from operator_app.session.store.logbook import Logbook
-from operator_app.session.store.state import SessionState
+from operator_app.session.store.state import SessionState, pose_set_of
 from operator_app.units import REACH, WHOLE_DEGREES, joints_named, names
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
@@ -79,7 +78,7 @@ def _arm_from_earlier_placements(state: SessionState, procedure: Procedure) -> K
     earlier = tuple(p for p in state.used_poses if p.placement != state.placement)
     if not earlier or not procedure.fixture.fixture.holds_hand:
         return None
-    poses, fixture = replace(state, poses=earlier).pose_set(), procedure.fixture.fixture
+    poses, fixture = pose_set_of(earlier), procedure.fixture.fixture
     unsensed = procedure.unsensed_joints
     return known_arm(Experiment(arm=procedure.arm, fixture=fixture, poses=poses, unsensed=unsensed))
 
@@ -132,9 +131,8 @@ def check_closure_without_poses(
         closed_at = names(f"joint {j} near {REACH(q).with_unit}" for j, q in reset.items())
         text = reset_text(list(reset), where, f"; it closes with {closed_at}")
         raise ConnectAgainError(text, remedy, probability=probability)
-    if probability >= (
-        LOOP_FALSE_REFUSAL_PROBABILITY if known is None else FALSE_REFUSAL_PROBABILITY_KNOWN_ARM
-    ):
+    least = LOOP_FALSE_REFUSAL_PROBABILITY if known is None else FALSE_REFUSAL_PROBABILITY_KNOWN_ARM
+    if probability >= least:
         return probability
     # Joints each of which alone explains the closure error, the most likely first.
     fits = _fits_without(loop, loop.joints)
@@ -198,12 +196,9 @@ def _not_closing_text(explaining: dict[int, ClosureFit]) -> str:
 
 
 def _not_closing_remedy(explaining: dict[int, ClosureFit]) -> str:
-    likeliest = next(iter(explaining), None)
-    what = (
-        "the zeros, directions and order of the joints"
-        if likeliest is None
-        else f"the zero of joint {likeliest} (counter reset) and its direction"
-    )
+    what = "the zeros, directions and order of the joints"
+    if explaining:
+        what = f"the zero of joint {next(iter(explaining))} (counter reset) and its direction"
     return (
         f"do not move the arm with these readings. First check {what}; then the bus profile, the fixture file, and "
         "whether the loop is closed. If offsets are known to less than 10 deg or the placement to less than "

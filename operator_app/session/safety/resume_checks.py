@@ -86,7 +86,6 @@ def check_counters(arm: ArmModel, reading_rad: FloatArray) -> None:
         raise ConnectAgainError(
             f"{'; '.join(fresh)}: the counter was reset, as after a loss of power",
             "home the joint, then connect again",
-            probability=None,
         )
 
 
@@ -235,19 +234,16 @@ def _refusal(
         )
     size = f"{probability:.0e}" if probability > LEAST_STATED_PROBABILITY else "below 1e-12"
     probability_text = "" if not closes else f" (probability {size})"
-    if not procedure.fixture.fixture.holds_hand:
-        return ClosureRefusedError(
-            f"the tracker does not measure the target where this session's {poses} poses "
-            f"predict it{probability_text}: a joint's zero, the target or the tracker has changed",
-            NEW_SESSION_REMEDY,
-            probability=probability,
-        )
-    return ClosureRefusedError(
+    happened = (
         f"the loop does not close at the present pose, according to this session's {poses} "
-        f"poses{probability_text}: {_cause_text(near)}",
-        NEW_SESSION_REMEDY,
-        probability=probability,
+        f"poses{probability_text}: {_cause_text(near)}"
     )
+    if not procedure.fixture.fixture.holds_hand:
+        happened = (
+            f"the tracker does not measure the target where this session's {poses} poses "
+            f"predict it{probability_text}: a joint's zero, the target or the tracker has changed"
+        )
+    return ClosureRefusedError(happened, NEW_SESSION_REMEDY, probability=probability)
 
 
 def _cause_text(near: Innovation | None) -> str:

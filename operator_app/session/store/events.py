@@ -205,8 +205,6 @@ DEVIATIONS = per_joint(number(0.0, MAX_ANGLE_RAD))
 COUNT = integer(1)
 JOINTS = list_of(joint_number)
 A_DURATION = number(0.0)
-OBJECT = an_object
-"""Object whose contents are checked where they are read."""
 
 SETTINGS = object_with(
     {
@@ -307,10 +305,10 @@ EVENTS: Mapping[str, Mapping[str, Check]] = {
         "parameters?": mapping_of(text, number()),
         "scaled_condition_number?": number(),
         "accepted": boolean,
-        "record?": OBJECT,
+        "record?": an_object,  # its contents are checked where they are read
         "made_with?": mapping_of(text, text),
     },
-    "checked": {"record": OBJECT},
+    "checked": {"record": an_object},
     "verified": {"poses?": COUNT, "position_m?": number(0.0), "holds?": boolean, "why?": text},
     "exported": {
         "file": text,

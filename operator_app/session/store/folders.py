@@ -14,9 +14,6 @@ from operator_app.session.store.journal_format import JOURNAL_NAME, first_event,
 from operator_app.session.store.replay import order_of, session_state
 from operator_app.session.store.state import SessionState
 
-STAMP = "%Y%m%d-%H%M%S"
-"""`strftime` format of the time of opening, with which a folder's name begins."""
-
 PARAMETERS_NAME = "parameters.yaml"
 POSES_NAME = "poses.csv"
 """Files that an export writes beside the journal."""
@@ -42,13 +39,13 @@ def new_folder(root: Path, name: str, utc: datetime) -> Path:
 
     If another program creates it first, `Journal.create` takes the next free name.
     """
-    return free_path(root / f"{utc:{STAMP}}-{re.sub(r'[^A-Za-z0-9_-]+', '-', name)}")
+    return free_path(root / f"{utc:%Y%m%d-%H%M%S}-{re.sub(r'[^A-Za-z0-9_-]+', '-', name)}")
 
 
-def next_order(root: Path, *, but: Path) -> int:
-    """Return the order number of a new session below `root`: 1 more than the largest in folders other than `but`."""
+def next_order(new: Path) -> int:
+    """Return the order number of a new session in folder `new`: 1 more than the largest in the folders beside it."""
     try:
-        folders = [p for p in root.iterdir() if p != but]
+        folders = [p for p in new.parent.iterdir() if p != new]
     except OSError:
         return 1
     opened = (first_event(folder / JOURNAL_NAME) for folder in folders)

@@ -14,6 +14,7 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from datetime import UTC, datetime
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -122,15 +123,15 @@ class Journal:
                         f"name that session, {path.resolve().parent}",
                     )
                 raw = read_bytes(path)
-                contents = parse_journal(raw, path)
+                contents, whole = parse_journal(raw, path), raw.rfind(b"\n") + 1
                 if contents.torn:
-                    write_new_file(timestamped_path(path, "torn"), raw[contents.whole_bytes :])
-                    os.ftruncate(descriptor, contents.whole_bytes)
+                    write_new_file(timestamped_path(path, "torn"), raw[whole:])
+                    os.ftruncate(descriptor, whole)
                     os.fsync(descriptor)
         except JournalError:
             os.close(descriptor)
             raise
-        return cls(path, descriptor, contents, raw[: contents.whole_bytes])
+        return cls(path, descriptor, contents, raw[:whole])
 
     def append(self, name: str, data: Mapping[str, Any], *, clock: Clock = utc_now) -> JournalEvent:
         """Write one event and return once it is on disk. A failed write leaves the file as it was.
@@ -212,16 +213,12 @@ class Journal:
         return ""
 
     def _changed_line(self) -> str:
-        position = 0
-        for number, line in enumerate(self._lines, 1):
-            try:
-                stored = os.pread(self._descriptor, len(line), position)
-            except OSError as error:
-                return f"cannot be read back ({error.strerror})"
-            if stored != line:
-                return f"was changed in line {number}"
-            position += len(line)
-        return ""
+        try:
+            stored = os.pread(self._descriptor, self._size, 0).splitlines(keepends=True)
+        except OSError as error:
+            return f"cannot be read back ({error.strerror})"
+        pairs = enumerate(zip_longest(self._lines, stored), 1)
+        return next((f"was changed in line {k}" for k, (own, read) in pairs if own != read), "")
 
     def _raise_lost(self, problem: str, line: bytes) -> None:
         """Write all lines, including `line`, to a new session folder, then raise JournalLostError."""

@@ -49,14 +49,13 @@ class JournalContents:
     """Events of a journal.
 
     `torn` is the message about an incomplete last line (empty if it is complete), `file` the journal's name in
-    messages, `chain` the last checksum, and `whole_bytes` the number of bytes in complete lines.
+    messages, and `chain` the last checksum.
     """
 
     events: tuple[JournalEvent, ...]
     torn: str = ""
     file: str = JOURNAL_NAME
     chain: str = ""
-    whole_bytes: int = 0
 
 
 class BadLineError(Exception):
@@ -142,15 +141,10 @@ def parse_line(line: bytes, number: int, *, any_number: bool = False) -> Journal
     schema = record.pop("schema", None) if number == 1 or any_number else None
     if schema is not None and schema != JOURNAL_SCHEMA:
         raise JournalForeignError(*_other_version(schema))
-    seq, utc, name, data = (record.get(key) for key in LINE_KEYS[:-1])
-    if (
-        set(record) != set(LINE_KEYS)
-        or type(seq) is not int
-        or not isinstance(utc, str)
-        or not isinstance(name, str)
-        or not isinstance(data, dict)
-    ):
+    values: list[Any] = [record.get(key) for key in LINE_KEYS[:-1]]
+    if set(record) != set(LINE_KEYS) or list(map(type, values)) != [int, str, str, dict]:
         raise BadLineError("it is not a journal line")
+    seq, utc, name, data = values
     if seq != number and not any_number:
         raise BadLineError(f"its sequence number is {seq}")
     return JournalEvent(seq=seq, utc=utc, name=name, data=data)
@@ -164,8 +158,7 @@ def parse_journal(raw: bytes, path: Path) -> JournalContents:
     """
     *complete, rest = raw.split(b"\n")
     require_own_format(complete, rest, path)
-    events: list[JournalEvent] = []
-    chain, position = "", 0
+    chain, events = "", list[JournalEvent]()
     for number, line in enumerate(complete, 1):
         try:
             event, chain = verified_line(line, number, chain)
@@ -174,13 +167,10 @@ def parse_journal(raw: bytes, path: Path) -> JournalContents:
         except BadLineError as error:
             raise JournalDamagedError(path=path, line=number, problem=str(error)) from error
         events.append(event)
-        position += len(line) + 1
     torn = ""
     if rest:
         torn = f"line {len(complete) + 1} of {path} is incomplete and was left out"
-    return JournalContents(
-        events=tuple(events), torn=torn, file=str(path), chain=chain, whole_bytes=position
-    )
+    return JournalContents(events=tuple(events), torn=torn, file=str(path), chain=chain)
 
 
 def read_bytes(path: Path) -> bytes:
@@ -241,11 +231,8 @@ def require_own_format(complete: list[bytes], rest: bytes, path: Path) -> None:
             "delete the folder, or restore the file from a copy",
         )
     torn = not complete and any(begin.startswith(first) for begin in BEGINNINGS)
-    if (
-        torn
-        or first.startswith(BEGINNINGS)
-        or any(CHECKSUM.search(line) for line in complete[:100])
-    ):
+    begins = torn or first.startswith(BEGINNINGS)
+    if begins or any(CHECKSUM.search(line) for line in complete[:100]):
         _require_version(first, path)
         return
     if b"\0" in first[:4096]:

@@ -109,20 +109,16 @@ def examine_lines(raw: bytes) -> tuple[tuple[RepairedLine, ...], bool]:
     *complete, rest = raw.split(b"\n")
     results: list[RepairedLine] = []
     known: str | None = ""
-    torn = False
     for number, line in enumerate([*complete, *([rest] if rest else [])], 1):
         proof = None if known is None else _recover(line, known)
         if proof is None and number > len(complete):
-            torn = True
-            break
+            return _without_invalid(results), True
         if proof is None:
-            reason = (
-                "cannot be verified: the line before it is lost"
-                if known is None
-                else "the checksum does not match"
-                if line.rstrip().endswith(b'"}')
-                else "it is not a journal line"
-            )
+            reason = "it is not a journal line"
+            if known is None:
+                reason = "cannot be verified: the line before it is lost"
+            elif line.rstrip().endswith(b'"}'):
+                reason = "the checksum does not match"
             results.append(
                 RepairedLine(number=number, event=None, words=f"{reason}{_event_hint(line)}")
             )
@@ -135,7 +131,7 @@ def examine_lines(raw: bytes) -> tuple[tuple[RepairedLine, ...], bool]:
         except BadLineError as error:
             event, restored = None, str(error) + _event_hint(original)
         results.append(RepairedLine(number=number, event=event, words=restored))
-    return _without_invalid(results), torn
+    return _without_invalid(results), False
 
 
 # -- one line ------------------------------------------------------------------------------------

@@ -120,10 +120,8 @@ def _undone(state: SessionState, number: int, *, back: bool) -> SessionState:
 def _apply_planning(state: SessionState, event: JournalEvent) -> SessionState:
     name, data = event.name, event.data
     match name:
-        case "remounting":
-            return _in_new_placement(state, data["placement"], mounted=False)
-        case "remounted":
-            return _in_new_placement(state, data["placement"], mounted=True)
+        case "remounting" | "remounted":
+            return _in_new_placement(state, data["placement"], mounted=name == "remounted")
         case "drives_chosen":
             sets = tuple(tuple(drives) for drives in data["sets"])
             return replace(state, drives=tuple(data["drives"]), drive_sets=sets)

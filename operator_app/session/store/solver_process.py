@@ -104,7 +104,8 @@ class SolvingProcess:
     def _started(self) -> Connection:
         if self._connection is None or self._process is None:
             self._connection, other_end = Pipe()
-            command = [sys.executable, "-P", "-c", _START, str(other_end.fileno())]
+            start = "from operator_app.session.store.solver_process import serve; serve()"
+            command = [sys.executable, "-P", "-c", start, str(other_end.fileno())]
             self._process = subprocess.Popen(  # noqa: S603 - this interpreter, this module
                 command,
                 # When this process ends, the standard input of the child ends, and so does the child.
@@ -120,9 +121,6 @@ class SolvingProcess:
             )
             other_end.close()
         return self._connection
-
-
-_START = "from operator_app.session.store.solver_process import serve; serve()"
 
 
 # -- the other end ---------------------------------------------------------------------------------

@@ -54,11 +54,8 @@ def modes_ready(s: SessionSnapshot) -> str:
             return f"{check.text}: {check.remedy}"
     unticked = len(s.procedure.fixture.checklist) - len(s.ticked)
     are = "are" if unticked > 1 else "is"
-    return (
-        f"{plural(unticked, 'item')} of the check list {are} not ticked (step 2)"
-        if unticked
-        else ""
-    )
+    missing = f"{plural(unticked, 'item')} of the check list {are} not ticked (step 2)"
+    return missing if unticked else ""
 
 
 def capture_ready(s: SessionSnapshot) -> str:

@@ -27,11 +27,9 @@ def next_action(step: Step, s: SessionSnapshot) -> NextAction:
     if s.task is not None and not s.task.moves:
         return NextAction("", "", f"{s.task.progress} ...")
     if s.stopped:
-        when = (
-            "the arm stopped by itself: keep clear until the cause is known, then"
-            if s.stopped_for
-            else "STOP is latched: when it is safe,"
-        )
+        when = "STOP is latched: when it is safe,"
+        if s.stopped_for:
+            when = "the arm stopped by itself: keep clear until the cause is known, then"
         hint = f"{when} Enter (or R) resets it; nothing moves by itself"
         if s.unstopped_joints:
             hint = f"{unstopped_words(s.unstopped_joints)}: use the hardware stop; then Enter (or R) resets STOP"
@@ -109,15 +107,10 @@ def _fixture(s: SessionSnapshot) -> NextAction:
 
 def _modes(s: SessionSnapshot) -> NextAction:
     marked = s.selected_joints
-    problem = guards.modes_problem(s, marked)
-    if (
-        not problem
-        and s.state.position_joints == marked
-        and not guards.missing_for(Step.CAPTURE, s)
-    ):
-        return _next(Step.CAPTURE, "the modes are set and read back")
-    if problem:
+    if problem := guards.modes_problem(s, marked):
         return NextAction("suggest", "Best set", problem)
+    if s.state.position_joints == marked and not guards.missing_for(Step.CAPTURE, s):
+        return _next(Step.CAPTURE, "the modes are set and read back")
     if needs_reconnect(s):
         return _CONNECT_AGAIN
     if any(alarm.resolving_tasks == {TaskKind.MODES} for alarm in s.alarms):

@@ -228,7 +228,7 @@ class Operations(CalibrationOperations):
         session, pose = self._session, self._session.state.pose(number)
         reason = "" if pose is None else pose.excluded
         include = partial(session.include, number)
-        exclude = partial(session.exclude, number, reason or "by the operator")
+        exclude = partial(session.exclude, number, reason)
         self._edit(number, *((include, exclude) if reason else (exclude, include)))
         now = "included again" if reason else "excluded: it stays in the journal"
         self.report(f"pose {number} {now}")

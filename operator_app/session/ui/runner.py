@@ -84,7 +84,7 @@ class Runner:
         self._current: _Job | None = None
         self._closing = threading.Event()
         self._publishing = threading.Lock()
-        self.supervisor = Supervisor(self, recording_ended, monotonic)
+        self.supervisor = Supervisor(self, recording_ended)
         self._data_at_s = self._polled_s = monotonic()
         self.defect: BaseException | None = None
         self._base = SessionSnapshot(
@@ -282,12 +282,8 @@ class Runner:
             self.say(Level.INFO, f"{job.text}: {error}")
             self._recover()
         except EXPECTED as error:
-            message = words(error)
-            self.say(
-                Level.ALARM,
-                f"{message.happened}. {message.remedy}",
-                resolving_tasks(error, job.kind),
-            )
+            message, resolving = words(error), resolving_tasks(error, job.kind)
+            self.say(Level.ALARM, f"{message.happened}. {message.remedy}", resolving)
             self._recover()
         except BaseException as error:  # noqa: BLE001 - kept for the screen to raise
             self.defect = error

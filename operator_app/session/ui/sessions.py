@@ -21,13 +21,11 @@ from operator_app.session.workflow.opening import (
 )
 from operator_app.session.workflow.remounting import record_in
 
-DEFAULT_PROCEDURE = "hinge"
-
 
 class Sessions:
     """Opens and closes the sessions of one folder.
 
-    `procedure`: built-in name or path; None: `DEFAULT_PROCEDURE`.
+    `procedure`: built-in name or path; None: ``hinge``.
     `choices`: options of the command line.
     `join`: function of an `Opening`; returns a context manager that yields the `Rig`, i.e. the arm of the session.
     `warning`: first message to the operator; "" for none.
@@ -61,7 +59,7 @@ class Sessions:
 
     def new(self, procedure: str | None = None) -> Runner:
         """Start a session and return its runner; `procedure`, if given, becomes the default for later sessions."""
-        named = procedure or self._procedure or DEFAULT_PROCEDURE
+        named = procedure or self._procedure or "hinge"
         runner = self._open(
             begin(named, self._choices, root=self.root), "another session was started"
         )

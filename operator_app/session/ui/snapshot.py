@@ -328,8 +328,7 @@ def add_message(
 
 def without_resolved(s: SessionSnapshot, kind: TaskKind) -> SessionSnapshot:
     """Remove the alarms that a task of this kind resolves."""
-    standing = tuple(alarm for alarm in s.alarms if kind not in alarm.resolving_tasks)
-    return s if len(standing) == len(s.alarms) else replace(s, alarms=standing)
+    return replace(s, alarms=tuple(a for a in s.alarms if kind not in a.resolving_tasks))
 
 
 def without_acknowledged(s: SessionSnapshot, number: int) -> SessionSnapshot:

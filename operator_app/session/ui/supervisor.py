@@ -142,11 +142,8 @@ class Supervisor:
     `reported_stop`: why the arm stopped by itself, according to the last snapshot; "" if it did not.
     """
 
-    def __init__(
-        self, runner: Runner, recording_ended: Callable[[], str], monotonic: Callable[[], float]
-    ) -> None:
-        self._runner, self._monotonic = runner, monotonic
-        session = runner.session
+    def __init__(self, runner: Runner, recording_ended: Callable[[], str]) -> None:
+        self._runner, session = runner, runner.session
         self._motion = MotionMonitor(session.model, session.procedure.capture)
         self._recording_ended, self._recording_reported = recording_ended, ""
         self._lateness = LatenessReporter()
@@ -223,12 +220,8 @@ class Supervisor:
         return "" if problem == before else problem[:1].upper() + problem[1:]
 
     def _end_unwatched_motion(self, now: SessionSnapshot, unseen_s: float) -> None:
-        if (
-            now.task is not None
-            and now.task.moves
-            and unseen_s > UNWATCHED_S
-            and not self._runner.cancelled()
-        ):
+        moves = now.task is not None and now.task.moves
+        if moves and unseen_s > UNWATCHED_S and not self._runner.cancelled():
             self._runner.cancel()
             self._runner.say(
                 Level.ALARM,
@@ -244,7 +237,7 @@ class Supervisor:
         counted = replace(
             report,
             drives_stopped=resting,
-            acknowledged_after_s=self._monotonic() - report.asked_s if done else None,
+            acknowledged_after_s=now.now_s - report.asked_s if done else None,
         )
         # A newer STOP or a reset may have replaced the report in the meantime.
         self._runner.publish(lambda s: replace(s, stop=counted) if s.stop is report else s)

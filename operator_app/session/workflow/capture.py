@@ -330,10 +330,9 @@ def _new_targets(session: Session, solution: Solution, poses: int) -> Iterator[M
     if isinstance(model, Placements):
         model, columns = model.of(session.state.placement)
         x = x[columns]
-    if known >= set(session.state.position_joints):
-        yield from drive_selection.verification_waypoints(session, poses)
-        return
-    for target in drive_selection.verification_waypoints(session, CANDIDATES_PER_POSE * poses):
+    clear = known >= set(session.state.position_joints)
+    candidates = poses if clear else CANDIDATES_PER_POSE * poses
+    for target in drive_selection.verification_waypoints(session, candidates):
         q_rad = session.arm.snapshot().positions_rad
-        if is_path_clear(session.model, model, x, q_rad, target):
+        if clear or is_path_clear(session.model, model, x, q_rad, target):
             yield target

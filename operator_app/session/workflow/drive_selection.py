@@ -268,19 +268,18 @@ def visit(session: Session, index: int) -> bool:
     return outcome.reached
 
 
-def _last_reason(session: Session) -> str:
-    reasons = [reason for reason in session.state.skipped_waypoints.values() if reason]
-    return f"; the last skipped waypoint was skipped because {reasons[-1]}" if reasons else ""
-
-
 def explore(session: Session, listener: Listener, after_pose: Callable[[], None]) -> None:
     """Capture missing poses, and call `after_pose` after each. Raises GuardError if too few waypoints are reachable."""
     plan, total = waypoints_of(session), session.procedure.capture.poses
     while (count := len(session.state.poses_here)) < total:
         waypoint = session.state.next_waypoint
         if waypoint >= len(plan):
+            reasons = list(filter(None, session.state.skipped_waypoints.values()))
+            last = (
+                f"; the last skipped waypoint was skipped because {reasons[-1]}" if reasons else ""
+            )
             raise GuardError(
-                f"only {count} of {total} poses could be reached{_last_reason(session)}",
+                f"only {count} of {total} poses could be reached{last}",
                 "drive another pair of joints, widen the exploration ranges, mount the hinge elsewhere, or "
                 "calibrate from these poses",
             )

@@ -122,7 +122,7 @@ class ImportedSession:
     ) -> Path:
         """Write the journal into `folder`, or into a new folder below `root`; return the folder.
 
-        If `folder` already contains a session, `replace_session` removes the files named in `stale` and replaces the
+        If `folder` already contains a session, `_replace_session` removes the files named in `stale` and replaces the
         journal, or raises JournalError. Raises JournalError or WriteError if writing fails.
         """
         if folder is None:
@@ -131,7 +131,7 @@ class ImportedSession:
             )
         self._record("closed", {"reason": "imported"})
         opened, *others = self._events
-        order = next_order(folder.parent, but=folder)
+        order = next_order(folder)
         lines = format_lines((replace(opened, data={**opened.data, "order": order}), *others))
         path = folder / JOURNAL_NAME
         remedy = "choose a folder with free space and write permission"
@@ -139,8 +139,44 @@ class ImportedSession:
             folder.mkdir(parents=True, exist_ok=True)
             write_new_file(path, b"".join(lines))
             return folder
-        replace_session(folder, lines, self._events, overwrite=overwrite, stale=stale)
+        self._replace_session(folder, lines, overwrite=overwrite, stale=stale)
         return folder
+
+    def _replace_session(
+        self, folder: Path, lines: Sequence[bytes], *, overwrite: bool, stale: Sequence[str]
+    ) -> None:
+        """Replace the journal in `folder` with `lines`, after removing the files named in `stale`.
+
+        Raises WriteError if writing fails. Raises JournalError, and changes nothing, in these cases:
+
+        - The old journal contains events other than `REPRODUCIBLE_EVENTS`: it was captured on an arm, or edited.
+        - Its poses, arm or fixture differ from the new ones, and `overwrite` is false.
+        - It cannot be read, or is in use.
+        """
+        path = folder / JOURNAL_NAME
+        with os_errors_as_journal_errors(f"cannot open {path}", "name another folder"):
+            descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        lock(descriptor, path)
+        try:
+            existing = read_journal(folder).events
+            names = {event.name for event in existing}
+            if "imported" not in names or not names <= REPRODUCIBLE_EVENTS:
+                raise JournalError(
+                    f"{folder} holds a session captured on an arm, or edited",
+                    "name another folder: such a session is not replaced even with overwrite=True",
+                )
+            if not overwrite and _contents(existing) != _contents(self._events):
+                poses = plural(sum(event.name == "pose" for event in existing), "pose")
+                raise JournalError(
+                    f"{folder} already holds a session of other data ({poses})",
+                    "name another folder, or replace it with save(folder, overwrite=True)",
+                )
+            for name in stale:
+                # Removed before the journal is replaced: no file of the old calibration is ever beside the new journal.
+                (folder / name).unlink(missing_ok=True)
+            write_atomically(path, b"".join(lines))
+        finally:
+            os.close(descriptor)
 
     def _record(self, name: str, data: Mapping[str, Any]) -> None:
         utc = utc_in_words(self._clock())
@@ -217,49 +253,6 @@ REPRODUCIBLE_EVENTS = frozenset(
     {"opened", "imported", "pose", "solved", "checked", "exported", "closed"}
 )
 """A session that contains only such events can be made again from its poses."""
-
-
-def replace_session(
-    folder: Path,
-    lines: Sequence[bytes],
-    events: Sequence[JournalEvent],
-    *,
-    overwrite: bool,
-    stale: Sequence[str],
-) -> None:
-    """Replace the journal in `folder` with `lines`, after removing the files named in `stale`.
-
-    `lines` is the text of the new journal, and `events` are its events. Raises WriteError if writing fails. Raises
-    JournalError, and changes nothing, in these cases:
-
-    - The old journal contains events other than `REPRODUCIBLE_EVENTS`: it was captured on an arm, or edited.
-    - Its poses, arm or fixture differ from the new ones, and `overwrite` is false.
-    - It cannot be read, or is in use.
-    """
-    path = folder / JOURNAL_NAME
-    with os_errors_as_journal_errors(f"cannot open {path}", "name another folder"):
-        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-    lock(descriptor, path)
-    try:
-        existing = read_journal(folder)
-        names = {event.name for event in existing.events}
-        if "imported" not in names or not names <= REPRODUCIBLE_EVENTS:
-            raise JournalError(
-                f"{folder} holds a session captured on an arm, or edited",
-                "name another folder: such a session is not replaced even with overwrite=True",
-            )
-        if not overwrite and _contents(existing.events) != _contents(events):
-            poses = plural(sum(event.name == "pose" for event in existing.events), "pose")
-            raise JournalError(
-                f"{folder} already holds a session of other data ({poses})",
-                "name another folder, or replace it with save(folder, overwrite=True)",
-            )
-        for name in stale:
-            # Removed before the journal is replaced: no file of the old calibration is ever beside the new journal.
-            (folder / name).unlink(missing_ok=True)
-        write_atomically(path, b"".join(lines))
-    finally:
-        os.close(descriptor)
 
 
 def _contents(events: Sequence[JournalEvent]) -> list[Any]:

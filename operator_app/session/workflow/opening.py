@@ -40,8 +40,6 @@ if TYPE_CHECKING:
 
 SOURCE_KINDS: tuple[Kind, ...] = ("procedure", "arm", "fixture", "profile")
 """Kinds of the documents in `Procedure.sources`, in the same order."""
-LATER: frozenset[Kind] = frozenset({"profile"})
-"""Kinds that are not in journals of earlier versions."""
 
 PLANNED_POSES = 12
 """Largest default number of poses of a planned capture that replaces the explored capture of a procedure file."""
@@ -180,14 +178,8 @@ def open_session(rig: Rig, *, clock: Clock = utc_now) -> Session:
         if opening.resumed:
             session.record("resumed", {"settings": settings})
         else:
-            session.record(
-                "opened",
-                {
-                    "sources": dict(opening.state.sources),
-                    "settings": settings,
-                    "order": next_order(folder.parent, but=folder),
-                },
-            )
+            sources, order = dict(opening.state.sources), next_order(folder)
+            session.record("opened", {"sources": sources, "settings": settings, "order": order})
     except BaseException:
         journal.close()
         raise
@@ -248,7 +240,8 @@ def resume(reference: str, choices: Choices, *, root: Path) -> Opening:
             f"{folder} contains poses that verify {state.settings['verifies']}",
             "name that session instead; its poses alone are its calibration",
         )
-    if set(SOURCE_KINDS) - LATER - set(state.sources):
+    # Journals of earlier versions contain no profile.
+    if not {"procedure", "arm", "fixture"} <= state.sources.keys():
         raise SessionError(
             f"the journal of {folder} does not contain its procedure",
             "start a new session; its poses can be solved with `sarcal solve`",
@@ -297,8 +290,6 @@ def _with_choices(procedure: Procedure, choices: Choices) -> Procedure:
         capture = replace(capture, poses=min(capture.poses, PLANNED_POSES))
     capture = replace(capture, strategy=plan or capture.strategy)
     if choices.poses is not None:
-        if choices.poses < 1:
-            raise SessionError(f"{choices.poses} poses were requested", "request at least 1")
         if choices.poses > MOST_POSES:
             raise SessionError(
                 f"more than {MOST_POSES} poses were requested", f"request at most {MOST_POSES}"

@@ -81,11 +81,9 @@ class PlannedCapture:
             self._say("The recorded plan cannot be replayed: making a new plan from its poses.")
             return self._chosen
         q_rad = session.arm.snapshot().positions_rad
-        if can_continue_from(self._next_action(campaign), campaign.at_rad, q_rad):
-            self.campaign = campaign
-            return campaign.drives
-        if campaign.exploring:
-            self.campaign, self._moved = campaign, True
+        moved = not can_continue_from(self._next_action(campaign), campaign.at_rad, q_rad)
+        if not moved or campaign.exploring:
+            self.campaign, self._moved = campaign, moved
             return campaign.drives
         self._say("The arm was moved: making a new plan from its present position.")
         return self._chosen

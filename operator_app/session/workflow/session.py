@@ -149,8 +149,7 @@ class Session(Logbook):
         """Number of joints to put into position mode: the chain's degrees of freedom; for an open arm, all joints."""
         if not self.fixture.holds_hand:
             return self.model.joint_count
-        loop = self.fixture.model(self.model)
-        return self.model.joint_count - loop.equations_per_pose
+        return self.model.joint_count - self.fixture.model(self.model).equations_per_pose
 
     def check_modes(self, position_joints: tuple[int, ...]) -> None:
         """Raise GuardError if these joints are not a valid set for position mode."""

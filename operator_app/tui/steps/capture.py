@@ -1,6 +1,7 @@
 """Step 4, Capture: state of the arm, captured poses and their quality so far."""
 
 from collections.abc import Mapping, Sequence
+from datetime import datetime
 from itertools import pairwise
 from statistics import median
 
@@ -128,8 +129,6 @@ def _time_left(s: SessionSnapshot) -> str:
         return " " * 12
     if s.procedure.capture.strategy == "planned" and not s.state.campaign.begun:
         return "exploring   "  # the number of exploration poses is not known in advance
-    from datetime import datetime
-
     times = [datetime.fromisoformat(p.utc) for p in used[-8:]]
     run_s = s.now_s - s.task.started_s
     times = [time for time in times if (times[-1] - time).total_seconds() < run_s]
@@ -195,27 +194,21 @@ def _condition(s: SessionSnapshot, width: int) -> Line:
     if not good and len(s.state.used_poses) < s.required_poses:
         # Later poses reduce the condition number: no remedy is needed.
         role, word = "bold", "so far"
-    more = (
-        f" (limit {limit:g}, paper {CONDITION_PAPER})"
-        if width > 40
-        else f" (paper {CONDITION_PAPER})"
-    )
-    more = more if good or width > 40 else ""
+    more = f" (paper {CONDITION_PAPER})" if good else ""
+    if width > 40:
+        more = f" (limit {limit:g}, paper {CONDITION_PAPER})"
     return clip(line((" condition ", "dim"), (f"{shown} {word}", role), (more, "dim")), width)
 
 
 def _coverage(number: int, joint: Joint, span: tuple[float, float] | None, width: int) -> Line:
     cells = max(6, width - 16)
-    bar: list[str] = ["─"] * cells
-    text = "—"
+    bar, text = "─" * cells, "—"
     if span is not None:
         full = joint.upper_rad - joint.lower_rad
-        first = int((span[0] - joint.lower_rad) / full * cells)
-        last = int((span[1] - joint.lower_rad) / full * cells)
-        for k in range(max(0, first), min(cells - 1, last) + 1):
-            bar[k] = "█"
+        first, last = (int((end - joint.lower_rad) / full * cells) for end in span)
+        bar = "".join("█" if first <= k <= last else "─" for k in range(cells))
         text = SPAN(span[1] - span[0]).shown
-    return line((f" J{number} ", "dim"), f"├{''.join(bar)}┤{text:>6} {SPAN.quantity.unit}")
+    return line((f" J{number} ", "dim"), f"├{bar}┤{text:>6} {SPAN.quantity.unit}")
 
 
 class CaptureView(StepView):

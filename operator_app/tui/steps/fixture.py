@@ -82,12 +82,8 @@ class ChecksPanel(Lines):
         elif s.forecast is not None:
             condition = units.CONDITION(s.forecast.scaled_condition_number).shown
             limit = f"{s.procedure.acceptance.scaled_condition_number:g}"
-            rows.append(
-                line(
-                    f" ◌ predicted condition number {condition} ",
-                    (f"(the result warns above {limit})", "dim"),
-                )
-            )
+            predicted = f" ◌ predicted condition number {condition} "
+            rows.append(line(predicted, (f"(the result warns above {limit})", "dim")))
             rows += _ranges(s, s.forecast)
         return rows
 

@@ -168,9 +168,8 @@ class ResultsPlot(Lines):
 def _of_rvdt(
     subject: Subject, verdict: RvdtVerdict, width: int, height: int, *, ascii_only: bool
 ) -> Sequence[Line]:
-    verdict_rows = wrapped(
-        f" {verdict.text}", width, "warn" if verdict.treat_as_unsensed else "text", " "
-    )
+    role = "warn" if verdict.treat_as_unsensed else "text"
+    verdict_rows = wrapped(f" {verdict.text}", width, role, " ")
     if verdict.figures is None:
         return verdict_rows
     picture = rvdt_deviations(subject, verdict.joint, verdict.figures)
@@ -211,9 +210,8 @@ class ResultsView(StepView):
         if self.compact and plots.page == 0:
             super().next_view()
         # Text and tables need the whole width.
-        self.query_one(".left").display = not (plots.page >= plots.words_from or self.compact) or (
-            self.compact and self.view == 0
-        )
+        table_fits = self.view == 0 if self.compact else plots.page < plots.words_from
+        self.query_one(".left").display = table_fits
 
     @property
     def place(self) -> tuple[int, int]:

@@ -148,13 +148,8 @@ class ArmView(Lines):
             return [(), *wrapped(" ▲ data LOST: the arm is not drawn", width, "warn", "   ")]
         q = s.arm.positions_rad
         x = s.live.x if s.live is not None and s.live.estimated else None
-        figures = (
-            s.next_waypoint,
-            s.chooses_by_plan,
-            tuple(j.mode for j in s.arm.joints),
-            width,
-            height,
-        )
+        modes = tuple(j.mode for j in s.arm.joints)
+        figures = (s.next_waypoint, s.chooses_by_plan, modes, width, height)
         things = (s.procedure, x, s.forecast, s.heading)
         news = figures != self._figures or any(map(is_not, things, self._things))
         self._turn = not self._turn

@@ -17,8 +17,6 @@ from operator_app.tui.theme import STOP_WIDTH
 from operator_app.units import DATA_AGE
 
 HEARTBEAT_LATE_S = 0.35
-SEPARATOR: Span = (" │ ", "dim")
-THIN: Span = ("│", "dim")
 
 
 class SafetyStrip(Lines, can_focus=False):
@@ -44,7 +42,7 @@ class SafetyStrip(Lines, can_focus=False):
 
 
 def _joined(cells: Sequence[Sequence[Span]], *, short: bool) -> Line:
-    separator = THIN if short else SEPARATOR
+    separator = ("│" if short else " │ ", "dim")
     first, *others = cells
     return (*first, *(span for cell in others for span in (separator, *cell)))
 
@@ -131,10 +129,9 @@ def _data(s: SessionSnapshot, *, short: bool) -> list[Span]:
 
 
 def _modes(s: SessionSnapshot, *, short: bool) -> list[Span]:
-    if s.arm is None:
-        return [("MODE ", "dim"), ("○", "dim")]
-    position = [str(j.joint) for j in s.arm.joints if j.mode is JointMode.POSITION]
-    free = sum(j.mode is JointMode.FREE for j in s.arm.joints)
+    joints = () if s.arm is None else s.arm.joints
+    position = [str(j.joint) for j in joints if j.mode is JointMode.POSITION]
+    free = sum(j.mode is JointMode.FREE for j in joints)
     if not position and not free:
         return [("MODE ", "dim"), ("○", "dim")]
     if not free:

@@ -24,8 +24,8 @@ def test_random_input_is_accepted_or_refused(kind, times, tmp_path):
         assert time.process_time() - begun_s < LIMIT_S, seed
     over()
     assert "refused" in outcomes
-    # Another test of this worker may have exceeded the limit before.
-    assert peak_mb() < max(LIMIT_MB, before_mb + 1.0)
+    # If another test of this worker has exceeded the limit before, the peak says nothing about this one.
+    assert peak_mb() < LIMIT_MB or before_mb >= LIMIT_MB
 
 
 def peak_mb() -> float:

@@ -42,7 +42,7 @@ from operator_app.calibration.tool_accuracy import tip_sigma
 from operator_app.config.procedure import AcceptanceLimits
 from operator_app.messages.finding import FindingKind
 from operator_app.units import joints_named
-from solver.arrays import FloatArray, IntArray
+from solver.arrays import FloatArray, IntArray, evenly
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector
 from solver.chain.poses import PoseSet
@@ -416,7 +416,7 @@ def _starts(prepared: Prepared) -> Iterator[FloatArray | None]:
     yield None if first is None else in_order(model, identifiable, first.x)
     yield nominal_vector(model.parameters)
     if not unsensed:
-        few = multistart.evenly(len(q), multistart.SCREENING_POSES)
+        few = evenly(len(q), multistart.SCREENING_POSES)
         best = multistart.best_about_nominal(identifiable.at_poses(few), q[few])
         yield in_order(model, identifiable, best)
 

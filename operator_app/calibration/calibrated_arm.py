@@ -11,10 +11,9 @@ import numpy as np
 
 from operator_app.calibration.error_model import freed
 from operator_app.calibration.experiment import in_order
-from operator_app.calibration.multistart import evenly
 from operator_app.calibration.result import Solution
 from operator_app.calibration.tool_accuracy import HandAccuracy, HeldOffset, spread_along, spread_of
-from solver.arrays import FloatArray, even_points
+from solver.arrays import FloatArray, even_points, evenly
 from solver.chain.arm_model import ArmModel
 from solver.chain.kinematics import DhTable
 from solver.chain.parameters import DhEntry, DhKind, is_entry

@@ -7,7 +7,7 @@ import numpy as np
 
 from operator_app.calibration.experiment import in_order
 from operator_app.messages.finding import Finding, FindingKind
-from solver.arrays import FloatArray, IntArray
+from solver.arrays import FloatArray, IntArray, evenly
 from solver.chain.parameters import Parameter, nominal_vector, wrap_angles
 from solver.diagnostics import limits
 from solver.errors import PosesDoNotFitError
@@ -50,11 +50,6 @@ def fit_from_starts(
     if best is None:
         raise PosesDoNotFitError
     return best
-
-
-def evenly(poses: int, most: int) -> IntArray:
-    """Indices of at most `most` poses, evenly chosen from `poses` poses."""
-    return np.linspace(0, poses - 1, min(most, poses)).astype(np.int64)
 
 
 def _best_fit(

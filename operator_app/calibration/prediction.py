@@ -15,10 +15,9 @@ from operator_app.calibration.error_model import (
     stated_priors,
 )
 from operator_app.calibration.experiment import Experiment
-from operator_app.calibration.multistart import evenly
 from operator_app.calibration.result import Solution
 from operator_app.units import SLIP_SIGMA
-from solver.arrays import FloatArray, IntArray
+from solver.arrays import FloatArray, IntArray, evenly
 from solver.chain.poses import PoseSet, canonical_order
 from solver.diagnostics.cross_validation import NOT_KNOWN, CommonShift, predicted_residuals
 from solver.diagnostics.limits import STATED_VARIANCE_SHARE

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from solver.arrays import FloatArray, IntArray, select_poses
+from solver.arrays import FloatArray, IntArray, evenly, select_poses
 from solver.chain.parameters import nominal_vector, wrap_angle
 from solver.chain.poses import back_to_caller, canonical_order
 from solver.chain.sensors import rms_per_amplitude
@@ -118,7 +118,7 @@ class Calibrated:
         if len(self.order) <= most:
             return self, np.arange(len(self.order))
         # Evenly in canonical order, so that the selection does not depend on the poses' order.
-        subset = np.linspace(0, len(self.order) - 1, most).astype(np.int64)
+        subset = evenly(len(self.order), most)
         of_caller = np.sort(self.order[subset])
         reduced = replace(
             self,

@@ -20,7 +20,7 @@ from operator_app.calibration.error_model import (
     noise_model,
     stated_priors,
 )
-from operator_app.calibration.experiment import Experiment, in_order
+from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.instrument_registration import triple
 from operator_app.calibration.multistart import far_from_nominal
 from operator_app.messages.finding import Finding, FindingKind
@@ -39,6 +39,7 @@ from solver.estimators.implicit import ImplicitFit, fit_implicit
 from solver.estimators.least_squares import solve_damped
 from solver.estimators.mixed_fit import MixedFit, fit_mixed
 from solver.estimators.paper import closure_problem
+from solver.loops.closure import in_order
 from solver.loops.endpoint_geometry import Line
 
 _T = TypeVar("_T")

@@ -26,7 +26,6 @@ from operator_app.calibration.experiment import (
     Experiment,
     IdentifiableLoops,
     identifiable_loops,
-    in_order,
     placement_checks,
     refuse_placement,
     with_angles_of_unsensed,
@@ -67,7 +66,7 @@ from solver.estimators.estimate import Estimate, closure_at_readings, require_en
 from solver.estimators.least_squares import Progress
 from solver.estimators.paper import estimate_paper
 from solver.estimators.variance_components import Calibrated, VarianceComponents
-from solver.loops.closure import ClosureModel
+from solver.loops.closure import ClosureModel, in_order
 
 ESTIMATORS = ("implicit", "paper")
 

@@ -10,7 +10,6 @@ from typing import Literal
 import numpy as np
 
 from operator_app.calibration.error_model import freed
-from operator_app.calibration.experiment import in_order
 from operator_app.calibration.result import Solution
 from operator_app.calibration.tool_accuracy import HandAccuracy, HeldOffset, spread_along, spread_of
 from solver.arrays import FloatArray, even_points, evenly
@@ -22,7 +21,7 @@ from solver.closing import reduced_equations
 from solver.estimators.estimate import closure_at_readings
 from solver.estimators.linear_fit import LinearFit
 from solver.estimators.variance_components import Calibrated
-from solver.loops.closure import ClosureModel, ClosureSigmas
+from solver.loops.closure import ClosureModel, ClosureSigmas, in_order
 from solver.loops.endpoints import TIP, MeasuredClosure, PointClosure
 from solver.posterior.best_table import BestTable, best_table, tool_positions, where_used
 from solver.posterior.corrections import Corrections, JointCorrections, corrections_of

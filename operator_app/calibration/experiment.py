@@ -205,12 +205,6 @@ def pick_placements(poses: PoseSet, placements: tuple[int, ...]) -> PoseSet:
     return poses.at_poses(np.isin(poses.placement, placements))
 
 
-def in_order(model: ClosureModel, other: ClosureModel, x: FloatArray) -> FloatArray:
-    """Return values (P,) of the parameters of `model`: from `x` (values of `other`), nominal if `other` lacks them."""
-    known = {p.name: float(v) for p, v in zip(other.parameters, x, strict=True)}
-    return nominal_vector(model.parameters, known)
-
-
 class FixtureRefusedError(FixtureError):
     """A set-up check refuses this placement; the text states why and what to remount."""
 

@@ -16,7 +16,7 @@ import numpy as np
 from fixtures.base import ROUGH_PLACEMENT, EndpointConstraint
 from fixtures.errors import FixtureError
 from operator_app.calibration.error_model import error_model, free_within_tolerance
-from operator_app.calibration.experiment import Experiment, in_order
+from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.prediction import concatenated_poses, fit_as_stated
 from operator_app.calibration.verification import stated_noise
 from solver.arrays import FloatArray
@@ -28,7 +28,7 @@ from solver.diagnostics.limits import POSE_CHI2_RATIO_UNPREDICTED, POSE_CHI2_UNP
 from solver.errors import PosesDoNotFitError, SolverError
 from solver.estimators.implicit import ImplicitFit, ParameterPrior, fit_implicit
 from solver.estimators.paper import estimate_paper
-from solver.loops.closure import ClosureModel
+from solver.loops.closure import ClosureModel, in_order
 
 WITHIN = 3.0
 """Number of standard deviations in a tolerance."""

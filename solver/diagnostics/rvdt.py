@@ -91,17 +91,14 @@ def rvdt_verdicts(
     near = _beside(calibrated, model, q)
     fitted, order = settle(model, q, errors, x0=x0, near=near, variances=at_least_stated)
     back = back_to_caller(order)
-    angles = {
-        a.joint: a
-        for a in loop_angles(
-            model,
-            fitted.x,
-            fitted.fit.covariance,
-            q,
-            noise_left(fitted, back),
-            near=(fitted.corrections[back], fitted.unsensed[back]),
-        )
-    }
+    angles = loop_angles(
+        model,
+        fitted.x,
+        fitted.fit.covariance,
+        q,
+        noise_left(fitted, back),
+        near=(fitted.corrections[back], fitted.unsensed[back]),
+    )
     noise = _without_compliance(noise, fitted.fit)
     sensed = model.with_all_joints_sensed()
     known = dict(zip((p.name for p in model.parameters), fitted.x.tolist(), strict=True))

@@ -30,7 +30,7 @@ from operator_app.calibration.experiment import (
     refuse_placement,
     with_angles_of_unsensed,
 )
-from operator_app.calibration.findings import left_out_poses, pose_labels
+from operator_app.calibration.findings import left_out_poses, pose_labels, range_finding
 from operator_app.calibration.instrument_registration import with_registered_instrument
 from operator_app.calibration.notices import with_notices
 from operator_app.calibration.placements import compared, distances, indistinguishable_placements
@@ -58,7 +58,7 @@ from solver.diagnostics.limits import (
     LEAST_INFORMATION_SHARE,
     OUTLIER_NOTICE_PROBABILITY,
 )
-from solver.diagnostics.range_checks import RangeFinding, range_findings
+from solver.diagnostics.range_checks import RangeFinding, ReadingFault, range_findings
 from solver.diagnostics.stated_sizes import learned_scales, shares_of_poses
 from solver.errors import PosesDoNotFitError, UnidentifiableError
 from solver.estimators.error_model import ErrorModel
@@ -382,11 +382,12 @@ def _require_identifiable(prepared: Prepared, identified: Identifiability) -> Id
             f"the calibration uses no reading of {joints_named(unsensed)}: other poses may not help"
         )
         error = UnidentifiableError(blind, note=note)
+    saturated = (f for f in prepared.out_of_range if f.fault is ReadingFault.SATURATED)
     raise failure_analysis.explain_unidentifiable(
         error,
         experiment.at_poses(loops.kept),
         loops.paper,
-        failure_analysis.saturated_readings(prepared.out_of_range, experiment.poses),
+        tuple(range_finding(f, experiment.poses) for f in saturated),
     )
 
 

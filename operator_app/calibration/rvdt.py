@@ -87,7 +87,7 @@ def check_rvdts(
         prior={p.name: errors.prior[p.name] for p in model.parameters if p.name in errors.prior},
     )
     return rvdt_verdicts(
-        model, arm, q, errors, calibrated, noise=noise, samples=poses.sample_counts[distinct]
+        model, sensors, q, errors, calibrated, noise=noise, samples=poses.sample_counts[distinct]
     )
 
 

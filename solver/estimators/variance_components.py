@@ -187,14 +187,14 @@ def settle(
     x0: FloatArray | None = None,
     group: IntArray | None = None,
     near: FitStart | None = None,
-    variances: Callable[[Layout], FloatArray] | Mapping[str, float] | None = None,
+    variances: Callable[[Layout], FloatArray] | None = None,
     progress: Progress | None = None,
 ) -> tuple[MixedFit, IntArray]:
     """Fit like `estimate_with_errors`, but return the fit itself, and the order (m,) of its poses.
 
     The fit sorts the poses (`canonical_order`); pose k of the fit is the caller's pose ``order[k]``. If several
     parameter vectors are equivalent, the fit has the one nearest to the nominal values. `near`: see `fit_mixed`.
-    `variances`: fixed variances by name, or a function that returns them (K,) for a layout; None to estimate them.
+    `variances`: function that returns fixed variances (K,) for a layout; None to estimate them.
     """
     order = canonical_order(q)
     model, q, errors = model.at_poses(order), q[order], errors.at_poses(order)
@@ -208,10 +208,7 @@ def settle(
     x0 = _near(model, errors, x0, nominal)
     like = None if near is None else near.layout
     design = LinearModel(model, q, errors, group=group, like=like)
-    if isinstance(variances, Mapping):
-        v: FloatArray | None = design.variances_by_name(variances)
-    else:
-        v = None if variances is None else variances(design)
+    v = None if variances is None else variances(design)
     fitted = fit_mixed(design, x0, near=near, variances=v, progress=progress)
     x = _near(model, errors, nearest_equivalent(model, fitted.x, nominal), nominal)
     if np.abs(x - fitted.x).max() > EQUAL:

@@ -21,7 +21,6 @@ from solver.chain.statics import unstated_masses
 from solver.estimators.error_model import (
     ErrorModel,
     MeasuredDistance,
-    Names,
     stated_errors,
     variance_of_means,
 )
@@ -62,15 +61,7 @@ def error_model(
         give_m=fixture.compliance.position_m if passive else None,
         tolerance=tolerance,
         prior=prior,
-        distances=tuple(
-            MeasuredDistance(
-                first=_socket(d.between[0]),
-                second=_socket(d.between[1]),
-                value_m=d.value_m,
-                sigma_m=d.sigma_m,
-            )
-            for d in stated_distances(experiment)
-        ),
+        distances=tuple(map(_between_sockets, stated_distances(experiment))),
         discrepancy=True,
         loads=_loads(experiment, indices),
         approach=approach_of(arm, poses, indices),
@@ -84,9 +75,11 @@ def stated_distances(experiment: Experiment) -> tuple[KnownDistance, ...]:
     return tuple(d for d in known if set(d.between) <= placements)
 
 
-def _socket(number: int) -> Names:
-    x, y, z = (f"{name}[{number}]" for name in GROUND)
-    return x, y, z
+def _between_sockets(known: KnownDistance) -> MeasuredDistance:
+    first, second = (tuple(f"{name}[{k}]" for name in GROUND) for k in known.between)
+    return MeasuredDistance(
+        first=first, second=second, value_m=known.value_m, sigma_m=known.sigma_m
+    )
 
 
 def _loads(experiment: Experiment, kept: IntArray) -> LoadBasis | None:

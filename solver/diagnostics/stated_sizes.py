@@ -38,10 +38,9 @@ def with_estimated_motion_noise(fit: LinearFit) -> LinearFit:
     slope = fit.stated.derivatives
     information = way @ slope.information @ way.T
     scales = 1.0 + np.linalg.lstsq(information, way @ slope.score, rcond=1e-9)[0]
+    shares = np.clip(scales, MOTION_NOISE_LEAST_SHARE**2, 1.0)
     v = fit.at_known_noise.v.copy()
-    for components, share in zip(
-        moving, np.clip(scales, MOTION_NOISE_LEAST_SHARE**2, 1.0), strict=True
-    ):
+    for components, share in zip(moving, shares, strict=True):
         v[components] = np.minimum(v[components], share * stated[components])
     return LinearFit(design, fit.system, v)
 
@@ -142,8 +141,6 @@ def learned_scales(fit: LinearFit, derivatives: Derivatives) -> tuple[Scale, ...
     """
     components = fit.design.components
     learned = [k for k, c in enumerate(components) if c.scaled]
-    if not learned:
-        return ()
     spread = scale_spread(fit, derivatives)[learned]
     out = []
     for k, s in zip(learned, np.sqrt(spread).tolist(), strict=True):

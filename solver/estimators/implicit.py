@@ -183,10 +183,7 @@ def estimate_implicit(
     """
     order = canonical_order(q)
     model, q = model.at_poses(order), q[order]
-    noise = NoiseModel(
-        joint_variance=np.broadcast_to(noise.joint_variance, q.shape)[order],
-        fixture_variance=noise.fixture_variance,
-    )
+    noise = replace(noise, joint_variance=np.broadcast_to(noise.joint_variance, q.shape)[order])
     nominal = nominal_vector(model.parameters)
     if x0 is None:
         require_enough_poses(model, len(q))

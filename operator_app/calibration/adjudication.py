@@ -174,6 +174,7 @@ def adjudicate(
     # The paper's estimate does not use measured distances, and a gross misfit does not show which distances are wrong.
     unused = paper is not None or case.gross
     distances = () if unused else contradicted(case.stated, calibrated.linear)
+    named = {(c.kind, c.joints) for c in (*first, *by_tests)}
     return acceptance.Adjudication(
         causes=(
             *first,
@@ -183,11 +184,7 @@ def adjudicate(
             *moved,
             *(far if case.gross else ()),
             *off_paper,
-            *(
-                c
-                for c in distances
-                if (c.kind, c.joints) not in {(t.kind, t.joints) for t in (*first, *by_tests)}
-            ),
+            *(c for c in distances if (c.kind, c.joints) not in named),
             *of_fit,
         ),
         tests=(*case.diagnosis.tests, *of_returns, *of_paper),

@@ -25,7 +25,7 @@ from solver.estimators.least_squares import Progress
 from solver.estimators.linear_fit import LinearFit
 from solver.estimators.mixed_fit import FitStart, MixedFit, fit_mixed
 from solver.estimators.scoring import Derivatives
-from solver.loops.closure import ClosureModel, nearest_equivalent
+from solver.loops.closure import ClosureModel, in_order, nearest_equivalent
 
 EQUAL = 1e-9
 """Parameter vectors count as equal if no element differs by more than this (rad, m)."""
@@ -230,16 +230,13 @@ def _first(
     model: ClosureModel, q: FloatArray, errors: ErrorModel, progress: Progress | None
 ) -> FloatArray:
     """Return the default start (P,): an estimate without effects, with the parameters of `errors.tolerance` nominal."""
-    x = nominal_vector(model.parameters)
-    hard = np.array([p.name not in errors.tolerance for p in model.parameters])
     variance = errors.joint_variance.copy()
     for a in errors.analogue:
         variance[:, a.joint - 1] += a.variance * a.share
     endpoint = errors.endpoint_variance if errors.endpoint_variance.any() else None
     noise = NoiseModel(joint_variance=variance, fixture_variance=endpoint)
     exact = model.without(tuple(errors.tolerance))
-    x[hard] = estimate_implicit(exact, q, noise, progress=progress).x
-    return x
+    return in_order(model, exact, estimate_implicit(exact, q, noise, progress=progress).x)
 
 
 def noise_left(fitted: MixedFit, back: IntArray) -> NoiseModel:

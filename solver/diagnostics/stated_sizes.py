@@ -98,9 +98,8 @@ def exceeded_specifications(fit: LinearFit) -> tuple[ExceededSpecification, ...]
         dof = 2.0 * min(value / max(float(s), 1e-300), MOST_CERTAIN) ** 2
         # Wilson and Hilferty's cube root where the chance is too small for a double.
         chance = float(chdtrc(dof, dof * value / least))
-        cube = ((value / least) ** (1.0 / 3.0) - 1.0 + 2.0 / (9.0 * dof)) / np.sqrt(
-            2.0 / (9.0 * dof)
-        )
+        spread = 2.0 / (9.0 * dof)
+        cube = ((value / least) ** (1.0 / 3.0) - 1.0 + spread) / np.sqrt(spread)
         log_chance = float(np.log(chance)) if chance > 1e-300 else float(-0.5 * cube**2)
         exceeded.append(
             ExceededSpecification(

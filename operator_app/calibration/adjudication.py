@@ -202,8 +202,7 @@ def _misfit_causes(
     """
     diagnosis, scale = case.diagnosis, case.chi2_per_dof
     by_tests = acceptance.causes_of(diagnosis, case.fit.estimate, case.known.judged, labels)
-    alternatives = poses_in_radians(case.stated, scale)
-    if alternatives:
+    if alternatives := poses_in_radians(case.stated, scale):
         return alternatives, alternatives, False
     wrong = _wrong_distances(case, limits.EQUALLY_GOOD_CHI2) if diagnosis.fires else ()
     # A step between two placements changes the distance of their sockets: it may explain the misfit too.
@@ -326,8 +325,7 @@ def _poorly_determined(case: _Case) -> tuple[Finding, ...]:
 
 def _single_cause(diagnosis: Diagnosis) -> bool:
     """Whether one cause of probability above 0.5 explains the misfit; true if there is no misfit."""
-    best = diagnosis.best
-    if best is None:
+    if (best := diagnosis.best) is None:
         return not diagnosis.rankings
     return best.probability > 0.5 and best.chi2_per_dof <= limits.CHI2_PER_DOF_EXPLAINED
 

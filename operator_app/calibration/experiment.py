@@ -195,8 +195,7 @@ def on_main_branch(model: ClosureModel, q: FloatArray) -> tuple[BoolArray, Estim
 
 def pick_placements(poses: PoseSet, placements: tuple[int, ...]) -> PoseSet:
     """Return the poses of `placements`; raises `ValueError` if one of these placements does not exist."""
-    missing = sorted(set(placements) - set(poses.placements))
-    if missing:
+    if missing := sorted(set(placements) - set(poses.placements)):
         known = ", ".join(str(p) for p in poses.placements)
         raise ValueError(f"there is no placement {missing[0]}; the file has {known}")
     return poses.at_poses(np.isin(poses.placement, placements))

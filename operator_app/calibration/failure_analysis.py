@@ -112,8 +112,7 @@ def turned_unread(
     for joint in still:
         loose = sigma.copy()
         loose[joint - 1] = UNKNOWN_ANGLE_SIGMA
-        correction = _correction(model, x, start, loose)
-        if correction is not None:
+        if (correction := _correction(model, x, start, loose)) is not None:
             turn = float(correction[joint - 1])
             correction[joint - 1] = 0.0
             best = min(filter(None, (best, (float(np.linalg.norm(correction)), joint, turn))))

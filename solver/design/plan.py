@@ -133,8 +133,7 @@ def make_plan(
         seed=task.seed,
     )
     ranked: tuple[RankedDrives, ...] = ()
-    sets = task.drive_sets
-    if sets is None:
+    if (sets := task.drive_sets) is None:
         ranked = rank_over_region(manifold)
         sets = (ranked[0].drives,)
     trusted = np.ones(manifold.size, dtype=np.bool_)

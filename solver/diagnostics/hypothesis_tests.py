@@ -167,8 +167,7 @@ def without_curves_in_specification(
 
 def _as_stated(j: int, faults: FaultModels, residuals: WhitenedResiduals) -> bool:
     """Whether joint j's linearity deviation, fitted to `residuals` if not measured, may be within specification."""
-    curve = faults.linearity_curve(j)
-    if curve is None:
+    if (curve := faults.linearity_curve(j)) is None:
         return False
     if curve.measured is not None:
         return not curve.measured.beyond(curve.most_stated)

@@ -1,4 +1,4 @@
-"""Array types, read-only copies of arrays, records with one row per pose, and evenly spread points."""
+"""Array types, read-only copies of arrays, records with one row per pose, and evenly spread indices and points."""
 
 from __future__ import annotations
 
@@ -53,6 +53,11 @@ def join_poses(records: Iterable[Record], *fields: str) -> Record:
 def pose_slices(m: int) -> list[slice]:
     """Cut m poses into slices of at most `BLOCK_POSES`."""
     return [slice(k, min(k + BLOCK_POSES, m)) for k in range(0, m, BLOCK_POSES)]
+
+
+def evenly(count: int, most: int) -> IntArray:
+    """Return the indices of at most `most` of `count` items, evenly chosen."""
+    return np.linspace(0, count - 1, min(most, count)).astype(np.int64)
 
 
 def even_points(count: int, n: int, start: float | FloatArray = 0.5) -> FloatArray:

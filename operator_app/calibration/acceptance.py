@@ -285,9 +285,7 @@ def proven_by_return(
     in both is taken from `by_tests`. It blocks even if smaller than the sigmas, because the slip has widened these.
     """
     proven: list[Finding] = []
-    for returned in since:
-        if not returned.blocking:
-            continue
+    for returned in (c for c in since if c.blocking):
         same = [c for c in by_tests if not not_yet_named((returned,), (c,))]
         proven += [replace(c, blocking=True) for c in same] or [returned]
     codes = {cause.code for cause in proven}
@@ -309,11 +307,9 @@ def not_yet_named(since: tuple[Finding, ...], by_tests: tuple[Finding, ...]) -> 
     slipped = any(cause.kind in SLIP_KINDS for cause in by_tests)
     joints = {c.joint for c in by_tests if c.sensor or c.kind in READING_KINDS}
     return tuple(
-        cause
-        for cause in since
-        if not (
-            slipped if cause.kind is FindingKind.REPEAT_FIXTURE_MOVED else cause.joint in joints
-        )
+        c
+        for c in since
+        if not (slipped if c.kind is FindingKind.REPEAT_FIXTURE_MOVED else c.joint in joints)
     )
 
 

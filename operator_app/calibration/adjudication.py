@@ -174,6 +174,7 @@ def adjudicate(
     # The paper's estimate does not use measured distances, and a gross misfit does not show which distances are wrong.
     unused = paper is not None or case.gross
     distances = () if unused else contradicted(case.stated, calibrated.linear)
+    named = {(c.kind, c.joints) for c in (*first, *by_tests)}
     return acceptance.Adjudication(
         causes=(
             *first,
@@ -183,11 +184,7 @@ def adjudicate(
             *moved,
             *(far if case.gross else ()),
             *off_paper,
-            *(
-                c
-                for c in distances
-                if (c.kind, c.joints) not in {(t.kind, t.joints) for t in (*first, *by_tests)}
-            ),
+            *(c for c in distances if (c.kind, c.joints) not in named),
             *of_fit,
         ),
         tests=(*case.diagnosis.tests, *of_returns, *of_paper),
@@ -205,8 +202,7 @@ def _misfit_causes(
     """
     diagnosis, scale = case.diagnosis, case.chi2_per_dof
     by_tests = acceptance.causes_of(diagnosis, case.fit.estimate, case.known.judged, labels)
-    alternatives = poses_in_radians(case.stated, scale)
-    if alternatives:
+    if alternatives := poses_in_radians(case.stated, scale):
         return alternatives, alternatives, False
     wrong = _wrong_distances(case, limits.EQUALLY_GOOD_CHI2) if diagnosis.fires else ()
     # A step between two placements changes the distance of their sockets: it may explain the misfit too.
@@ -329,8 +325,7 @@ def _poorly_determined(case: _Case) -> tuple[Finding, ...]:
 
 def _single_cause(diagnosis: Diagnosis) -> bool:
     """Whether one cause of probability above 0.5 explains the misfit; true if there is no misfit."""
-    best = diagnosis.best
-    if best is None:
+    if (best := diagnosis.best) is None:
         return not diagnosis.rankings
     return best.probability > 0.5 and best.chi2_per_dof <= limits.CHI2_PER_DOF_EXPLAINED
 

@@ -20,15 +20,15 @@ from operator_app.calibration.error_model import (
     noise_model,
     stated_priors,
 )
-from operator_app.calibration.experiment import Experiment, in_order
+from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.instrument_registration import triple
 from operator_app.calibration.multistart import far_from_nominal
 from operator_app.messages.finding import Finding, FindingKind
 from operator_app.units import WHOLE_MM
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
+from solver.chain.kinematics import Frames
 from solver.chain.parameters import nominal_vector, wrap_angle
-from solver.chain.poses import PoseSet
 from solver.diagnostics import limits
 from solver.diagnostics.change_points import steps
 from solver.diagnostics.fault_candidate import Candidate, Cause
@@ -39,6 +39,7 @@ from solver.estimators.implicit import ImplicitFit, fit_implicit
 from solver.estimators.least_squares import solve_damped
 from solver.estimators.mixed_fit import MixedFit, fit_mixed
 from solver.estimators.paper import closure_problem
+from solver.loops.closure import in_order
 from solver.loops.endpoint_geometry import Line
 
 _T = TypeVar("_T")
@@ -203,10 +204,9 @@ def other_fixtures(stated: Experiment) -> Iterator[Alternative]:
 def hinge_instead(stated: Experiment) -> Alternative:
     """Return the alternative with a hinge, whose axis is the line of the tool that moves least in the base frame."""
     arm, fixture = stated.arm, stated.fixture
-    frames = _frames(arm, stated.poses)
-    eye = np.broadcast_to(np.eye(3), frames[0].shape)
+    frames = arm.table.frames(stated.poses.q_rad)
     # R_k a = b: the right singular vector of the least singular value contains both directions.
-    both = np.linalg.svd(np.concatenate((frames[0], -eye), axis=-1).reshape(-1, 6))[2][-1]
+    both = np.linalg.svd(_rows(frames))[2][-1]
     along = [d / np.linalg.norm(d) for d in (both[:3], both[3:])]
     tip, ground = _common_point(frames)
     hinge = Hinge.between(
@@ -227,10 +227,10 @@ def hinge_instead(stated: Experiment) -> Alternative:
 def _ball_instead(stated: Experiment) -> Alternative:
     """Return the alternative with a ball: on the stated hinge's axis or, without one, where the tool moves least."""
     fixture = stated.fixture
-    R, p = frames = _frames(stated.arm, stated.poses)
+    frames = stated.arm.table.frames(stated.poses.q_rad)
     if isinstance(fixture, Hinge):
         tip = np.array([fixture.a_n_m, 0.0, fixture.s_n_m])
-        ground = np.median(p + R @ tip, axis=0)
+        ground = np.median(frames.p_end + frames.R_end @ tip, axis=0)
     else:
         tip, ground = _common_point(frames)
     names = (fixture.kind, _new("ball", stated.arm, _points(tip, ground)))
@@ -238,21 +238,18 @@ def _ball_instead(stated: Experiment) -> Alternative:
     return Finding(FindingKind.WRONG_FIXTURE_BALL, names=names), replace(stated, fixture=ball)
 
 
-def _frames(arm: ArmModel, poses: PoseSet) -> tuple[FloatArray, FloatArray]:
-    """Return rotations (m, 3, 3) and origins (m, 3), in metres, of the nominal table's last frame in the base frame."""
-    frames = arm.table.frames(poses.q_rad)
-    return frames.R_end, frames.p_end
+def _rows(frames: Frames) -> FloatArray:
+    """Return the rows (3 m, 6) of [R, -1], with R the rotation of the last frame at each of m poses."""
+    R = frames.R_end
+    return np.concatenate((R, -np.broadcast_to(np.eye(3), R.shape)), axis=-1).reshape(-1, 6)
 
 
-def _common_point(frames: tuple[FloatArray, FloatArray]) -> tuple[FloatArray, FloatArray]:
+def _common_point(frames: Frames) -> tuple[FloatArray, FloatArray]:
     """Return a point of the tool (3,) and a point of the base (3,), m, that coincide best in all poses.
 
     If the tool only turns about a line, both points are on that line, as near to their frames' origins as possible.
     """
-    R, p = frames
-    eye = np.broadcast_to(np.eye(3), R.shape)
-    rows = np.concatenate((R, -eye), axis=-1).reshape(-1, 6)
-    points = np.linalg.lstsq(rows, -p.reshape(-1), rcond=0.02)[0]
+    points = np.linalg.lstsq(_rows(frames), -frames.p_end.reshape(-1), rcond=0.02)[0]
     return np.asarray(points[:3]), np.asarray(points[3:])
 
 

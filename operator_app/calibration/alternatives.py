@@ -298,8 +298,7 @@ def _without_worst(stated: Experiment) -> Iterator[Alternative]:
     labels, kept, rest = pose_labels(stated.poses), np.arange(len(stated.poses)), stated
     left_out: list[str] = []
     while not stated.unsensed and len(left_out) < min(MOST_LEFT_OUT, len(labels) // 10):
-        found = tried(partial(start, rest), None)
-        if found is None:
+        if (found := tried(partial(start, rest), None)) is None:
             return
         residual = closure_at_readings(rest.loop(), found[0], rest.poses.q_rad).residual
         worst = int(np.argmax((residual**2).sum(-1)))

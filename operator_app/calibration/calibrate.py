@@ -26,12 +26,11 @@ from operator_app.calibration.experiment import (
     Experiment,
     IdentifiableLoops,
     identifiable_loops,
-    in_order,
     placement_checks,
     refuse_placement,
     with_angles_of_unsensed,
 )
-from operator_app.calibration.findings import left_out_poses, pose_labels
+from operator_app.calibration.findings import left_out_poses, pose_labels, range_finding
 from operator_app.calibration.instrument_registration import with_registered_instrument
 from operator_app.calibration.notices import with_notices
 from operator_app.calibration.placements import compared, distances, indistinguishable_placements
@@ -42,7 +41,7 @@ from operator_app.calibration.tool_accuracy import tip_sigma
 from operator_app.config.procedure import AcceptanceLimits
 from operator_app.messages.finding import FindingKind
 from operator_app.units import joints_named
-from solver.arrays import FloatArray, IntArray
+from solver.arrays import FloatArray, IntArray, evenly
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector
 from solver.chain.poses import PoseSet
@@ -59,7 +58,7 @@ from solver.diagnostics.limits import (
     LEAST_INFORMATION_SHARE,
     OUTLIER_NOTICE_PROBABILITY,
 )
-from solver.diagnostics.range_checks import RangeFinding, range_findings
+from solver.diagnostics.range_checks import RangeFinding, ReadingFault, range_findings
 from solver.diagnostics.stated_sizes import learned_scales, shares_of_poses
 from solver.errors import PosesDoNotFitError, UnidentifiableError
 from solver.estimators.error_model import ErrorModel
@@ -67,7 +66,7 @@ from solver.estimators.estimate import Estimate, closure_at_readings, require_en
 from solver.estimators.least_squares import Progress
 from solver.estimators.paper import estimate_paper
 from solver.estimators.variance_components import Calibrated, VarianceComponents
-from solver.loops.closure import ClosureModel
+from solver.loops.closure import ClosureModel, in_order
 
 ESTIMATORS = ("implicit", "paper")
 
@@ -383,11 +382,12 @@ def _require_identifiable(prepared: Prepared, identified: Identifiability) -> Id
             f"the calibration uses no reading of {joints_named(unsensed)}: other poses may not help"
         )
         error = UnidentifiableError(blind, note=note)
+    saturated = (f for f in prepared.out_of_range if f.fault is ReadingFault.SATURATED)
     raise failure_analysis.explain_unidentifiable(
         error,
         experiment.at_poses(loops.kept),
         loops.paper,
-        failure_analysis.saturated_readings(prepared.out_of_range, experiment.poses),
+        tuple(range_finding(f, experiment.poses) for f in saturated),
     )
 
 
@@ -416,7 +416,7 @@ def _starts(prepared: Prepared) -> Iterator[FloatArray | None]:
     yield None if first is None else in_order(model, identifiable, first.x)
     yield nominal_vector(model.parameters)
     if not unsensed:
-        few = multistart.evenly(len(q), multistart.SCREENING_POSES)
+        few = evenly(len(q), multistart.SCREENING_POSES)
         best = multistart.best_about_nominal(identifiable.at_poses(few), q[few])
         yield in_order(model, identifiable, best)
 

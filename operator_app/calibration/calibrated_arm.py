@@ -10,11 +10,9 @@ from typing import Literal
 import numpy as np
 
 from operator_app.calibration.error_model import freed
-from operator_app.calibration.experiment import in_order
-from operator_app.calibration.multistart import evenly
 from operator_app.calibration.result import Solution
 from operator_app.calibration.tool_accuracy import HandAccuracy, HeldOffset, spread_along, spread_of
-from solver.arrays import FloatArray, even_points
+from solver.arrays import FloatArray, even_points, evenly
 from solver.chain.arm_model import ArmModel
 from solver.chain.kinematics import DhTable
 from solver.chain.parameters import DhEntry, DhKind, is_entry
@@ -23,7 +21,7 @@ from solver.closing import reduced_equations
 from solver.estimators.estimate import closure_at_readings
 from solver.estimators.linear_fit import LinearFit
 from solver.estimators.variance_components import Calibrated
-from solver.loops.closure import ClosureModel, ClosureSigmas
+from solver.loops.closure import ClosureModel, ClosureSigmas, in_order
 from solver.loops.endpoints import TIP, MeasuredClosure, PointClosure
 from solver.posterior.best_table import BestTable, best_table, tool_positions, where_used
 from solver.posterior.corrections import Corrections, JointCorrections, corrections_of
@@ -146,28 +144,20 @@ RANGE_SAMPLES = 300
 """Number of poses over the joints' ranges; the rms over them is accurate to about 4 %."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class HandErrors:
-    """Tool position before and after calibration at poses over the ranges of all joints.
-
-    `tip_m` (m, 3): tool position from the calibrated parameters, in the arm's base frame.
-    `before_m` (m,): distance from `tip_m` to the tool position from the arm file.
-    `after_m` (m,): standard deviation of the error of `tip_m`.
-    """
-
-    tip_m: FloatArray
-    before_m: FloatArray
-    after_m: FloatArray
-
-
 def even_poses(arm: ArmModel) -> FloatArray:
     """Readings (m, n), rad, evenly spread over the ranges of all joints."""
     even = even_points(RANGE_SAMPLES, arm.joint_count)
     return np.asarray(arm.lower_rad + even * (arm.upper_rad - arm.lower_rad))
 
 
-def hand_errors(calibrated: CalibratedArm, arm: ArmModel) -> HandErrors:
-    """Compare the tool position before and after calibration over the ranges of all joints."""
+def hand_errors(
+    calibrated: CalibratedArm, arm: ArmModel
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Compare the tool position before and after calibration at m poses over the ranges of all joints.
+
+    Returns, in metres, the tool position from the calibrated parameters in the arm's base frame (m, 3), its distance
+    from the tool position from the arm file (m,), and the standard deviation of its error (m,).
+    """
     q = even_poses(arm)
     entries = (DhEntry.parse(name) for name in calibrated.identified)
     nominal = arm.table.stacked()
@@ -179,11 +169,7 @@ def hand_errors(calibrated: CalibratedArm, arm: ArmModel) -> HandErrors:
         best=None,
     )
     tip, sigma = calibrated.tip_with_sigma_m(q)
-    return HandErrors(
-        tip_m=tip,
-        before_m=np.linalg.norm(tip - nominal_arm.T_base(q)[:, :3, 3], axis=-1),
-        after_m=sigma,
-    )
+    return tip, np.linalg.norm(tip - nominal_arm.T_base(q)[:, :3, 3], axis=-1), sigma
 
 
 def side_of(model: ClosureModel, name: str) -> Literal["arm", "ground", "hand"]:
@@ -377,12 +363,11 @@ def tool_accuracy(
     If a file states the uncertainty of fixed offsets, `after` includes it; otherwise, `holds_for` names these offsets.
     `as_stated`: parameters known from the files rather than from the poses. `fit`: fit of the calibration.
     """
-    errors, q = hand_errors(calibrated, arm), even_poses(arm)
-    by_poses_m = np.sqrt(
-        np.maximum(errors.after_m**2 - calibrated.stated_part_m(q, as_stated) ** 2, 0.0)
+    (_, before_m, after_m), q = hand_errors(calibrated, arm), even_poses(arm)
+    square, held, known = after_m**2, list[HeldOffset](), arm.offset_tolerance_rad
+    by_poses = spread_of(
+        np.sqrt(np.maximum(square - calibrated.stated_part_m(q, as_stated) ** 2, 0.0))
     )
-    by_poses = spread_of(by_poses_m)
-    square, held, known = errors.after_m**2, list[HeldOffset](), arm.offset_tolerance_rad
     stated = [name for name in calibrated.free if name in as_stated]
     model, B = fit.design.model, fit.whole.B
     for j in offsets_not_sought(model, arm):
@@ -400,7 +385,7 @@ def tool_accuracy(
     after = spread_of(np.sqrt(square))
     noteworthy = not by_poses.rms > NOTEWORTHY_SHARE * after.rms
     return HandAccuracy(
-        before=spread_of(errors.before_m),
+        before=spread_of(before_m),
         after=after,
         poses=RANGE_SAMPLES,
         holds_for=tuple(held),

@@ -1,6 +1,8 @@
 """Cross-validation of a calibration with its own poses: jackknife, held-out folds and a far block."""
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -17,7 +19,7 @@ from solver.diagnostics.cross_validation import FOLDS, HoldOut, far_block, fold_
 from solver.diagnostics.statistics import jackknife
 from solver.errors import SolverError
 from solver.estimators.estimate import Estimate
-from solver.estimators.linear_fit import LinearFit
+from solver.estimators.layout import Layout
 from solver.estimators.mixed_fit import MixedFit
 from solver.estimators.variance_components import estimate_of, settle
 
@@ -42,16 +44,14 @@ def check(solution: Solution, arm: ArmModel, fixture: EndpointConstraint, poses:
     poses = with_angles_of_unsensed(arm, fixture, averaged_at_rest(arm, poses))
     kept = ~np.isin(np.arange(len(poses)), solution.dropped_flipped)
     used, _ = distinct_poses(poses, kept)
-    if len(used) < 2 * FOLDS or solution.estimate.corrections is None:
+    if len(used) < 2 * FOLDS or (components := solution.components) is None:
         return Checks()
     fixture = with_calibrated_places(fixture, solution.model)
     model = solution.model.at_poses(np.searchsorted(np.flatnonzero(kept), used))
     experiment = Experiment(arm=arm, fixture=fixture, poses=poses, unsensed=model.unsensed_joints)
     stated = experiment.at_poses(used)
-    q, components = stated.poses.q_rad, solution.components
-    errors = errors_as_calibrated(solution, model, experiment, used)
-    if components is not None:
-        errors = replace(errors, signed=components.signed)
+    q, errors = stated.poses.q_rad, errors_as_calibrated(solution, model, experiment, used)
+    errors = replace(errors, signed=components.signed)
 
     def settled(rest: IntArray) -> tuple[MixedFit, IntArray]:
         return settle(
@@ -61,7 +61,7 @@ def check(solution: Solution, arm: ArmModel, fixture: EndpointConstraint, poses:
             x0=solution.estimate.x,
             group=stated.poses.placement[rest],
             # The variances stay fixed: estimating them for every part would take most of the time.
-            variances=None if components is None else components.variances,
+            variances=partial(Layout.variances_by_name, named=components.variances),
         )
 
     def estimated(rest: IntArray) -> Estimate:
@@ -76,18 +76,12 @@ def check(solution: Solution, arm: ArmModel, fixture: EndpointConstraint, poses:
             # The remaining poses are too few for an estimate.
             return None
 
+    identified = [k for k, p in enumerate(model.parameters) if p.name not in solution.tolerated]
+    jackknife_sd = None
+    with suppress(SolverError):
+        jackknife_sd = jackknife(whole.fit)[identified]
     return Checks(
-        jackknife_sd=_jackknife_sd(
-            whole.fit,
-            [k for k, p in enumerate(model.parameters) if p.name not in solution.tolerated],
-        ),
+        jackknife_sd=jackknife_sd,
         held_out=held_out(fold_poses(q)),
         far_block=held_out((far_block(q),)),
     )
-
-
-def _jackknife_sd(fitted: LinearFit, identified: list[int]) -> FloatArray | None:
-    try:
-        return jackknife(fitted)[identified]
-    except SolverError:
-        return None

@@ -21,7 +21,6 @@ from solver.chain.statics import unstated_masses
 from solver.estimators.error_model import (
     ErrorModel,
     MeasuredDistance,
-    Names,
     stated_errors,
     variance_of_means,
 )
@@ -62,15 +61,7 @@ def error_model(
         give_m=fixture.compliance.position_m if passive else None,
         tolerance=tolerance,
         prior=prior,
-        distances=tuple(
-            MeasuredDistance(
-                first=_socket(d.between[0]),
-                second=_socket(d.between[1]),
-                value_m=d.value_m,
-                sigma_m=d.sigma_m,
-            )
-            for d in stated_distances(experiment)
-        ),
+        distances=tuple(map(_between_sockets, stated_distances(experiment))),
         discrepancy=True,
         loads=_loads(experiment, indices),
         approach=approach_of(arm, poses, indices),
@@ -84,9 +75,11 @@ def stated_distances(experiment: Experiment) -> tuple[KnownDistance, ...]:
     return tuple(d for d in known if set(d.between) <= placements)
 
 
-def _socket(number: int) -> Names:
-    x, y, z = (f"{name}[{number}]" for name in GROUND)
-    return x, y, z
+def _between_sockets(known: KnownDistance) -> MeasuredDistance:
+    first, second = (tuple(f"{name}[{k}]" for name in GROUND) for k in known.between)
+    return MeasuredDistance(
+        first=first, second=second, value_m=known.value_m, sigma_m=known.sigma_m
+    )
 
 
 def _loads(experiment: Experiment, kept: IntArray) -> LoadBasis | None:
@@ -240,8 +233,7 @@ def free_within_tolerance(
         sizes = arm.twist_tolerance_rad if kind.is_angle else arm.length_tolerance_m
         entries = (DhEntry(kind, row) for row in range(1, n + 1))
         tolerances |= {e: float(sizes[e.row - 1]) for e in entries if e in arm.maker_entries(e.row)}
-    if arm.offset_tolerance_rad is not None:
-        known = arm.offset_tolerance_rad
+    if (known := arm.offset_tolerance_rad) is not None:
         blind = model.unsensed_joints
         tolerances |= {
             e: known for e in arm.free if e.kind is DhKind.THETA_OFF and e.row not in blind
@@ -262,21 +254,19 @@ def stated_priors(
     Included are the arm's offsets (only if its file states `offset_tolerance_deg`), the arm's lengths and twists, and
     the fixture's placement; of several placements only the first, because the fixture's file describes only one.
     """
-    placed, offset = fixture.tolerance, arm.offset_tolerance_rad
+    tolerance, offset = fixture.tolerance, arm.offset_tolerance_rad
     sides = {*model.ground_side, *model.hand_side}
     first = {p.name for p in np.array(model.parameters, dtype=object)[model.parts()[0][1]]}
     priors: dict[str, float] = {}
     for p in model.parameters:
-        plain = p.name.partition("[")[0]
-        entry = DhEntry.parse(plain) if is_entry(plain) else None
-        of_fixture = (placed.orientation_rad if p.is_angle else placed.position_m) * (
-            p.name in sides
-        )
-        if p.name not in first and p.name in sides:
+        is_placed, plain = p.name in sides, p.name.partition("[")[0]
+        if is_placed and p.name not in first:
             continue
+        entry = DhEntry.parse(plain) if is_entry(plain) else None
+        of_fixture = is_placed * (tolerance.orientation_rad if p.is_angle else tolerance.position_m)
         if entry is not None and entry.kind is DhKind.THETA_OFF:
             size = 0.0 if offset is None else float(np.hypot(offset, of_fixture))
-        elif p.name in sides or entry is None:
+        elif is_placed or entry is None:
             size = of_fixture
         else:
             row = entry.row - 1

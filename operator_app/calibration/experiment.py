@@ -21,6 +21,7 @@ from solver.estimators.estimate import Estimate, closure_at_readings, require_en
 from solver.estimators.least_squares import Progress
 from solver.estimators.paper import estimate_paper
 from solver.loops.closure import ClosureModel
+from solver.loops.endpoints import MeasuredClosure
 from solver.loops.placements import place
 from solver.search.global_start import GlobalStart, global_start
 
@@ -58,20 +59,16 @@ class Experiment:
 
         Raises `EndpointMissingError` if the instrument's columns are missing from the pose set.
         """
-        fixture, poses = self.fixture, self.poses
-        model: ClosureModel
-        if isinstance(fixture, Measured):
-            if poses.endpoint is None or (fixture.full_pose and poses.endpoint.shape[1] < 6):
-                raise EndpointMissingError(orientation=poses.endpoint is not None)
-            model = fixture.model(self.arm, unsensed_joints=self.unsensed).with_endpoints(
-                poses.endpoint[:, :3],
-                rotation_matrix(poses.endpoint[:, 3:6]) if fixture.full_pose else None,
-            )
-        else:
-            model = fixture.model(self.arm, unsensed_joints=self.unsensed)
+        poses, endpoint = self.poses, self.poses.endpoint
+        model = self.fixture.model(self.arm, unsensed_joints=self.unsensed)
+        if isinstance(model, MeasuredClosure):
+            if endpoint is None or (model.full_pose and endpoint.shape[1] < 6):
+                raise EndpointMissingError(orientation=endpoint is not None)
+            rotation = rotation_matrix(endpoint[:, 3:6]) if model.full_pose else None
+            model = model.with_endpoints(endpoint[:, :3], rotation)
         if len(poses.placements) == 1:
             return model
-        return place(model, poses.placement, same_hand=fixture.stays_on_hand)
+        return place(model, poses.placement, same_hand=self.fixture.stays_on_hand)
 
 
 def with_angles_of_unsensed(arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet) -> PoseSet:
@@ -198,17 +195,10 @@ def on_main_branch(model: ClosureModel, q: FloatArray) -> tuple[BoolArray, Estim
 
 def pick_placements(poses: PoseSet, placements: tuple[int, ...]) -> PoseSet:
     """Return the poses of `placements`; raises `ValueError` if one of these placements does not exist."""
-    missing = sorted(set(placements) - set(poses.placements))
-    if missing:
+    if missing := sorted(set(placements) - set(poses.placements)):
         known = ", ".join(str(p) for p in poses.placements)
         raise ValueError(f"there is no placement {missing[0]}; the file has {known}")
     return poses.at_poses(np.isin(poses.placement, placements))
-
-
-def in_order(model: ClosureModel, other: ClosureModel, x: FloatArray) -> FloatArray:
-    """Return values (P,) of the parameters of `model`: from `x` (values of `other`), nominal if `other` lacks them."""
-    known = {p.name: float(v) for p, v in zip(other.parameters, x, strict=True)}
-    return nominal_vector(model.parameters, known)
 
 
 class FixtureRefusedError(FixtureError):

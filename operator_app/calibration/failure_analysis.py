@@ -12,16 +12,13 @@ from operator_app.calibration.alternatives import (
     poses_in_radians,
 )
 from operator_app.calibration.experiment import Experiment
-from operator_app.calibration.findings import range_finding
 from operator_app.messages.finding import Finding
 from operator_app.units import SIGMA_ORI, SIGMA_POS, WHOLE_DEGREES
 from solver.arrays import FloatArray
 from solver.chain.parameters import nominal_vector
-from solver.chain.poses import PoseSet
-from solver.closing import close_loops
+from solver.closing import close_loops, measure_with_fixed
 from solver.diagnostics import limits
 from solver.diagnostics.identifiability import identifiability
-from solver.diagnostics.range_checks import RangeFinding, ReadingFault
 from solver.errors import PosesDoNotFitError, SolverError, UnidentifiableError
 from solver.estimators.estimate import Estimate
 from solver.estimators.implicit import MAX_ITERATIONS
@@ -32,16 +29,17 @@ def explain_unidentifiable(
     error: UnidentifiableError,
     stated: Experiment,
     paper: Estimate | None,
-    saturated: PosesDoNotFitError | None,
+    saturated: tuple[Finding, ...],
 ) -> SolverError:
-    """Return an error that names the cause (stuck or saturated sensor, mistake, open loops); without one, `error`."""
+    """Return an error that names the cause (stuck or saturated sensor, mistake, open loops); without one, `error`.
+
+    `saturated`: findings of saturated readings.
+    """
     stuck = explained(error, stated)
     if stuck is not error:
         return stuck
-    if saturated is not None:
-        return saturated
-    radians = poses_in_radians(stated, limits.CHI2_PER_DOF_GROSS)
-    if named := radians or hinge_alternative(stated):
+    named = saturated or poses_in_radians(stated, limits.CHI2_PER_DOF_GROSS)
+    if named := named or hinge_alternative(stated):
         return poses_do_not_fit(named)
     if paper is None or error.note or any(d.immobile_joints for d in error.directions):
         # Too few poses and an immobile joint follow from the readings alone.
@@ -58,14 +56,6 @@ def explain_unidentifiable(
     # A mistake makes the poses determine fewer parameters at the solution than at the nominal values.
     back = find_alternatives(stated, scale=np.inf, dof=paper.dof, near=True, sensors=True)
     return poses_do_not_fit(back) if back else error
-
-
-def saturated_readings(
-    findings: tuple[RangeFinding, ...], poses: PoseSet
-) -> PosesDoNotFitError | None:
-    """Return the error that lists the saturated readings among `findings`; None if no reading is saturated."""
-    known = tuple(range_finding(f, poses) for f in findings if f.fault is ReadingFault.SATURATED)
-    return poses_do_not_fit(known) if known else None
 
 
 def _closes(estimate: Estimate) -> bool:
@@ -115,16 +105,14 @@ def turned_unread(
     if not first.closed[0]:
         return None
     start = after_rad + first.q[0] - before_rad
-    sigma = np.ones(len(start))
-    sigma[[j - 1 for j in still]] = 0.0
+    sigma = measure_with_fixed(still, len(start))
     standing = _correction(model, x, start, sigma)
     standing_size = np.inf if standing is None else float(np.linalg.norm(standing))
     best: tuple[float, int, float] | None = None
     for joint in still:
         loose = sigma.copy()
         loose[joint - 1] = UNKNOWN_ANGLE_SIGMA
-        correction = _correction(model, x, start, loose)
-        if correction is not None:
+        if (correction := _correction(model, x, start, loose)) is not None:
             turn = float(correction[joint - 1])
             correction[joint - 1] = 0.0
             best = min(filter(None, (best, (float(np.linalg.norm(correction)), joint, turn))))

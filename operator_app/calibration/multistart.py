@@ -5,9 +5,8 @@ from itertools import islice
 
 import numpy as np
 
-from operator_app.calibration.experiment import in_order
 from operator_app.messages.finding import Finding, FindingKind
-from solver.arrays import FloatArray, IntArray
+from solver.arrays import FloatArray, IntArray, evenly
 from solver.chain.parameters import Parameter, nominal_vector, wrap_angles
 from solver.diagnostics import limits
 from solver.errors import PosesDoNotFitError
@@ -16,7 +15,7 @@ from solver.estimators.estimate import Estimate
 from solver.estimators.least_squares import Fit, Problem, Progress, solve_damped
 from solver.estimators.paper import closure_problem
 from solver.estimators.variance_components import Calibrated, estimate_with_errors
-from solver.loops.closure import ClosureModel
+from solver.loops.closure import ClosureModel, in_order
 from solver.loops.endpoints import BASE, GROUND, TIP, TIP_TURN
 
 SCREENING_POSES = 600
@@ -50,11 +49,6 @@ def fit_from_starts(
     if best is None:
         raise PosesDoNotFitError
     return best
-
-
-def evenly(poses: int, most: int) -> IntArray:
-    """Indices of at most `most` poses, evenly chosen from `poses` poses."""
-    return np.linspace(0, poses - 1, min(most, poses)).astype(np.int64)
 
 
 def _best_fit(

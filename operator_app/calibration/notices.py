@@ -63,9 +63,10 @@ def with_notices(
     arm, adjudication = experiment.arm, solution.adjudication
     accuracy = tool_accuracy(calibrated_arm(solution, arm), arm, as_stated, tested.linear)
     sound = not adjudication.diverged
+    rows = {"count": repeats, "of": solution.poses, "distinct": solution.poses - repeats}
     findings = (
         *(_ill_conditioned(solution.identifiability, limits) if sound else (Finding(K.DIVERGED),)),
-        *(_repeated_rows(solution.poses, repeats) if repeats else ()),
+        *((Finding(K.REPEATED_ROWS, figures=rows),) if repeats else ()),
         *_of_readings(experiment, known, whole.linear.stated, sound=sound),
         *_of_parameters(solution, accuracy, arm, as_stated),
         *_of_the_fit(solution, same, sound=sound),
@@ -92,11 +93,6 @@ def with_notices(
         warnings=findings,
         reasons=(*adjudication.reasons, *(f.sentence for f in exceeded)),
     )
-
-
-def _repeated_rows(rows: int, repeats: int) -> tuple[Finding, ...]:
-    figures = {"count": repeats, "of": rows, "distinct": rows - repeats}
-    return (Finding(K.REPEATED_ROWS, figures=figures),)
 
 
 def _of_readings(

@@ -15,10 +15,9 @@ from operator_app.calibration.error_model import (
     stated_priors,
 )
 from operator_app.calibration.experiment import Experiment
-from operator_app.calibration.multistart import evenly
 from operator_app.calibration.result import Solution
 from operator_app.units import SLIP_SIGMA
-from solver.arrays import FloatArray, IntArray
+from solver.arrays import FloatArray, IntArray, evenly
 from solver.chain.poses import PoseSet, canonical_order
 from solver.diagnostics.cross_validation import NOT_KNOWN, CommonShift, predicted_residuals
 from solver.diagnostics.limits import STATED_VARIANCE_SHARE
@@ -244,16 +243,12 @@ def concatenated_poses(old: PoseSet, new: PoseSet) -> PoseSet:
     """Return both pose sets as one, the old poses first; kinds of data that only one set has are left out."""
     ends = [p.endpoint for p in (old, new) if p.endpoint is not None]
     columns = min((e.shape[1] for e in ends), default=0)
-
-    def joined(name: str) -> FloatArray | None:
-        a, b = getattr(old, name), getattr(new, name)
-        return None if a is None or b is None else np.concatenate((a, b))
-
+    spreads = [p.sd_rad for p in (old, new) if p.sd_rad is not None]
     return PoseSet(
         placement=np.concatenate((old.placement, new.placement)),
         label=tuple(str(k) for k in range(len(old) + len(new))),
         q_rad=np.concatenate((old.q_rad, new.q_rad)),
-        sd_rad=joined("sd_rad"),
+        sd_rad=np.concatenate(spreads) if len(spreads) == 2 else None,
         samples=np.concatenate((old.sample_counts, new.sample_counts)),
         endpoint=np.concatenate([e[:, :columns] for e in ends]) if len(ends) == 2 else None,
         utc=None if old.utc is None or new.utc is None else old.utc + new.utc,

@@ -16,7 +16,7 @@ import numpy as np
 from fixtures.base import ROUGH_PLACEMENT, EndpointConstraint
 from fixtures.errors import FixtureError
 from operator_app.calibration.error_model import error_model, free_within_tolerance
-from operator_app.calibration.experiment import Experiment, in_order
+from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.prediction import concatenated_poses, fit_as_stated
 from operator_app.calibration.verification import stated_noise
 from solver.arrays import FloatArray
@@ -28,7 +28,7 @@ from solver.diagnostics.limits import POSE_CHI2_RATIO_UNPREDICTED, POSE_CHI2_UNP
 from solver.errors import PosesDoNotFitError, SolverError
 from solver.estimators.implicit import ImplicitFit, ParameterPrior, fit_implicit
 from solver.estimators.paper import estimate_paper
-from solver.loops.closure import ClosureModel
+from solver.loops.closure import ClosureModel, in_order
 
 WITHIN = 3.0
 """Number of standard deviations in a tolerance."""
@@ -55,25 +55,20 @@ class KnownArm:
     placement_ratio: float
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PlacementPrior:
-    """Mean (P,) and covariance (P, P) of a loop's unknowns, rad and m."""
-
-    mean: FloatArray
-    covariance: FloatArray
-
-
 def placement_prior(
     model: ClosureModel,
     arm: ArmModel,
     fixture: EndpointConstraint,
     stated: Mapping[str, float],
     known: KnownArm | None = None,
-) -> PlacementPrior:
-    """Return the prior of one placement's loop; `model` and `stated` are the results of `free_within_tolerance`."""
+) -> tuple[FloatArray, FloatArray]:
+    """Return mean (P,) and covariance (P, P), rad and m, of the prior of one placement's unknowns.
+
+    `model` and `stated` are the results of `free_within_tolerance`.
+    """
     mean, sd = nominal_vector(model.parameters), _by_files(model, arm, fixture, stated)
     if known is None:
-        return PlacementPrior(mean=mean, covariance=np.diag(sd**2))
+        return mean, np.diag(sd**2)
     names = [p.name for p in model.parameters]
     sides = {*model.ground_side, *model.hand_side} - set(known.names)
     turned = known.placement_ratio * fixture.tolerance.orientation_rad / WITHIN
@@ -87,7 +82,7 @@ def placement_prior(
     columns = [names.index(name) for name in known.names]
     mean[columns] = known.values
     covariance[np.ix_(columns, columns)] = known.covariance
-    return PlacementPrior(mean=mean, covariance=covariance)
+    return mean, covariance
 
 
 def stated_fit(experiment: Experiment) -> tuple[ClosureModel, ParameterPrior, ImplicitFit] | None:

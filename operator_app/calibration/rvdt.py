@@ -87,7 +87,7 @@ def check_rvdts(
         prior={p.name: errors.prior[p.name] for p in model.parameters if p.name in errors.prior},
     )
     return rvdt_verdicts(
-        model, arm, q, errors, calibrated, noise=noise, samples=poses.sample_counts[distinct]
+        model, sensors, q, errors, calibrated, noise=noise, samples=poses.sample_counts[distinct]
     )
 
 
@@ -100,13 +100,10 @@ def _noise_of_rvdts(
     which a joint moved while it was read are left out; `motion_causes` reports them.
     """
     samples = poses.sample_counts[kept]
-    spread = None if poses.sd_rad is None else poses.sd_rad[kept]
-    still = {j: np.ones(len(samples), dtype=np.bool_) for j in sensors}
-    if spread is not None:
-        still = {j: ~moved_while_read(s, spread[:, j - 1]) for j, s in sensors.items()}
-    unmeasured = [
-        j for j in sensors if spread is None or not spread[still[j] & (samples > 1), j - 1].any()
-    ]
+    # A spread of 0 counts as not recorded.
+    spread = np.zeros_like(poses.q_rad[kept]) if poses.sd_rad is None else poses.sd_rad[kept]
+    still = {j: ~moved_while_read(s, spread[:, j - 1]) for j, s in sensors.items()}
+    unmeasured = [j for j in sensors if not spread[still[j] & (samples > 1), j - 1].any()]
     by_name: dict[str, Component] = {}
     if unmeasured:
         # The motion noise of fixture and joints is the estimated one, not the stated one.
@@ -114,8 +111,8 @@ def _noise_of_rvdts(
         by_name = {c.name: c for c in components(calibrated.linear.design, v, error)}
     noise_by_joint: dict[int, SingleNoise] = {}
     for j, sensor in sensors.items():
-        own_spread = None if spread is None else spread[still[j], j - 1]
-        noise = single_noise(sensor, by_name.get(f"rvdt_{j}"), own_spread, samples[still[j]])
+        component, own = by_name.get(f"rvdt_{j}"), still[j]
+        noise = single_noise(sensor, component, spread[own, j - 1], samples[own])
         if noise is not None:
             noise_by_joint[j] = noise
     return noise_by_joint

@@ -123,9 +123,7 @@ def _decoded(hint: Any, data: Any) -> Any:
     return hint[data] if issubclass(hint, Enum) else hint(data)
 
 
-@cache
-def _hints(of: type) -> dict[str, Any]:
-    return get_type_hints(of)
+_hints = cache(get_type_hints)
 
 
 def _key(field: dataclasses.Field[Any]) -> str:

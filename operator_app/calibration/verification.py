@@ -240,8 +240,7 @@ def _verify_distinct(
         only = np.full(len(poses), calibrated[0])
         new = replace(new, poses=replace(poses, placement=only))
     start = {p.name: float(x[k]) for k, p in enumerate(model.parameters) if p.name in unknown}
-    predicted = predict_new_poses(new, solution, made_from, start)
-    if predicted is None:
+    if (predicted := predict_new_poses(new, solution, made_from, start)) is None:
         return result
     own = solution.adjudication.stated_chi2_per_dof if solution.accepted else None
     return _with_prediction(result, *predicted, scale=max(1.0, own or 0.0))
@@ -346,8 +345,7 @@ def _in_order(model: ClosureModel, fixed: Fixed) -> tuple[FloatArray, FloatArray
     """Return values and covariance in the model's order; parameters not in `fixed` are nominal with variance 0."""
     known = list(fixed.values)
     names = [p.name for p in model.parameters]
-    strange = sorted(set(known) - set(names))
-    if strange:
+    if strange := sorted(set(known) - set(names)):
         raise ValueError(f"{strange[0]} is not a parameter of this arm in this fixture")
     x = nominal_vector(model.parameters, fixed.values)
     covariance = np.zeros((len(names), len(names)))

@@ -218,8 +218,7 @@ def modes_problem(
 ) -> GuardError | None:
     """Return the error for a wrong set of joints in position mode; None if the set is valid."""
     have = len(set(position_joints))
-    wrong = [j for j in position_joints if not 1 <= j <= joint_count]
-    if wrong:
+    if wrong := [j for j in position_joints if not 1 <= j <= joint_count]:
         return GuardError(
             f"there is no joint {wrong[0]}", f"joints are numbered 1 to {joint_count}"
         )

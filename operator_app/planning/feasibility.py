@@ -3,8 +3,6 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from fixtures.base import EndpointConstraint, SetupCheck, Severity
 from fixtures.measured import Measured
 from fixtures.setup_checks import setup_checks
@@ -14,7 +12,7 @@ from operator_app.config.fixture_file import FixtureSpec
 from operator_app.errors import SessionError
 from operator_app.planning.drives import DriveChoice, choose_drives, named_drives, predict_drives
 from operator_app.planning.task import without_hidden
-from solver.arrays import FloatArray
+from solver.arrays import FloatArray, evenly
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import Parameter, nominal_vector
 from solver.closing import close_loops
@@ -81,8 +79,7 @@ def assess_feasibility(
         prediction = predict_drives(arm, loop, x, arm.home_rad)
         mobility = prediction.manifold.motion.degrees
         q = prediction.manifold.q
-        spread = q[np.linspace(0, len(q) - 1, min(SPREAD, len(q))).astype(int)]
-        identified = _identifiability_at(model, spread)
+        identified = _identifiability_at(model, q[evenly(len(q), SPREAD)])
         choice = (
             choose_drives(prediction, unsensed_joints=unsensed)
             if position_joints is None

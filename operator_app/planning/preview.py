@@ -6,7 +6,6 @@ import numpy as np
 
 from fixtures.base import EndpointConstraint, SetupCheck
 from fixtures.setup_checks import setup_checks
-from operator_app.calibration.experiment import in_order
 from operator_app.errors import SessionError
 from operator_app.planning.drives import DriveChoice, choose_drives, named_drives, predict_drives
 from operator_app.planning.exploration import RANGE_END_MARGIN_RAD
@@ -18,6 +17,7 @@ from solver.design.interim import InterimEstimate, implicit_interim
 from solver.design.paths import Leg
 from solver.design.plan import PlanningTask, PosePlan, make_plan
 from solver.diagnostics.identifiability import Identifiability, identifiability
+from solver.loops.closure import in_order
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

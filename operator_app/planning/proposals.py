@@ -163,8 +163,8 @@ def ball_between(arm: ArmModel, hand_m: FloatArray, base_m: FloatArray | None) -
     If `base_m` is None, the socket is where the ball's centre is at the arm's home pose.
     """
     if base_m is None:
-        R, p = _hand_at_home(arm)
-        base_m = p + R @ hand_m
+        home = arm.table.frames(arm.home_rad)
+        base_m = home.p_end + home.R_end @ hand_m
     x, y, z = hand_m.tolist()
     u, v, w = base_m.tolist()
     return Ball(tip_m=(x, y, z), ground_m=(u, v, w))
@@ -177,7 +177,8 @@ def hinge_between(arm: ArmModel, hand: Line, base: Line | None) -> Hinge:
     loop close nearer to the arm's home. If `base` is None, the hinge is where `hand` lies at the arm's home pose.
     """
     if base is None:
-        return Hinge.between(arm, hand.in_frame(*_hand_at_home(arm)), hand)
+        home = arm.table.frames(arm.home_rad)
+        return Hinge.between(arm, hand.in_frame(home.R_end, home.p_end), hand)
 
     def largest_distance(hinge: Hinge) -> float:
         distances = home_to_closed_rad(arm, hinge)
@@ -188,8 +189,3 @@ def hinge_between(arm: ArmModel, hand: Line, base: Line | None) -> Hinge:
         for sign in (1.0, -1.0)
     ]
     return min(ways, key=largest_distance)
-
-
-def _hand_at_home(arm: ArmModel) -> tuple[FloatArray, FloatArray]:
-    frames = arm.table.frames(arm.home_rad)
-    return frames.R_end, frames.p_end

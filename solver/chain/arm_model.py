@@ -109,13 +109,9 @@ class ArmModel:
         return replace(self, tolerances=rows)
 
     def maker_entries(self, row: int) -> tuple[DhEntry, ...]:
-        """Lengths and twists of a row of the maker's table: a, s and alpha, or a, alpha and beta in `hayati_rows`."""
-        ours = (
-            (DhKind.A, DhKind.ALPHA, DhKind.BETA)
-            if row in self.hayati_rows
-            else (DhKind.A, DhKind.S, DhKind.ALPHA)
-        )
-        return tuple(DhEntry(kind, row) for kind in ours)
+        """Lengths and twists of a row of the maker's table: a, s and alpha, or a, beta and alpha in `hayati_rows`."""
+        s_or_beta = DhKind.BETA if row in self.hayati_rows else DhKind.S
+        return tuple(DhEntry(kind, row) for kind in (DhKind.A, s_or_beta, DhKind.ALPHA))
 
     def sigma_rad(self) -> FloatArray:
         """Standard deviation of one reading of every joint, shape (n,); 0 without a sensor."""

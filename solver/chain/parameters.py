@@ -59,8 +59,7 @@ class DhEntry:
     @lru_cache(maxsize=1024)
     def parse(cls, name: str) -> DhEntry:
         """Read ``theta_off_4``, ``a_0``, ...; ValueError for any other name."""
-        match = _NAME.fullmatch(name)
-        if match is None:
+        if (match := _NAME.fullmatch(name)) is None:
             raise ValueError(
                 f"{name!r} is not a D-H entry "
                 "(theta_off_<row>, s_<row>, a_<row>, alpha_<row>, beta_<row>)"

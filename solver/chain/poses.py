@@ -38,22 +38,19 @@ class PoseSet:
         object.__setattr__(self, "placement", _whole(self.placement, "placement"))
         object.__setattr__(self, "label", tuple(str(label) for label in self.label))
         for name in ("q_rad", "sd_rad", "endpoint"):
-            value = getattr(self, name)
-            if value is not None:
+            if (value := getattr(self, name)) is not None:
                 object.__setattr__(self, name, frozen(value))
         if self.samples is not None:
             object.__setattr__(self, "samples", _whole(self.samples, "samples"))
         for name in ("utc", "notes"):
-            value = getattr(self, name)
-            if value is not None:
+            if (value := getattr(self, name)) is not None:
                 object.__setattr__(self, name, tuple(value))
         self._check()
 
     def _check(self) -> None:
         self._check_shapes()
         for name in ("q_rad", "sd_rad", "endpoint"):
-            value = getattr(self, name)
-            if value is not None and not np.all(np.isfinite(value)):
+            if (value := getattr(self, name)) is not None and not np.all(np.isfinite(value)):
                 raise ValueError(f"{name} must be finite")
         if self.sd_rad is not None and np.any(self.sd_rad < 0.0):
             raise ValueError("sd_rad must not be negative")
@@ -72,8 +69,7 @@ class PoseSet:
             raise ValueError("q_rad must have one row per pose and one column per joint")
         m = len(self.q_rad)
         for name in ("placement", "label", "sd_rad", "samples", "endpoint", "utc", "notes"):
-            value = getattr(self, name)
-            if value is not None and len(value) != m:
+            if (value := getattr(self, name)) is not None and len(value) != m:
                 raise ValueError(f"{name} has length {len(value)}, not {m} (one per pose)")
         if self.placement.ndim != 1 or (self.samples is not None and self.samples.ndim != 1):
             raise ValueError("placement and samples must each have one number per pose")

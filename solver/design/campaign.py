@@ -244,8 +244,7 @@ class Campaign:
             self.plan = None
             return
         target = self._visits.popleft()
-        route = self._route(plan, target)
-        if route is None:
+        if (route := self._route(plan, target)) is None:
             # The other poses may still be reached; a later plan replaces this pose by one at a distance from it.
             self._unreached.append(plan.manifold.q[target])
             if len(self._unreached) > MOST_UNREACHED:
@@ -280,8 +279,7 @@ class Campaign:
         """
         if self.exploring:
             return (straight_move(captured_rad, self.drives, BACK),)
-        plan = self.plan
-        if plan is None:
+        if (plan := self.plan) is None:
             return None
         # The arm was at the captured pose, so the candidate next to it is safe if a path leads there.
         away = np.linalg.norm(plan.manifold.q - captured_rad, axis=-1)
@@ -289,8 +287,7 @@ class Campaign:
         target = int(np.argmin(away))
         if away[target] > NEXT_TO_RAD:
             return None
-        route = self._route(plan, target)
-        if route is None:
+        if (route := self._route(plan, target)) is None:
             return None
         moves = moves_along(route, self.drives, "a captured pose")
         drives = route[-1].drives if route else self.drives

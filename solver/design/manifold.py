@@ -134,9 +134,8 @@ def _wave(
         # Twelve directions from a random phase, so that rows do not line up.
         # A second ring of shorter steps, in directions between these, finds the way through necks narrower than a step.
         turn = np.arange(12) * (np.pi / 6.0)
-        angle = rng.uniform(0.0, np.pi / 3.0, (poses, 1)) + np.concatenate(
-            (turn, turn + np.pi / 12.0)
-        )
+        turns = np.concatenate((turn, turn + np.pi / 12.0))
+        angle = rng.uniform(0.0, np.pi / 3.0, (poses, 1)) + turns
         length = np.repeat([1.0, INNER_RING_SHARE], 12)[:, None]
         directions = length * np.stack((np.cos(angle), np.sin(angle)), axis=-1)
     else:
@@ -154,30 +153,28 @@ def _tree(points: FloatArray) -> cKDTree:
 
 def _far_from(others: FloatArray, points: FloatArray, distance: float) -> BoolArray:
     """Whether each of `points` (m, d) is at least `distance`, rad, from all of `others` (k, d); shape (m,)."""
-    if len(points) == 0:
-        return np.zeros(0, dtype=np.bool_)
     nearest, _ = _tree(others).query(points, distance_upper_bound=distance)
     return np.asarray(nearest >= distance)
+
+
+def _pairs(points: FloatArray, distance: float) -> IntArray:
+    """Return the sorted index pairs (E, 2), lower index first, of points within `distance` of each other."""
+    pairs = _tree(points).query_pairs(distance, output_type="ndarray")
+    return np.asarray(pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))], dtype=np.int64)
 
 
 def _spread(points: FloatArray, distance: float) -> IntArray:
     """Return the indices of the points that are kept, in order; a point within `distance` of a kept one is dropped."""
     dropped = np.zeros(len(points), dtype=np.bool_)
-    if len(points):
-        pairs = _tree(points).query_pairs(distance, output_type="ndarray")
-        order = np.lexsort((pairs[:, 1], pairs[:, 0]))
-        for first, second in pairs[order]:
-            if not dropped[first]:
-                dropped[second] = True
+    for first, second in _pairs(points, distance):
+        if not dropped[first]:
+            dropped[second] = True
     return np.flatnonzero(~dropped)
 
 
 def _neighbours(points: FloatArray, motion: ChainMotion, step_rad: float) -> IntArray:
     """Return the index pairs (E, 2) of poses that are neighbours along the manifold."""
-    pairs = _tree(points).query_pairs(NEIGHBOUR_STEPS * step_rad, output_type="ndarray")
-    if len(pairs) == 0:
-        return np.zeros((0, 2), dtype=np.int64)
-    pairs = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
+    pairs = _pairs(points, NEIGHBOUR_STEPS * step_rad)
     apart = points[pairs[:, 1]] - points[pairs[:, 0]]
     length = np.linalg.norm(apart, axis=-1)
     flat = np.ones(len(pairs), dtype=np.bool_)
@@ -186,4 +183,4 @@ def _neighbours(points: FloatArray, motion: ChainMotion, step_rad: float) -> Int
         along = (np.swapaxes(T, -1, -2) @ apart[..., None])[..., 0]
         offset = np.sqrt(np.maximum(length**2 - (along**2).sum(-1), 0.0))
         flat &= offset <= MOST_BEND_SHARE * length
-    return np.asarray(pairs[flat], dtype=np.int64)
+    return pairs[flat]

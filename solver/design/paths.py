@@ -110,11 +110,9 @@ class PathGraph:
         The result is None if no path passes the check. `drives`: drive joints at pose `source`.
         """
         for _ in range(ATTEMPTS):
-            nodes = self._search(source, target, drives)
-            if nodes is None:
+            if (nodes := self._search(source, target, drives)) is None:
                 return None
-            legs = self._follow(ranges, nodes)
-            if legs is not None:
+            if (legs := self._follow(ranges, nodes)) is not None:
                 return legs
             self._graph = self._assemble()
         return None
@@ -174,8 +172,7 @@ class PathGraph:
         for layer, group in groupby(nodes, key=lambda node: node[0]):
             poses = [pose for _, pose in group]
             if len(poses) > 1:
-                leg = self._leg(ranges, layer, poses)
-                if leg is None:
+                if (leg := self._leg(ranges, layer, poses)) is None:
                     return None
                 legs.append(leg)
         return tuple(legs)

@@ -13,7 +13,7 @@ from itertools import combinations
 import numpy as np
 
 from solver.arrays import BoolArray, FloatArray
-from solver.chain.parameters import DhEntry, nominal_vector
+from solver.chain.parameters import DhEntry
 from solver.closing import close_loops, reduced_equations
 from solver.design.d_optimal import (
     PoseInformation,
@@ -31,7 +31,7 @@ from solver.errors import SolverError
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.implicit import NoiseModel
 from solver.estimators.variance_components import settle
-from solver.loops.closure import ClosureModel
+from solver.loops.closure import ClosureModel, in_order
 
 AVOID_RADIUS_RAD = 0.15
 """Nothing is planned this near to a pose where a move had to be stopped."""
@@ -133,8 +133,7 @@ def make_plan(
         seed=task.seed,
     )
     ranked: tuple[RankedDrives, ...] = ()
-    sets = task.drive_sets
-    if sets is None:
+    if (sets := task.drive_sets) is None:
         ranked = rank_over_region(manifold)
         sets = (ranked[0].drives,)
     trusted = np.ones(manifold.size, dtype=np.bool_)
@@ -214,8 +213,7 @@ def information_of(
         for parts in ((readings, closed_q), (closed.q, closed_q), (closed.u, closed_u))
     )
     model = task.model.freed(task.toleranced)
-    values = {p.name: float(v) for p, v in zip(task.model.parameters, x, strict=True)}
-    every = nominal_vector(model.parameters, values)
+    every = in_order(model, task.model, x)
     variances = _estimated_variances(task, model, every, readings)
     information = pose_information(model, every, every_q, q, u, task.errors_at(every_q), variances)
     information = information if task.parameters is None else information.about(task.parameters)

@@ -80,8 +80,7 @@ def stop_decision(
     deviations by name, rad and m; other parameters are not checked; an unknown name raises `ValueError`. `poses_left`:
     number of poses that may still be taken. `allowed` (m,): candidates that can be reached.
     """
-    unknown = sorted(set(requested) - set(candidates.parameters))
-    if unknown:
+    if unknown := sorted(set(requested) - set(candidates.parameters)):
         raise ValueError(f"no parameter {', '.join(unknown)} in this calibration")
     names = [name for name in candidates.parameters if name in requested]
     columns = [candidates.parameters.index(name) for name in names]

@@ -136,9 +136,8 @@ def smallest_shift(between: FloatArray, sessions: int, quantities: int) -> Float
     weights = LAMBDA * (1.0 - LAMBDA) ** np.arange(RECENT)
     weights /= weights.sum()
     dof = PRIOR_DOF + sessions - 1
-    needed = -float(stdtrit(dof, 0.5 * CONTROL_CHART_FALSE_ALARM_PROBABILITY / quantities)) - float(
-        stdtrit(dof, 0.1)
-    )
+    tail = 0.5 * CONTROL_CHART_FALSE_ALARM_PROBABILITY / quantities
+    needed = -float(stdtrit(dof, tail)) - float(stdtrit(dof, 0.1))
     return np.asarray(needed * between * np.sqrt(weights @ weights + 1.0 / sessions))
 
 

@@ -159,14 +159,9 @@ def _residual_tests(
     one sensor may exceed its specification while most errors are smaller than stated.
     """
     outliers = find_outliers(residuals)
-    most_significant = steps(residuals, faults.changes(), low_noise=low_noise)[:1]
-    return outliers, [
-        outliers.test,
-        *(
-            HypothesisTest(code="STEP", statistic=step.chi2, threshold=step.threshold)
-            for step in most_significant
-        ),
-    ]
+    worst = steps(residuals, faults.changes(), low_noise=low_noise)[:1]
+    tests = [HypothesisTest(code="STEP", statistic=s.chi2, threshold=s.threshold) for s in worst]
+    return outliers, [outliers.test, *tests]
 
 
 def _explanations(

@@ -162,20 +162,14 @@ class FaultModels:
             return None
         half, middle = 0.5 * sensor.full_scale_rad, self.arm.joints[j - 1].middle_rad
         # The line may have any slope; its expected magnitude is half that of the bow (P2) and the S (P3).
-        shapes = SensorCurve(
-            joint=j, middle_rad=middle, half_scale_rad=half, gain=0.5 / half
-        ).basis(turn)
+        curve = SensorCurve(joint=j, middle_rad=middle, half_scale_rad=half, gain=0.5 / half)
         stated = sensor.linearity_rad
         candidate = self._along(
-            Cause.CURVE, j, shapes, max(stated, ANGLE_RAD), most=10.0, least=0.5 * stated
+            Cause.CURVE, j, curve.basis(turn), max(stated, ANGLE_RAD), most=10.0, least=0.5 * stated
         )
         line = np.stack((np.ones_like(turn), turn - turn.mean()), axis=-1)
-        return replace(
-            candidate,
-            most_stated=stated,
-            measured=self.measured.get(j),
-            lines=np.linalg.qr(line)[0],
-        )
+        lines, measured = np.linalg.qr(line)[0], self.measured.get(j)
+        return replace(candidate, most_stated=stated, measured=measured, lines=lines)
 
     def _smooth(self) -> Iterator[Candidate]:
         for j in self.sensed:

@@ -122,13 +122,11 @@ def prediction_test(stated: LinearFit) -> HypothesisTest:
     """Test parts of the poses (`fold_poses`, `far_block`) against predictions from the rest; return the worst test."""
     q = stated.design.q
     parts = (*fold_poses(q), far_block(q)) if len(q) >= 2 * FOLDS else ()
-    worst = HypothesisTest(code="PREDICTION", statistic=0.0, threshold=np.inf)
+    tests = [HypothesisTest(code="PREDICTION", statistic=0.0, threshold=np.inf)]
     for chi2, dof in stated.held_out_chi2(*parts):
         if dof:
-            test = HypothesisTest.of_chi2("PREDICTION", chi2, dof, among=len(parts))
-            if chi2 / test.threshold > worst.statistic / worst.threshold:
-                worst = test
-    return worst
+            tests.append(HypothesisTest.of_chi2("PREDICTION", chi2, dof, among=len(parts)))
+    return max(tests, key=lambda test: test.statistic / test.threshold)
 
 
 def variance_tests(stated: LinearFit) -> list[HypothesisTest]:
@@ -169,8 +167,7 @@ def without_curves_in_specification(
 
 def _as_stated(j: int, faults: FaultModels, residuals: WhitenedResiduals) -> bool:
     """Whether joint j's linearity deviation, fitted to `residuals` if not measured, may be within specification."""
-    curve = faults.linearity_curve(j)
-    if curve is None:
+    if (curve := faults.linearity_curve(j)) is None:
         return False
     if curve.measured is not None:
         return not curve.measured.beyond(curve.most_stated)

@@ -22,7 +22,7 @@ from solver.diagnostics.whitened_residuals import OwnColumns, SolvedColumns, Whi
 from solver.errors import UnidentifiableDirection
 from solver.estimators.least_squares import column_scale, solve_damped
 from solver.estimators.paper import closure_problem
-from solver.loops.closure import ClosureModel
+from solver.loops.closure import ClosureModel, in_order
 
 SIZES = np.logspace(-2.0, 3.0, 21)
 """Magnitudes of an explanation that are tried, in units of the expected magnitude."""
@@ -191,8 +191,7 @@ def nearly_closing_parameters(model: ClosureModel, q: FloatArray) -> FloatArray:
     known = {p.name for p in model.parameters if not p.name.startswith("theta_off_")} - fixture
     plain = model.with_all_joints_sensed().without(known)
     fit = solve_damped(closure_problem(plain, q), nominal_vector(plain.parameters))
-    fitted = dict(zip([p.name for p in plain.parameters], fit.x, strict=True))
-    return np.array([fitted.get(p.name, p.nominal) for p in model.parameters])
+    return in_order(model, plain, fit.x)
 
 
 def _choose(

@@ -85,14 +85,12 @@ def adjust_poses(
 class LoopAngle:
     """Angle of one unsensed joint at each of m poses, with the covariance ``diag(own) + common common'``, rad^2.
 
-    `joint`: 1-based.
     `angle_rad` (m,): joint angle theta' including the offset, not wrapped. The joint's own reading is used only to
     start the iteration.
     `own` (m,): variance of each angle due to the noise of its own pose, which is independent of the other poses.
     `common` (m, c): one column for each independent error of the parameters, which is the same in all poses.
     """
 
-    joint: int
     angle_rad: FloatArray
     own: FloatArray
     common: FloatArray
@@ -115,8 +113,8 @@ def loop_angles(
     noise: NoiseModel,
     *,
     near: tuple[FloatArray, FloatArray],
-) -> tuple[LoopAngle, ...]:
-    """Estimate the angles of the unsensed arm joints from readings `q` (m, n), rad.
+) -> dict[int, LoopAngle]:
+    """Estimate the angles of the unsensed arm joints (1-based) from readings `q` (m, n), rad.
 
     `covariance`: covariance (P, P) of `x`. `near`: joint corrections (m, n) and unsensed angles (m, U) to start from.
 
@@ -139,12 +137,9 @@ def loop_angles(
     rates = -inverse @ (error.jac_x - gain @ system.A)
     root = covariance_root(covariance)
     first = adjusted.unsensed.shape[-1] - len(model.unsensed_joints)
-    return tuple(
-        LoopAngle(
-            joint=joint,
-            angle_rad=adjusted.unsensed[:, k],
-            own=spread[:, k, k],
-            common=rates[:, k, :] @ root,
+    return {
+        joint: LoopAngle(
+            angle_rad=adjusted.unsensed[:, k], own=spread[:, k, k], common=rates[:, k, :] @ root
         )
         for k, joint in enumerate(model.unsensed_joints, first)
-    )
+    }

@@ -208,8 +208,7 @@ def _outside(arm: ArmModel, q: FloatArray) -> FloatArray:
         limits.RANGE_SLACK_RAD + limits.RANGE_SLACK_SIGMAS * arm.sigma_rad() + arm.linearity_rad()
     )
     beyond = np.maximum(arm.lower_rad - q, q - arm.upper_rad) - slack
-    for j in arm.unsensed_joints:
-        beyond[:, j - 1] = 0.0
+    beyond[:, [j - 1 for j in arm.unsensed_joints]] = 0.0
     return np.asarray(np.maximum(beyond, 0.0))
 
 

@@ -7,7 +7,6 @@ from enum import Enum
 import numpy as np
 
 from solver.arrays import FloatArray, IntArray
-from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import DhEntry, DhKind, nominal_vector, wrap_angle
 from solver.chain.poses import back_to_caller
 from solver.chain.sensors import Rvdt
@@ -58,7 +57,7 @@ class RvdtVerdict:
 
 def rvdt_verdicts(
     model: ClosureModel,
-    arm: ArmModel,
+    sensors: Mapping[int, Rvdt],
     q: FloatArray,
     errors: ErrorModel,
     calibrated: Calibrated,
@@ -66,7 +65,7 @@ def rvdt_verdicts(
     noise: Mapping[int, SingleNoise],
     samples: IntArray,
 ) -> tuple[RvdtVerdict, ...]:
-    """Test every RVDT among the unsensed joints of `model` with readings `q` (m, n), rad.
+    """Test the RVDTs `sensors`, by joint (1-based), with readings `q` (m, n), rad.
 
     Raises `TooFewPosesError` if no degree of freedom would be left.
 
@@ -78,30 +77,23 @@ def rvdt_verdicts(
     `noise`: noise of single readings by joint (1-based), if known.
     `samples`: number of readings averaged at each pose (m,).
     """
-    unsensed = {j: arm.joints[j - 1].sensor for j in model.unsensed_joints}
-    sensors = {j: sensor for j, sensor in unsensed.items() if isinstance(sensor, Rvdt)}
 
     def at_least_stated(design: Layout) -> FloatArray:
-        start = design.start_variances()
         variances = calibrated.components.variances
-        known = (variances.get(component.name, 0.0) for component in design.components)
-        return np.maximum(start, list(known))
+        return np.array([max(c.start, variances.get(c.name, 0.0)) for c in design.components])
 
     x0 = nominal_vector(model.parameters, calibrated.estimate.values_by_name)
     near = _beside(calibrated, model, q)
     fitted, order = settle(model, q, errors, x0=x0, near=near, variances=at_least_stated)
     back = back_to_caller(order)
-    angles = {
-        a.joint: a
-        for a in loop_angles(
-            model,
-            fitted.x,
-            fitted.fit.covariance,
-            q,
-            noise_left(fitted, back),
-            near=(fitted.corrections[back], fitted.unsensed[back]),
-        )
-    }
+    angles = loop_angles(
+        model,
+        fitted.x,
+        fitted.fit.covariance,
+        q,
+        noise_left(fitted, back),
+        near=(fitted.corrections[back], fitted.unsensed[back]),
+    )
     noise = _without_compliance(noise, fitted.fit)
     sensed = model.with_all_joints_sensed()
     known = dict(zip((p.name for p in model.parameters), fitted.x.tolist(), strict=True))

@@ -263,16 +263,16 @@ class SingleNoise:
 
 
 def single_noise(
-    sensor: Rvdt, component: Component | None, sd_rad: FloatArray | None, samples: IntArray
+    sensor: Rvdt, component: Component | None, sd_rad: FloatArray, samples: IntArray
 ) -> SingleNoise | None:
     """Return the noise of a single reading; None if neither spread nor component is known.
 
     `component`: variance component of the joint's readings that the fit of the loops estimated; None if the readings
     are not used.
-    `sd_rad`: standard deviation of the single readings at each pose (m,), rad; None if not recorded.
+    `sd_rad`: standard deviation of the single readings at each pose (m,), rad; 0 if not recorded.
     `samples`: number of readings averaged at each pose (m,).
     """
-    if sd_rad is not None and np.any(sd_rad[samples > 1]):
+    if np.any(sd_rad[samples > 1]):
         return _of_spread(sd_rad / sensor.resolution_rad, samples)
     if component is None:
         return None

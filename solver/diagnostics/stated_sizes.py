@@ -38,10 +38,9 @@ def with_estimated_motion_noise(fit: LinearFit) -> LinearFit:
     slope = fit.stated.derivatives
     information = way @ slope.information @ way.T
     scales = 1.0 + np.linalg.lstsq(information, way @ slope.score, rcond=1e-9)[0]
+    shares = np.clip(scales, MOTION_NOISE_LEAST_SHARE**2, 1.0)
     v = fit.at_known_noise.v.copy()
-    for components, share in zip(
-        moving, np.clip(scales, MOTION_NOISE_LEAST_SHARE**2, 1.0), strict=True
-    ):
+    for components, share in zip(moving, shares, strict=True):
         v[components] = np.minimum(v[components], share * stated[components])
     return LinearFit(design, fit.system, v)
 
@@ -99,9 +98,8 @@ def exceeded_specifications(fit: LinearFit) -> tuple[ExceededSpecification, ...]
         dof = 2.0 * min(value / max(float(s), 1e-300), MOST_CERTAIN) ** 2
         # Wilson and Hilferty's cube root where the chance is too small for a double.
         chance = float(chdtrc(dof, dof * value / least))
-        cube = ((value / least) ** (1.0 / 3.0) - 1.0 + 2.0 / (9.0 * dof)) / np.sqrt(
-            2.0 / (9.0 * dof)
-        )
+        spread = 2.0 / (9.0 * dof)
+        cube = ((value / least) ** (1.0 / 3.0) - 1.0 + spread) / np.sqrt(spread)
         log_chance = float(np.log(chance)) if chance > 1e-300 else float(-0.5 * cube**2)
         exceeded.append(
             ExceededSpecification(
@@ -142,8 +140,6 @@ def learned_scales(fit: LinearFit, derivatives: Derivatives) -> tuple[Scale, ...
     """
     components = fit.design.components
     learned = [k for k, c in enumerate(components) if c.scaled]
-    if not learned:
-        return ()
     spread = scale_spread(fit, derivatives)[learned]
     out = []
     for k, s in zip(learned, np.sqrt(spread).tolist(), strict=True):

@@ -157,15 +157,12 @@ def _spread(sd_rad: FloatArray, samples: IntArray) -> tuple[float, int]:
     return float(((samples - 1) * sd_rad**2).sum() / dof), dof
 
 
-Names = tuple[str, str, str]
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeasuredDistance:
     """Measured distance and its uncertainty, m. `first`, `second`: names of the coordinates of its two end points."""
 
-    first: Names
-    second: Names
+    first: tuple[str, ...]
+    second: tuple[str, ...]
     value_m: float
     sigma_m: float
 

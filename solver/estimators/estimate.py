@@ -20,6 +20,7 @@ from solver.loops.closure import (
     ClosureSigmas,
     ReducedError,
     closure_sigmas,
+    in_order,
     pose_blocks,
     poses_needed,
 )
@@ -156,8 +157,8 @@ def _at_unsensed_angles(model: ClosureModel, x: FloatArray, q: FloatArray) -> Re
     """Return the closure error of one placement, with unsensed joints at the angles that close each loop best."""
     u = close_loops(model, x, q, sigma_rad=np.zeros(q.shape[-1]), max_iterations=50).u
     sensed, filled = model.with_all_joints_sensed(), q.copy()
-    values = {p.name: p.nominal for p in sensed.parameters}
-    values |= {p.name: value for p, value in zip(model.parameters, x.tolist(), strict=True)}
+    every = in_order(sensed, model, x)
+    offsets = {p.name: value for p, value in zip(sensed.parameters, every, strict=True)}
     for joint in model.unsensed_joints:
-        filled[:, joint - 1] = model.angle_of(u, joint) - values[f"theta_off_{joint}"]
-    return sensed.reduced(np.array(list(values.values())), filled, rates=False)
+        filled[:, joint - 1] = model.angle_of(u, joint) - offsets[f"theta_off_{joint}"]
+    return sensed.reduced(every, filled, rates=False)

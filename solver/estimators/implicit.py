@@ -33,6 +33,7 @@ from solver.estimators.paper import SAME_DESCRIPTION, estimate_paper
 from solver.loops.closure import (
     ClosureModel,
     LoopError,
+    in_order,
     nearest_equivalent,
     pose_blocks,
     unsensed_at_readings,
@@ -182,17 +183,13 @@ def estimate_implicit(
     """
     order = canonical_order(q)
     model, q = model.at_poses(order), q[order]
-    noise = NoiseModel(
-        joint_variance=np.broadcast_to(noise.joint_variance, q.shape)[order],
-        fixture_variance=noise.fixture_variance,
-    )
+    noise = replace(noise, joint_variance=np.broadcast_to(noise.joint_variance, q.shape)[order])
     nominal = nominal_vector(model.parameters)
     if x0 is None:
         require_enough_poses(model, len(q))
         x0, sensed = nominal, model.with_all_joints_sensed()
         if len(q) * sensed.equations_per_pose > len(sensed.parameters):
-            by_name = estimate_paper(sensed, q, progress=progress).values_by_name
-            x0 = np.array([by_name[p.name] for p in model.parameters])
+            x0 = in_order(model, sensed, estimate_paper(sensed, q, progress=progress).x)
     fit = fit_implicit(model, q, noise, x0, progress=progress)
     x = nearest_equivalent(model, fit.x, nominal)
     if np.abs(wrap_angles(model.parameters, x - fit.x)).max(initial=0.0) > SAME_DESCRIPTION:

@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 
 from solver.arrays import BoolArray, FloatArray, IntArray
-from solver.chain.parameters import DhKind, Parameter, nominal_vector
+from solver.chain.parameters import Parameter, nominal_vector
 from solver.chain.sensors import LOWEST
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.load_effects import UNMODELLED_SHARE
@@ -406,9 +406,8 @@ class Layout:
     def as_stated(self, v: FloatArray) -> FloatArray:
         """Return `stated_variances` (K,); the fixture's placement keeps its variance in `v` (K,) if that is larger."""
         stated = self.stated_variances()
-        for k, c in enumerate(self.components):
-            if c.name == PLACEMENT:
-                stated[k] = max(stated[k], v[k])
+        if (k := self.index.get(PLACEMENT)) is not None:
+            stated[k] = max(stated[k], v[k])
         return stated
 
     def group_variances(self, v: FloatArray) -> FloatArray:
@@ -420,12 +419,10 @@ LENGTHS, TWISTS, OFFSETS, PLACEMENT = "lengths", "twists", "offsets", "placement
 _SOFT = (LENGTHS, TWISTS, OFFSETS, PLACEMENT)
 """Kinds of parameters with a prior, in the order of the parameters' columns."""
 
-_OFFSET = f"{DhKind.THETA_OFF.symbol}_"
-
 
 def _source(parameter: Parameter, fixture: Collection[str]) -> str:
     """Return a parameter's kind: `LENGTHS`, `TWISTS`, `OFFSETS` or `PLACEMENT`. `fixture`: the fixture's parameters."""
-    if parameter.name.startswith(_OFFSET):
+    if parameter.name.startswith("theta_off_"):
         return OFFSETS
     if parameter.name in fixture:
         return PLACEMENT

@@ -352,8 +352,7 @@ def inverse_root(H: FloatArray) -> tuple[FloatArray, float]:
 
     K is from Cholesky's method if possible, which is accurate even if the units of columns differ greatly.
     """
-    root = _triangular_root(H)
-    if root is not None:
+    if (root := _triangular_root(H)) is not None:
         return root, -2.0 * float(np.log(np.diagonal(root)).sum())
     from scipy.linalg import rq
 
@@ -390,8 +389,7 @@ def _triangular_root(H: FloatArray) -> FloatArray | None:
         factor, failed = lapack.dpotrf(H.T)
         return None if failed else np.asarray(lapack.dtrtri(factor, overwrite_c=True)[0])
     first, second = slice(0, n // 2), slice(n // 2, n)
-    upper = _triangular_root(H[first, first])
-    if upper is None:
+    if (upper := _triangular_root(H[first, first])) is None:
         return None
     across = upper.T @ H[first, second]
     lower = _triangular_root(H[second, second] - across.T @ across)

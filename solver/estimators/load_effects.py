@@ -29,7 +29,15 @@ from itertools import combinations
 
 import numpy as np
 
-from solver.arrays import BLOCK_POSES, FloatArray, IntArray, join_poses, pose_slices, select_poses
+from solver.arrays import (
+    BLOCK_POSES,
+    FloatArray,
+    IntArray,
+    evenly,
+    join_poses,
+    pose_slices,
+    select_poses,
+)
 from solver.chain.statics import LinkMasses
 from solver.closing import left_null_space
 from solver.estimators.compliance import (
@@ -335,10 +343,7 @@ def wrench_of(
 def driven_sets(joints: int, equations: int) -> list[tuple[int, ...]]:
     """Return up to `MOST_DRIVE_SETS` possible sets of the ``joints - equations`` joints (from 0) in position mode."""
     every = list(combinations(range(joints), max(joints - equations, 0)))
-    chosen = np.unique(
-        np.linspace(0, len(every) - 1, min(MOST_DRIVE_SETS, len(every))).astype(np.int64)
-    )
-    return [every[i] for i in chosen]
+    return [every[i] for i in evenly(len(every), MOST_DRIVE_SETS)]
 
 
 def farthest(points: FloatArray, count: int, *, first: int | None = None) -> IntArray:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver.arrays import FloatArray, IntArray
+from solver.arrays import FloatArray, IntArray, evenly
 from solver.closing import close_loops
 from solver.errors import PosesDoNotFitError
 from solver.estimators.effects import Linearisation, LinearModel, State, System
@@ -127,7 +127,7 @@ def fit_mixed(
     if variances is not None or len(design.q) <= 2 * POSES_FOR_VARIANCES:
         return _iterate(design, x0, variances, progress, near)
     # Evenly over the poses in canonical order, so that the selection does not depend on their order.
-    subset = np.linspace(0, len(design.q) - 1, POSES_FOR_VARIANCES).astype(np.int64)
+    subset = evenly(len(design.q), POSES_FOR_VARIANCES)
     first = _iterate(design.at_poses(subset), x0, None, progress)
     if first.fit.design.errors.signed != design.errors.signed:
         design = design.unsigned()

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from solver.arrays import FloatArray, IntArray, select_poses
+from solver.arrays import FloatArray, IntArray, evenly, select_poses
 from solver.chain.parameters import nominal_vector, wrap_angle
 from solver.chain.poses import back_to_caller, canonical_order
 from solver.chain.sensors import rms_per_amplitude
@@ -25,7 +25,7 @@ from solver.estimators.least_squares import Progress
 from solver.estimators.linear_fit import LinearFit
 from solver.estimators.mixed_fit import FitStart, MixedFit, fit_mixed
 from solver.estimators.scoring import Derivatives
-from solver.loops.closure import ClosureModel, nearest_equivalent
+from solver.loops.closure import ClosureModel, in_order, nearest_equivalent
 
 EQUAL = 1e-9
 """Parameter vectors count as equal if no element differs by more than this (rad, m)."""
@@ -118,7 +118,7 @@ class Calibrated:
         if len(self.order) <= most:
             return self, np.arange(len(self.order))
         # Evenly in canonical order, so that the selection does not depend on the poses' order.
-        subset = np.linspace(0, len(self.order) - 1, most).astype(np.int64)
+        subset = evenly(len(self.order), most)
         of_caller = np.sort(self.order[subset])
         reduced = replace(
             self,
@@ -187,14 +187,14 @@ def settle(
     x0: FloatArray | None = None,
     group: IntArray | None = None,
     near: FitStart | None = None,
-    variances: Callable[[Layout], FloatArray] | Mapping[str, float] | None = None,
+    variances: Callable[[Layout], FloatArray] | None = None,
     progress: Progress | None = None,
 ) -> tuple[MixedFit, IntArray]:
     """Fit like `estimate_with_errors`, but return the fit itself, and the order (m,) of its poses.
 
     The fit sorts the poses (`canonical_order`); pose k of the fit is the caller's pose ``order[k]``. If several
     parameter vectors are equivalent, the fit has the one nearest to the nominal values. `near`: see `fit_mixed`.
-    `variances`: fixed variances by name, or a function that returns them (K,) for a layout; None to estimate them.
+    `variances`: function that returns fixed variances (K,) for a layout; None to estimate them.
     """
     order = canonical_order(q)
     model, q, errors = model.at_poses(order), q[order], errors.at_poses(order)
@@ -208,10 +208,7 @@ def settle(
     x0 = _near(model, errors, x0, nominal)
     like = None if near is None else near.layout
     design = LinearModel(model, q, errors, group=group, like=like)
-    if isinstance(variances, Mapping):
-        v: FloatArray | None = design.variances_by_name(variances)
-    else:
-        v = None if variances is None else variances(design)
+    v = None if variances is None else variances(design)
     fitted = fit_mixed(design, x0, near=near, variances=v, progress=progress)
     x = _near(model, errors, nearest_equivalent(model, fitted.x, nominal), nominal)
     if np.abs(x - fitted.x).max() > EQUAL:
@@ -233,16 +230,13 @@ def _first(
     model: ClosureModel, q: FloatArray, errors: ErrorModel, progress: Progress | None
 ) -> FloatArray:
     """Return the default start (P,): an estimate without effects, with the parameters of `errors.tolerance` nominal."""
-    x = nominal_vector(model.parameters)
-    hard = np.array([p.name not in errors.tolerance for p in model.parameters])
     variance = errors.joint_variance.copy()
     for a in errors.analogue:
         variance[:, a.joint - 1] += a.variance * a.share
     endpoint = errors.endpoint_variance if errors.endpoint_variance.any() else None
     noise = NoiseModel(joint_variance=variance, fixture_variance=endpoint)
     exact = model.without(tuple(errors.tolerance))
-    x[hard] = estimate_implicit(exact, q, noise, progress=progress).x
-    return x
+    return in_order(model, exact, estimate_implicit(exact, q, noise, progress=progress).x)
 
 
 def noise_left(fitted: MixedFit, back: IntArray) -> NoiseModel:

@@ -17,7 +17,7 @@ import numpy as np
 
 from solver.arrays import BLOCK_POSES, BoolArray, FloatArray, IntArray, pose_slices
 from solver.chain.kinematics import DhTable
-from solver.chain.parameters import DhEntry, Parameter, wrap_angles
+from solver.chain.parameters import DhEntry, Parameter, nominal_vector, wrap_angles
 from solver.loops.endpoint_geometry import Line
 
 Which = IntArray | slice
@@ -296,6 +296,12 @@ def nearest_equivalent(model: ClosureModel, x: FloatArray, reference: FloatArray
         nearest, distance = wrap_angles(parameters, candidates[best]), float(squares[best])
         if unchanged:
             return nearest
+
+
+def in_order(model: ClosureModel, other: ClosureModel, x: FloatArray) -> FloatArray:
+    """Return values (P,) of the parameters of `model`: from `x` (values of `other`), nominal if `other` lacks them."""
+    known = {p.name: float(v) for p, v in zip(other.parameters, x, strict=True)}
+    return nominal_vector(model.parameters, known)
 
 
 def poses_needed(parameters: int, equations_per_pose: int) -> int:

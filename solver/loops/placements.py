@@ -85,41 +85,30 @@ class Placements(ClosureModel):
 
     def loop(self, x: FloatArray, q: FloatArray, u: FloatArray) -> LoopError:
         """Closure error of every pose in its own placement."""
-        errors = [
-            model.loop(own_x, q[..., poses, :], u[..., poses, :])
-            for model, own_x, poses in self._each(x, q)
-        ]
+        errors = [model.loop(*own) for model, own in self._each(x, q, u)]
         return LoopError(**self._gathered(errors, residual=1, jac_x=2, jac_q=2, jac_u=2))
 
     def initial_unsensed(self, x: FloatArray, q: FloatArray) -> FloatArray:
         """Initial unsensed angles of every pose (..., m, U), rad."""
-        angles = [
-            model.initial_unsensed(own_x, q[..., poses, :])
-            for model, own_x, poses in self._each(x, q)
-        ]
+        angles = [model.initial_unsensed(*own) for model, own in self._each(x, q)]
         return self._in_order(angles, 1)
 
     def reduced(self, x: FloatArray, q: FloatArray, *, rates: bool = True) -> ReducedError:
         """Return the closure error of every pose in its own placement, with the hinge angle eliminated."""
-        return self.merged(
-            [
-                model.reduced(own_x, q[..., poses, :], rates=rates)
-                for model, own_x, poses in self._each(x, q)
-            ]
-        )
+        return self.merged([model.reduced(*own, rates=rates) for model, own in self._each(x, q)])
 
     def merged(self, errors: Sequence[ReducedError]) -> ReducedError:
         """Join the reduced errors of all `parts` in the order of the poses."""
         return replace(errors[0], **self._gathered(errors, residual=1, jac_x=2, flipped=0))
 
     def _each(
-        self, x: FloatArray, q: FloatArray
-    ) -> Iterator[tuple[ClosureModel, FloatArray, IntArray]]:
-        """Yield each placement that has poses: its loop, the values of the loop's parameters, its poses' indices."""
-        if q.shape[-2] != len(self.placement):
-            raise ValueError(f"{q.shape[-2]} poses for a model bound to {len(self.placement)}")
+        self, x: FloatArray, *angles: FloatArray
+    ) -> Iterator[tuple[ClosureModel, list[FloatArray]]]:
+        """Yield the loop of each placement that has poses, with its part of `x` and of each of `angles` (..., m, n)."""
+        if (count := angles[0].shape[-2]) != len(self.placement):
+            raise ValueError(f"{count} poses for a model bound to {len(self.placement)}")
         for model, columns, poses in self.parts():
-            yield model, np.asarray(x)[..., columns], poses
+            yield model, [np.asarray(x)[..., columns], *(a[..., poses, :] for a in angles)]
 
     def _gathered(
         self, errors: Sequence[LoopError | ReducedError], **trailing: int
@@ -128,9 +117,8 @@ class Placements(ClosureModel):
         arrays = {name: [getattr(e, name) for e in errors] for name in trailing}
         if arrays["jac_x"][0].shape[-1]:
             # From each placement's parameters to all parameters.
-            for k, (own, (_, columns, _)) in enumerate(
-                zip(arrays["jac_x"], self.parts(), strict=True)
-            ):
+            for k, (_, columns, _) in enumerate(self.parts()):
+                own = arrays["jac_x"][k]
                 arrays["jac_x"][k] = np.zeros((*own.shape[:-1], len(self.parameters)))
                 arrays["jac_x"][k][..., columns] = own
         return {name: self._in_order(arrays[name], axes) for name, axes in trailing.items()}

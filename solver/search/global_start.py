@@ -112,8 +112,7 @@ def global_start(
     sensed = model.with_all_joints_sensed()
     require_enough_poses(sensed, len(q))
     if starts is None:
-        directed = sensed.equations_per_pose > 3
-        starts = STARTS if directed else STARTS_WITHOUT_DIRECTION
+        starts = STARTS if sensed.equations_per_pose > 3 else STARTS_WITHOUT_DIRECTION
     rng = np.random.default_rng(0)
     search: Search = partial(best_minima, starts=starts, rng=rng, progress=progress)
     start = GlobalStart(minima=_solve(model, sensed, q, search), starts=starts)

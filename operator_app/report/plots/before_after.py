@@ -39,8 +39,8 @@ def hand_pair(solution: Solution, arm: ArmModel) -> Pair | None:
     accuracy = solution.accuracy
     if accuracy is None:
         return None
-    errors = hand_errors(calibrated_arm(solution, arm), arm)
-    tip = LENGTH.per_si * errors.tip_m
+    tip_m, before_m, after_m = hand_errors(calibrated_arm(solution, arm), arm)
+    tip = LENGTH.per_si * tip_m
     out, along = np.hypot(tip[:, 0], tip[:, 1]).tolist(), tip[:, 2].tolist()
     labels = ("from joint 1's axis", "along joint 1's axis")
     x, y = map_axes(labels, out, along, unit=LENGTH.unit, aspect=ASPECT)
@@ -67,8 +67,8 @@ def hand_pair(solution: Solution, arm: ArmModel) -> Pair | None:
         )
 
     return Pair(
-        before=shown("Before", "off by", errors.before_m, accuracy.before),
-        after=shown("After", "one sigma", errors.after_m, accuracy.after),
+        before=shown("Before", "off by", before_m, accuracy.before),
+        after=shown("After", "one sigma", after_m, accuracy.after),
         note="The area of a mark is the tool's position error there, on one scale in both pictures"
         f"{fixed_briefly(tuple(h.name for h in accuracy.holds_for))}.",
     )

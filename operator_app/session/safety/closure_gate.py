@@ -57,7 +57,7 @@ class LoopAtReading:
         arm, fixture = procedure.arm, procedure.fixture.fixture
         loop = fixture.model(arm, unsensed_joints=procedure.unsensed_joints)
         self.model, stated = free_within_tolerance(loop, arm)
-        self.prior = placement_prior(self.model, arm, fixture, stated, known)
+        self.mean, self.covariance = placement_prior(self.model, arm, fixture, stated, known)
         self.reading_rad = reading_rad
         of_sensor = (arm.sigma_rad(), arm.linearity_rad(), arm.gain_rad(), arm.accuracy_rad)
         errors = np.stack([*of_sensor, arm.backlash_rad, arm.sag_rad])
@@ -74,8 +74,8 @@ class LoopAtReading:
 
     def fit(self, *ignored_joints: int) -> ClosureFit:
         """Return the most probable closure without the readings of `ignored_joints` (1-based)."""
-        model, x0, q0 = self.model, self.prior.mean, self.reading_rad
-        S, Q = self.prior.covariance, self.reading_sd_rad**2
+        model, x0, q0 = self.model, self.mean, self.reading_rad
+        S, Q = self.covariance, self.reading_sd_rad**2
         unknown = [j - 1 for j in ignored_joints]
         Q[unknown] = UNKNOWN_RAD**2
         x, q = x0.copy(), q0.copy()

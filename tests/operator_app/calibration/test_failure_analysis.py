@@ -109,7 +109,7 @@ def explanation_for(taken, *blind):
     experiment = Experiment(arm=ARM, fixture=HINGE, poses=poses_of(taken))
     paper = estimate_paper(experiment.loop(), experiment.poses.q_rad)
     with pytest.raises(PosesDoNotFitError) as error:
-        raise explain_unidentifiable(unidentifiable, experiment, paper, None)
+        raise explain_unidentifiable(unidentifiable, experiment, paper, ())
     return str(error.value)
 
 

@@ -164,7 +164,7 @@ class LinePort(ABC):
 
 
 class CalledLines(LinePort):
-    """An instrument in this process: a function that returns the answer to a question."""
+    """Port to an instrument that is simulated in this process, by a function that answers questions."""
 
     def __init__(self, answer: Callable[[str], str], name: str) -> None:
         super().__init__(name)

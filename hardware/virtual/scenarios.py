@@ -163,9 +163,9 @@ def scenario_of(
 ) -> Scenario:
     """Return the scenario `name` for an arm and a fixture.
 
-    If the files can describe the paper's arm, the true arm is that of `scenario`. Otherwise it is drawn by seed within
-    the tolerances of the files; only in ``datasheet`` and ``wild``, lengths and twists that the calibration does not
-    identify have errors too. For a `placement` from 2 on, the arm is the same and the fixture's true placement new.
+    If the files can describe the paper's arm, the true arm is the one that the function `scenario` returns. Otherwise
+    `seed` determines a true arm within the tolerances of the files. Its lengths and twists that the calibration does
+    not identify are exact in ``exact`` and ``as_reported``. From `placement` 2 on, only the fixture's placement is new.
 
     Raises `ValueError` if there is no such scenario, or if no plant can be built from these files.
     """

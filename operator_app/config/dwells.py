@@ -117,7 +117,7 @@ def find_dwells(
 
 
 def smallest_spread_rad(time_s: FloatArray, q_rad: FloatArray, dwell_s: float) -> float:
-    """Return the largest spread, rad, of a joint's readings in the calmest `dwell_s` s; inf if the log is shorter."""
+    """Return the spread, rad, of the joint that moves most, in the `dwell_s` s in which it is smallest; inf if none."""
     last = np.searchsorted(time_s, time_s + dwell_s * (1.0 - 1e-9))
     return float(_ranges(q_rad, last[last < len(time_s)]).max(axis=1).min(initial=np.inf))
 

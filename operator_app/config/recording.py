@@ -185,8 +185,8 @@ def _find_joints(
 ) -> tuple[str, ...]:
     """Return the names of joints 1 to n in a recording with the joints `names`.
 
-    `columns` lists them. If it is empty, they are the arm file's names `joints` or, if `names` lacks one of these, the
-    only n names that differ just in a number (panda_joint1 to 7). Raises ConfigError if the joints are not found.
+    `columns` lists the names. If it is empty, they are the arm file's names `joints` or, if the recording lacks one of
+    these, n names with consecutive numbers, such as panda_joint1 to 7. Raises ConfigError if the joints are not found.
     """
     count = len(joints)
     if columns:

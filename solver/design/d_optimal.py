@@ -129,9 +129,10 @@ def choose_poses(
 
 @dataclass(frozen=True, slots=True)
 class _Search:
-    """Greedy choice and exchange of candidates; the first `parameters` of the N unknowns are parameters, not effects.
+    """Greedy choice of poses from m candidates, and exchange of chosen ones for others.
 
-    `root` (m, r, N): `PoseInformation.root` of the candidates, with the unknowns scaled to similar size.
+    `root` (m, r, N): `PoseInformation.root` of the candidates, with the N unknowns scaled to similar size.
+    `parameters`: number of unknowns that are parameters; they come first. The others are coefficients of effects.
     """
 
     root: FloatArray

@@ -80,8 +80,8 @@ class NoiseSources:
 
     `names`: the sources. `component` (s,): index of the variance component that scales each source; -1 for none.
     `rates` (s, m, n + k): variance of each source if its component is 1; the variance itself if it has no component.
-    `missed` (s,): whether the source is the part of play that the effects do not model. Its scale is the component of
-    those effects, but at most 1. That component is not estimated from this noise, because the side of play repeats.
+    `missed` (s,): whether the source is the part of play that the effect "play" leaves out. That effect's component
+    scales this noise too, by at most 1, but is not estimated from it, because joints rest on the same side each time.
     `estimated` (c,): indices of the components that are estimated from the noise.
     `derivatives` (m, n + k, c): derivatives of the noise's variance with respect to the components in `estimated`.
     """
@@ -210,9 +210,10 @@ class LinearModel(Layout):
         return pose_slices(len(self.q))
 
     def whiten(self, system: System, v: FloatArray, root: FloatArray, poses: slice) -> Whitened:
-        """Return the equations `system` of these `poses`, whitened. Raises `PosesDoNotFitError` (see `whitener`).
+        """Return the equations `system` of these `poses`, whitened with the noise at variances `v` (K,).
 
-        `root` (width - hard,): standard deviations of the effects' coefficients; each scales its column.
+        `root`: standard deviation of the coefficient of each effect, by which the effect's column is multiplied. Raises
+        `PosesDoNotFitError` (see `whitener`).
         """
         C, noise = system.noise_columns, self.noise_sources(poses).total(v)
         V = (C * noise[:, None, :]) @ np.swapaxes(C, -1, -2)

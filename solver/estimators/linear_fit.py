@@ -317,10 +317,11 @@ class LinearFit:
 
 
 def _held_out(N: FloatArray, residual: FloatArray) -> tuple[float, int]:
-    """Return chi2 = ``r' V^-1 r`` of R held-out equations with residuals r = `residual` (R,), and dof, the rank of V.
+    """Return chi2 of R held-out equations, and its degrees of freedom.
 
-    ``V = I - N N'``, where N (R, K) are the rows of `orthonormal` for these equations. If V is singular, chi2 is from
-    its pseudo-inverse. V and ``I - N'N`` differ only by eigenvalues of 1, so the smaller of the two suffices.
+    With r = `residual` (R,), chi2 is ``r' V^-1 r``, and dof is the rank of V = I - N N'. N (R, K) are the rows of
+    `orthonormal` for these equations. If V is singular, its pseudo-inverse is used. Either V or the smaller I - N'N is
+    decomposed: apart from eigenvalues of 1, both have the same.
     """
     few = len(N) <= N.shape[1]
     if few and (chi2 := _square_in(np.eye(len(N)) - N @ N.T, residual)) is not None:

@@ -171,7 +171,7 @@ class Gravity:
         return self.effects(part.torques(slice(None)))
 
     def effects(self, torque: FloatArray) -> JointLoads:
-        """Return the effects on the joints of gravity's torques `torque` (m, n, s), N m (see `ArmPoses.torques`)."""
+        """Return how the torques of gravity, `torque` (m, n, s), N m (see `ArmPoses.torques`), affect the joints."""
         blocks = []
         for cut in pose_slices(len(torque)):
             block = torque[cut]

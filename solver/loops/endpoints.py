@@ -205,7 +205,10 @@ class MeasuredClosure(ArmLoop):
         return select_poses(self, poses, "endpoint_m", "endpoint_rotation")
 
     def fixture_axis(self, x: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-        """Return the target's position (base frame, m) and a zero axis if only one pose is measured, else None."""
+        """Return the measured position of the target, m, in the arm's base frame; None unless there is one pose.
+
+        A target has no axis: the second array is zero.
+        """
         if self.endpoint_m is None or len(self.endpoint_m) != 1:
             return None
         own = self.own_values(x)[0]

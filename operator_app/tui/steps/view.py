@@ -1,4 +1,4 @@
-"""Base of every step's view: panels, a main list, and several views on a small terminal."""
+"""Base class of the steps' screens: panels, of which a small terminal shows some at a time, and a main list."""
 
 from collections.abc import Callable, Iterator, Mapping
 from typing import ClassVar

@@ -245,8 +245,8 @@ class DriveFault(HardwareError):
 
     def __init__(self, joint: int, code: int, text: str, *, tripped: bool = True) -> None:
         self.joint, self.code = joint, code
-        what = "tripped" if tripped else "reports an error"
-        super().__init__(f"joint {joint} {what}: {text} ({code:04X}h)")
+        what = "tripped: " if tripped else "reports an error: "
+        super().__init__(f"joint {joint} {what}{text} ({code:04X}h)")
 
 
 class DriveDropout(DriveFault):

@@ -245,8 +245,11 @@ class DriveFault(HardwareError):
 
     def __init__(self, joint: int, code: int, text: str, *, tripped: bool = True) -> None:
         self.joint, self.code = joint, code
-        what = "tripped: " if tripped else "reports an error: "
-        super().__init__(f"joint {joint} {what}{text} ({code:04X}h)")
+        super().__init__(
+            f"joint {joint} tripped: {text} ({code:04X}h)"
+            if tripped
+            else f"joint {joint} reports an error: {text} ({code:04X}h)"
+        )
 
 
 class DriveDropout(DriveFault):

@@ -89,7 +89,7 @@ class _Listener:
 
     def __init__(self, wire: SharedBus, profile: BusProfile) -> None:
         self._wire, self._profile = wire, profile
-        self.listen_s = LISTEN_PERIODS * 1e-3 * profile.slowest_heartbeat_ms
+        self.listen_s = LISTEN_PERIODS * max(1e-3 * profile.slowest_heartbeat_ms, 1.0)
         self.heartbeats: Counter[int] = Counter()
         self.answers: Counter[int] = Counter()
         self.device_types: dict[int, int] = {}

@@ -14,6 +14,7 @@ from operator_app.report.subject import subject_of_session
 from operator_app.report.text import facts_text, unidentifiable_text
 from operator_app.safe_output import as_json, say
 from operator_app.session.store.journal import read_journal
+from operator_app.session.store.replay import session_state
 from operator_app.session.store.stored_calibration import session_calibration, with_checks
 from operator_app.session.workflow.opening import Choices, resume
 from solver.errors import UnidentifiableError
@@ -22,9 +23,11 @@ from solver.errors import UnidentifiableError
 def execute(args: argparse.Namespace) -> int:
     """Read the session's calibration and show it."""
     opening = resume(args.session, Choices(), root=args.sessions)
-    procedure, folder, state = opening.effective_procedure, opening.folder, opening.state
+    procedure, folder = opening.effective_procedure, opening.folder
     unsensed = unsensed_joints(args, procedure.arm.joint_count)
     contents = read_journal(folder)
+    # Not `opening.state`: a session that is still capturing may have grown since that was read.
+    state = session_state(contents)
     calibration, unidentifiable = None, None
     try:
         # From the journal or, if it is not stored there, computed now; the report states which.

@@ -140,7 +140,7 @@ def whole_number(cell: str) -> int:
     """Read a whole number of at least 1; raises BadCell."""
     value, shown = number(cell), shortened(cell.strip())
     plain = not any(c in cell for c in ".eE")
-    if plain and value > MOST_WHOLE:
+    if plain and (value > MOST_WHOLE or int(cell) > MOST_WHOLE):
         raise BadCell(f"{shown} is too large", f"use a whole number of at most {MOST_WHOLE}")
     if not plain or value < 1:
         raise BadCell(f"{shown} is not a whole number of at least 1", "correct the number")

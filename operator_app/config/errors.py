@@ -120,7 +120,8 @@ def words_for(error: ErrorDetails) -> tuple[str, str]:
         return f"must be {expected}, not {value_in_words(value)}", _number_hint(value, kind)
     if kind in LIMITS_IN_WORDS:
         name, limit_words = LIMITS_IN_WORDS[kind]
-        return f"must be {limit_words} {context[name]:g}, not {value:g}", "correct the number"
+        limit, given = (v if isinstance(v, int) else f"{v:g}" for v in (context[name], value))
+        return f"must be {limit_words} {limit}, not {given}", "correct the number"
     if kind in ("too_short", "too_long"):
         limit = f"it may have at most {context.get('max_length')}"
         if kind == "too_short":
@@ -182,4 +183,4 @@ def is_near_option(error: ErrorDetails) -> bool:
 
 def _options(context: dict[str, Any]) -> list[str]:
     listed = str(context.get("expected_tags") or context.get("expected") or "")
-    return re.findall(r"'([^']*)'", listed)
+    return re.findall(r"'([^']*)'", listed) or re.findall(r"-?\d+", listed)

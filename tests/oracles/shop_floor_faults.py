@@ -83,8 +83,7 @@ def slipped_link(seed: int, *, mm: float) -> Case:
     first, then = walked(before), walked(replace(before, chain=chain))
     k = int(rng.integers(8, 33))
     rows = {n: np.concatenate((getattr(first, n)[:k], getattr(then, n)[k:])) for n in ROWS}
-    causes = ("STEP_LENGTH_s_[35]",)
-    return Case(taken=replace(first, **rows), causes=causes, judged=OWN)
+    return Case(taken=replace(first, **rows), causes=("STEP_LENGTH_s_[35]",), judged=OWN)
 
 
 @cache

@@ -262,6 +262,7 @@ class Operations(CalibrationOperations):
         arm = self._session.arm.snapshot()
         cleared = "STOP" if arm.stopped else "drive faults"
         self._session.reset_stop()
+        self.refresh()  # a failed sensor may have been recorded
         if self._session.arm.snapshot().stopped:  # pressed again meanwhile
             return
         self._publish(stop=None)

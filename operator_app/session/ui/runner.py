@@ -84,7 +84,7 @@ class Runner:
         self._current: _Job | None = None
         self._closing = threading.Event()
         self._publishing = threading.Lock()
-        self.supervisor = Supervisor(self, recording_ended)
+        self.supervisor = Supervisor(self, recording_ended, monotonic)
         self._data_at_s = self._polled_s = monotonic()
         self.defect: BaseException | None = None
         self._base = SessionSnapshot(

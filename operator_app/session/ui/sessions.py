@@ -6,6 +6,7 @@ from pathlib import Path
 
 from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import DrivesNotOffError, JournalLostError, SessionError
+from operator_app.session.safety.sensor_faults import require_no_sensor_fault
 from operator_app.session.store.folders import SessionEntry, documents_of, list_sessions
 from operator_app.session.store.journal import is_in_use
 from operator_app.session.ui.runner import Runner
@@ -79,6 +80,7 @@ class Sessions:
         folder, number = session.journal.path.parent, session.state.placement + 1
         self.close("the fixture is remounted")
         session.require_drives_off()
+        require_no_sensor_fault(session.state, "remounting is refused")
         record_in(folder, "remounting", number)
         runner = self.resumed(str(folder))
         runner.say(

@@ -142,8 +142,10 @@ class Supervisor:
     `reported_stop`: why the arm stopped by itself, according to the last snapshot; "" if it did not.
     """
 
-    def __init__(self, runner: Runner, recording_ended: Callable[[], str]) -> None:
-        self._runner, session = runner, runner.session
+    def __init__(
+        self, runner: Runner, recording_ended: Callable[[], str], monotonic: Callable[[], float]
+    ) -> None:
+        self._runner, self._monotonic, session = runner, monotonic, runner.session
         self._motion = MotionMonitor(session.model, session.procedure.capture)
         self._recording_ended, self._recording_reported = recording_ended, ""
         self._lateness = LatenessReporter()
@@ -237,7 +239,8 @@ class Supervisor:
         counted = replace(
             report,
             drives_stopped=resting,
-            acknowledged_after_s=now.now_s - report.asked_s if done else None,
+            # Read after the drives' states: the time shown is never too short.
+            acknowledged_after_s=self._monotonic() - report.asked_s if done else None,
         )
         # A newer STOP or a reset may have replaced the report in the meantime.
         self._runner.publish(lambda s: replace(s, stop=counted) if s.stop is report else s)

@@ -12,7 +12,8 @@ from tests.oracles.profiles import sarcos
 
 
 @pytest.fixture
-def bus():
+def bus(monkeypatch):
+    monkeypatch.setattr("hardware.commissioning.probe.LISTEN_PERIODS", 0.3)
     bus = FakeArmBus()
     yield bus
     # SDO reads only: no NMT, no SYNC, no command.
@@ -20,9 +21,9 @@ def bus():
     assert {data[0] for _, data in bus.sent} <= {0x40, 0x60, 0x70, 0x80}
 
 
-def probe_of(bus: FakeArmBus) -> Probe:
-    settings, profile = BusSettings(channel="fake"), replace(sarcos(), slowest_heartbeat_ms=250)
-    return probe(settings, profile, opener=lambda _: bus, answers_s=0.1)
+def probe_of(bus: FakeArmBus, slowest_ms: int = 50) -> Probe:
+    profile = replace(sarcos(), slowest_heartbeat_ms=slowest_ms)
+    return probe(BusSettings(channel="fake"), profile, opener=lambda _: bus, answers_s=0.1)
 
 
 def test_probe_lists_every_node_with_type_and_position(bus):
@@ -50,6 +51,11 @@ def test_probe_reports_problem_of_one_node(bus, attribute, value, words):
     (problem,) = problems.pop(3)
     assert all(part in problem for part in ("node 3", *words))
     assert set(problems.values()) == {()}
+
+
+def test_probe_listens_for_the_slowest_heartbeat(bus):
+    bus.without_heartbeat = {3}
+    assert "heard in 0.6 s" in probe_of(bus, slowest_ms=2000).nodes[2].problems[0]
 
 
 def test_probe_checks_heartbeat_consumers(bus):

@@ -63,7 +63,6 @@ SURE = (
     "motion 1 deg",
     "hinge turns 0.5 deg",
     "hinge slips 5 mm",
-    "link slips 2 mm",
     "RVDT 5 %",
     "1 outlier 0.5 deg",
     "12 flipped",

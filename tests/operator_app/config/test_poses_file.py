@@ -107,6 +107,7 @@ BAD = [
     ("counts", text(rows=("1,1,1,45034,3",)), 3, 2, 4, "theta2_deg"),
     ("millimetres", text(HEADER + ",x_m,y_m,z_m", ("1,1,1,2,3,350,0,0",)), 3, 2, 6, "x_m"),
     ("placement zero", text(rows=("0,1,1,2,3",)), 3, 2, 1, "placement"),
+    ("placement 2^53 + 1", text(rows=("9007199254740993,1,1,2,3",)), 3, 2, 1, "placement"),
     ("placement 1e21", text(rows=("1000000000000000000000,1,1,2,3",)), 3, 2, 1, "placement"),
     ("no unit", text(HEADER + ",x_m,y_m,z_m,qw,qx,qy,qz", ("1,1,1,2,3,0,0,0,1,1,0,0",)), 3, None, None, ""),
     ("placement 1.5", text(rows=("1.5,1,1,2,3",)), 3, 2, 1, "placement"),

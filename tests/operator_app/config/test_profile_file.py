@@ -90,7 +90,7 @@ MISTAKES = [
     ("node: 22", "node: 127", "joints[joint 2].node: must be at most 126"),
     ("joint: 2", "joint: 1", "joint 1 is listed twice"),
     ("joint: 3", "joint: 9", "there is no joint 9; the arm's joints are 1 to 3"),
-    ("direction: -1", "direction: 2", "direction: 2 is not a valid value"),
+    ("direction: -1", "direction: 2", "direction: 2 is not a valid value; use one of: -1, 1"),
     ("compared: [60C2h]", "compared: [6041h]", "compared[1]: 6041h cannot be compared"),
     ("free: 4", "free: 8", "modes.free: is the code of position mode as well"),
     ("pdo_maps: configured", "pdo_maps: stored", "'stored' is not a valid value; use one of: compared"),

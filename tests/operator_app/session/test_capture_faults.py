@@ -16,6 +16,8 @@ from hardware.errors import DriveDiverged, SensorFault
 from hardware.virtual.scenarios import scenario
 from operator_app.config.procedure import Procedure
 from operator_app.errors import Cancelled, ClosureRefusedError, GuardError, SessionError
+from operator_app.session.ui.guards import may_remount
+from operator_app.session.ui.runner import Runner
 from operator_app.session.workflow.capture import take_poses
 from operator_app.session.workflow.drive_selection import HOMING_SPEED_RAD_PER_S
 from operator_app.session.workflow.listener import Listener
@@ -151,8 +153,10 @@ def test_repaired_sensor_needs_the_first_pose_repeated(session):
     take_poses(session, Listener(), (1, 5))
     failed = Fault(node=3, joint=3, code=0x7305, text="angle sensor failed", sync_count=9)
     session.arm.reported = (failed,)
-    session.reset_stop()
-    session.arm.reported = ()
+    runner = Runner(session, simulated=True, bus="none")
+    runner.operations.reset()
+    assert "angle sensor failed" in may_remount(runner.snapshot())
+    runner.close("end")
     with pytest.raises(GuardError, match="captures are refused: joint 3: angle sensor failed"):
         session.capture()
     assert [fault["joint"] for fault in event_data(session, "sensor_fault")] == [3]

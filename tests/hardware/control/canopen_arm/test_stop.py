@@ -128,14 +128,14 @@ def test_stop_pressed_after_reset_request_stays_latched():
     latch.press()
     press_to_reset = latch.last_press
     latch.press()
-    nodes = SimpleNamespace(forget_faults=lambda: cleared.append(None))
+    nodes = SimpleNamespace(faults=("tripped",))
     watch = SimpleNamespace(reset=lambda: cleared.append(None))
     loop = SimpleNamespace(latch=latch, commands=(), nodes=nodes, watch=watch)
     steps = motion_steps.reset(loop, press=press_to_reset)
     with pytest.raises(Stopped, match="again"):
         next(steps)
     assert latch.latched
-    assert (cleared, loop.commands) == ([], ())
+    assert (cleared, loop.commands, nodes.faults) == ([], (), ("tripped",))
 
 
 def test_stop_reaches_all_drives_and_survives_reconnection(driven, bus):

@@ -117,7 +117,7 @@ def test_an_unsensed_joint_is_ignored():
 def supervised(picture: SessionSnapshot) -> tuple[StaticRunner, Supervisor]:
     runner = StaticRunner(picture)
     runner.session = SimpleNamespace(model=PROCEDURE.arm, procedure=PROCEDURE)
-    return runner, Supervisor(runner, lambda: "")
+    return runner, Supervisor(runner, lambda: "", lambda: runner.picture.now_s)
 
 
 def alarms_after(

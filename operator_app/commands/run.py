@@ -30,6 +30,7 @@ from operator_app.report.results.session import (
 )
 from operator_app.report.text import facts_text, unidentifiable_text
 from operator_app.safe_output import as_json, say
+from operator_app.session.safety.sensor_faults import require_no_sensor_fault
 from operator_app.session.store.solver_process import Solver, SolvingProcess, solve_here
 from operator_app.session.workflow.capture import connect, take_poses
 from operator_app.session.workflow.drive_selection import drives_of
@@ -218,6 +219,7 @@ def next_placement(
     """
     # Take the bus from the journal, since the options may leave it to the environment.
     opening = resume(str(opening.folder), opening.choices, root=root)
+    require_no_sensor_fault(opening.state, "remounting is refused")
     number, placements = opening.state.placement + 1, opening.procedure.placements
     if opening.choices.interface == "virtual":
         listener.report(f"Placement {number} of {placements}: the virtual fixture is remounted.")

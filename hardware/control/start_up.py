@@ -85,7 +85,7 @@ class StartUp:
         """Find and check the nodes, start heartbeat and SYNC, and read rated torques, token and modes.
 
         `press`: latest press of STOP before the start-up; a later press cancels the start-up. `takes_over`: whether to
-        take over drives that stay enabled although no operator is heard; if false, such drives raise `ArmInUse`.
+        take over drives that stay enabled although no operator is heard; if false, `ArmInUse` is raised for them.
         """
         try:
             return self._run(press, takes_over=takes_over)
@@ -220,7 +220,7 @@ class StartUp:
         return unwatching if profile.configures_pdos else self._check_arm(identity)
 
     def _check_arm(self, identity: ArmIdentity) -> tuple[int, ...]:
-        """Check the arm except its PDOs; store limits and torques that it states; return `ArmIdentity.unwatching`."""
+        """Check all but the PDOs; set heartbeat time-out, following windows, rated torques; return `unwatching`."""
         access, profile, loop, link = self._access, self._profile, self._loop, self._link
         identifying.check_arm(access, identity, link.on_bus.description, profile)
         loop.nodes.heartbeat_timeout_s = drive_settings.heartbeat_timeout_s(

@@ -1,7 +1,7 @@
 """A joint of the virtual arm: drive settings, sensor, and the data that drive and plant exchange.
 
-A sensor converts the joint's true angle to counts, which are zero at the sensor's own zero. That of an RVDT is at the
-middle of the joint's range; its converter saturates at the ends of full scale.
+A sensor converts the joint's true angle to counts, which are zero at the zero of sensor coordinates. The electrical
+zero of an RVDT is at the middle of the joint's range; its converter saturates at the ends of full scale.
 """
 
 import math

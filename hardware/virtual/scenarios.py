@@ -164,8 +164,8 @@ def scenario_of(
     """Return the scenario `name` for an arm and a fixture.
 
     If the files can describe the paper's arm, the true arm is the one that the function `scenario` returns. Otherwise
-    `seed` determines a true arm within the tolerances of the files. Its lengths and twists that the calibration does
-    not identify are exact in ``exact`` and ``as_reported``. From `placement` 2 on, only the fixture's placement is new.
+    `seed` determines a true arm within the tolerances of the files; in ``datasheet`` and ``wild`` this includes lengths
+    and twists that the calibration does not identify. From `placement` 2 on, the same arm is in a new placement.
 
     Raises `ValueError` if there is no such scenario, or if no plant can be built from these files.
     """

@@ -361,7 +361,7 @@ def _screening_causes(poses: PoseSet, known: PriorInformation) -> tuple[Finding,
 
 
 def second_solution(search: GlobalStart | None) -> tuple[Finding, ...]:
-    """Return the finding that several solutions of the global search fit; empty if one does, or without a search."""
+    """Return a finding if several solutions of the global search fit; empty if only one does or `search` is None."""
     if search is None or not search.alternatives:
         return ()
     solutions = {"solutions": 1 + len(search.alternatives)}

@@ -22,7 +22,7 @@ from solver.arrays import frozen
 
 
 def order_of(opened: Mapping[str, Any]) -> int:
-    """Return the session's order number in its folder, from the data of the `opened` event; 0 if it has none."""
+    """Return a session's order number (see `SessionState`) from the data of its `opened` event; 0 if it has none."""
     order = opened.get("order")
     return order if type(order) is int and 0 < order < MOST_WHOLE else 0
 

@@ -110,8 +110,8 @@ class RunningTask:
 class StopReport:
     """A software STOP.
 
-    `asked_s`: time of the request (monotonic clock). `acknowledged_after_s`: time from the request until every drive
-    had left the state Operation enabled; None until then. `drives_stopped`: number of drives that have left this
+    `asked_s`: time of the request (monotonic clock). `acknowledged_after_s`: time from the request until no drive
+    was in the state Operation enabled; None until then. `drives_stopped`: number of drives that are not in this
     state. `problem`: why STOP could not be sent; empty if it was sent.
     """
 
@@ -241,7 +241,7 @@ class SessionSnapshot:
 
     @property
     def chooses_by_plan(self) -> bool:
-        """Whether a plan chooses the next target: the capture is planned, and only automatic capture may be running."""
+        """Whether a plan chooses the next target: the capture is planned, and no task but AUTOMATIC is running."""
         by_hand = self.task is not None and self.task.kind is not TaskKind.AUTOMATIC
         return self.procedure.capture.strategy == "planned" and not by_hand
 

@@ -92,7 +92,7 @@ def is_same_action(action: Action, name: str, data: Mapping[str, Any]) -> bool:
 
 
 def can_continue_from(action: Action, last: FloatArray, q_rad: FloatArray) -> bool:
-    """Whether an arm now at `q_rad` can continue with `action`: it is still at `last`, or on the action's path."""
+    """Whether an arm at `q_rad` can do `action`: it is at `last` or on the action's path, or `action` is Finished."""
     if float(np.abs(q_rad - last).max()) <= SAME_POSITION_RAD or isinstance(action, Finished):
         return True
     if not isinstance(action, GoTo):

@@ -37,7 +37,7 @@ def export(
     `forced`: reason for exporting a calibration that was not accepted; written to the journal and the file. Raises:
 
     - GuardError: nothing was exported; `forced` is required and empty or, before an upload, counters or sensors may
-      have changed since the poses were captured.
+      have changed since the poses were captured (ConnectAgainError: a counter was reset).
     - JournalLostError: nothing was exported; the journal was lost or changed.
     - JournalError: the journal cannot be written; the message states what was uploaded.
     - UploadUnknown, SessionError: the controller may have stored all or part of the parameters; the journal states why.

@@ -134,7 +134,7 @@ class Rig:
 
     `opening`: its `choices` include values from the arm, the environment and defaults, which the journal records.
     `simulated`: whether the arm is simulated.
-    `instrument`: measures the tool of an open arm; None if the loop is closed.
+    `instrument`: measures the tool of an open arm; None if the loop is closed or no port is specified.
     `truths`: true parameters of an arm simulated in this process; None for any other arm.
     `recording_ended`: function that returns why the recording of the bus ended early, "" if it did not; thread-safe.
     """

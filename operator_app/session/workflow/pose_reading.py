@@ -153,7 +153,7 @@ def port_of(source: str) -> LinePort:
 
 
 class PoseReader:
-    """Measures the poses of one session; `recorded_latency`: host latency that is already in the journal."""
+    """Measures the poses of one session; `recorded_latency`: host latency of this connection already in the journal."""
 
     def __init__(self, logbook: Logbook, arm: ArmInterface, instrument: Instrument | None) -> None:
         self._logbook, self._arm, self._instrument = logbook, arm, instrument

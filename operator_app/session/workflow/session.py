@@ -278,7 +278,7 @@ class Session(Logbook):
     # -- end -------------------------------------------------------------------------------------
 
     def release_holding(self) -> None:
-        """Hold the arm, switch its drives off and release control; then `held` states whether the arm confirmed this.
+        """Hold the arm, switch its drives off and release control; set `held`: whether no drive follows commands.
 
         First records the cause of a stop and the host latency, which are not available after the release.
         """

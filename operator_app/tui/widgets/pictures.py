@@ -121,7 +121,7 @@ VISIBLE_RAD = 0.015
 
 
 class ArmView(Lines):
-    """Drawing of the arm at its current pose. Scale and centre change only when the poses are planned anew."""
+    """Drawing of the arm at its current pose. Scale and centre change only with the predicted poses."""
 
     TITLE = "Arm"
     HELP = (
@@ -197,7 +197,7 @@ class ArmView(Lines):
 
 
 def _next(model: ClosureModel, x: FloatArray, s: SessionSnapshot) -> tuple[FloatArray, ...]:
-    """Return the arm's points (k, 3) at the next pose and, in a move, the tool's path (p, 3), m; () if unknown."""
+    """Return the arm's points (k, 3) at the next pose and, in a planned move, the tool's path (p, 3), m; () if none."""
     if s.heading is not None:
         way = s.heading.trace_rad
         if way is None:

@@ -219,7 +219,7 @@ def moves_real_arm(s: SessionSnapshot) -> bool:
 
 
 def may_remount(s: SessionSnapshot) -> str:
-    """Return why remounting is refused; "" if there may be another placement, this one has all poses and no sensor fault."""
+    """Return why remounting is refused; "" if another placement is allowed, and this one has all poses and no fault."""
     if missing := idle(s):
         return missing
     if problem := mounting_problem(s.procedure, s.state.placement + 1):

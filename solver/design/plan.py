@@ -121,8 +121,8 @@ def make_plan(
     Raises `ValueError` if the loop does not close near the start, or fewer than `count` poses can be reached.
     `captured`: joint angles (c, n) of poses captured already; their information is included.
     `covariance` (P, P): covariance of `x`, used to exclude poses whose prediction is uncertain; None: none is excluded.
-    `avoid_rad`: readings (b, n) of poses to avoid, e.g. where a move had to be stopped. No planned pose is nearer to
-    them than `AVOID_RADIUS_RAD`, or than half their distance from `q_start` if that is smaller.
+    `avoid_rad`: readings (b, n) of poses to avoid, e.g. where a move had to be stopped. No pose of a visit or path
+    is nearer to them than `AVOID_RADIUS_RAD`, or than half their distance from `q_start` if that is smaller.
     """
     manifold = candidate_poses(
         task.model,

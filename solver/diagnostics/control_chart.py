@@ -64,7 +64,7 @@ class ControlChart:
     `between`: standard deviation between sessions, as estimated from the baseline.
     `shewhart`: half width of the limits for a single value. `ewma_limit`: half width of the limits for `ewma`.
     `ewma`: weighted mean of recent values.
-    `changes`: shifts in the order in which they were detected; after a shift, the quantity's baseline starts anew.
+    `changes`: shifts in the order in which they were detected; each shift starts a new baseline of its quantity.
     """
 
     centre: FloatArray

@@ -110,8 +110,8 @@ def diagnose(
 ) -> Diagnosis:
     """Test a fit, and rank the faults that may explain a failed test.
 
-    `fit`: the mixed model at its solution. The fit is tested at the *stated* variances; only outliers and steps are
-    tested at the estimated noise if that is smaller.
+    `fit`: the mixed model at its solution. The fit is tested at the *stated* variances. Outliers, steps and scales of
+    encoders are tested at the estimated noise if that is smaller.
     `taken` (m,): position of each pose of the fit in time order.
     `measured`: by joint (1-based), the sensor's linearity deviation as measured by loops that do not use its readings.
     """

@@ -36,7 +36,7 @@ class Cause(Enum):
 
 
 class PeakDeviation(NamedTuple):
-    """Largest deviation `peak` of a sensor from the best-fit line or true angle, and its standard deviation, rad."""
+    """Largest deviation of a sensor from its best-fit line (`from_line`) or from the true angle, and its sigma, rad."""
 
     peak: float
     sd: float

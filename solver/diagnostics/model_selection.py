@@ -200,7 +200,7 @@ def _choose(
     directions: tuple[UnidentifiableDirection, ...],
     fixture: set[str],
 ) -> int:
-    """Return the index of the parameter to fix: an immobile joint's offset or, if none, the least determined one."""
+    """Return the index of the parameter to fix: an immobile joint's offset, else the arm's (else fixture's) weakest."""
     for direction in directions:
         for joint in direction.immobile_joints:
             if f"theta_off_{joint}" in direction.parameters:

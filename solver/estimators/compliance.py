@@ -32,7 +32,7 @@ WISHART_DOF = 6.0
 class FixtureLoads:
     """Loads on a fixture at m poses, due to errors of the stated masses and centres of mass.
 
-    `pull` (m, k, a): ``S W`` of the module's docstring, in the frame of the deflection; a: number of these errors.
+    `pull` (m, k, a): ``S W`` of the module's docstring, in the frame of the deflection, per error and set of drives.
     `halves`: for each half of the fixture, its share of the deflection's standard deviation, and the rotation (m, k, k)
     from its axes to the frame of the deflection (None if the two coincide). Rotations commute with S.
     """

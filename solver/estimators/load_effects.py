@@ -16,7 +16,7 @@ carries no moment. With ``F = E y``, ``E' N = 0``, and friction rho limiting the
     F = -E (K K' + rho^2 I)^-1 K dtau_f,     K = E' J_f.
 
 F is linear in the errors z of masses and centres (`solver.chain.statics`): F = W z, z ~ N(0, I). Which joints were in
-position mode is not recorded, only that they were as many as the loop has degrees of freedom. W has columns for up to
+position mode is not recorded, but they were as many as the loop has degrees of freedom. W has columns for up to
 `MOST_DRIVE_SETS` such sets, with equal weights. The covariance of the displacements under F follows from the fixture's
 compliance (`solver.estimators.compliance`). The columns of deflection are the leading eigenvectors of this covariance
 (by Nystroem's method), scaled to the stated rms over the poses.
@@ -137,7 +137,7 @@ class Gravity:
 
     tau (m, n, s) is from `ArmPoses.torques`: tau_j0 is the stated torque on joint j, the others are its errors.
     `rate` (n,): the expected twist of joint j is ``rate_j tau_j0``; 0 for a joint on which gravity has no lever arm.
-    `turn` (n, s, c): ``sum_s tau_js turn_jsc`` is what a coefficient c of 1 adds to the expected twist of joint j.
+    `turn` (n, s, c): ``sum_s tau_js turn_jsc`` is what coefficient c adds, if it is 1, to joint j's expected twist.
     `size` (n, s): rms deviation of joint j from its expected twist per N m of the torque tau_js.
     """
 
@@ -314,7 +314,7 @@ def _load_deflection(
 
 
 def _pulled(part: ArmPoses, poses: IntArray | slice, W: FloatArray) -> FixtureLoads:
-    """Return the loads on both halves of the fixture; `W` (m, k, 4 n, d): wrenches of `_wrenches` times S."""
+    """Return the loads on both halves of the fixture; `W` (m, k, 4 n, d): weighted `_wrenches` times S."""
     axes = part.model.fixture_axes(part.x, part.q[poses], part.u[poses])
     share = np.array([1.0, TOOL_SIDE_COMPLIANCE]) / np.hypot(1.0, TOOL_SIDE_COMPLIANCE)
     halves = []

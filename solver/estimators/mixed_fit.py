@@ -81,8 +81,8 @@ class MixedFit:
 
     `x`: parameters (P,). `corrections`, `unsensed`: joint corrections e (m, n) and unsensed angles (m, U), rad.
     `fit`: the linear fit at the solution.
-    `final_derivatives`: derivatives of likelihood and priors at the poses used to estimate the variances; None if the
-    caller gave the variances.
+    `final_derivatives`: derivatives of likelihood and priors at the poses used to estimate the variances; None if no
+    variances were estimated.
     """
 
     x: FloatArray

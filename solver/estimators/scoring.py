@@ -280,7 +280,7 @@ class VarianceSearch:
     step's end, which is calculated anyway, locates the maximum along the step; the next iteration starts there.
 
     `fast`: whether steps shrink so fast that further steps are negligible; as given to `__init__` until two are known.
-    `slope_left`: expected slope (see `ScoringStep`) of the step after the one that `next_variances` returned last.
+    `slope_left`: expected slope (see `ScoringStep`) of the step from the variances that `next_variances` returned last.
     """
 
     def __init__(self, *, fast: bool = False) -> None:

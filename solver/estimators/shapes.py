@@ -113,7 +113,7 @@ class Shapes:
     def of(
         cls, sd_rad: FloatArray, columns: FloatArray, missed: FloatArray, expected: FloatArray
     ) -> Shapes:
-        """Return the effect. `columns` and `expected` are in units of `sd_rad` (n,), `missed` in ``sd_rad**2``."""
+        """Return the effect. `columns` (m, n, c), `expected`: in units of `sd_rad` (n,); `missed`: in ``sd_rad**2``."""
         joints = np.flatnonzero(sd_rad)
         return cls(
             joints=joints,

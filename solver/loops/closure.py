@@ -178,7 +178,7 @@ class ClosureModel(ABC):
         """Return the same loop with `entries` of the arm's table as additional unknowns."""
 
     def angle_of(self, u: FloatArray, joint: int) -> FloatArray:
-        """Return the angle (..., m), rad, of an unsensed arm joint (1-based); `u` (..., m, U): all unsensed angles."""
+        """Return the angle (..., m), rad, of an unsensed joint (1-based); in `u` (..., m, U), arm joints are last."""
         return u[..., self.unsensed_joints.index(joint) - len(self.unsensed_joints)]
 
     def reduced(self, x: FloatArray, q: FloatArray, *, rates: bool = True) -> ReducedError:

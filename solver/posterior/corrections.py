@@ -220,7 +220,7 @@ class JointCorrections:
         )
 
     def with_parameters(self, index: IntArray) -> FloatArray:
-        """Return the covariance (k + c, k + c) of the k parameters at `index`, followed by the c `coefficients`."""
+        """Return the covariance (k + c, k + c) of the k parameters at `index` (rad, m), then the c `coefficients`."""
         fit, effects = self.fit, self._effects
         columns = np.arange(fit.design.hard, fit.design.width)[effects]
         columns = np.concatenate((fit.design.column[index], columns))

@@ -244,7 +244,7 @@ class InnerProblem:
     def _projected(
         self, M: FloatArray, M_c: FloatArray, p: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Fit h and t (S, 3) to M (S, m, 3, 3) and p (S, m, 3), all as in the module; `M_c`: M minus its mean."""
+        """Fit the module's h, t (S, 3) to M (S, m, 3, 3), p (S, m, 3); rigid: h = z, t = 0. `M_c`: M minus its mean."""
         count = len(M)
         if self.model.constrained_part is ConstrainedPart.FRAME:
             return np.tile([0.0, 0.0, 1.0], (count, 1)), np.zeros((count, 3))

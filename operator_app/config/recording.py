@@ -186,7 +186,7 @@ def _find_joints(
     """Return the names of joints 1 to n in a recording with the joints `names`.
 
     `columns` lists the names. If it is empty, they are the arm file's names `joints` or, if the recording lacks one of
-    these, n names with consecutive numbers, such as panda_joint1 to 7. Raises ConfigError if the joints are not found.
+    these, the only n names numbered from 0 or 1, such as panda_joint1 to 7. Raises ConfigError if they are not found.
     """
     count = len(joints)
     if columns:

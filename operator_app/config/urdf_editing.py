@@ -84,7 +84,7 @@ def _xml_comment(lines: Iterable[str]) -> bytes:
 
 
 def _xml_text(text: str) -> str:
-    """Escape unprintable characters, which XML does not allow; names and serial numbers may contain some."""
+    """Escape unprintable characters, since XML does not allow all of them; names and serial numbers may have some."""
     return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
 
 

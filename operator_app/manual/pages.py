@@ -87,7 +87,7 @@ class NoSuchTopicError(Exception):
 
 
 def files_on(page: str) -> Mapping[str, str]:
-    """Return contents by name: notebooks of a page (Markdown), and complete files on it and on pages it refers to."""
+    """Return contents by name: notebooks and complete files on a page (Markdown), and files it includes from others."""
     shown: dict[str, str] = dict(FILE.findall(page))
     for topic in FILES_OF.findall(page):
         shown |= FILE.findall(_written(topic))

@@ -62,7 +62,7 @@ def live_quality(
     *,
     earlier: LiveQuality | None = None,
 ) -> LiveQuality:
-    """Return the quality of the poses `q_rad` (m, n) numbered `numbers`; those in `earlier` are not evaluated again."""
+    """Return the quality of the poses `q_rad` (m, n) numbered `numbers`; extends `earlier` if it has the first ones."""
     if earlier is not None and earlier.numbers == numbers[: len(earlier.numbers)]:
         quality = earlier
     else:
@@ -128,7 +128,7 @@ class Forecast:
 
     `q_rad` (w, n): joint angles at each waypoint.
     `reachable` (w,): whether, at each waypoint, the loop closes with every joint inside its range.
-    `scaled_condition_number`: for the first reachable poses, as many as are to be captured; inf if these are too few.
+    `scaled_condition_number`: for the first reachable poses, as many as planned; inf if a parameter is undetermined.
     """
 
     q_rad: FloatArray

@@ -37,7 +37,7 @@ def facts_text(facts: Facts, *, failed: str = "") -> str:
 
 
 def verdict_text(facts: Facts, *, failed: str = "") -> str:
-    """Return verdict and reasons; the first line also names `failed`, a file of poses that contradict the verdict."""
+    """Return verdict and reasons; the first line also names `failed`, a file of poses that contradict the result."""
     reasons = facts.reasons
     head = facts.verdict.upper()
     if failed:

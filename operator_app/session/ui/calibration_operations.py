@@ -68,7 +68,7 @@ class CalibrationOperations(Listener):
     # -- quality of the poses ------------------------------------------------------------------------
 
     def refresh(self) -> None:
-        """Publish the session's state and the quality of its poses; only poses that are new are evaluated."""
+        """Publish the session's state and the quality of its poses; earlier results are reused where possible."""
         session, state = self._session, self._session.state
         used = state.used_poses
         if not used:

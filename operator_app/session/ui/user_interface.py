@@ -25,7 +25,7 @@ SNAPSHOTS_TRIED = 4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Titled:
-    """Title and text of a question."""
+    """Title and text of a dialog."""
 
     title: str
     text: str

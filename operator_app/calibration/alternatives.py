@@ -139,7 +139,7 @@ def find_alternatives(
 
 
 def poses_in_radians(stated: Experiment, scale: float) -> tuple[Finding, ...]:
-    """Return the finding that all readings are in radians, if the joints' ranges allow it and the loops fit better.
+    """Return the finding that all readings are in radians, if the joints' ranges allow it and the fit is far better.
 
     `scale`: finite chi2/dof of the stated model. `find_alternatives` does not find this mistake: angles in radians,
     read as degrees, hardly differ between poses, so that even the uncorrected loops close with small errors.

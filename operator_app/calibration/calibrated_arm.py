@@ -101,7 +101,7 @@ class CalibratedArm:
         return tip, np.sqrt(spread_along(rates, self._covariance))
 
     def stated_part_m(self, q_rad: FloatArray, names: Collection[str]) -> FloatArray:
-        """Return the part of the tip's standard deviation, (m,) in metres, that the parameters `names` cause."""
+        """Return the part (m,), m, of the tip's standard deviation that `names` cause; parts add in quadrature."""
         known = [k for k, name in enumerate(self.free) if name in names]
         if not known:
             return np.zeros(len(q_rad))

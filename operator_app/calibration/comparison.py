@@ -2,8 +2,8 @@
 
 Up to eight parameter vectors describe the same hinge loop. Of those equivalent to the second document's vector, the one
 nearest to the first document's is compared. A difference counts as drift if it is too large for the standard deviations
-of both documents, at a level corrected for the number of free parameters (Bonferroni). Lengths and twists are not
-counted: their sigma is mostly the maker's tolerance. Two estimates from the same poses never show drift.
+of both documents, at a level corrected for the number of free parameters (Bonferroni). The arm's lengths and
+twists are not in this number: their sigma is mostly the tolerance. Two estimates from the same poses never show drift.
 """
 
 import math
@@ -213,8 +213,8 @@ def _different_arms(a: ParametersDocument, b: ParametersDocument) -> tuple[str, 
 def _loop(document: ParametersDocument) -> DhLoop:
     """Return the loop that a document describes.
 
-    The first or last joint counts as unsensed if its offset was not identified. Only then does `equivalents` return the
-    vectors with opposite signs of a and alpha in the adjacent link, which change this offset by half a turn.
+    The first or last joint counts as unsensed if its offset was not identified. If it counted as sensed, `equivalents`
+    would omit the vectors with opposite signs of a and alpha in the adjacent link, which change this offset by pi.
     """
     entries = tuple(DhEntry.parse(e.entry) for e in document.calibrated)
     known = {e.name for e in entries}

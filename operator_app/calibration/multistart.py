@@ -215,7 +215,7 @@ def has_diverged(
     *,
     anywhere: Collection[str] = (),
 ) -> bool:
-    """Whether the solution has diverged: a cause of a misfit blocks, and the values are implausible or useless.
+    """Whether the solution has diverged: a cause of a gross misfit blocks, and the values are implausible or useless.
 
     That is, a parameter is far from nominal, or too uncertain for any use. `scale`: chi2/dof at stated variances.
     `judged`: names of the identified parameters. `anywhere`: names of parameters that may have any value.

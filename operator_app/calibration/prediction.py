@@ -73,7 +73,7 @@ def predict_new_poses(
 
     - whitened residuals of the new poses, in their order, with at least the stated variances;
     - the chi2 test of the new poses, with the variances estimated in the calibration;
-    - derivatives (m, E, k) of each pose's E closure equations by the k components of a shift: of a joint or `FIXTURE`.
+    - derivatives (m, E, k) of each pose's E closure equations by each possible shift: by joint number or `FIXTURE`.
     """
     old = _used(solution, averaged_at_rest(new.arm, made_from))
     if len(new.poses.placements) == 1:
@@ -152,8 +152,8 @@ def errors_as_calibrated(
 def _as_learned(design: Layout, *, learned: Mapping[str, float]) -> FloatArray:
     """Return variances (K,) of the error components for a prediction, from the calibration's estimates (`learned`).
 
-    Estimates from one part of the workspace may be too small in another: those below the stated variances are raised
-    towards these (method, section 10). A variance of noise never exceeds the stated one.
+    Estimates from one part of the workspace may be too small in another: every result is at least a fixed share of the
+    stated variance (method, section 10). A variance of noise never exceeds the stated one.
     """
     v = design.stated_variances()
     for k, c in enumerate(design.components):

@@ -51,8 +51,8 @@ class Solution:
     `condition_at_readings`: scaled condition number at the readings, as in the paper; None with unsensed joints.
     `implicit`: estimate of the implicit estimator, if the paper's estimator was chosen.
     `best`: best D-H table for uncorrected readings, with sigmas; None with the paper's estimator or unsensed joints.
-    `corrections`: corrections that a controller may add to the readings; None in the same cases as `best`.
-    `with_best_table`: closure sigmas with `best`; None in the same cases as `best`.
+    `corrections`: corrections that a controller may add to the readings. They and the next two are None if `best` is.
+    `with_best_table`: closure sigmas with `best`.
     `with_corrections`: closure sigmas with the identified entries, at readings to which `corrections` are added.
     `shares`: share of each parameter's information that comes from the poses, by name.
     `unsensed_offsets`: offsets, by joint, of joints whose readings were not used.

@@ -68,7 +68,7 @@ def source_sensitivities(solution: Solution) -> tuple[SourceSensitivity, ...]:
 def exceeded_source(calibrated: Calibrated, name: str) -> str:
     """Return a parameter's main source of error if that source exceeds its specification; otherwise "".
 
-    A main source contributes more than half of the variance. If "" is returned, only more varied poses would help.
+    A main source contributes more than half of the variance. Without one, only more varied poses would help.
     """
     budget, names = calibrated.components.budget, [p.name for p in calibrated.estimate.parameters]
     if not budget or name not in names:

@@ -54,7 +54,7 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _read(kind: AnyKind | None, name: str) -> Resource:
-    """Read the file `name`. The name of a built-in file raises UsageError, unless `kind` is the kind of that file."""
+    """Read a file; the name of a built-in file raises UsageError, unless `kind` is arm, fixture or procedure."""
     if kind in FILE_ARGUMENTS:
         return resolve(kind, name)
     builtin, path = [k for k in FILE_ARGUMENTS if name in builtin_names(k)], expanded(name)

@@ -36,7 +36,7 @@ MAPS = {
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Probe the bus and print the result; exit 3 if no node answers or a node differs from the profile."""
+    """Probe the bus and print the result; exit 3 if no node answers or a problem was found."""
     if args.configure and args.draft is None:
         raise UsageError("--configure needs --draft FILE")
     settings = bus_of_others(args)

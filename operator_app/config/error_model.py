@@ -34,7 +34,7 @@ class Uncertain(StrictModel):
 
 
 class ToleranceModel(Uncertain):
-    """Uncertainty of the lengths (s, a) and twists (alpha) in the D-H table of the arm's maker."""
+    """Uncertainty of the lengths (s, a) and twists (alpha, beta) in the D-H table of the arm's maker."""
 
     length_mm: quantities.StatedMm = 0.5
     twist_deg: quantities.StatedDeg = 0.1

@@ -299,7 +299,7 @@ def poses_of_targets(points_m: FloatArray, labels: Sequence[str]) -> FloatArray:
 
     An instrument that measures only points can measure a pose with three targets: columns ``x1_m,y1_m,z1_m`` to
     ``x3_m,y3_m,z3_m`` of a poses file. The targets' positions on the tool need not be known, since their triangle is
-    taken as the mean over all poses. The tool's frame has its origin in the centroid, x towards target 1, and z normal
+    taken as the mean over all poses. Its frame has the origin in the centroid, x towards target 1, and z normal
     to the triangle (targets 1, 2, 3 counter-clockwise). If each coordinate has the standard deviation s, and the sides
     have length a, the standard deviations are s / sqrt(3) for each coordinate of the origin, sqrt(2) s / a for a
     rotation about a line in the triangle's plane, and s / a for a rotation about its normal.

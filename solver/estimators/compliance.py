@@ -32,7 +32,8 @@ WISHART_DOF = 6.0
 class FixtureLoads:
     """Loads on a fixture at m poses, due to errors of the stated masses and centres of mass.
 
-    `pull` (m, k, a): ``S W`` of the module's docstring, in the frame of the deflection, per error and set of drives.
+    `pull` (m, k, a): ``S W`` of the module's docstring along k closure components, in the frame of the deflection. Each
+    of the a columns is for one error and one possible set of joints in position mode.
     `halves`: for each half of the fixture, its share of the deflection's standard deviation, and the rotation (m, k, k)
     from its axes to the frame of the deflection (None if the two coincide). Rotations commute with S.
     """
@@ -50,8 +51,8 @@ def compliance_sizes(stated_deflection: tuple[float, float], *, rotations: int) 
     """Return the diagonal (k,) of S with which a random moment and force, each of rms 1, cause the stated deflection.
 
     `stated_deflection`: rms of each rotation, give_rad, and of each translation, give_m. `rotations`: number of closure
-    components that are rotations, 3 or 0. With a and b the squares of the elements of S for angles and for positions,
-    the variances of the module's docstring, summed over three components, are
+    components that are rotations, 3 or 0. Let a and b be the squares of the elements of S for angles and for positions.
+    Summed over three components, the variances of the module's docstring (which explains S and nu) are
 
         a^2 (1 + 4 / nu) + 3 a b / nu = 3 give_rad^2,   b^2 (1 + 4 / nu) + 3 a b / nu = 3 give_m^2.
     """
@@ -106,7 +107,10 @@ def _turned(C: FloatArray, turn_a: FloatArray | None, turn_b: FloatArray | None)
 
 
 def variance(loads: FixtureLoads, s: FloatArray) -> FloatArray:
-    """Return the diagonal (m, k) of ``covariance(loads, loads, s)``, which does not depend on the halves' axes."""
+    """Return the variances (m, k) of the displacements at m poses: the diagonal of ``covariance(loads, loads, s)``.
+
+    They do not depend on the axes of the fixture's halves. `s` (k,): diagonal of S.
+    """
     squares = (loads.pull**2).sum(-1)
     every = squares + (squares + squares.sum(-1, keepdims=True)) / WISHART_DOF
     return np.asarray(sum(share**2 for share, _ in loads.halves) * every * s**2)
@@ -156,7 +160,10 @@ class ArmPoses:
 
 
 def _by_moment(rates: FloatArray, masses: LinkMasses) -> FloatArray:
-    """Return the torque changes (m, n, 4 n), N m, for errors of one sigma in each link's mass and centre x, y, z."""
+    """Return the torque changes (m, n, 4 n), N m, for errors of one sigma in each link's mass and centre x, y, z.
+
+    `rates` (m, n, n, 4): result of `torque_rates` for the stated direction of gravity.
+    """
     m, n = rates.shape[:2]
     # One product for each link: all joints at all poses with its moments.
     by_link = rates.transpose(2, 0, 1, 3).reshape(n, m * n, 4) @ masses.moments_sd

@@ -53,11 +53,12 @@ class System(ReducedEquations):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Whitened:
-    """Whitened equations of some poses, r of them for each pose.
+    """Whitened equations of m poses, r of them for each pose.
 
     `M` (m, r, width): columns of the parameters without a prior, then of the effects. `w` (m, r): misclosures.
     `L_inverse` (m, r, r): matrices that whiten the equations.
-    `C` (m, r, n + k): whitened columns of the noise. `noise` (m, n + k): variance of the noise along each column.
+    `C` (m, r, n + k): whitened `System.noise_columns`, one for each of n joints and k closure components.
+    `noise` (m, n + k): variance of the noise that acts along each of these columns.
     """
 
     poses: slice
@@ -80,8 +81,9 @@ class NoiseSources:
 
     `names`: the sources. `component` (s,): index of the variance component that scales each source; -1 for none.
     `rates` (s, m, n + k): variance of each source if its component is 1; the variance itself if it has no component.
-    `missed` (s,): whether the source is the part of play that the effect "play" leaves out. That effect's component
-    scales this noise too, by at most 1, but is not estimated from it, because joints rest on the same side each time.
+    `missed` (s,): whether the source is the part of play that the columns of the effect "play" leave out. The variance
+    component of this effect scales the noise as well, but by no more than 1. The component is not estimated from the
+    noise, because joints rest on the same side each time.
     `estimated` (c,): indices of the components that are estimated from the noise.
     `derivatives` (m, n + k, c): derivatives of the noise's variance with respect to the components in `estimated`.
     """
@@ -247,7 +249,8 @@ class LinearModel(Layout):
     def effects_at(self, b: FloatArray, angle: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the joint corrections (m, n) and fixture displacements (m, k) caused by effects with coefficients `b`.
 
-        The corrections include expected play and sag. `b` (width - hard,): `LinearFit.b`, not scaled to unit variance.
+        The corrections include expected play and sag. `b` (width - hard,): see `LinearFit.b`. It has one element for
+        each column except the first `hard`, which are those of parameters without a prior.
         """
         shift, deflection = self.expected.copy(), np.zeros((len(self.q), self.rows))
         at = len(self.soft_index)

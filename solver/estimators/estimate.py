@@ -58,7 +58,7 @@ class Estimate:
 
     @property
     def sigmas(self) -> ClosureSigmas:
-        """sigma_pos and sigma_ori, calculated from `residual`."""
+        """Standard deviations sigma_pos, m, and sigma_ori, rad, of the closure error `residual` (eqs. 14 and 15)."""
         return closure_sigmas(self.residual, self.rotation_rows)
 
     @property
@@ -95,7 +95,10 @@ class Estimate:
         )
 
     def given(self, names: Collection[str]) -> Estimate:
-        """Return the estimate without `names`; the covariance of the others is conditioned on the values of `names`."""
+        """Return the estimate without the parameters `names`, whose values are regarded as exact.
+
+        The covariance of the other parameters is conditioned on these values.
+        """
         indices = [k for k, p in enumerate(self.parameters) if p.name not in names]
         rest = self.without(names)
         if len(indices) == len(self.parameters):

@@ -218,9 +218,10 @@ def estimate_implicit(
 def linearise(
     error: LoopError, e: FloatArray, variance: FloatArray, deflection_variance: FloatArray
 ) -> tuple[ReducedEquations, FloatArray]:
-    """Return the loops' equations, linearised at corrections `e` (m, n), and their covariances (m, r, r).
+    """Return the loops' reduced equations, linearised at corrections `e` (m, n), and their covariances (m, r, r).
 
-    `variance` (m, n): diagonals of S. `deflection_variance` (6,): diagonal of S_f. The covariance is ``B S B' + F``.
+    `variance` (m, n): variance of each joint reading, the diagonals of S. `deflection_variance` (6,): variance of the
+    fixture's deflection, the diagonal of S_f. The covariance is ``B S B' + F`` (see the module).
     """
     reduced = reduced_equations(error)
     E, B = reduced.E, reduced.B
@@ -256,7 +257,10 @@ class _Block:
 
     @classmethod
     def of(cls, error: LoopError, e: FloatArray, variance: FloatArray, noise: NoiseModel) -> _Block:
-        """Return the equations of loops linearised at corrections e (m, n); `variance` (m, n): each reading's."""
+        """Return the whitened equations of loops with closure error `error`, linearised at corrections `e` (m, n).
+
+        `variance` (m, n): variance of each joint reading. `noise`: gives the variance of the fixture's deflection.
+        """
         deflection_variance = noise.deflection_variance
         system, V = linearise(error, e, variance, deflection_variance)
         whiten = whitener(V)

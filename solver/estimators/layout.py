@@ -141,7 +141,7 @@ class Layout:
     `width`: number of columns; the first `hard` of them belong to parameters without a prior, the others to effects.
     `column` (P,): column of each parameter. `index`: index of each component by name.
     `floors`, `ceilings`, `raise_limits`, `scaled` (K,): values of these fields of all `VarianceComponent`s.
-    `test_floors` (K,): smallest variances of noise that tests of single readings assume.
+    `test_floors` (K,): lower limits of the variances of noise for tests of single readings.
     `expected` (m, n): expected sum of play and sag, rad. `deflection` (k,): the fixture's stated deflection, rad, m.
     `loaded`: effects of load on the fixture; None if unknown or zero.
     """
@@ -395,7 +395,10 @@ class Layout:
         return np.array([c.start for c in self.components])
 
     def stated_variances(self) -> FloatArray:
-        """Return the variances (K,) as stated. Noise of deflection and of play has the whole stated variance."""
+        """Return the variances (K,) that the files state.
+
+        For the noise of deflection and of play, this is the whole stated variance, although a part of it repeats.
+        """
         return np.array([c.stated for c in self.components])
 
     def variances_by_name(self, named: Mapping[str, float]) -> FloatArray:
@@ -404,14 +407,21 @@ class Layout:
         return np.asarray(np.clip(v, self.floors, self.ceilings))
 
     def as_stated(self, v: FloatArray) -> FloatArray:
-        """Return `stated_variances` (K,); the fixture's placement keeps its variance in `v` (K,) if that is larger."""
+        """Return the variances (K,) that the files state, except perhaps that of the fixture's placement.
+
+        The placement has its variance in `v` (K,) if this is larger than the stated one.
+        """
         stated = self.stated_variances()
         if (k := self.index.get(PLACEMENT)) is not None:
             stated[k] = max(stated[k], v[k])
         return stated
 
     def group_variances(self, v: FloatArray) -> FloatArray:
-        """Return the variance (width - hard,) of each effect's coefficient for variance components `v` (K,)."""
+        """Return the variance of each effect's coefficient, (width - hard,), for variance components `v` (K,).
+
+        The shape means one value for each of the `width` columns except the first `hard`, which are those of parameters
+        without a prior.
+        """
         return np.asarray(self._fixed + self.variance_rates @ v)
 
 

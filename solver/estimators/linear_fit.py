@@ -37,7 +37,8 @@ class LinearFit:
     `change` (P,): fitted change of each parameter, rad or m: from its nominal value if it has a prior, otherwise from
     its value at the linearisation.
     `unit` (P,): factor from the coefficient of each parameter's column to the parameter's change, rad or m.
-    `b` (width - hard,): predicted coefficient of each effect, not scaled to unit variance.
+    `b` (width - hard,): predicted coefficient of each effect, not scaled to unit variance. Effects have all of the
+    `width` columns except the first `hard`, which are those of the parameters without a prior.
     `half` (width, width): upper triangular root of the inverse, ``H^-1 = half half'``.
     `chi2`: ``w' P w``, with the whitened misclosure w and the projector ``P = I - M H^-1 M'``.
     `dof`: number of equations minus number of parameters without a prior; the expectation of `chi2` if `v` is right.
@@ -134,7 +135,10 @@ class LinearFit:
         return gain, np.eye(part.w.shape[1]) - gain @ np.swapaxes(part.M, -1, -2)
 
     def _columns(self, G: FloatArray) -> Iterator[tuple[Whitened, FloatArray]]:
-        """Yield each of `parts`, and for its m poses the rows (m r, k) of the columns `G`, whitened like the part."""
+        """Yield the whitened equations of some poses at a time (`parts`), each with the columns `G` at these poses.
+
+        The columns (m r, k) are whitened too. They have a row for each of the r equations of each of the m poses.
+        """
         for part in self.parts():
             yield part, (part.L_inverse @ G[part.poses]).reshape(-1, G.shape[-1])
 
@@ -149,15 +153,16 @@ class LinearFit:
 
     @cached_property
     def stated(self) -> LinearFit:
-        """The linear fit at the same linearisation, but for the variances that the files state."""
+        """The linear fit at the same linearisation, with the variances that the files state (`Layout.as_stated`)."""
         return LinearFit(self.design, self.system, self.design.as_stated(self.v))
 
     @cached_property
     def at_known_noise(self) -> LinearFit:
-        """The linear fit at the same linearisation, but for the variances with which faults are tested.
+        """The linear fit at the same linearisation, with the variances at which faults are tested.
 
-        These are the stated variances. Noise has its estimated variance if that is smaller, so that tests of single
-        readings are more powerful. It never has a larger variance, so that a fault does not count as noise.
+        These are the stated variances (`Layout.as_stated`). But noise has its estimated variance if that is smaller
+        (at least `Layout.test_floors`), so that tests of single readings are more powerful. The variance of noise is
+        never larger than stated, so that a fault does not count as noise.
         """
         v = self.design.as_stated(self.v)
         noise = self.design.noise_components
@@ -282,7 +287,8 @@ class LinearFit:
         """Return the changes (m, P) of the parameters if each pose in turn is left out and the variances stay the same.
 
         No refit is needed. With the pose's rows M and residual e, coefficients change by
-        ``H^-1 M' (I - M H^-1 M')^-1 e`` (matrix inversion lemma), except in directions that only this pose determines.
+        ``H^-1 M' (I - M H^-1 M')^-1 e`` (matrix inversion lemma). The inverse is a pseudo-inverse, so there is no
+        change in directions that only this pose determines.
         """
         steps = []
         for part in self.parts():
@@ -295,8 +301,9 @@ class LinearFit:
     def pulls(self) -> FloatArray:
         """Predicted coefficient of each effect, divided by the standard deviation of the prediction.
 
-        Each of the ``width - hard`` effects has a pull. It is ~ N(0, 1) if the model is right, and 0 if the poses give
-        no information about the effect.
+        The shape is (width - hard,): one pull for each column except the first `hard`, which belong to parameters
+        without a prior. A pull is ~ N(0, 1) if the model is right, and 0 if the poses give no information about the
+        effect.
         """
         remaining = np.diagonal(self.H_inverse)[self.design.hard :]
         z = self.unit_b / np.sqrt(np.maximum(1.0 - remaining, 1e-12))
@@ -319,9 +326,9 @@ class LinearFit:
 def _held_out(N: FloatArray, residual: FloatArray) -> tuple[float, int]:
     """Return chi2 of R held-out equations, and its degrees of freedom.
 
-    With r = `residual` (R,), chi2 is ``r' V^-1 r``, and dof is the rank of V = I - N N'. N (R, K) are the rows of
-    `orthonormal` for these equations. If V is singular, its pseudo-inverse is used. Either V or the smaller I - N'N is
-    decomposed: apart from eigenvalues of 1, both have the same.
+    `N` (R, width): the rows of `orthonormal` for these equations. `residual` (R,): their residuals r.
+    With V = I - N N', chi2 is ``r' V^-1 r``. The degrees of freedom are the rank of V. If V is singular, its
+    pseudo-inverse is used. The smaller of N N' and N'N is decomposed; both have the same nonzero eigenvalues.
     """
     few = len(N) <= N.shape[1]
     if few and (chi2 := _square_in(np.eye(len(N)) - N @ N.T, residual)) is not None:

@@ -112,7 +112,7 @@ class LoadBasis:
     gravity: Gravity
 
     def deflection_at(self, poses: slice = slice(None)) -> FloatArray:
-        """Return the columns (m, k, c) of the deflection at a slice of the poses, in units of the stated one."""
+        """Return the columns (m, k, c) of the deflection at a slice of the poses, in units of its stated size."""
         return np.asarray(self.all_deflections[self.rows[poses]])
 
     def modelled_deflection(self, stated: FloatArray, poses: slice) -> FloatArray:
@@ -122,7 +122,10 @@ class LoadBasis:
         return np.asarray(scale[:, None] * self.deflection_at(poses))
 
     def missed_variance(self, stated: FloatArray, poses: slice) -> FloatArray:
-        """Return the variance (m, k), rad^2 and m^2, that the columns of `modelled_deflection` leave out."""
+        """Return the variance (m, k), rad^2 and m^2, of the deflection by load that `modelled_deflection` leaves out.
+
+        `stated` (k,): stated deflection, rad and m. `UNMODELLED_SHARE`, which no load explains, is not included.
+        """
         return np.asarray((1.0 - UNMODELLED_SHARE) * stated**2 * self.deflection_missed[poses])
 
     def at_poses(self, poses: IntArray) -> LoadBasis:
@@ -135,9 +138,9 @@ class LoadBasis:
 class Gravity:
     """Each joint's twist as a function of gravity's torque on the arm `part`, in units of the joint's stated sag.
 
-    tau (m, n, s) is from `ArmPoses.torques`: tau_j0 is the stated torque on joint j, the others are its errors.
+    tau (m, n, s) is from `ArmPoses.torques`. tau_j0 is the stated torque on joint j; the others are its errors.
     `rate` (n,): the expected twist of joint j is ``rate_j tau_j0``; 0 for a joint on which gravity has no lever arm.
-    `turn` (n, s, c): ``sum_s tau_js turn_jsc`` is what coefficient c adds, if it is 1, to joint j's expected twist.
+    `turn` (n, s, c): if coefficient c is 1, it adds ``sum_s tau_js turn_jsc`` to joint j's expected twist.
     `size` (n, s): rms deviation of joint j from its expected twist per N m of the torque tau_js.
     """
 
@@ -148,7 +151,10 @@ class Gravity:
 
     @classmethod
     def of(cls, part: ArmPoses, torque: FloatArray) -> Gravity:
-        """Return the function for which each joint's twist has rms 1 over the poses of `torque` (m, n, s), N m."""
+        """Return the twist as a function of the torque, scaled so that each joint's twist has rms 1 over m poses.
+
+        `torque` (m, n, s): gravity's torques at these poses, N m (see `ArmPoses.torques`).
+        """
         m, n, s = torque.shape
         cuts = pose_slices(m)
         rms = np.sqrt(sum(np.einsum("mns,mns->n", torque[cut], torque[cut]) for cut in cuts) / m)
@@ -314,7 +320,10 @@ def _load_deflection(
 
 
 def _pulled(part: ArmPoses, poses: IntArray | slice, W: FloatArray) -> FixtureLoads:
-    """Return the loads on both halves of the fixture; `W` (m, k, 4 n, d): weighted `_wrenches` times S."""
+    """Return the loads on both halves of the fixture at a selection of poses.
+
+    `W` (m, k, 4 n, d): result of `_wrenches`, multiplied by S and by a weight of each set of joints in position mode.
+    """
     axes = part.model.fixture_axes(part.x, part.q[poses], part.u[poses])
     share = np.array([1.0, TOOL_SIDE_COMPLIANCE]) / np.hypot(1.0, TOOL_SIDE_COMPLIANCE)
     halves = []
@@ -330,10 +339,11 @@ def _pulled(part: ArmPoses, poses: IntArray | slice, W: FloatArray) -> FixtureLo
 def wrench_of(
     J: FloatArray, E: FloatArray, torque: FloatArray, friction_m: float = FRICTION_M
 ) -> FloatArray:
-    """Return the fixture's wrench (..., k, c) that keeps f free joints at rest, for c cases of torque (..., f, c).
+    """Return the fixture's wrenches (..., k, c) that keep f free joints at rest, for c sets of torques (..., f, c).
 
-    `J` (..., k, f): columns of the closure Jacobian for the free joints. `E` (..., k, r): basis of wrenches that the
-    fixture can carry (``E' N = 0``). `friction_m`: friction torque of a free joint per force at the fixture, N m/N.
+    `J` (..., k, f): columns of the closure Jacobian for the free joints, with a row for each of k closure components.
+    `E` (..., k, r): basis of the r independent wrenches that the fixture can carry (``E' N = 0``).
+    `friction_m`: friction torque of a free joint per force at the fixture, N m/N.
     """
     K = np.swapaxes(E, -1, -2) @ J
     square = K @ np.swapaxes(K, -1, -2) + friction_m**2 * np.eye(K.shape[-2])
@@ -341,7 +351,10 @@ def wrench_of(
 
 
 def driven_sets(joints: int, equations: int) -> list[tuple[int, ...]]:
-    """Return up to `MOST_DRIVE_SETS` possible sets of the ``joints - equations`` joints (from 0) in position mode."""
+    """Return possible sets of joints in position mode, as indices from 0. There are at most `MOST_DRIVE_SETS` sets.
+
+    Each set has ``joints - equations`` joints, as many as the loop has degrees of freedom.
+    """
     every = list(combinations(range(joints), max(joints - equations, 0)))
     return [every[i] for i in evenly(len(every), MOST_DRIVE_SETS)]
 

@@ -148,7 +148,11 @@ def _iterate(
     *,
     derivatives: Derivatives | None = None,
 ) -> MixedFit:
-    """Iterate to convergence. If given, `variances` (K,) stay fixed, and `derivatives` are passed on to the result."""
+    """Return the fit of `design`, iterated from `x0` (P,) until it converges, or at most `MIXED_ITERATIONS` times.
+
+    `variances` (K,): fixed variances; None to estimate them. `near`: see `fit_mixed`.
+    `derivatives`: the `final_derivatives` of the result if the variances are fixed.
+    """
     v = design.start_variances() if variances is None else variances
     free = variances is None and len(v) > 0
     settled = SETTLED_BESIDE_VARIANCES_SIGMA if free else SETTLED_SIGMA
@@ -237,7 +241,11 @@ def gravity_share(fit: LinearFit) -> float:
 
 
 def _start(design: LinearModel, x0: FloatArray, v: FloatArray, near: FitStart | None) -> State:
-    """Return the first state, at `x0`; without `near`, no corrections, and unsensed angles that close loops best."""
+    """Return the state at parameters `x0` (P,) from which the iteration starts.
+
+    Joint corrections and unsensed angles are those of `near`. If it is None, corrections are 0, and the unsensed angles
+    are those that close the loops best, with the noise at variances `v` (K,).
+    """
     x, q = np.array(x0, dtype=float), design.q
     if near is not None:
         e, u = near.corrections, near.unsensed
@@ -252,7 +260,11 @@ def _start(design: LinearModel, x0: FloatArray, v: FloatArray, near: FitStart | 
 
 
 def _advance(design: LinearModel, at: Linearisation, fit: LinearFit) -> tuple[State, float, float]:
-    """Return the next state, the largest change of a parameter, and this change's error, both in standard errors."""
+    """Return the next state, the largest change of a parameter, and the error that remains after this change.
+
+    The change and the error are in standard errors of the parameter. If the step is not finite, both are nan and the
+    state is the old one.
+    """
     old = at.state
     x = np.where(design.soft, design.nominal, old.x) + fit.change
     dx = x - old.x

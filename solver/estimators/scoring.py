@@ -63,7 +63,8 @@ class Derivatives:
     """Derivatives of the log-likelihood with respect to the K variance components.
 
     `score` (K,): gradient. `information`, `curvature` (K, K): expected and observed negative second derivative.
-    `expected` (K,): twice the gradient is a quadratic form of the residuals minus the form's expectation, `expected`.
+    `expected` (K,): expectation of a quadratic form of the residuals. Twice the gradient of the likelihood is this form
+    minus its expectation.
     """
 
     score: FloatArray
@@ -150,10 +151,11 @@ def with_priors(fit: LinearFit) -> Derivatives:
 def _scale_prior(design: Layout, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Differentiate the energy (minus the log density) of the prior of the scales' logarithms `t` (K,).
 
-    Returns the gradient (K,), and the second derivative as a positive definite matrix (K, K) plus a diagonal (K,). The
-    energy is ``(sum t^2 / own - sum_groups shared (sum g)^2) / (2 SCALE_SD^2)`` with ``g = L tanh(t / L)`` and L =
-    `LARGEST_COMMON`. For small t, own and shared make this a normal prior with `SCALE_SD` and, in a group,
-    `SCALE_CORRELATION`.
+    Returns the gradient (K,), and the second derivative as a positive semidefinite matrix (K, K) plus a diagonal (K,).
+    With ``g = L tanh(t / L)`` and L = `LARGEST_COMMON`, the energy is
+    ``(sum t^2 / own - sum_groups shared (sum g)^2) / (2 SCALE_SD^2)``. Each scale has a constant `own`, and each group
+    a constant `shared`. For small t, these constants make the prior normal, with the standard deviation `SCALE_SD` and,
+    within a group, the correlation `SCALE_CORRELATION`.
     """
     scaled, groups = design.scaled.astype(float), _scale_groups(design)
     own = 1.0 - SCALE_CORRELATION * groups.sum(axis=0)
@@ -279,7 +281,8 @@ class VarianceSearch:
     If a variance leaves its floor, the curvature changes quickly, and plain steps may oscillate forever. The slope at a
     step's end, which is calculated anyway, locates the maximum along the step; the next iteration starts there.
 
-    `fast`: whether steps shrink so fast that further steps are negligible; as given to `__init__` until two are known.
+    `fast`: whether steps shrink so fast that further steps are negligible. Until two steps are known, this is the value
+    given to `__init__`.
     `slope_left`: expected slope (see `ScoringStep`) of the step from the variances that `next_variances` returned last.
     """
 

@@ -59,7 +59,7 @@ class PoseProcess:
     variance: FloatArray
 
     def leading(self, columns: int) -> PoseBasis:
-        """Return the `columns` orthogonal columns that have the largest variance."""
+        """Return a basis of orthogonal columns, those of the largest variance. `columns`: number of columns."""
         phi = self.values @ self.turn[:, :columns]
         return PoseBasis(phi=phi, missed=np.maximum(self.variance - (phi**2).sum(-1), 0.0))
 
@@ -100,7 +100,7 @@ class Shapes:
     """An effect that repeats at the same pose: the play, or the sag, of d of the n joints.
 
     `joints` (d,): indices, from 0, of the d joints. `expected` (m, n): expected value of play or sag, rad.
-    `columns` (m, d, c): c columns for each joint: what a coefficient of 1 adds to the expected value, rad.
+    `columns` (m, d, c), rad: c columns for each of these joints. A coefficient of 1 adds its column to `expected`.
     `missed` (m, n): part of the variance that the columns leave out, rad^2.
     """
 
@@ -113,7 +113,10 @@ class Shapes:
     def of(
         cls, sd_rad: FloatArray, columns: FloatArray, missed: FloatArray, expected: FloatArray
     ) -> Shapes:
-        """Return the effect. `columns` (m, n, c), `expected`: in units of `sd_rad` (n,); `missed`: in ``sd_rad**2``."""
+        """Return the effect for the joints whose standard deviation of play or sag, `sd_rad` (n,), is not 0.
+
+        `columns` (m, n, c) and `expected` (m, n) are in units of `sd_rad`. `missed` (m, n) is in units of its square.
+        """
         joints = np.flatnonzero(sd_rad)
         return cls(
             joints=joints,

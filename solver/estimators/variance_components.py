@@ -240,7 +240,10 @@ def _first(
 
 
 def noise_left(fitted: MixedFit, back: IntArray) -> NoiseModel:
-    """Return the noise that a fit estimates (`VarianceComponents.noise`); `back` (m,) restores the caller's order."""
+    """Return the noise that a fit has estimated, with the poses in the caller's order (see `VarianceComponents.noise`).
+
+    `back` (m,): index in the fit of each of the caller's poses.
+    """
     design, v = fitted.fit.design, fitted.fit.v
     joints, fixture = np.split(design.noise_variance(v), [design.model.joint_count], axis=1)
     deflection_variance = np.zeros(6)

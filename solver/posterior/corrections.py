@@ -4,9 +4,10 @@ True angle = reading + theta_off + the sum of a joint's corrections, each a func
 
     harmonic   c1 sin q_j + c2 cos q_j + c3 sin 2 q_j + c4 cos 2 q_j        encoder, once and twice a turn
     linearity  sum_k c_k x^k,  x = (q_j - middle) / half, |x| <= 1.2        RVDT, gain and linearity deviation
-    gravity    tau_j of `solver.chain.statics`, c for mass, first moment    twist of joint j under load
+    gravity    tau_j(q; c) of `solver.chain.statics`                        twist of joint j under load
     offset     c1                                                           mean displacement due to play
 
+In the torque tau_j, the coefficients c take the place of the masses and first moments of the links.
 `sarcal help corrections` shows a function in plain Python that applies the corrections. `JointCorrections` has the
 coefficients and their covariance. The fixture's deflection is not included, because it depends on the mounting.
 """
@@ -134,7 +135,10 @@ def corrections_of(joints: JointCorrections, readings: CorrectionShapes) -> Corr
 def _play(
     joints: JointCorrections, readings: CorrectionShapes, columns: slice
 ) -> Iterator[ReadingCorrection]:
-    """Yield a constant for each column of play, its mean over `readings`; a joint's first includes expected play."""
+    """Yield a constant correction for each of the `columns` of play: the mean over `readings`.
+
+    The first correction of each joint also includes the joint's expected play.
+    """
     mean = (readings.shapes[:, columns] * joints.coefficients[columns]).mean(axis=0)
     for k, j in enumerate(joints.joint_of[columns]):
         size = float(mean[k])
@@ -146,7 +150,10 @@ def _play(
 
 
 def _gravity(sagging: Mapping[int, FloatArray], masses: LinkMasses) -> Iterator[ReadingCorrection]:
-    """Yield the corrections for gravity; `sagging`: each joint's twist (s,), rad per N m of the `ArmPoses.torques`."""
+    """Yield the corrections of each joint for gravity: one for the stated direction, and one for each tilt of the base.
+
+    `sagging`: twist (s,) of each joint (1-based), rad per N m of each of the s torques from `ArmPoses.torques`.
+    """
     n, stated, sd = len(masses.mass_kg), masses.moments, masses.moments_sd
     downs = [tuple(down) for down in (masses.down.tolist(), *masses.tilted.tolist())]
     for joint, shapes in sagging.items():

@@ -23,7 +23,8 @@ def sanitized(text: str, *, keep: str = "") -> str:
     """
     if text.isprintable():
         return text
-    return "".join(c if c in keep or _is_shown(c) else MARK for c in text)
+    kept = {c for c in text if c in keep or c.isprintable() or unicodedata.category(c) == "Zs"}
+    return "".join(c if c in kept else MARK for c in text)
 
 
 def lines(texts: Iterable[str]) -> str:
@@ -42,15 +43,18 @@ def say(text: str = "", *, err: bool = False, streaming: bool = False) -> None:
     A failed write to stderr and a closed pipe are ignored, since exit code and files hold the result; if `streaming`, a
     closed pipe raises `BrokenPipeError`. Raises `OSError` if stdout cannot be written, e.g. to a full disk.
     """
+    stream = sys.stderr if err else sys.stdout
+    encoding = stream.encoding or "utf-8"
+    shown = sanitized(f"{text}\n", keep="\n").encode(encoding, "replace").decode(encoding)
     if err:
         try:
-            sys.stderr.write(_shown(text, sys.stderr.encoding or "utf-8"))
+            sys.stderr.write(shown)
             sys.stderr.flush()
         except OSError:
             silence(sys.stderr)
         return
     try:
-        sys.stdout.write(_shown(text, sys.stdout.encoding or "utf-8"))
+        sys.stdout.write(shown)
     except BrokenPipeError:
         silence(sys.stdout)
         if streaming:
@@ -70,11 +74,3 @@ def open_closed_streams() -> None:
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
             setattr(sys, name, Path(os.devnull).open(mode, encoding="utf-8"))  # noqa: SIM115
-
-
-def _shown(text: str, encoding: str) -> str:
-    return sanitized(f"{text}\n", keep="\n").encode(encoding, "replace").decode(encoding)
-
-
-def _is_shown(c: str) -> bool:
-    return c.isprintable() or unicodedata.category(c) == "Zs"

@@ -1,6 +1,7 @@
 """`sarcal check`: lists all problems of files; if there are none, states whether a calibration can succeed."""
 
 import argparse
+from itertools import product
 
 from operator_app.calibration.experiment import Experiment
 from operator_app.commands.table import FILE_ARGUMENTS
@@ -69,12 +70,10 @@ def _read(kind: AnyKind | None, name: str) -> Resource:
 
 def _chains(files: FilesRead) -> tuple[feasibility.Chain, ...]:
     """Assess each procedure's arm and fixture or, if no procedure is given, every arm with every fixture."""
-    procedures = [p.content for p in files.of("procedure") if isinstance(p.content, Procedure)]
-    if procedures:
+    if procedures := files.of(Procedure):
         return tuple(_chain(files, p.arm, p.fixture, p) for p in procedures)
-    arms = [f.content for f in files.of("arm") if isinstance(f.content, ArmModel)]
-    fixtures = [f.content for f in files.of("fixture") if isinstance(f.content, FixtureSpec)]
-    return tuple(_chain(files, arm, fixture) for arm in arms for fixture in fixtures)
+    pairs = product(files.of(ArmModel), files.of(FixtureSpec))
+    return tuple(_chain(files, arm, fixture) for arm, fixture in pairs)
 
 
 def _chain(
@@ -84,8 +83,8 @@ def _chain(
     unsensed = () if procedure is None else procedure.unsensed_joints
     identified: list[tuple[str, Identifiability]] = []
     unfit: list[tuple[str, str]] = []
-    for entry in files.of("poses"):
-        file, loaded = entry.source.file, entry.content
+    for read in files.files:
+        file, loaded = read.source.file, read.content
         if not isinstance(loaded, LoadedPoses) or loaded.poses.q_rad.shape[1] != arm.joint_count:
             continue
         experiment = Experiment(

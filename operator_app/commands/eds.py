@@ -3,6 +3,7 @@
 import argparse
 
 from hardware.eds import EDS_FILES
+from operator_app.commands.options import make_folder
 from operator_app.config.atomic import write_atomically
 from operator_app.config.resources import exists
 from operator_app.exit_codes import ExitCode, UsageError
@@ -15,12 +16,7 @@ def execute(args: argparse.Namespace) -> int:
     for target, data in sheets.items():
         if exists(target) and (not target.is_file() or target.read_bytes() != data):
             raise UsageError(f"{target} exists and differs; name another folder with -o")
-    try:
-        args.output.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise UsageError(
-            f"-o: {args.output} cannot be created ({error.strerror}): name another folder"
-        ) from error
+    make_folder("-o", args.output)
     for target, data in sheets.items():
         write_atomically(target, data)
         say(f"EDS         {target}")

@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from operator_app.commands.options import make_folder
 from operator_app.commands.table import APP, COMMANDS, parser_of
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.manual.pages import SECTIONS, Manual, NoSuchTopicError, files_on, made_by_code
@@ -61,12 +62,7 @@ def _write_files(pages: Manual, topic: str | None, folder: Path) -> int:
     existing = [name for name in shown if exists(folder / name)]
     if existing:
         raise UsageError(f"--files: {folder / existing[0]} exists already; name another folder")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise UsageError(
-            f"--files: {folder} cannot be created ({error.strerror}): name another folder"
-        ) from error
+    make_folder("--files", folder)
     for name, text in shown.items():
         write_atomically(folder / name, text.encode())
         say(f"{folder / name}")

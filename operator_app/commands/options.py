@@ -258,6 +258,16 @@ def tolerance_m(args: argparse.Namespace) -> float | None:
     return None if args.length_tolerance is None else args.length_tolerance / 1e3
 
 
+def make_folder(option: str, folder: Path) -> None:
+    """Create the folder that `option` names, unless it exists; raises UsageError if it cannot be created."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UsageError(
+            f"{option}: {folder} cannot be created ({error.strerror}): name another folder"
+        ) from error
+
+
 def unsensed_joints(args: argparse.Namespace, joint_count: int) -> tuple[int, ...] | None:
     """Return the joints that ``--unsensed`` lists, None without it; raises UsageError for a joint the arm lacks."""
     joints: tuple[int, ...] | None = args.unsensed

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import yaml
 from pydantic import TypeAdapter
@@ -95,6 +95,7 @@ def save_with_schema(target: Path, data: bytes, kind: FileKind) -> None:
 AnyKind = FileKind | Literal["poses"]
 SCHEMA_LINE = re.compile(r"^schema\s*:\s*[\"']?sarcal/([a-z]+)/", re.MULTILINE)
 
+C = TypeVar("C")
 FileContent = ArmModel | FixtureSpec | Procedure | BusProfile | ParametersDocument | LoadedPoses
 
 
@@ -114,9 +115,9 @@ class FilesRead:
     files: tuple[FileRead, ...]
     problems: tuple[Problem, ...]
 
-    def of(self, kind: AnyKind) -> tuple[FileRead, ...]:
-        """Return the files of one kind."""
-        return tuple(read for read in self.files if read.kind == kind)
+    def of(self, kind: type[C]) -> list[C]:
+        """Return the contents that are of one type."""
+        return [read.content for read in self.files if isinstance(read.content, kind)]
 
 
 def kind_of(source: Resource) -> AnyKind | None:

@@ -44,14 +44,14 @@ def problems_text(problems: Sequence[Problem]) -> str:
 def check_text(files: FilesRead, chains: Sequence[Chain]) -> str:
     """Return text on each file and each arm, and predicted results of calibrating each arm in its fixture."""
     arms = {chain.arm.name: chain.arm for chain in chains}
-    arms |= {f.content.name: f.content for f in files.of("arm") if isinstance(f.content, ArmModel)}
+    arms |= {arm.name: arm for arm in files.of(ArmModel)}
     listed = aligned([[read.source.file, _file_text(read)] for read in files.files], left=True)
     doubts = [f"{f.source.file}: {w.text}" for f in files.files for w in _warnings(f)]
     blocks = [
         "\n".join([f"No problems were found in the files.\n{listed}", *map(warning, doubts)]),
         *map(_arm, arms.values()),
         *map(_chain, chains),
-        *([paragraph(FORECAST_NOTE)] if files.of("poses") and not chains else []),
+        *([paragraph(FORECAST_NOTE)] if files.of(LoadedPoses) and not chains else []),
         paragraph(UNITS_NOTE),
     ]
     return "\n\n".join(blocks)

@@ -38,12 +38,7 @@ def execute(args: argparse.Namespace) -> int:
     except UnidentifiableError as error:
         unidentifiable = error
     subject = subject_of_session(
-        folder.resolve().name,
-        contents.events,
-        procedure,
-        calibration,
-        torn=contents.torn,
-        unidentifiable=unidentifiable,
+        folder, contents, procedure, calibration, unidentifiable=unidentifiable
     )
     solution, facts = subject.solution, subject.facts
     if not (args.json or args.text or args.plots):

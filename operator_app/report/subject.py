@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from importlib.metadata import version
@@ -15,10 +14,12 @@ from operator_app.report.facts import Facts, facts_of
 from operator_app.session.store.replay import replay
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from operator_app.calibration.cross_validation import Checks
     from operator_app.calibration.result import Solution
     from operator_app.config.procedure import Procedure
-    from operator_app.session.store.journal_format import JournalEvent
+    from operator_app.session.store.journal_format import JournalContents
     from operator_app.session.store.state import CapturedPose, SessionState
     from operator_app.session.store.stored_calibration import StoredCalibration
     from operator_app.session.ui.snapshot import SessionSnapshot
@@ -130,22 +131,22 @@ class Subject:
 
 
 def subject_of_session(
-    name: str,
-    events: Sequence[JournalEvent],
+    folder: Path,
+    contents: JournalContents,
     procedure: Procedure,
     calibration: StoredCalibration | None,
     *,
-    torn: str = "",
     unidentifiable: UnidentifiableError | None = None,
 ) -> Subject:
-    """Return the subject of a session, from its name, the events of its journal, its procedure and its calibration.
+    """Return the subject of a session, from its folder, the contents of its journal, its procedure and calibration.
 
     If the poses leave parameters undetermined, `calibration` is None and `unidentifiable` is the error that names them.
     """
+    events = contents.events
     connected = (event for event in events if event.name == "connected")
     nodes = [node for event in connected for node in event.data.get("nodes", ())]
     return Subject(
-        name=name,
+        name=folder.resolve().name,
         procedure=procedure,
         state=replay(events),
         solution=None if calibration is None else calibration.solution,
@@ -154,7 +155,7 @@ def subject_of_session(
         recalculated_because="" if calibration is None else calibration.recalculated_because,
         last_utc=events[-1].utc,
         events=len(events),
-        torn=torn,
+        torn=contents.torn,
         simulated=any("virtual" in str(node.get("device_name", "")) for node in nodes),
     )
 

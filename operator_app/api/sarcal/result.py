@@ -273,9 +273,7 @@ class Result:
         calibration = StoredCalibration(
             solution=self._solution, checks=self._checks, recalculated_because=""
         )
-        subject = subject_of_session(
-            where.resolve().name, read_journal(where).events, session.procedure, calibration
-        )
+        subject = subject_of_session(where, read_journal(where), session.procedure, calibration)
         write_atomically(where / REPORT_NAME, report_html(subject))
         return where
 

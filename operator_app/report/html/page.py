@@ -99,10 +99,7 @@ def write_report(session: Session) -> Path:
     if not isinstance(calibration, StoredCalibration):
         raise GuardError("There is no calibration of these poses", "Calibrate first (step 5)")
     folder = session.journal.path.parent
-    contents = read_journal(folder)
-    subject = subject_of_session(
-        folder.resolve().name, contents.events, session.procedure, calibration, torn=contents.torn
-    )
+    subject = subject_of_session(folder, read_journal(folder), session.procedure, calibration)
     write_atomically(folder / REPORT_NAME, report_html(subject))
     return folder / REPORT_NAME
 

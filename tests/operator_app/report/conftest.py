@@ -3,6 +3,7 @@
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -10,7 +11,7 @@ import pytest
 from operator_app.commands.run import run
 from operator_app.report.html.page import report_html
 from operator_app.report.subject import Subject, subject_of_session
-from operator_app.session.store.journal import JournalEvent, read_journal
+from operator_app.session.store.journal import JournalContents, JournalEvent, read_journal
 from operator_app.session.store.replay import replay
 from operator_app.session.store.stored_calibration import session_calibration, with_checks
 from operator_app.session.workflow.listener import Listener
@@ -24,7 +25,9 @@ def report_subject(events: Sequence[JournalEvent], **options: Any) -> Subject:
     """Subject of the report of a journal, as in `sarcal report`."""
     state, procedure = replay(events), short_procedure(16, "datasheet")
     checked = with_checks(session_calibration(state, procedure, **options), state, procedure)
-    return subject_of_session("session", events, procedure, checked)
+    return subject_of_session(
+        Path("session"), JournalContents(events=tuple(events)), procedure, checked
+    )
 
 
 def number(words: str) -> float:

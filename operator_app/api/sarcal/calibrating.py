@@ -1,6 +1,6 @@
 """`calibrate` and `load_result` return a calibration; `verify` tests one with new poses, `compare` compares two."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from os import PathLike, fspath
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -24,7 +24,7 @@ from solver.diagnostics.limits import DRIFT_FALSE_ALARM_PROBABILITY
 from .calls import WholeNumbers, joints, number, one_blas_thread, one_of, shown, tolerance_m
 from .machines import Arm, Fixture, load_arm, load_fixture
 from .poses import Poses, load_poses
-from .result import Journalled, Result
+from .result import Result
 
 Estimator = Literal["implicit", "paper"]
 SESSIONS = Path("sessions")
@@ -171,7 +171,7 @@ def load_result(session: str | PathLike[str]) -> Result:
         poses=Poses(str(opening.folder), state.pose_set()),
         solution=calibration.solution,
         checks=calibration.checks,
-        origin=Journalled(folder=opening.folder, state=state, procedure=procedure),
+        origin=replace(opening, procedure=procedure),
     )
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.arrays import FloatArray
+from solver.chain.arm_model import ArmModel
 
 WholeNumbers = Sequence[int] | NDArray[np.integer[Any]]
 """Whole numbers, such as joint numbers: a sequence or an array."""
@@ -121,16 +122,17 @@ def one_of(name: str, value: Any, choices: tuple[str, ...]) -> None:
         raise ValueError(f"{name}={shown(value)}: give {' or '.join(map(repr, choices))}")
 
 
-def readings_rad(name: str, value: Any, lower_rad: FloatArray, upper_rad: FloatArray) -> FloatArray:
+def readings_rad(q_rad: Any, arm: ArmModel) -> FloatArray:
     """Return sensor readings (n,) or (m, n), rad; refuse readings more than a turn beyond the joint ranges."""
-    readings, n = numbers(name, value), len(lower_rad)
-    if readings.ndim == 0 or readings.shape[-1] != n:
-        raise ValueError(f"{name} has shape {readings.shape}: {required_shape(readings.shape, n)}")
+    readings, lower_rad, upper_rad = numbers("q_rad", q_rad), arm.lower_rad, arm.upper_rad
+    if readings.ndim == 0 or readings.shape[-1] != arm.joint_count:
+        shape = required_shape(readings.shape, arm.joint_count)
+        raise ValueError(f"q_rad has shape {readings.shape}: {shape}")
     far = np.argwhere((readings < lower_rad - math.tau) | (readings > upper_rad + math.tau))
     if len(far):
         q, joint = readings[tuple(far[0])], int(far[0][-1])
         raise ValueError(
-            f"{name} contains {q:g} rad for joint {joint + 1}, whose range is {lower_rad[joint]:.3g} to "
+            f"q_rad contains {q:g} rad for joint {joint + 1}, whose range is {lower_rad[joint]:.3g} to "
             f"{upper_rad[joint]:.3g} rad: convert degrees to radians with np.deg2rad"
         )
     return readings

@@ -70,8 +70,7 @@ class Arm:
         For readings (n,) or (m, n), rad, returns T_base_flange (4, 4) or (m, 4, 4), lengths in m. Raises TypeError or
         ValueError for readings that are not valid for this arm. For the calibrated pose, see `Result.fk`.
         """
-        q = readings_rad("q_rad", q_rad, self.lower_rad, self.upper_rad)
-        return T_base_flange(self._model.table, q)
+        return T_base_flange(self._model.table, readings_rad(q_rad, self._model))
 
     def __repr__(self) -> str:
         return f"<sarcal.Arm {self.name}: {self.joint_count} joints>"

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from copy import deepcopy
-from dataclasses import dataclass
 from datetime import datetime
 from functools import cached_property
 from os import PathLike, fspath
@@ -19,7 +18,6 @@ from operator_app.calibration.result import Solution
 from operator_app.config.atomic import write_atomically
 from operator_app.config.parameters_file import ParametersDocument, save_parameters
 from operator_app.config.poses_file import save_poses
-from operator_app.config.procedure import Procedure
 from operator_app.config.resources import DESCRIPTION_LIMIT_BYTES, read_limited
 from operator_app.errors import SessionError
 from operator_app.report.exports import EXPORT_FILES, Calibration, in_format, into_description
@@ -33,9 +31,9 @@ from operator_app.report.text import facts_text
 from operator_app.session.store.folders import PARAMETERS_NAME, POSES_NAME
 from operator_app.session.store.journal import read_journal, utc_now
 from operator_app.session.store.parameters_document import export_reason, parameters_document
-from operator_app.session.store.state import SessionState
 from operator_app.session.store.stored_calibration import StoredCalibration
 from operator_app.session.workflow.importing import CalibrationOptions, ImportedSession
+from operator_app.session.workflow.opening import Opening
 from solver.arrays import FloatArray
 from solver.diagnostics.statistics import intervals
 
@@ -46,15 +44,6 @@ from .tables import Table, with_units
 
 YAML = ("yaml", "yml")
 """File name endings of a parameters file."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Journalled:
-    """Origin of a `Result` that was read from a session: the folder, state and procedure of this session."""
-
-    folder: Path
-    state: SessionState
-    procedure: Procedure
 
 
 class Result:
@@ -81,7 +70,7 @@ class Result:
 
     def __init__(
         self, *, arm: Arm, fixture: Fixture, poses: Poses, solution: Solution, checks: Checks | None,
-        origin: CalibrationOptions | Journalled,
+        origin: CalibrationOptions | Opening,
     ) -> None:  # fmt: skip
         self.arm = arm
         self.fixture = fixture
@@ -206,7 +195,8 @@ class Result:
             The readings are not valid for this arm, or there is no such frame.
         """
         one_of("frame", frame, get_args(Frame))
-        return self._calibrated_arm.T_base(self._readings(q_rad), frame, corrected=corrections)
+        q = readings_rad(q_rad, self.arm._model)
+        return self._calibrated_arm.T_base(q, frame, corrected=corrections)
 
     def tip_sigma(self, q_rad: ArrayLike) -> FloatArray:
         """Return the standard deviation of the tip position from `fk`, m: the root of the summed variances of x, y, z.
@@ -223,7 +213,7 @@ class Result:
         -------
         () or (m,), m.
         """
-        q = self._readings(q_rad)
+        q = readings_rad(q_rad, self.arm._model)
         if not q.size:
             return np.zeros(q.shape[:-1])
         _, sigma_m = self._calibrated_arm.tip_with_sigma_m(q.reshape(-1, q.shape[-1]))
@@ -253,7 +243,7 @@ class Result:
         SessionError, WriteError
             The folder cannot be written, its session must not be replaced, or this result was read from a session.
         """
-        if isinstance(self._origin, Journalled):
+        if isinstance(self._origin, Opening):
             raise SessionError(
                 f"this result was read from the session {self._origin.folder}",
                 "copy that folder, or write single files with export",
@@ -269,7 +259,8 @@ class Result:
         save_poses(where / POSES_NAME, session.state.pose_set())
         has_table = self._solution.model.dh_table(self._solution.estimate.x) is not None
         if self.accepted and has_table:
-            save_parameters(where / PARAMETERS_NAME, self._document(session=session))
+            document = parameters_document(self._solution, session.state, session.procedure)
+            save_parameters(where / PARAMETERS_NAME, document)
         calibration = StoredCalibration(
             solution=self._solution, checks=self._checks, recalculated_because=""
         )
@@ -360,10 +351,10 @@ class Result:
         )
 
     @cached_property
-    def _state_source(self) -> Journalled | ImportedSession:
+    def _state_source(self) -> Opening | ImportedSession:
         """The session from which the result was read, or else the session that `save` would write."""
         origin = self._origin
-        return origin if isinstance(origin, Journalled) else self._session(origin)
+        return origin if isinstance(origin, Opening) else self._session(origin)
 
     def _time_of_calibration(self) -> datetime:
         return self._made_utc
@@ -381,14 +372,9 @@ class Result:
         made.add(self._solution, self._checks)
         return made
 
-    def _document(
-        self, *, session: ImportedSession | None = None, forced: str = ""
-    ) -> ParametersDocument:
-        source = self._state_source if session is None else session
+    def _document(self, *, forced: str = "") -> ParametersDocument:
+        source = self._state_source
         return parameters_document(self._solution, source.state, source.procedure, forced=forced)
-
-    def _readings(self, q_rad: ArrayLike) -> FloatArray:
-        return readings_rad("q_rad", q_rad, self.arm.lower_rad, self.arm.upper_rad)
 
     def _by_name(self, values: FloatArray) -> Mapping[str, float]:
         return with_units(self._solution.identified.parameters, values.tolist())

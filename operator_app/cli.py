@@ -183,13 +183,7 @@ class _CommandParser(_Parser):
 class _Version(argparse.Action):
     """Action of ``--version``, which imports `importlib.metadata` only when called, because that import is slow."""
 
-    def __call__(
-        self,
-        parser: argparse.ArgumentParser,
-        namespace: argparse.Namespace,
-        values: object,
-        option_string: str | None = None,
-    ) -> None:
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any, **__: Any) -> None:
         from importlib.metadata import version
 
         say(f"sarcal {version('sarcal')}")

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -44,7 +44,7 @@ class JointRecording:
     q_rad: FloatArray
     joints: tuple[str, ...]
     source: str
-    left_out: int
+    left_out: int = 0
     endpoint: FloatArray | None = None
 
 
@@ -101,12 +101,16 @@ def load_timed_log(
     latest = float(np.max(np.abs(time_s), initial=0.0, where=np.isfinite(time_s)))
     per_s = next(per for least, per in PER_SECOND if latest >= least)
     source = f"lines (times: {header[by] if header else f'column {by + 1}'})"
-    q_rad = q if used == "rad" else np.deg2rad(q)
     measurements, numbers = table[:, 1 + len(where) :], [line for line, _ in lines]
-    endpoint = endpoints_of(measured, measurements, file, numbers) if measured else None
-    return recording_of(
-        time_s / per_s, q_rad, joints=order, file=file, source=source, endpoint=endpoint
+    recorded = JointRecording(
+        file=file,
+        time_s=time_s / per_s,
+        q_rad=q if used == "rad" else np.deg2rad(q),
+        joints=order,
+        source=source,
+        endpoint=endpoints_of(measured, measurements, file, numbers) if measured else None,
     )
+    return complete_samples(recorded)
 
 
 def endpoints_at_rest(recording: JointRecording, dwells: Sequence[Dwell]) -> FloatArray | None:
@@ -146,37 +150,29 @@ def _number(cell: str) -> float:
         raise BadCell(f"{shortened(cell)!r} is not a number", "correct the cell") from error
 
 
-def recording_of(
-    time_s: FloatArray,
-    q_rad: FloatArray,
-    *,
-    joints: tuple[str, ...],
-    file: str,
-    source: str,
-    endpoint: FloatArray | None = None,
-) -> JointRecording:
+def complete_samples(recorded: JointRecording) -> JointRecording:
     """Return the complete samples in order of time; of several with the same time, only the first is kept.
 
     Raises ConfigError if no complete sample remains, or if an angle exceeds `LARGEST_ANGLE_RAD`.
     """
+    time_s, q_rad, joints = recorded.time_s, recorded.q_rad, recorded.joints
     complete = np.flatnonzero(np.isfinite(time_s) & np.all(np.isfinite(q_rad), axis=1))
     if not len(complete):
         text = f"no sample has an angle of every joint ({', '.join(joints)})"
-        raise only(file, text, "record all joints at once")
+        raise only(recorded.file, text, "record all joints at once")
     rising, first = np.unique(time_s[complete], return_index=True)
-    q_rising = q_rad[complete][first]
-    joint = int(np.argmax(np.abs(q_rising).max(axis=0)))
-    if (largest := float(np.abs(q_rising[:, joint]).max())) > LARGEST_ANGLE_RAD:
+    kept = complete[first]
+    joint = int(np.argmax(np.abs(q_rad[kept]).max(axis=0)))
+    if (largest := float(np.abs(q_rad[kept, joint]).max())) > LARGEST_ANGLE_RAD:
         text = f"{joints[joint]} reaches {np.rad2deg(largest):.4g} deg"
-        raise only(file, text, "degrees where radians belong, or not a revolute joint?")
-    return JointRecording(
-        file=file,
+        remedy = "degrees where radians belong, or not a revolute joint?"
+        raise only(recorded.file, text, remedy)
+    return replace(
+        recorded,
         time_s=rising,
-        q_rad=q_rising,
-        joints=joints,
-        source=source,
-        left_out=len(time_s) - len(rising),
-        endpoint=None if endpoint is None else endpoint[complete][first],
+        q_rad=q_rad[kept],
+        left_out=len(time_s) - len(kept),
+        endpoint=None if recorded.endpoint is None else recorded.endpoint[kept],
     )
 
 
@@ -266,7 +262,9 @@ def load_bag(
     # Doubles hold times since 1970 to 0.24 us.
     time_s = np.array([(stamp_ns if stamped else log_ns) / 1e9 for stamp_ns, log_ns, _ in own])
     q_rad = np.array([[at.get(name, np.nan) for name in order] for _, _, at in own])
-    return recording_of(time_s, q_rad, joints=order, file=file, source=f"messages of {chosen}")
+    source = f"messages of {chosen}"
+    recorded = JointRecording(file=file, time_s=time_s, q_rad=q_rad, joints=order, source=source)
+    return complete_samples(recorded)
 
 
 def _topic(topics: list[str], option: str, file: str) -> str:

@@ -55,13 +55,12 @@ class UrdfJoint:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UrdfStep:
-    """One joint element of the file: its pose `T` (4, 4), m, in link `parent`; `joint`: None for a fixed joint.
+    """One joint element of the file: its pose `T` (4, 4), m, in its parent link; `joint`: None for a fixed joint.
 
     `rounded`: exact value, deg, of each angle that the file rounds by more than `REPORTED_RAD`; keys: text in the file.
     """
 
     name: str
-    parent: str
     T: FloatArray
     joint: UrdfJoint | None
     rounded: Mapping[str, float]
@@ -170,7 +169,7 @@ class UrdfTree:
         table, frames = rows_of(axes, T)
         return UrdfChain(
             name=self.name,
-            base=steps[0].parent,
+            base=before[first],
             tip=tip,
             steps=steps,
             joints=joints,
@@ -329,7 +328,7 @@ def _step(element: ET.Element, file: str) -> UrdfStep:
         joint = _joint(name, axis / np.linalg.norm(axis), low, high, speed, effort, unstated)
     elif kind != "fixed":
         raise refuse(f"is of type {kind!r}", ONLY_REVOLUTE)
-    return UrdfStep(name=name, parent=_links(element)[0], T=T, joint=joint, rounded=rounded)
+    return UrdfStep(name=name, T=T, joint=joint, rounded=rounded)
 
 
 def _joint(

@@ -55,18 +55,14 @@ def cut_short_lines(cut: CutShort) -> list[str]:
     # Read the journal: an interrupt may come after an event is written to it and before the state has the event.
     saved_state = read_session(folder).state if cut.kept else None
     poses = len(state.poses if saved_state is None else saved_state.poses)
-    lines = [f"{what}; no pose was captured."]
-    if poses:
-        lines = [
-            f"{what}. {plural(poses, 'pose')} {'is' if poses == 1 else 'are'} kept in {folder}.",
-            *_how_to_continue(cut),
-        ]
+    lines = [*_danger(cut), *_lateness(cut)]
     if isinstance(cut.cause, errors.DriveDiverged):
         # The arm has just moved by itself: state the cause first.
-        lines.insert(0, f"{stopped_words(str(cut.cause))}.")
-    if late := _lateness_note(cut):
-        lines.insert(0, late)
-    return [*_danger(cut), *lines]
+        lines.append(f"{stopped_words(str(cut.cause))}.")
+    if not poses:
+        return [*lines, f"{what}; no pose was captured."]
+    kept = f"{plural(poses, 'pose')} {'is' if poses == 1 else 'are'} kept in {folder}."
+    return [*lines, f"{what}. {kept}", *_how_to_continue(cut)]
 
 
 def _danger(cut: CutShort) -> list[str]:
@@ -77,19 +73,15 @@ def _danger(cut: CutShort) -> list[str]:
     return [str(words(error))]
 
 
-def _lateness_note(cut: CutShort) -> str:
-    """Return a message if drives tripped because this computer sent its heartbeat too late; else ""."""
-    cause = cut.cause
-    if not (isinstance(cause, errors.DriveFault) and cause.code == EmergencyCode.HEARTBEAT_LOST):
-        return ""
-    late = cut.session.reader.recorded_latency
-    if late.times == 0:
-        return ""
+def _lateness(cut: CutShort) -> list[str]:
+    """Return a message if drives tripped because this computer sent its heartbeat too late."""
+    cause, late = cut.cause, cut.session.reader.recorded_latency
+    tripped = isinstance(cause, errors.DriveFault) and cause.code == EmergencyCode.HEARTBEAT_LOST
+    if not tripped or late.times == 0:
+        return []
     again = "" if late.times == 1 else f" ({late.times} times, by {late.longest_s:.2f} s at most)"
-    return (
-        f"This computer was late by {late.last_s:.2f} s{again}: the drives missed its heartbeat. End other "
-        "programs on it, or give sarcal real-time priority."
-    )
+    text = f"This computer was late by {late.last_s:.2f} s{again}: the drives missed its heartbeat."
+    return [f"{text} End other programs on it, or give sarcal real-time priority."]
 
 
 def _how_to_continue(cut: CutShort) -> list[str]:

@@ -2,7 +2,6 @@
 
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,7 @@ import pytest
 from operator_app.commands.run import run
 from operator_app.report.html.page import report_html
 from operator_app.report.subject import Subject, subject_of_session
-from operator_app.session.store.journal import JournalContents, JournalEvent, read_journal
+from operator_app.session.store.journal import read_journal
 from operator_app.session.store.replay import replay
 from operator_app.session.store.stored_calibration import session_calibration, with_checks
 from operator_app.session.workflow.listener import Listener
@@ -21,13 +20,12 @@ from tests.oracles.plant_sessions import TickingClock, opened, short_procedure
 HOSTILE = '<script>alert("1")</script></td></table>\u202e & \x07\ud800'
 
 
-def report_subject(events: Sequence[JournalEvent], **options: Any) -> Subject:
-    """Subject of the report of a journal, as in `sarcal report`."""
-    state, procedure = replay(events), short_procedure(16, "datasheet")
+def report_subject(folder: Path, **options: Any) -> Subject:
+    """Subject of the report of a session, as in `sarcal report`."""
+    contents, procedure = read_journal(folder), short_procedure(16, "datasheet")
+    state = replay(contents.events)
     checked = with_checks(session_calibration(state, procedure, **options), state, procedure)
-    return subject_of_session(
-        Path("session"), JournalContents(events=tuple(events)), procedure, checked
-    )
+    return subject_of_session(folder, contents, procedure, checked)
 
 
 def number(words: str) -> float:
@@ -95,7 +93,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def subject(folder):
-    return report_subject(read_journal(folder).events)
+    return report_subject(folder)
 
 
 @pytest.fixture(scope="session")

@@ -13,7 +13,6 @@ from scipy.stats import t
 
 from operator_app.calibration.tool_accuracy import TrueErrors
 from operator_app.report.html.page import report_html
-from operator_app.session.store.journal import read_journal
 from tests.operator_app.report.conftest import HOSTILE, number, report_subject
 
 WITHOUT_UNIT = {"/ stated", "gain, reading per angle", "gain", "chi2"}
@@ -40,7 +39,7 @@ frame.onload = () => {
 
 
 def test_page_is_well_formed_self_contained_and_reproducible(page, html, folder):
-    assert report_html(report_subject(read_journal(folder).events)).decode() == html
+    assert report_html(report_subject(folder)).decode() == html
     assert not {"script", "img", "link", "iframe", "object", "form", "input"} & set(page.tags)
     assert re.findall(r"https?:|url\(|@import", html) == []
     links = [value for _, name, value in page.attributes if name in ("href", "src", "action")]
@@ -278,7 +277,7 @@ def test_page_has_rvdt_verdicts_and_condition(page, subject):
 
 
 def test_page_of_the_paper_estimator(folder, parse_page):
-    subject = report_subject(read_journal(folder).events, estimator="paper")
+    subject = report_subject(folder, estimator="paper")
     page = parse_page(report_html(subject).decode())
     assert "paper (chosen)" in page.text
     # Student's interval: the noise is estimated from residuals.
@@ -289,7 +288,7 @@ def test_page_of_the_paper_estimator(folder, parse_page):
 
 
 def test_page_names_unsensed_joints(folder, parse_page):
-    subject = report_subject(read_journal(folder).events, unsensed_joints=(6, 7))
+    subject = report_subject(folder, unsensed_joints=(6, 7))
     page = parse_page(report_html(subject).decode())
     assert "The readings of joints 6 and 7 were not used" in page.text
     assert "theta_off_6" not in [row[0] for row in page.rows("Identified parameters")]

@@ -225,11 +225,9 @@ def little_motion(
 
 
 def paper_test(
-    paper: Estimate | None, implicit: Estimate
+    paper: Estimate, implicit: Estimate
 ) -> tuple[tuple[HypothesisTest, ...], tuple[Finding, ...]]:
-    """Test the paper's estimate, if any, against the implicit one; return the test, and a finding if they disagree."""
-    if paper is None:
-        return (), ()
+    """Test the paper's estimate against the implicit one; return the test, and a finding if they disagree."""
     names = [p.name for p in implicit.parameters]
     columns = [names.index(p.name) for p in paper.parameters]
     apart = wrap_angles(paper.parameters, paper.x - implicit.x[columns])

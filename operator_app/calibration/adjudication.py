@@ -29,6 +29,7 @@ from operator_app.calibration.multistart import (
 )
 from operator_app.calibration.placements import contradicted
 from operator_app.calibration.repeat_measurement import Repeat, RepeatedReading
+from operator_app.calibration.result import Solution
 from operator_app.calibration.rvdt import measured_deviations, rvdt_causes
 from operator_app.calibration.sensitivity import exceeded_source
 from operator_app.messages.finding import Finding, FindingKind
@@ -39,9 +40,7 @@ from solver.diagnostics import limits
 from solver.diagnostics.diagnosis import Diagnosis, diagnose
 from solver.diagnostics.fault_candidate import Cause
 from solver.diagnostics.range_checks import RangeFinding
-from solver.diagnostics.rvdt import RvdtVerdict
 from solver.diagnostics.stated_sizes import exceeded_specifications
-from solver.estimators.estimate import Estimate
 from solver.estimators.linear_fit import LinearFit
 from solver.estimators.mixed_fit import expected_fit
 from solver.estimators.variance_components import Calibrated
@@ -60,43 +59,34 @@ UNEXPLAINED_KINDS = {
 class PriorInformation:
     """Results that the adjudication uses in addition to the tests of the fit.
 
-    `judged`: names of the parameters that decide on acceptance.
-    `paper`: estimate of the paper's estimator if the user chose this estimator; otherwise None.
     `out_of_range`: readings outside the arm file's ranges.
-    `flipped`: number of poses that were left out because the tool is, or seems to be, upside down.
     `left_out`: findings that state why poses were left out.
     `checks`: set-up checks of the fixture's identified geometry.
     `returned`: repeated poses, each with the comparison of its two readings.
-    `by_files`: parameters for which less than half of the information comes from the poses.
     """
 
-    judged: tuple[str, ...]
-    paper: Estimate | None
-    out_of_range: tuple[RangeFinding, ...] = ()
-    flipped: int = 0
-    left_out: tuple[Finding, ...] = ()
-    checks: tuple[SetupCheck, ...] = ()
-    search: GlobalStart | None = None
-    rvdt: tuple[RvdtVerdict, ...] = ()
-    returned: tuple[tuple[RepeatedReading, Repeat], ...] = ()
-    by_files: tuple[str, ...] = ()
+    out_of_range: tuple[RangeFinding, ...]
+    left_out: tuple[Finding, ...]
+    checks: tuple[SetupCheck, ...]
+    returned: tuple[tuple[RepeatedReading, Repeat], ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Case:
-    """A fit, the diagnosis of its misfit, and the results that were known before the diagnosis (`known`).
+    """A solution without its verdict, the implicit fit of its poses, and the diagnosis of the misfit.
 
     `stated`: the experiment with the files' values and the fitted poses in the order in which they were taken.
     """
 
+    solution: Solution
     fit: Calibrated
     stated: Experiment
-    known: PriorInformation
     diagnosis: Diagnosis
 
     @property
-    def estimate(self) -> Estimate:
-        return self.known.paper or self.fit.estimate
+    def judged(self) -> tuple[str, ...]:
+        """Names of the parameters that decide on acceptance."""
+        return tuple(p.name for p in self.solution.identified.parameters)
 
     @property
     def model(self) -> ClosureModel:
@@ -126,18 +116,22 @@ class _Case:
 
 
 def adjudicate(
-    calibrated: Calibrated, experiment: Experiment, distinct: IntArray, known: PriorInformation
+    solution: Solution,
+    calibrated: Calibrated,
+    experiment: Experiment,
+    distinct: IntArray,
+    known: PriorInformation,
 ) -> acceptance.Adjudication:
-    """Return the verdict with all tests and the causes of a misfit, the main cause first.
+    """Return the verdict on `solution` with all tests and the causes of a misfit, the main cause first.
 
-    `distinct`: indices of the fitted poses, in the order in which they were taken.
+    `calibrated`: implicit fit. `distinct`: indices of its poses, in the order in which they were taken.
     """
-    arm, judged, paper = experiment.arm, known.judged, known.paper
-    measured = measured_deviations(known.rvdt, arm)
+    arm, by_paper = experiment.arm, solution.estimate.estimator == "paper"
+    measured = measured_deviations(solution.rvdt, arm)
     case = _Case(
+        solution=solution,
         fit=calibrated,
         stated=experiment.at_poses(distinct),
-        known=known,
         diagnosis=diagnose(calibrated.linear, arm, taken=calibrated.order, measured=measured),
     )
     labels, scale = pose_labels(case.stated.poses), case.chi2_per_dof
@@ -146,10 +140,14 @@ def adjudicate(
     far = () if nothing_fits else _local_minimum_causes(case)
     # If one cause explains the misfit, the fixture may be anywhere: the poses determine its place.
     anywhere = () if far or nothing_fits or case.gross else of_fixture(case.model)
-    diverged = has_diverged((*far, *by_tests), scale, case.estimate, judged, anywhere=anywhere)
+    diverged = has_diverged(
+        (*far, *by_tests), scale, solution.estimate, case.judged, anywhere=anywhere
+    )
     lost = _poorly_determined(case) if far or case.gross or diverged else ()
     of_returns, since = acceptance.return_tests(known.returned, calibrated.estimate)
-    of_paper, off_paper = acceptance.paper_test(paper, calibrated.estimate)
+    of_paper, off_paper = (
+        acceptance.paper_test(solution.estimate, calibrated.estimate) if by_paper else ((), ())
+    )
     of_fit = _fit_causes(case, without_motion=bool(lost) or case.gross or diverged)
     if far or any(cause.blocking for cause in of_fit):
         of_fit = (*hinge_alternative(case.stated), *of_fit)
@@ -157,14 +155,14 @@ def adjudicate(
         # The corrected model closes the loops: it explains the large sigmas and the values far from nominal.
         far, lost = (), ()
     first = (
-        *_screening_causes(experiment.poses, known),
-        *acceptance.too_few_poses(case.estimate),
+        *_screening_causes(solution, experiment.poses, known),
+        *acceptance.too_few_poses(solution.estimate),
         *lost,
         *(() if case.gross or diverged else _geometry_causes(known.checks)),
         *(() if case.gross else far),
     )
     moved = motion_causes(case.stated, labels)
-    if not case.estimate.converged:
+    if not solution.estimate.converged:
         by_tests, moved = _blocking_when_probable(by_tests), _blocking_when_probable(moved)
     proven, by_tests = acceptance.proven_by_return(since, by_tests)
     if not any(cause.blocking for cause in first):
@@ -172,7 +170,7 @@ def adjudicate(
     # An alternative model also explains readings out of range: it comes first.
     first, by_tests = ((*by_tests, *first), ()) if alternatives else (first, by_tests)
     # The paper's estimate does not use measured distances, and a gross misfit does not show which distances are wrong.
-    unused = paper is not None or case.gross
+    unused = by_paper or case.gross
     distances = () if unused else contradicted(case.stated, calibrated.linear)
     named = {(c.kind, c.joints) for c in (*first, *by_tests)}
     return acceptance.Adjudication(
@@ -201,7 +199,7 @@ def _misfit_causes(
     Returns all causes, those of them that are alternative models, and whether a misfit that blocks stays unexplained.
     """
     diagnosis, scale = case.diagnosis, case.chi2_per_dof
-    by_tests = acceptance.causes_of(diagnosis, case.fit.estimate, case.known.judged, labels)
+    by_tests = acceptance.causes_of(diagnosis, case.fit.estimate, case.judged, labels)
     if alternatives := poses_in_radians(case.stated, scale):
         return alternatives, alternatives, False
     wrong = _wrong_distances(case, limits.EQUALLY_GOOD_CHI2) if diagnosis.fires else ()
@@ -227,7 +225,7 @@ def _misfit_causes(
         # The joint's readings may be wrong in every pose independently, or from one pose on.
         by_tests = step_alternative(case.stated, int(joint), scale) or by_tests
     elif not (by_tests or case.gross or of_files):
-        by_tests = rvdt_causes(case.known.rvdt, case.stated.arm)
+        by_tests = rvdt_causes(case.solution.rvdt, case.stated.arm)
     unexplained = (
         len(by_tests) == 1 and by_tests[0].blocking and by_tests[0].kind in UNEXPLAINED_KINDS
     )
@@ -264,9 +262,9 @@ def _begins_with_a_placement(case: _Case) -> bool:
 
 def _local_minimum_causes(case: _Case) -> tuple[Finding, ...]:
     """Return findings that the solution may be only a local minimum; alternative models near nominal come first."""
-    if case.known.search is not None:
+    if case.solution.search is not None:
         return ()
-    model, estimate, judged = case.model, case.fit.estimate, case.known.judged
+    model, estimate, judged = case.model, case.fit.estimate, case.judged
     if model.unsensed_joints:
         return far_from_files(model, estimate, judged)
     far = local_minimum_causes(model, estimate, case.fit.linear.design.q, judged)
@@ -276,9 +274,9 @@ def _local_minimum_causes(case: _Case) -> tuple[Finding, ...]:
 def _fit_causes(case: _Case, *, without_motion: bool) -> tuple[Finding, ...]:
     """Return the causes that the fit itself shows: it has not converged, or sigmas are large.
 
-    `without_motion`: leave out large sigmas. The sigmas are computed as if the parameters `known.by_files` were exact.
+    `without_motion`: leave out large sigmas. Sigmas are computed as if the parameters `Solution.by_files` were exact.
     """
-    estimate = case.estimate.given(case.known.by_files)
+    estimate = case.solution.estimate.given(case.solution.by_files)
     open_end = Finding(
         FindingKind.NOT_CONVERGED, figures={"iterations": estimate.iterations}, blocking=True
     )
@@ -292,7 +290,7 @@ def _fit_causes(case: _Case, *, without_motion: bool) -> tuple[Finding, ...]:
     wide = acceptance.little_motion(
         estimate.parameters,
         estimate.standard_deviation,
-        case.known.judged,
+        case.judged,
         stated_by_fixture,
         partial(exceeded_source, case.fit),
     )
@@ -315,9 +313,9 @@ def _poorly_determined(case: _Case) -> tuple[Finding, ...]:
     expected = replace(case.fit.estimate, covariance=fit.covariance)
     if case.gross:
         # A gross misfit has another cause, unless parameters that the files do not determine have useless sigmas.
-        expected = expected.given(case.known.by_files)
+        expected = expected.given(case.solution.by_files)
     sd = expected.standard_deviation
-    causes = acceptance.little_motion(expected.parameters, sd, case.known.judged)
+    causes = acceptance.little_motion(expected.parameters, sd, case.judged)
     if case.gross:
         return tuple(cause for cause in causes if cause.blocking)
     return tuple(replace(cause, blocking=True) for cause in causes)
@@ -351,12 +349,14 @@ def _exceeded_specifications(fit: LinearFit, diagnosis: Diagnosis) -> tuple[Find
     return tuple(by_source.values())[: limits.MOST_SOURCES_REPORTED]
 
 
-def _screening_causes(poses: PoseSet, known: PriorInformation) -> tuple[Finding, ...]:
-    many = known.flipped > limits.FLIPPED_SHARE_REFUSED * len(poses)
+def _screening_causes(
+    solution: Solution, poses: PoseSet, known: PriorInformation
+) -> tuple[Finding, ...]:
+    many = len(solution.dropped_flipped) > limits.FLIPPED_SHARE_REFUSED * len(poses)
     return (
         *(replace(f, blocking=many) for f in known.left_out),
         *(range_finding(f, poses) for f in known.out_of_range),
-        *second_solution(known.search),
+        *second_solution(solution.search),
     )
 
 

@@ -1,4 +1,4 @@
-"""Calibration from a pose set in stages: prepare, fit, diagnose, collect the results, add notices.
+"""Calibration from a pose set in stages: prepare, fit, collect the results, diagnose, add notices.
 
 Each stage gets the frozen records of earlier stages, and only the options that it needs. The function `calibrate` is
 used by the command `sarcal solve`, by the session and by the library.
@@ -39,7 +39,7 @@ from operator_app.calibration.result import Solution
 from operator_app.calibration.rvdt import check_rvdts, measured_offsets
 from operator_app.calibration.tool_accuracy import tip_sigma
 from operator_app.config.procedure import AcceptanceLimits
-from operator_app.messages.finding import FindingKind
+from operator_app.messages.finding import Finding, FindingKind
 from operator_app.units import joints_named
 from solver.arrays import FloatArray, IntArray, evenly
 from solver.chain.arm_model import ArmModel
@@ -55,17 +55,16 @@ from solver.diagnostics.identifiability import (
 from solver.diagnostics.limits import (
     CHI2_PER_DOF_GROSS,
     FEW_DOF,
-    LEAST_INFORMATION_SHARE,
     OUTLIER_NOTICE_PROBABILITY,
 )
 from solver.diagnostics.range_checks import RangeFinding, ReadingFault, range_findings
 from solver.diagnostics.stated_sizes import learned_scales, shares_of_poses
 from solver.errors import PosesDoNotFitError, UnidentifiableError
 from solver.estimators.error_model import ErrorModel
-from solver.estimators.estimate import Estimate, closure_at_readings, require_enough_poses
+from solver.estimators.estimate import closure_at_readings, require_enough_poses
 from solver.estimators.least_squares import Progress
 from solver.estimators.paper import estimate_paper
-from solver.estimators.variance_components import Calibrated, VarianceComponents
+from solver.estimators.variance_components import Calibrated
 from solver.loops.closure import ClosureModel, in_order
 
 ESTIMATORS = ("implicit", "paper")
@@ -115,23 +114,8 @@ def calibrate(
     )
     by_paper = estimator == "paper"
     prepared = prepare(experiment, by_paper=by_paper, search=search, drop=drop, progress=progress)
-    fitted = fit(prepared, progress)
-    known, adjudication = diagnose(fitted, rereads)
-    solution = collect(fitted, known, adjudication, length_tolerance_m)
-    unidentifiable = () if drop else prepared.loops.unidentifiable
-    return with_notices(
-        solution,
-        experiment,
-        whole=fitted.whole,
-        tested=fitted.part,
-        repeats=len(prepared.which) - len(prepared.distinct),
-        known=known,
-        same=indistinguishable_placements(prepared.model, fitted.whole.estimate)
-        if fitted.closes
-        else (),
-        as_stated=unidentifiable if by_paper else known.by_files,
-        limits=AcceptanceLimits() if limits is None else limits,
-    )
+    whole, limits = fit(prepared, progress), AcceptanceLimits() if limits is None else limits
+    return assess(prepared, whole, rereads, limits, length_tolerance_m)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -161,33 +145,6 @@ class Prepared:
     which: IntArray
     prior: frozenset[str]
     identifiability: Identifiability | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Fitted:
-    """The implicit fit, and the result of the chosen estimator (`estimate`).
-
-    `whole`: implicit fit of the distinct poses. `part`: the same estimate with a linear fit of at most
-    `MOST_DIAGNOSED_POSES` poses, for the tests. `tested`: indices of these poses.
-    `shares`: share of each parameter's information that comes from the poses; empty with the paper's estimator.
-    """
-
-    prepared: Prepared
-    whole: Calibrated
-    part: Calibrated
-    tested: IntArray
-    model: ClosureModel
-    tolerance: Mapping[str, float]
-    estimate: Estimate
-    components: VarianceComponents | None
-    implicit: Estimate | None
-    identifiability: Identifiability
-    shares: Mapping[str, float]
-
-    @property
-    def closes(self) -> bool:
-        """Whether the loops close well enough to test sensors and compare placements."""
-        return multistart.gross_misfit(self.whole) < CHI2_PER_DOF_GROSS
 
 
 def prepare(
@@ -231,16 +188,15 @@ def prepare(
     return prepared
 
 
-def fit(prepared: Prepared, progress: Progress | None) -> Fitted:
-    """Fit by the implicit estimator from several starts; return the fit and the estimate of the chosen estimator.
+def fit(prepared: Prepared, progress: Progress | None) -> Calibrated:
+    """Fit the distinct poses by the implicit estimator, from several starts.
 
-    Raises `PosesDoNotFitError` if no start leads to a fit; the error lists the alternative models that fit. Raises
-    `UnidentifiableError`, or an error that names its cause, if parameters are unidentifiable at the estimate.
+    Raises `PosesDoNotFitError` if no start leads to a fit; the error lists the alternative models that fit.
     """
     experiment, loops, distinct = prepared.experiment, prepared.loops, prepared.distinct
     rows = np.searchsorted(np.flatnonzero(loops.kept), distinct)
     try:
-        calibrated = multistart.fit_from_starts(
+        return multistart.fit_from_starts(
             prepared.model.at_poses(rows),
             loops.q[rows],
             prepared.errors,
@@ -256,104 +212,111 @@ def fit(prepared: Prepared, progress: Progress | None) -> Fitted:
             poses_in_radians(stated, CHI2_PER_DOF_GROSS)
             or find_alternatives(stated, scale=np.inf, dof=dof)
         ) from error
-    estimate, components = calibrated.estimate, calibrated.components
-    if len(prepared.which) != len(distinct):
-        estimate = estimate.at_poses(prepared.which)
-        components = components.at_poses(prepared.which)
-    part, chosen = calibrated.few(MOST_DIAGNOSED_POSES)
-    paper = loops.paper if prepared.by_paper else None
-    return Fitted(
-        prepared=prepared,
-        whole=calibrated,
-        part=part,
-        tested=distinct[chosen],
-        model=prepared.model if paper is None else prepared.hard,
-        tolerance=prepared.tolerance if paper is None else {},
-        estimate=estimate if paper is None else paper,
-        components=components if paper is None else None,
-        implicit=None if paper is None else estimate.without(tuple(prepared.tolerance)),
-        identifiability=_identifiability_of(prepared, part, estimate.x),
-        shares={} if prepared.by_paper else shares_of_poses(calibrated.linear),
-    )
 
 
-def diagnose(
-    fitted: Fitted, rereads: tuple[RepeatedReading, ...]
-) -> tuple[PriorInformation, Adjudication]:
-    """Test the fit, the RVDTs, the fixture's geometry and repeated poses; return these results and the adjudication."""
-    prepared, model, x = fitted.prepared, fitted.model, fitted.estimate.x
+def assess(
+    prepared: Prepared,
+    whole: Calibrated,
+    rereads: tuple[RepeatedReading, ...],
+    limits: AcceptanceLimits,
+    length_tolerance_m: float | None,
+) -> Solution:
+    """Test the implicit fit `whole` and the RVDTs, and return the solution with verdict and notices.
+
+    Raises `UnidentifiableError`, or an error that names its cause, if parameters are unidentifiable at the estimate.
+    """
     loops, experiment = prepared.loops, prepared.experiment
-    part, tested, shares = fitted.part, fitted.tested, fitted.shares
-    unknowns = tuple(p.name for p in prepared.hard.parameters)
+    # The same estimate with a linear fit of fewer poses, for the tests.
+    part, chosen = whole.few(MOST_DIAGNOSED_POSES)
+    tested = prepared.distinct[chosen]
+    solution = collect(prepared, whole, part)
+    model, x = solution.model, solution.estimate.x
+    same: tuple[Finding, ...] = ()
+    if multistart.gross_misfit(whole) < CHI2_PER_DOF_GROSS:
+        # The loops close well enough to test sensors and compare placements.
+        rvdt = check_rvdts(experiment, loops.kept, tested, part, fixed=prepared.fixed)
+        solution = replace(solution, rvdt=rvdt)
+        same = indistinguishable_placements(prepared.model, whole.estimate)
     left_out, out_of_range = left_out_poses(
         loops.flipped, prepared.out_of_range, experiment.arm, experiment.poses
     )
     known = PriorInformation(
-        judged=unknowns,
-        paper=fitted.estimate if prepared.by_paper else None,
         out_of_range=out_of_range,
-        flipped=len(loops.flipped),
         left_out=left_out,
         checks=placement_checks(experiment, model, x),
-        search=loops.search,
-        rvdt=check_rvdts(experiment, loops.kept, tested, part, fixed=prepared.fixed)
-        if fitted.closes
-        else (),
         returned=repeats_of(rereads, experiment.at_poses(loops.kept), model, x),
-        by_files=tuple(n for n in unknowns if shares.get(n, 1.0) < LEAST_INFORMATION_SHARE),
     )
-    return known, adjudicate(part, experiment, tested, known)
+    adjudication = adjudicate(solution, part, experiment, tested, known)
+    outliers = _outliers(whole, prepared.distinct, experiment.poses, adjudication)
+    solution = replace(
+        solution,
+        adjudication=adjudication,
+        outliers=outliers,
+        length_tolerance_m=length_tolerance_m,
+    )
+    by_choice = prepared.by_paper and not prepared.fixed
+    return with_notices(
+        solution,
+        experiment,
+        stated=whole.linear.stated,
+        tested=part.linear,
+        repeats=len(prepared.which) - len(prepared.distinct),
+        known=known,
+        same=same,
+        as_stated=loops.unidentifiable if by_choice else solution.by_files,
+        limits=limits,
+    )
 
 
-def collect(
-    fitted: Fitted,
-    known: PriorInformation,
-    adjudication: Adjudication,
-    length_tolerance_m: float | None,
-) -> Solution:
-    """Collect the results of a calibration, without its notices."""
-    prepared, calibrated, by_paper = fitted.prepared, fitted.whole, fitted.prepared.by_paper
-    loops, experiment = prepared.loops, prepared.experiment
-    model, estimate, q = fitted.model, fitted.estimate, loops.q
-    arm, fixture, poses = experiment.arm, experiment.fixture, experiment.poses
+def collect(prepared: Prepared, whole: Calibrated, part: Calibrated) -> Solution:
+    """Return the results of the chosen estimator, without tests, verdict and notices.
+
+    `whole`: implicit fit of the distinct poses. `part`: the same estimate with a linear fit of fewer poses.
+    """
+    loops, experiment, by_paper = prepared.loops, prepared.experiment, prepared.by_paper
+    arm, fixture, poses, q = experiment.arm, experiment.fixture, experiment.poses, loops.q
+    implicit, components = whole.estimate, whole.components
+    if len(prepared.which) != len(prepared.distinct):
+        implicit = implicit.at_poses(prepared.which)
+        components = components.at_poses(prepared.which)
+    model = prepared.hard if by_paper else prepared.model
+    estimate = (loops.paper if by_paper else None) or implicit
     solution = Solution(
         model=model,
         estimate=estimate,
         paper=loops.paper,
-        identifiability=fitted.identifiability,
+        identifiability=_identifiability_of(prepared, part, implicit.x),
         before=closure_at_readings(model, nominal_vector(model.parameters), q).sigmas,
         poses=len(q),
         dropped_flipped=loops.flipped,
         held=prepared.fixed,
-        tolerated=tuple(fitted.tolerance),
-        components=fitted.components,
+        tolerated=() if by_paper else tuple(prepared.tolerance),
+        components=None if by_paper else components,
         search=loops.search,
-        outliers=_outliers(calibrated, prepared.distinct, poses, adjudication),
-        rvdt=known.rvdt,
+        outliers=(),
+        rvdt=(),
         assumed=(*arm.assumed, *fixture.compliance.assumed),
         hand=tip_sigma(model, estimate, q),
-        implicit=fitted.implicit,
+        implicit=implicit.without(tuple(prepared.tolerance)) if by_paper else None,
         unsensed_offsets=measured_offsets(model, estimate.x, q, arm),
-        length_tolerance_m=length_tolerance_m,
-        scales=() if by_paper else learned_scales(calibrated.linear, calibrated.derivatives),
-        shares=fitted.shares,
+        scales=() if by_paper else learned_scales(whole.linear, whole.derivatives),
+        shares={} if by_paper else shares_of_poses(whole.linear),
         distances=distances(
             model,
             estimate.x,
             estimate.covariance,
             poses.placements,
-            () if by_paper else compared(experiment, calibrated.linear),
+            () if by_paper else compared(experiment, whole.linear),
         ),
         condition_at_readings=condition_at_readings(
             loops.identifiable, in_order(loops.identifiable, model, estimate.x), q
         ),
-        adjudication=adjudication,
         warnings=(),
         reasons=(),
     )
     if by_paper or experiment.unsensed:
         return solution
-    return with_best_table(solution, arm, calibrated, q)
+    return with_best_table(solution, arm, whole, q)
 
 
 def _identifiability(prepared: Prepared, x: FloatArray) -> Identifiability:

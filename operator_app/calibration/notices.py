@@ -25,7 +25,6 @@ from solver.diagnostics.identifiability import Identifiability
 from solver.diagnostics.limits import CHI2_NOTICE_PROBABILITY, OFFSET_NOTICE_SIGMAS
 from solver.estimators.estimate import Estimate
 from solver.estimators.linear_fit import LinearFit
-from solver.estimators.variance_components import Calibrated
 
 OWN_NOTICE = {
     FindingKind.OUTLIERS,
@@ -47,8 +46,8 @@ def with_notices(
     solution: Solution,
     experiment: Experiment,
     *,
-    whole: Calibrated,
-    tested: Calibrated,
+    stated: LinearFit,
+    tested: LinearFit,
     repeats: int,
     known: PriorInformation,
     same: tuple[Finding, ...],
@@ -57,17 +56,18 @@ def with_notices(
 ) -> Solution:
     """Return the solution with the tool position error, all notices in order, and the reasons against acceptance.
 
-    `whole`: fit of all poses. `tested`: fit of the poses used for tests. `repeats`: number of rows that repeat a pose.
-    `same`: findings of placements that do not differ. `as_stated`: parameters known from files, not from the poses.
+    `stated`: fit of all poses at stated variances. `tested`: fit of the poses used for tests.
+    `repeats`: number of rows that repeat a pose. `same`: findings of placements that do not differ.
+    `as_stated`: parameters known from files, not from the poses.
     """
     arm, adjudication = experiment.arm, solution.adjudication
-    accuracy = tool_accuracy(calibrated_arm(solution, arm), arm, as_stated, tested.linear)
+    accuracy = tool_accuracy(calibrated_arm(solution, arm), arm, as_stated, tested)
     sound = not adjudication.diverged
     rows = {"count": repeats, "of": solution.poses, "distinct": solution.poses - repeats}
     findings = (
         *(_ill_conditioned(solution.identifiability, limits) if sound else (Finding(K.DIVERGED),)),
         *((Finding(K.REPEATED_ROWS, figures=rows),) if repeats else ()),
-        *_of_readings(experiment, known, whole.linear.stated, sound=sound),
+        *_of_readings(experiment, known, stated, sound=sound),
         *_of_parameters(solution, accuracy, arm, as_stated),
         *_of_the_fit(solution, same, sound=sound),
         *(

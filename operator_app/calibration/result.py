@@ -20,6 +20,7 @@ from operator_app.calibration.tool_accuracy import (
 )
 from operator_app.messages.finding import Finding
 from solver.diagnostics.identifiability import Identifiability
+from solver.diagnostics.limits import LEAST_INFORMATION_SHARE
 from solver.diagnostics.rvdt import RvdtVerdict
 from solver.diagnostics.stated_sizes import Scale
 from solver.estimators.estimate import Estimate
@@ -125,6 +126,15 @@ class Solution:
     def identified(self) -> Estimate:
         """The estimate without the `tolerated` lengths and twists, which are only corrected within tolerances."""
         return self.estimate.without(self.tolerated)
+
+    @property
+    def by_files(self) -> tuple[str, ...]:
+        """Identified parameters for which less than half of the information comes from the poses."""
+        return tuple(
+            p.name
+            for p in self.identified.parameters
+            if self.shares.get(p.name, 1.0) < LEAST_INFORMATION_SHARE
+        )
 
     @property
     def beside(self) -> Estimate | None:

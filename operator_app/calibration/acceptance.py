@@ -8,15 +8,14 @@ from types import MappingProxyType
 import numpy as np
 
 from operator_app.calibration.findings import finding_of, rms_displacement
-from operator_app.calibration.repeat_measurement import Repeat, RepeatedReading
+from operator_app.calibration.repeat_measurement import Repeat
 from operator_app.messages.finding import Finding, FindingKind, NamedSize
 from solver.arrays import FloatArray
 from solver.chain.parameters import Parameter, wrap_angles
 from solver.diagnostics import limits
 from solver.diagnostics.diagnosis import Diagnosis, Explanation
-from solver.diagnostics.fault_candidate import Candidate, Cause
+from solver.diagnostics.fault_candidate import Cause
 from solver.diagnostics.hypothesis_tests import HypothesisTest
-from solver.diagnostics.model_selection import Evidence
 from solver.estimators.estimate import Estimate
 
 
@@ -91,23 +90,20 @@ def causes_of(
         if compared.best is not None:
             shift = shift + compared.best.evidence.moved[columns]
         for x in compared.known:
-            blocking = _refuses(x.candidate, x.evidence, estimate, impact)
-            findings.append(replace(_finding(x, diagnosis, labels), blocking=blocking))
+            finding = finding_of(x, diagnosis.faults, labels)
+            findings.append(replace(finding, blocking=_refuses(x, estimate, impact)))
     findings.extend(unnamed)
     # Entries that may be wrong in their file; the evidence is too weak to block acceptance.
     findings.extend(
-        replace(_finding(x, diagnosis, labels), doubted=True) for x in diagnosis.suspected_entries
+        replace(finding_of(x, diagnosis.faults, labels), doubted=True)
+        for x in diagnosis.suspected_entries
     )
     once = each_once(findings)
     return tuple(c for k, c in enumerate(once) if k < limits.MOST_CAUSES_REPORTED or c.blocking)
 
 
-def _finding(x: Explanation, diagnosis: Diagnosis, labels: tuple[str, ...]) -> Finding:
-    finding = finding_of(x.candidate, x.evidence, diagnosis.faults, labels)
-    return replace(finding, probability=x.probability)
-
-
-def _refuses(cause: Candidate, evidence: Evidence, estimate: Estimate, impact: float) -> bool:
+def _refuses(x: Explanation, estimate: Estimate, impact: float) -> bool:
+    cause = x.candidate
     if cause.cause is Cause.FROZEN or impact > limits.REFUSING_SHIFT_SIGMAS:
         return True
     # If the cause changed a value, the old and the new value have to agree within the stated uncertainty.
@@ -116,7 +112,7 @@ def _refuses(cause: Candidate, evidence: Evidence, estimate: Estimate, impact: f
     sd = estimate.sd_by_name
     return any(
         abs(b) > limits.REFUSING_SHIFT_SIGMAS * sd.get(name, np.inf)
-        for b, name in zip(evidence.b, changed, strict=False)
+        for b, name in zip(x.evidence.b, changed, strict=False)
     )
 
 
@@ -160,7 +156,7 @@ def _impossible_compliance(diagnosis: Diagnosis) -> bool:
     best = diagnosis.best
     if best is None or best.candidate.cause is not Cause.GIVES:
         return False
-    size = rms_displacement(best.candidate, best.evidence, diagnosis.faults)
+    size = rms_displacement(best, diagnosis.faults)
     return (
         size["shift_m"] > limits.MOST_COMPLIANCE_M or size["turn_rad"] > limits.MOST_COMPLIANCE_RAD
     )
@@ -258,17 +254,16 @@ READING_KINDS = {
 
 
 def return_tests(
-    returned: tuple[tuple[RepeatedReading, Repeat], ...], estimate: Estimate
+    returned: tuple[Repeat, ...], estimate: Estimate
 ) -> tuple[tuple[HypothesisTest, ...], tuple[Finding, ...]]:
     """Test each repeated pose for a slip beyond the stated errors; return the tests, and one finding for each slip."""
     tests, causes = [], []
-    for read, repeat in returned:
-        test = HypothesisTest.of_chi2(
-            f"RETURN_{read.after}", repeat.chi2, repeat.dof, among=len(returned)
-        )
+    for repeat in returned:
+        code = f"RETURN_{repeat.read.after}"
+        test = HypothesisTest.of_chi2(code, repeat.chi2, repeat.dof, among=len(returned))
         tests.append(test)
         if test.fires:
-            causes.append(_slipped_since(read, repeat, estimate))
+            causes.append(_slipped_since(repeat, estimate))
     # A slip shows in every later repeat: it is reported once.
     once = {cause.code: cause for cause in reversed(causes)}
     return tuple(tests), tuple(reversed(once.values()))
@@ -311,9 +306,10 @@ def not_yet_named(since: tuple[Finding, ...], by_tests: tuple[Finding, ...]) -> 
     )
 
 
-def _slipped_since(read: RepeatedReading, repeat: Repeat, estimate: Estimate) -> Finding:
+def _slipped_since(repeat: Repeat, estimate: Estimate) -> Finding:
     from scipy.special import chdtri
 
+    read = repeat.read
     # Prior odds: a step in one of n joints, against a slip or a deflection of the fixture.
     of_joint = Cause.LOST_COUNTS.prior / len(repeat.difference_rad)
     odds = repeat.joint_odds * of_joint / (Cause.SLIPPED.prior + Cause.GIVES.prior)

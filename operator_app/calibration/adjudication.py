@@ -28,7 +28,7 @@ from operator_app.calibration.multistart import (
     of_fixture,
 )
 from operator_app.calibration.placements import contradicted
-from operator_app.calibration.repeat_measurement import Repeat, RepeatedReading
+from operator_app.calibration.repeat_measurement import Repeat
 from operator_app.calibration.result import Solution
 from operator_app.calibration.rvdt import measured_deviations, rvdt_causes
 from operator_app.calibration.sensitivity import exceeded_source
@@ -62,13 +62,13 @@ class PriorInformation:
     `out_of_range`: readings outside the arm file's ranges.
     `left_out`: findings that state why poses were left out.
     `checks`: set-up checks of the fixture's identified geometry.
-    `returned`: repeated poses, each with the comparison of its two readings.
+    `returned`: comparisons of the two readings of each repeated pose.
     """
 
     out_of_range: tuple[RangeFinding, ...]
     left_out: tuple[Finding, ...]
     checks: tuple[SetupCheck, ...]
-    returned: tuple[tuple[RepeatedReading, Repeat], ...]
+    returned: tuple[Repeat, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

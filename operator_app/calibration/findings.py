@@ -6,11 +6,12 @@ import numpy as np
 
 from operator_app.calibration.experiment import Experiment
 from operator_app.messages.finding import Finding, FindingKind
-from solver.arrays import BoolArray, FloatArray
+from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.poses import PoseSet
 from solver.chain.sensors import Encoder, Rvdt
-from solver.diagnostics.fault_candidate import Candidate, Cause
+from solver.diagnostics.diagnosis import Explanation
+from solver.diagnostics.fault_candidate import Cause
 from solver.diagnostics.fault_models import FaultModels
 from solver.diagnostics.limits import MOTION_SPREAD_RAD, MOTION_SPREAD_SIGMAS
 from solver.diagnostics.model_selection import Evidence
@@ -65,11 +66,14 @@ def _measured(design: LinearModel) -> bool:
     return isinstance(design.model.parts()[0][0], MeasuredClosure)
 
 
-def finding_of(
-    candidate: Candidate, evidence: Evidence, faults: FaultModels, labels: tuple[str, ...]
-) -> Finding:
+def finding_of(x: Explanation, faults: FaultModels, labels: tuple[str, ...]) -> Finding:
     """Return the finding that reports a fitted fault; `labels`: names of the poses in order of time."""
-    K, subject = FindingKind, candidate.subject
+    return replace(_described(x, faults, labels), probability=x.probability)
+
+
+def _described(x: Explanation, faults: FaultModels, labels: tuple[str, ...]) -> Finding:
+    K, candidate, evidence = FindingKind, x.candidate, x.evidence
+    subject = candidate.subject
     poses = tuple(labels[k] for k in candidate.poses)
     first, measured = float(evidence.b[0]), _measured(faults.design)
     match candidate.cause:
@@ -78,7 +82,7 @@ def finding_of(
             kind = K.FIXTURE_SLIPPED
             if measured:
                 kind = K.INSTRUMENT_MOVED if side == "table" else K.TARGET_MOVED
-            size = rms_displacement(candidate, evidence, faults)
+            size = rms_displacement(x, faults)
             between = _between(candidate.poses[0], labels)
             return Finding(kind, names=(side,), poses=between, figures=size)
         case Cause.LOST_COUNTS:
@@ -107,15 +111,15 @@ def finding_of(
         case Cause.DRIFT:
             return Finding(K.READING_DRIFT, joint=int(subject), size=first, unit="rad")
         case Cause.LENGTH | Cause.TWIST:
-            return _entry(candidate, evidence, faults)
+            return _entry(x, faults)
         case Cause.GIVES:
-            size, errors = rms_displacement(candidate, evidence, faults), faults.design.errors
+            size, errors = rms_displacement(x, faults), faults.design.errors
             stated = {"turn_rad": errors.give_rad or 0.0, "shift_m": errors.give_m or 0.0}
             more = any(size[k] > np.sqrt(3.0) * stated[k] for k in size)
             kind = K.FIXTURE_DEFLECTS_MORE if more else K.FIXTURE_DEFLECTS_OTHERWISE
             return Finding(INSTRUMENT_KINDS[kind] if measured else kind, figures=size)
         case _:
-            return _smooth(int(subject), candidate, evidence, faults)
+            return _smooth(int(subject), x, faults)
 
 
 def exceeded(larger: ExceededSpecification, design: LinearModel) -> Finding:
@@ -201,22 +205,23 @@ def _reading_noise(joint: int, evidence: Evidence, faults: FaultModels) -> Findi
     )
 
 
-def _entry(candidate: Candidate, evidence: Evidence, faults: FaultModels) -> Finding:
-    design, name = faults.design, candidate.subject
+def _entry(x: Explanation, faults: FaultModels) -> Finding:
+    design, name = faults.design, x.candidate.subject
     k = [p.name for p in design.model.parameters].index(name)
     stated = float(design.soft_sd[list(design.soft_index).index(k)])
-    angle = candidate.cause is Cause.TWIST
+    angle = x.candidate.cause is Cause.TWIST
     return Finding(
         FindingKind.TWIST_OFF if angle else FindingKind.LENGTH_OFF,
         names=(name,),
         # The residual is w + A dx, so that the coefficient has the opposite sign of the error.
-        size=-float(evidence.b[0]),
+        size=-float(x.evidence.b[0]),
         unit="rad" if angle else "m",
         figures={"limit": stated},
     )
 
 
-def _smooth(joint: int, candidate: Candidate, evidence: Evidence, faults: FaultModels) -> Finding:
+def _smooth(joint: int, x: Explanation, faults: FaultModels) -> Finding:
+    candidate, evidence = x.candidate, x.evidence
     if candidate.cause is Cause.CURVE:
         sensor = faults.arm.joints[joint - 1].sensor
         peak, sd, from_line = candidate.deviation(evidence.b, evidence.covariance)
@@ -246,14 +251,12 @@ def _smooth(joint: int, candidate: Candidate, evidence: Evidence, faults: FaultM
     )
 
 
-def rms_displacement(
-    candidate: Candidate, evidence: Evidence, faults: FaultModels
-) -> dict[str, float]:
-    """Return the fixture's rms rotation (`turn_rad`) and displacement (`shift_m`) due to the fault `candidate`.
+def rms_displacement(x: Explanation, faults: FaultModels) -> dict[str, float]:
+    """Return the fixture's rms rotation (`turn_rad`) and displacement (`shift_m`) due to the fault `x`.
 
     The rms is over the poses that the fault affects, in the placement with the largest displacement.
     """
-    displacement = candidate.moves(evidence.b, len(faults.system.w))
+    displacement = x.candidate.moves(x.evidence.b, len(faults.system.w))
     along_fixture = (faults.system.E @ displacement[..., None])[..., 0]
     concerned = np.abs(displacement).sum(-1) > 0.0
     group = np.zeros(len(concerned), dtype=np.int64)
@@ -289,7 +292,7 @@ def motion_causes(experiment: Experiment, labels: tuple[str, ...]) -> tuple[Find
         if not isinstance(joint.sensor, Encoder | Rvdt) or j in experiment.unsensed:
             continue
         spread = sd_rad[:, j - 1]
-        has_moved = moved_while_read(joint.sensor, spread)
+        has_moved = spread > motion_limit_rad(joint.sensor, spread)
         moved_poses = tuple(int(k) for k in np.argsort(-spread, kind="stable") if has_moved[k])
         if moved_poses:
             findings.append(
@@ -303,11 +306,6 @@ def motion_causes(experiment: Experiment, labels: tuple[str, ...]) -> tuple[Find
                 )
             )
     return tuple(findings)
-
-
-def moved_while_read(sensor: Encoder | Rvdt, spread_rad: FloatArray) -> BoolArray:
-    """Return a mask (m,) of the poses in which the readings' spread (m,), rad, clearly exceeds this sensor's noise."""
-    return np.asarray(spread_rad > motion_limit_rad(sensor, spread_rad))
 
 
 def motion_limit_rad(sensor: Encoder | Rvdt, spread_rad: FloatArray) -> float:

@@ -47,7 +47,7 @@ class RepeatedReading:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Repeat:
-    """Comparison of two readings of one pose.
+    """Comparison of the two readings `read` of one pose.
 
     `difference_rad` (n,): second reading minus the first, all joints.
     `chi2`, `dof`: test of the part of the difference that no motion of the chain explains, under stated errors.
@@ -57,6 +57,7 @@ class Repeat:
     `joint_odds`: likelihood of the joint's slip divided by that of the fixture's slip, each at its most likely size.
     """
 
+    read: RepeatedReading
     difference_rad: FloatArray
     chi2: float
     dof: int
@@ -122,6 +123,7 @@ def compare_readings(
     gain, slip = _of_fixture(d, np.asarray(np.linalg.solve(L, by_give * shape), dtype=np.float64))
     slip = slip * shape
     return Repeat(
+        read=read,
         difference_rad=difference,
         chi2=chi2,
         dof=len(d),
@@ -150,7 +152,7 @@ def _of_fixture(d: FloatArray, columns: FloatArray) -> tuple[float, FloatArray]:
 
 def repeats_of(
     rereads: Iterable[RepeatedReading], used: Experiment, model: ClosureModel, x: FloatArray
-) -> tuple[tuple[RepeatedReading, Repeat], ...]:
+) -> tuple[Repeat, ...]:
     """Compare the two readings of each repeated pose in `used`; `model`, `x`: loops of `used` and their parameters.
 
     For an open arm the result is empty: without a loop, the drives alone may cause any difference.
@@ -162,6 +164,5 @@ def repeats_of(
     for read in rereads:
         if read.label in labels:
             loop = model.at_poses(np.array([labels.index(read.label)]))
-            if repeat := compare_readings(used.arm, loop, x, read, compliance):
-                repeats.append((read, repeat))
-    return tuple(repeats)
+            repeats.append(compare_readings(used.arm, loop, x, read, compliance))
+    return tuple(filter(None, repeats))

@@ -10,7 +10,7 @@ import numpy as np
 
 from operator_app.calibration.error_model import free_within_tolerance
 from operator_app.calibration.experiment import Experiment
-from operator_app.calibration.findings import moved_while_read
+from operator_app.calibration.findings import motion_limit_rad
 from operator_app.calibration.result import Solution
 from operator_app.calibration.tool_accuracy import MeasuredOffset
 from operator_app.config.parameter_records import RvdtRemedy
@@ -102,7 +102,8 @@ def _noise_of_rvdts(
     samples = poses.sample_counts[kept]
     # A spread of 0 counts as not recorded.
     spread = np.zeros_like(poses.q_rad[kept]) if poses.sd_rad is None else poses.sd_rad[kept]
-    still = {j: ~moved_while_read(s, spread[:, j - 1]) for j, s in sensors.items()}
+    of_joint = ((j, s, spread[:, j - 1]) for j, s in sensors.items())
+    still = {j: read <= motion_limit_rad(s, read) for j, s, read in of_joint}
     unmeasured = [j for j in sensors if not spread[still[j] & (samples > 1), j - 1].any()]
     by_name: dict[str, Component] = {}
     if unmeasured:

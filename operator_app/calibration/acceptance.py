@@ -13,9 +13,10 @@ from operator_app.messages.finding import Finding, FindingKind, NamedSize
 from solver.arrays import FloatArray
 from solver.chain.parameters import Parameter, wrap_angles
 from solver.diagnostics import limits
-from solver.diagnostics.diagnosis import Diagnosis, Explanation
-from solver.diagnostics.fault_candidate import Cause
+from solver.diagnostics.diagnosis import Diagnosis
+from solver.diagnostics.fault_models import Cause
 from solver.diagnostics.hypothesis_tests import HypothesisTest
+from solver.diagnostics.model_selection import Explanation
 from solver.estimators.estimate import Estimate
 
 
@@ -82,13 +83,13 @@ def causes_of(
     for compared in diagnosis.rankings:
         # Every possible cause counts, not only the most likely: each implies other true values.
         possible = [
-            np.abs((shift + x.evidence.moved[columns]) / scale).max(initial=0.0)
+            np.abs((shift + x.moved[columns]) / scale).max(initial=0.0)
             for x in compared.known
             if x.probability >= limits.POSSIBLE_CAUSE_PROBABILITY
         ]
         impact = float(max(possible, default=0.0))
         if compared.best is not None:
-            shift = shift + compared.best.evidence.moved[columns]
+            shift = shift + compared.best.moved[columns]
         for x in compared.known:
             finding = finding_of(x, diagnosis.faults, labels)
             findings.append(replace(finding, blocking=_refuses(x, estimate, impact)))
@@ -112,7 +113,7 @@ def _refuses(x: Explanation, estimate: Estimate, impact: float) -> bool:
     sd = estimate.sd_by_name
     return any(
         abs(b) > limits.REFUSING_SHIFT_SIGMAS * sd.get(name, np.inf)
-        for b, name in zip(x.evidence.b, changed, strict=False)
+        for b, name in zip(x.b, changed, strict=False)
     )
 
 

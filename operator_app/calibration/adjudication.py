@@ -38,7 +38,7 @@ from solver.chain.parameters import nominal_vector
 from solver.chain.poses import PoseSet
 from solver.diagnostics import limits
 from solver.diagnostics.diagnosis import Diagnosis, diagnose
-from solver.diagnostics.fault_candidate import Cause
+from solver.diagnostics.fault_models import Cause
 from solver.diagnostics.range_checks import RangeFinding
 from solver.diagnostics.stated_sizes import exceeded_specifications
 from solver.estimators.linear_fit import LinearFit
@@ -248,7 +248,7 @@ def _wrong_distances(case: _Case, margin: float, *, again: bool = True) -> tuple
     if again and (case.gross or not case.fit.estimate.converged):
         return refuted_distances(case.stated)
     best = case.diagnosis.best
-    most_chi2 = np.inf if best is None else best.evidence.chi2 + margin
+    most_chi2 = np.inf if best is None else best.chi2 + margin
     return wrong_distances(case.stated, case.fit.linear, most_chi2=most_chi2, again=again)
 
 

@@ -31,7 +31,7 @@ from solver.chain.kinematics import Frames
 from solver.chain.parameters import nominal_vector, wrap_angle
 from solver.diagnostics import limits
 from solver.diagnostics.change_points import steps
-from solver.diagnostics.fault_candidate import Candidate, Cause
+from solver.diagnostics.fault_models import Candidate, Cause
 from solver.diagnostics.whitened_residuals import WhitenedResiduals
 from solver.errors import SolverError
 from solver.estimators.effects import LinearModel

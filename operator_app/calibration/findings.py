@@ -10,11 +10,9 @@ from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.poses import PoseSet
 from solver.chain.sensors import Encoder, Rvdt
-from solver.diagnostics.diagnosis import Explanation
-from solver.diagnostics.fault_candidate import Cause
-from solver.diagnostics.fault_models import FaultModels
+from solver.diagnostics.fault_models import Cause, FaultModels
 from solver.diagnostics.limits import MOTION_SPREAD_RAD, MOTION_SPREAD_SIGMAS
-from solver.diagnostics.model_selection import Evidence
+from solver.diagnostics.model_selection import Explanation
 from solver.diagnostics.range_checks import RangeFinding, ReadingFault, rows_in_radians
 from solver.diagnostics.stated_sizes import ExceededSpecification
 from solver.estimators.effects import LinearModel
@@ -72,10 +70,9 @@ def finding_of(x: Explanation, faults: FaultModels, labels: tuple[str, ...]) -> 
 
 
 def _described(x: Explanation, faults: FaultModels, labels: tuple[str, ...]) -> Finding:
-    K, candidate, evidence = FindingKind, x.candidate, x.evidence
-    subject = candidate.subject
+    K, candidate, subject = FindingKind, x.candidate, x.candidate.subject
     poses = tuple(labels[k] for k in candidate.poses)
-    first, measured = float(evidence.b[0]), _measured(faults.design)
+    first, measured = float(x.b[0]), _measured(faults.design)
     match candidate.cause:
         case Cause.SLIPPED:
             side = "table" if subject == "table" else "tool"
@@ -98,13 +95,11 @@ def _described(x: Explanation, faults: FaultModels, labels: tuple[str, ...]) -> 
         case Cause.FROZEN:
             return Finding(K.READING_FROZEN, joint=int(subject), poses=poses)
         case Cause.READING:
-            return _reading_noise(int(subject), evidence, faults)
+            return _reading_noise(int(subject), x, faults)
         case Cause.SCATTER:
             # The prior shrinks coefficients where the poses have little information: the shrinkage is corrected.
-            predicted = float(
-                (1.0 - evidence.covariance / (evidence.size * candidate.expected_size) ** 2).sum()
-            )
-            rms = float(np.sqrt(evidence.b @ evidence.b / max(predicted, 1.0)))
+            predicted = float((1.0 - x.covariance / (x.size * candidate.expected_size) ** 2).sum())
+            rms = float(np.sqrt(x.b @ x.b / max(predicted, 1.0)))
             return Finding(K.ALL_READINGS_NOISE, size=rms, unit="rad")
         case Cause.SCALE:
             return Finding(K.ENCODER_SCALE, joint=int(subject), size=first)
@@ -187,8 +182,8 @@ def _between(first: int, labels: tuple[str, ...]) -> tuple[str, str]:
     return labels[first - 1], labels[first]
 
 
-def _reading_noise(joint: int, evidence: Evidence, faults: FaultModels) -> Finding:
-    arm, sd = faults.arm, _rms(evidence.b)
+def _reading_noise(joint: int, x: Explanation, faults: FaultModels) -> Finding:
+    arm, sd = faults.arm, _rms(x.b)
     shares = [float(np.median(a.share)) for a in faults.design.errors.analogue if a.joint == joint]
     samples = round(1.0 / shares[0]) if shares else 1
     sensor = arm.joints[joint - 1].sensor
@@ -214,17 +209,17 @@ def _entry(x: Explanation, faults: FaultModels) -> Finding:
         FindingKind.TWIST_OFF if angle else FindingKind.LENGTH_OFF,
         names=(name,),
         # The residual is w + A dx, so that the coefficient has the opposite sign of the error.
-        size=-float(x.evidence.b[0]),
+        size=-float(x.b[0]),
         unit="rad" if angle else "m",
         figures={"limit": stated},
     )
 
 
 def _smooth(joint: int, x: Explanation, faults: FaultModels) -> Finding:
-    candidate, evidence = x.candidate, x.evidence
+    candidate = x.candidate
     if candidate.cause is Cause.CURVE:
         sensor = faults.arm.joints[joint - 1].sensor
-        peak, sd, from_line = candidate.deviation(evidence.b, evidence.covariance)
+        peak, sd, from_line = candidate.deviation(x.b, x.covariance)
         figures = {"from_line": 1.0} if from_line else {}
         if isinstance(sensor, Rvdt):
             figures |= {"full_scale_rad": sensor.full_scale_rad, "linearity": sensor.linearity}
@@ -239,7 +234,7 @@ def _smooth(joint: int, x: Explanation, faults: FaultModels) -> Finding:
         )
     # Rotation of the joint (rms over the poses, rad) that comes closest to the explanation's closure error.
     B = faults.system.B[:, :, joint - 1]
-    displacement = candidate.moves(evidence.b, len(B))
+    displacement = candidate.moves(x.b, len(B))
     along = (displacement * B).sum(-1) / np.maximum((B**2).sum(-1), 1e-300)
     cyclic = candidate.cause is Cause.TURN_ERROR
     return Finding(
@@ -256,7 +251,7 @@ def rms_displacement(x: Explanation, faults: FaultModels) -> dict[str, float]:
 
     The rms is over the poses that the fault affects, in the placement with the largest displacement.
     """
-    displacement = x.candidate.moves(x.evidence.b, len(faults.system.w))
+    displacement = x.candidate.moves(x.b, len(faults.system.w))
     along_fixture = (faults.system.E @ displacement[..., None])[..., 0]
     concerned = np.abs(displacement).sum(-1) > 0.0
     group = np.zeros(len(concerned), dtype=np.int64)

@@ -22,7 +22,7 @@ from solver.chain.parameters import wrap_angle
 from solver.chain.poses import PoseSet, back_to_caller
 from solver.chain.sensors import NoSensor, Rvdt
 from solver.closing import close_loops
-from solver.diagnostics.fault_candidate import PeakDeviation
+from solver.diagnostics.fault_models import PeakDeviation
 from solver.diagnostics.identifiability import identifiability_of_fit
 from solver.diagnostics.rvdt import (
     RvdtVerdict,

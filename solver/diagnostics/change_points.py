@@ -12,7 +12,7 @@ from functools import lru_cache
 import numpy as np
 
 from solver.arrays import FloatArray
-from solver.diagnostics.fault_candidate import Candidate, Cause
+from solver.diagnostics.fault_models import Candidate, Cause
 from solver.diagnostics.limits import FALSE_ALARM_PROBABILITY, STEP_EDGE_POSES
 from solver.diagnostics.whitened_residuals import WhitenedResiduals
 

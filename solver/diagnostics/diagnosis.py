@@ -6,7 +6,7 @@ compared, and the fault that explains the residuals best is fitted as well. This
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import log
 
 import numpy as np
@@ -15,8 +15,7 @@ from solver.arrays import FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
 from solver.diagnostics import limits
 from solver.diagnostics.change_points import steps
-from solver.diagnostics.fault_candidate import Candidate, Cause, PeakDeviation
-from solver.diagnostics.fault_models import FaultModels
+from solver.diagnostics.fault_models import Candidate, Cause, FaultModels, PeakDeviation
 from solver.diagnostics.hypothesis_tests import (
     HypothesisTest,
     Outliers,
@@ -28,7 +27,7 @@ from solver.diagnostics.hypothesis_tests import (
     without_curves_in_specification,
 )
 from solver.diagnostics.model_selection import (
-    Evidence,
+    Explanation,
     evidence,
     log_likelihood,
     noise_scale,
@@ -40,20 +39,6 @@ from solver.estimators.linear_fit import LinearFit
 
 UNNAMED = 0.002
 """Prior probability of a cause that is not in `Cause`."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Explanation:
-    """A cause, with its evidence and probability."""
-
-    candidate: Candidate
-    evidence: Evidence
-    probability: float
-
-    @property
-    def chi2_per_dof(self) -> float:
-        """Remaining chi2/dof after the candidate is fitted, at the stated variances."""
-        return self.evidence.chi2 / max(self.evidence.dof, 1)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -179,8 +164,7 @@ def _explanations(
         if best is None or best.chi2_per_dof > limits.CHI2_PER_DOF_GROSS:
             # No linear cause explains this.
             return
-        size = best.evidence.size * best.candidate.expected_size
-        residuals = _with_cause(residuals, best.candidate, size)
+        residuals = _with_cause(residuals, best)
         if residuals.dof <= 0:
             return
         outliers, tests = _residual_tests(faults, residuals, residuals)
@@ -189,9 +173,8 @@ def _explanations(
             return
 
 
-def _with_cause(
-    residuals: WhitenedResiduals, cause: Candidate, sd: FloatArray
-) -> WhitenedResiduals:
+def _with_cause(residuals: WhitenedResiduals, x: Explanation) -> WhitenedResiduals:
+    cause, sd = x.candidate, x.size * x.candidate.expected_size
     if cause.own is None:
         return residuals.with_columns(cause.columns, sd)
     own = cause.columns * sd.reshape(len(cause.own), 1, -1)
@@ -202,7 +185,7 @@ def _changes(
     faults: FaultModels, residuals: WhitenedResiduals, outliers: Outliers
 ) -> Iterable[Candidate]:
     """Yield a candidate for each step and group of outliers; `outliers`: result of `find_outliers` at scale 1."""
-    scale = noise_scale(residuals.chi2, residuals.dof)
+    scale = float(noise_scale(residuals.chi2, residuals.dof))
     for step in steps(residuals, faults.changes(), scale=scale):
         yield step.suspect.from_pose(step.pose)
     poses = (outliers if scale == 1.0 else find_outliers(residuals, scale=scale)).poses
@@ -223,38 +206,35 @@ def _changes(
 
 
 def _ranked(residuals: WhitenedResiduals, candidates: Iterable[Candidate]) -> CauseRanking:
-    listed = [
-        (c, e)
+    known = [
+        x
         for c in candidates
-        if (e := evidence(residuals, c.columns, c.expected_size, own=c.own, most=c.most))
-        and not c.within_specification(e.b, e.covariance)
-        and float(np.sqrt(np.mean((e.b / c.expected_size) ** 2))) <= c.most
+        if (x := evidence(residuals, c))
+        and not c.within_specification(x.b, x.covariance)
+        and float(np.sqrt(np.mean((x.b / c.expected_size) ** 2))) <= c.most
     ]
-    counts = Counter(c.cause for c, _ in listed)
+    counts = Counter(x.candidate.cause for x in known)
     weights = [
-        e.log_likelihood
-        + np.log(c.cause.prior / counts[c.cause])
-        - log(c.places)
+        x.log_likelihood
+        + np.log(x.candidate.cause.prior / counts[x.candidate.cause])
+        - log(x.candidate.places)
         # If the remaining misfit exceeds the stated errors, there must be a second, unknown cause.
-        + (np.log(UNNAMED) if e.chi2 > limits.CHI2_PER_DOF_EXPLAINED * max(e.dof, 1) else 0.0)
-        for c, e in listed
+        + (np.log(UNNAMED) if x.chi2_per_dof > limits.CHI2_PER_DOF_EXPLAINED else 0.0)
+        for x in known
     ]
+    no_fault = np.log(1.0 - sum(cause.prior for cause in Cause))
     weights += [
-        log_likelihood(residuals, most_noise=1.0)
-        + np.log(1.0 - sum(cause.prior for cause in Cause)),
-        log_likelihood(residuals, most_noise=np.inf) + np.log(UNNAMED),
+        log_likelihood(residuals.chi2, residuals.dof, most_noise=1.0) + no_fault,
+        log_likelihood(residuals.chi2, residuals.dof) + np.log(UNNAMED),
     ]
     chance = probabilities(np.array(weights))
-    explanations = [
-        Explanation(candidate=c, evidence=e, probability=float(p))
-        for (c, e), p in zip(listed, chance[:-2], strict=True)
-    ]
-    explanations.sort(key=lambda explanation: -explanation.probability)
+    known = [replace(x, probability=p) for x, p in zip(known, chance[:-2].tolist(), strict=True)]
+    known.sort(key=lambda x: -x.probability)
     unknown = float(chance[-1])
     return CauseRanking(
         known=tuple(
             x
-            for k, x in enumerate(explanations)
+            for k, x in enumerate(known)
             if x.probability >= limits.LEAST_REPORTED_CAUSE_PROBABILITY
             or (k == 0 and x.probability >= unknown)
         ),

@@ -171,7 +171,7 @@ def _as_stated(j: int, faults: FaultModels, residuals: WhitenedResiduals) -> boo
         return False
     if curve.measured is not None:
         return not curve.measured.beyond(curve.most_stated)
-    measured = evidence(residuals, curve.columns, curve.expected_size, most=curve.most)
+    measured = evidence(residuals, curve)
     return measured is not None and curve.within_specification(measured.b, measured.covariance)
 
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from solver.arrays import FloatArray, IntArray
 from solver.chain.parameters import nominal_vector
+from solver.diagnostics.fault_models import Candidate
 from solver.diagnostics.identifiability import identifiability_of_jacobian, jacobian_at_closed
 from solver.diagnostics.limits import SMALLEST_NOISE_SCALE
 from solver.diagnostics.whitened_residuals import OwnColumns, SolvedColumns, WhitenedResiduals
@@ -32,17 +33,19 @@ STRIDE = 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Evidence:
-    """Model evidence of one explanation.
+class Explanation:
+    """A fault as a possible cause of the misfit, with its model evidence.
 
     `log_likelihood`: log-likelihood, up to a constant that is the same for all explanations of one pose set.
-    `chi2`, `dof`: remaining chi2 and its degrees of freedom, at stated variances.
+    `chi2`, `dof`: remaining chi2 and its degrees of freedom (at least 1), at stated variances.
     `size`: most likely standard deviation of the coefficients, in units of their expected magnitudes.
-    `b` (c,): the c coefficients of the explanation.
+    `b` (c,): the c coefficients of the fault.
     `covariance` (c, c): covariance of `b`; only the variances (c,) if each pose has coefficients of its own.
-    `moved` (P,): change of the parameters when the explanation is fitted, rad and m.
+    `moved` (P,): change of the parameters when the fault is fitted, rad and m.
+    `probability`: probability among all causes that are compared; 0 as long as none are.
     """
 
+    candidate: Candidate
     log_likelihood: float
     chi2: float
     dof: int
@@ -50,40 +53,34 @@ class Evidence:
     b: FloatArray
     covariance: FloatArray
     moved: FloatArray
+    probability: float = 0.0
+
+    @property
+    def chi2_per_dof(self) -> float:
+        """Remaining chi2/dof after the fault is fitted, at the stated variances."""
+        return self.chi2 / self.dof
 
 
-def noise_scale(chi2: float, dof: int, most: float = 1.0) -> float:
+def noise_scale(chi2: FloatArray | float, dof: int, most: float = 1.0) -> FloatArray:
     """Return chi2/dof as the ratio of actual to stated variances, limited to [`SMALLEST_NOISE_SCALE`, `most`]."""
-    return min(most, max(SMALLEST_NOISE_SCALE, chi2 / max(dof, 1)))
+    return np.clip(chi2 / max(dof, 1), SMALLEST_NOISE_SCALE, most)
 
 
-def log_likelihood(residuals: WhitenedResiduals, *, most_noise: float) -> float:
-    """Return the log-likelihood of the residuals if no known fault occurred.
+def log_likelihood(chi2: FloatArray | float, dof: int, *, most_noise: float = np.inf) -> FloatArray:
+    """Return the log-likelihood of residuals with this remaining chi2.
 
     `most_noise`: largest ratio of actual to stated variances. It is 1 if no error is larger than stated, and infinite
     if an unknown cause may have made all errors larger.
     """
-    scale = noise_scale(residuals.chi2, residuals.dof, most_noise)
-    return -0.5 * (max(residuals.dof, 1) * float(np.log(scale)) + residuals.chi2 / scale)
+    scale = noise_scale(chi2, dof, most_noise)
+    return -0.5 * (max(dof, 1) * np.log(scale) + chi2 / scale)
 
 
-def evidence(
-    residuals: WhitenedResiduals,
-    G: FloatArray,
-    expected_size: FloatArray,
-    *,
-    own: IntArray | None = None,
-    most: float = np.inf,
-) -> Evidence | None:
-    """Compute the evidence for a fault whose coefficients b (c,) change the misclosures by ``G @ b``.
-
-    The result is None if the fit already contains all columns G (m, r, c).
-
-    `expected_size` (c,): expected magnitudes of the coefficients. `most`: largest multiple of these to try.
-    `own`: indices (p,) of the poses if each has its own c coefficients; G is then (p, r, c), the sizes are (p * c,).
-    """
-    if own is not None:
-        return _evidence_of_own(residuals, own, G, expected_size, most)
+def evidence(residuals: WhitenedResiduals, candidate: Candidate) -> Explanation | None:
+    """Compute the evidence for a fault; the result is None if the fit already contains all its columns."""
+    if candidate.own is not None:
+        return _evidence_of_own(residuals, candidate, candidate.own)
+    G, expected_size = candidate.columns, candidate.expected_size
     s, C = residuals.score(G)
     s, C = expected_size * s, expected_size[:, None] * C * expected_size
     values, vectors = np.linalg.eigh(C)
@@ -93,19 +90,18 @@ def evidence(
         return None
     values, vectors = values[free], vectors[:, free]
     along = vectors.T @ s
-    sizes = SIZES[most >= SIZES]
+    sizes = SIZES[candidate.most >= SIZES]
     v = sizes[:, None] ** 2
     shrunk = v / (1.0 + v * values)
     chi2 = np.maximum(residuals.chi2 - (shrunk * along**2).sum(-1), 1e-12)
-    dof = max(residuals.dof, 1)
-    f = np.maximum(SMALLEST_NOISE_SCALE, chi2 / dof)
-    gain = -0.5 * np.log1p(v * values).sum(-1) - 0.5 * (dof * np.log(f) + chi2 / f)
+    gain = -0.5 * np.log1p(v * values).sum(-1) + log_likelihood(chi2, residuals.dof)
     best = int(np.argmax(gain))
     b = expected_size * (vectors @ (shrunk[best] * along))
-    return Evidence(
+    return Explanation(
+        candidate=candidate,
         log_likelihood=float(gain[best]),
         chi2=float(chi2[best]),
-        dof=dof,
+        dof=max(residuals.dof, 1),
         size=float(sizes[best]),
         b=b,
         covariance=np.outer(expected_size, expected_size) * ((vectors * shrunk[best]) @ vectors.T),
@@ -114,39 +110,37 @@ def evidence(
 
 
 def _evidence_of_own(
-    residuals: WhitenedResiduals,
-    own: IntArray,
-    G: FloatArray,
-    expected_size: FloatArray,
-    most: float,
-) -> Evidence | None:
-    p, _, c = G.shape
-    columns = OwnColumns(residuals, own, G * expected_size.reshape(p, 1, c))
+    residuals: WhitenedResiduals, candidate: Candidate, own: IntArray
+) -> Explanation | None:
+    """Compute the evidence for a fault with coefficients of its own in each of the poses `own` (p,)."""
+    expected_size, (p, _, c) = candidate.expected_size, candidate.columns.shape
+    columns = OwnColumns(residuals, own, candidate.columns * expected_size.reshape(p, 1, c))
     if not (columns.own > 0.0).any():
         return None
-    sizes, dof = SIZES[most >= SIZES], max(residuals.dof, 1)
+    sizes = SIZES[candidate.most >= SIZES]
 
     @cache
-    def at(k: int) -> tuple[float, SolvedColumns]:
-        """Return the log-likelihood, and the solution, for coefficients of standard deviation `sizes[k]`."""
+    def at(k: int) -> tuple[float, float, SolvedColumns]:
+        """Return log-likelihood, chi2 and solution for coefficients of standard deviation `sizes[k]`."""
         solved = columns.solved(float(sizes[k]) ** 2)
         chi2 = max(residuals.chi2 - solved.drop, 1e-12)
-        f = max(SMALLEST_NOISE_SCALE, chi2 / dof)
-        return -0.5 * solved.logdet - 0.5 * (dof * float(np.log(f)) + chi2 / f), solved
+        gain = -0.5 * solved.logdet + log_likelihood(chi2, residuals.dof)
+        return float(gain), chi2, solved
 
     def best_of(grid: range) -> int:
         return max(grid, key=lambda k: at(k)[0])
 
     about = best_of(range(0, len(sizes), STRIDE))
     best = best_of(range(max(about - STRIDE + 1, 0), min(about + STRIDE, len(sizes))))
-    gain, solution = at(best)
+    gain, chi2, solution = at(best)
     if not np.isfinite(gain):
         return None
     b, variance = columns.coefficients(solution)
-    return Evidence(
+    return Explanation(
+        candidate=candidate,
         log_likelihood=gain,
-        chi2=max(residuals.chi2 - solution.drop, 1e-12),
-        dof=dof,
+        chi2=chi2,
+        dof=max(residuals.dof, 1),
         size=float(sizes[best]),
         b=expected_size * b,
         covariance=expected_size**2 * variance,

@@ -11,7 +11,7 @@ from solver.chain.parameters import DhEntry, DhKind, nominal_vector, wrap_angle
 from solver.chain.poses import back_to_caller
 from solver.chain.sensors import Rvdt
 from solver.diagnostics import limits
-from solver.diagnostics.fault_candidate import PeakDeviation
+from solver.diagnostics.fault_models import PeakDeviation
 from solver.diagnostics.pose_adjustment import LoopAngle, loop_angles
 from solver.diagnostics.rvdt_response import RvdtFigures, SingleNoise, measure, sensor_angle
 from solver.estimators.error_model import ErrorModel

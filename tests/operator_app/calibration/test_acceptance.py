@@ -11,8 +11,8 @@ from operator_app.calibration.acceptance import Verdict, causes_of, each_once, p
 from operator_app.calibration.calibrate import calibrate
 from operator_app.messages.finding import Finding, FindingKind
 from operator_app.report.text import unidentifiable_text
-from solver.diagnostics.diagnosis import CauseRanking, Explanation, diagnose
-from solver.diagnostics.fault_candidate import Cause
+from solver.diagnostics.diagnosis import CauseRanking, diagnose
+from solver.diagnostics.fault_models import Cause
 from solver.diagnostics.hypothesis_tests import HypothesisTest
 from solver.diagnostics.model_selection import evidence
 from solver.errors import UnidentifiableDirection, UnidentifiableError
@@ -181,12 +181,10 @@ def test_blocking_cause_is_named_after_many_slight_ones(sound, diagnosis):
     ]
     drifts = [c for c in candidates if c.cause is Cause.DRIFT]
     slight = [
-        Explanation(candidate=c, evidence=evidence_with(diagnosis, c, b=0.0), probability=0.15)
+        explanation(diagnosis, c, b=0.0, probability=0.15)
         for c in (*drifts[:5], *(c for c in candidates if c.cause is Cause.SCALE))
     ]
-    gross = Explanation(
-        candidate=drifts[5], evidence=evidence_with(diagnosis, drifts[5], b=0.1), probability=0.9
-    )
+    gross = explanation(diagnosis, drifts[5], b=0.1, probability=0.9)
 
     def names_after(first):
         both = replace(
@@ -205,9 +203,8 @@ def test_blocking_cause_is_named_after_many_slight_ones(sound, diagnosis):
     assert names_after(slight) == [*five, ("DRIFT_JOINT_6", True)]
 
 
-def evidence_with(diagnosis, candidate, *, b):
-    """The evidence of a candidate, had its coefficients been `b` and moved no parameter."""
-    result = evidence(
-        diagnosis.residuals, candidate.columns, candidate.expected_size, own=candidate.own
-    )
-    return replace(result, b=np.full_like(result.b, b), moved=np.zeros_like(result.moved))
+def explanation(diagnosis, candidate, *, b, probability):
+    """By a candidate, had its coefficients been `b` and moved no parameter."""
+    x = evidence(diagnosis.residuals, candidate)
+    b, moved = np.full_like(x.b, b), np.zeros_like(x.moved)
+    return replace(x, b=b, moved=moved, probability=probability)

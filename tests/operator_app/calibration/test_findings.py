@@ -55,8 +55,8 @@ def test_slip_is_as_large_as_in_the_placement_in_which_it_happened():
         design=SimpleNamespace(group=group),
         order=order,
     )
-    candidate, evidence = SimpleNamespace(moves=lambda *_: moved), SimpleNamespace(b=None)
-    size = rms_displacement(SimpleNamespace(candidate=candidate, evidence=evidence), faults)
+    slip = SimpleNamespace(candidate=SimpleNamespace(moves=lambda *_: moved), b=None)
+    size = rms_displacement(slip, faults)
     assert size == {"turn_rad": 0.0, "shift_m": pytest.approx(0.003)}
 
 

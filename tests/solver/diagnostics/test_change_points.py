@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from solver.diagnostics.change_points import step_threshold, steps
-from solver.diagnostics.fault_candidate import Candidate, Cause
+from solver.diagnostics.fault_models import Candidate, Cause
 from solver.diagnostics.limits import STEP_EDGE_POSES
 from solver.diagnostics.whitened_residuals import WhitenedResiduals
 from tests.oracles.fit_residuals import fit_residuals

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from solver.diagnostics.diagnosis import Diagnosis, diagnose
-from solver.diagnostics.fault_candidate import Cause
+from solver.diagnostics.fault_models import Cause
 from solver.diagnostics.stated_sizes import learned_scales, with_estimated_motion_noise
 from solver.estimators.variance_components import Calibrated
 from tests.oracles.as_shipped import ARM, fit_of

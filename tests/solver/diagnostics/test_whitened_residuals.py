@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from solver.diagnostics.fault_models import Candidate, Cause
 from solver.diagnostics.hypothesis_tests import find_outliers
 from solver.diagnostics.model_selection import evidence, log_likelihood, noise_scale, probabilities
 from solver.diagnostics.whitened_residuals import OwnColumns, WhitenedResiduals
@@ -46,6 +47,13 @@ def written_out(m: int, own: np.ndarray, blocks: np.ndarray) -> np.ndarray:
 def pose_columns(left: WhitenedResiduals, poses: np.ndarray) -> np.ndarray:
     """Columns (p, r, r), one for each equation of the poses (p,), in units of noise."""
     return np.linalg.inv(left.whitener[poses])
+
+
+def fault(columns: np.ndarray, size: np.ndarray, own: np.ndarray | None = None) -> Candidate:
+    cause = Cause.OUTLIERS
+    return Candidate(
+        cause=cause, subject="", columns=columns, expected_size=size, own=own, most=np.inf
+    )
 
 
 def covariance(left: WhitenedResiduals) -> np.ndarray:
@@ -170,11 +178,12 @@ def test_evidence_prefers_the_true_cause():
     one = G[..., :1]
     each = np.repeat(np.eye(POSES)[:, None, :], ROWS, axis=1) * one
     left = fit_residuals(w + 3.0 * one[..., 0], A, V)
-    right, lavish = evidence(left, one, np.ones(1)), evidence(left, each, np.ones(POSES))
+    faults = fault(one, np.ones(1)), fault(each, np.ones(POSES))
+    right, lavish = (evidence(left, candidate) for candidate in faults)
     assert right is not None
     assert lavish is not None
     assert right.log_likelihood > lavish.log_likelihood + 5.0
-    assert right.log_likelihood > log_likelihood(left, most_noise=np.inf) + 5.0
+    assert right.log_likelihood > log_likelihood(left.chi2, left.dof) + 5.0
     assert right.b[0] == pytest.approx(3.0, abs=5.0 * np.sqrt(right.covariance[0, 0]))
     np.testing.assert_allclose(probabilities(np.array([0.0, np.log(3.0)])), [0.25, 0.75])
 
@@ -182,15 +191,15 @@ def test_evidence_prefers_the_true_cause():
 def test_evidence_prefers_no_fault_for_sound_poses():
     w, A, V, G = problem(10)
     left = fit_residuals(w, A, V)
-    result = evidence(left, G, np.ones(3))
+    result = evidence(left, fault(G, np.ones(3)))
     assert result is not None
-    assert log_likelihood(left, most_noise=np.inf) > result.log_likelihood - 1.0
+    assert log_likelihood(left.chi2, left.dof) > result.log_likelihood - 1.0
     assert 0.25 <= noise_scale(left.chi2, left.dof) <= 1.0
 
 
 def test_columns_already_fitted_give_no_evidence():
     w, A, V, _ = problem(11)
-    assert evidence(fit_residuals(w, A, V), A[..., :2], np.ones(2)) is None
+    assert evidence(fit_residuals(w, A, V), fault(A[..., :2], np.ones(2))) is None
 
 
 MORE_POSES = 40
@@ -214,8 +223,8 @@ def test_evidence_equals_that_of_explicit_columns(left, count, width):
     own = np.sort(rng.choice(MORE_POSES, count, replace=False))
     blocks = rng.normal(size=(count, ROWS, width))
     expected_size = np.tile(rng.uniform(0.5, 2.0, width), count)
-    there = evidence(left, written_out(MORE_POSES, own, blocks), expected_size)
-    here = evidence(left, blocks, expected_size, own=own)
+    there = evidence(left, fault(written_out(MORE_POSES, own, blocks), expected_size))
+    here = evidence(left, fault(blocks, expected_size, own))
     assert there is not None
     assert here is not None
     assert here.log_likelihood == pytest.approx(there.log_likelihood)
@@ -252,7 +261,7 @@ def test_a_thousand_outliers_need_no_dense_columns():
     eye = np.broadcast_to(np.eye(r), (m, r, r))
     left, own = fit_residuals(w, A, eye), np.arange(0, m, 3)
     tracemalloc.start()
-    result = evidence(left, pose_columns(left, own), np.full(len(own) * r, 3.0), own=own)
+    result = evidence(left, fault(pose_columns(left, own), np.full(len(own) * r, 3.0), own))
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert result is not None

@@ -218,7 +218,7 @@ def hinge_instead(stated: Experiment) -> Alternative:
             orientation_rad=fixture.compliance.orientation_rad or TURNS_RAD,
         ),
     )
-    hand, base = map(_direction_text, along)
+    hand, base = (",".join(f"{x:.3f}" for x in np.round(d, 3) + 0.0) for d in along)
     lines = f"{_points(tip, ground)} --hand-direction={hand} --base-direction={base}"
     names = (fixture.kind, _new("hinge", arm, lines))
     return Finding(FindingKind.WRONG_FIXTURE_HINGE, names=names), replace(stated, fixture=hinge)
@@ -263,7 +263,3 @@ def _points(tip_m: FloatArray, ground_m: FloatArray) -> str:
         for v in (tip_m, ground_m)
     )
     return f"--hand-point={hand} --base-point={base}"
-
-
-def _direction_text(direction: FloatArray) -> str:
-    return ",".join(f"{x:.3f}" for x in np.round(direction, 3) + 0.0)

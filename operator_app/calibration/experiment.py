@@ -213,8 +213,7 @@ class FixtureRefusedError(FixtureError):
 def refuse_placement(experiment: Experiment, model: ClosureModel) -> None:
     """Raise `FixtureRefusedError` if parameters have no unique values in the nominal placement (Hayati)."""
     part, *_ = model.parts()[0]
-    nominal = nominal_vector(part.parameters)
-    checks = experiment.fixture.placement_checks(experiment.arm, part, nominal)
+    checks = placement_checks(experiment, part, nominal_vector(part.parameters))
     refused = tuple(c for c in checks if c.severity is Severity.REFUSED)
     if refused and model.parameters:
         raise FixtureRefusedError(refused)

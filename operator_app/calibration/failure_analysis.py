@@ -44,10 +44,9 @@ def explain_unidentifiable(
     if paper is None or error.note or any(d.immobile_joints for d in error.directions):
         # Too few poses and an immobile joint follow from the readings alone.
         return error
-    if not _closes(paper):
+    if text := _open_loops_text(paper):
         # Where no loop closes the solution is arbitrary, and so is its identifiability.
         alternatives = find_alternatives(stated, scale=np.inf, dof=paper.dof)
-        text = _open_loops_text(paper)
         return poses_do_not_fit(alternatives) if alternatives else PosesDoNotFitError((text,))
     model, q = stated.loop(), stated.poses.q_rad
     nominal = nominal_vector(model.parameters)
@@ -58,15 +57,11 @@ def explain_unidentifiable(
     return poses_do_not_fit(back) if back else error
 
 
-def _closes(estimate: Estimate) -> bool:
-    after, turned = estimate.sigmas, estimate.sigmas.orientation_rad
-    return after.position_m.rms < limits.NO_CLOSURE_M and (
-        turned is None or turned.rms < limits.NO_CLOSURE_RAD
-    )
-
-
 def _open_loops_text(paper: Estimate) -> str:
+    """Return the text on loops that do not close at the paper's estimate; empty if they close."""
     open_m, turned = paper.sigmas.position_m.rms, paper.sigmas.orientation_rad
+    if open_m < limits.NO_CLOSURE_M and (turned is None or turned.rms < limits.NO_CLOSURE_RAD):
+        return ""
     also = "" if turned is None else f" and {SIGMA_ORI(turned.rms).with_unit}"
     return (
         f"no parameters close the loops better than {SIGMA_POS(open_m).with_unit}{also} (rms): look for readings "

@@ -69,11 +69,6 @@ class EntryHistory:
     chart: ControlChart
     smallest: FloatArray
 
-    @property
-    def several(self) -> bool:
-        """Whether there are several sessions to compare."""
-        return len(self.calibrations) > 1
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArmHistory:

@@ -172,8 +172,9 @@ def _of_the_fit(solution: Solution, same: tuple[Finding, ...], *, sound: bool) -
     if sound:
         yield from fixture_elsewhere(solution.estimate, solution.model)
         # If outliers block acceptance, that cause names them, and the other poses cannot be judged.
-        if not any(c.kind is K.OUTLIERS and c.blocking for c in solution.causes):
-            yield from outliers_still_used(solution.outliers)
+        blocked = any(c.kind is K.OUTLIERS and c.blocking for c in solution.causes)
+        if solution.outliers and not blocked:
+            yield Finding(K.OUTLIERS_COUNT, poses=solution.outliers)
 
 
 def exceeded_limits(estimate: Estimate, limits: AcceptanceLimits) -> tuple[Finding, ...]:
@@ -188,11 +189,6 @@ def exceeded_limits(estimate: Estimate, limits: AcceptanceLimits) -> tuple[Findi
         )
         if limit is not None and value is not None and value > limit / per_si
     )
-
-
-def outliers_still_used(labels: tuple[str, ...]) -> tuple[Finding, ...]:
-    """Return the finding that the poses `labels` are used but do not fit the others; empty without such poses."""
-    return (Finding(K.OUTLIERS_COUNT, poses=labels),) if labels else ()
 
 
 def _ill_conditioned(identified: Identifiability, limits: AcceptanceLimits) -> tuple[Finding, ...]:

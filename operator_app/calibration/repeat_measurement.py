@@ -99,10 +99,12 @@ def compare_readings(
     open_directions = basis[:, motion.degrees :]
     if not open_directions.size:
         return None
-    d: FloatArray = np.asarray(open_directions.T @ (difference[used] / sigma), dtype=np.float64)
+    d: FloatArray = open_directions.T @ (difference[used] / sigma)
     by_give = open_directions.T @ (np.linalg.pinv(J)[used] / sigma[:, None])
-    rows = by_give.shape[1]
-    stated = np.repeat([compliance.orientation_rad, compliance.position_m], 3)[6 - rows :]
+    stated = np.repeat([compliance.orientation_rad, compliance.position_m], 3)
+    least = np.repeat([SMALLEST_DEFLECTION_RAD, SMALLEST_DEFLECTION_M], 3)
+    # Without rotations in the closure error, only the displacement counts.
+    stated, least = (sizes[6 - by_give.shape[1] :] for sizes in (stated, least))
     bends = by_give * stated
     # Whitened by all stated errors: unit variance of the noise, and two draws of the compliance.
     L = np.linalg.cholesky(np.eye(len(d)) + 2.0 * bends @ bends.T)
@@ -115,11 +117,7 @@ def compare_readings(
     chi2, gained = float(d @ d), float(explained[k])
     # Gain in log-likelihood from a step change of the joint's reading, at the step's most likely variance.
     of_joint = 0.5 * (gained - 1.0 - float(np.log(gained))) if gained > 1.0 else 0.0
-    shape = np.where(
-        stated > 0.0,
-        stated,
-        np.repeat([SMALLEST_DEFLECTION_RAD, SMALLEST_DEFLECTION_M], 3)[6 - rows :],
-    )
+    shape = np.where(stated > 0.0, stated, least)
     gain, slip = _of_fixture(d, np.asarray(np.linalg.solve(L, by_give * shape), dtype=np.float64))
     slip = slip * shape
     return Repeat(

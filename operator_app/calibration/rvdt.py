@@ -31,9 +31,13 @@ from solver.diagnostics.rvdt import (
     rvdt_verdicts,
     undecided,
 )
-from solver.diagnostics.rvdt_response import SingleNoise, single_noise
+from solver.diagnostics.rvdt_response import (
+    SingleNoise,
+    noise_of_component,
+    noise_of_samples,
+)
 from solver.diagnostics.stated_sizes import sensor_noise_with_estimated_motion
-from solver.estimators.variance_components import Calibrated, Component, components
+from solver.estimators.variance_components import Calibrated, components
 from solver.loops.closure import ClosureModel
 
 
@@ -102,21 +106,20 @@ def _noise_of_rvdts(
     samples = poses.sample_counts[kept]
     # A spread of 0 counts as not recorded.
     spread = np.zeros_like(poses.q_rad[kept]) if poses.sd_rad is None else poses.sd_rad[kept]
-    of_joint = ((j, s, spread[:, j - 1]) for j, s in sensors.items())
-    still = {j: read <= motion_limit_rad(s, read) for j, s, read in of_joint}
-    unmeasured = [j for j in sensors if not spread[still[j] & (samples > 1), j - 1].any()]
-    by_name: dict[str, Component] = {}
-    if unmeasured:
+    noise: dict[int, SingleNoise] = {}
+    for j, sensor in sensors.items():
+        own = spread[:, j - 1]
+        still = own <= motion_limit_rad(sensor, own)
+        if own[still & (samples > 1)].any():
+            noise[j] = noise_of_samples(own[still] / sensor.resolution_rad, samples[still])
+    if len(noise) < len(sensors):
         # The motion noise of fixture and joints is the estimated one, not the stated one.
         v, error = sensor_noise_with_estimated_motion(calibrated.linear)
         by_name = {c.name: c for c in components(calibrated.linear.design, v, error)}
-    noise_by_joint: dict[int, SingleNoise] = {}
-    for j, sensor in sensors.items():
-        component, own = by_name.get(f"rvdt_{j}"), still[j]
-        noise = single_noise(sensor, component, spread[own, j - 1], samples[own])
-        if noise is not None:
-            noise_by_joint[j] = noise
-    return noise_by_joint
+        for j in sensors.keys() - noise.keys():
+            if (component := by_name.get(f"rvdt_{j}")) is not None:
+                noise[j] = noise_of_component(sensors[j], component)
+    return noise
 
 
 def measured_deviations(

@@ -20,11 +20,11 @@ from solver.diagnostics.hypothesis_tests import (
     HypothesisTest,
     Outliers,
     find_outliers,
+    is_within_specification,
     prediction_test,
     pull_tests,
     scale_tests,
     variance_tests,
-    without_curves_in_specification,
 )
 from solver.diagnostics.model_selection import (
     Explanation,
@@ -110,7 +110,7 @@ def diagnose(
         HypothesisTest.of_chi2("CHI2_STATED", stated.chi2, stated.dof),
         *residual_tests,
         *pull_tests(stated),
-        *without_curves_in_specification(variance_tests(stated), faults, residuals),
+        *(t for t in variance_tests(stated) if not is_within_specification(t, faults, residuals)),
         prediction_test(stated),
         *scale_tests(faults, residuals),
     )

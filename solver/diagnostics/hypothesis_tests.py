@@ -5,7 +5,6 @@ All tests use one linear fit, without a refit.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -151,28 +150,23 @@ def variance_tests(stated: LinearFit) -> list[HypothesisTest]:
     ]
 
 
-def without_curves_in_specification(
-    tests: Iterable[HypothesisTest], faults: FaultModels, residuals: WhitenedResiduals
-) -> Iterable[HypothesisTest]:
-    """Yield all tests except those that fire because of a linearity deviation within the sensor's specification.
+def is_within_specification(
+    test: HypothesisTest, faults: FaultModels, residuals: WhitenedResiduals
+) -> bool:
+    """Whether a test fires because of a linearity deviation that may be within the sensor's specification.
 
     A specification limits the largest deviation only. A deviation within this limit may still vary more than the error
-    model assumes, e.g. as ripples, and fire a test although the sensor is sound.
+    model assumes, e.g. as ripples, and fire a test although the sensor is sound. If the loops have not measured the
+    deviation, it is fitted to `residuals`.
     """
-    for test in tests:
-        joint = test.code.removeprefix("VARIANCE_CURVE_")
-        if not (test.fires and joint.isdigit() and _as_stated(int(joint), faults, residuals)):
-            yield test
-
-
-def _as_stated(j: int, faults: FaultModels, residuals: WhitenedResiduals) -> bool:
-    """Whether joint j's linearity deviation, fitted to `residuals` if not measured, may be within specification."""
-    if (curve := faults.linearity_curve(j)) is None:
+    joint = test.code.removeprefix("VARIANCE_CURVE_")
+    curve = faults.linearity_curve(int(joint)) if test.fires and joint.isdigit() else None
+    if curve is None:
         return False
     if curve.measured is not None:
         return not curve.measured.beyond(curve.most_stated)
-    measured = evidence(residuals, curve)
-    return measured is not None and curve.within_specification(measured.b, measured.covariance)
+    fitted = evidence(residuals, curve)
+    return fitted is not None and curve.within_specification(fitted.b, fitted.covariance)
 
 
 OUTLIER_SEARCH_STEPS = 100

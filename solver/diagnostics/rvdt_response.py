@@ -262,20 +262,8 @@ class SingleNoise:
         return self.low > 0.0 and self.high <= NOISE_INTERVAL_RATIO * self.low
 
 
-def single_noise(
-    sensor: Rvdt, component: Component | None, sd_rad: FloatArray, samples: IntArray
-) -> SingleNoise | None:
-    """Return the noise of a single reading; None if neither spread nor component is known.
-
-    `component`: variance component of the joint's readings that the fit of the loops estimated; None if the readings
-    are not used.
-    `sd_rad`: standard deviation of the single readings at each pose (m,), rad; 0 if not recorded.
-    `samples`: number of readings averaged at each pose (m,).
-    """
-    if np.any(sd_rad[samples > 1]):
-        return _of_spread(sd_rad / sensor.resolution_rad, samples)
-    if component is None:
-        return None
+def noise_of_component(sensor: Rvdt, component: Component) -> SingleNoise:
+    """Return the noise of a single reading from the variance component that the fit of the loops estimated for it."""
     # Rounding is part of the component where the stated noise dithers it, and only there.
     rounding = 1.0 / 12.0 if sensor.noise_lsb >= DITHER else 0.0
     sizes = np.array([component.sd, component.low, component.high]) / sensor.resolution_rad
@@ -283,8 +271,12 @@ def single_noise(
     return SingleNoise(lsb=lsb, low=low, high=high, from_spread=False)
 
 
-def _of_spread(sd_lsb: FloatArray, samples: IntArray) -> SingleNoise:
-    """Return the noise from the spreads `sd_lsb` (m,) of the `samples` (m,) readings averaged at each pose."""
+def noise_of_samples(sd_lsb: FloatArray, samples: IntArray) -> SingleNoise:
+    """Return the noise of a single reading from the samples at each pose; at least one pose has several samples.
+
+    `sd_lsb`: standard deviation of the single readings at each pose (m,), LSB; 0 if not recorded.
+    `samples`: number of readings averaged at each pose (m,).
+    """
     from scipy.special import chdtri
 
     weight = (samples - 1) / (samples - 1).sum()

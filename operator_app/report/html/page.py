@@ -184,7 +184,7 @@ def history_html(history: ArmHistory) -> bytes:
     sections = []
     for k, part in enumerate(history.parts, 1):
         drawn_entries = (_chart(part, j) for j in range(len(part.names)))
-        charts = [markup.plots(drawn_entries)] if part.several else []
+        charts = [markup.plots(drawn_entries)] if len(part.calibrations) > 1 else []
         tables = history_output.entries_table(part), history_output.sessions_table(part)
         content = (*charts, *map(markup.table_html, tables))
         heading = history_output.title_of(part)

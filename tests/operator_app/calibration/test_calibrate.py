@@ -10,8 +10,8 @@ from fixtures.base import Compliance
 from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.cross_validation import check
 from operator_app.calibration.experiment import FixtureRefusedError
-from operator_app.calibration.notices import outliers_still_used
 from operator_app.config.poses_file import load_poses
+from operator_app.messages.finding import Finding, FindingKind
 from solver.chain.arm_model import RowTolerance
 from solver.chain.sensors import Encoder, NoSensor
 from solver.closing import close_loops
@@ -159,7 +159,7 @@ def test_offset_far_beyond_its_tolerance_is_mentioned(poses):
 
 
 def test_text_names_five_of_many_outliers_and_counts_the_rest():
-    (notice,) = outliers_still_used(tuple(str(k) for k in range(1, 513)))
+    notice = Finding(FindingKind.OUTLIERS_COUNT, poses=tuple(str(k) for k in range(1, 513)))
     assert "poses 1, 2, 3, 4, 5 and 507 more" in notice.text
 
 

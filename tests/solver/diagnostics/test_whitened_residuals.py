@@ -50,10 +50,8 @@ def pose_columns(left: WhitenedResiduals, poses: np.ndarray) -> np.ndarray:
 
 
 def fault(columns: np.ndarray, size: np.ndarray, own: np.ndarray | None = None) -> Candidate:
-    cause = Cause.OUTLIERS
-    return Candidate(
-        cause=cause, subject="", columns=columns, expected_size=size, own=own, most=np.inf
-    )
+    at = {"columns": columns, "own": own}
+    return Candidate(cause=Cause.OUTLIERS, subject="", expected_size=size, most=np.inf, **at)
 
 
 def covariance(left: WhitenedResiduals) -> np.ndarray:

@@ -17,6 +17,7 @@ from solver.diagnostics.diagnosis import Diagnosis
 from solver.diagnostics.fault_models import Cause
 from solver.diagnostics.hypothesis_tests import HypothesisTest
 from solver.diagnostics.model_selection import Explanation
+from solver.diagnostics.statistics import chi2_limit
 from solver.estimators.estimate import Estimate
 
 
@@ -308,8 +309,6 @@ def not_yet_named(since: tuple[Finding, ...], by_tests: tuple[Finding, ...]) -> 
 
 
 def _slipped_since(repeat: Repeat, estimate: Estimate) -> Finding:
-    from scipy.special import chdtri
-
     read = repeat.read
     # Prior odds: a step in one of n joints, against a slip or a deflection of the fixture.
     of_joint = Cause.LOST_COUNTS.prior / len(repeat.difference_rad)
@@ -338,5 +337,5 @@ def _slipped_since(repeat: Repeat, estimate: Estimate) -> Finding:
         figures={"after": read.after},
         probability=share,
         blocking=abs(repeat.size_rad) > limits.REFUSING_SHIFT_SIGMAS * sd
-        or repeat.chi2 > float(chdtri(repeat.dof, limits.REPEAT_REFUSAL_PROBABILITY)),
+        or bool(repeat.chi2 > chi2_limit(repeat.dof, limits.REPEAT_REFUSAL_PROBABILITY)),
     )

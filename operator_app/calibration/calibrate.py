@@ -59,6 +59,7 @@ from solver.diagnostics.limits import (
 )
 from solver.diagnostics.range_checks import RangeFinding, ReadingFault, range_findings
 from solver.diagnostics.stated_sizes import learned_scales, shares_of_poses
+from solver.diagnostics.statistics import chi2_probability
 from solver.errors import PosesDoNotFitError, UnidentifiableError
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.estimate import closure_at_readings, require_enough_poses
@@ -392,14 +393,12 @@ def _outliers(
     If there are none, return the labels of the poses that the other poses do not predict, the worst first.
     `of_each`: for each pose of `calibrated`, its index in `poses`.
     """
-    from scipy.special import chdtrc
-
     for cause in adjudication.causes:
         if cause.kind is FindingKind.OUTLIERS and cause.blocking:
             labels = pose_labels(poses)
             return tuple(poses.label[labels.index(n)] for n in cause.poses if n in labels)
     chi2, dof = calibrated.linear.left_out_chi2()
-    chances = chdtrc(np.maximum(dof, 1), chi2)
+    chances = chi2_probability(np.maximum(dof, 1), chi2)
     limit = OUTLIER_NOTICE_PROBABILITY / len(chances)
     named = (k for k in np.argsort(chances) if chances[k] < limit)
     return tuple(poses.label[of_each[calibrated.order[k]]] for k in named)

@@ -23,6 +23,7 @@ from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import DhEntry, DhKind, is_entry, wrap_angle
 from solver.diagnostics.identifiability import Identifiability
 from solver.diagnostics.limits import CHI2_NOTICE_PROBABILITY, OFFSET_NOTICE_SIGMAS
+from solver.diagnostics.statistics import chi2_probability
 from solver.estimators.estimate import Estimate
 from solver.estimators.linear_fit import LinearFit
 
@@ -99,10 +100,8 @@ def _of_readings(
     experiment: Experiment, known: PriorInformation, stated: LinearFit, *, sound: bool
 ) -> Iterator[Finding]:
     """Yield notices on readings and set-up; `stated`: fit at stated variances; `sound`: solution has not diverged."""
-    from scipy.special import chdtrc
-
     fixture, poses = experiment.fixture, experiment.poses
-    if stated.dof > 0 and float(chdtrc(stated.dof, stated.chi2)) < CHI2_NOTICE_PROBABILITY:
+    if stated.dof > 0 and chi2_probability(stated.dof, stated.chi2) < CHI2_NOTICE_PROBABILITY:
         yield Finding(K.CHI2_EXCEEDS, size=stated.chi2 / stated.dof)
     for readings in known.out_of_range:
         yield range_finding(readings, poses, notice=True)

@@ -18,7 +18,7 @@ from operator_app.messages.finding import Finding, FindingKind
 from solver.arrays import FloatArray
 from solver.chain.parameters import wrap_angles
 from solver.diagnostics.limits import DISTANCE_NOTICE_PROBABILITY, REMOUNT_FALSE_ALARM_PROBABILITY
-from solver.diagnostics.statistics import sigmas_at
+from solver.diagnostics.statistics import chi2_limit, sigmas_at
 from solver.estimators.error_model import distance_and_rates
 from solver.estimators.estimate import Estimate
 from solver.estimators.linear_fit import LinearFit
@@ -50,8 +50,6 @@ def indistinguishable_placements(model: ClosureModel, estimate: Estimate) -> tup
 
 
 def _pairs(model: Placements, estimate: Estimate) -> Iterator[Finding]:
-    from scipy.special import chdtri
-
     for one, other in combinations(model.numbers, 2):
         own = model.columns(one) != model.columns(other)
         a, b = model.columns(one)[own], model.columns(other)[own]
@@ -62,7 +60,7 @@ def _pairs(model: Placements, estimate: Estimate) -> Iterator[Finding]:
         C = estimate.covariance
         covariance = C[np.ix_(a, a)] + C[np.ix_(b, b)] - C[np.ix_(a, b)] - C[np.ix_(b, a)]
         sigmas, chi2 = _in_sigmas(difference, covariance)
-        if chi2 < chdtri(len(a), REMOUNT_FALSE_ALARM_PROBABILITY):
+        if chi2 < chi2_limit(len(a), REMOUNT_FALSE_ALARM_PROBABILITY):
             k = int(np.argmax(sigmas))
             parameter = model.of(one)[0].parameters[int(np.flatnonzero(own)[k])]
             yield Finding(

@@ -46,7 +46,7 @@ from solver.diagnostics.cross_validation import (
     verify,
 )
 from solver.diagnostics.hypothesis_tests import find_outliers, leave_one_out_chi2
-from solver.diagnostics.statistics import Chi2Test, chi2_test
+from solver.diagnostics.statistics import Chi2Test, chi2_probability, chi2_test
 from solver.diagnostics.whitened_residuals import WhitenedResiduals
 from solver.estimators.error_model import SD_OF_PEAK
 from solver.estimators.estimate import closure_at_readings
@@ -260,8 +260,6 @@ def _with_prediction(
     `scale`: factor, at least 1, by which the accepted calibration's variances exceed the stated ones. The test of each
     pose allows for this factor; the test of all poses together allows for at least `STATED_VARIANCE_FACTOR`.
     """
-    from scipy.special import chdtrc
-
     variance_factor = max(limits.STATED_VARIANCE_FACTOR, scale)
     stated = chi2_test(residuals.chi2, residuals.dof)
     outliers = find_outliers(residuals, scale=scale)
@@ -284,7 +282,7 @@ def _with_prediction(
                 high=sharp.high * limits.LEARNED_VARIANCE_FACTOR,
             ),
             pose_chi2=chi2,
-            pose_probability=np.asarray(chdtrc(np.maximum(dof, 1), chi2 / scale)),
+            pose_probability=chi2_probability(np.maximum(dof, 1), chi2 / scale),
         ),
         odd_poses=outliers.poses,
         shift=shift,

@@ -14,7 +14,13 @@ from solver.arrays import BoolArray, FloatArray, IntArray
 from solver.chain.poses import canonical_order
 from solver.diagnostics.limits import FALSE_ALARM_PROBABILITY
 from solver.diagnostics.pose_adjustment import adjust_poses
-from solver.diagnostics.statistics import Chi2Test, chi2_test, covariance_root
+from solver.diagnostics.statistics import (
+    Chi2Test,
+    chi2_limit,
+    chi2_probability,
+    chi2_test,
+    covariance_root,
+)
 from solver.diagnostics.whitened_residuals import WhitenedResiduals
 from solver.estimators.estimate import Estimate, closure_at_readings
 from solver.estimators.implicit import NoiseModel
@@ -69,8 +75,6 @@ def verify(
     same in all poses, so chi2 of all poses together is not the sum of the poses' chi2. Raises `ValueError` if there is
     no pose.
     """
-    from scipy.special import chdtrc
-
     if len(q) == 0:
         raise ValueError("there are no poses to verify")
     adjusted = adjust_poses(model, x, q, noise)
@@ -86,7 +90,7 @@ def verify(
     return HeldOutPoses(
         chi2=chi2_test(together, m * r),
         pose_chi2=pose_chi2,
-        pose_probability=np.asarray(chdtrc(r, pose_chi2)),
+        pose_probability=chi2_probability(r, pose_chi2),
         sigmas=closure_at_readings(model, x, q).sigmas,
         closed=adjusted.converged,
     )
@@ -226,8 +230,6 @@ def shifted(
     `subjects`: by name of a joint or half of the fixture, derivatives (m, r, c) of the misclosures with respect to the
     c components of its shift. `variance_factor`: factor by which actual variances may exceed those of `residuals`.
     """
-    from scipy.special import chdtri
-
     shifts = []
     for name, columns in subjects.items():
         s, information = residuals.score(columns)
@@ -242,7 +244,7 @@ def shifted(
                 sigma=float(values[0] ** -0.5) if single else None,
                 chi2=float(((vectors.T @ s)[determined] ** 2 / values[determined]).sum()),
                 threshold=variance_factor
-                * float(chdtri(dof, FALSE_ALARM_PROBABILITY / len(subjects))),
+                * float(chi2_limit(dof, FALSE_ALARM_PROBABILITY / len(subjects))),
             )
         )
     best = max(shifts, key=lambda shift: shift.chi2 - shift.threshold, default=None)

@@ -14,7 +14,7 @@ from solver.diagnostics.cross_validation import FOLDS, far_block, fold_poses
 from solver.diagnostics.fault_models import FaultModels
 from solver.diagnostics.limits import FALSE_ALARM_PROBABILITY, OUTLIER_LARGEST_SHARE
 from solver.diagnostics.model_selection import evidence
-from solver.diagnostics.statistics import sigmas_at
+from solver.diagnostics.statistics import chi2_limit, sigmas_at
 from solver.diagnostics.whitened_residuals import WhitenedResiduals
 from solver.estimators.layout import UNMODELLED
 from solver.estimators.linear_fit import LinearFit
@@ -46,9 +46,7 @@ class HypothesisTest:
     @classmethod
     def of_chi2(cls, code: str, chi2: float, dof: int, *, among: int = 1) -> HypothesisTest:
         """Test `chi2`, which has `dof` degrees of freedom and is the largest of `among` such values."""
-        from scipy.special import chdtri
-
-        threshold = float(chdtri(dof, FALSE_ALARM_PROBABILITY / among))
+        threshold = float(chi2_limit(dof, FALSE_ALARM_PROBABILITY / among))
         return cls(code=code, statistic=chi2, threshold=threshold)
 
     @classmethod
@@ -65,14 +63,13 @@ class HypothesisTest:
         The sum is approximated by a shifted, scaled chi2 of equal mean, variance and skewness (Pearson 1959), which is
         exact for independent deviations.
         """
-        from scipy.special import chdtri
-
         mean, square = float(np.trace(covariance)), float((covariance**2).sum())
         dof = square**3 / float(np.trace(covariance @ covariance @ covariance)) ** 2
         return cls(
             code=code,
             statistic=float(z @ z),
-            threshold=mean + (float(chdtri(dof, false_alarm)) - dof) * float(np.sqrt(square / dof)),
+            threshold=mean
+            + (float(chi2_limit(dof, false_alarm)) - dof) * float(np.sqrt(square / dof)),
             false_alarm=false_alarm,
         )
 
@@ -135,13 +132,13 @@ def variance_tests(stated: LinearFit) -> list[HypothesisTest]:
     expected sum. The sum is not normal if a component has few errors, e.g. the gain error of one sensor. So a scaled
     chi2 is used, whose degrees of freedom follow from the mean and the variance of the sum (Satterthwaite).
     """
-    from scipy.special import chdtri
-
     derivatives = stated.derivatives
     names = [c.name for c in stated.design.components]
     information = np.maximum(np.diagonal(derivatives.information), 1e-300)
     dof = np.maximum(0.5 * derivatives.expected**2 / information, 1e-3)
-    largest = (chdtri(dof, FALSE_ALARM_PROBABILITY / max(len(names), 1)) - dof) / np.sqrt(2.0 * dof)
+    largest = (chi2_limit(dof, FALSE_ALARM_PROBABILITY / max(len(names), 1)) - dof) / np.sqrt(
+        2.0 * dof
+    )
     z = derivatives.score / np.sqrt(information)
     return [
         HypothesisTest(code=f"VARIANCE_{name.upper()}", statistic=float(s), threshold=float(t))
@@ -197,8 +194,6 @@ def find_outliers(residuals: WhitenedResiduals, *, scale: float = 1.0) -> Outlie
     The most improbable pose is set aside and the rest is tested again, so that outliers do not hide each other. With
     many poses, several are set aside at a time to limit the work. The fit itself keeps all poses.
     """
-    from scipy.special import chdtri
-
     m = len(residuals.U)
     most = int(np.ceil(OUTLIER_LARGEST_SHARE * m))
     at_once = -(-most // OUTLIER_SEARCH_STEPS)
@@ -208,7 +203,7 @@ def find_outliers(residuals: WhitenedResiduals, *, scale: float = 1.0) -> Outlie
     rest = residuals
     while True:
         chi2, dof = leave_one_out_chi2(rest)
-        limit = chdtri(np.maximum(dof, 1), FALSE_ALARM_PROBABILITY / m)
+        limit = chi2_limit(np.maximum(dof, 1), FALSE_ALARM_PROBABILITY / m)
         chi2 = chi2 / scale
         excess = np.where(is_kept & (dof > 0), chi2 - limit, -np.inf)
         worst = np.argsort(-excess, kind="stable")[:at_once]

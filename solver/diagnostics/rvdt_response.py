@@ -13,6 +13,7 @@ from solver.arrays import FloatArray, IntArray
 from solver.chain.sensors import DITHER, Rvdt
 from solver.diagnostics.limits import NOISE_INTERVAL_RATIO
 from solver.diagnostics.pose_adjustment import LoopAngle
+from solver.diagnostics.statistics import chi2_limit
 from solver.estimators.variance_components import Component
 
 MAX_DEGREE = 8
@@ -176,8 +177,6 @@ def measure(
     `noise`: noise of a single reading. If it is None, the scatter about the fitted curve is used. This overestimates
     the noise, as it includes slowly varying errors of the loop. `samples`: number of readings averaged at each pose.
     """
-    from scipy.special import chdtri
-
     angle, offset = sensor_angle(reading_rad, measured)
     deviation = reading_rad - angle
     curve = fit_curve(angle, deviation)
@@ -199,7 +198,7 @@ def measure(
     own = float(np.mean(measured.own))
     variance = max(squares / curve.dof - own, 0.0)
     if noise is None:
-        most = max(squares / float(chdtri(curve.dof, 0.975)) - own, 0.0)
+        most = max(squares / float(chi2_limit(curve.dof, 0.975)) - own, 0.0)
         lsb, high = (np.sqrt(np.array([variance, most]) * samples) / sensor.resolution_rad).tolist()
         noise = SingleNoise(lsb=lsb, low=0.0, high=high, from_spread=False)
     of_points = replace(measured, own=measured.own + variance)
@@ -277,8 +276,6 @@ def noise_of_samples(sd_lsb: FloatArray, samples: IntArray) -> SingleNoise:
     `sd_lsb`: standard deviation of the single readings at each pose (m,), LSB; 0 if not recorded.
     `samples`: number of readings averaged at each pose (m,).
     """
-    from scipy.special import chdtri
-
     weight = (samples - 1) / (samples - 1).sum()
     pooled = float(weight @ sd_lsb**2)
     # With noise below half an LSB, readings flicker at some poses only: the spreads scatter more than chi2 predicts.
@@ -286,7 +283,7 @@ def noise_of_samples(sd_lsb: FloatArray, samples: IntArray) -> SingleNoise:
     dof = float((samples - 1).sum())
     if between > 0.0:
         dof = min(dof, 2.0 * pooled**2 / between)
-    interval = (pooled * dof / chdtri(dof, (0.025, 0.975))).tolist()
+    interval = (pooled * dof / chi2_limit(dof, np.array([0.025, 0.975]))).tolist()
     lsb, low, high = map(noise_of_spread, (pooled, *interval))
     return SingleNoise(lsb=lsb, low=low, high=high, from_spread=True)
 

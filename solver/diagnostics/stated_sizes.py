@@ -10,6 +10,7 @@ import numpy as np
 
 from solver.arrays import FloatArray
 from solver.diagnostics.limits import FALSE_ALARM_PROBABILITY, MOTION_NOISE_LEAST_SHARE
+from solver.diagnostics.statistics import chi2_probability
 from solver.estimators.layout import FIXTURE_NOISE
 from solver.estimators.linear_fit import LinearFit
 from solver.estimators.scoring import Derivatives, scale_spread, with_priors
@@ -86,8 +87,6 @@ def exceeded_specifications(fit: LinearFit) -> tuple[ExceededSpecification, ...]
     A variance v estimated with standard error s is taken as chi2-distributed with ``2 v^2 / s^2`` degrees of freedom
     (Satterthwaite). The smallest ratio of actual to stated size is the most plausible, and comes first.
     """
-    from scipy.special import chdtrc
-
     design, v = fit.design, fit.v
     stated = design.stated_variances()
     error = standard_errors(with_priors(fit).information, v, design.floors)
@@ -97,7 +96,7 @@ def exceeded_specifications(fit: LinearFit) -> tuple[ExceededSpecification, ...]
             continue
         dof = 2.0 * min(value / max(float(s), 1e-300), MOST_CERTAIN) ** 2
         # Wilson and Hilferty's cube root where the chance is too small for a double.
-        chance = float(chdtrc(dof, dof * value / least))
+        chance = float(chi2_probability(dof, dof * value / least))
         spread = 2.0 / (9.0 * dof)
         cube = ((value / least) ** (1.0 / 3.0) - 1.0 + spread) / np.sqrt(spread)
         log_chance = float(np.log(chance)) if chance > 1e-300 else float(-0.5 * cube**2)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver.arrays import FloatArray
+from solver.arrays import FloatArray, IntArray
 from solver.diagnostics.limits import CHI2_BAND_PROBABILITY
 from solver.estimators.estimate import Estimate, require_enough_poses
 from solver.estimators.linear_fit import LinearFit
@@ -60,22 +60,33 @@ def sigmas_at(false_alarm: float, count: int = 1) -> float:
     return float(-ndtri(0.5 * false_alarm / max(count, 1)))
 
 
+def chi2_limit(dof: FloatArray | float, false_alarm: FloatArray | float) -> FloatArray:
+    """Value that chi2 with `dof` degrees of freedom exceeds by chance with probability `false_alarm`."""
+    from scipy.special import chdtri
+
+    return np.asarray(chdtri(dof, false_alarm), dtype=np.float64)
+
+
+def chi2_probability(dof: FloatArray | IntArray | float, chi2: FloatArray | float) -> FloatArray:
+    """Probability that chance makes chi2 with `dof` degrees of freedom larger than `chi2`."""
+    from scipy.special import chdtrc
+
+    return np.asarray(chdtrc(dof, chi2), dtype=np.float64)
+
+
 def chi2_test(chi2: float, dof: int) -> Chi2Test:
     """Test a weighted sum of squares against its degrees of freedom.
 
     Raises `ValueError` if no degree of freedom is left.
     """
-    from scipy.special import chdtri
-
     if dof <= 0:
         raise ValueError("chi2 needs at least one degree of freedom")
     tail = 0.5 * (1.0 - CHI2_BAND_PROBABILITY)
-    # chdtri takes the probability above.
     return Chi2Test(
         per_dof=chi2 / dof,
         dof=dof,
-        low=float(chdtri(dof, 1.0 - tail)) / dof,
-        high=float(chdtri(dof, tail)) / dof,
+        low=float(chi2_limit(dof, 1.0 - tail)) / dof,
+        high=float(chi2_limit(dof, tail)) / dof,
     )
 
 

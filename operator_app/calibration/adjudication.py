@@ -35,7 +35,6 @@ from operator_app.calibration.sensitivity import exceeded_source
 from operator_app.messages.finding import Finding, FindingKind
 from solver.arrays import IntArray
 from solver.chain.parameters import nominal_vector
-from solver.chain.poses import PoseSet
 from solver.diagnostics import limits
 from solver.diagnostics.diagnosis import Diagnosis, diagnose
 from solver.diagnostics.fault_models import Cause
@@ -155,7 +154,7 @@ def adjudicate(
         # The corrected model closes the loops: it explains the large sigmas and the values far from nominal.
         far, lost = (), ()
     first = (
-        *_screening_causes(solution, experiment.poses, known),
+        *_screening_causes(solution, experiment, known),
         *acceptance.too_few_poses(solution.estimate),
         *lost,
         *(() if case.gross or diverged else _geometry_causes(known.checks)),
@@ -350,12 +349,12 @@ def _exceeded_specifications(fit: LinearFit, diagnosis: Diagnosis) -> tuple[Find
 
 
 def _screening_causes(
-    solution: Solution, poses: PoseSet, known: PriorInformation
+    solution: Solution, experiment: Experiment, known: PriorInformation
 ) -> tuple[Finding, ...]:
-    many = len(solution.dropped_flipped) > limits.FLIPPED_SHARE_REFUSED * len(poses)
+    many = len(solution.dropped_flipped) > limits.FLIPPED_SHARE_REFUSED * len(experiment.poses)
     return (
         *(replace(f, blocking=many) for f in known.left_out),
-        *(range_finding(f, poses) for f in known.out_of_range),
+        *(range_finding(f, experiment) for f in known.out_of_range),
         *second_solution(solution.search),
     )
 

@@ -351,7 +351,7 @@ def _require_identifiable(prepared: Prepared, identified: Identifiability) -> Id
         error,
         experiment.at_poses(loops.kept),
         loops.paper,
-        tuple(range_finding(f, experiment.poses) for f in saturated),
+        tuple(range_finding(f, experiment) for f in saturated),
     )
 
 

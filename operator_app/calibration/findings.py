@@ -165,15 +165,19 @@ def reading_step(
     )
 
 
-def range_finding(out_of_range: RangeFinding, poses: PoseSet, *, notice: bool = False) -> Finding:
+def range_finding(
+    out_of_range: RangeFinding, experiment: Experiment, *, notice: bool = False
+) -> Finding:
     """Return the finding of readings out of range. Saturated readings block acceptance, but a `notice` never does."""
+    j, where, poses = out_of_range.joint, out_of_range.poses, experiment.poses
+    joint = experiment.arm.joints[j - 1]
     return Finding(
         RANGE_KINDS[out_of_range.fault][notice],
-        joint=out_of_range.joint,
-        poses=tuple(poses.label[k] for k in out_of_range.poses),
-        size=out_of_range.reading_rad,
+        joint=j,
+        poses=tuple(poses.label[k] for k in where),
+        size=float(poses.q_rad[where[0], j - 1]),
         unit="rad",
-        figures={"lower_rad": out_of_range.lower_rad, "upper_rad": out_of_range.upper_rad},
+        figures={"lower_rad": joint.lower_rad, "upper_rad": joint.upper_rad},
         blocking=out_of_range.fault is ReadingFault.SATURATED and not notice,
     )
 

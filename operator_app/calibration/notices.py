@@ -104,7 +104,7 @@ def _of_readings(
     if stated.dof > 0 and chi2_probability(stated.dof, stated.chi2) < CHI2_NOTICE_PROBABILITY:
         yield Finding(K.CHI2_EXCEEDS, size=stated.chi2 / stated.dof)
     for readings in known.out_of_range:
-        yield range_finding(readings, poses, notice=True)
+        yield range_finding(readings, experiment, notice=True)
     if poses.endpoint is not None and fixture.kind != "measured":
         yield Finding(K.ENDPOINTS_UNUSED, names=(fixture.kind,))
     measured, used = getattr(fixture, "distances", ()), stated_distances(experiment)

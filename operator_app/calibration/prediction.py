@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -85,16 +84,20 @@ def predict_new_poses(
     model, x0, column = _model(solution.estimate, old, both, start)
     errors = errors_as_calibrated(solution, model, both, without=start)
     learned = {} if solution.components is None else solution.components.variances
+
+    def at_least_stated(design: Layout) -> FloatArray:
+        return np.maximum(design.stated_variances(), _as_learned(design, learned))
+
     try:
         fitted = fit_as_stated(
             model, both.poses, errors, x0,
             # The old poses have no information about a socket of new poses.
             old=len(later) if start else len(old),
-            variances=partial(_at_least_stated, learned=learned),
+            variances=at_least_stated,
         )  # fmt: skip
         design, equations = fitted.fit.design, fitted.fit.system
-        fit = LinearFit(design, equations, _at_least_stated(design, learned=learned))
-        sharp = LinearFit(design, equations, _as_learned(design, learned=learned))
+        fit = LinearFit(design, equations, at_least_stated(design))
+        sharp = LinearFit(design, equations, _as_learned(design, learned))
     except (PosesDoNotFitError, np.linalg.LinAlgError):
         return None
     known = None
@@ -149,7 +152,7 @@ def errors_as_calibrated(
     )
 
 
-def _as_learned(design: Layout, *, learned: Mapping[str, float]) -> FloatArray:
+def _as_learned(design: Layout, learned: Mapping[str, float]) -> FloatArray:
     """Return variances (K,) of the error components for a prediction, from the calibration's estimates (`learned`).
 
     Estimates from one part of the workspace may be too small in another: every result is at least a fixed share of the
@@ -165,11 +168,6 @@ def _as_learned(design: Layout, *, learned: Mapping[str, float]) -> FloatArray:
         else:
             v[k] = max(variance, variance + STATED_VARIANCE_SHARE * (v[k] - variance))
     return v
-
-
-def _at_least_stated(design: Layout, *, learned: Mapping[str, float]) -> FloatArray:
-    """Return variances (K,) of the error components for a test: those for predictions, but at least the stated ones."""
-    return np.maximum(design.stated_variances(), _as_learned(design, learned=learned))
 
 
 def fit_as_stated(

@@ -29,18 +29,12 @@ class ReadingFault(Enum):
 class RangeFinding:
     """Readings of one joint that its sensor or its stops make impossible.
 
-    `joint`: 1-based.
-    `poses`: indices of the poses, the farthest outside first.
-    `reading_rad`: the reading farthest outside.
-    `lower_rad`, `upper_rad`: the joint's range in the arm file.
+    `joint`: 1-based. `poses`: indices of the poses, the farthest outside first.
     """
 
     joint: int
     fault: ReadingFault
     poses: tuple[int, ...]
-    reading_rad: float
-    lower_rad: float
-    upper_rad: float
 
 
 class ReadingsOutOfRangeError(SolverError):
@@ -51,13 +45,21 @@ class ReadingsOutOfRangeError(SolverError):
     """
 
     def __init__(
-        self, findings: tuple[RangeFinding, ...], poses: PoseSet, causes: tuple[Mistake, ...]
+        self,
+        findings: tuple[RangeFinding, ...],
+        arm: ArmModel,
+        poses: PoseSet,
+        causes: tuple[Mistake, ...],
     ) -> None:
         worst = max(findings, key=lambda f: len(f.poses))
         self.code = causes[0].code if causes else f"RANGE_{worst.joint}"
-        lower, upper = np.rad2deg((worst.lower_rad, worst.upper_rad))
+        joint, reading_rad = (
+            arm.joints[worst.joint - 1],
+            poses.q_rad[worst.poses[0], worst.joint - 1],
+        )
+        lower, upper = np.rad2deg((joint.lower_rad, joint.upper_rad))
         text = (
-            f"joint {worst.joint} reads {np.rad2deg(worst.reading_rad):.2f} deg in pose "
+            f"joint {worst.joint} reads {np.rad2deg(reading_rad):.2f} deg in pose "
             f"{poses.label[worst.poses[0]]}, outside its range {lower:g} to {upper:g} deg "
             f"(outside in {len(worst.poses)} of {len(poses)} poses); "
         )
@@ -183,22 +185,13 @@ def range_findings(
             order = _saturated_poses(q[:, j - 1], joint.middle_rad, joint.sensor)
             fault = ReadingFault.SATURATED
         if len(order):
-            findings.append(
-                RangeFinding(
-                    joint=j,
-                    fault=fault,
-                    poses=tuple(order.tolist()),
-                    reading_rad=float(q[order[0], j - 1]),
-                    lower_rad=joint.lower_rad,
-                    upper_rad=joint.upper_rad,
-                )
-            )
+            findings.append(RangeFinding(joint=j, fault=fault, poses=tuple(order.tolist())))
     refused = tuple(f for f in findings if f.fault is ReadingFault.OUTSIDE)
     far = outside > limits.FAR_OUT_OF_RANGE_SHARE * (arm.upper_rad - arm.lower_rad)
     far[:, [f.joint - 1 for f in findings if f.fault is ReadingFault.WHOLE_TURN]] = False
     if refused and 2 * int(far.any(axis=1).sum()) >= len(poses):
         known = {m.code: m for m in mistakes(arm, q) if mostly_in_range(arm, m.q_rad)}
-        raise ReadingsOutOfRangeError(refused, poses, tuple(known.values()))
+        raise ReadingsOutOfRangeError(refused, arm, poses, tuple(known.values()))
     return tuple(findings)
 
 

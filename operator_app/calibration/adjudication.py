@@ -22,7 +22,6 @@ from operator_app.calibration.alternatives import (
 from operator_app.calibration.experiment import Experiment, placement_checks
 from operator_app.calibration.findings import exceeded, motion_causes, pose_labels, range_finding
 from operator_app.calibration.multistart import (
-    far_from_files,
     has_diverged,
     local_minimum_causes,
     of_fixture,
@@ -263,11 +262,11 @@ def _local_minimum_causes(case: _Case) -> tuple[Finding, ...]:
     """Return findings that the solution may be only a local minimum; alternative models near nominal come first."""
     if case.solution.search is not None:
         return ()
-    model, estimate, judged = case.model, case.fit.estimate, case.judged
-    if model.unsensed_joints:
-        return far_from_files(model, estimate, judged)
-    far = local_minimum_causes(model, estimate, case.fit.linear.design.q, judged)
-    return (*case.alternatives(near=True), *far) if far and not case.gross else far
+    q = None if case.model.unsensed_joints else case.fit.linear.design.q
+    far = local_minimum_causes(case.model, case.fit.estimate, case.judged, q)
+    if far and q is not None and not case.gross:
+        return (*case.alternatives(near=True), *far)
+    return far
 
 
 def _fit_causes(case: _Case, *, without_motion: bool) -> tuple[Finding, ...]:

@@ -107,56 +107,45 @@ def far_from_nominal(
 
 
 def local_minimum_causes(
-    model: ClosureModel, estimate: Estimate, q: FloatArray, judged: tuple[str, ...]
+    model: ClosureModel, estimate: Estimate, judged: tuple[str, ...], q: FloatArray | None = None
 ) -> tuple[Finding, ...]:
     """Return a finding if the estimate is implausibly far from nominal; it states whether another solution fits better.
 
-    `q`: readings (m, n) of the used poses, rad. `judged`: names of the identified parameters.
+    `judged`: names of the identified parameters. `q`: readings (m, n) of the used poses, rad; None to look for no other
+    solution. Unless there is one, the fixture's placement may be anywhere.
     """
     far = _far(_described(estimate, judged))
+    near_nominal, times = False, dict[str, float]()
+    if far and q is not None:
+        hard = model.without([p.name for p in model.parameters if p.name not in judged])
+        problem = closure_problem(hard, q)
+        x = in_order(hard, model, estimate.x)
+        own = solve_damped(problem, x, max_iterations=ITERATIONS).cost
+        fits = _fits(hard, problem)
+        best = min(fit.cost for fit in fits)
+        if best < limits.OTHER_SOLUTION_COST_SHARE * own:
+            times = {"times": float(np.sqrt(own / max(best, 1e-300)))}
+        near_nominal = any(
+            limits.OTHER_SOLUTION_COST_SHARE * fit.cost < own
+            and all(p.name.endswith("]") for p, _ in far_from_nominal(hard.parameters, fit.x))
+            for fit in fits
+        )
+    if not times and not near_nominal:
+        # The poses determine where the fixture is, so that this is only a note (`fixture_elsewhere`).
+        far = [item for item in far if item[0].name not in of_fixture(model)]
     if not far:
         return ()
-    hard = model.without([p.name for p in model.parameters if p.name not in judged])
-    problem = closure_problem(hard, q)
-    x = in_order(hard, model, estimate.x)
-    own = solve_damped(problem, x, max_iterations=ITERATIONS).cost
-    fits = _fits(hard, problem)
-    best = min(fit.cost for fit in fits)
-    better = best < limits.OTHER_SOLUTION_COST_SHARE * own
-    near_nominal = any(
-        limits.OTHER_SOLUTION_COST_SHARE * fit.cost < own
-        and all(p.name.endswith("]") for p, _ in far_from_nominal(hard.parameters, fit.x))
-        for fit in fits
-    )
-    if not better and not near_nominal:
-        # The poses determine where the fixture is, so that this is only a note (`fixture_elsewhere`).
-        return far_from_files(model, estimate, judged)
-    times = float(np.sqrt(own / max(best, 1e-300)))
-    return (_implausible(far[0], times if better else None),)
-
-
-def far_from_files(
-    model: ClosureModel, estimate: Estimate, judged: tuple[str, ...]
-) -> tuple[Finding, ...]:
-    """Return the finding that a parameter is implausibly far from nominal; the fixture's placement may be anywhere."""
-    far = [
-        item for item in _far(_described(estimate, judged)) if item[0].name not in of_fixture(model)
-    ]
-    return (_implausible(far[0], None),) if far else ()
-
-
-def _implausible(far: tuple[Parameter, float], times: float | None) -> Finding:
-    """Return the finding of a value far from nominal; `times`: how many times better another solution fits, or None."""
-    p, change = far
-    return Finding(
-        FindingKind.FAR_FROM_NOMINAL if times is None else FindingKind.OTHER_SOLUTION,
+    p, change = far[0]
+    finding = Finding(
+        FindingKind.OTHER_SOLUTION if times else FindingKind.FAR_FROM_NOMINAL,
         names=(p.name,),
         size=change,
         unit=p.unit,
-        figures={} if times is None else {"times": times},
-        probability=0.5 if times is None else 1.0,
+        figures=times,
+        probability=1.0 if times else 0.5,
         blocking=True,
     )
+    return (finding,)
 
 
 def of_fixture(model: ClosureModel) -> set[str]:

@@ -11,9 +11,9 @@ from operator_app.calibration.acceptance import Verdict, little_motion
 from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.multistart import (
     SCREENING_POSES,
-    far_from_files,
     fit_from_starts,
     gross_misfit,
+    local_minimum_causes,
 )
 from operator_app.calibration.sensitivity import exceeded_source
 from operator_app.report.facts import facts_of
@@ -92,10 +92,10 @@ def test_value_far_from_the_files_is_refused_where_a_joint_is_unsensed():
     solution = calibrate(PANDA, BALL, panda_poses(1, 2), unsensed_joints=(6,), drop=True)
     names = [p.name for p in solution.estimate.parameters]
     assert solution.accepted
-    assert far_from_files(solution.model, solution.estimate, tuple(names)) == ()
+    assert local_minimum_causes(solution.model, solution.estimate, tuple(names)) == ()
     mirrored = solution.estimate.x - 0.4 * np.eye(len(names))[names.index("tip_z")]
     estimate = replace(solution.estimate, x=mirrored)
-    (far,) = far_from_files(solution.model, estimate, tuple(names))
+    (far,) = local_minimum_causes(solution.model, estimate, tuple(names))
     assert (far.code, far.names, far.blocking) == ("FAR_FROM_NOMINAL", ("tip_z",), True)
 
 

@@ -91,14 +91,10 @@ class _Case:
         return self.fit.linear.design.model
 
     @property
-    def chi2_per_dof(self) -> float:
-        return self.diagnosis.stated_chi2_per_dof
-
-    @property
     def gross(self) -> bool:
         """Whether the misfit remains too large even if the most probable single fault is added to the linear fit."""
         best = self.diagnosis.best
-        least = self.chi2_per_dof if best is None else best.chi2_per_dof
+        least = self.diagnosis.stated_chi2_per_dof if best is None else best.chi2_per_dof
         return least > limits.CHI2_PER_DOF_REFUSED
 
     def suspects(self, *causes: Cause) -> str:
@@ -109,7 +105,11 @@ class _Case:
     def alternatives(self, *, near: bool = False, of_files: bool = False) -> tuple[Finding, ...]:
         dof = self.diagnosis.residuals.dof
         return turned_zero(self.stated, self.fit.estimate) or find_alternatives(
-            self.stated, scale=self.chi2_per_dof, dof=dof, near=near, of_files=of_files
+            self.stated,
+            scale=self.diagnosis.stated_chi2_per_dof,
+            dof=dof,
+            near=near,
+            of_files=of_files,
         )
 
 
@@ -132,7 +132,7 @@ def adjudicate(
         stated=experiment.at_poses(distinct),
         diagnosis=diagnose(calibrated.linear, arm, taken=calibrated.order, measured=measured),
     )
-    labels, scale = pose_labels(case.stated.poses), case.chi2_per_dof
+    labels, scale = pose_labels(case.stated.poses), case.diagnosis.stated_chi2_per_dof
     by_tests, alternatives, nothing_fits = _misfit_causes(case, labels)
     # If nothing fits, e.g. with poses of another arm, the solution has no meaning.
     far = () if nothing_fits else _local_minimum_causes(case)
@@ -196,7 +196,7 @@ def _misfit_causes(
 
     Returns all causes, those of them that are alternative models, and whether a misfit that blocks stays unexplained.
     """
-    diagnosis, scale = case.diagnosis, case.chi2_per_dof
+    diagnosis, scale = case.diagnosis, case.diagnosis.stated_chi2_per_dof
     by_tests = acceptance.causes_of(diagnosis, case.fit.estimate, case.judged, labels)
     if alternatives := poses_in_radians(case.stated, scale):
         return alternatives, alternatives, False

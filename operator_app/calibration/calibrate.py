@@ -130,7 +130,6 @@ class Prepared:
     `errors`: error model of the distinct poses.
     `distinct`: indices of the distinct poses. `which`: for every pose on the branch, its position in `distinct`.
     `prior`: names of the arm's unknowns in `hard` whose uncertainty the arm's file states.
-    `identifiability`: identifiability at the paper's estimate; None if it was not evaluated.
     """
 
     experiment: Experiment
@@ -145,7 +144,6 @@ class Prepared:
     distinct: IntArray
     which: IntArray
     prior: frozenset[str]
-    identifiability: Identifiability | None = None
 
 
 def prepare(
@@ -185,7 +183,7 @@ def prepare(
     if (paper := loops.paper) is not None and (
         by_paper or not well_conditioned_at_readings(paper, loops.q)
     ):
-        return replace(prepared, identifiability=_identifiability(prepared, paper.x))
+        _identifiability(prepared, paper.x)
     return prepared
 
 
@@ -282,11 +280,12 @@ def collect(prepared: Prepared, whole: Calibrated, part: Calibrated) -> Solution
         components = components.at_poses(prepared.which)
     model = prepared.hard if by_paper else prepared.model
     estimate = (loops.paper if by_paper else None) or implicit
+    identifiable_x = in_order(loops.identifiable, model, estimate.x)
     solution = Solution(
         model=model,
         estimate=estimate,
         paper=loops.paper,
-        identifiability=_identifiability_of(prepared, part, implicit.x),
+        identifiability=_identifiability_of(prepared, part, identifiable_x),
         before=closure_at_readings(model, nominal_vector(model.parameters), q).sigmas,
         poses=len(q),
         dropped_flipped=loops.flipped,
@@ -309,9 +308,7 @@ def collect(prepared: Prepared, whole: Calibrated, part: Calibrated) -> Solution
             poses.placements,
             () if by_paper else compared(experiment, whole.linear),
         ),
-        condition_at_readings=condition_at_readings(
-            loops.identifiable, in_order(loops.identifiable, model, estimate.x), q
-        ),
+        condition_at_readings=condition_at_readings(loops.identifiable, identifiable_x, q),
         warnings=(),
         reasons=(),
     )
@@ -356,13 +353,11 @@ def _require_identifiable(prepared: Prepared, identified: Identifiability) -> Id
 
 
 def _identifiability_of(prepared: Prepared, part: Calibrated, x: FloatArray) -> Identifiability:
-    """Return the identifiability at the chosen estimate; with unsensed joints, at the implicit estimate `x` (P,)."""
+    """Return the identifiability at the estimate `x` of the identifiable parameters."""
     loops = prepared.loops
-    if prepared.by_paper and prepared.identifiability is not None:
-        return prepared.identifiability
-    if loops.paper is None:
-        # Some joints are unsensed: the loop closure is used instead of the linear fit.
-        return _identifiability(prepared, in_order(loops.identifiable, prepared.model, x))
+    if prepared.by_paper or loops.paper is None:
+        # With unsensed joints, too, the loop closure is used instead of the linear fit.
+        return _identifiability(prepared, x)
     names = tuple(p.name for p in loops.identifiable.parameters)
     identified = identifiability_of_fit(part.linear, names, taken=part.order)
     return _require_identifiable(prepared, identified)

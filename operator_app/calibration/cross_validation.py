@@ -18,7 +18,6 @@ from solver.chain.poses import PoseSet
 from solver.diagnostics.cross_validation import FOLDS, HoldOut, far_block, fold_poses, hold_out
 from solver.diagnostics.statistics import jackknife
 from solver.errors import SolverError
-from solver.estimators.estimate import Estimate
 from solver.estimators.layout import Layout
 from solver.estimators.mixed_fit import MixedFit
 from solver.estimators.variance_components import estimate_of, settle
@@ -64,17 +63,15 @@ def check(solution: Solution, arm: ArmModel, fixture: EndpointConstraint, poses:
             variances=partial(Layout.variances_by_name, named=components.variances),
         )
 
-    def estimated(rest: IntArray) -> Estimate:
-        return estimate_of(*settled(rest))
-
     whole, order = settled(np.arange(len(q)))
 
     def held_out(parts: tuple[IntArray, ...]) -> HoldOut | None:
-        try:
-            return hold_out(estimated, model, q, whole.fit, order, parts)
-        except SolverError:
-            # The remaining poses are too few for an estimate.
-            return None
+        # Without a result if the remaining poses are too few for an estimate.
+        with suppress(SolverError):
+            return hold_out(
+                lambda rest: estimate_of(*settled(rest)), model, q, whole.fit, order, parts
+            )
+        return None
 
     identified = [k for k, p in enumerate(model.parameters) if p.name not in solution.tolerated]
     jackknife_sd = None

@@ -1,17 +1,16 @@
 """Verdict of a calibration, and the causes that its tests, sigmas and repeated poses support."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from types import MappingProxyType
 
 import numpy as np
 
-from operator_app.calibration.findings import finding_of, rms_displacement
+from operator_app.calibration.findings import exceeded_source, finding_of, rms_displacement
 from operator_app.calibration.repeat_measurement import Repeat
 from operator_app.messages.finding import Finding, FindingKind, NamedSize
-from solver.arrays import FloatArray
-from solver.chain.parameters import Parameter, wrap_angles
+from solver.chain.parameters import wrap_angles
 from solver.diagnostics import limits
 from solver.diagnostics.diagnosis import Diagnosis
 from solver.diagnostics.fault_models import Cause
@@ -19,6 +18,7 @@ from solver.diagnostics.hypothesis_tests import HypothesisTest
 from solver.diagnostics.model_selection import Explanation
 from solver.diagnostics.statistics import chi2_limit
 from solver.estimators.estimate import Estimate
+from solver.estimators.variance_components import Calibrated
 
 
 class Verdict(Enum):
@@ -185,21 +185,20 @@ def too_few_poses(estimate: Estimate) -> tuple[Finding, ...]:
 
 
 def little_motion(
-    parameters: tuple[Parameter, ...],
-    standard_deviation: FloatArray,
+    estimate: Estimate,
     judged: tuple[str, ...],
     known: Mapping[str, float] = MappingProxyType({}),
-    narrows: Callable[[str], str] | None = None,
+    fit: Calibrated | None = None,
 ) -> tuple[Finding, ...]:
     """Return the finding that poses differ too little to determine some parameters; empty if all sigmas are small.
 
-    Only parameters named in `judged` are tested. The finding names each whose `standard_deviation` (P,), rad or m, is
-    large, or exceeds the one that a file states (`known`, by name). It blocks if a value is too uncertain for any use.
-    `narrows`: function that returns, for a parameter's name, the error source to be reduced, or "" if there is none.
+    Only parameters named in `judged` are tested. The finding names each whose standard deviation is large, or
+    exceeds the one that a file states (`known`, by name). It blocks if a value is too uncertain for any use.
+    `fit`: fit that shows which error source should be reduced; None if there is none.
     """
     wide, coarse, refuses = [], [], False
     worst, farthest = "", 0.0
-    for p, sd in zip(parameters, standard_deviation, strict=True):
+    for p, sd in zip(estimate.parameters, estimate.standard_deviation, strict=True):
         if p.name not in judged:
             continue
         size = NamedSize(name=p.name, size=float(sd), unit=p.unit)
@@ -216,7 +215,7 @@ def little_motion(
             worst, farthest = p.name, over
     if not wide and not coarse:
         return ()
-    source = narrows(worst) if narrows is not None else ""
+    source = "" if fit is None else exceeded_source(fit, worst)
     names = (source,) if source else ()
     kind = FindingKind.SIGMAS_USELESS if wide else FindingKind.SIGMAS_WIDE
     return (Finding(kind, sizes=(*wide, *coarse), names=names, blocking=refuses),)

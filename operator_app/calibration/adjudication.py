@@ -4,7 +4,6 @@ Other models are fitted only if the fit is poor or its solution is implausible.
 """
 
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
@@ -30,7 +29,6 @@ from operator_app.calibration.placements import contradicted
 from operator_app.calibration.repeat_measurement import Repeat
 from operator_app.calibration.result import Solution
 from operator_app.calibration.rvdt import measured_deviations, rvdt_causes
-from operator_app.calibration.sensitivity import exceeded_source
 from operator_app.messages.finding import Finding, FindingKind
 from solver.arrays import IntArray
 from solver.chain.parameters import nominal_vector
@@ -285,13 +283,7 @@ def _fit_causes(case: _Case, *, without_motion: bool) -> tuple[Finding, ...]:
         for p in case.model.parameters
         if p.name.split("[")[0] not in arms
     }
-    wide = acceptance.little_motion(
-        estimate.parameters,
-        estimate.standard_deviation,
-        case.judged,
-        stated_by_fixture,
-        partial(exceeded_source, case.fit),
-    )
+    wide = acceptance.little_motion(estimate, case.judged, stated_by_fixture, case.fit)
     return (*(() if estimate.converged else (open_end,)), *(() if without_motion else wide))
 
 
@@ -312,8 +304,7 @@ def _poorly_determined(case: _Case) -> tuple[Finding, ...]:
     if case.gross:
         # A gross misfit has another cause, unless parameters that the files do not determine have useless sigmas.
         expected = expected.given(case.solution.by_files)
-    sd = expected.standard_deviation
-    causes = acceptance.little_motion(expected.parameters, sd, case.judged)
+    causes = acceptance.little_motion(expected, case.judged)
     if case.gross:
         return tuple(cause for cause in causes if cause.blocking)
     return tuple(replace(cause, blocking=True) for cause in causes)

@@ -14,8 +14,9 @@ from solver.diagnostics.fault_models import Cause, FaultModels
 from solver.diagnostics.limits import MOTION_SPREAD_RAD, MOTION_SPREAD_SIGMAS
 from solver.diagnostics.model_selection import Explanation
 from solver.diagnostics.range_checks import RangeFinding, ReadingFault, rows_in_radians
-from solver.diagnostics.stated_sizes import ExceededSpecification
+from solver.diagnostics.stated_sizes import ExceededSpecification, exceeded_specifications
 from solver.estimators.effects import LinearModel
+from solver.estimators.variance_components import Calibrated
 from solver.loops.endpoints import MeasuredClosure
 
 RESTARTED_RAD = np.deg2rad(5.0)
@@ -140,6 +141,23 @@ def exceeded(larger: ExceededSpecification, design: LinearModel) -> Finding:
     )
 
 
+def exceeded_source(calibrated: Calibrated, name: str) -> str:
+    """Return a parameter's main source of error if that source exceeds its specification; otherwise "".
+
+    A main source contributes more than half of the variance. Without one, only more varied poses would help.
+    """
+    budget, names = calibrated.components.budget, [p.name for p in calibrated.estimate.parameters]
+    if not budget or name not in names:
+        return ""
+    k = names.index(name)
+    source = max(budget, key=lambda s: float(budget[s][k]))
+    if not 2.0 * float(budget[source][k]) > float(calibrated.estimate.covariance[k, k]):
+        return ""
+    larger = {x.component for x in exceeded_specifications(calibrated.linear)}
+    sources = {c.source for c in calibrated.linear.design.components if c.name in larger}
+    return source if source in sources else ""
+
+
 def sensor_name(joint: int, arm: ArmModel) -> str:
     """Return the name of a joint's sensor as it appears in the codes of findings."""
     return "RVDT" if isinstance(arm.joints[joint - 1].sensor, Rvdt) else "ENCODER"
@@ -190,17 +208,14 @@ def _reading_noise(joint: int, x: Explanation, faults: FaultModels) -> Finding:
     arm, sd = faults.arm, _rms(x.b)
     shares = [float(np.median(a.share)) for a in faults.design.errors.analogue if a.joint == joint]
     samples = round(1.0 / shares[0]) if shares else 1
-    sensor = arm.joints[joint - 1].sensor
-    figures = {}
-    if isinstance(sensor, Encoder | Rvdt):
-        figures = {"times": float(sd / np.sqrt(sensor.variance_of_mean_rad2(samples)))}
+    stated = float(np.sqrt(arm.joints[joint - 1].sensor.variance_of_mean_rad2(samples)))
     return Finding(
         FindingKind.READING_NOISE,
         joint=joint,
         sensor=sensor_name(joint, arm),
         size=sd,
         unit="rad",
-        figures=figures,
+        figures={"times": sd / stated},
     )
 
 

@@ -139,9 +139,12 @@ def rvdt_causes(verdicts: tuple[RvdtVerdict, ...], arm: ArmModel) -> tuple[Findi
     for v in verdicts:
         if v.verdict is not Soundness.OUT_OF_SPECIFICATION:
             continue
-        sensor, deviation = arm.joints[v.joint - 1].sensor, deviations.get(v.joint)
+        deviation, stated_rad = (
+            deviations.get(v.joint),
+            arm.joints[v.joint - 1].sensor.linearity_rad,
+        )
         kind = FindingKind.RVDT_OUT_NOISE
-        if deviation and isinstance(sensor, Rvdt) and deviation.beyond(sensor.linearity_rad):
+        if deviation is not None and deviation.beyond(stated_rad):
             kind = FindingKind.RVDT_OUT_LINEARITY
         elif v.noise is not None and v.noise.from_spread:
             kind = FindingKind.RVDT_OUT_SPREAD

@@ -11,8 +11,6 @@ from operator_app.calibration.result import Solution
 from operator_app.messages.finding import source_remedy
 from solver.chain.parameters import Parameter
 from solver.diagnostics.limits import COARSE_SIGMA_M, COARSE_SIGMA_RAD
-from solver.diagnostics.stated_sizes import exceeded_specifications
-from solver.estimators.variance_components import Calibrated
 
 WORST = 3
 """Number of least certain parameters that are reported."""
@@ -63,20 +61,3 @@ def source_sensitivities(solution: Solution) -> tuple[SourceSensitivity, ...]:
         key=lambda h: -h.sigma / (COARSE_SIGMA_RAD if h.parameter.is_angle else COARSE_SIGMA_M)
     )
     return tuple(sensitivities[:WORST])
-
-
-def exceeded_source(calibrated: Calibrated, name: str) -> str:
-    """Return a parameter's main source of error if that source exceeds its specification; otherwise "".
-
-    A main source contributes more than half of the variance. Without one, only more varied poses would help.
-    """
-    budget, names = calibrated.components.budget, [p.name for p in calibrated.estimate.parameters]
-    if not budget or name not in names:
-        return ""
-    k = names.index(name)
-    source = max(budget, key=lambda s: float(budget[s][k]))
-    if not 2.0 * float(budget[source][k]) > float(calibrated.estimate.covariance[k, k]):
-        return ""
-    larger = {x.component for x in exceeded_specifications(calibrated.linear)}
-    sources = {c.source for c in calibrated.linear.design.components if c.name in larger}
-    return source if source in sources else ""

@@ -12,7 +12,7 @@ import numpy as np
 from solver.arrays import FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.poses import PoseSet
-from solver.chain.sensors import NoSensor, Rvdt
+from solver.chain.sensors import Rvdt
 from solver.diagnostics import limits
 from solver.errors import SolverError
 
@@ -173,7 +173,7 @@ def range_findings(
     outside[:, [j - 1 for j in unsensed_joints]] = 0.0
     findings = []
     for j, joint in enumerate(arm.joints, 1):
-        if isinstance(joint.sensor, NoSensor) or j in unsensed_joints:
+        if j in unsensed_joints:
             continue
         beyond = outside[:, j - 1]
         order = np.argsort(-beyond, kind="stable")[: np.count_nonzero(beyond > 0.0)]

@@ -2,7 +2,6 @@
 
 from collections import Counter
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
@@ -15,7 +14,6 @@ from operator_app.calibration.multistart import (
     gross_misfit,
     local_minimum_causes,
 )
-from operator_app.calibration.sensitivity import exceeded_source
 from operator_app.report.facts import facts_of
 from operator_app.report.text import facts_text
 from solver.chain.parameters import nominal_vector
@@ -118,8 +116,7 @@ def test_little_motion_is_reported_once():
 )
 def test_remedy_of_a_wide_sigma_is_its_source_or_more_poses(name, taken, remedy):
     fit = fit_of(taken)
-    figures = fit.estimate.parameters, fit.estimate.standard_deviation
-    (cause,) = little_motion(*figures, (name,), {name: 1e-9}, partial(exceeded_source, fit))
+    (cause,) = little_motion(fit.estimate, (name,), {name: 1e-9}, fit)
     assert cause.code == "LITTLE_MOTION"
     assert cause.remedy.startswith(remedy)
 

@@ -4,7 +4,7 @@ Each stage gets the frozen records of earlier stages, and only the options that 
 used by the command `sarcal solve`, by the session and by the library.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -126,8 +126,7 @@ class Prepared:
     `fixed`: unidentifiable unknowns that stay at their nominal values because the caller set `drop`.
     `hard`: model with only the unknowns that the poses have to identify.
     `model`: `hard` with further entries of the maker's table, which the fit may correct within a tolerance.
-    `tolerance`: standard deviation (rad, m) of each of these further entries, by name.
-    `errors`: error model of the distinct poses.
+    `errors`: error model of the distinct poses; its `tolerance` names these further entries.
     `distinct`: indices of the distinct poses. `which`: for every pose on the branch, its position in `distinct`.
     `prior`: names of the arm's unknowns in `hard` whose uncertainty the arm's file states.
     """
@@ -139,7 +138,6 @@ class Prepared:
     fixed: tuple[str, ...]
     hard: ClosureModel
     model: ClosureModel
-    tolerance: Mapping[str, float]
     errors: ErrorModel
     distinct: IntArray
     which: IntArray
@@ -173,7 +171,6 @@ def prepare(
         fixed=fixed,
         hard=hard,
         model=model,
-        tolerance=tolerance,
         errors=error_model(experiment, distinct, tolerance=tolerance, prior=prior),
         distinct=distinct,
         which=which,
@@ -290,14 +287,14 @@ def collect(prepared: Prepared, whole: Calibrated, part: Calibrated) -> Solution
         poses=len(q),
         dropped_flipped=loops.flipped,
         held=prepared.fixed,
-        tolerated=() if by_paper else tuple(prepared.tolerance),
+        tolerated=() if by_paper else tuple(prepared.errors.tolerance),
         components=None if by_paper else components,
         search=loops.search,
         outliers=(),
         rvdt=(),
         assumed=(*arm.assumed, *fixture.compliance.assumed),
         hand=tip_sigma(model, estimate, q),
-        implicit=implicit.without(tuple(prepared.tolerance)) if by_paper else None,
+        implicit=implicit.without(tuple(prepared.errors.tolerance)) if by_paper else None,
         unsensed_offsets=measured_offsets(model, estimate.x, q, arm),
         scales=() if by_paper else learned_scales(whole.linear, whole.derivatives),
         shares={} if by_paper else shares_of_poses(whole.linear),

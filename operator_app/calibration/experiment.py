@@ -136,8 +136,12 @@ def identifiable_loops(
     model, q = model.at_poses(np.flatnonzero(is_kept)), q[is_kept]
     require_enough_poses(model, len(q))
     x0 = None if choice is None else choice.x
-    every_unknown = model
-    model, unidentifiable = _without_unidentifiable(model, arm, x0, q, drop=drop)
+    every_unknown, unidentifiable = model, tuple[str, ...]()
+    if drop or arm.offset_tolerance_rad is not None:
+        smaller, names = drop_unidentifiable(model, x0, q, sigma_rad=arm.sigma_rad())
+        # Files state uncertainties of offsets only: without `drop`, other parameters stay free, and are refused later.
+        if drop or all(is_entry(n) and DhEntry.parse(n).kind is DhKind.THETA_OFF for n in names):
+            model, unidentifiable = smaller, names
     if unidentifiable:
         require_enough_poses(model, len(q))
         if search:
@@ -149,19 +153,6 @@ def identifiable_loops(
         paper = paper or estimate_paper(model, q, x0=None if choice is None else choice.x)
     loops = model if drop else every_unknown
     return IdentifiableLoops(loops, model, q, is_kept, unidentifiable, choice, paper)
-
-
-def _without_unidentifiable(
-    model: ClosureModel, arm: ArmModel, x0: FloatArray | None, q: FloatArray, *, drop: bool
-) -> tuple[ClosureModel, tuple[str, ...]]:
-    """Fix unidentifiable parameters, if that is allowed; return the model and the names of the parameters fixed."""
-    # They may be fixed if `drop`, or if all of them are offsets whose uncertainty the arm's file states.
-    if not drop and arm.offset_tolerance_rad is None:
-        return model, ()
-    smaller, unidentifiable = drop_unidentifiable(model, x0, q, sigma_rad=arm.sigma_rad())
-    known = all(is_entry(n) and DhEntry.parse(n).kind is DhKind.THETA_OFF for n in unidentifiable)
-    # Files state uncertainties of offsets only: other parameters stay free, and are refused later.
-    return (smaller, unidentifiable) if drop or known else (model, ())
 
 
 def on_main_branch(model: ClosureModel, q: FloatArray) -> tuple[BoolArray, Estimate | None]:

@@ -164,21 +164,18 @@ def _explanations(
         if best is None or best.chi2_per_dof > limits.CHI2_PER_DOF_GROSS:
             # No linear cause explains this.
             return
-        residuals = _with_cause(residuals, best)
+        cause, sd = best.candidate, best.size * best.candidate.expected_size
+        if cause.own is None:
+            residuals = residuals.with_columns(cause.columns, sd)
+        else:
+            own = cause.columns * sd.reshape(len(cause.own), 1, -1)
+            residuals = OwnColumns(residuals, cause.own, own).drawn()
         if residuals.dof <= 0:
             return
         outliers, tests = _residual_tests(faults, residuals, residuals)
         tests.append(HypothesisTest.of_chi2("CHI2_STATED", residuals.chi2, residuals.dof))
         if not any(test.fires for test in tests):
             return
-
-
-def _with_cause(residuals: WhitenedResiduals, x: Explanation) -> WhitenedResiduals:
-    cause, sd = x.candidate, x.size * x.candidate.expected_size
-    if cause.own is None:
-        return residuals.with_columns(cause.columns, sd)
-    own = cause.columns * sd.reshape(len(cause.own), 1, -1)
-    return OwnColumns(residuals, cause.own, own).drawn()
 
 
 def _changes(

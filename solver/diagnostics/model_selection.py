@@ -159,33 +159,27 @@ def drop_unidentifiable(
 ) -> tuple[ClosureModel, tuple[str, ...]]:
     """Fix the parameters that the poses do not determine.
 
-    `x`: parameters (P,) that nearly close the loops; if the loops stay open, no direction looks unidentifiable. By
-    default, `nearly_closing_parameters` fits the offsets and the fixture only, because a fit of all lengths might
-    shrink the arm to zero.
+    `x`: parameters (P,) that nearly close the loops; if the loops stay open, no direction looks unidentifiable. If it
+    is None, only the offsets and the fixture are fitted, because a fit of all lengths might shrink the arm to zero.
     `q`: joint angles (m, n), rad.
     `sigma_rad`: standard deviation of each joint's reading (n,), for closing the loops.
 
     Returns the loop with fewer unknowns, and the names of the parameters now fixed at their nominal values. In `x`
     these may have other values, so the remaining parameters have to be estimated again.
     """
-    x = nearly_closing_parameters(model, q) if x is None else x
-    J = jacobian_at_closed(model, x, q, sigma_rad)
     every = names = [p.name for p in model.parameters]
     fixture = {*model.ground_side, *model.hand_side}
+    if x is None:
+        known = {n for n in names if not n.startswith("theta_off_")} - fixture
+        plain = model.with_all_joints_sensed().without(known)
+        fit = solve_damped(closure_problem(plain, q), nominal_vector(plain.parameters))
+        x = in_order(model, plain, fit.x)
+    J = jacobian_at_closed(model, x, q, sigma_rad)
     while names and (directions := identifiability_of_jacobian(J, names, q).directions):
         k = _choose(J.reshape(-1, len(names)), names, directions, fixture)
         J, names = np.delete(J, k, axis=-1), names[:k] + names[k + 1 :]
     dropped = tuple(name for name in every if name not in names)
     return (model.without(dropped) if dropped else model), dropped
-
-
-def nearly_closing_parameters(model: ClosureModel, q: FloatArray) -> FloatArray:
-    """Return parameters (P,) that nearly close the loops: offsets and fixture as fitted, all others at nominal."""
-    fixture = {*model.ground_side, *model.hand_side}
-    known = {p.name for p in model.parameters if not p.name.startswith("theta_off_")} - fixture
-    plain = model.with_all_joints_sensed().without(known)
-    fit = solve_damped(closure_problem(plain, q), nominal_vector(plain.parameters))
-    return in_order(model, plain, fit.x)
 
 
 def _choose(

@@ -16,7 +16,6 @@ from solver.diagnostics.pose_adjustment import LoopAngle, loop_angles
 from solver.diagnostics.rvdt_response import RvdtFigures, SingleNoise, measure, sensor_angle
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.layout import Layout
-from solver.estimators.linear_fit import LinearFit
 from solver.estimators.mixed_fit import FitStart
 from solver.estimators.variance_components import Calibrated, compliance_test, noise_left, settle
 from solver.loops.closure import ClosureModel
@@ -94,7 +93,12 @@ def rvdt_verdicts(
         noise_left(fitted, back),
         near=(fitted.corrections[back], fitted.unsensed[back]),
     )
-    noise = _without_compliance(noise, fitted.fit)
+    # A rotation of the fixture under load looks like noise of the wrist's sensors, and no pose separates the two.
+    # If the fixture deflects more than stated, it may have caused all noise that follows from closure errors.
+    uncertain = {j: replace(one, low=0.0) for j, one in noise.items() if not one.from_spread}
+    compliance = compliance_test(fitted.fit.stated, fitted.fit.design) if uncertain else None
+    if compliance is not None and compliance.deflects:
+        noise = {**noise, **uncertain}
     sensed = model.with_all_joints_sensed()
     known = dict(zip((p.name for p in model.parameters), fitted.x.tolist(), strict=True))
     for j, angle in angles.items():
@@ -137,19 +141,6 @@ def _beside(calibrated: Calibrated, model: ClosureModel, q: FloatArray) -> FitSt
         unsensed=np.concatenate(angles, axis=-1),
         layout=calibrated.linear.design,
     )
-
-
-def _without_compliance(
-    noise: Mapping[int, SingleNoise], fit: LinearFit
-) -> Mapping[int, SingleNoise]:
-    """Return `noise`; if the fixture deflects more than stated, noise that follows from closure errors may be 0.
-
-    A rotation of the fixture under load looks like noise of the wrist's sensors, and no pose separates the two. So the
-    fixture may have caused all of this noise, and its lower limit is set to 0.
-    """
-    uncertain = {j: replace(one, low=0.0) for j, one in noise.items() if not one.from_spread}
-    compliance = compliance_test(fit.stated, fit.design) if uncertain else None
-    return {**noise, **uncertain} if compliance is not None and compliance.deflects else noise
 
 
 def _undecidable(reading: FloatArray, measured: LoopAngle, sensor: Rvdt) -> str:

@@ -51,12 +51,11 @@ def error_model(
         sd_rad=None if poses.sd_rad is None else poses.sd_rad[kept],
         unsensed_joints=experiment.unsensed,
     )
-    endpoint = _instrument_variance(fixture)
     passive = fixture.kind != "measured"
     indices = np.arange(len(poses))[kept]
     return replace(
         errors,
-        endpoint_variance=np.zeros(6) if endpoint is None else endpoint,
+        endpoint_variance=_instrument_variance(fixture),
         give_rad=fixture.compliance.orientation_rad if passive else None,
         give_m=fixture.compliance.position_m if passive else None,
         tolerance=tolerance,
@@ -151,9 +150,9 @@ def noise_model(experiment: Experiment) -> NoiseModel:
     )
 
 
-def _instrument_variance(fixture: EndpointConstraint) -> FloatArray | None:
-    """Variance (6,), rad^2 then m^2, of an instrument's measurement by component; None without an instrument."""
-    return fixture.endpoint_variance() if isinstance(fixture, Measured) else None
+def _instrument_variance(fixture: EndpointConstraint) -> FloatArray:
+    """Variance (6,), rad^2 then m^2, of an instrument's measurement by component; 0 without an instrument."""
+    return fixture.endpoint_variance() if isinstance(fixture, Measured) else np.zeros(6)
 
 
 def averaged_at_rest(arm: ArmModel, poses: PoseSet) -> PoseSet:

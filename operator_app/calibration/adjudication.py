@@ -136,9 +136,7 @@ def adjudicate(
     far = () if nothing_fits else _local_minimum_causes(case)
     # If one cause explains the misfit, the fixture may be anywhere: the poses determine its place.
     anywhere = () if far or nothing_fits or case.gross else of_fixture(case.model)
-    diverged = has_diverged(
-        (*far, *by_tests), scale, solution.estimate, case.judged, anywhere=anywhere
-    )
+    diverged = has_diverged((*far, *by_tests), scale, solution.identified, anywhere=anywhere)
     lost = _poorly_determined(case) if far or case.gross or diverged else ()
     of_returns, since = acceptance.return_tests(known.returned, calibrated.estimate)
     of_paper, off_paper = (
@@ -152,7 +150,6 @@ def adjudicate(
         far, lost = (), ()
     first = (
         *_screening_causes(solution, experiment, known),
-        *acceptance.too_few_poses(solution.estimate),
         *lost,
         *(() if case.gross or diverged else _geometry_causes(known.checks)),
         *(() if case.gross else far),
@@ -166,8 +163,8 @@ def adjudicate(
     # An alternative model also explains readings out of range: it comes first.
     first, by_tests = ((*by_tests, *first), ()) if alternatives else (first, by_tests)
     # The paper's estimate does not use measured distances, and a gross misfit does not show which distances are wrong.
-    unused = by_paper or case.gross
-    distances = () if unused else contradicted(case.stated, calibrated.linear)
+    used = not (by_paper or case.gross)
+    distances = contradicted(case.stated, calibrated.linear) if used else ()
     named = {(c.kind, c.joints) for c in (*first, *by_tests)}
     return acceptance.Adjudication(
         causes=(
@@ -260,8 +257,10 @@ def _local_minimum_causes(case: _Case) -> tuple[Finding, ...]:
     """Return findings that the solution may be only a local minimum; alternative models near nominal come first."""
     if case.solution.search is not None:
         return ()
-    q = None if case.model.unsensed_joints else case.fit.linear.design.q
-    far = local_minimum_causes(case.model, case.fit.estimate, case.judged, q)
+    design = case.fit.linear.design
+    q = None if case.model.unsensed_joints else design.q
+    identified = case.fit.estimate.without(design.errors.tolerance)
+    far = local_minimum_causes(case.model, identified, q)
     if far and q is not None and not case.gross:
         return (*case.alternatives(near=True), *far)
     return far
@@ -346,6 +345,7 @@ def _screening_causes(
         *(replace(f, blocking=many) for f in known.left_out),
         *(range_finding(f, experiment) for f in known.out_of_range),
         *second_solution(solution.search),
+        *acceptance.too_few_poses(solution.estimate),
     )
 
 

@@ -15,7 +15,7 @@ from solver.estimators.estimate import Estimate
 from solver.estimators.least_squares import Fit, Problem, Progress, solve_damped
 from solver.estimators.paper import closure_problem
 from solver.estimators.variance_components import Calibrated, estimate_with_errors
-from solver.loops.closure import ClosureModel, in_order
+from solver.loops.closure import ClosureModel
 from solver.loops.endpoints import BASE, GROUND, TIP, TIP_TURN
 
 SCREENING_POSES = 600
@@ -107,19 +107,20 @@ def far_from_nominal(
 
 
 def local_minimum_causes(
-    model: ClosureModel, estimate: Estimate, judged: tuple[str, ...], q: FloatArray | None = None
+    model: ClosureModel, identified: Estimate, q: FloatArray | None = None
 ) -> tuple[Finding, ...]:
-    """Return a finding if the estimate is implausibly far from nominal; it states whether another solution fits better.
+    """Return a finding if an estimate is implausibly far from nominal; it states whether another solution fits better.
 
-    `judged`: names of the identified parameters. `q`: readings (m, n) of the used poses, rad; None to look for no other
-    solution. Unless there is one, the fixture's placement may be anywhere.
+    `identified`: estimate of the identified parameters. `q`: readings (m, n) of the used poses, rad; None to look for
+    no other solution. Unless there is one, the fixture's placement may be anywhere.
     """
-    far = _far(_described(estimate, judged))
+    far = _far(_described(identified))
     near_nominal, times = False, dict[str, float]()
     if far and q is not None:
-        hard = model.without([p.name for p in model.parameters if p.name not in judged])
+        known = identified.values_by_name
+        hard = model.without([p.name for p in model.parameters if p.name not in known])
         problem = closure_problem(hard, q)
-        x = in_order(hard, model, estimate.x)
+        x = nominal_vector(hard.parameters, known)
         own = solve_damped(problem, x, max_iterations=ITERATIONS).cost
         fits = _fits(hard, problem)
         best = min(fit.cost for fit in fits)
@@ -199,15 +200,14 @@ OF_THE_SOLUTION = {
 def has_diverged(
     causes: Iterable[Finding],
     scale: float,
-    estimate: Estimate,
-    judged: tuple[str, ...],
+    identified: Estimate,
     *,
     anywhere: Collection[str] = (),
 ) -> bool:
     """Whether the solution has diverged: a cause of a gross misfit blocks, and the values are implausible or useless.
 
     That is, a parameter is far from nominal, or too uncertain for any use. `scale`: chi2/dof at stated variances.
-    `judged`: names of the identified parameters. `anywhere`: names of parameters that may have any value.
+    `identified`: estimate of the identified parameters. `anywhere`: names of parameters that may have any value.
     """
     # A local optimum counts as diverged even if it fits well.
     if not any(
@@ -217,7 +217,7 @@ def has_diverged(
         for c in causes
     ):
         return False
-    described = _described(estimate, judged)
+    described = _described(identified)
     worthless = np.where(
         [p.is_angle for p in described.parameters], limits.USELESS_SIGMA_RAD, limits.USELESS_SIGMA_M
     )
@@ -234,7 +234,6 @@ def _limit(parameter: Parameter) -> float:
     return limits.FAR_FROM_NOMINAL_RAD if parameter.is_angle else limits.FAR_FROM_NOMINAL_M
 
 
-def _described(estimate: Estimate, judged: tuple[str, ...]) -> Estimate:
-    """Return the estimate without parameters that are not in `judged` or belong to one of several placements."""
-    names = [p.name for p in estimate.parameters]
-    return estimate.without([n for n in names if n not in judged or n.endswith("]")])
+def _described(estimate: Estimate) -> Estimate:
+    """Return the estimate without parameters that belong to one of several placements."""
+    return estimate.without([p.name for p in estimate.parameters if p.name.endswith("]")])

@@ -90,10 +90,10 @@ def test_value_far_from_the_files_is_refused_where_a_joint_is_unsensed():
     solution = calibrate(PANDA, BALL, panda_poses(1, 2), unsensed_joints=(6,), drop=True)
     names = [p.name for p in solution.estimate.parameters]
     assert solution.accepted
-    assert local_minimum_causes(solution.model, solution.estimate, tuple(names)) == ()
+    assert local_minimum_causes(solution.model, solution.estimate) == ()
     mirrored = solution.estimate.x - 0.4 * np.eye(len(names))[names.index("tip_z")]
     estimate = replace(solution.estimate, x=mirrored)
-    (far,) = local_minimum_causes(solution.model, estimate, tuple(names))
+    (far,) = local_minimum_causes(solution.model, estimate)
     assert (far.code, far.names, far.blocking) == ("FAR_FROM_NOMINAL", ("tip_z",), True)
 
 

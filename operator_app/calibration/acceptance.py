@@ -186,21 +186,18 @@ def too_few_poses(estimate: Estimate) -> tuple[Finding, ...]:
 
 def little_motion(
     estimate: Estimate,
-    judged: tuple[str, ...],
     known: Mapping[str, float] = MappingProxyType({}),
     fit: Calibrated | None = None,
 ) -> tuple[Finding, ...]:
     """Return the finding that poses differ too little to determine some parameters; empty if all sigmas are small.
 
-    Only parameters named in `judged` are tested. The finding names each whose standard deviation is large, or
-    exceeds the one that a file states (`known`, by name). It blocks if a value is too uncertain for any use.
+    The finding names each parameter of `estimate` whose standard deviation is large, or exceeds the one that a file
+    states (`known`, by name). It blocks if a value is too uncertain for any use.
     `fit`: fit that shows which error source should be reduced; None if there is none.
     """
     wide, coarse, refuses = [], [], False
     worst, farthest = "", 0.0
     for p, sd in zip(estimate.parameters, estimate.standard_deviation, strict=True):
-        if p.name not in judged:
-            continue
         size = NamedSize(name=p.name, size=float(sd), unit=p.unit)
         worthless = limits.USELESS_SIGMA_RAD if p.is_angle else limits.USELESS_SIGMA_M
         over = sd / (limits.COARSE_SIGMA_RAD if p.is_angle else limits.COARSE_SIGMA_M)

@@ -80,11 +80,6 @@ class _Case:
     diagnosis: Diagnosis
 
     @property
-    def judged(self) -> tuple[str, ...]:
-        """Names of the parameters that decide on acceptance."""
-        return tuple(p.name for p in self.solution.identified.parameters)
-
-    @property
     def model(self) -> ClosureModel:
         return self.fit.linear.design.model
 
@@ -192,7 +187,8 @@ def _misfit_causes(
     Returns all causes, those of them that are alternative models, and whether a misfit that blocks stays unexplained.
     """
     diagnosis, scale = case.diagnosis, case.diagnosis.stated_chi2_per_dof
-    by_tests = acceptance.causes_of(diagnosis, case.fit.estimate, case.judged, labels)
+    judged = tuple(p.name for p in case.solution.identified.parameters)
+    by_tests = acceptance.causes_of(diagnosis, case.fit.estimate, judged, labels)
     if alternatives := poses_in_radians(case.stated, scale):
         return alternatives, alternatives, False
     wrong = _wrong_distances(case, limits.EQUALLY_GOOD_CHI2) if diagnosis.fires else ()
@@ -282,7 +278,8 @@ def _fit_causes(case: _Case, *, without_motion: bool) -> tuple[Finding, ...]:
         for p in case.model.parameters
         if p.name.split("[")[0] not in arms
     }
-    wide = acceptance.little_motion(estimate, case.judged, stated_by_fixture, case.fit)
+    identified = estimate.without(case.solution.tolerated)
+    wide = acceptance.little_motion(identified, stated_by_fixture, case.fit)
     return (*(() if estimate.converged else (open_end,)), *(() if without_motion else wide))
 
 
@@ -303,7 +300,7 @@ def _poorly_determined(case: _Case) -> tuple[Finding, ...]:
     if case.gross:
         # A gross misfit has another cause, unless parameters that the files do not determine have useless sigmas.
         expected = expected.given(case.solution.by_files)
-    causes = acceptance.little_motion(expected, case.judged)
+    causes = acceptance.little_motion(expected.without(design.errors.tolerance))
     if case.gross:
         return tuple(cause for cause in causes if cause.blocking)
     return tuple(replace(cause, blocking=True) for cause in causes)

@@ -56,8 +56,7 @@ def test_slip_is_as_large_as_in_the_placement_in_which_it_happened():
         order=order,
     )
     slip = SimpleNamespace(candidate=SimpleNamespace(moves=lambda *_: moved), b=None)
-    size = rms_displacement(slip, faults)
-    assert size == {"turn_rad": 0.0, "shift_m": pytest.approx(0.003)}
+    assert rms_displacement(slip, faults) == {"turn_rad": 0.0, "shift_m": pytest.approx(0.003)}
 
 
 SCALE, SCATTER = r"encoder is off by about (\S+) %", r"scatter by about ([0-9.]+) deg"

@@ -170,8 +170,6 @@ def _explanations(
         else:
             own = cause.columns * sd.reshape(len(cause.own), 1, -1)
             residuals = OwnColumns(residuals, cause.own, own).drawn()
-        if residuals.dof <= 0:
-            return
         outliers, tests = _residual_tests(faults, residuals, residuals)
         tests.append(HypothesisTest.of_chi2("CHI2_STATED", residuals.chi2, residuals.dof))
         if not any(test.fires for test in tests):

@@ -330,8 +330,6 @@ class FaultModels:
                 )
 
     def _fixture(self) -> Iterator[Candidate]:
-        if not self.design.deflecting_rows:
-            return
         Et = np.swapaxes(self.system.E, -1, -2)
         m, r, k = Et.shape
         expected_size = np.repeat((ANGLE_RAD, LENGTH_M), (k - 3, 3))

@@ -11,7 +11,7 @@ from hardware.arm import DriveState, JointMode, JointState
 from hardware.arm_description import JointDescription, JointScale
 from hardware.canopen.cia402 import CLOSED_LOOP_STATES, Command, command_of, conditions, state_of
 from hardware.canopen.cyclic import Sample, Setpoints
-from hardware.canopen.objects import CONTROL_PERIOD_S, CYCLIC_POSITION
+from hardware.canopen.objects import CONTROL_PERIOD_S
 from hardware.errors import CommandRefused, DriveNotReady, StopLatched
 
 
@@ -143,13 +143,13 @@ def admit(
         return
     for joint, (limit, mode, command) in enumerate(zip(limits, modes, commands, strict=True)):
         last = None if before is None else before[joint]
-        if command.mode != CYCLIC_POSITION or command == last:
+        if command.mode is not JointMode.POSITION or command == last:
             continue
         if command_of(command.controlword) is not Command.ENABLE_OPERATION:
             continue  # no other controlword causes motion
         target, measured = command.target_counts, sample.counts[joint]
         drive = state_of(sample.statuswords[joint])
-        holds = last is not None and last.mode == CYCLIC_POSITION and drive in CLOSED_LOOP_STATES
+        holds = last is not None and last.mode is JointMode.POSITION and drive in CLOSED_LOOP_STATES
         previous = last.target_counts if last is not None and holds else None
         entering = previous is None or mode is not JointMode.POSITION
         if previous is None and limit.joint in sample.missing:

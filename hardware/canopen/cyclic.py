@@ -5,11 +5,11 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from hardware.arm import DriveState
+from hardware.arm import DriveState, JointMode
 from hardware.canopen import bus_profile
 from hardware.canopen.bus_profile import BusProfile, JointProfile, Pdo
 from hardware.canopen.cia402 import state_of
-from hardware.canopen.objects import CONTROLWORD, EMCY, JOINT_MODE, MODE, TARGET_POSITION
+from hardware.canopen.objects import CONTROLWORD, EMCY, MODE, TARGET_POSITION
 from hardware.errors import HardwareError
 
 _LETTERS: Final = {8: "b", 16: "h", 32: "i", 64: "q"}
@@ -21,11 +21,11 @@ MAX_LATE_SYNCS: Final = 100
 
 @dataclass(frozen=True, slots=True)
 class Setpoint:
-    """Command of one joint (6040h, 607Ah, 6060h); `mode` is a CiA 402 code, which `JointFrames` may translate."""
+    """Command of one joint: 6040h, 607Ah, and the mode whose code is sent in 6060h."""
 
     controlword: int
     target_counts: int
-    mode: int
+    mode: JointMode
 
 
 Setpoints = tuple[Setpoint, ...]
@@ -102,28 +102,20 @@ class JointFrames:
         )
         self.commands = {pdo.cob_id: PdoFields(pdo, bus_profile.COMMAND_OBJECTS) for pdo in order}
         self._controlling = {p.cob_id for p in joint.commands if CONTROLWORD in p.carried}
-        self._codes = {code: profile.mode_codes[mode] for code, mode in JOINT_MODE.items()}
-        self._modes = {theirs: ours for ours, theirs in self._codes.items()}
+        self._mode_codes = profile.mode_codes
 
     def pack(self, setpoint: Setpoint) -> tuple[tuple[int, bytes], ...]:
         """Return identifier and data of the frames that carry a setpoint, in the order to be sent."""
         values = {
             CONTROLWORD: setpoint.controlword,
             TARGET_POSITION: setpoint.target_counts,
-            MODE: self._codes[setpoint.mode],
+            MODE: self._mode_codes[setpoint.mode],
         }
         return tuple((cob_id, command.pack(values)) for cob_id, command in self.commands.items())
 
     def pack_controlword(self, setpoint: Setpoint) -> tuple[tuple[int, bytes], ...]:
         """Return the frames of `pack` that carry the controlword; STOP needs no others."""
         return tuple(frame for frame in self.pack(setpoint) if frame[0] in self._controlling)
-
-    def decode_command(self, identifier: int, data: bytes) -> dict[int, int]:
-        """Return the values in an RPDO by object index, with the mode as a CiA 402 code; empty for a wrong length."""
-        values = self.commands[identifier].unpack(data) or {}
-        if MODE in values:
-            values[MODE] = self._modes.get(values[MODE], values[MODE])
-        return values
 
 
 def frames_of(profile: BusProfile) -> tuple[JointFrames, ...]:

@@ -23,7 +23,7 @@ class BusMonitor:
     """Takes in frames in order and describes what changed; `profile` defines the joints and their frames."""
 
     def __init__(self, profile: BusProfile) -> None:
-        self._joint_of = profile.joint_of
+        self._joint_of, self._mode_of = profile.joint_of, profile.mode_of
         frames = list(enumerate(frames_of(profile), 1))
         self._answers = {
             identifier: (joint, answer)
@@ -122,14 +122,14 @@ class BusMonitor:
 
     def _command(self, identifier: int, data: bytes) -> Iterator[str]:
         joint, frames = self._commands[identifier]
-        values = frames.decode_command(identifier, data)
+        values = frames.commands[identifier].unpack(data) or {}
         word, mode = values.get(objects.CONTROLWORD), values.get(objects.MODE)
         if word is not None and self._last_command.get(joint) is not command_of(word):
             self._last_command[joint] = command_of(word)
             yield f"joint {joint}: {command_of(word).value} commanded"
         if mode is not None and self._modes.get(joint) != mode:
             self._modes[joint] = mode
-            name = objects.JOINT_MODE.get(mode)
+            name = self._mode_of(mode)
             yield f"joint {joint}: {f'mode {mode}' if name is None else f'{name.value} mode'} commanded"
 
     def _node_name(self, node: int) -> str:

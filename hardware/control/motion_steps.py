@@ -20,7 +20,6 @@ from hardware import errors
 from hardware.arm import DriveState, JointMode, MoveResult, Reading, Watch
 from hardware.canopen import cia402
 from hardware.canopen.cyclic import Sample, Setpoint, Setpoints
-from hardware.canopen.objects import CYCLIC_POSITION, MODE_CODE
 from hardware.command_limits import not_enabled
 from hardware.control.control_loop import ControlLoop, Steps
 from hardware.control.trajectory import StraightMove
@@ -79,7 +78,7 @@ def drive_to(
     commands = [
         replace(before[at], controlword=cia402.CONTROLWORD_DISABLE_VOLTAGE)
         if before is not None and at + 1 in sample.missing
-        else Setpoint(cia402.CONTROLWORD_DISABLE_VOLTAGE, counts, CYCLIC_POSITION)
+        else Setpoint(cia402.CONTROLWORD_DISABLE_VOLTAGE, counts, JointMode.POSITION)
         for at, counts in enumerate(sample.counts)
     ]
     done = [False] * len(commands)
@@ -94,7 +93,7 @@ def drive_to(
             if not done[at]:
                 word = cia402.next_controlword(status, target, previous=word)
                 done[at] = cia402.reached(cia402.state_of(status), target)
-            commands[at] = Setpoint(word, position, CYCLIC_POSITION)
+            commands[at] = Setpoint(word, position, JointMode.POSITION)
         sample = yield tuple(commands)
         if not not_reached(sample, target):
             break
@@ -121,24 +120,23 @@ def change_modes(loop: ControlLoop, modes: Sequence[JointMode]) -> Steps[None]:
     target. A joint already in position mode keeps its target. A joint that does not answer keeps its mode.
     """
     sample = yield None
-    codes = [MODE_CODE[mode] for mode in modes]
     entering = [
-        command.mode != CYCLIC_POSITION and mode == CYCLIC_POSITION
-        for command, mode in zip(_last_commands(loop), codes, strict=True)
+        command.mode is not JointMode.POSITION and mode is JointMode.POSITION
+        for command, mode in zip(_last_commands(loop), modes, strict=True)
     ]
     for _ in range(MODE_SYNCS):
         raise_alarm(loop)
         commands = list(_last_commands(loop))
-        for at, (command, mode) in enumerate(zip(commands, codes, strict=True)):
+        for at, (command, mode) in enumerate(zip(commands, modes, strict=True)):
             if at + 1 in sample.missing:
                 continue
-            if mode != CYCLIC_POSITION:
+            if mode is not JointMode.POSITION:
                 commands[at] = Setpoint(
                     cia402.CONTROLWORD_ENABLE_OPERATION, sample.counts[at], mode
                 )
             elif entering[at] and (
                 # In free mode bit 12 may mean that the torque is followed.
-                command.mode != mode
+                command.mode is not mode
                 or not sample.statuswords[at] & cia402.StatusBit.FOLLOWS_COMMAND
             ):
                 commands[at] = replace(command, target_counts=sample.counts[at], mode=mode)
@@ -247,11 +245,11 @@ def hold_all(loop: ControlLoop) -> Steps[None]:
     for _ in range(HOLD_SYNCS):
         commands = list(_last_commands(loop))
         for at, command in enumerate(commands):
-            if command.mode != CYCLIC_POSITION and at + 1 not in sample.missing:
+            if command.mode is not JointMode.POSITION and at + 1 not in sample.missing:
                 counts = sample.counts[at]
-                commands[at] = replace(command, target_counts=counts, mode=CYCLIC_POSITION)
+                commands[at] = replace(command, target_counts=counts, mode=JointMode.POSITION)
         sample = yield tuple(commands)
-        held = all(command.mode == CYCLIC_POSITION for command in commands)
+        held = all(command.mode is JointMode.POSITION for command in commands)
         if held or loop.latch.latched:
             return
 

@@ -7,10 +7,11 @@ from typing import Final
 
 import can
 
+from hardware.arm import JointMode
 from hardware.buses.shared_bus import SharedBus, queue_is_full
 from hardware.canopen.cia402 import CONTROLWORD_QUICK_STOP
 from hardware.canopen.cyclic import JointFrames, Setpoint, Setpoints
-from hardware.canopen.objects import CONTROL_PERIOD_S, CYCLIC_POSITION
+from hardware.canopen.objects import CONTROL_PERIOD_S
 from hardware.errors import BusError
 from hardware.monitors.following import Divergence
 
@@ -86,7 +87,7 @@ class StopLine:
         frames: list[tuple[int, bytes]] = []
         for at, measured in enumerate(counts):
             target = last[at].target_counts if last else measured
-            mode = last[at].mode if last else CYCLIC_POSITION
+            mode = last[at].mode if last else JointMode.POSITION
             stop = Setpoint(CONTROLWORD_QUICK_STOP, target, mode)
             frames += self._frames[at].pack_controlword(stop)
         for identifier, data in frames:

@@ -20,11 +20,10 @@ from dataclasses import dataclass
 from itertools import islice
 from typing import Final
 
-from hardware.arm import DriveState
+from hardware.arm import DriveState, JointMode
 from hardware.canopen import cia402
 from hardware.canopen.cia402 import StatusBit, state_of
 from hardware.canopen.cyclic import MAX_LATE_SYNCS, Sample, Setpoint, Setpoints
-from hardware.canopen.objects import CYCLIC_POSITION
 
 DIVERGED_SYNCS: Final = 10
 """Consecutive SYNCs outside the window that show uncommanded motion; a new target or a late frame causes fewer."""
@@ -77,7 +76,7 @@ class FollowingMonitor:
         return tuple(
             joint
             for joint, (counts, command, window) in enumerate(errors, 1)
-            if command.mode == CYCLIC_POSITION
+            if command.mode is JointMode.POSITION
             and (joint in sample.missing or abs(counts - command.target_counts) > window)
         )
 
@@ -86,7 +85,7 @@ class FollowingMonitor:
     ) -> Iterator[Divergence]:
         for at, window in enumerate(self._windows):
             command, status, targets = commands[at], sample.statuswords[at], self._targets[at]
-            if command.mode != CYCLIC_POSITION:
+            if command.mode is not JointMode.POSITION:
                 targets.clear()
                 self._outside_syncs[at], self._followed[at] = 0, False
                 continue
@@ -162,7 +161,7 @@ class StandstillMonitor:
     def _find(self, sample: Sample, commands: Setpoints) -> Iterator[Divergence]:
         for at, (joint, window) in enumerate(zip(self._joints, self._windows, strict=True)):
             stopped = state_of(sample.statuswords[at]) is DriveState.QUICK_STOP_ACTIVE
-            if not stopped or commands[at].mode != CYCLIC_POSITION:
+            if not stopped or commands[at].mode is not JointMode.POSITION:
                 joint.stopped_syncs = joint.outside_syncs = 0
                 continue
             if at + 1 in sample.missing:
@@ -233,7 +232,7 @@ class _EnabledJoint:
             was_enabled = self.enabled_syncs >= CONFIRMED_SYNCS
             return was_enabled or self.disabled_syncs >= DROPOUT_SYNCS
         self.enabled_syncs, self.disabled_syncs = self.enabled_syncs + 1, 0
-        if command.mode != CYCLIC_POSITION:
+        if command.mode is not JointMode.POSITION:
             self.following_syncs = self.not_following_syncs = 0
         elif status & StatusBit.FOLLOWING_ERROR:
             self.not_following_syncs += 1

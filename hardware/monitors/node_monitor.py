@@ -230,8 +230,8 @@ class NodeMonitor:
         if identifier == objects.COB_SYNC:
             return len(data) <= 1  # with a counter or without
         if frames := self._commanded.get(identifier):
-            word = frames.decode_command(identifier, data).get(objects.CONTROLWORD)
-            return word != CONTROLWORD_QUICK_STOP
+            values = frames.commands[identifier].unpack(data) or {}
+            return values.get(objects.CONTROLWORD) != CONTROLWORD_QUICK_STOP
         writes, _ = initiated_transfer(data) or (False, 0)
         writes = writes and identifier - objects.COB_SDO_TO_SERVER in self.nodes
         return identifier == objects.COB_NMT or writes

@@ -24,8 +24,7 @@ THREE = (*TWO, limits(3, 5000, 2.0))
 SCALES = tuple(JointScale(counts_per_rad=scale) for scale in (100.0, 1000.0, 500.0))
 ENABLED, QUICK_STOPPED, SWITCHED_ON, FAULTY = 0x0627, 0x0607, 0x0623, 0x0218
 ENABLE, SWITCH_ON, DISABLE, QUICK_STOP = 0x000F, 0x0007, 0x0000, 0x0002
-CSP, CST = 8, 10
-POSITION, FREE = JointMode.POSITION, JointMode.FREE
+CSP, CST = POSITION, FREE = JointMode.POSITION, JointMode.FREE
 ON, FAULT = DriveState.OPERATION_ENABLED, DriveState.FAULT
 AT_60, AT_100, AT_110, AT_600 = (Setpoint(ENABLE, n, CSP) for n in (60, 100, 110, 600))
 FREE_AT_MINUS_400 = Setpoint(ENABLE, -400, CST)
@@ -85,13 +84,13 @@ def test_allowed_step_target_at_position_and_harmless_command_are_admitted(
         (AT_100, Setpoint(ENABLE, 111, CSP), {}, "step"),
         (AT_100, Setpoint(ENABLE, 100_100, CSP), {}, "step"),
         (Setpoint(ENABLE, 495, CSP), Setpoint(ENABLE, 501, CSP), {}, "outside"),
-        # An old target of a joint in free mode, or of another mode, is no reference.
+        # An old target of a joint in free mode is no reference.
         (FREE_AT_MINUS_400, Setpoint(ENABLE, -400, CSP), {"mode": FREE}, "step"),
         *(
             (b, Setpoint(ENABLE, 111, CSP), {"mode": FREE}, "step")
             for b in (None, FREE_AT_MINUS_400)
         ),
-        (Setpoint(ENABLE, 300, 1), Setpoint(ENABLE, 300, CSP), {}, "step"),
+        (Setpoint(ENABLE, 300, CST), Setpoint(ENABLE, 300, CSP), {}, "step"),
         # Nor is a target from before its drive had power.
         (
             Setpoint(SWITCH_ON, 300, CSP),

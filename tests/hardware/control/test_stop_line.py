@@ -7,6 +7,7 @@ import struct
 import can
 import pytest
 
+from hardware.arm import JointMode
 from hardware.buses.shared_bus import SharedBus
 from hardware.canopen.cyclic import Setpoint, frames_of
 from hardware.control import stop_line
@@ -54,7 +55,8 @@ def line(main: FakeBus, spare: FakeBus) -> StopLine:
 
 
 def test_quick_stop_keeps_target_and_mode(main, spare):
-    setpoints = tuple(Setpoint(0x0F, target, mode) for target, mode in ((1, 8), (2, 10), (3, 8)))
+    modes = JointMode.POSITION, JointMode.FREE, JointMode.POSITION
+    setpoints = tuple(Setpoint(0x0F, target, mode) for target, mode in enumerate(modes, 1))
     line(main, spare).send(setpoints, COUNTS)
     assert [identifier for identifier, _ in main.sent] == ALL
     assert main.setpoints == [(2, 1, 8), (2, 2, 10), (2, 3, 8)]

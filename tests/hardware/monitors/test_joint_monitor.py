@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from hardware.arm import JointMode
 from hardware.arm_description import JointScale
 from hardware.canopen.cyclic import Setpoint, frames_of
 from hardware.control.sampling import Sampler
@@ -44,7 +45,7 @@ def test_divergence_is_stated_in_degrees_of_the_joint():
     monitor.set_following_windows([10.0], [JointScale(counts_per_rad=-100.0)])
     for sync in range(DIVERGED_SYNCS):
         answer = sample((0x1627,), (-50,), sync=sync)
-        monitor.update(answer, (Setpoint(0x0F, 0, 8),), answered_late=False)
+        monitor.update(answer, (Setpoint(0x0F, 0, JointMode.POSITION),), answered_late=False)
     text = str(joint_monitor.stop_error(monitor.divergence))
     assert "is -50 counts from its target (+28.6 deg)" in text
 

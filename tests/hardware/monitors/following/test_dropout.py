@@ -1,6 +1,6 @@
 import pytest
 
-from hardware.arm import DriveState
+from hardware.arm import DriveState, JointMode
 from hardware.canopen.cyclic import Setpoint
 from hardware.monitors.following import (
     CONFIRMED_SYNCS,
@@ -12,7 +12,7 @@ from tests.oracles.samples import sample
 
 FOLLOWS, NOT_FOLLOWING, LIMITED, FOLLOWING_ERROR = 0x1627, 0x0627, 0x0E27, 0x3627
 SWITCHED_ON, READY, OFF, STOPPED, FAULT = 0x1623, 0x1621, 0x1640, 0x1607, 0x1608
-CSP, CST = 8, 10
+CSP, CST = JointMode.POSITION, JointMode.FREE
 ENABLE, SWITCH_ON, QUICK_STOP, DISABLE = 0x0F, 0x07, 0x02, 0x00
 TARGET = Setpoint(ENABLE, 5, CSP)
 
@@ -22,7 +22,7 @@ def update(
     *statuswords: int,
     times: int = 1,
     word: int = ENABLE,
-    mode: int = CSP,
+    mode: JointMode = CSP,
     missing: tuple[int, ...] = (),
     stopped: bool = False,
 ) -> list[int]:

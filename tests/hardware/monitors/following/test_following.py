@@ -2,6 +2,7 @@ from collections.abc import Iterable
 
 import pytest
 
+from hardware.arm import JointMode
 from hardware.canopen.cyclic import MAX_LATE_SYNCS, Setpoint
 from hardware.monitors.following import (
     DIVERGED_SYNCS,
@@ -15,7 +16,7 @@ from hardware.monitors.following import (
 from tests.oracles.samples import sample
 
 FOLLOWS, NO_FOLLOWING_BIT, STOPPED, FAULT, OFF = 0x1627, 0x0627, 0x1607, 0x1608, 0x0640
-CSP, CST = 8, 10
+CSP, CST = JointMode.POSITION, JointMode.FREE
 WINDOW = 100
 FIRST_SYNC = 50
 TO_ZERO = Setpoint(0x0F, 0, CSP)
@@ -26,7 +27,7 @@ def first(divergences: tuple[Divergence, ...]) -> Divergence | None:
 
 
 def follow(
-    *errors: int, status: int = FOLLOWS, mode: int = CSP, missing: tuple[int, ...] = ()
+    *errors: int, status: int = FOLLOWS, mode: JointMode = CSP, missing: tuple[int, ...] = ()
 ) -> list[Divergence | None]:
     """Results from `FIRST_SYNC` on, with joint 2 at these distances from its target, SYNC by SYNC."""
     samples = (
@@ -39,7 +40,7 @@ def follow(
 
 
 def brake(
-    *counts: int, status: int = STOPPED, mode: int = CSP, missing: tuple[int, ...] = ()
+    *counts: int, status: int = STOPPED, mode: JointMode = CSP, missing: tuple[int, ...] = ()
 ) -> list[Divergence | None]:
     """Results after a stop, with joint 2 at these positions, SYNC by SYNC."""
     samples = (
@@ -52,7 +53,7 @@ def brake(
 
 
 def stand(
-    *errors: int, status: int = STOPPED, mode: int = CSP, missing: tuple[int, ...] = ()
+    *errors: int, status: int = STOPPED, mode: JointMode = CSP, missing: tuple[int, ...] = ()
 ) -> list[Divergence | None]:
     """Results from `FIRST_SYNC` on, with joint 2 at these distances from its rest position, SYNC by SYNC."""
     counts = [500] * MIN_BRAKING_SYNCS + [500 + error for error in errors]

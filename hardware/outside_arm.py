@@ -5,10 +5,9 @@ command is sent again after the command. Exceptions and invalid readings become 
 """
 
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -24,44 +23,36 @@ from hardware.arm import (
     UploadReceipt,
     Watch,
 )
-from hardware.arm_description import ArmDescription
+from hardware.arm_plugins import ArmOffer, ArmOrder
 from hardware.command_limits import admit_move, arm_limits
 from hardware.control.stop_line import StopLatch
 
 
 class OutsideArm:
-    """An `ArmInterface` that wraps the arm of another package; `connect` calls `make` to make that arm.
+    """An `ArmInterface` that wraps the arm of another package; `connect` has the `offer` make the arm of the `order`.
 
-    Moves are limited to the ranges and speeds of the joints in `description`. `keeps_parameters`: whether the arm
-    stores a parameter document, as its `ArmOffer` states. `record_to`: file for recording the next connection, or None.
+    Moves are limited to the ranges and speeds of the ordered joints. `name`: the arm's name for messages. `record_to`:
+    file for recording the next connection, or None.
     """
 
-    def __init__(
-        self,
-        make: Callable[[], ArmInterface],
-        description: ArmDescription,
-        name: str,
-        *,
-        keeps_parameters: bool = False,
-        record_to: Path | None = None,
-    ) -> None:
-        self.record_to = record_to
-        self._keeps_parameters = keeps_parameters
-        self._make, self._description, self._name = make, description, name
+    def __init__(self, offer: ArmOffer, order: ArmOrder, name: str) -> None:
+        self.record_to = order.record_to
+        self._offer, self._order, self._name = offer, order, name
+        self._description = order.description
         self._arm: ArmInterface | None = None
         self._latch = StopLatch()  # a new connection does not lift a STOP
         self._in_control = False
         self._closing, self._left_held = False, True
         self._close_lock = threading.RLock()
-        self._scales = [joint.scale for joint in description.joints]
-        self._limits = arm_limits(description.joints, self._scales)
+        self._scales = [joint.scale for joint in order.description.joints]
+        self._limits = arm_limits(order.description.joints, self._scales)
 
     def connect(self) -> ArmIdentity:
         """Make the arm, connect it and compare its joints with the arm file; on an error, close the arm again."""
         if self._arm is not None:
             raise ValueError("this arm is connected already")
         with self._translated_errors():
-            arm = self._make()
+            arm = self._offer.make(replace(self._order, record_to=self.record_to))
         try:
             with self._translated_errors():
                 identity = arm.connect()
@@ -71,7 +62,7 @@ class OutsideArm:
                 arm.close()
             raise
         self._arm = arm
-        return replace(identity, keeps_parameters=self._keeps_parameters)
+        return replace(identity, keeps_parameters=self._offer.keeps_parameters)
 
     def close(self) -> bool:
         """Close the arm; false on failure or if a drive may still obey commands. May be called twice, by any thread."""

@@ -168,16 +168,13 @@ def _outside_arm(
             f"the arm {bus.interface!r} cannot record its bus",
             "leave --record out; all poses are in the journal",
         )
-    description = describe(opening.procedure.arm)
-    order = ArmOrder(description=description, channel=bus.channel, bitrate=bus.bitrate)
-    arm = OutsideArm(
-        lambda: offer.make(replace(order, record_to=arm.record_to)),
-        description,
-        f"the arm {bus.interface!r}",
-        keeps_parameters=offer.keeps_parameters,
+    order = ArmOrder(
+        description=describe(opening.procedure.arm),
+        channel=bus.channel,
+        bitrate=bus.bitrate,
         record_to=record_to,
     )
-    return arm
+    return OutsideArm(offer, order, f"the arm {bus.interface!r}")
 
 
 def _recording_problem(arm: CanopenArm) -> str:
@@ -227,14 +224,12 @@ def unattended(
     """
     with ending_signals_interrupt(), open_arm(opening, record_to=record_to) as rig:
         session = open_session(rig)
-        reason, cause = "failed", None
+        reason, cause = "done", None
         try:
             yield session
-            reason = "done"
         except BaseException as error:
+            reason = "interrupted" if isinstance(error, KeyboardInterrupt) else "failed"
             cause = error
-            if isinstance(error, KeyboardInterrupt):
-                reason = "interrupted"
             raise
         finally:
             with ending_signals_ignored():

@@ -15,9 +15,9 @@ from hardware.outside_arm import OutsideArm
 from operator_app.composition import describe
 from operator_app.config.arm_file import load_arm
 
-DESCRIPTION = describe(load_arm("sarcos_dextrous"))
-N = len(DESCRIPTION.joints)
-HOME_RAD = [(joint.lower_rad + joint.upper_rad) / 2.0 for joint in DESCRIPTION.joints]
+ORDER = arms.ArmOrder(description=describe(load_arm("sarcos_dextrous")))
+N = len(ORDER.description.joints)
+HOME_RAD = [(joint.lower_rad + joint.upper_rad) / 2.0 for joint in ORDER.description.joints]
 POSITION = [arms.JointMode.POSITION] * N
 
 
@@ -25,7 +25,7 @@ class PlainArm:
     """Executes every command, whatever came before, like many controllers."""
 
     def __init__(self) -> None:
-        self.order = arms.ArmOrder(description=DESCRIPTION)
+        self.order = ORDER
         self.modes, self.on = list(POSITION), False
         self.before_executing: Callable[[], None] = lambda: None
         self.calls_watch = True
@@ -85,7 +85,7 @@ def plain():
 
 @pytest.fixture
 def arm(plain):
-    arm = OutsideArm(lambda: plain, DESCRIPTION, "the arm plain")
+    arm = OutsideArm(arms.ArmOffer(make=lambda _: plain, says=""), ORDER, "the arm plain")
     arm.connect()
     yield arm
     arm.close()

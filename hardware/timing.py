@@ -12,7 +12,7 @@ from enum import Enum
 from typing import Final
 
 from hardware.arm import HostLatency
-from hardware.canopen.objects import CONTROL_PERIOD_S, HEARTBEAT_PERIOD_S
+from hardware.canopen.objects import CONTROL_PERIOD_S
 
 
 class Pace(Enum):
@@ -26,7 +26,6 @@ class Pace(Enum):
 class Timing:
     """Periods and time-outs of a connection and its control loop."""
 
-    heartbeat_period_s: float = HEARTBEAT_PERIOD_S
     heartbeat_timeout_s: float = 1.0
     listen_s: float = 0.35
     """Time to listen for another operator before anything is sent: more than three of its heartbeat periods."""

@@ -103,20 +103,19 @@ def open_arm(
         raise UsageError(
             f"{option}: no interface is named, and the simulated arm has no bus; add -i, such as -i socketcan"
         )
-    choices = _completed(stated, bus, embedded=embedded)
     outside = offer(bus.interface)
+    stores = (
+        procedure.profile.supervisor is not None if outside is None else outside.keeps_parameters
+    )
+    # If nothing stores parameters, they stay in the session folder.
+    procedure = replace(procedure, upload=procedure.upload and stores)
+    choices = _completed(stated, bus, embedded=embedded)
+    completed = replace(opening, procedure=procedure, choices=choices)
     if outside is not None:
-        keeps_parameters = procedure.upload and outside.keeps_parameters
-        opening = replace(
-            opening, procedure=replace(procedure, upload=keeps_parameters), choices=choices
-        )
-        with closing(_outside_arm(outside, opening, bus, record_to)) as outside_arm:
+        with closing(_outside_arm(outside, completed, bus, record_to)) as outside_arm:
             instrument = _instrument(procedure, choices, None)
-            yield Rig(arm=outside_arm, opening=opening, simulated=False, instrument=instrument)
+            yield Rig(arm=outside_arm, opening=completed, simulated=False, instrument=instrument)
         return
-    if procedure.profile.supervisor is None:
-        # Without a supervisor nothing stores parameters: they stay in the session folder.
-        procedure = replace(procedure, upload=False)
     controller: VirtualController | None = None
     with ExitStack() as stack:
         if embedded:
@@ -125,7 +124,7 @@ def open_arm(
             controller = stack.enter_context(
                 run_controller(
                     opening.procedure.arm,
-                    opening.choices,
+                    stated,
                     settings,
                     fixture=opening.procedure.fixture,
                     placement=opening.state.placement,
@@ -150,10 +149,10 @@ def open_arm(
         stack.callback(arm.close)
         yield Rig(
             arm=arm,
-            opening=replace(opening, procedure=procedure, choices=choices),
+            opening=completed,
             simulated=embedded,
-            instrument=_instrument(procedure, opening.choices, controller),
-            truths=partial(true_values, procedure.arm, procedure.fixture, opening.choices)
+            instrument=_instrument(procedure, stated, controller),
+            truths=partial(true_values, procedure.arm, procedure.fixture, stated)
             if embedded
             else None,
             recording_ended=partial(_recording_problem, arm),

@@ -22,7 +22,6 @@ from hardware.canopen.sdo import MAX_DOCUMENT_BYTES
 from hardware.command_limits import admit_move, not_enabled
 from hardware.control import motion_steps, uploading
 from hardware.control.connectable_arm import ConnectableArm, release_arm
-from hardware.control.connection import Connection
 from hardware.monitors.joint_monitor import stop_error
 
 MODE_ATTEMPTS: Final = 6
@@ -49,7 +48,7 @@ class CanopenArm(ConnectableArm):
         If that fails, the drives are switched off again, so that a slow drive is not enabled later.
         """
         link, loop = self._link, self._link.loop
-        self._raise_if_stopped(link)
+        self._raise_if_stopped()
         if link.other_operator():
             raise errors.ControlDenied(objects.OPERATOR_NODE)
         link.take_token()
@@ -59,7 +58,7 @@ class CanopenArm(ConnectableArm):
             not_reached = loop.run(motion_steps.drive_to(loop, TargetState.ENABLED, syncs))
             link.read_modes()
             within = f"enabled within {timeout_s:g} s (enabling_timeout_s of the bus profile)"
-            self._raise_for_drives(link, not_reached, within)
+            self._raise_for_drives(not_reached, within)
         except BaseException as failure:
             if loop.commands is not None and not loop.latch.latched:
                 last = release_arm(loop)
@@ -90,9 +89,9 @@ class CanopenArm(ConnectableArm):
         self, modes: Sequence[JointMode], *, despite: tuple[type[errors.HardwareError], ...] = ()
     ) -> None:
         link = self._link
-        self._raise_if_stopped(link)
+        self._raise_if_stopped()
         tripped = link.loop.sample.joints_in({DriveState.FAULT})
-        self._raise_for_drives(link, tripped, "given a mode")
+        self._raise_for_drives(tripped, "given a mode")
         if (refused := not_enabled(link.loop.sample)) is not None:
             raise refused
         for _ in range(MODE_ATTEMPTS):
@@ -118,7 +117,7 @@ class CanopenArm(ConnectableArm):
         Raises `CommandRefused` before anything moves, `Stopped` at once, and other errors once the joints are at rest.
         """
         link = self._link
-        self._raise_if_stopped(link)
+        self._raise_if_stopped()
         joints, in_control = link.snapshot().joints, link.in_control
         limits, scales = link.limits, link.scales
         admit_move(limits, scales, joints, targets_rad, speed_rad_per_s, in_control=in_control)
@@ -156,8 +155,8 @@ class CanopenArm(ConnectableArm):
         despite = errors.Stopped, errors.DriveFault, errors.SensorFault, errors.OtherMaster
         not_reached = link.loop.run(motion_steps.reset(link.loop, press=press), despite=despite)
         link.read_modes()
-        self._raise_if_stopped(link)
-        self._raise_for_drives(link, not_reached, "reset")
+        self._raise_if_stopped()
+        self._raise_for_drives(not_reached, "reset")
 
     def drive_facts(self) -> tuple[DriveFacts, ...]:
         """Read the settings that `sarcal arm-check` checks, for joints 1..n."""
@@ -197,13 +196,12 @@ class CanopenArm(ConnectableArm):
                 return b""
             raise
 
-    @staticmethod
-    def _raise_if_stopped(link: Connection) -> None:
-        if link.loop.latch.latched:
-            raise stop_error(link.loop.watch.divergence)
+    def _raise_if_stopped(self) -> None:
+        if self._latch.latched:
+            raise stop_error(self._link.loop.watch.divergence)
 
-    @staticmethod
-    def _raise_for_drives(link: Connection, joints: tuple[int, ...], required: str) -> None:
+    def _raise_for_drives(self, joints: tuple[int, ...], required: str) -> None:
+        link = self._link
         for joint in joints:
             status = link.loop.sample.statuswords[joint - 1]
             state = state_of(status)

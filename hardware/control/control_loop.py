@@ -17,6 +17,7 @@ from collections import deque
 from collections.abc import Callable, Generator
 from contextlib import suppress
 from dataclasses import dataclass, field
+from inspect import GEN_CREATED, getgeneratorstate
 from queue import Empty
 from typing import Any, TypeVar
 
@@ -67,15 +68,12 @@ class LoopTask:
     finished: bool = False
     result: Any = None
     error: BaseException | None = None
-    _started: bool = False
     _wake: TimedQueue[None] = field(default_factory=TimedQueue)
 
     def advance(self, sample: Sample) -> Setpoints | None:
         """Run the steps up to the next SYNC and return the commands; raises `StopIteration` when the steps end."""
-        if self._started:
-            return self.steps.send(sample)
-        self._started = True
-        return next(self.steps)
+        begins = getgeneratorstate(self.steps) == GEN_CREATED
+        return next(self.steps) if begins else self.steps.send(sample)
 
     def finish(self, *, result: Any = None, error: BaseException | None = None) -> None:
         """Pass the result or error to the caller."""
@@ -290,7 +288,7 @@ class ControlLoop:
         while self._sampler.waiting > 0 and not self._closing and frames_left > 0:
             remaining_s = deadline - self._clock()
             # After the deadline, only frames that arrived during host latency are still read.
-            wait_s = min(max(remaining_s, 0.0), 0.5 * self._timing.heartbeat_period_s)
+            wait_s = min(max(remaining_s, 0.0), 0.5 * objects.HEARTBEAT_PERIOD_S)
             if remaining_s <= 0.0:
                 frames_left -= 1
             if not self._receive_one(wait_s) and remaining_s <= 0.0:
@@ -342,7 +340,7 @@ class ControlLoop:
     def _beat(self) -> None:
         now = self._clock()
         if self._beating and now >= self._next_beat_s:
-            self._next_beat_s = now + self._timing.heartbeat_period_s
+            self._next_beat_s = now + objects.HEARTBEAT_PERIOD_S
             identifier = objects.COB_HEARTBEAT + objects.OPERATOR_NODE
             self._wire.send(identifier, bytes([NmtState.OPERATIONAL]))
 

@@ -216,10 +216,12 @@ def _arrive(link: Connection) -> Steps[str]:
     away = loop.watch.following.away(loop.sample, commands)
     for _ in range(ARRIVAL_SYNCS):
         if not away:
-            return ""
+            break
         sample = yield None
         raise_alarm(loop)
         away = loop.watch.following.away(sample, commands)
+    if not away:
+        return ""
     at = away[0] - 1
     error_counts = loop.sample.counts[at] - commands[at].target_counts
     error_deg = math.degrees(error_counts / link.scales[at].counts_per_rad)

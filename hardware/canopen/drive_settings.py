@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
@@ -42,15 +42,14 @@ class DrivePdo:
         return TPDO if self.sent else RPDO
 
 
-def read_pdos(access: ObjectAccess, node: int) -> tuple[DrivePdo, ...]:
+def read_pdos(access: ObjectAccess, node: int) -> Iterator[DrivePdo]:
     """Read the PDOs of a drive, RPDOs first."""
-    pdos = []
     for kind in (RPDO, TPDO):
         for number, cob_id in read_records(access, node, kind):
             communication, mapping = kind.records(number)
             valid = not cob_id & NOT_VALID
             transmission = read_number(access, node, communication, 2) if valid else None
-            pdo = DrivePdo(
+            yield DrivePdo(
                 sent=kind is TPDO,
                 number=number,
                 valid=valid,
@@ -58,8 +57,6 @@ def read_pdos(access: ObjectAccess, node: int) -> tuple[DrivePdo, ...]:
                 transmission=255 if transmission is None else transmission,
                 entries=(read_map(access, node, mapping) or ()) if valid else (),
             )
-            pdos.append(pdo)
-    return tuple(pdos)
 
 
 HEARTBEAT_TIMEOUT_PERIODS = 2.5
@@ -91,15 +88,14 @@ class DriveFacts:
     """6065h: following error at which the drive trips; `NO_FOLLOWING_WINDOW` if it never trips."""
 
 
-def read_drive_facts(access: ObjectAccess, profile: BusProfile) -> tuple[DriveFacts, ...]:
-    """Read the settings of all drives."""
-    facts = []
+def read_drive_facts(access: ObjectAccess, profile: BusProfile) -> Iterator[DriveFacts]:
+    """Read the settings of all drives, joint by joint."""
     # Codes below 0 are the maker's own modes, which have no bit.
     codes = [code for code in sorted(profile.mode_codes.values()) if code > 0]
     for joint, node in enumerate(profile.drives, 1):
         modes = read_number(access, node, objects.SUPPORTED_MODES, 0)
         lacking = None if modes is None else tuple(c for c in codes if not modes >> (c - 1) & 1)
-        drive = DriveFacts(
+        yield DriveFacts(
             joint=joint,
             unsupported_modes=lacking,
             quick_stop_option=read_number(access, node, objects.QUICK_STOP_OPTION, 0),
@@ -107,8 +103,6 @@ def read_drive_facts(access: ObjectAccess, profile: BusProfile) -> tuple[DriveFa
             ignores_timeout=ignores_operator_timeout(access, node),
             following_window_counts=read_number(access, node, objects.FOLLOWING_WINDOW, 0),
         )
-        facts.append(drive)
-    return tuple(facts)
 
 
 def operator_timeout_s(access: ObjectAccess, node: int) -> float | None:

@@ -116,7 +116,7 @@ def pdo_differences(
         transmission = read_number(access, node, communication, 2)
         if transmission not in kind.transmission_types:
             expected = f"transmission type {' or '.join(map(str, kind.transmission_types))}"
-            actual = _number(transmission, "d")
+            actual = "no such object" if transmission is None else str(transmission)
             # A drive that lacks this PDO needs a profile without it.
             remedy = ProfileRemedy.DESCRIBE_PDO if transmission is None else ProfileRemedy.WRITE_PDO
             yield ObjectMismatch(node, communication, 2, expected, actual, remedy)
@@ -199,7 +199,7 @@ def _cob_id(
 ) -> Iterator[ObjectMismatch]:
     value = read_number(access, node, index, sub)
     if value is None or value & (IDENTIFIER | EXTENDED | refused) != expected:
-        actual = _number(value, "03X")
+        actual = "no such object" if value is None else f"{value:03X}h"
         if value is not None and value & refused == NOT_VALID:
             actual = f"{value & IDENTIFIER:03X}h switched off ({actual})"
         yield ObjectMismatch(node, index, sub, f"{expected:03X}h", actual)
@@ -225,9 +225,3 @@ def read_if_present(
             if of_no_object.code == refusal.code:
                 return None
         raise
-
-
-def _number(value: int | None, digits: str) -> str:
-    if value is None:
-        return "no such object"
-    return f"{value:{digits}}" + ("h" if digits.endswith("X") else "")

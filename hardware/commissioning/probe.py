@@ -231,7 +231,7 @@ def _ask(access: ObjectAccess, profile: BusProfile, node_found: FoundNode) -> No
     elif drive_settings.ignores_operator_timeout(access, node):
         takes_no_action = "takes no action after a heartbeat time-out (6007h = 0)"
         node_found.notes = (NO_OPERATOR_MONITORING.format(node, takes_no_action),)
-    node_found.pdos = drive_settings.read_pdos(access, node)
+    node_found.pdos = tuple(drive_settings.read_pdos(access, node))
     node_found.described = tuple(
         index
         for index in drive_settings.DESCRIPTION_OBJECTS

@@ -160,7 +160,7 @@ class CanopenArm(ConnectableArm):
 
     def drive_facts(self) -> tuple[DriveFacts, ...]:
         """Read the settings that `sarcal arm-check` checks, for joints 1..n."""
-        return read_drive_facts(self._link.access, self._link.profile)
+        return tuple(read_drive_facts(self._link.access, self._link.profile))
 
     def upload_parameters(self, document: bytes) -> UploadReceipt:
         """Stage, read back and commit a document, and read the home offsets back.

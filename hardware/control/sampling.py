@@ -116,7 +116,7 @@ class Sampler:
         self._awaited = [False] * joints
         self._surplus = [0.0] * joints
         self._overdue = [0] * joints
-        self._wrong_lengths: dict[int, int] = {}
+        self._wrong_lengths: dict[int, tuple[int, str]] = {}
         blank = Sample(sync_count=0, **self._columns(), missing=tuple(range(1, joints + 1)))
         self._history: deque[Sample] = deque(maxlen=SPEED_SYNCS)
         self.view = CyclicView(blank, blank, tuple(self._answered_at_s), tuple(self._late_at_s))
@@ -156,7 +156,8 @@ class Sampler:
         at, part, answer = part_read
         values = answer.unpack(data)
         if values is None:
-            self._wrong_lengths[identifier] = len(data)
+            text = f"its TPDO {identifier:03X}h has {len(data)} bytes, expected {answer.size}"
+            self._wrong_lengths[identifier] = at + 1, text
             return True
         self._wrong_lengths.pop(identifier, None)
         self._states[at].update(values)
@@ -200,11 +201,7 @@ class Sampler:
 
     def wrong_lengths(self) -> dict[int, str]:
         """Describe, by joint, the last TPDO whose length differs from the profile's."""
-        texts = dict[int, str]()
-        for identifier, got in tuple(self._wrong_lengths.items()):
-            at, _, answer = self._parts[identifier]
-            texts[at + 1] = f"its TPDO {identifier:03X}h has {got} bytes, expected {answer.size}"
-        return texts
+        return dict(self._wrong_lengths.values())
 
     def _columns(self) -> dict[str, tuple[int, ...]]:
         statuswords, counts, torques = zip(*(state.values() for state in self._states), strict=True)

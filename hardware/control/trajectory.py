@@ -60,8 +60,6 @@ class Trapezoid:
 
     def _planned(self, time_s: float) -> tuple[float, float]:
         a, v = ACCELERATION_RAD_PER_S2, self._speed
-        if time_s <= 0.0:
-            return 0.0, 0.0
         if time_s < self._ramp_s:
             return 0.5 * a * time_s**2, a * time_s
         if time_s < self._ramp_s + self._cruise_s:

@@ -80,14 +80,8 @@ def open_arm(
     `pace`: if None, the embedded virtual arm runs in fast-forward, an arm on any other bus in real time. `speed`:
     how many times faster than a real arm the embedded virtual arm runs; without effect in fast-forward.
 
-    Raises
-    ------
-    BusError
-        The bus cannot be opened.
-    UsageError
-        A channel or bitrate is chosen, but no interface.
-    SessionError
-        The session was imported and has no arm, or its files or options do not suit the arm.
+    Raises `BusError` if the bus cannot be opened, `UsageError` if a channel or bitrate is chosen, but no interface, and
+    `SessionError` if the session was imported and has no arm, or its files or options do not suit the arm.
     """
     if opening.state.imported:
         raise SessionError(
@@ -214,12 +208,8 @@ def unattended(
 
     Calls `cut_short` if the session ends early. Removes the folder of a session that never connected.
 
-    Raises
-    ------
-    DrivesNotOffError
-        The session has ended or was interrupted, and the arm did not confirm that it holds.
-    JournalLostError
-        The session has ended, and its journal is lost.
+    Raises `DrivesNotOffError` if the session has ended or was interrupted, and the arm did not confirm that it holds;
+    `JournalLostError` if the session has ended, and its journal is lost.
     """
     with ending_signals_interrupt(), open_arm(opening, record_to=record_to) as rig:
         session = open_session(rig)

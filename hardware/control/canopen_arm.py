@@ -21,8 +21,8 @@ from hardware.canopen.drive_settings import DriveFacts, read_drive_facts
 from hardware.canopen.sdo import MAX_DOCUMENT_BYTES
 from hardware.command_limits import admit_move, not_enabled
 from hardware.control import motion_steps, uploading
+from hardware.control.alarms import stop_error
 from hardware.control.connectable_arm import ConnectableArm, release_arm
-from hardware.monitors.joint_monitor import stop_error
 
 MODE_ATTEMPTS: Final = 6
 _NO_REASON_AGAINST_UPLOAD: Final = (

@@ -22,10 +22,11 @@ from hardware.canopen.maps import POSITION_AGREEMENT_RAD, check_mapping, check_p
 from hardware.canopen.sdo import ObjectAccess
 from hardware.command_limits import admit, arm_limits
 from hardware.control import motion_steps, uploading
+from hardware.control.alarms import stop_error
 from hardware.control.control_loop import ControlLoop
 from hardware.control.stop_line import StopLatch, StopLine
 from hardware.monitors.following import Dropout
-from hardware.monitors.joint_monitor import ENCODER_COUNTS, RVDT_COUNTS, JointMonitor, stop_error
+from hardware.monitors.joint_monitor import ENCODER_COUNTS, RVDT_COUNTS, JointMonitor
 
 POSITION_RECHECKS: Final = 3
 """Number of further comparisons if the positions read by PDO and by SDO differ although the maps agree."""

@@ -24,13 +24,13 @@ from typing import Any, TypeVar
 from hardware.buses.shared_bus import SharedBus
 from hardware.canopen import objects
 from hardware.canopen.bus_profile import BusProfile
-from hardware.canopen.cia402 import FAULT_STATES
 from hardware.canopen.cyclic import Abandoned, Sample, Setpoints, frames_of
 from hardware.canopen.objects import NmtState
+from hardware.control.alarms import alarms
 from hardware.control.sampling import CommandSender, CyclicView, Sampler
 from hardware.control.stop_line import StopLatch
 from hardware.errors import BusError, HardwareError
-from hardware.monitors.joint_monitor import JointMonitor, alarms
+from hardware.monitors.joint_monitor import JointMonitor
 from hardware.monitors.node_monitor import NodeMonitor
 from hardware.timed_queue import TimedQueue
 from hardware.timing import LatencyMonitor, Pace, Timing, raise_loop_priority
@@ -196,15 +196,8 @@ class ControlLoop:
     def alarm(self) -> HardwareError | None:
         """Return the alarm that requires the current steps to stop the arm and end; None if there is none."""
         task = self._tasks[0] if self._tasks else None
-        every = alarms(
-            self.nodes,
-            self.watch,
-            stop_latched=self.latch.latched,
-            lost_joints=self._sampler.lost(),
-            duplicate_joints=self._sampler.duplicates(),
-            wrong_lengths=self._sampler.wrong_lengths(),
-            tripped_joints=self.sample.joints_in(FAULT_STATES),
-        )
+        latched = self.latch.latched
+        every = alarms(self.nodes, self.watch, self._sampler, stop_latched=latched)
         despite = () if task is None else task.despite
         first = next((alarm for alarm in every if not isinstance(alarm, despite)), None)
         if first is None and task is not None and task.abandoned:

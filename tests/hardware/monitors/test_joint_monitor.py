@@ -8,6 +8,7 @@ import pytest
 from hardware.arm import JointMode
 from hardware.arm_description import JointScale
 from hardware.canopen.cyclic import Setpoint, frames_of
+from hardware.control.alarms import stop_error
 from hardware.control.sampling import Sampler
 from hardware.monitors import joint_monitor
 from hardware.monitors.following import DIVERGED_SYNCS
@@ -46,7 +47,7 @@ def test_divergence_is_stated_in_degrees_of_the_joint():
     for sync in range(DIVERGED_SYNCS):
         answer = sample((0x1627,), (-50,), sync=sync)
         monitor.update(answer, (Setpoint(0x0F, 0, JointMode.POSITION),), answered_late=False)
-    text = str(joint_monitor.stop_error(monitor.divergence))
+    text = str(stop_error(monitor.divergence))
     assert "is -50 counts from its target (+28.6 deg)" in text
 
 

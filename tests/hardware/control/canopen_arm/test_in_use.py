@@ -7,9 +7,12 @@ from typing import Any
 import pytest
 
 from hardware.arm import DriveState
+from hardware.canopen.cyclic import frames_of
+from hardware.control.alarms import alarms
 from hardware.control.canopen_arm import CanopenArm
+from hardware.control.sampling import Sampler
 from hardware.errors import ArmInUse, CommandRefused, ControlDenied, NodeMissing, OtherMaster
-from hardware.monitors.joint_monitor import JointMonitor, alarms
+from hardware.monitors.joint_monitor import JointMonitor
 from hardware.monitors.node_monitor import NodeMonitor
 from hardware.timing import Pace
 from tests.hardware.control.canopen_arm.conftest import make, short_timing
@@ -216,6 +219,7 @@ def test_other_master_alarm_precedes_stopped_node_alarm():
     nodes.note(0x703, b"\x05", 0)
     nodes.note_command(0x000, b"\x80\x00")
     nodes.note(0x703, b"\x7f", 1)
-    (first, *_) = alarms(nodes, JointMonitor([4.0] * 7), stop_latched=False)
+    sampler = Sampler(frames_of(sarcos()), max_misses=9, now_s=0.0)
+    (first, *_) = alarms(nodes, JointMonitor([4.0] * 7), sampler, stop_latched=False)
     assert isinstance(first, OtherMaster)
     assert "the NMT command 'enter pre-operational' to all nodes (COB-ID 000h)" in str(first)

@@ -204,7 +204,7 @@ class Connection:
 
     def snapshot(self) -> ArmSnapshot:
         """Return the latest state; never blocks. Speeds are means over `SPEED_SYNCS` control periods."""
-        loop, nodes, view = self.loop, self.loop.nodes, self.loop.view
+        loop, nodes, view = self.loop, self.loop.nodes, self.loop.sampler.view
         divergence = loop.watch.divergence
         # Read after the view, so that no answer in it is later than now_s.
         now_s = self._clock()

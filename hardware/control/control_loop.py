@@ -12,7 +12,6 @@ call can make all later calls return false.
 """
 
 import threading
-import time
 from collections import deque
 from collections.abc import Callable, Generator
 from contextlib import suppress
@@ -27,7 +26,7 @@ from hardware.canopen.bus_profile import BusProfile
 from hardware.canopen.cyclic import Abandoned, Sample, Setpoints, frames_of
 from hardware.canopen.objects import NmtState
 from hardware.control.alarms import alarms
-from hardware.control.sampling import CommandSender, CyclicView, Sampler
+from hardware.control.sampling import CommandSender, Sampler
 from hardware.control.stop_line import StopLatch
 from hardware.errors import BusError, HardwareError
 from hardware.monitors.joint_monitor import JointMonitor
@@ -112,8 +111,8 @@ class ControlLoop:
         timing: Timing,
         watch: JointMonitor,
         latch: StopLatch,
-        clock: Callable[[], float] = time.monotonic,
-        stamps: Callable[[], float] | None = None,
+        clock: Callable[[], float],
+        stamps: Callable[[], float] | None,
     ) -> None:
         self.latency = LatencyMonitor(clock, stamps, arm_waits=pace is Pace.FAST_FORWARD)
         """Monitor of the host's latency, which the nodes' time-outs exclude."""
@@ -133,7 +132,7 @@ class ControlLoop:
         self._sender = CommandSender(wire.send, frames, self.latch, self.watch, quick_stop)
         self._timing, self._clock = timing, clock
         self._answer_timeout_s = timing.answer_timeouts_s[pace]
-        self._sampler = Sampler(frames, max_misses=timing.misses(pace), now_s=clock())
+        self.sampler = Sampler(frames, max_misses=timing.misses(pace), now_s=clock())
         self._running = False
         self._thread = threading.Thread(target=self._run, name="sarcal-control", daemon=True)
         self._tasks: deque[LoopTask] = deque()  # the loop works on the first
@@ -142,11 +141,6 @@ class ControlLoop:
         self._syncs_owed = SYNCS_AFTER_STOP
         self._synced_s = clock()
         self._idle_poll_s = timing.idle_poll_s
-
-    @property
-    def view(self) -> CyclicView:
-        """The latest sample, with the time and the accumulated host latency when each joint answered."""
-        return self._sampler.view
 
     def start(self) -> None:
         """Start receiving; sends nothing yet."""
@@ -191,13 +185,13 @@ class ControlLoop:
     @property
     def sample(self) -> Sample:
         """The latest sample."""
-        return self._sampler.view.sample
+        return self.sampler.view.sample
 
     def alarm(self) -> HardwareError | None:
         """Return the alarm that requires the current steps to stop the arm and end; None if there is none."""
         task = self._tasks[0] if self._tasks else None
         latched = self.latch.latched
-        every = alarms(self.nodes, self.watch, self._sampler, stop_latched=latched)
+        every = alarms(self.nodes, self.watch, self.sampler, stop_latched=latched)
         despite = () if task is None else task.despite
         first = next((alarm for alarm in every if not isinstance(alarm, despite)), None)
         if first is None and task is not None and task.abandoned:
@@ -273,12 +267,12 @@ class ControlLoop:
         self._drain()  # late and duplicate answers
         if self.commands is not None:
             self._sender.send(self.commands, self.sample.sync_count, moving=self.moving)
-        self._sampler.open()
+        self.sampler.open()
         self._synced_s = self._clock()
         self._wire.send(objects.COB_SYNC, b"")
         deadline = self._clock() + self._answer_timeout_s
         frames_left = FRAMES_AT_A_TIME
-        while self._sampler.waiting > 0 and not self._closing and frames_left > 0:
+        while self.sampler.waiting > 0 and not self._closing and frames_left > 0:
             remaining_s = deadline - self._clock()
             # After the deadline, only frames that arrived during host latency are still read.
             wait_s = min(max(remaining_s, 0.0), 0.5 * objects.HEARTBEAT_PERIOD_S)
@@ -287,12 +281,12 @@ class ControlLoop:
             if not self._receive_one(wait_s) and remaining_s <= 0.0:
                 break
             self._beat()
-        self._sampler.close()
+        self.sampler.close()
         before, stopped = self.watch.dropout.dropouts, self.latch.latched
         diverged = self.watch.update(
             self.sample,
             self.commands,
-            answered_late=self._sampler.answered_late,
+            answered_late=self.sampler.answered_late,
             stopped=stopped,
             refusing_joints=self.nodes.refusing_joints,
         )
@@ -318,7 +312,7 @@ class ControlLoop:
         waited_s = self.latency.frame_read(message.timestamp)
         came_s, late_s = self._clock() - waited_s, self.latency.late_s - waited_s
         identifier: int = message.arbitration_id
-        if self._sampler.note(identifier, message.data, came_s, late_s):
+        if self.sampler.note(identifier, message.data, came_s, late_s):
             return True
         asked = objects.node_of(identifier, objects.COB_SDO_TO_SERVER)  # by another program
         answered = objects.node_of(identifier, objects.COB_SDO_FROM_SERVER)

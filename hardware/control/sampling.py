@@ -120,7 +120,7 @@ class Sampler:
         blank = Sample(sync_count=0, **self._columns(), missing=tuple(range(1, joints + 1)))
         self._history: deque[Sample] = deque(maxlen=SPEED_SYNCS)
         self.view = CyclicView(blank, blank, tuple(self._answered_at_s), tuple(self._late_at_s))
-        """The latest sample, to be read from any thread."""
+        """The latest sample and when each joint answered, to be read from any thread."""
         self.waiting = 0
         """Number of joints whose answer to the current SYNC is still expected."""
         self.answered_late = False

@@ -235,8 +235,8 @@ def test_queued_answer_has_age_of_its_stamp(bus, loop):
     latencies: list[HostLatency] = []
 
     def record() -> None:
-        ages.append(max(bus.clock.now_s - at for at in loop.view.answered_at_s))
-        host_shares.append(max(loop.latency.late_s - at for at in loop.view.late_at_s))
+        ages.append(max(bus.clock.now_s - at for at in loop.sampler.view.answered_at_s))
+        host_shares.append(max(loop.latency.late_s - at for at in loop.sampler.view.late_at_s))
         latencies.append(loop.latency.lateness)
         if len(ages) == 4:
             bus.suspended_after_sync_for_s = 0.7

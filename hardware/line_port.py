@@ -330,9 +330,10 @@ class GrowingFile(LinePort):
     def _open_regular_file(self) -> Iterator[BinaryIO]:
         """Open the file; `InstrumentError` unless it is a regular file (a pipe could block)."""
         try:
-            descriptor = os.open(self._path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-            with os.fdopen(descriptor, "rb") as file:
-                if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+            with open(
+                self._path, "rb", opener=lambda path, flags: os.open(path, flags | os.O_NONBLOCK)
+            ) as file:
+                if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
                     raise self._no_file()
                 yield file
         except IsADirectoryError as error:

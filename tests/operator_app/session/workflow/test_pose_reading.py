@@ -276,7 +276,8 @@ def test_pipe_folder_device_and_unreadable_file_are_refused(tmp_path):
     """A pipe without a writer would block for ever."""
     pipe = tmp_path / "rows.csv"
     os.mkfifo(pipe)
-    not_a_file = "is a folder, a pipe or a device, not a file"
+    not_a_file, descriptors = "is a folder, a pipe or a device, not a file", Path("/proc/self/fd")
+    before = len(list(descriptors.iterdir()))
     for place, message in (
         (pipe, not_a_file),
         (tmp_path, not_a_file),
@@ -286,6 +287,7 @@ def test_pipe_folder_device_and_unreadable_file_are_refused(tmp_path):
     ):
         with pytest.raises(InstrumentError, match=message):
             port_of(f"file:{place}").open()
+    assert len(list(descriptors.iterdir())) == before, "no file stays open"
 
 
 def test_file_replaced_by_a_pipe_is_reported(tmp_path):

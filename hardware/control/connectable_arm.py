@@ -158,17 +158,14 @@ class ConnectableArm:
 
     def _release(self, link: Connection) -> None:
         try:
-            if not link.in_control:
-                # An earlier or another program may have left drives with power.
-                last = link.loop.sample
-                self._left_held = not link.is_lost() and _stopped(last)
+            # Without control: an earlier or another program may have left drives with power.
+            last = release_arm(link.loop) if link.in_control else link.loop.sample
+            if last is not None:
+                self._left_held = _stopped(last) and (link.in_control or not link.is_lost())
                 self.left_powered = last.joints_in(CLOSED_LOOP_STATES)
-                return
-            if (sample := release_arm(link.loop)) is not None:
-                self._left_held = _stopped(sample)
-                self.left_powered = sample.joints_in(CLOSED_LOOP_STATES)
-            with contextlib.suppress(errors.HardwareError):  # the token lapses with the heartbeat
-                link.release_token()
+            if link.in_control:
+                with contextlib.suppress(errors.HardwareError):  # it lapses with the heartbeat
+                    link.release_token()
         finally:
             self._end(link)
 

@@ -25,13 +25,12 @@ class PlainArm:
     """Executes every command, whatever came before, like many controllers."""
 
     def __init__(self) -> None:
-        self.order = ORDER
         self.modes, self.on = list(POSITION), False
         self.before_executing: Callable[[], None] = lambda: None
         self.calls_watch = True
 
     def connect(self) -> arms.ArmIdentity:
-        return arms.identity_of(self.order, serial_number="PLAIN-1", speaks="Python")
+        return arms.identity_of(ORDER, serial_number="PLAIN-1", speaks="Python")
 
     def close(self) -> bool:
         self.before_executing()
@@ -39,7 +38,7 @@ class PlainArm:
 
     def snapshot(self) -> arms.ArmSnapshot:
         return arms.snapshot_of(
-            self.order, HOME_RAD, sample=1, age_s=0.0, modes=self.modes, enabled=self.on
+            ORDER, HOME_RAD, sample=1, age_s=0.0, modes=self.modes, enabled=self.on
         )
 
     def take_control(self) -> None:
@@ -66,7 +65,7 @@ class PlainArm:
         )
 
     def capture(self, samples: int) -> arms.Reading:
-        return arms.reading_of(self.order, [HOME_RAD] * samples, first_sample=1)
+        return arms.reading_of(ORDER, [HOME_RAD] * samples, first_sample=1)
 
     def stop(self) -> None:
         self.on = False

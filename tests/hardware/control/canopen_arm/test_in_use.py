@@ -7,17 +7,11 @@ from typing import Any
 import pytest
 
 from hardware.arm import DriveState
-from hardware.canopen.cyclic import frames_of
-from hardware.control.alarms import alarms
 from hardware.control.canopen_arm import CanopenArm
-from hardware.control.sampling import Sampler
 from hardware.errors import ArmInUse, CommandRefused, ControlDenied, NodeMissing, OtherMaster
-from hardware.monitors.joint_monitor import JointMonitor
-from hardware.monitors.node_monitor import NodeMonitor
 from hardware.timing import Pace
 from tests.hardware.control.canopen_arm.conftest import make, short_timing
 from tests.hardware.fake_arm import FakeArmBus, FrameLoss, capture_for_ever
-from tests.oracles.profiles import sarcos
 
 ENABLED, QUICK_STOP, TRIPPED = 0x27, 0x07, 0x08
 STATUSWORD, TOKEN = b"\x41\x60\x00", b"\x10\x20\x00"
@@ -212,14 +206,3 @@ def test_disabled_arm_is_read_once_before_reset(arm, bus):
     arm.connect()
     before = [data[1:4] for identifier, data in bus.sent[: 7 + 1] if 0x600 < identifier < 0x680]
     assert sorted(before) == sorted([STATUSWORD] * 7 + [TOKEN])
-
-
-def test_other_master_alarm_precedes_stopped_node_alarm():
-    nodes = NodeMonitor(sarcos())
-    nodes.note(0x703, b"\x05", 0)
-    nodes.note_command(0x000, b"\x80\x00")
-    nodes.note(0x703, b"\x7f", 1)
-    sampler = Sampler(frames_of(sarcos()), max_misses=9, now_s=0.0)
-    (first, *_) = alarms(nodes, JointMonitor([4.0] * 7), sampler, stop_latched=False)
-    assert isinstance(first, OtherMaster)
-    assert "the NMT command 'enter pre-operational' to all nodes (COB-ID 000h)" in str(first)

@@ -39,6 +39,14 @@ def test_command_of_another_program_raises_other_master(driven, bus, frame, appr
         driven.take_control()
 
 
+def test_other_master_alarm_precedes_stopped_node_alarm(driven, bus):
+    bus.inject(0x703, b"\x7f")
+    bus.inject(0x000, b"\x80\x00")
+    command = r"the NMT command 'enter pre-operational' to all nodes \(COB-ID 000h\)"
+    with pytest.raises(errors.OtherMaster, match=command):
+        capture_for_ever(driven)
+
+
 def test_reads_and_quick_stops_of_another_program_are_allowed(driven, bus):
     bus.inject(0x610, bytes.fromhex("4000200000000000"))
     bus.inject(0x610, bytes.fromhex("a400200020000000"))  # a block upload

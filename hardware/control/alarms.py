@@ -29,11 +29,7 @@ def _nodes(numbers: Sequence[int]) -> str:
 
 
 def alarms(
-    nodes: NodeMonitor,
-    watch: JointMonitor,
-    sampler: Sampler,
-    *,
-    stop_latched: bool,
+    nodes: NodeMonitor, watch: JointMonitor, sampler: Sampler, *, stop_latched: bool
 ) -> Iterator[errors.HardwareError]:
     """Yield all alarms, highest priority first."""
     tripped_joints = sampler.view.sample.joints_in(FAULT_STATES)

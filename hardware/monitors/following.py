@@ -130,8 +130,7 @@ class _StoppedJoint:
 
     def brake(self, counts: int) -> None:
         if self.stopped_syncs == 0:
-            self.at_rest = False
-            self.stretch_start_counts, self.last_travel_counts = counts, math.inf
+            self.stretch_start_counts = counts
         self.stopped_syncs += 1
         self.rest_counts = counts
         if self.stopped_syncs % STRETCH_SYNCS:
@@ -152,7 +151,7 @@ class StandstillMonitor:
 
     def __init__(self, windows_counts: Sequence[float] = ()) -> None:
         self._windows = tuple(windows_counts)
-        self._joints = tuple(_StoppedJoint() for _ in self._windows)
+        self._joints = [_StoppedJoint() for _ in self._windows]
 
     def update(self, sample: Sample, commands: Setpoints | None) -> tuple[Divergence, ...]:
         """Take in a sample and the commands sent last; return the divergences of the joints that moved."""
@@ -162,12 +161,12 @@ class StandstillMonitor:
         for at, (joint, window) in enumerate(zip(self._joints, self._windows, strict=True)):
             stopped = state_of(sample.statuswords[at]) is DriveState.QUICK_STOP_ACTIVE
             if not stopped or commands[at].mode is not JointMode.POSITION:
-                joint.stopped_syncs = joint.outside_syncs = 0
+                self._joints[at] = _StoppedJoint()
                 continue
             if at + 1 in sample.missing:
                 continue
             counts = sample.counts[at]
-            if joint.stopped_syncs == 0 or not joint.at_rest:
+            if not joint.at_rest:
                 joint.brake(counts)
                 continue
             displacement = counts - joint.rest_counts

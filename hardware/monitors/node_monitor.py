@@ -14,8 +14,6 @@ from hardware.canopen.bus_profile import BusProfile
 from hardware.canopen.cia402 import CONTROLWORD_QUICK_STOP
 from hardware.canopen.cyclic import frames_of, unpack_emergency
 
-_RPDOS: Final = tuple(objects.COB_RPDO1 + at * objects.COB_NEXT_PDO for at in range(4))
-"""Base identifiers of RPDO1..4 in CiA 301's predefined connection set."""
 _WRITES: Final = {1: True, 2: False, 5: False, 6: True}
 """SDO client command specifiers (download, upload, block upload, block download), and whether they write."""
 _CONTINUED_BLOCK: Final = {5: 0x03, 6: 0x01}
@@ -56,9 +54,9 @@ def describe_master_frame(profile: BusProfile, identifier: int, data: bytes) -> 
             return ""
         if any(pdo.cob_id == identifier for pdo in drive.commands):
             return f"a command to joint {joint} {cob_id}"
-    for number, base in enumerate(_RPDOS, 1):
-        if node := objects.node_of(identifier, base):
-            return f"a command to node {node}, RPDO{number} {cob_id}"
+    for at in range(4):  # RPDO1..4 of the predefined connection set
+        if node := objects.node_of(identifier, objects.COB_RPDO1 + at * objects.COB_NEXT_PDO):
+            return f"a command to node {node}, RPDO{at + 1} {cob_id}"
     return ""
 
 

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from hardware.arm import ArmSnapshot
-from hardware.control import motion_steps
 from hardware.errors import CommandRefused, DriveDiverged, DriveFault, OtherMaster, Stopped
 from tests.hardware.control.canopen_arm.conftest import PER_RAD, drive
 from tests.hardware.fake_arm import JOINTS, FakeArmBus
@@ -39,7 +38,7 @@ def test_joint_that_stalls_at_the_end_of_a_move_has_not_reached_its_target(drive
 
 
 def test_move_waits_for_a_joint_that_lags_until_the_last_sync_allowed(driven, bus, monkeypatch):
-    monkeypatch.setattr(motion_steps, "ARRIVAL_SYNCS", 3)
+    monkeypatch.setattr("hardware.control.motion_steps.ARRIVAL_SYNCS", 3)
     axis, lags = bus.drives[2], [-1500] * 5
 
     def lag(_sync: int) -> int:

@@ -111,16 +111,13 @@ class JointSensor:
         return int(min(max(count, self.lowest_counts), self.highest_counts))
 
 
-def converter_ends(joint: Joint, rvdt: Rvdt) -> tuple[int, int]:
-    """Return lowest and highest count of an RVDT's converter; its zero is at the middle of the joint's range."""
-    zero, half = round(joint.middle_rad / rvdt.resolution_rad), 2 ** (rvdt.bits - 1)
-    return zero - half, zero + half - 1
-
-
 def joint_sensor(
     joint: Joint, *, with_noise: bool, curve: LinearityDeviation | None
 ) -> JointSensor:
-    """Return a simulated sensor; `curve`: linearity deviation of an RVDT. `ValueError` if the joint has no sensor."""
+    """Return a simulated sensor; `curve`: linearity deviation of an RVDT. `ValueError` if the joint has no sensor.
+
+    The zero of an RVDT's converter is at the middle of the joint's range.
+    """
     match joint.sensor:
         case Encoder() as encoder:
             return JointSensor(
@@ -128,14 +125,14 @@ def joint_sensor(
                 noise_counts=encoder.noise_counts if with_noise else 0.0,
             )
         case Rvdt() as rvdt:
-            lowest, highest = converter_ends(joint, rvdt)
+            zero, half = round(joint.middle_rad / rvdt.resolution_rad), 2 ** (rvdt.bits - 1)
             return JointSensor(
                 resolution_rad=rvdt.resolution_rad,
                 noise_counts=rvdt.noise_lsb if with_noise else 0.0,
-                lowest_counts=lowest,
-                highest_counts=highest,
+                lowest_counts=zero - half,
+                highest_counts=zero + half - 1,
                 curve=curve,
-                zero_rad=(lowest + highest + 1) // 2 * rvdt.resolution_rad,
+                zero_rad=zero * rvdt.resolution_rad,
             )
         case NoSensor():
             raise ValueError(f"joint {joint.name!r} has no sensor for a drive to report")
@@ -158,22 +155,20 @@ class AxisSettings:
     def __init__(self, number: int, joint: Joint) -> None:
         self.joint = joint_node(number)
         """1-based number; also the node number."""
+        sensor = joint_sensor(joint, with_noise=False, curve=None)
+        self.lowest_counts, self.highest_counts = sensor.lowest_counts, sensor.highest_counts
+        """Ends of an RVDT's converter, at which the sensor counts as failed; infinite for an encoder."""
         match joint.sensor:
             case Encoder(counts_per_rev=counts_per_rev):
                 per_rad, per_turn = counts_per_rev / math.tau, Fraction(counts_per_rev)
                 self.sensor_kind, self.converter_bits = SensorKind.ENCODER, 0
                 self.full_scale_microdeg = 360 * _MILLIONTHS
-                self.lowest_counts, self.highest_counts = -math.inf, math.inf
             case Rvdt() as rvdt:
                 per_rad = 1.0 / rvdt.resolution_rad
                 self.sensor_kind, self.converter_bits = SensorKind.RVDT, rvdt.bits
                 self.full_scale_microdeg = round(math.degrees(rvdt.full_scale_rad) * _MILLIONTHS)
-                self.lowest_counts, self.highest_counts = converter_ends(joint, rvdt)
                 per_turn = Fraction(360 * _MILLIONTHS * 2**rvdt.bits, self.full_scale_microdeg)
-            case NoSensor():
-                raise ValueError(f"joint {joint.name!r} has no sensor for a drive to report")
-        """`sensor_kind`, `converter_bits`, `full_scale_microdeg`: 2100h. `lowest_counts`, `highest_counts`: ends of an
-        RVDT's converter, at which the sensor counts as failed; infinite for an encoder."""
+        """`sensor_kind`, `converter_bits`, `full_scale_microdeg`: 2100h."""
         self.scale = scale = JointScale(counts_per_rad=per_rad)
         ends_rad = joint.lower_rad, joint.upper_rad
         self.limits = joint_limits(number, scale, ends_rad, joint.max_speed_rad_per_s)

@@ -21,7 +21,7 @@ from canopen.sdo import constants as sdo
 
 from hardware.buses.acceptance_filters import controller_filters, set_hardware_filters
 from hardware.canopen import objects
-from hardware.canopen.objects import HEARTBEAT_PERIOD_S, HEARTBEAT_TIMEOUT_S
+from hardware.canopen.objects import HEARTBEAT_PERIOD_S, HEARTBEAT_TIMEOUT_S, NmtCommand
 from hardware.timing import LatencyMonitor, raise_loop_priority
 from hardware.virtual.axis import AxisSettings
 from hardware.virtual.disturbances import Disturbances
@@ -91,10 +91,10 @@ class VirtualController:
         self._next_beat_s = 0.0
         serial = arm.number % 1_000_000 * 100
         self._network = network = ControllerNetwork(bus, self.disturbances)
-        self.drives = tuple(
+        self.drives: tuple[DriveNode, ...] = tuple(
             DriveNode(axis, network, serial_number=serial + axis.joint) for axis in axes
         )
-        """Drive nodes; threads other than the control loop must hold a node's `lock` to use it."""
+        """Drive nodes; only the control loop may change them (`post`)."""
         self.group = DriveGroup(self.drives, plant, self.disturbances)
         self.plant: Plant = plant
         self.supervisor = SupervisorNode(
@@ -156,9 +156,7 @@ class VirtualController:
         """Power-cycle all nodes; call through `post` only."""
         self._heard_s.clear()
         for node in self._nodes:
-            with node.lock:
-                node.power_up()
-                node.boot()
+            node.on_nmt(NmtCommand.RESET_NODE)
 
     def attend(self) -> None:
         """Handle queued frames in the caller's thread; do nothing if the controller hangs or is handling frames."""

@@ -49,9 +49,7 @@ class DriveNode(VirtualNode):
 
     def on_rpdo1(self, data: bytes | bytearray) -> None:
         """Act on an RPDO1; ignore it if its length is wrong or the node is not *operational*."""
-        if len(data) != RPDO1.size or self.state is not NmtState.OPERATIONAL:
-            return
-        with self.lock:
+        if len(data) == RPDO1.size and self.state is NmtState.OPERATIONAL:
             self.drive.obey(*RPDO1.unpack(data))
 
     def tpdo1(self) -> bytes | None:
@@ -139,8 +137,7 @@ class DriveGroup:
         reading = self._plant.step([self._command_of(node) for node in self.drives])
         values = reading.position_counts, reading.torque_nm, reading.speed_rad_per_s
         for node, counts, torque, speed in zip(self.drives, *values, strict=True):
-            with node.lock:
-                node.drive.read(self._disturbances.read(node.number, counts), torque, speed)
+            node.drive.read(self._disturbances.read(node.number, counts), torque, speed)
         if any(node.drive.state in cia402.FAULT_STATES for node in self.drives):
             self.quick_stop()
 
@@ -158,32 +155,27 @@ class DriveGroup:
     def quick_stop(self) -> None:
         """Stop and hold every drive that is enabled."""
         for node in self.drives:
-            with node.lock:
-                node.drive.quick_stop()
+            node.drive.quick_stop()
 
     def lose_heartbeat(self) -> None:
         """Report a lost operator heartbeat to all drives."""
         for node in self.drives:
-            with node.lock:
-                node.drive.lose_heartbeat()
+            node.drive.lose_heartbeat()
 
     def lose_heartbeat_at(self, joint: int) -> None:
         """If a node has control, report a lost operator heartbeat to one drive, unless it has already reacted."""
-        node = self.drives[joint - 1]
-        with node.lock:
-            if node.drive.in_control and EmergencyCode.HEARTBEAT_LOST not in node.drive.errors:
-                node.drive.lose_heartbeat()
+        drive = self.drives[joint - 1].drive
+        if drive.in_control and EmergencyCode.HEARTBEAT_LOST not in drive.errors:
+            drive.lose_heartbeat()
 
     def control_changed(self, holder: int) -> None:
         """Report to all drives that node `holder` took control or, if `holder` is 0, that control was released."""
         for node in self.drives:
-            with node.lock:
-                node.drive.in_control = holder != 0
+            node.drive.in_control = holder != 0
         if holder == 0:
             self.quick_stop()
 
     def set_home_offsets(self, counts: Sequence[int]) -> None:
-        """Set the home offsets (607Ch) of joints 1..n, counts."""
+        """Set the home offsets (607Ch) of joints 1..n, counts; may be called from any thread."""
         for node, offset in zip(self.drives, counts, strict=True):
-            with node.lock:
-                node.home_offset_counts = offset
+            node.home_offset_counts = offset

@@ -56,10 +56,9 @@ def lose_counts(arm: VirtualController, joint: int, counts: int) -> None:
 def external_stop(arm: VirtualController, *, pressed: bool) -> None:
     """Press or release the external stop; when it is pressed, all drives trip (5441h) and block their valves."""
     for node in arm.drives:
-        with node.lock:
-            node.drive.external_stop = pressed
-            if pressed:
-                node.drive.trip(EmergencyCode.EXTERNAL_STOP)
+        node.drive.external_stop = pressed
+        if pressed:
+            node.drive.trip(EmergencyCode.EXTERNAL_STOP)
     arm.supervisor.external_stop(active=pressed)
 
 
@@ -80,12 +79,7 @@ def _set_of_joint(faulty: str, value: float) -> FaultAction:
 
 
 def _flag(name: str) -> FaultAction:
-    def act(arm: VirtualController, joint: int) -> None:
-        node = arm.drives[joint - 1]
-        with node.lock:
-            setattr(node.drive, name, True)
-
-    return act
+    return lambda arm, joint: setattr(arm.drives[joint - 1].drive, name, True)
 
 
 def _cut_cable(arm: VirtualController, node: int) -> None:
@@ -112,12 +106,10 @@ def _report_speed(arm: VirtualController, joint: int) -> None:
 def _restart_node(arm: VirtualController, joint: int) -> None:
     """Power-cycle one drive, which then becomes *operational* by itself; its position counts restart at zero."""
     node = arm.drives[joint - 1]
-    with node.lock:
-        lose_counts(arm, joint, -node.drive.counts)
-        node.drive.counts = 0
-        node.power_up()
-        node.boot()
-        node.on_nmt(NmtCommand.START)
+    lose_counts(arm, joint, -node.drive.counts)
+    node.drive.counts = 0
+    node.on_nmt(NmtCommand.RESET_NODE)
+    node.on_nmt(NmtCommand.START)
 
 
 def _stop_watching(arm: VirtualController, joint: int) -> None:
@@ -132,12 +124,6 @@ def _freeze_sensor(arm: VirtualController, joint: int) -> None:
 
 def _sensor_jump(arm: VirtualController, joint: int) -> None:
     lose_counts(arm, joint, arm.drives[joint - 1].axis.scale.to_counts(math.radians(2.0)))
-
-
-def _collide(arm: VirtualController, joint: int) -> None:
-    node = arm.drives[joint - 1]
-    with node.lock:
-        node.drive.trip(EmergencyCode.EXCESS_TORQUE)
 
 
 def _diverge(arm: VirtualController, joint: int) -> None:
@@ -179,7 +165,7 @@ FAULT_KINDS: Mapping[str, FaultAction] = {
     "ripple": _set_of_joint("ripple_counts", RIPPLE_COUNTS),
     "frozen-sensor": _freeze_sensor,
     "broken-sensor": _flag("sensor_failed"),
-    "collision": _collide,
+    "collision": lambda arm, joint: arm.drives[joint - 1].drive.trip(EmergencyCode.EXCESS_TORQUE),
     "blocked-joint": _add("blocked"),
     "sagging-drive": _add("sagging"),
     "slipped-fixture": lambda arm, _joint: arm.plant.slip(SLIP_M),

@@ -52,9 +52,10 @@ class ControllerNetwork:
 class VirtualNode:
     """A node on the bus; `serial_number` is 1018h sub 4.
 
-    `answers`: values by (index, sub-index), or functions that return them; other objects have their default values.
+    `answers`: values by (index, sub-index), or functions that return them (None: no data); other objects have their
+    default values.
     `writers`: functions, by index, that write sub-index 0 and may raise `SdoAbortedError`; other objects refuse a
-    write. Methods that handle frames acquire `lock`.
+    write. `lock` is held while objects are accessed and while NMT commands are handled.
     """
 
     def __init__(self, node: int, network: ControllerNetwork, *, serial_number: int) -> None:
@@ -62,16 +63,17 @@ class VirtualNode:
         self.lock = threading.RLock()
         self.state = NmtState.BOOT_UP
         self.error_register = ErrorBit(0)
-        self._history: list[int] = []
+        self._history: dict[int, int] = {}
+        """Codes of past errors by sub-index of 1003h, the latest first."""
         self._variables = variables(node_dictionary(node))
         self.server = NodeSdoServer(self)
-        self.answers: dict[tuple[int, int], Value | Callable[[], Value]] = {
+        self.answers: dict[tuple[int, int], Value | Callable[[], Value | None]] = {
             (objects.IDENTITY, objects.IDENTITY_SERIAL): serial_number,
             (objects.ERROR_REGISTER, 0): lambda: int(self.error_register),
             (objects.ERROR_FIELD, 0): lambda: len(self._history),
         }
-        for place in range(objects.ERROR_HISTORY):
-            self.answers[objects.ERROR_FIELD, place + 1] = partial(self._history_entry, place)
+        for place in range(1, objects.ERROR_HISTORY + 1):
+            self.answers[objects.ERROR_FIELD, place] = partial(self._history.get, place)
         self.writers: dict[int, Callable[[Value], None]] = {}
         self.writers[objects.ERROR_FIELD] = self._clear_history
 
@@ -89,14 +91,12 @@ class VirtualNode:
         with self.lock:
             self.server.reset()
             self.state = NmtState.BOOT_UP
-            self._heartbeat()
+            self.beat()
             self.state = NmtState.PRE_OPERATIONAL
 
     def beat(self) -> None:
         """Send a heartbeat."""
-        with self.lock:
-            if self.state is not NmtState.BOOT_UP:
-                self._heartbeat()
+        self.send(objects.COB_HEARTBEAT, bytes([self.state]))
 
     def on_nmt(self, command: int) -> None:
         """Act on an NMT command for this node."""
@@ -129,7 +129,8 @@ class VirtualNode:
         """Send the emergency of an error or of its end (`NONE`); update error register and history (1001h, 1003h)."""
         self.error_register = register
         if code is not EmergencyCode.NONE:
-            self._history = [int(code), *self._history][: objects.ERROR_HISTORY]
+            codes = [int(code), *self._history.values()][: objects.ERROR_HISTORY]
+            self._history.update(enumerate(codes, 1))
         if self.has_sdo_and_emcy:
             self.send(objects.COB_EMCY, objects.EMCY.pack(code, register, bytes(5)))
 
@@ -170,14 +171,6 @@ class VirtualNode:
             known = any(index == other for other, _ in self._variables)
             raise SdoAbortedError(sdo.ABORT_NO_SUBINDEX if known else sdo.ABORT_NOT_IN_OD)
         return variable
-
-    def _heartbeat(self) -> None:
-        self.send(objects.COB_HEARTBEAT, bytes([self.state]))
-
-    def _history_entry(self, place: int) -> int:
-        if place >= len(self._history):
-            raise SdoAbortedError(sdo.ABORT_NO_DATA_AVAILABLE)
-        return self._history[place]
 
     def _clear_history(self, value: Value) -> None:
         if value != 0:

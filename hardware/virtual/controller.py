@@ -27,7 +27,7 @@ from hardware.virtual.axis import AxisSettings
 from hardware.virtual.disturbances import Disturbances
 from hardware.virtual.drive_node import DriveGroup, DriveNode
 from hardware.virtual.faults import ScriptedFault, inject
-from hardware.virtual.node import NODE_BITS, ControllerNetwork, VirtualNode
+from hardware.virtual.node import VirtualNode
 from hardware.virtual.parameter_store import ParameterStore, Validate
 from hardware.virtual.plant import Plant
 from hardware.virtual.supervisor_node import ArmLabel, SupervisorNode
@@ -41,6 +41,7 @@ _CATCH_UP_FRAMES = 1000
 """Number of queued frames handled before a heartbeat counts as lost: the heartbeat may be behind them."""
 STORM = 50
 """Number of emergencies sent on every SYNC in an emergency storm."""
+_NODE_BITS = 0x7F
 _SDO_REFUSAL = struct.Struct("<B3sI")
 _STORM_EMERGENCY = objects.EMCY.pack(0x1000, objects.ErrorBit.GENERIC, bytes(5))
 
@@ -90,15 +91,15 @@ class VirtualController:
         self.running.set()
         self._next_beat_s = 0.0
         serial = arm.number % 1_000_000 * 100
-        self._network = network = ControllerNetwork(bus, self.disturbances)
+        self._send_lock = threading.Lock()
         self.drives: tuple[DriveNode, ...] = tuple(
-            DriveNode(axis, network, serial_number=serial + axis.joint) for axis in axes
+            DriveNode(axis, self._send, serial_number=serial + axis.joint) for axis in axes
         )
         """Drive nodes; only the control loop may change them (`post`)."""
         self.group = DriveGroup(self.drives, plant, self.disturbances)
         self.plant: Plant = plant
         self.supervisor = SupervisorNode(
-            network,
+            self._send,
             arm=arm,
             group=self.group,
             store=ParameterStore() if store is None else store,
@@ -201,6 +202,15 @@ class VirtualController:
             self._posted.get()()
         self._in_turn = None
 
+    def _send(self, identifier: int, data: bytes) -> None:
+        faults = self.disturbances
+        if faults.off_until_s is not None or identifier & _NODE_BITS in faults.cut_since_s:
+            return
+        message = can.Message(arbitration_id=identifier, data=data, is_extended_id=False)
+        with self._send_lock:
+            for passed in faults.wire_out.passed(message):
+                self._bus.send(passed)
+
     def _receive(self, message: can.Message) -> None:
         for passed in self.disturbances.wire_in.passed(message):
             self._take_in(passed)
@@ -211,7 +221,7 @@ class VirtualController:
         if self.disturbances.off_until_s is not None:
             return
         identifier, data = message.arbitration_id, message.data
-        number = identifier & NODE_BITS
+        number = identifier & _NODE_BITS
         if number in self.disturbances.cut_since_s:
             return
         node = self._by_number.get(number)
@@ -251,12 +261,10 @@ class VirtualController:
         self.sync_count += 1
         self._inject_due_faults(self.sync_count)
         self.group.step()
-        disturbances, send = self.disturbances, self._network.send_message
+        disturbances, send = self.disturbances, self._send
         for node in self.drives:
             data = node.tpdo1()
-            if data is None:
-                continue
-            if disturbances.lost_tpdos and disturbances.loses_tpdo(node.number):
+            if data is None or disturbances.loses_tpdo(node.number):
                 continue
             send(node.tpdo1_id, data)
             if node.number in disturbances.doubled_tpdos:
@@ -272,7 +280,9 @@ class VirtualController:
 
     def _handle_deadlines(self) -> None:
         now = self.now_s()
-        self._network.send_overdue()
+        with self._send_lock:
+            for message in self.disturbances.wire_out.overdue():
+                self._bus.send(message)
         for message in self.disturbances.wire_in.overdue():
             self._take_in(message)
         off_until_s = self.disturbances.off_until_s

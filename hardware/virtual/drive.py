@@ -20,11 +20,11 @@ class Drive:
     After a quick stop or the loss of the operator's heartbeat the drive holds the measured position in position mode.
     After any other trip the joint's valve is blocked.
 
-    `on_emergency` is called with the code of every new error, and with code `NONE` once no error is left.
+    `on_emergency` is called with the active errors, the latest last, at every new error and once no error is left.
     """
 
     def __init__(
-        self, axis: AxisSettings, *, on_emergency: Callable[[EmergencyCode], None]
+        self, axis: AxisSettings, *, on_emergency: Callable[[list[EmergencyCode]], None]
     ) -> None:
         self.axis, self._on_emergency = axis, on_emergency
         self.counts = 0
@@ -152,8 +152,8 @@ class Drive:
         return self.state is DriveState.OPERATION_ENABLED and self.mode is JointMode.POSITION
 
     @property
-    def flags(self) -> int:
-        """Bits of 6041h other than the bits that code the state."""
+    def statusword(self) -> int:
+        """6041h."""
         flags = int(StatusBit.VOLTAGE_ENABLED)
         if self.in_control:
             flags |= StatusBit.REMOTE
@@ -163,7 +163,7 @@ class Drive:
             flags |= StatusBit.FOLLOWS_COMMAND
         if EmergencyCode.FOLLOWING in self.errors:
             flags |= StatusBit.FOLLOWING_ERROR
-        return flags
+        return cia402.statusword(self.state, flags)
 
     def _hold(self) -> None:
         self._holding = True
@@ -219,16 +219,16 @@ class Drive:
             return False
         cleared, self.errors = self.errors, []
         if cleared:
-            self._on_emergency(EmergencyCode.NONE)
+            self._on_emergency([])
         return True
 
     def _begin(self, code: EmergencyCode) -> None:
         if code not in self.errors:
             self.errors.append(code)
-            self._on_emergency(code)
+            self._on_emergency(self.errors)
 
     def _end(self, code: EmergencyCode) -> None:
         if code in self.errors:
             self.errors.remove(code)
             if not self.errors:
-                self._on_emergency(EmergencyCode.NONE)
+                self._on_emergency([])

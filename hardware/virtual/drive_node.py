@@ -9,19 +9,14 @@ from typing import Final
 
 from hardware.arm import JointMode
 from hardware.canopen import cia402, objects
-from hardware.canopen.objects import JOINT_PRODUCT, EmergencyCode, ErrorBit, NmtState
+from hardware.canopen.objects import JOINT_PRODUCT, EmergencyCode, NmtState
 from hardware.eds import pdo_struct
 from hardware.virtual.axis import AxisSettings, JointCommand
 from hardware.virtual.disturbances import Disturbances
 from hardware.virtual.drive import Drive
-from hardware.virtual.node import ControllerNetwork, VirtualNode
+from hardware.virtual.node import Send, VirtualNode
 from hardware.virtual.plant import Plant
 
-_REGISTER: Final = {
-    EmergencyCode.HEARTBEAT_LOST: ErrorBit.COMMUNICATION,
-    EmergencyCode.EXTERNAL_STOP: ErrorBit.MANUFACTURER,
-    EmergencyCode.EXTERNAL_STOP_SECOND: ErrorBit.MANUFACTURER,
-}
 RPDO1: Final = pdo_struct(JOINT_PRODUCT, objects.RPDO1_MAP)
 """Layout of RPDO1, which is acted on when received: controlword, target position in counts, mode."""
 TPDO1: Final = pdo_struct(JOINT_PRODUCT, objects.TPDO1_MAP)
@@ -33,14 +28,10 @@ _HIGHEST_I32: Final = 2**31 - 1
 class DriveNode(VirtualNode):
     """Node of one joint; node number = joint number. With `reports_speed`, TPDO1 has the speed, not the position."""
 
-    def __init__(
-        self, axis: AxisSettings, network: ControllerNetwork, *, serial_number: int
-    ) -> None:
-        super().__init__(axis.joint, network, serial_number=serial_number)
+    def __init__(self, axis: AxisSettings, send: Send, *, serial_number: int) -> None:
+        super().__init__(axis.joint, send, serial_number=serial_number)
         self.axis = axis
-        self.drive = Drive(
-            axis, on_emergency=lambda code: self.send_emergency(code, self._register())
-        )
+        self.drive = Drive(axis, on_emergency=self.send_emergency)
         self.tpdo1_id = objects.COB_TPDO1 + self.number
         self.home_offset_counts = 0
         self.reports_speed = False
@@ -56,10 +47,9 @@ class DriveNode(VirtualNode):
         """Return the data of TPDO1; None if the node is not *operational*."""
         if self.state is not NmtState.OPERATIONAL:
             return None
-        word = cia402.statusword(self.drive.state, self.drive.flags)
         position = self._speed() if self.reports_speed else self.drive.counts
         position = max(-_HIGHEST_I32 - 1, min(_HIGHEST_I32, position))
-        return TPDO1.pack(word, position, self._torque_per_mille())
+        return TPDO1.pack(self.drive.statusword, position, self._torque_per_mille())
 
     def power_up(self) -> None:
         """Power up the drive; `home_offset_counts` keeps its value until the supervisor sets another."""
@@ -69,12 +59,6 @@ class DriveNode(VirtualNode):
     def left_operational(self) -> None:
         """Stop and hold the joint, because no further command can arrive by PDO."""
         self.drive.quick_stop()
-
-    def _register(self) -> ErrorBit:
-        register = ErrorBit(0)
-        for code in self.drive.errors:
-            register |= ErrorBit.GENERIC | _REGISTER.get(code, ErrorBit.PROFILE)
-        return register
 
     def _speed(self) -> int:
         """Return 606Ch (actual speed), counts/s."""
@@ -101,7 +85,7 @@ class DriveNode(VirtualNode):
             (objects.HOME_OFFSET, 0): lambda: self.home_offset_counts,
             (objects.ERROR_CODE, 0): lambda: drive.errors[-1] if drive.errors else 0,
             (objects.CONTROLWORD, 0): lambda: drive.controlword,
-            (objects.STATUSWORD, 0): lambda: cia402.statusword(drive.state, drive.flags),
+            (objects.STATUSWORD, 0): lambda: drive.statusword,
             (objects.MODE, 0): lambda: drive.mode_request,
             (objects.MODE_DISPLAY, 0): (
                 lambda: 0 if drive.mode is None else objects.MODE_CODE[drive.mode]

@@ -59,7 +59,7 @@ def external_stop(arm: VirtualController, *, pressed: bool) -> None:
         node.drive.external_stop = pressed
         if pressed:
             node.drive.trip(EmergencyCode.EXTERNAL_STOP)
-    arm.supervisor.external_stop(active=pressed)
+    arm.supervisor.send_emergency([EmergencyCode.EXTERNAL_STOP] if pressed else [])
 
 
 def _frames(**shares: float) -> FaultAction:

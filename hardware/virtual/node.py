@@ -1,14 +1,13 @@
-"""A virtual CANopen node (boot, NMT, heartbeat, EMCY, object access), and the path of its frames to the bus.
+"""A virtual CANopen node: boot, NMT, heartbeat, EMCY, object access.
 
 `canopen.LocalNode` lacks much of this and sends heartbeats from a separate timer; here the controller's loop sends the
 heartbeats, so that they stop when the loop hangs.
 """
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 
-import can
 from canopen.objectdictionary import ODVariable
 from canopen.sdo import constants as sdo
 from canopen.sdo.exceptions import SdoAbortedError
@@ -16,41 +15,23 @@ from canopen.sdo.exceptions import SdoAbortedError
 from hardware.canopen import objects
 from hardware.canopen.objects import EmergencyCode, ErrorBit, NmtCommand, NmtState
 from hardware.eds import node_dictionary, variables
-from hardware.virtual.disturbances import Disturbances
 from hardware.virtual.sdo_server import NodeSdoServer
 
 Value = int | bytes | str
+Send = Callable[[int, bytes], None]
+"""Sends a frame, from any thread: identifier, data."""
 
 _NUMBERS = frozenset(ODVariable.STRUCT_TYPES)
-NODE_BITS = 0x7F
-
-
-class ControllerNetwork:
-    """Sends the frames of a controller's nodes on an open bus, and applies the active simulated faults to them."""
-
-    def __init__(self, bus: can.BusABC, disturbances: Disturbances) -> None:
-        self._bus, self._disturbances = bus, disturbances
-        self._send_lock = threading.Lock()
-
-    def send_message(self, can_id: int, data: bytes) -> None:
-        """Send a frame; safe from any thread."""
-        faults = self._disturbances
-        if faults.off_until_s is not None or can_id & NODE_BITS in faults.cut_since_s:
-            return
-        message = can.Message(arbitration_id=can_id, data=data, is_extended_id=False)
-        with self._send_lock:
-            for passed in faults.wire_out.passed(message):
-                self._bus.send(passed)
-
-    def send_overdue(self) -> None:
-        """Send delayed frames that are due."""
-        with self._send_lock:
-            for message in self._disturbances.wire_out.overdue():
-                self._bus.send(message)
+_REGISTER = {
+    EmergencyCode.HEARTBEAT_LOST: ErrorBit.COMMUNICATION,
+    EmergencyCode.EXTERNAL_STOP: ErrorBit.MANUFACTURER,
+    EmergencyCode.EXTERNAL_STOP_SECOND: ErrorBit.MANUFACTURER,
+}
+"""Bit of the error register, besides `GENERIC`, by error; `PROFILE` for all others."""
 
 
 class VirtualNode:
-    """A node on the bus; `serial_number` is 1018h sub 4.
+    """A node on the bus, on which `send` puts a frame; `serial_number` is 1018h sub 4.
 
     `answers`: values by (index, sub-index), or functions that return them (None: no data); other objects have their
     default values.
@@ -58,8 +39,8 @@ class VirtualNode:
     write. `lock` is held while objects are accessed and while NMT commands are handled.
     """
 
-    def __init__(self, node: int, network: ControllerNetwork, *, serial_number: int) -> None:
-        self.number, self._network = node, network
+    def __init__(self, node: int, send: Send, *, serial_number: int) -> None:
+        self.number, self._send = node, send
         self.lock = threading.RLock()
         self.state = NmtState.BOOT_UP
         self.error_register = ErrorBit(0)
@@ -84,7 +65,7 @@ class VirtualNode:
 
     def send(self, base: int, data: bytes) -> None:
         """Send a frame whose identifier is `base` plus the node's number."""
-        self._network.send_message(base + self.number, data)
+        self._send(base + self.number, data)
 
     def boot(self) -> None:
         """Send the boot-up message and enter pre-operational."""
@@ -125,10 +106,13 @@ class VirtualNode:
     def left_operational(self) -> None:
         """Called when the node leaves *operational*; from then on it exchanges no PDOs."""
 
-    def send_emergency(self, code: EmergencyCode, register: ErrorBit) -> None:
-        """Send the emergency of an error or of its end (`NONE`); update error register and history (1001h, 1003h)."""
+    def send_emergency(self, errors: Sequence[EmergencyCode]) -> None:
+        """Send the emergency of the latest active error or, without any, that of their end; update 1001h and 1003h."""
+        code, register = EmergencyCode.NONE, ErrorBit(0)
+        for code in errors:
+            register |= ErrorBit.GENERIC | _REGISTER.get(code, ErrorBit.PROFILE)
         self.error_register = register
-        if code is not EmergencyCode.NONE:
+        if errors:
             codes = [int(code), *self._history.values()][: objects.ERROR_HISTORY]
             self._history.update(enumerate(codes, 1))
         if self.has_sdo_and_emcy:

@@ -12,10 +12,10 @@ from canopen.sdo import constants as sdo
 from canopen.sdo.exceptions import SdoAbortedError
 
 from hardware.canopen import objects
-from hardware.canopen.objects import EmergencyCode, ErrorBit, ParameterCommand, Slot
+from hardware.canopen.objects import ParameterCommand, Slot
 from hardware.virtual import parameter_store
 from hardware.virtual.drive_node import DriveGroup
-from hardware.virtual.node import ControllerNetwork, Value, VirtualNode
+from hardware.virtual.node import Send, Value, VirtualNode
 from hardware.virtual.parameter_store import ParameterStore, Validate, ValidatedParameters
 from hardware.virtual.sdo_server import Deferred
 
@@ -49,7 +49,7 @@ class SupervisorNode(VirtualNode):
 
     def __init__(
         self,
-        network: ControllerNetwork,
+        send: Send,
         *,
         arm: ArmLabel,
         group: DriveGroup,
@@ -58,7 +58,7 @@ class SupervisorNode(VirtualNode):
         is_heard: Callable[[int], bool],
         later: Callable[[Callable[[], None]], None],
     ) -> None:
-        super().__init__(objects.SUPERVISOR_NODE, network, serial_number=arm.number)
+        super().__init__(objects.SUPERVISOR_NODE, send, serial_number=arm.number)
         self.arm = arm
         self.holder = 0
         self._group, self._axes = group, tuple(node.axis for node in group.drives)
@@ -96,15 +96,6 @@ class SupervisorNode(VirtualNode):
         """Release control, and drop a document that was not committed."""
         with self.lock:
             self._take(0)
-
-    def external_stop(self, *, active: bool) -> None:
-        """Send the emergency of the external stop if `active` (pressed), otherwise the end of that emergency."""
-        with self.lock:
-            if active:
-                register = ErrorBit.GENERIC | ErrorBit.MANUFACTURER
-                self.send_emergency(EmergencyCode.EXTERNAL_STOP, register)
-            else:
-                self.send_emergency(EmergencyCode.NONE, ErrorBit(0))
 
     def _ask_for_control(self, value: Value) -> None:
         node = int(value)

@@ -26,7 +26,7 @@ class DriveBench:
 
     def __init__(self, axis=ENCODER, *, counts: int = 100) -> None:  # type: ignore[no-untyped-def]
         self.error_log: list[EmergencyCode] = []
-        self.drive = Drive(axis, on_emergency=self.error_log.append)
+        self.drive = Drive(axis, on_emergency=lambda e: self.error_log.append([E.NONE, *e][-1]))
         self.counts, self.torque_nm, self.speed = counts, 0.0, 0.0
         self.drive.in_control = True
         self.run()
@@ -107,12 +107,12 @@ def test_target_step_is_limited(bench, enabled):
     assert enabled.command().target_rad == pytest.approx((100 + STEP) / 36000 * math.tau)
     enabled.obey(ENABLE, 100 + 2 * STEP + 1, CSP)
     assert (enabled.target_counts, bench.error_log) == (100 + STEP, [E.REFERENCE_LIMIT])
-    assert enabled.flags & StatusBit.INTERNAL_LIMIT
+    assert enabled.statusword & StatusBit.INTERNAL_LIMIT
     assert enabled.state is S.OPERATION_ENABLED
     enabled.obey(ENABLE, 100 + 2 * STEP, CSP)
     assert enabled.target_counts == 100 + 2 * STEP
     assert bench.error_log == [E.REFERENCE_LIMIT, E.NONE]
-    assert not enabled.flags & StatusBit.INTERNAL_LIMIT
+    assert not enabled.statusword & StatusBit.INTERNAL_LIMIT
 
 
 @pytest.mark.parametrize(("word", "target"), [(ENABLE, 100), (DISABLE, 9000), (SWITCH_ON, 9000)])
@@ -190,7 +190,7 @@ def test_drive_trips_after_its_cycles_beyond_a_limit(
     bench.run()
     assert drive.state is S.FAULT
     assert bench.error_log == [code]
-    assert bool(drive.flags & StatusBit.FOLLOWING_ERROR) is (code is E.FOLLOWING)
+    assert bool(drive.statusword & StatusBit.FOLLOWING_ERROR) is (code is E.FOLLOWING)
 
 
 def test_intermittent_excess_torque_does_not_trip(bench, enabled):

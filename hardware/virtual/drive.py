@@ -9,7 +9,7 @@ from collections.abc import Callable
 from hardware.arm import DriveState, JointMode
 from hardware.canopen import cia402
 from hardware.canopen.cia402 import DriveEvent, StatusBit
-from hardware.canopen.objects import JOINT_MODE, MODE_CODE, EmergencyCode
+from hardware.canopen.objects import JOINT_MODE, EmergencyCode
 from hardware.command_limits import refuse_target
 from hardware.virtual.axis import AxisSettings, JointCommand
 
@@ -128,7 +128,7 @@ class Drive:
         """Return the joint's command for the next control period."""
         if self._command is None:
             enabled = self.state is DriveState.OPERATION_ENABLED
-            servo = self._holding or (enabled and self.mode is JointMode.POSITION)
+            servo = self._holding or self._is_servo_on
             self._command = JointCommand(
                 mode=JointMode.POSITION if servo else self.mode if enabled else None,
                 target_rad=self.axis.scale.to_rad(self.target_counts if servo else self.counts),
@@ -141,10 +141,7 @@ class Drive:
         if self.loses_enable and self.state is DriveState.OPERATION_ENABLED:
             self.loses_enable, self.state, self._command = False, DriveState.SWITCHED_ON, None
         self.counts, self.torque_nm, self.speed_rad_per_s = counts, torque_nm, speed_rad_per_s
-        if self.mode_request != MODE_CODE.get(self.mode) and not self._holding:  # type: ignore[arg-type]
-            self._switch_mode()
-        else:
-            self._switching_for = 0
+        self._switch_mode()
         self._supervise()
 
     @property
@@ -177,13 +174,11 @@ class Drive:
         self._command = None
 
     def _switch_mode(self) -> None:
-        self._switching_for += 1
         mode = JOINT_MODE.get(self.mode_request)
-        if mode is None or self.refuses_modes:
-            return
-        if self._switching_for >= self.axis.mode_switch_cycles:
+        switching = mode not in (None, self.mode) and not self._holding
+        self._switching_for = self._switching_for + 1 if switching else 0
+        if self._switching_for >= self.axis.mode_switch_cycles and not self.refuses_modes:
             self.mode = mode
-            self._switching_for = 0
             self._set_target_to_position()
 
     def _supervise(self) -> None:

@@ -65,8 +65,8 @@ class Bench:
     ask: Ask
     step_rad: float
     speed_rad_per_s: float
-    interrupt: Callable[[], None] | None = None
-    """Function that simulates Ctrl-C; None if that is not possible."""
+    interrupt: Callable[[], None]
+    """Function that simulates Ctrl-C."""
     bounds: Bounds = clauses.BENCH
 
     @property
@@ -205,8 +205,7 @@ def _turn(bench: Bench, joint: int) -> Iterator[Clause]:
     yield Clause("direction", right, text, joint)
     yield from checks.halts(back)
     back.go()
-    if bench.interrupt is not None:
-        yield from checks.is_interrupted(outward, bench.interrupt)
+    yield from checks.is_interrupted(outward, bench.interrupt)
     outward.go()
     yield from checks.is_stopped(back)
     arm.take_control()

@@ -37,6 +37,7 @@ def test_arm_check_passes_contract_arms(bench):
         ask=lambda _: True,
         step_rad=arm_contract.STEP_RAD,
         speed_rad_per_s=bench.speed_rad_per_s,
+        interrupt=lambda: None,
         bounds=arm_contract.BOUNDS,
     )
     findings = list(check(arm_check, last=Stage.HOLD))

@@ -296,11 +296,12 @@ class VirtualController:
                 self._receive(queued)
             holder = self.supervisor.holder
             if holder and self._lost(holder):
-                self.group.lose_heartbeat()
+                for joint in self.drives:
+                    joint.drive.lose_heartbeat()
                 self.supervisor.end_control()
         for number, since in self.disturbances.cut_since_s.items():
             if number <= len(self.drives) and now - since > self._timeout_s:
-                self.group.lose_heartbeat_at(number)
+                self.drives[number - 1].drive.lose_heartbeat()
         if now >= self._next_beat_s:
             # Counted from now, so that a late loop sends no burst.
             self._next_beat_s = now + HEARTBEAT_PERIOD_S

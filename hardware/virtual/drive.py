@@ -106,8 +106,9 @@ class Drive:
             self._hold()
 
     def lose_heartbeat(self) -> None:
-        """Go to fault; a drive with power holds its position until the fault is reset."""
-        if self.ignores_heartbeat:
+        """Go to fault if a node is in control; a drive with power holds its position until the fault is reset."""
+        known = EmergencyCode.HEARTBEAT_LOST in self.errors
+        if self.ignores_heartbeat or known or not self.in_control:
             return
         if self.state in cia402.POWERED_STATES:
             self._hold()

@@ -9,7 +9,7 @@ from typing import Final
 
 from hardware.arm import JointMode
 from hardware.canopen import cia402, objects
-from hardware.canopen.objects import JOINT_PRODUCT, EmergencyCode, NmtState
+from hardware.canopen.objects import JOINT_PRODUCT, NmtState
 from hardware.eds import pdo_struct
 from hardware.virtual.axis import AxisSettings, JointCommand
 from hardware.virtual.disturbances import Disturbances
@@ -140,17 +140,6 @@ class DriveGroup:
         """Stop and hold every drive that is enabled."""
         for node in self.drives:
             node.drive.quick_stop()
-
-    def lose_heartbeat(self) -> None:
-        """Report a lost operator heartbeat to all drives."""
-        for node in self.drives:
-            node.drive.lose_heartbeat()
-
-    def lose_heartbeat_at(self, joint: int) -> None:
-        """If a node has control, report a lost operator heartbeat to one drive, unless it has already reacted."""
-        drive = self.drives[joint - 1].drive
-        if drive.in_control and EmergencyCode.HEARTBEAT_LOST not in drive.errors:
-            drive.lose_heartbeat()
 
     def control_changed(self, holder: int) -> None:
         """Report to all drives that node `holder` took control or, if `holder` is 0, that control was released."""

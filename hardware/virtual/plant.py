@@ -98,8 +98,7 @@ class Plant:
         start_rad: FloatArray,
         start_hinge_rad: float,
     ) -> None:
-        n = truth.joint_count
-        self.joint_count = n
+        n = truth.loop.joint_count
         self.truth = truth
         self.sensors, self._rng = tuple(sensors), rng
         self._angles = np.concatenate(([start_hinge_rad], start_rad))
@@ -162,7 +161,7 @@ class Plant:
 
     def _servos(self, commands: Sequence[JointCommand]) -> tuple[FloatArray, FloatArray]:
         """Return servo stiffness (N m/rad) and true target angle (rad) of hinge and joints, shape (n + 1,)."""
-        stiffness, target = np.zeros(self.joint_count + 1), self._angles.copy()
+        stiffness, target = np.zeros(len(self._angles)), self._angles.copy()
         if self._bound_at is not None:
             stiffness[0], target[0] = BOUND_HINGE_NM_PER_RAD, self._bound_at
         now = self._angles.tolist()
@@ -195,7 +194,7 @@ class Plant:
             J = point.jacobian
             KJ = K @ J
             force = stiffness * (target - angles) - self._damping * (angles - start) + gravity
-            force -= (point.error + self._slip) @ KJ
+            force -= self.closure_error @ KJ
             H = J.T @ KJ
             tangent = diagonal
             if self._rubs:
@@ -235,7 +234,7 @@ class Plant:
         """
         axes = self._point.base_axes
         moment = self._lever @ self._point.origins_m @ (axes @ self._across @ axes.T)
-        torque = np.zeros(self.joint_count + 1)
+        torque = np.zeros(len(self._angles))
         # g . (z x lever) = z . (lever x g)
         np.einsum("jk,jk->j", self._point.axes_z[1:-1], moment, out=torque[1:])
         return torque

@@ -119,7 +119,7 @@ def files_allow(
     deviations of the arm file. For an open arm, the hinge and the entries that depend on mounting are not compared.
     """
     model = fixture.model(arm)
-    if model.joint_count != truth.joint_count:
+    if model.joint_count != truth.loop.joint_count:
         return False
     # Last axis: D-H rows 0 (the fixture) to n.
     allowed = np.zeros(truth.table.stacked().shape)

@@ -182,11 +182,6 @@ class Truth:
         return DhTable.from_stacked(np.column_stack((np.zeros(len(rows)), rows)))
 
     @property
-    def joint_count(self) -> int:
-        """Number n of joints of the arm."""
-        return self.loop.joint_count
-
-    @property
     def offsets_rad(self) -> FloatArray:
         """True offsets of joints 1..n, shape (n,)."""
         return self.table.theta_off_rad[1:]
@@ -262,7 +257,7 @@ def with_length_errors(
     Lengths with an error: s and a of rows 2 to n - 1, and a_1. The others (s_1, s_n, a_n, row 0) have none, because
     they depend on the fixture, and the calibration identifies them.
     """
-    n = truth.joint_count
+    n = truth.loop.joint_count
     stacked = truth.table.stacked()
     for kind, rows in ((DhKind.S, slice(2, n)), (DhKind.A, slice(1, n))):
         size = rng.uniform(*range_m, stacked[kind, rows].shape)

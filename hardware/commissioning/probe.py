@@ -5,6 +5,7 @@ node number, then identity and set-up of the nodes that answer.
 """
 
 import threading
+import time
 from collections import Counter
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -99,15 +100,12 @@ class _Listener:
         self._thread = threading.Thread(target=self._run, name="sarcal-probe", daemon=True)
         self._thread.start()
 
-    def listen(self, seconds: float) -> None:
-        self._closing.wait(seconds)
-
     def wait_for_answers(self, quiet_s: float) -> None:
         """Wait until no node has answered for `quiet_s`. The time is measured in polls, which excludes host latency."""
         polls = round(quiet_s / _POLL_S)
         known = silent_polls = 0
         for _ in range(_MAX_ANSWER_PERIODS * polls):
-            self.listen(_POLL_S)
+            time.sleep(_POLL_S)
             silent_polls = 0 if self.answers.total() > known else silent_polls + 1
             known = self.answers.total()
             if silent_polls >= polls:
@@ -161,14 +159,14 @@ def probe(
     wire = SharedBus(opener(settings), record_to=record_to)
     listener = _Listener(wire, profile)
     try:
-        listener.listen(listener.listen_s)
+        time.sleep(listener.listen_s)
         if others := listener.take_masters():
             busy = f"another program uses this bus: {others}"
             return Probe(busy=busy, heard=tuple(sorted(listener.heartbeats)), nodes=())
         for node in NODES:
             wire.send(objects.COB_SDO_TO_SERVER + node, _READ_DEVICE_TYPE)
             if node % 16 == 0:
-                listener.listen(_POLL_S)  # slow adapters take a few frames at a time
+                time.sleep(_POLL_S)  # slow adapters take a few frames at a time
         listener.wait_for_answers(answers_s)
         answers = dict(listener.answers)
         access = ObjectAccess(wire.send, sorted(answers))

@@ -72,23 +72,21 @@ def decode_frame(datagram: bytes, tag: bytes) -> can.Message | None:
     if len(datagram) < _HEADER.size:
         return None
     magic, its_tag, flags, length, arbitration_id = _HEADER.unpack_from(datagram)
-    if magic != _MAGIC or its_tag != tag or flags & ~_ALL_FLAGS:
-        return None
-    if arbitration_id >= (1 << 29 if flags & _EXTENDED else 1 << 11):
-        return None
-    if length > 8 or (flags & _REMOTE and flags & _ERROR):
-        return None
     data = datagram[_HEADER.size :]
-    if len(data) != (0 if flags & _REMOTE else length):
+    if magic != _MAGIC or its_tag != tag or flags & ~_ALL_FLAGS or (flags & _REMOTE and data):
         return None
-    return can.Message(
-        arbitration_id=arbitration_id,
-        is_extended_id=bool(flags & _EXTENDED),
-        is_remote_frame=bool(flags & _REMOTE),
-        is_error_frame=bool(flags & _ERROR),
-        dlc=length,
-        data=data,
-    )
+    try:
+        return can.Message(
+            arbitration_id=arbitration_id,
+            is_extended_id=bool(flags & _EXTENDED),
+            is_remote_frame=bool(flags & _REMOTE),
+            is_error_frame=bool(flags & _ERROR),
+            dlc=length,
+            data=data,
+            check=True,
+        )
+    except ValueError:
+        return None
 
 
 def filter_program(filters: CanFilters) -> bytes:

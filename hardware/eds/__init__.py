@@ -10,10 +10,9 @@ from pathlib import Path
 from typing import Final
 
 import canopen
-from canopen import ObjectDictionary
 from canopen.objectdictionary import ODVariable
 
-from hardware.canopen.objects import JOINT_PRODUCT, SUPERVISOR_NODE, SUPERVISOR_PRODUCT
+from hardware.canopen.objects import JOINT_PRODUCT, SUPERVISOR_PRODUCT
 
 EDS_FILES: Final[Mapping[int, Path]] = {
     JOINT_PRODUCT: Path(__file__).with_name("joint.eds"),
@@ -22,21 +21,14 @@ EDS_FILES: Final[Mapping[int, Path]] = {
 """Electronic data sheet (CiA 306) of every device type, by product code (1018h)."""
 
 
-def node_dictionary(node: int) -> ObjectDictionary:
-    """Return the object dictionary of a node: the supervisor's, or that of a joint's drive."""
-    product = SUPERVISOR_PRODUCT if node == SUPERVISOR_NODE else JOINT_PRODUCT
-    return product_dictionary(product, node)
-
-
 @cache  # parsing takes about 10 ms
-def product_dictionary(product: int, node: int) -> ObjectDictionary:
-    """Return a device type's object dictionary for a node number; callers share it and must not change it."""
-    return canopen.import_od(str(EDS_FILES[product]), node_id=node)
+def variables(product: int, node: int) -> Mapping[tuple[int, int], ODVariable]:
+    """Return all entries of a device type's object dictionary for a node number, by (index, sub-index).
 
-
-def variables(dictionary: ObjectDictionary) -> dict[tuple[int, int], ODVariable]:
-    """Return all entries by (index, sub-index); an object without sub-indices has sub-index 0."""
+    An object without sub-indices has sub-index 0. Callers share the entries and must not change them.
+    """
     by_index: dict[tuple[int, int], ODVariable] = {}
+    dictionary = canopen.import_od(str(EDS_FILES[product]), node_id=node)
     for index, item in dictionary.indices.items():
         subs = {0: item} if isinstance(item, ODVariable) else item.subindices
         by_index.update({(index, sub): subs[sub] for sub in subs})
@@ -45,7 +37,7 @@ def variables(dictionary: ObjectDictionary) -> dict[tuple[int, int], ODVariable]
 
 def pdo_struct(product: int, index: int) -> struct.Struct:
     """Return the layout of a device type's PDO, as defined by the mapping record at `index`."""
-    entries = variables(product_dictionary(product, 0))
+    entries = variables(product, 0)
     form = "<"
     for sub in range(1, int(entries[index, 0].default or 0) + 1):
         mapped = int(entries[index, sub].default or 0)

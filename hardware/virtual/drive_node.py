@@ -29,7 +29,7 @@ class DriveNode(VirtualNode):
     """Node of one joint; node number = joint number. With `reports_speed`, TPDO1 has the speed, not the position."""
 
     def __init__(self, axis: AxisSettings, send: Send, *, serial_number: int) -> None:
-        super().__init__(axis.joint, send, serial_number=serial_number)
+        super().__init__(axis.joint, send, product=JOINT_PRODUCT, serial_number=serial_number)
         self.axis = axis
         self.drive = Drive(axis, on_emergency=self.send_emergency)
         self.tpdo1_id = objects.COB_TPDO1 + self.number

@@ -14,7 +14,7 @@ from canopen.sdo.exceptions import SdoAbortedError
 
 from hardware.canopen import objects
 from hardware.canopen.objects import EmergencyCode, ErrorBit, NmtCommand, NmtState
-from hardware.eds import node_dictionary, variables
+from hardware.eds import variables
 from hardware.virtual.sdo_server import NodeSdoServer
 
 Value = int | bytes | str
@@ -31,7 +31,7 @@ _REGISTER = {
 
 
 class VirtualNode:
-    """A node on the bus, on which `send` puts a frame; `serial_number` is 1018h sub 4.
+    """A node on the bus, on which `send` puts a frame; `product` and `serial_number` are 1018h subs 2 and 4.
 
     `answers`: values by (index, sub-index), or functions that return them (None: no data); other objects have their
     default values.
@@ -39,14 +39,14 @@ class VirtualNode:
     write. `lock` is held while objects are accessed and while NMT commands are handled.
     """
 
-    def __init__(self, node: int, send: Send, *, serial_number: int) -> None:
+    def __init__(self, node: int, send: Send, *, product: int, serial_number: int) -> None:
         self.number, self._send = node, send
         self.lock = threading.RLock()
         self.state = NmtState.BOOT_UP
         self.error_register = ErrorBit(0)
         self._history: dict[int, int] = {}
         """Codes of past errors by sub-index of 1003h, the latest first."""
-        self._variables = variables(node_dictionary(node))
+        self._variables = variables(product, node)
         self.server = NodeSdoServer(self)
         self.answers: dict[tuple[int, int], Value | Callable[[], Value | None]] = {
             (objects.IDENTITY, objects.IDENTITY_SERIAL): serial_number,

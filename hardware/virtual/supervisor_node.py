@@ -58,7 +58,8 @@ class SupervisorNode(VirtualNode):
         is_heard: Callable[[int], bool],
         later: Callable[[Callable[[], None]], None],
     ) -> None:
-        super().__init__(objects.SUPERVISOR_NODE, send, serial_number=arm.number)
+        product = objects.SUPERVISOR_PRODUCT
+        super().__init__(objects.SUPERVISOR_NODE, send, product=product, serial_number=arm.number)
         self.arm = arm
         self.holder = 0
         self._group, self._axes = group, tuple(node.axis for node in group.drives)

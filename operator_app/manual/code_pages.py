@@ -9,7 +9,7 @@ from typing import Any
 from canopen.objectdictionary import ODVariable, datatypes
 
 from hardware.canopen.objects import JOINT_PRODUCT, SUPERVISOR_PRODUCT
-from hardware.eds import product_dictionary, variables
+from hardware.eds import variables
 from hardware.virtual.fault_messages import FAULTS, OPERATOR_SIDE, FaultDescription
 from operator_app.config.any_file import FileKind, json_schema
 from operator_app.config.resources import builtin_names, resolve
@@ -218,7 +218,7 @@ def _objects_page() -> str:
 
 
 def _objects(product: int) -> Iterator[tuple[str, ...]]:
-    for (index, sub), entry in sorted(variables(product_dictionary(product, 0)).items()):
+    for (index, sub), entry in sorted(variables(product, 0).items()):
         place = f"{index:04X}h sub {sub}" if sub else f"{index:04X}h"
         parent = getattr(entry.parent, "name", "")
         name = f"{parent}: {entry.name}" if parent else entry.name

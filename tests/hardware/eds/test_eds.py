@@ -12,7 +12,7 @@ import canopen
 import pytest
 
 from hardware.canopen import objects
-from hardware.eds import EDS_FILES, node_dictionary, product_dictionary, variables
+from hardware.eds import EDS_FILES, variables
 from tests.oracles.profiles import sarcos
 
 NODE = 3
@@ -60,12 +60,13 @@ def test_dcfchk_reports_no_errors(product, file):
 
 @BY_FILE
 def test_node_dictionary_is_what_canopen_reads_from_the_file(product, file):
-    imported = variables(canopen.import_od(str(file), NODE))
-    ours = variables(product_dictionary(product, NODE))
-    assert ours.keys() == imported.keys()
-    for key, variable in imported.items():
+    imported = canopen.import_od(str(file), NODE)
+    ours = variables(product, NODE)
+    assert {index for index, _ in ours} == imported.indices.keys()
+    for key, variable in ours.items():
         for name in ("name", "data_type", "access_type", "default", "pdo_mappable", "min", "max"):
-            assert getattr(ours[key], name) == getattr(variable, name), (key, name)
+            expected = getattr(imported.get_variable(*key), name)
+            assert getattr(variable, name) == expected, (key, name)
 
 
 def test_index_constants_are_the_indices_of_the_files():
@@ -78,13 +79,13 @@ def test_index_constants_are_the_indices_of_the_files():
     indices -= {objects.POSITION_OFFSET, objects.TORQUE_OFFSET, objects.ABORT_OPTION}
     # The program has no use for the versions of a device.
     assert indices | {0x1009, 0x100A} == {
-        index for product in EDS_FILES for index in product_dictionary(product, NODE).indices
+        index for product in EDS_FILES for index, _ in variables(product, NODE)
     }
 
 
 @BY_FILE
 def test_default_values_are_those_of_the_constants(product, file):
-    entries = variables(product_dictionary(product, NODE))
+    entries = variables(product, NODE)
     expected = DEFAULTS[product] | {
         (objects.IDENTITY, objects.IDENTITY_PRODUCT): product,
         (objects.HEARTBEAT_PRODUCER, 0): round(objects.HEARTBEAT_PERIOD_S * 1e3),
@@ -102,13 +103,13 @@ def test_default_values_are_those_of_the_constants(product, file):
 
 
 def test_ranges_are_those_of_the_constants():
-    joint = variables(node_dictionary(NODE))
+    joint = variables(objects.JOINT_PRODUCT, NODE)
     period = (
         joint[objects.CONTROL_PERIOD, 1].default * 10.0 ** joint[objects.CONTROL_PERIOD, 2].default
     )
     assert period == pytest.approx(objects.CONTROL_PERIOD_S, rel=1e-15)
     assert (joint[objects.TARGET_TORQUE, 0].min, joint[objects.TARGET_TORQUE, 0].max) == (0, 0)
-    supervisor = variables(node_dictionary(objects.SUPERVISOR_NODE))
+    supervisor = variables(objects.SUPERVISOR_PRODUCT, objects.SUPERVISOR_NODE)
     command = supervisor[objects.COMMAND, 0]
     assert [*range(command.min, command.max + 1)] == [*objects.ParameterCommand]
     token = supervisor[objects.TOKEN, 0]
@@ -143,7 +144,7 @@ def test_object_lists_contain_every_section_once(product, file):
 )
 def test_packaged_profile_has_the_pdos_of_the_virtual_drive(pdo, communication, index):
     """Operator and device state them separately."""
-    entries = variables(node_dictionary(NODE))
+    entries = variables(objects.JOINT_PRODUCT, NODE)
     assert entries[communication, 1].default & 0x7FF == pdo.cob_id
     mapped = [entries[index, k + 1].default for k in range(entries[index, 0].default)]
     assert mapped == [number << 16 | sub << 8 | bits for number, sub, bits in pdo.entries]

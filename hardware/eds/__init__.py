@@ -3,7 +3,6 @@
 `hardware.canopen.objects` names the indices used in code; a test compares them with the EDS files.
 """
 
-import struct
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
@@ -33,14 +32,3 @@ def variables(product: int, node: int) -> Mapping[tuple[int, int], ODVariable]:
         subs = {0: item} if isinstance(item, ODVariable) else item.subindices
         by_index.update({(index, sub): subs[sub] for sub in subs})
     return by_index
-
-
-def pdo_struct(product: int, index: int) -> struct.Struct:
-    """Return the layout of a device type's PDO, as defined by the mapping record at `index`."""
-    entries = variables(product, 0)
-    form = "<"
-    for sub in range(1, int(entries[index, 0].default or 0) + 1):
-        mapped = int(entries[index, sub].default or 0)
-        kind = entries[mapped >> 16, mapped >> 8 & 0xFF].data_type
-        form += ODVariable.STRUCT_TYPES[int(kind or 0)].format.lstrip("<")
-    return struct.Struct(form)

@@ -13,6 +13,7 @@ import pytest
 
 from hardware.canopen import objects
 from hardware.eds import EDS_FILES, variables
+from hardware.virtual.drive_node import RPDO1, TPDO1
 from tests.oracles.profiles import sarcos
 
 NODE = 3
@@ -136,18 +137,20 @@ def test_object_lists_contain_every_section_once(product, file):
 
 
 @pytest.mark.parametrize(
-    ("pdo", "communication", "index"),
+    ("pdo", "communication", "index", "layout"),
     [
-        (PROFILE.answers[0], objects.TPDO1_COMMUNICATION, objects.TPDO1_MAP),
-        (PROFILE.commands[0], objects.RPDO1_COMMUNICATION, objects.RPDO1_MAP),
+        (PROFILE.answers[0], objects.TPDO1_COMMUNICATION, objects.TPDO1_MAP, TPDO1),
+        (PROFILE.commands[0], objects.RPDO1_COMMUNICATION, objects.RPDO1_MAP, RPDO1),
     ],
 )
-def test_packaged_profile_has_the_pdos_of_the_virtual_drive(pdo, communication, index):
+def test_packaged_profile_has_the_pdos_of_the_virtual_drive(pdo, communication, index, layout):
     """Operator and device state them separately."""
     entries = variables(objects.JOINT_PRODUCT, NODE)
     assert entries[communication, 1].default & 0x7FF == pdo.cob_id
     mapped = [entries[index, k + 1].default for k in range(entries[index, 0].default)]
     assert mapped == [number << 16 | sub << 8 | bits for number, sub, bits in pdo.entries]
-    for number, sub, bits in pdo.entries:
-        assert len(entries[number, sub]) == bits
-        assert entries[number, sub].pdo_mappable
+    for (number, sub, bits), letter in zip(pdo.entries, layout.format[1:], strict=True):
+        entry = entries[number, sub]
+        assert entry.STRUCT_TYPES[entry.data_type].format[-1] == letter
+        assert len(entry) == bits
+        assert entry.pdo_mappable

@@ -85,7 +85,7 @@ class Loads:
 class Plant:
     """True geometry, loads and sensors of an arm; `rng` draws the sensors' noise.
 
-    `start_rad` (n,) and `start_hinge_rad` are true joint angles theta' and hinge angle of a closed pose, rad.
+    `start_rad` (n + 1,) are the true hinge angle and joint angles theta' of a closed pose, rad.
     """
 
     def __init__(
@@ -96,12 +96,11 @@ class Plant:
         sensors: Sequence[JointSensor],
         rng: np.random.Generator,
         start_rad: FloatArray,
-        start_hinge_rad: float,
     ) -> None:
         n = truth.loop.joint_count
         self.truth = truth
         self.sensors, self._rng = tuple(sensors), rng
-        self._angles = np.concatenate(([start_hinge_rad], start_rad))
+        self._angles = start_rad
         self._offsets = np.concatenate(([0.0], truth.offsets_rad))
         self._last = self._last_but_one = np.zeros(n + 1)
         self._drive: bytes | None = None

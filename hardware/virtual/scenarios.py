@@ -114,14 +114,12 @@ class Scenario:
             joint_sensor(joint, with_noise=self.noise, curve=curve)
             for joint, curve in zip(carried.joints, self.curves(arm), strict=True)
         ]
-        start, hinge = truth.closed_near(carried.home_rad)
         return Plant(
             truth=truth,
             loads=self.loads,
             sensors=sensors,
             rng=self._rng(_Stream.NOISE),
-            start_rad=start,
-            start_hinge_rad=hinge,
+            start_rad=truth.closed_near(carried.home_rad),
         )
 
     def tracker(self, plant: Plant, instrument: Measured) -> SimulatedTracker | None:

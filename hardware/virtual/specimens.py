@@ -253,9 +253,9 @@ def _truth(
 def _pose(truth: Truth, arm: ArmModel, near_rad: FloatArray) -> FloatArray | None:
     """Return the readings (n,) of the closed pose nearest to `near_rad`; None if there is none inside the ranges."""
     try:
-        pose, _ = truth.closed_near(near_rad)
+        pose = truth.closed_near(near_rad)
     except ValueError:
         return None
-    reading, margin = pose - truth.offsets_rad, RANGE_MARGIN_RAD
+    reading, margin = pose[1:] - truth.offsets_rad, RANGE_MARGIN_RAD
     inside = (reading > arm.lower_rad + margin) & (reading < arm.upper_rad - margin)
     return reading if np.all(inside) else None

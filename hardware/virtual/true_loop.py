@@ -210,20 +210,20 @@ class Truth:
                 return BallPoint(self.table, tip_m=tip, ground_m=ground)
         return ChainPoint(self.table)
 
-    def closed_near(self, reading_rad: FloatArray) -> tuple[FloatArray, float]:
+    def closed_near(self, reading_rad: FloatArray) -> FloatArray:
         """Find the closed pose nearest to a reading (n,), rad, in sensor coordinates; `ValueError` if there is none.
 
-        Returns true joint angles theta' (n,) and hinge angle theta_0 (0 without a hinge), rad.
+        Returns the true angles theta_0 (hinge; 0 without one), theta'_1 .. theta'_n (n + 1,), rad.
         """
         loop, nothing = self.loop, np.zeros(0)
         start = np.asarray(reading_rad, dtype=np.float64)[None, :]
         if isinstance(loop, MeasuredClosure):  # open at any pose
-            return start[0] + self.offsets_rad, 0.0
+            return np.append(0.0, start[0] + self.offsets_rad)
         flipped = bool(loop.reduced(nothing, start).flipped[0])
         closed = close_loops(loop, nothing, start)
         if flipped or not bool(closed.closed[0]):
             raise ValueError("this loop does not close near the given pose")
-        return closed.q[0] + self.offsets_rad, float(closed.u[0].sum())
+        return np.append(closed.u[0].sum(), closed.q[0] + self.offsets_rad)
 
 
 def hinge_truth(table: DhTable) -> Truth:

@@ -20,14 +20,12 @@ LOADED = replace(SOFT, payload_kg=STIFF.payload_kg)
 
 def make_plant(loads: Loads = SOFT) -> Plant:
     truth, sensor = paper_loop(), JointSensor(resolution_rad=FINE_RAD, noise_counts=0.0)
-    start, hinge = truth.closed_near(PAPER_HOME_RAD)
     return Plant(
         truth=truth,
         loads=loads,
         sensors=[sensor] * 7,
         rng=np.random.default_rng(0),
-        start_rad=start,
-        start_hinge_rad=hinge,
+        start_rad=truth.closed_near(PAPER_HOME_RAD),
     )
 
 

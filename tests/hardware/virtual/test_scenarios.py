@@ -13,7 +13,7 @@ from tests.hardware.virtual.conftest import BLOCKED, SARCOS, commands, sensed_ra
 
 
 def test_paper_loop_closes_at_the_published_home():
-    joints, hinge = paper_loop().closed_near(PAPER_HOME_RAD)
+    hinge, *joints = paper_loop().closed_near(PAPER_HOME_RAD)
     np.testing.assert_allclose(
         np.rad2deg(joints - paper_loop().offsets_rad), np.rad2deg(PAPER_HOME_RAD), atol=1e-4
     )

@@ -34,10 +34,10 @@ def test_error_and_jacobian_agree_with_the_solver(kind, spread_rad):
     rng = np.random.default_rng(1)
     truth, hinged = LOOPS[kind], LOOPS["paper" if kind == "paper" else "hinge"]
     own = kind in ("paper", "hinge")  # the hinge's angle is a coordinate
-    joints, hinge = hinged.closed_near(PAPER_HOME_RAD)
+    closed = hinged.closed_near(PAPER_HOME_RAD)
     point = truth.point()
     for _ in range(20):
-        angles = np.append(hinge, joints) + spread_rad * rng.standard_normal(8)
+        angles = closed + spread_rad * rng.standard_normal(8)
         angles[0] *= own
         point.at(angles)
         q = (angles[1:] - truth.offsets_rad)[None]

@@ -145,12 +145,12 @@ def sound_poses(
     while len(poses) < count:
         away = np.deg2rad(rng.uniform(-20.0, 20.0, arm.joint_count))
         try:
-            pose, _ = truth.closed_near(arm.home_rad + away if near is None else near)
+            pose = truth.closed_near(arm.home_rad + away if near is None else near)
         except ValueError:
             if near is not None:
                 raise
             continue
-        poses.append(pose - truth.offsets_rad)
+        poses.append(pose[1:] - truth.offsets_rad)
     return poses
 
 

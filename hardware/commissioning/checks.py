@@ -26,26 +26,6 @@ _IN_FLIGHT_S: Final = 0.5
 ENOUGH: Final = "that is enough"
 
 
-@dataclass(slots=True)
-class MidwayWatch:
-    """A watch function that calls `act` once, as soon as the joint has moved by `after_rad`."""
-
-    joint: int
-    after_rad: float
-    act: Callable[[], str | None]
-    start_rad: float
-    at_rad: float | None = None
-    """Position at which `act` was called; None before."""
-
-    def __call__(self, snapshot: ArmSnapshot) -> str | None:
-        """Return the result of `act` when the joint has moved by `after_rad` for the first time, otherwise None."""
-        position_rad = float(snapshot.positions_rad[self.joint - 1])
-        if self.at_rad is not None or abs(position_rad - self.start_rad) < self.after_rad:
-            return None
-        self.at_rad = position_rad
-        return self.act()
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Turn:
     """Test motion of one joint to `target_rad`, with limits; `part_rad`: angle after which a `midway_watch` acts."""
@@ -63,15 +43,34 @@ class Turn:
             {self.joint: self.target_rad}, speed_rad_per_s=self.speed_rad_per_s, watch=watch
         )
 
-    def midway_watch(self, act: Callable[[], str | None]) -> MidwayWatch:
+    def midway_watch(self, act: Callable[[], str | None]) -> "MidwayWatch":
         """Return a watch function that calls `act` once, when the joint has moved by `part_rad`."""
         start = float(self.arm.capture(self.bounds.samples).mean_rad[self.joint - 1])
-        return MidwayWatch(joint=self.joint, after_rad=self.part_rad, act=act, start_rad=start)
+        return MidwayWatch(turn=self, act=act, start_rad=start)
 
-    def overtravel(self, watch: MidwayWatch) -> str:
-        """Return a text that says how far the joint moved after `watch` called `act`, before it came to rest."""
-        position_rad = float(self.arm.capture(1).mean_rad[self.joint - 1])
-        at = watch.start_rad if watch.at_rad is None else watch.at_rad
+
+@dataclass(slots=True)
+class MidwayWatch:
+    """A watch function that calls `act` once, as soon as the joint of `turn` has moved by its `part_rad`."""
+
+    turn: Turn
+    act: Callable[[], str | None]
+    start_rad: float
+    at_rad: float | None = None
+    """Position at which `act` was called; None before."""
+
+    def __call__(self, snapshot: ArmSnapshot) -> str | None:
+        """Return the result of `act` when the joint has moved by `part_rad` for the first time, otherwise None."""
+        position_rad = float(snapshot.positions_rad[self.turn.joint - 1])
+        if self.at_rad is not None or abs(position_rad - self.start_rad) < self.turn.part_rad:
+            return None
+        self.at_rad = position_rad
+        return self.act()
+
+    def overtravel(self) -> str:
+        """Return a text that says how far the joint moved after `act` was called, before it came to rest."""
+        position_rad = float(self.turn.arm.capture(1).mean_rad[self.turn.joint - 1])
+        at = self.start_rad if self.at_rad is None else self.at_rad
         return f"the joint came to rest after a further {deg(abs(position_rad - at))}"
 
 
@@ -100,7 +99,7 @@ def halts(turn: Turn) -> Iterator[Clause]:
     halted = not outcome.reached and outcome.reason == ENOUGH
     text = f"a watch could not end the move, which reports {outcome.reason!r}"
     if halted:
-        text = f"a watch ended the move; {turn.overtravel(watch)}"
+        text = f"a watch ended the move; {watch.overtravel()}"
     yield Clause("halts", halted, text, turn.joint)
 
 
@@ -119,7 +118,7 @@ def is_interrupted(turn: Turn, interrupt: Callable[[], None]) -> Iterator[Clause
     enabled = len(clauses.enabled_joints(turn.arm)) == len(snapshot.joints)
     text = "the move was not interrupted"
     if interrupted:
-        text = f"{turn.overtravel(watch)}; the drives are {'on' if enabled else 'off'}"
+        text = f"{watch.overtravel()}; the drives are {'on' if enabled else 'off'}"
     passed = interrupted and enabled and not snapshot.moving
     yield Clause("Ctrl-C", passed, text, turn.joint)
     before = turn.arm.capture(turn.bounds.samples).mean_rad

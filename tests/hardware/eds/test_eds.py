@@ -105,10 +105,8 @@ def test_default_values_are_those_of_the_constants(product, file):
 
 def test_ranges_are_those_of_the_constants():
     joint = variables(objects.JOINT_PRODUCT, NODE)
-    period = (
-        joint[objects.CONTROL_PERIOD, 1].default * 10.0 ** joint[objects.CONTROL_PERIOD, 2].default
-    )
-    assert period == pytest.approx(objects.CONTROL_PERIOD_S, rel=1e-15)
+    digits, power = (joint[objects.CONTROL_PERIOD, sub].default for sub in (1, 2))
+    assert digits * 10.0**power == pytest.approx(objects.CONTROL_PERIOD_S, rel=1e-15)
     assert (joint[objects.TARGET_TORQUE, 0].min, joint[objects.TARGET_TORQUE, 0].max) == (0, 0)
     supervisor = variables(objects.SUPERVISOR_PRODUCT, objects.SUPERVISOR_NODE)
     command = supervisor[objects.COMMAND, 0]

@@ -104,7 +104,7 @@ def _unused(path: Path) -> Path:
 
 _MAX_SKIPPED = 200
 """Consecutive frames, other than data frames with a standard identifier, after which `receive` returns None."""
-_RECORDER_POLL_S = 0.05
+_LISTENER_POLL_S = 0.05
 QUEUE_FULL_PAUSE_S = 0.0005
 """Pause before sending again: a queue of ten frames at 1 Mbit/s has room again after 0.13 ms."""
 
@@ -222,6 +222,36 @@ class SharedBus:
 
 
 @contextmanager
+def receiving(
+    bus: SharedBus, take_in: Callable[[can.Message], None], name: str
+) -> Iterator[list[str]]:
+    """Context in which thread `name` passes on every data frame that `receive` returns, at the end those still queued.
+
+    Yields a list that receives the error text if the bus can no longer be read. Closes the bus at the end.
+    """
+    over, failures = threading.Event(), list[str]()
+
+    def listen() -> None:
+        try:
+            while not over.is_set():
+                if (message := bus.receive(_LISTENER_POLL_S)) is not None:
+                    take_in(message)
+            while (message := bus.receive(0.0)) is not None:
+                take_in(message)
+        except BusError as error:
+            failures.append(str(error))
+
+    thread = threading.Thread(target=listen, name=name, daemon=True)
+    thread.start()
+    try:
+        yield failures
+    finally:
+        over.set()
+        thread.join(_LISTENER_POLL_S * 100)
+        bus.close()
+
+
+@contextmanager
 def record_bus(settings: BusSettings, path: Path) -> Iterator[Callable[[], str | None]]:
     """Context in which a separate thread records the bus through a handle of its own.
 
@@ -229,22 +259,5 @@ def record_bus(settings: BusSettings, path: Path) -> Iterator[Callable[[], str |
     be opened a second time, or the file cannot be created.
     """
     bus = SharedBus(open_bus(settings), record_to=path)
-    over, failures = threading.Event(), list[str]()
-
-    def listen() -> None:
-        try:
-            while not over.is_set():
-                bus.receive(_RECORDER_POLL_S)
-            while bus.receive(0.0) is not None:
-                pass
-        except BusError as error:  # the file keeps what was recorded
-            failures.append(str(error))
-
-    thread = threading.Thread(target=listen, name="sarcal-recording", daemon=True)
-    thread.start()
-    try:
+    with receiving(bus, lambda _: None, "sarcal-recording") as failures:
         yield lambda: bus.recording_failure or next(iter(failures), None)
-    finally:
-        over.set()
-        thread.join(_RECORDER_POLL_S * 100)
-        bus.close()

@@ -4,7 +4,6 @@ The probe listens first, and sends nothing if another master is heard. Otherwise
 node number, then identity and set-up of the nodes that answer.
 """
 
-import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -17,12 +16,12 @@ import can
 from canopen.sdo import constants as sdo
 
 from hardware.buses.python_can import BusSettings, open_bus
-from hardware.buses.shared_bus import SharedBus
+from hardware.buses.shared_bus import SharedBus, receiving
 from hardware.canopen import drive_settings, maps, objects
 from hardware.canopen.bus_profile import COMMAND_OBJECTS, FEEDBACK_OBJECTS, BusProfile
 from hardware.canopen.drive_settings import DrivePdo
 from hardware.canopen.sdo import ObjectAccess
-from hardware.errors import BusError, HardwareError, SdoRefused
+from hardware.errors import HardwareError, SdoRefused
 from hardware.monitors.node_monitor import describe_master_frame
 
 LISTEN_PERIODS: Final = 1.2
@@ -86,19 +85,16 @@ class Probe:
 
 
 class _Listener:
-    """Receives in a thread: counts heartbeats, SDO answers and frames of other masters."""
+    """Counts heartbeats, SDO answers and frames of other masters."""
 
-    def __init__(self, wire: SharedBus, profile: BusProfile) -> None:
-        self._wire, self._profile = wire, profile
+    def __init__(self, profile: BusProfile) -> None:
+        self._profile = profile
         self.listen_s = LISTEN_PERIODS * max(1e-3 * profile.slowest_heartbeat_ms, 1.0)
         self.heartbeats: Counter[int] = Counter()
         self.answers: Counter[int] = Counter()
         self.device_types: dict[int, int] = {}
         self.masters: Counter[str] = Counter()
         self.deliver: Callable[[int, bytes], None] = lambda _identifier, _data: None
-        self._closing = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="sarcal-probe", daemon=True)
-        self._thread.start()
 
     def wait_for_answers(self, quiet_s: float) -> None:
         """Wait until no node has answered for `quiet_s`. The time is measured in polls, which excludes host latency."""
@@ -117,20 +113,7 @@ class _Listener:
         more = f"; and {len(listed) - MAX_NAMED} more" if len(listed) > MAX_NAMED else ""
         return "; ".join(listed[:MAX_NAMED]) + more
 
-    def close(self) -> None:
-        self._closing.set()
-        self._thread.join(5.0)
-
-    def _run(self) -> None:
-        while not self._closing.is_set():
-            try:
-                message = self._wire.receive(_POLL_S)
-            except BusError:
-                return
-            if message is not None:
-                self._take_in(message)
-
-    def _take_in(self, message: can.Message) -> None:
+    def take_in(self, message: can.Message) -> None:
         identifier, data = message.arbitration_id, bytes(message.data)
         if text := describe_master_frame(self._profile, identifier, data):
             self.masters[text] += 1
@@ -157,8 +140,8 @@ def probe(
     The probe listens before it sends anything. `answers_s`: silence after which no more answers are expected.
     """
     wire = SharedBus(opener(settings), record_to=record_to)
-    listener = _Listener(wire, profile)
-    try:
+    listener = _Listener(profile)
+    with receiving(wire, listener.take_in, "sarcal-probe"):
         time.sleep(listener.listen_s)
         if others := listener.take_masters():
             busy = f"another program uses this bus: {others}"
@@ -181,9 +164,6 @@ def probe(
             nodes=nodes,
             meanwhile=came and f"another program started to use this bus during the probe: {came}",
         )
-    finally:
-        listener.close()
-        wire.close()
 
 
 def _read_node(

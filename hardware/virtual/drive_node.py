@@ -96,10 +96,10 @@ class DriveNode(VirtualNode):
             (objects.TARGET_POSITION, 0): lambda: drive.target_counts,
         }
         self.writers |= {
-            objects.CONTROLWORD: lambda value: drive.obey_controlword(int(value)),
-            objects.MODE: lambda value: drive.ask_for_mode(int(value)),
+            objects.CONTROLWORD: drive.obey_controlword,
+            objects.MODE: drive.ask_for_mode,
             objects.TARGET_TORQUE: lambda _: None,  # only 0 is in the range of 6071h
-            objects.TARGET_POSITION: lambda value: drive.obey_target(int(value)),
+            objects.TARGET_POSITION: drive.obey_target,
         }
 
 

@@ -7,6 +7,7 @@ heartbeats, so that they stop when the loop hangs.
 import threading
 from collections.abc import Callable, Sequence
 from functools import partial
+from typing import Any
 
 from canopen.objectdictionary import ODVariable
 from canopen.sdo import constants as sdo
@@ -35,8 +36,8 @@ class VirtualNode:
 
     `answers`: values by (index, sub-index), or functions that return them (None: no data); other objects have their
     default values.
-    `writers`: functions, by index, that write sub-index 0 and may raise `SdoAbortedError`; other objects refuse a
-    write. `lock` is held while objects are accessed and while NMT commands are handled.
+    `writers`: functions, by index, that write sub-index 0 (an int, or bytes) and may raise `SdoAbortedError`; other
+    objects refuse a write. `lock` is held while objects are accessed and while NMT commands are handled.
     """
 
     def __init__(self, node: int, send: Send, *, product: int, serial_number: int) -> None:
@@ -55,8 +56,7 @@ class VirtualNode:
         }
         for place in range(1, objects.ERROR_HISTORY + 1):
             self.answers[objects.ERROR_FIELD, place] = partial(self._history.get, place)
-        self.writers: dict[int, Callable[[Value], None]] = {}
-        self.writers[objects.ERROR_FIELD] = self._clear_history
+        self.writers: dict[int, Callable[[Any], None]] = {objects.ERROR_FIELD: self._clear_history}
 
     @property
     def has_sdo_and_emcy(self) -> bool:
@@ -130,7 +130,7 @@ class VirtualNode:
     def write_object(self, index: int, subindex: int, data: bytes) -> None:
         """Write bytes to an object that `check_writable` has accepted; `SdoAbortedError` if the value is refused."""
         variable = self._variable(index, subindex)
-        value: Value = data
+        value: int | bytes = data
         if variable.data_type in _NUMBERS:
             if 8 * len(data) != len(variable):
                 raise SdoAbortedError(sdo.ABORT_LENGTH_NOT_MATCHED)
@@ -156,7 +156,7 @@ class VirtualNode:
             raise SdoAbortedError(sdo.ABORT_NO_SUBINDEX if known else sdo.ABORT_NOT_IN_OD)
         return variable
 
-    def _clear_history(self, value: Value) -> None:
+    def _clear_history(self, value: int) -> None:
         if value != 0:
             raise SdoAbortedError(sdo.ABORT_INVALID_VALUE)
         self._history.clear()

@@ -15,7 +15,7 @@ from hardware.canopen import objects
 from hardware.canopen.objects import ParameterCommand, Slot
 from hardware.virtual import parameter_store
 from hardware.virtual.drive_node import DriveGroup
-from hardware.virtual.node import Send, Value, VirtualNode
+from hardware.virtual.node import Send, VirtualNode
 from hardware.virtual.parameter_store import ParameterStore, Validate, ValidatedParameters
 from hardware.virtual.sdo_server import Deferred
 
@@ -98,8 +98,7 @@ class SupervisorNode(VirtualNode):
         with self.lock:
             self._take(0)
 
-    def _ask_for_control(self, value: Value) -> None:
-        node = int(value)
+    def _ask_for_control(self, node: int) -> None:
         if node == self.holder:
             return
         if node != 0 and self.holder != 0:
@@ -118,19 +117,17 @@ class SupervisorNode(VirtualNode):
             self._received = self._staged = None
         self._group.control_changed(node)
 
-    def _receive(self, value: Value) -> None:
+    def _receive(self, document: bytes) -> None:
         self._require_control()
-        if not isinstance(value, bytes):
-            raise SdoAbortedError(sdo.ABORT_GENERAL_ERROR)
-        self._received, self._staged = value, None
+        self._received, self._staged = document, None
 
-    def _order(self, value: Value) -> None:
+    def _order(self, command: int) -> None:
         self._require_control()
         work = {
             ParameterCommand.STAGE: self._stage,
             ParameterCommand.COMMIT: self._commit,
             ParameterCommand.ROLL_BACK: self._roll_back,
-        }[ParameterCommand(int(value))]
+        }[ParameterCommand(command)]
         self._busy = True
         self._later(lambda: self._carry_out(work))
         raise Deferred

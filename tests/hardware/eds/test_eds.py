@@ -60,7 +60,7 @@ def test_dcfchk_reports_no_errors(product, file):
 
 
 @BY_FILE
-def test_node_dictionary_is_what_canopen_reads_from_the_file(product, file):
+def test_entries_are_what_canopen_reads_from_the_file(product, file):
     imported = canopen.import_od(str(file), NODE)
     ours = variables(product, NODE)
     assert {index for index, _ in ours} == imported.indices.keys()

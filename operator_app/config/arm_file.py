@@ -17,7 +17,7 @@ from operator_app.config.errors import value_in_words
 from operator_app.config.resources import resolve
 from operator_app.config.schema import Fields, StrictModel, checked, numbered, read_model
 from operator_app.config.strict_yaml import Complaint
-from solver.arrays import frozen
+from solver.arrays import FloatArray, frozen
 from solver.chain.arm_model import ArmModel, Joint
 from solver.chain.kinematics import DhTable
 from solver.chain.parameters import DhEntry, DhKind
@@ -234,6 +234,10 @@ class ArmFile(StrictModel):
             values = [getattr(row, name) for row in self.dh]
             return [0.0 if value == "fixture" else float(value) for value in values]
 
+        def tolerances(key: str) -> FloatArray:
+            stated = [getattr(row.tolerance, key) for row in self.dh]
+            return np.array([getattr(self.tolerance, key) if v is None else v for v in stated])
+
         hayati = tuple(row.row for row in self.dh[:-1] if _is_hayati(row))
         offset, links, gravity = self.offset_tolerance_deg, self.links, self.gravity
         # In a Hayati row, beta is identified in place of s.
@@ -261,7 +265,8 @@ class ArmFile(StrictModel):
             ),
             free=tuple(dict.fromkeys(free)),
             home_rad=frozen(np.deg2rad(self.home_deg)),
-            tolerances=tuple(row.tolerance.over(self.tolerance) for row in self.dh),
+            length_tolerance_m=frozen(tolerances("length_mm") / 1e3),
+            twist_tolerance_rad=frozen(np.deg2rad(tolerances("twist_deg"))),
             offset_tolerance_rad=None if isinstance(offset, str) else math.radians(offset),
             down=gravity.direction if gravity else UPRIGHT_DOWN,
             masses=error_model.link_masses(links, gravity) if links and gravity else None,

@@ -14,7 +14,6 @@ from pydantic import ConfigDict, Field, field_validator, model_validator
 from fixtures.base import Compliance
 from operator_app.config import quantities
 from operator_app.config.schema import StrictModel
-from solver.chain.arm_model import RowTolerance
 from solver.chain.statics import LinkMasses
 
 
@@ -45,12 +44,6 @@ class RowToleranceModel(Uncertain):
 
     length_mm: quantities.StatedMm | None = None
     twist_deg: quantities.StatedDeg | None = None
-
-    def over(self, arm: ToleranceModel) -> RowTolerance:
-        """Return the row's tolerance as a domain object; a value that the row does not state is taken from `arm`."""
-        length = arm.length_mm if self.length_mm is None else self.length_mm
-        twist = arm.twist_deg if self.twist_deg is None else self.twist_deg
-        return RowTolerance(length_m=length / 1e3, twist_rad=math.radians(twist))
 
 
 class GiveModel(Uncertain):

@@ -38,17 +38,6 @@ class Joint:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RowTolerance:
-    """Uncertainty of one D-H row in the maker's table, for entries that are fixed instead of identified.
-
-    `length_m`: standard deviation of s and a. `twist_rad`: standard deviation of alpha and beta. 0 means exact.
-    """
-
-    length_m: float = 0.0
-    twist_rad: float = 0.0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class ArmModel:
     """A serial arm of n revolute joints.
 
@@ -58,7 +47,8 @@ class ArmModel:
     `joints`: joints 1..n.
     `free`: entries of `table` that calibration identifies by default, in addition to the fixture's unknowns.
     `home_rad`: pose the arm starts from, sensor coordinates, shape (n,).
-    `tolerances`: tolerances of rows 1..n.
+    `length_tolerance_m`, `twist_tolerance_rad` (n,): standard deviation of s and a, and of alpha and beta, in each row
+    of the maker's table, for entries that are fixed instead of identified. 0 means exact.
     `offset_tolerance_rad`: standard uncertainty of the nominal offsets; None if it is not known.
     `down`: unit vector along gravity in frame 0, the arm's base.
     `masses`: masses of the links; None if they are not stated.
@@ -72,7 +62,8 @@ class ArmModel:
     joints: tuple[Joint, ...]
     free: tuple[DhEntry, ...]
     home_rad: FloatArray
-    tolerances: tuple[RowTolerance, ...]
+    length_tolerance_m: FloatArray
+    twist_tolerance_rad: FloatArray
     offset_tolerance_rad: float | None = None
     down: tuple[float, float, float] = UPRIGHT_DOWN
     masses: LinkMasses | None = None
@@ -105,8 +96,7 @@ class ArmModel:
         """Return the arm with `length_m` as standard deviation of every s and a; None leaves the arm unchanged."""
         if length_m is None:
             return self
-        rows = tuple(replace(row, length_m=length_m) for row in self.tolerances)
-        return replace(self, tolerances=rows)
+        return replace(self, length_tolerance_m=np.full(self.joint_count, length_m))
 
     def maker_entries(self, row: int) -> tuple[DhEntry, ...]:
         """Lengths and twists of a row of the maker's table: a, s and alpha, or a, beta and alpha in `hayati_rows`."""
@@ -124,16 +114,6 @@ class ArmModel:
     def gain_rad(self) -> FloatArray:
         """Deviation (n,) at a gain error of one sigma: rms over the full scale, rad; 0 if the sensor is not an RVDT."""
         return np.array([joint.sensor.gain_rad for joint in self.joints])
-
-    @property
-    def length_tolerance_m(self) -> FloatArray:
-        """Standard deviation of s and a in each row of the maker's table, shape (n,); 0 means exact."""
-        return np.array([row.length_m for row in self.tolerances])
-
-    @property
-    def twist_tolerance_rad(self) -> FloatArray:
-        """Standard deviation of alpha and beta in each row of the maker's table, shape (n,); 0 means exact."""
-        return np.array([row.twist_rad for row in self.tolerances])
 
     @property
     def accuracy_rad(self) -> FloatArray:

@@ -10,7 +10,7 @@ from fixtures.hinge import Hinge
 from fixtures.measured import Measured
 from fixtures.rigid import Rigid
 from operator_app.config.arm_file import load_arm
-from solver.chain.arm_model import ArmModel, Joint, RowTolerance
+from solver.chain.arm_model import ArmModel, Joint
 from solver.chain.kinematics import DhTable, Frames, forward
 from solver.chain.parameters import DhEntry, DhKind, nominal_vector
 from solver.chain.rotations import rotation_about_z
@@ -105,7 +105,8 @@ def eight_joints() -> ArmModel:
         joints=(JOINT,) * 8,
         free=tuple(DhEntry(DhKind.THETA_OFF, j) for j in range(1, 9)),
         home_rad=np.deg2rad([10, -40, 20, -100, 30, 70, 40, -20]),
-        tolerances=(RowTolerance(),) * 8,
+        length_tolerance_m=np.zeros(8),
+        twist_tolerance_rad=np.zeros(8),
     )
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solver.chain.arm_model import ArmModel, Joint, RowTolerance
+from solver.chain.arm_model import ArmModel, Joint
 from solver.chain.kinematics import DhTable
 from solver.chain.parameters import DhEntry
 from solver.chain.sensors import Encoder, Rvdt
@@ -66,7 +66,8 @@ def paper_arm(truth: Truth) -> ArmModel:
         ),
         free=entries([f"theta_off_{j}" for j in range(1, 8)]),
         home_rad=truth.home,
-        tolerances=(RowTolerance(),) * 7,
+        length_tolerance_m=np.zeros(7),
+        twist_tolerance_rad=np.zeros(7),
     )
 
 

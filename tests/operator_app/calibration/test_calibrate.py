@@ -12,7 +12,6 @@ from operator_app.calibration.cross_validation import check
 from operator_app.calibration.experiment import FixtureRefusedError
 from operator_app.config.poses_file import load_poses
 from operator_app.messages.finding import Finding, FindingKind
-from solver.chain.arm_model import RowTolerance
 from solver.chain.sensors import Encoder, NoSensor
 from solver.closing import close_loops
 from solver.diagnostics.range_checks import ReadingsOutOfRangeError
@@ -81,7 +80,8 @@ def stated_exact():
         return replace(joint, backlash_rad=0.0, sag_rad=0.0, sensor=sensor)
 
     joints = tuple(map(exact, ARM.joints))
-    arm = replace(ARM, joints=joints, tolerances=(RowTolerance(),) * 7)
+    zeros = np.zeros(7)
+    arm = replace(ARM, joints=joints, length_tolerance_m=zeros, twist_tolerance_rad=zeros)
     return arm, replace(HINGE, compliance=Compliance())
 
 

@@ -22,7 +22,7 @@ def test_parts_use_the_gravity_sign_of_the_full_fit(reference_data):
 
 
 def test_parts_use_the_length_tolerance_of_the_calibration():
-    exact = replace(ARM, tolerances=tuple(replace(t, length_m=0.0) for t in ARM.tolerances))
+    exact = ARM.with_length_tolerance(0.0)
     poses, jackknife_sds = poses_of(session(0)), []
     for arm, tolerance_m in ((ARM, None), (exact, float(ARM.length_tolerance_m.max()))):
         solution = calibrate(arm, HINGE, poses, length_tolerance_m=tolerance_m)

@@ -36,7 +36,8 @@ def test_missing_arm_errors_are_assumed_and_listed():
     np.testing.assert_array_equal(stated.accuracy_rad, [hundredth_rad] * 5 + [0.0] * 2)
     np.testing.assert_array_equal(stated.backlash_rad, hundredth_rad)
     np.testing.assert_array_equal(stated.sag_rad, hundredth_rad)
-    assert arm.tolerances == stated.tolerances
+    np.testing.assert_array_equal(arm.length_tolerance_m, stated.length_tolerance_m)
+    np.testing.assert_array_equal(arm.twist_tolerance_rad, stated.twist_tolerance_rad)
     assert arm.joints == stated.joints
     assert arm.assumed == (
         "tolerance.length_mm: 0.5",

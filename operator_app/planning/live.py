@@ -118,7 +118,7 @@ def _with_one_more(
     )
 
 
-LEGS = 24
+STEPS = 24
 """Number of steps in which a move to a waypoint is predicted: small steps keep the loop on its branch."""
 
 
@@ -126,7 +126,7 @@ LEGS = 24
 class Forecast:
     """Predicted poses of a plan.
 
-    `q_rad` (w, n): joint angles at each waypoint.
+    `q_rad` (w, n): joint angles at each waypoint, or as far on the way to it as the chain can be followed.
     `reachable` (w,): whether, at each waypoint, the loop closes with every joint inside its range.
     `scaled_condition_number`: for the first reachable poses, as many as planned; inf if a parameter is undetermined.
     """
@@ -163,13 +163,15 @@ def predict(
     `poses`: number of poses to capture. `Forecast.scaled_condition_number` is for this number of reachable poses.
     """
     joints = tuple(plan[0])
-    columns = [j - 1 for j in joints]
     goal = np.array([[point[j] for j in joints] for point in plan])
     if isinstance(model, MeasuredClosure):
         q = np.repeat(np.asarray(start_rad)[None, :], len(plan), axis=0)
-        q[:, columns], closed = goal, np.ones(len(plan), dtype=np.bool_)
+        q[:, [j - 1 for j in joints]], closed = goal, np.ones(len(plan), dtype=np.bool_)
     else:
-        q, closed = _followed(model, x, start_rad, columns, goal)
+        start = close_loops(model, x, np.asarray(start_rad)[None, :])
+        q, u = (np.repeat(angles, len(plan), axis=0) for angles in (start.q, start.u))
+        moves = drive_straight(model, x, q, u, joints, goal, steps=STEPS)
+        q, closed = moves.q[:, -1], moves.closed
     reachable = closed & np.all((q > arm.lower_rad) & (q < arm.upper_rad), axis=1)
     chosen = q[reachable][:poses]
     condition = float("inf")
@@ -180,23 +182,6 @@ def predict(
             loop = model.with_endpoints(position, rotation if model.full_pose else None)
         condition = identifiability(loop, x, chosen).scaled_condition_number
     return Forecast(q_rad=q, reachable=reachable, scaled_condition_number=condition)
-
-
-def _followed(
-    model: ClosureModel, x: FloatArray, start_rad: FloatArray, columns: list[int], goal: FloatArray
-) -> tuple[FloatArray, BoolArray]:
-    """Move drives (`columns`) from `start_rad` to each `goal` (w, d); return poses (w, n) and whether each closes."""
-    start = close_loops(model, x, np.asarray(start_rad)[None, :])
-    weight = np.ones(model.joint_count)
-    # The drive joints keep their angles (weight 0); the other joints follow.
-    weight[columns] = 0.0
-    q, u = (np.repeat(angles, len(goal), axis=0) for angles in (start.q, start.u))
-    begin = q[:, columns].copy()
-    for leg in np.linspace(0.0, 1.0, LEGS + 1)[1:]:
-        q[:, columns] = begin + leg * (goal - begin)
-        step = close_loops(model, x, q, sigma_rad=weight, u=u, max_iterations=8, tolerance=1e-6)
-        q, u = step.q, step.u
-    return q, np.abs(model.loop(x, q, u).residual).max(axis=-1) < 1e-4
 
 
 def most_informative(

@@ -155,8 +155,19 @@ def choose_drives(
     )
 
 
-def named_drives(prediction: DrivePrediction, drives: tuple[int, ...], kind: str) -> DriveChoice:
-    """Return the procedure's `drives` as the choice; `GuardError` for an unknown joint or a wrong number of joints."""
+def best_or_named_drives(
+    prediction: DrivePrediction,
+    drives: tuple[int, ...] | None,
+    *,
+    kind: str,
+    unsensed_joints: tuple[int, ...],
+) -> DriveChoice:
+    """Return `drives` as the choice or, if they are None, the best usable set as `choose_drives` does.
+
+    `kind`: of fixture. Raises `GuardError` for an unknown joint or a wrong number of joints.
+    """
+    if drives is None:
+        return choose_drives(prediction, unsensed_joints=unsensed_joints)
     motion = prediction.manifold.motion
     problem = modes_problem(
         drives, joint_count=motion.joint_count, mobility=motion.degrees, kind=kind

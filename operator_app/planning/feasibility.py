@@ -10,7 +10,7 @@ from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.instrument_registration import with_registered_instrument
 from operator_app.config.fixture_file import FixtureSpec
 from operator_app.errors import SessionError
-from operator_app.planning.drives import DriveChoice, choose_drives, named_drives, predict_drives
+from operator_app.planning.drives import DriveChoice, best_or_named_drives, predict_drives
 from operator_app.planning.task import without_hidden
 from solver.arrays import FloatArray, evenly
 from solver.chain.arm_model import ArmModel
@@ -80,10 +80,8 @@ def assess_feasibility(
         mobility = prediction.manifold.motion.degrees
         q = prediction.manifold.q
         identified = _identifiability_at(model, q[evenly(len(q), SPREAD)])
-        choice = (
-            choose_drives(prediction, unsensed_joints=unsensed)
-            if position_joints is None
-            else named_drives(prediction, position_joints, fixture.kind)
+        choice = best_or_named_drives(
+            prediction, position_joints, kind=fixture.kind, unsensed_joints=unsensed
         )
     except SessionError as error:
         refusal = error

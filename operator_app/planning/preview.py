@@ -7,7 +7,7 @@ import numpy as np
 from fixtures.base import EndpointConstraint, SetupCheck
 from fixtures.setup_checks import setup_checks
 from operator_app.errors import SessionError
-from operator_app.planning.drives import DriveChoice, choose_drives, named_drives, predict_drives
+from operator_app.planning.drives import DriveChoice, best_or_named_drives, predict_drives
 from operator_app.planning.exploration import RANGE_END_MARGIN_RAD
 from operator_app.planning.task import planning_task
 from solver.arrays import FloatArray
@@ -90,10 +90,9 @@ def preview(
             )
         x = estimate.x
     prediction = predict_drives(arm, task.model, x, start, seed=seed)
-    if position_joints is None:
-        choice = choose_drives(prediction, unsensed_joints=unsensed_joints)
-    else:
-        choice = named_drives(prediction, position_joints, fixture.kind)
+    choice = best_or_named_drives(
+        prediction, position_joints, kind=fixture.kind, unsensed_joints=unsensed_joints
+    )
     task = replace(task, drive_sets=choice.sets)
     try:
         plan = make_plan(

@@ -18,7 +18,13 @@ from typing import ClassVar
 import numpy as np
 
 from solver.arrays import FloatArray, IntArray, select_poses
-from solver.chain.rotations import rotation_matrix, rotation_vector, rotation_vector_differential
+from solver.chain.rotations import (
+    rotation_about_x,
+    rotation_about_z,
+    rotation_matrix,
+    rotation_vector,
+    rotation_vector_differential,
+)
 from solver.loops.arm_loop import ArmLoop
 from solver.loops.closure import ConstrainedPart, LoopError
 from solver.loops.endpoint_geometry import Line
@@ -72,19 +78,11 @@ class PointClosure(ArmLoop):
         self, ground: Line, hand: Line, rotation: FloatArray
     ) -> dict[str, float]:
         """Return tip_x .. ground_z, m, from the points of `hand` and `ground`; entries of links 1 and n are nominal."""
-        table = self.table
-        c, s = np.cos(table.theta_off_rad), np.sin(table.theta_off_rad)
-        ca, sa = np.cos(table.alpha_rad[-1]), np.sin(table.alpha_rad[-1])
-        x, y, z = hand.point_m
-        along, across, up = (
-            c[-1] * x + s[-1] * y - table.a_m[-1],
-            c[-1] * y - s[-1] * x,
-            z - table.s_m[-1],
-        )
-        tip = (along, ca * across + sa * up, ca * up - sa * across)
-        x, y, z = ground.point_m
-        socket = (c[0] * x - s[0] * y, s[0] * x + c[0] * y, z + table.s_m[0])
-        return dict(zip(TIP + GROUND, map(float, (*tip, *socket)), strict=True))
+        off, s, a, alpha, _ = self.table.stacked()
+        across = rotation_about_z(-off[-1]) @ hand.point_m - [a[-1], 0.0, s[-1]]
+        tip = rotation_about_x(-alpha[-1]) @ across
+        socket = rotation_about_z(off[0]) @ ground.point_m + [0.0, 0.0, s[0]]
+        return dict(zip(TIP + GROUND, [*tip.tolist(), *socket.tolist()], strict=True))
 
     def fixture_axis(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Centre of the socket, m, and a zero axis."""

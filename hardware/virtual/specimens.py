@@ -6,6 +6,7 @@ cannot determine keep their nominal values.
 """
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 
@@ -230,7 +231,7 @@ def _truth(
     """Return the true geometry with the arm's D-H `rows` (5, n), but `x` (P,) for the unknowns of `model`."""
     stacked = model.table.stacked()
     stacked[:, -rows.shape[1] :] = rows
-    with_rows = model.with_table(DhTable.from_stacked(stacked))
+    with_rows = replace(model, table=DhTable.from_stacked(stacked))
     table = DhTable.from_stacked(with_rows.tables(x))
     if isinstance(model, DhLoop):
         return Truth(DhLoop(table=table, entries=(), hinge=model.hinge))

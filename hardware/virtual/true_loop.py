@@ -5,7 +5,7 @@ poses at once, and is ten times slower for one pose. A test compares the two to 
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -263,7 +263,7 @@ def with_length_errors(
         size = rng.uniform(*range_m, stacked[kind, rows].shape)
         stacked[kind, rows] += size * rng.choice((-1.0, 1.0), size.shape)
     own = stacked[:, -truth.loop.table.links :]
-    return Truth(truth.loop.with_table(DhTable.from_stacked(own)))
+    return Truth(replace(truth.loop, table=DhTable.from_stacked(own)))
 
 
 PLACEMENT_ENTRIES = ("a_0", "s_0", "alpha_0", "s_1", "a_7", "s_7", "alpha_7")

@@ -159,10 +159,6 @@ class ArmLoop(ClosureModel):
         new = tuple(e for e in entries if e not in known)
         return replace(self, entries=self.entries + new)
 
-    def with_table(self, table: DhTable) -> Self:
-        """Return the same loop with `table` as the nominal values of its links."""
-        return replace(self, table=table)
-
     def drawn(self, x: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray] | None:
         """Points (n + 2, 3), m, at `q` (n,): origins of frames 0..n, then the fixture's point; and an axis of zeros."""
         frames = self.frames(x, q[None, :], np.zeros((1, len(self.unsensed_joints))))

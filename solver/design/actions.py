@@ -101,13 +101,16 @@ def moves_along(
             drives = leg.drives
             why = f"joints {' and '.join(map(str, drives))} reach {goal}"
             moves.append(ChangeDrives(drives=drives, why=why))
-        moves.extend(
-            GoTo(targets_rad=leg.targets(k), trace_rad=leg.trace_rad, why=f"to {goal}{of}")
-            for k in range(len(leg.waypoints_rad))
-        )
+        moves += [
+            straight_move(q_rad, drives, f"to {goal}{of}", leg.trace_rad)
+            for q_rad in leg.waypoints_rad
+        ]
     return moves
 
 
-def straight_move(q_rad: FloatArray, drives: tuple[int, ...], why: str) -> GoTo:
-    """Return a straight move of the joints `drives` to their angles in the pose `q_rad` (n,), with `trace_rad` None."""
-    return GoTo(targets_rad={j: float(q_rad[j - 1]) for j in drives}, why=why)
+def straight_move(
+    q_rad: FloatArray, drives: tuple[int, ...], why: str, trace_rad: FloatArray | None = None
+) -> GoTo:
+    """Return a straight move of the joints `drives` to their angles in the pose `q_rad` (n,)."""
+    targets_rad = {j: float(q_rad[j - 1]) for j in drives}
+    return GoTo(targets_rad=targets_rad, why=why, trace_rad=trace_rad)

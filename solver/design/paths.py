@@ -46,10 +46,6 @@ class Leg:
     waypoints_rad: FloatArray
     trace_rad: FloatArray
 
-    def targets(self, waypoint: int) -> dict[int, float]:
-        """Drive angles of one waypoint, rad, by joint (1-based)."""
-        return {j: float(self.waypoints_rad[waypoint, j - 1]) for j in self.drives}
-
 
 class PathGraph:
     """Graph of paths between poses; a node is a pose with a drive set, and edges are moves or changes of drive set.

@@ -109,7 +109,7 @@ def candidate_poses(
     q_start: FloatArray,
     ranges: Ranges,
     *,
-    count: int = 3000,
+    count: int,
     seed: int = 0,
 ) -> Manifold:
     """Cover the manifold reachable from `q_start` with about `count` poses, whatever the manifold's size.

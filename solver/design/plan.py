@@ -68,7 +68,7 @@ class PlanningTask:
     drive_sets: tuple[tuple[int, ...], ...] | None = None
     limits: MotionLimits = LIMITS
     pose_leverage: float = 0.3
-    candidates: int = 3000
+    candidates: int
     seed: int = 0
 
 

@@ -97,6 +97,7 @@ def task(loop):
         noise=NoiseModel(joint_variance=SIGMA**2),
         errors_at=of_noise(SIGMA),
         drive_sets=(DRIVES,),
+        candidates=3000,
     )
 
 

@@ -19,7 +19,7 @@ from solver.chain.parameters import DhEntry, nominal_vector
 from solver.chain.poses import PoseSet
 from solver.design.motion import Ranges
 from solver.design.plan import PlanningTask
-from solver.estimators.error_model import ErrorModel
+from solver.estimators.error_model import ErrorModel, variance_of_means
 from solver.estimators.implicit import NoiseModel
 from solver.loops.closure import ClosureModel
 
@@ -82,9 +82,8 @@ def planning_task(
     model = without_hidden(arm, fixture, fixture.model(arm))
     _, tolerance = free_within_tolerance(model, arm)
     lost, blind = {f"theta_off_{j}" for j in unsensed_joints}, [j - 1 for j in unsensed_joints]
-    variance = (CURVE_SHARE * arm.linearity_rad()) ** 2
-    for j, joint in enumerate(arm.joints):
-        variance[j] += joint.sensor.variance_of_mean_rad2(samples)
+    (of_reading,) = variance_of_means(arm, np.array([samples]))
+    variance = (CURVE_SHARE * arm.linearity_rad()) ** 2 + of_reading
     variance[blind] = UNSENSED_SIGMA_RAD**2
 
     def errors_at(q_rad: FloatArray) -> ErrorModel:

@@ -42,9 +42,6 @@ class PoseSet:
                 object.__setattr__(self, name, frozen(value))
         if self.samples is not None:
             object.__setattr__(self, "samples", _whole(self.samples, "samples"))
-        for name in ("utc", "notes"):
-            if (value := getattr(self, name)) is not None:
-                object.__setattr__(self, name, tuple(value))
         self._check()
 
     def _check(self) -> None:

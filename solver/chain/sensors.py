@@ -167,14 +167,10 @@ class SensorCurve:
         """Number of basis functions (line and polynomials); 0 for a sensor without systematic errors."""
         return self.lines + self.bends
 
-    def place(self, theta_rad: FloatArray) -> FloatArray:
-        """Return x (m,) at sensor angles (m,), clipped to +-`SATURATION`."""
-        x = (theta_rad - self.middle_rad) / self.half_scale_rad
-        return np.asarray(np.clip(x, -SATURATION, SATURATION))
-
     def basis(self, theta_rad: FloatArray) -> FloatArray:
         """Basis functions (m, width) at sensor angles (m,): a line of slope `gain`, then the weighted polynomials."""
-        x = self.place(theta_rad)
+        x = (theta_rad - self.middle_rad) / self.half_scale_rad
+        x = np.clip(x, -SATURATION, SATURATION)
         shapes = [(self.gain * self.half_scale_rad * x)[:, None]] * self.lines
         if self.bent:
             shapes.append(np.vander(x, len(_POWERS), increasing=True) @ _POWERS)

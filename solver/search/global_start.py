@@ -16,7 +16,7 @@ from solver.chain.parameters import nominal_vector, wrap_angles
 from solver.estimators.estimate import require_enough_poses
 from solver.estimators.least_squares import Progress, solve_damped
 from solver.estimators.paper import closure_problem
-from solver.loops.closure import ClosureModel, nearest_equivalent
+from solver.loops.closure import ClosureModel, in_order, nearest_equivalent
 from solver.search.starts import best_minima
 
 STARTS = 500
@@ -136,8 +136,6 @@ def _solve(
 ) -> tuple[LocalMinimum, ...]:
     """Search, refine the minima on all poses `q`, and return the distinct solutions, the best first."""
     nominal = nominal_vector(sensed.parameters)
-    names = [p.name for p in sensed.parameters]
-    columns = [names.index(p.name) for p in model.parameters]
     problem = closure_problem(sensed, q)
 
     solutions: list[tuple[FloatArray, LocalMinimum]] = []
@@ -151,7 +149,7 @@ def _solve(
         x = nearest_equivalent(sensed, fit.x, nominal)
         error = sensed.reduced(x, q)
         minimum = LocalMinimum(
-            x=x[columns],
+            x=in_order(model, sensed, x),
             rms=float(np.sqrt(np.mean(error.residual**2))),
             starts=count,
             flipped=error.flipped_poses,

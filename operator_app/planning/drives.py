@@ -104,11 +104,17 @@ def predict_drives(
     return prediction
 
 
-def sets_to_try(
+def usable_sets(
     prediction: DrivePrediction, unsensed_joints: tuple[int, ...] = ()
-) -> tuple[tuple[int, ...], ...]:
-    """Return the usable drive sets to try on the arm, the best first."""
-    return tuple(r.drives for r in _usable(prediction, unsensed_joints)[:TRIED_SETS])
+) -> list[RankedDrives]:
+    """Return the sets usable at the pose and over the region, best first; with inexact joints only as a last resort."""
+    usable_now = {r.drives for r in prediction.here if r.usable}
+    usable = [
+        r
+        for r in prediction.region
+        if r.usable and r.drives in usable_now and not set(r.drives) & set(unsensed_joints)
+    ]
+    return [r for r in usable if not set(r.drives) & prediction.inexact] or usable
 
 
 def choose_drives(
@@ -123,7 +129,7 @@ def choose_drives(
     set with the highest score over this region; with trials, the tried set with the largest product of this score and
     the measured one. Raises `SessionError` if no set is usable, or none of the tried sets moves the arm.
     """
-    usable = _usable(prediction, unsensed_joints)
+    usable = usable_sets(prediction, unsensed_joints)
     if not usable:
         near = prediction.here[0]
         raise SessionError(
@@ -132,7 +138,7 @@ def choose_drives(
             "move the arm away from the singularity by hand, or mount the hinge elsewhere "
             "(`sarcal plan --advise`)",
         )
-    trial = rank_by_trial(trials) if trials else ()
+    best, reasons, trial = usable[0], usable[0].reasons, rank_by_trial(trials)
     if trials:
         measured = {r.drives: r for r in trial if r.usable}
         tried = [r for r in usable if r.drives in measured]
@@ -143,13 +149,11 @@ def choose_drives(
                 "check what holds the arm, or name the joints: modes: {position: [1, 5]}",
             )
         best = max(tried, key=lambda r: r.score * measured[r.drives].score)
-        tested: tuple[str, ...] = (f"on the arm: {measured[best.drives].reasons[-1]}",)
-    else:
-        best, tested = usable[0], ()
+        reasons = (*best.reasons, f"on the arm: {measured[best.drives].reasons[-1]}")
     return DriveChoice(
         drives=best.drives,
         sets=_with_complementary_sets(prediction.manifold, best.drives, [r.drives for r in usable]),
-        reasons=(*best.reasons, *tested),
+        reasons=reasons,
         prediction=prediction,
         trial=trial,
     )
@@ -193,17 +197,6 @@ def _joint_out_of_range(arm: ArmModel, manifold: Manifold) -> str:
         f": by the fixture's measured values, joint {joint + 1} is {np.rad2deg(over[joint]):.0f} deg "
         "beyond its range in the nearest closed pose"
     )
-
-
-def _usable(prediction: DrivePrediction, unsensed_joints: tuple[int, ...]) -> list[RankedDrives]:
-    """Return the sets usable at the pose and over the region, best first; with inexact joints only as a last resort."""
-    usable_now = {r.drives for r in prediction.here if r.usable}
-    usable = [
-        r
-        for r in prediction.region
-        if r.usable and r.drives in usable_now and not set(r.drives) & set(unsensed_joints)
-    ]
-    return [r for r in usable if not set(r.drives) & prediction.inexact] or usable
 
 
 def _with_complementary_sets(

@@ -12,7 +12,13 @@ import numpy as np
 
 from hardware.arm import MoveResult
 from operator_app.errors import GuardError
-from operator_app.planning.drives import DriveChoice, choose_drives, predict_drives, sets_to_try
+from operator_app.planning.drives import (
+    TRIED_SETS,
+    DriveChoice,
+    choose_drives,
+    predict_drives,
+    usable_sets,
+)
 from operator_app.planning.exploration import Box, box_of, overload, waypoints
 from operator_app.session.store.logbook import Logbook
 from operator_app.session.workflow.listener import Listener
@@ -56,7 +62,8 @@ def choose(session: Session, *, may_move: bool = True) -> DriveChoice:
     unsensed = session.procedure.unsensed_joints
     trials: tuple[DriveTrial, ...] = ()
     if session.procedure.trial and may_move:
-        trials = tuple(wiggle(session, drives) for drives in sets_to_try(prediction, unsensed))
+        best = usable_sets(prediction, unsensed)[:TRIED_SETS]
+        trials = tuple(wiggle(session, ranked.drives) for ranked in best)
     choice = choose_drives(prediction, unsensed_joints=unsensed, trials=trials)
     session.record(
         "drives_chosen",

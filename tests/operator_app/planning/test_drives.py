@@ -7,7 +7,7 @@ import pytest
 
 from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import SessionError
-from operator_app.planning.drives import choose_drives, predict_drives, sets_to_try
+from operator_app.planning.drives import choose_drives, predict_drives, usable_sets
 from solver.chain.parameters import nominal_vector
 from solver.design.drive_joints import DriveTrial
 
@@ -38,12 +38,12 @@ def trial(drives: tuple[int, ...], *, follows: float = 1.0, stopped: str = "") -
 def test_inexact_and_unsensed_joints_do_not_drive(prediction):
     assert prediction.inexact == {6, 7}
     assert not any({6, 7} & set(drives) for drives in choose_drives(prediction).sets)
-    sets = (*choose_drives(prediction, unsensed_joints=(1,)).sets, *sets_to_try(prediction, (1,)))
-    assert all(1 not in drives for drives in sets)
+    assert all(1 not in r.drives for r in usable_sets(prediction, (1,)))
+    assert all(1 not in d for d in choose_drives(prediction, unsensed_joints=(1,)).sets)
 
 
 def test_failed_drive_trial_overrules_the_prediction(prediction):
-    sets = sets_to_try(prediction)
+    sets = [r.drives for r in usable_sets(prediction)]
     assert sets[0] == (1, 5)
     trials = [trial(d, stopped="joint 3 needed 90 N m" if d == (1, 5) else "") for d in sets]
     choice = choose_drives(prediction, trials=trials)
@@ -52,7 +52,7 @@ def test_failed_drive_trial_overrules_the_prediction(prediction):
 
 
 def test_no_drive_set_that_moves_or_at_a_fold_is_an_error(prediction):
-    trials = [trial(d, follows=0.1) for d in sets_to_try(prediction)]
+    trials = [trial(r.drives, follows=0.1) for r in usable_sets(prediction)]
     with pytest.raises(SessionError, match="only 10% of its commanded angle"):
         choose_drives(prediction, trials=trials)
     folded = tuple(

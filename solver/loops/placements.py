@@ -71,16 +71,12 @@ class Placements(ClosureModel):
         """Model of placement `number`, and indices of its parameters among all; `ValueError` for an unknown number."""
         return self.models[self.numbers.index(number)], self.columns(number)
 
-    def poses_of(self, number: int) -> IntArray:
-        """Indices of the poses taken in one placement."""
-        return np.flatnonzero(self.placement == number)
-
     def parts(self) -> tuple[tuple[ClosureModel, IntArray, IntArray], ...]:
         """Model, indices of its parameters and indices of its poses, for every placement that has poses."""
         return tuple(
             (model, self.columns(number), poses)
             for number, model in zip(self.numbers, self.models, strict=True)
-            if len(poses := self.poses_of(number))
+            if len(poses := np.flatnonzero(self.placement == number))
         )
 
     def loop(self, x: FloatArray, q: FloatArray, u: FloatArray) -> LoopError:
@@ -193,14 +189,11 @@ class Placements(ClosureModel):
 
     def at_poses(self, poses: IntArray) -> Placements:
         """Return the model for the poses `poses`; placements without poses keep their unknowns."""
-        poses = np.asarray(poses)
-        if poses.dtype == np.bool_:
-            poses = np.flatnonzero(poses)
+        poses = np.arange(len(self.placement))[poses]
+        taken_here = (self.placement == number for number in self.numbers)
         models = tuple(
-            model.at_poses(
-                np.searchsorted(self.poses_of(number), poses[self.placement[poses] == number])
-            )
-            for number, model in zip(self.numbers, self.models, strict=True)
+            model.at_poses(np.searchsorted(np.flatnonzero(here), poses[here[poses]]))
+            for model, here in zip(self.models, taken_here, strict=True)
         )
         return replace(self, models=models, placement=self.placement[poses])
 

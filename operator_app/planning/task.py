@@ -18,16 +18,13 @@ from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import DhEntry, nominal_vector
 from solver.chain.poses import PoseSet
 from solver.design.motion import Ranges
-from solver.design.plan import PlanningTask
+from solver.design.plan import CANDIDATES, PlanningTask
 from solver.estimators.error_model import ErrorModel, variance_of_means
 from solver.estimators.implicit import NoiseModel
 from solver.loops.closure import ClosureModel
 
 MARGIN_RAD = float(np.deg2rad(3.0))
 """Margin of planned poses to the ends of the joint ranges, in addition to the linearity deviation."""
-
-CANDIDATES = 3000
-"""Number of candidate poses of a plan."""
 
 CURVE_SHARE = 0.5
 """Share of a sensor's specified linearity deviation that interim estimates treat as noise."""

@@ -33,6 +33,8 @@ from solver.estimators.implicit import NoiseModel
 from solver.estimators.variance_components import settle
 from solver.loops.closure import ClosureModel, in_order
 
+CANDIDATES = 3000
+"""Number of candidate poses of a plan."""
 AVOID_RADIUS_RAD = 0.15
 """Nothing is planned this near to a pose where a move had to be stopped."""
 APART_RAD = 0.1
@@ -68,7 +70,7 @@ class PlanningTask:
     drive_sets: tuple[tuple[int, ...], ...] | None = None
     limits: MotionLimits = LIMITS
     pose_leverage: float = 0.3
-    candidates: int
+    candidates: int = CANDIDATES
     seed: int = 0
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from hardware.arm import Watch
 from operator_app.errors import GuardError
 from operator_app.planning.exploration import RANGE_END_MARGIN_RAD
-from operator_app.planning.task import CANDIDATES, require_closed_chain
+from operator_app.planning.task import require_closed_chain
 from operator_app.session.store.state import CampaignLog
 from operator_app.session.store.stored_calibration import NO_WAY_BACK
 from operator_app.session.workflow.campaign_replay import (
@@ -32,6 +32,7 @@ from operator_app.session.workflow.session import Session
 from operator_app.units import WHOLE_DEGREES, joints_named, plural
 from solver.design.actions import Action, Capture, ChangeDrives, Finished, GoTo, path_watch
 from solver.design.campaign import Campaign
+from solver.design.plan import CANDIDATES
 from solver.design.stop_rule import WeakParameter
 
 SAME_BRANCH_RAD = float(np.deg2rad(6.0))

@@ -80,8 +80,7 @@ def stated_exact():
         return replace(joint, backlash_rad=0.0, sag_rad=0.0, sensor=sensor)
 
     joints = tuple(map(exact, ARM.joints))
-    zeros = np.zeros(7)
-    arm = replace(ARM, joints=joints, length_tolerance_m=zeros, twist_tolerance_rad=zeros)
+    arm = replace(ARM.with_length_tolerance(0.0), joints=joints, twist_tolerance_rad=np.zeros(7))
     return arm, replace(HINGE, compliance=Compliance())
 
 

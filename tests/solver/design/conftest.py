@@ -97,7 +97,6 @@ def task(loop):
         noise=NoiseModel(joint_variance=SIGMA**2),
         errors_at=of_noise(SIGMA),
         drive_sets=(DRIVES,),
-        candidates=3000,
     )
 
 

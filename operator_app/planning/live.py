@@ -200,7 +200,7 @@ def most_informative(
     if not candidates or not len(taken_rad):
         return None
     closed = close_loops(task.model, x, forecast.q_rad[candidates])
-    known, offered = information_of(task, x, taken_rad, closed.q, closed.u)
+    known, offered = information_of(task, x, taken_rad, closed)
     (best,) = choose_poses(offered.root, 1, parameters=len(offered.parameters), fixed=known)
     return candidates[best]
 

@@ -202,7 +202,6 @@ class Campaign:
             limits = self.task.limits
             eased = limits.eased(EASIER_LEVERAGE)
             tasks.append(replace(tasks[0], limits=eased, pose_leverage=limits.least_leverage))
-        avoid = self._blocked + self._unreached
         for task in tasks:
             with suppress(ValueError):
                 self.plan = make_plan(
@@ -212,7 +211,7 @@ class Campaign:
                     remaining,
                     captured=self.readings_rad,
                     covariance=self.estimate.covariance,
-                    avoid_rad=np.array(avoid) if avoid else None,
+                    avoid_rad=self._blocked + self._unreached,
                 )
                 self.exploring = False
                 self._visits = deque(self.plan.visits)
@@ -297,9 +296,7 @@ class Campaign:
         if not self._requested or self.plan is None:
             return None
         manifold = self.plan.manifold
-        known, candidates = information_of(
-            self.task, manifold.x, self.readings_rad, manifold.q, manifold.u
-        )
+        known, candidates = information_of(self.task, manifold.x, self.readings_rad, manifold)
         return stop_decision(
             known,
             candidates,

@@ -8,7 +8,6 @@ too near to an older pose are dropped. The poses cover the part reachable inside
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,9 +15,6 @@ from solver.arrays import BoolArray, FloatArray, IntArray
 from solver.closing import close_loops
 from solver.design.motion import ChainMotion, Ranges, chain_motion
 from solver.loops.closure import ClosureModel
-
-if TYPE_CHECKING:
-    from scipy.spatial import cKDTree
 
 SPACING = 0.75
 """New poses are at least this share of a step from all others; a disc packing at this distance leaves few gaps."""
@@ -145,21 +141,19 @@ def _wave(
     return (points[:, None, :] + steps).reshape(-1, angles)
 
 
-def _tree(points: FloatArray) -> cKDTree:
-    from scipy.spatial import cKDTree  # takes long to import; the terminal app may never need it
-
-    return cKDTree(points)
-
-
 def _far_from(others: FloatArray, points: FloatArray, distance: float) -> BoolArray:
     """Whether each of `points` (m, d) is at least `distance`, rad, from all of `others` (k, d); shape (m,)."""
-    nearest, _ = _tree(others).query(points, distance_upper_bound=distance)
+    from scipy.spatial import cKDTree  # takes long to import; the terminal app may never need it
+
+    nearest, _ = cKDTree(others).query(points, distance_upper_bound=distance)
     return np.asarray(nearest >= distance)
 
 
 def _pairs(points: FloatArray, distance: float) -> IntArray:
     """Return the sorted index pairs (E, 2), lower index first, of points within `distance` of each other."""
-    pairs = _tree(points).query_pairs(distance, output_type="ndarray")
+    from scipy.spatial import cKDTree
+
+    pairs = cKDTree(points).query_pairs(distance, output_type="ndarray")
     return np.asarray(pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))], dtype=np.int64)
 
 

@@ -4,7 +4,7 @@ The poses are a D-optimal choice from those that the drives can reach by safe pa
 estimate predicts the free joints reliably.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -14,7 +14,7 @@ import numpy as np
 
 from solver.arrays import BoolArray, FloatArray
 from solver.chain.parameters import DhEntry
-from solver.closing import close_loops, reduced_equations
+from solver.closing import ClosedPoses, close_loops, reduced_equations
 from solver.design.d_optimal import (
     PoseInformation,
     TooFewCandidatesError,
@@ -49,6 +49,7 @@ class PlanningTask:
 
     `model`: the loop with all joints sensed.
     `margin_rad`: least distance of planned poses and paths from the ends of the ranges, scalar or (n,).
+    `noise`: noise of a pose's readings, with one variance for each joint, (n,).
     `errors_at`: function that returns the error model for readings (m, n), the same as in the final calibration.
     `toleranced`: entries of the arm's table that are corrected within their tolerances.
     `prior`: standard deviations (rad, m) of parameters before any pose, by name.
@@ -116,14 +117,14 @@ def make_plan(
     *,
     captured: FloatArray | None = None,
     covariance: FloatArray | None = None,
-    avoid_rad: FloatArray | None = None,
+    avoid_rad: Sequence[FloatArray] = (),
 ) -> PosePlan:
     """Plan `count` poses for an arm at the readings `q_start` (n,), with the estimate `x` (P,) of the parameters.
 
     Raises `ValueError` if the loop does not close near the start, or fewer than `count` poses can be reached.
     `captured`: joint angles (c, n) of poses captured already; their information is included.
     `covariance` (P, P): covariance of `x`, used to exclude poses whose prediction is uncertain; None: none is excluded.
-    `avoid_rad`: readings (b, n) of poses to avoid, e.g. where a move had to be stopped. No pose of a visit or path
+    `avoid_rad`: readings, (n,) each, of poses to avoid, e.g. where a move had to be stopped. No pose of a visit or path
     is nearer to them than `AVOID_RADIUS_RAD`, or than half their distance from `q_start` if that is smaller.
     """
     manifold = candidate_poses(
@@ -141,7 +142,7 @@ def make_plan(
     trusted = np.ones(manifold.size, dtype=np.bool_)
     if covariance is not None:
         trusted = _trusted(task, manifold, sets, covariance)
-    for pose in () if avoid_rad is None else avoid_rad:
+    for pose in avoid_rad:
         # The arm must be able to leave a pose near its present one.
         radius = min(AVOID_RADIUS_RAD, 0.5 * float(np.linalg.norm(q_start - pose)))
         trusted &= ((manifold.q - pose) ** 2).sum(-1) > radius**2
@@ -150,7 +151,7 @@ def make_plan(
     graph = PathGraph(manifold, sets, task.limits, allowed=trusted)
     allowed = graph.reachable(0)
     before = np.zeros((0, len(q_start))) if captured is None else captured
-    known, information = information_of(task, x, before, manifold.q, manifold.u)
+    known, information = information_of(task, x, before, manifold)
     allowed &= np.max([manifold.motion.leverage(d) for d in sets], axis=0) >= task.pose_leverage
     points = [0, *_choose(task, manifold, information, known, allowed, count)]
     visits = tuple(points[k] for k in visiting_order(graph.distances(points)))
@@ -195,25 +196,18 @@ def _choose(
 
 
 def information_of(
-    task: PlanningTask,
-    x: FloatArray,
-    readings: FloatArray,
-    closed_q: FloatArray,
-    closed_u: FloatArray,
+    task: PlanningTask, x: FloatArray, readings: FloatArray, candidates: Manifold | ClosedPoses
 ) -> tuple[FloatArray, PoseInformation]:
     """Return the information (N, N) from priors and captured poses together, and the information of each candidate.
 
     `readings` (c, n): captured poses; the information of each is calculated at the nearest pose that closes the loop.
-    `closed_q` (m, n), `closed_u` (m, U): candidates. The variances of the errors come from a fit of the captured poses
-    or, if no fit is possible, are the start values of the error model.
+    The variances of the errors come from a fit of the captured poses or, if no fit is possible, are the start values of
+    the error model.
     """
     c = len(readings)
-    variance = np.broadcast_to(task.noise.joint_variance, (max(c, 1), readings.shape[-1]))
-    closed = close_loops(task.model, x, readings, sigma_rad=np.sqrt(variance.mean(axis=0)))
-    every_q, q, u = (
-        np.concatenate(parts)
-        for parts in ((readings, closed_q), (closed.q, closed_q), (closed.u, closed_u))
-    )
+    closed = close_loops(task.model, x, readings, sigma_rad=np.sqrt(task.noise.joint_variance))
+    every_q = np.concatenate((readings, candidates.q))
+    q, u = np.concatenate((closed.q, candidates.q)), np.concatenate((closed.u, candidates.u))
     model = task.model.freed(task.toleranced)
     every = in_order(model, task.model, x)
     variances = _estimated_variances(task, model, every, readings)

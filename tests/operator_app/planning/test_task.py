@@ -37,8 +37,7 @@ def by_noise_alone(task):
 
 def planned_sigma(task, x, q: np.ndarray) -> np.ndarray:
     """Standard deviations (P,) forecast for poses `q` (m, n), none of which is captured yet."""
-    loops = close_loops(task.model, x, q)
-    before, information = information_of(task, x, q[:0], loops.q, loops.u)
+    before, information = information_of(task, x, q[:0], close_loops(task.model, x, q))
     return standard_deviations(information.of(range(len(q))) + before, len(x))
 
 

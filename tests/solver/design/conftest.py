@@ -50,8 +50,7 @@ def of_noise(sigma_rad: np.ndarray):
 
 def information_of_captured_poses(task: PlanningTask, x: np.ndarray, q: np.ndarray) -> np.ndarray:
     """Information of captured poses `q` (c, n) and of what files state."""
-    no_candidates = close_loops(task.model, x, q[:0])
-    return information_of(task, x, q, no_candidates.q, no_candidates.u)[0]
+    return information_of(task, x, q, close_loops(task.model, x, q[:0]))[0]
 
 
 def choose_poses(root: np.ndarray, count: int, **options) -> tuple[int, ...]:

@@ -90,5 +90,5 @@ def test_prediction_sigma_agrees_with_random_parameters(loop, x, region):
 
 def test_plan_avoids_the_place_of_a_stopped_move(quick, x, plan):
     stopped_at = plan.poses_rad[3]
-    other_plan = make_plan(quick, x, HOME, 8, avoid_rad=stopped_at[None, :])
+    other_plan = make_plan(quick, x, HOME, 8, avoid_rad=[stopped_at])
     assert np.linalg.norm(other_plan.poses_rad - stopped_at, axis=-1).min() > 0.15

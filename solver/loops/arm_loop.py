@@ -30,8 +30,8 @@ class ArmLoop(ClosureModel):
     OWN: ClassVar[tuple[str, ...]] = ()
     OWN_ANGLES: ClassVar[tuple[str, ...]] = ()
     GROUND_SIDE: ClassVar[tuple[str, ...]] = ()
-    """Names of the unknowns that an endpoint can have (`OWN`), of those that are angles (`OWN_ANGLES`), and of those
-    that locate the fixture on the table (`GROUND_SIDE`)."""
+    """Names of the unknowns that an endpoint can have (`OWN`), of those that are angles (`OWN_ANGLES`), and of all
+    unknowns that locate the fixture on the table (`GROUND_SIDE`)."""
     ARRAYS: ClassVar[tuple[str, ...]] = ()
     """Fields that hold arrays."""
 
@@ -79,8 +79,8 @@ class ArmLoop(ClosureModel):
 
     @property
     def ground_side(self) -> tuple[str, ...]:
-        """Names of those unknowns in `own` that locate the fixture on the table."""
-        return tuple(name for name in self.own if name in self.GROUND_SIDE)
+        """Names of those unknowns that locate the fixture on the table."""
+        return tuple(p.name for p in self.parameters if p.name in self.GROUND_SIDE)
 
     @property
     def hand_side(self) -> tuple[str, ...]:

@@ -24,6 +24,11 @@ class DhLoop(ArmLoop):
     """
 
     FIRST_LINK: ClassVar[int] = 0
+    GROUND_SIDE: ClassVar[tuple[str, ...]] = (
+        *(f"{kind.symbol}_0" for kind in DhKind),
+        "theta_off_1",
+        "s_1",
+    )
 
     components: ClassVar[int] = 6
 
@@ -123,15 +128,6 @@ class DhLoop(ArmLoop):
                             z[index[name]] = sign * z[index[name]] + shift
                         candidates.append(z)
         return np.stack(candidates)
-
-    @property
-    def ground_side(self) -> tuple[str, ...]:
-        """Names of the unknown entries that locate the fixture on the table: any of link 0, and theta_off_1 and s_1."""
-        return tuple(
-            e.name
-            for e in self.entries
-            if e.row == 0 or (e.row == 1 and e.kind in (DhKind.THETA_OFF, DhKind.S))
-        )
 
     @property
     def hand_side(self) -> tuple[str, ...]:

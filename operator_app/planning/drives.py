@@ -84,9 +84,7 @@ def predict_drives(
             here=rank_at_pose(model, x, q_rad),
             region=rank_over_region(manifold),
             manifold=manifold,
-            inexact=frozenset(
-                j for j, error in enumerate(arm.linearity_rad(), 1) if error > INEXACT_RAD
-            ),
+            inexact=frozenset((1 + np.flatnonzero(arm.linearity_rad() > INEXACT_RAD)).tolist()),
         )
     except ValueError as error:
         singular = isinstance(error, np.linalg.LinAlgError)

@@ -113,12 +113,7 @@ def preview(
         arm=arm,
         estimate=estimate,
         captured=0 if known_rad is None else len(known_rad),
-        checks=setup_checks(
-            fixture,
-            arm,
-            start,
-            None if estimate is None else in_order(fixture.model(arm), task.model, x),
-        ),
+        checks=setup_checks(fixture, arm, start, in_order(fixture.model(arm), task.model, x)),
         identifiability=plan.design
         if known_rad is None
         else identifiability(task.model, x, np.concatenate((known_rad, plan.poses_rad))),

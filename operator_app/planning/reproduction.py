@@ -168,9 +168,8 @@ def capture_specimen(procedure: Procedure, chosen: Scenario, *, poses: int) -> P
     sensors = [joint.sensor for joint in chosen.arm(arm).joints]
     resolution = np.array([getattr(sensor, "resolution_rad", 0.0) for sensor in sensors])
     drives = procedure.position_joints or ()
-    modes = [JointMode.FREE] * arm.joint_count
-    for joint in drives:
-        modes[joint - 1] = JointMode.POSITION
+    joints = range(1, arm.joint_count + 1)
+    modes = [JointMode.POSITION if j in drives else JointMode.FREE for j in joints]
 
     def step(targets_rad: FloatArray) -> FloatArray:
         commands = [

@@ -113,15 +113,16 @@ def _calibrate(s: SessionSnapshot) -> list[str]:
 
 def _results(s: SessionSnapshot) -> list[str]:
     facts = facts_on(s)
-    if facts is None or s.solution is None:
+    if facts is None:
         return []
-    truth = truth_in_words(s.solution)
+    solution, kind = facts.solution, "Note" if facts.notices_are_notes else "Warning"
+    truth = truth_in_words(solution)
     return [
         f"{facts.verdict.capitalize()}.",
         *(f"{h.text.capitalize()}." for h in facts.headlines),
         *([f"The truth: {truth}"] if truth else []),
-        *(f"Reason: {reason}." for reason in facts.reasons),
-        *(f"{'Note' if facts.notices_are_notes else 'Warning'}: {n.text}." for n in facts.notices),
+        *(f"Reason: {reason}." for reason in solution.reasons),
+        *(f"{kind}: {n.text}." for n in solution.warnings),
     ]
 
 

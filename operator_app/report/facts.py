@@ -16,7 +16,7 @@ from operator_app.calibration.cross_validation import Checks
 from operator_app.calibration.result import Solution
 from operator_app.calibration.rvdt import reading_tables
 from operator_app.config.procedure import AcceptanceLimits
-from operator_app.messages.finding import Finding, FindingKind
+from operator_app.messages.finding import FindingKind
 from operator_app.report import parameter_tables, quality_tables, uncertainty_tables
 from operator_app.report.calibration_json import calibration_data, checks_data, estimate_data
 from operator_app.report.table import Cell, FactTable, Headline, figures, keyed
@@ -31,16 +31,10 @@ CONDITION_PAPER = 28
 class Facts:
     """The facts of a calibration, most important first.
 
-    `verdict`: in words. `reasons`: why the calibration is not accepted; empty if it is accepted.
-    `causes`: possible faults, the main one first.
     `data`: the part of the JSON object that is in no table.
     """
 
-    accepted: bool
-    verdict: str
-    reasons: tuple[str, ...]
-    causes: tuple[Finding, ...]
-    notices: tuple[Finding, ...]
+    solution: Solution
     headlines: tuple[Headline, ...]
     tables: tuple[FactTable, ...]
     data: Mapping[str, Any]
@@ -51,14 +45,19 @@ class Facts:
         return merged(self.data, keyed(self.tables))
 
     @property
+    def verdict(self) -> str:
+        """The verdict in words."""
+        return self.solution.verdict.words
+
+    @property
     def notices_are_notes(self) -> bool:
         """Whether the calibration is accepted without warnings, so that its notices are called notes."""
-        return self.verdict == Verdict.ACCEPTED.words
+        return self.solution.verdict is Verdict.ACCEPTED
 
     @property
     def limits_met(self) -> str:
         """Text "the calibration meets its limits", followed by "but its ..." if the condition number is too large."""
-        exceeded = (n for n in self.notices if n.kind is FindingKind.CONDITION)
+        exceeded = (n for n in self.solution.warnings if n.kind is FindingKind.CONDITION)
         met = "the calibration meets its limits"
         return f"{met}, but its {finding.text}" if (finding := next(exceeded, None)) else met
 
@@ -118,11 +117,7 @@ def facts_of(
         parameter_tables.correlation_table(estimate),
     )
     return Facts(
-        accepted=solution.accepted,
-        verdict=solution.verdict.words,
-        reasons=solution.reasons,
-        causes=solution.causes,
-        notices=solution.warnings,
+        solution=solution,
         headlines=headlines,
         tables=tuple(table for table in tables if table is not None),
         data=calibration_data(solution)

@@ -29,7 +29,7 @@ def facts_text(facts: Facts, *, failed: str = "") -> str:
         verdict_text(facts, failed=failed),
         *(table_text(table) for table in facts.tables if not table.detail),
         warnings_text(
-            (n for n in facts.notices if n.code not in _codes_in_verdict(facts)),
+            (n for n in facts.solution.warnings if n.code not in _codes_in_verdict(facts)),
             mark="-" if facts.notices_are_notes else "!",
         ),
     ]
@@ -38,21 +38,21 @@ def facts_text(facts: Facts, *, failed: str = "") -> str:
 
 def verdict_text(facts: Facts, *, failed: str = "") -> str:
     """Return verdict and reasons; the first line also names `failed`, a file of poses that contradict the result."""
-    reasons = facts.reasons
+    reasons = facts.solution.reasons
     head = facts.verdict.upper()
     if failed:
-        so = "BUT" if facts.accepted else "AND"
+        so = "BUT" if facts.solution.accepted else "AND"
         head += f", {so} DOES NOT HOLD for {failed} (the test is at the end)"
     head += ":"
-    if facts.accepted:
+    if facts.solution.accepted:
         codes = _codes_in_verdict(facts)
-        reasons = tuple(n.sentence for n in facts.notices if n.code in codes)
+        reasons = tuple(n.sentence for n in facts.solution.warnings if n.code in codes)
         head = f"{head} {facts.limits_met}.{' Possible causes of error:' if reasons else ''}"
     return "\n".join((paragraph(head), *(paragraph(f"- {text}", indent=2) for text in reasons)))
 
 
 def _codes_in_verdict(facts: Facts) -> set[str]:
-    return {c.code for c in facts.causes if facts.accepted or c.blocking}
+    return {c.code for c in facts.solution.causes if facts.solution.accepted or c.blocking}
 
 
 def table_text(table: FactTable) -> str:

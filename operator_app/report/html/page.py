@@ -148,9 +148,11 @@ def _banner(subject: Subject) -> Html:
 
 
 def _verdict(subject: Subject, facts: Facts | None, outcome: str) -> Html:
-    good = facts is not None and facts.accepted
+    good = facts is not None and facts.solution.accepted
     blind = subject.unidentifiable
-    reasons = facts.reasons if facts is not None else map(str, blind.directions if blind else ())
+    reasons: Iterable[str] = map(str, blind.directions if blind else ())
+    if facts is not None:
+        reasons = facts.solution.reasons
     when = subject.state.opened_utc[:16].replace("T", " ")
     glyph = element("span", "✓ " if good else "✕ ", class_="glyph", aria_hidden="true")
     points = [markup.sentence(reason) for reason in reasons]
@@ -158,7 +160,7 @@ def _verdict(subject: Subject, facts: Facts | None, outcome: str) -> Html:
     arm = (
         f"Calibration of {procedure.arm.name}, serial {serial}, in fixture {procedure.fixture.name}"
     )
-    met = f" {markup.sentence(facts.limits_met)}" if facts is not None and facts.accepted else ""
+    met = f" {markup.sentence(facts.limits_met)}" if facts is not None and good else ""
     return element(
         "div",
         element("h1", glyph, outcome.capitalize()),

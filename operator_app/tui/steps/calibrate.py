@@ -48,7 +48,7 @@ def _progress(s: SessionSnapshot, width: int) -> list[Line]:
             text = f"iteration {number}   cost {COST(cost).shown}"
         return [entry("Running", ("◌ ", "accent"), text, ("   z cancels", "dim"))]
     if (facts := facts_on(s)) is not None:
-        glyph, role = ("✓", "bold") if facts.accepted else ("▲", "warn")
+        glyph, role = ("✓", "bold") if facts.solution.accepted else ("▲", "warn")
         figures = [h.figure_text for h in facts.headlines if not h.closure]
         return [
             entry("Result", (f"{glyph} {facts.verdict}", role)),

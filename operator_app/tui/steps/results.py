@@ -47,26 +47,26 @@ class VerdictPanel(Lines):
 
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         facts = facts_on(s)
-        if facts is None or s.solution is None:
+        if facts is None:
             return wrapped(f" {no_facts(s)}", width, "dim", " ")
-        verdict, count = s.solution.verdict, len(facts.notices)
-        glyph, role = VERDICT_GLYPHS[verdict]
+        solution, count = facts.solution, len(facts.solution.warnings)
+        glyph, role = VERDICT_GLYPHS[solution.verdict]
         # Notices are called notes here, because ACCEPTED, WITH WARNINGS is another verdict.
         noted = facts.notices_are_notes and count
         tail = f" · {plural(count, 'note')}" if noted else ""
         sigmas = [h for h in facts.headlines if h.closure]
         others = [h for h in facts.headlines if not h.closure and h.name != "rank"]
-        truth = truth_in_words(s.solution)
+        truth = truth_in_words(solution)
         rows = [
             line((f" {glyph} {facts.verdict.upper()}{tail}", role)),
-            *_hand(s.solution, width),
+            *_hand(solution, width),
             *(wrapped(f"   truth: {truth}", width, "text", "   ") if truth else ()),
             headline_spans(sigmas, width),
             headline_spans(others, width),
         ]
-        for reason in facts.reasons:
+        for reason in solution.reasons:
             rows += wrapped(f" ■ {reason}", width, "alarm", "   ")
-        short = [f" {'·' if noted else '▲'} {notice.brief}" for notice in facts.notices]
+        short = [f" {'·' if noted else '▲'} {notice.brief}" for notice in solution.warnings]
         # An accepted result needs no action: grey, like everything normal.
         role = "text" if noted else "warn"
         in_full = [row for text in short for row in wrapped(text, width, role, "   ")]
@@ -127,24 +127,25 @@ class ResultsPlot(Lines):
     def count_pages(self, s: SessionSnapshot) -> None:
         """Count the pages: residuals, each RVDT, warnings, joints and each table have one page, in this order."""
         facts = facts_on(s)
-        if s.solution is not None and facts is not None:
-            self.words_from = 1 + len(s.solution.rvdt)
+        if facts is not None:
+            self.words_from = 1 + len(facts.solution.rvdt)
             tables = sum(facts.table(ident) is not None for ident in TABLES)
             self.count = self.words_from + 2 + tables
 
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         subject, facts = subject_on(s), facts_on(s)
-        if s.solution is None or subject is None or facts is None:
+        if subject is None or facts is None:
             return []
         room = height if self.framed else height - 1
-        title, rows = self._page(s.solution, subject, facts, width, room)
+        title, rows = self._page(subject, facts, width, room)
         self.set_title(f"{title} (v: next)")
         return rows if self.framed or not rows else [line((f" {title}", "header")), *rows]
 
     def _page(
-        self, solution: Solution, subject: Subject, facts: Facts, width: int, height: int
+        self, subject: Subject, facts: Facts, width: int, height: int
     ) -> tuple[str, Sequence[Line]]:
         ascii_only, page = self.look.ascii_only, self.page % self.count
+        solution = facts.solution
         if page == 0:
             picture = misses(subject, solution.identified)
             return "Residuals", plot(picture, width, height, ascii_only=ascii_only)
@@ -156,7 +157,7 @@ class ResultsPlot(Lines):
             # As in the verdict panel, the notices of an accepted calibration are called notes.
             noted = facts.notices_are_notes
             mark, role = ("·", "text") if noted else ("▲", "warn")
-            texts = [wrapped(f" {mark} {n.text}", width, role, "   ") for n in facts.notices]
+            texts = [wrapped(f" {mark} {n.text}", width, role, "   ") for n in solution.warnings]
             full = [row for lines in texts for row in (*lines, ())]
             return f"{'Notes' if noted else 'Warnings'} in full", full or [line((" none", "dim"))]
         shown = [table for ident in TABLES if (table := facts.table(ident)) is not None]

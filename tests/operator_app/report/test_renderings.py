@@ -202,11 +202,11 @@ def test_headlines_agree_in_tiles_lines_and_tables(renderings):
 
 
 def test_notices_are_in_every_rendering_once(renderings):
-    assert renderings.facts.notices
+    assert renderings.facts.solution.warnings
     assert [(n["code"], n["text"]) for n in renderings.data["warnings"]] == [
-        (n.code, n.sentence) for n in renderings.facts.notices
+        (n.code, n.sentence) for n in renderings.facts.solution.warnings
     ]
-    for notice in renderings.facts.notices:
+    for notice in renderings.facts.solution.warnings:
         once = " ".join(notice.sentence.split())
         assert " ".join(renderings.text.split()).count(once) == 1
         assert once in " ".join(renderings.page.text.split())
@@ -231,7 +231,7 @@ def test_exceeded_condition_number_is_in_the_sentence_of_the_verdict():
     """It does not change the verdict, so no rendering may say only that the limits are met."""
     s = with_condition_above(story()["solved"], 20.0)
     facts, number = facts_on(s), s.solution.identifiability.scaled_condition_number
-    assert (facts.accepted, facts.verdict) == (True, "accepted")
+    assert (facts.solution.accepted, facts.verdict) == (True, "accepted")
     verdict = " ".join(verdict_text(facts).split())
     assert f"but its scaled condition number {CONDITION(number).shown} is above 20" in verdict
     assert "but" not in verdict_text(facts_on(story()["solved"]))

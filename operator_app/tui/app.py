@@ -33,7 +33,7 @@ from operator_app.report.spans import Line, line
 from operator_app.session.ui.steps import QUIT_KEYS, STOP_KEYS, Step
 from operator_app.signals import ENDING, ending_signals_ignored
 from operator_app.tui.driver import Pressed, watched
-from operator_app.tui.lines import Clicked, Lines
+from operator_app.tui.lines import Clicked, Lines, app_of
 from operator_app.tui.theme import DARK, LIGHT, NO_COLOUR, STOP_WIDTH, Look, look, themes
 
 if TYPE_CHECKING:
@@ -73,11 +73,10 @@ class ActionProvider(Provider):
     def _all(self) -> Iterator[tuple[str, dict[str, Any]]]:
         from operator_app.session.ui import action_table
 
-        app: Any = self.app
         for action in action_table.ACTIONS:
             where = f" (step {int(*action.steps)})" if len(action.steps) == 1 else ""
             text = f"{action.label}{where}  [{action.shown}]"
-            command = partial(app.interface.do_anywhere, action)
+            command = partial(app_of(self).interface.do_anywhere, action)
             yield text, {"command": command, "text": text, "help": action.help}
 
     async def discover(self) -> Hits:

@@ -14,6 +14,7 @@ from textual.widgets.option_list import Option
 
 from operator_app.safe_output import sanitized
 from operator_app.session.ui.user_interface import OneOf, Question, Titled, Typed, YesNo
+from operator_app.tui.lines import app_of
 from operator_app.tui.theme import is_compact
 
 Shown = TypeVar("Shown", bound=Titled)
@@ -37,9 +38,8 @@ class Dialog(ModalScreen[str | None], Generic[Shown]):
 
     def on_resize(self, event: events.Resize) -> None:
         """Choose the layout in which the dialog covers neither the safety strip nor the list of steps."""
-        app: Any = self.app
         self.set_class(is_compact(*event.size), "-compact")
-        self.set_class(app.look.ascii_only, "-ascii")
+        self.set_class(app_of(self).look.ascii_only, "-ascii")
 
     def compose(self) -> ComposeResult:
         """Compose the title, the text and the body."""
@@ -53,8 +53,7 @@ class Dialog(ModalScreen[str | None], Generic[Shown]):
         yield from ()
 
     def _plain(self, text: str) -> Any:
-        app: Any = self.app
-        return Content(app.look.text(text))
+        return Content(app_of(self).look.text(text))
 
 
 class Confirm(Dialog[YesNo]):

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import zip_longest
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Self, cast
 
 from rich.segment import Segment
 from rich.style import Style
@@ -22,8 +22,17 @@ from operator_app.report.spans import Line, clip, length
 from operator_app.safe_output import sanitized
 
 if TYPE_CHECKING:
+    from textual.command import Provider
+    from textual.message_pump import MessagePump
+
     from operator_app.session.ui.snapshot import SessionSnapshot
+    from operator_app.tui.app import SarcalApp
     from operator_app.tui.theme import Look
+
+
+def app_of(part: MessagePump | Provider) -> SarcalApp:
+    """Return the app of a widget, a screen or a provider of commands."""
+    return cast("SarcalApp", part.app)
 
 
 class Clicked(Message):
@@ -59,9 +68,7 @@ class Lines(Widget, can_focus=True):
     @property
     def look(self) -> Look:
         """The app's `Look`: styles by role, and whether only ASCII is used."""
-        app: Any = self.app
-        made: Look = app.look
-        return made
+        return app_of(self).look
 
     def on_mount(self) -> None:
         """Set the title of the frame."""
@@ -152,9 +159,8 @@ class Lines(Widget, can_focus=True):
         """Build the rows for the new size."""
         self._base = self._room = None
         self._painted.clear()
-        app: Any = self.app
-        if app.picture is not None:
-            self.show(app.picture)
+        if (picture := app_of(self).picture) is not None:
+            self.show(picture)
 
     def on_click(self, event: events.Click) -> None:
         """Request the action that was clicked."""

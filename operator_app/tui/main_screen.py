@@ -15,7 +15,7 @@ from operator_app.session.ui.guards import missing_for, stops_on_any_key
 from operator_app.session.ui.next_action import next_action
 from operator_app.session.ui.snapshot import SessionSnapshot
 from operator_app.session.ui.steps import Step
-from operator_app.tui.lines import Lines
+from operator_app.tui.lines import Lines, app_of
 from operator_app.tui.steps.calibrate import CalibrateView
 from operator_app.tui.steps.capture import CaptureView
 from operator_app.tui.steps.connect import ConnectView
@@ -76,13 +76,11 @@ def detail(step: Step, s: SessionSnapshot) -> str:
 
 
 class _StepRail(Lines, can_focus=False):
-    current = Step.CONNECT
-
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         rows: list[Line] = []
         for step in Step:
             role = "dim" if missing_for(step, s) else "text"
-            role = "accent" if step is self.current else role
+            role = "accent" if step is app_of(self).step else role
             rows += [
                 line((f" {self._glyph(step, s)} {int(step)} {step.title}", role)),
                 line((f"    {detail(step, s)}"[: width - 1], "dim")),
@@ -91,7 +89,7 @@ class _StepRail(Lines, can_focus=False):
         return rows
 
     def _glyph(self, step: Step, s: SessionSnapshot) -> str:
-        return "▶" if step is self.current else "✓" if done(step, s) else "·"
+        return "▶" if step is app_of(self).step else "✓" if done(step, s) else "·"
 
     def _action_at(self, x: int, y: int) -> str:
         number = y // 3 + 1
@@ -105,11 +103,11 @@ class _StepRow(_StepRail, can_focus=False):
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         row: list[Span] = []
         for step in Step:
-            is_current = step is self.current
+            is_current = step is app_of(self).step
             title = f"{step.title} " if is_current else ""
             text = f" {self._glyph(step, s)}{int(step)} {title}"
             row.append((text, "accent" if is_current else "dim"))
-        row.append((f"  {detail(self.current, s)}", "dim"))
+        row.append((f"  {detail(app_of(self).step, s)}", "dim"))
         view, count = self.place
         self._view_at = length(tuple(row)) if count > 1 else None
         if count > 1:
@@ -121,7 +119,7 @@ class _StepRow(_StepRail, can_focus=False):
             return "view"
         end = 0
         for step in Step:
-            end += 4 + (len(step.title) + 1 if step is self.current else 0)
+            end += 4 + (len(step.title) + 1 if step is app_of(self).step else 0)
             if x < end:
                 return f"step_{int(step)}"
         return ""
@@ -135,7 +133,6 @@ VIEWS = (ConnectView, FixtureView, ModesView, CaptureView, CalibrateView, Result
 
 
 class _Hint(Lines, can_focus=False):
-    step = Step.CONNECT
     refusal = ""
 
     def rows_for(self, s: SessionSnapshot, width: int) -> int:
@@ -149,7 +146,7 @@ class _Hint(Lines, can_focus=False):
     def _rows(self, s: SessionSnapshot, width: int) -> list[Line]:
         if self.refusal:
             return wrapped(f" ▲ {self.refusal}", width - 1, "warn", "   ")
-        hint_text = f" Next {next_action(self.step, s).hint}"
+        hint_text = f" Next {next_action(app_of(self).step, s).hint}"
         head, *rest = wrapped(hint_text, width - 1, "text", " " * 6)
         text = head[0][0]
         return [line((text[:6], "bold"), text[6:]), *rest]
@@ -158,7 +155,6 @@ class _Hint(Lines, can_focus=False):
 class Footer(Lines, can_focus=False):
     """The keys of the step, at most six: STOP first, then the next action."""
 
-    step = Step.CONNECT
     _spots: Sequence[tuple[int, int, str]] = ()
     """For each key: its first column, the column after its last, and the name of its action."""
 
@@ -175,10 +171,10 @@ class Footer(Lines, can_focus=False):
             ]
         if isinstance(self.screen, MainScreen) and self.screen.is_small:
             return [line((" SPACE/F8", "key"), " STOP  ", ("q", "key"), " Quit")]
-        for action in action_table.footer(self.step):
+        for action in action_table.footer(app_of(self).step):
             shown, label = action.shown, action.label
             if action.name == "primary":
-                label = next_action(self.step, s).label
+                label = next_action(app_of(self).step, s).label
             if not label or not action.offered(s):
                 continue
             width_of = len(shown) + 1 + len(label)
@@ -245,15 +241,13 @@ class MainScreen(Screen[None]):
     @property
     def view(self) -> StepView:
         """View of the step on the screen."""
-        return self.steps[self.hint.step - 1]
+        return self.steps[app_of(self).step - 1]
 
     def go_to(self, step: Step) -> None:
         """Show a step, with no widget in focus."""
         self.query_one(ContentSwitcher).current = f"step-{int(step)}"
         self.set_focus(None)
-        for rail in self.rails:
-            rail.current = step
-        self.hint.step = self.footer.step = step
+        app_of(self).step = step
 
     def refuse(self, sentence: str) -> None:
         """Show why something was refused; an empty string removes the text."""
@@ -296,7 +290,7 @@ class MainScreen(Screen[None]):
             s.data, s.stale_joints, s.stopped, s.stop, s.connected, s.simulated, joints, s.task, latest,
             tuple(alarm.number for alarm in s.alarms),
             s.ticked, s.stop_tested, s.estimator, s.checks, id(s.state), id(s.solution), id(s.written),
-            id(s.receipt), id(s.plan), self.hint.refusal, s.selected_joints, self.hint.step, self.size,
+            id(s.receipt), id(s.plan), self.hint.refusal, s.selected_joints, app_of(self).step, self.size,
             self.rails[0].place, self.app.screen is self,
         )  # fmt: skip
 

@@ -241,7 +241,7 @@ class ScreenInterface:
         finally:
             self._opening = False
         self.refuse("")
-        self._show_step(Step.CONNECT)
+        self.app.main.go_to(Step.CONNECT)
         self.app.poll()
 
     def leave(self) -> None:
@@ -270,13 +270,9 @@ class ScreenInterface:
         if missing and step > self.app.step:
             self.refuse(f"{step.title} is closed: {missing}")
             return False
-        self._show_step(step)
+        self.app.main.go_to(step)
         self.app.main.show(s)
         return True
-
-    def _show_step(self, step: Step) -> None:
-        self.app.step = step
-        self.app.main.go_to(step)
 
     def go_by(self, steps: int) -> None:
         """Show the step that is `steps` after the current step (-1: the previous step), if there is one."""

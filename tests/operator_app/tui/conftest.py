@@ -68,7 +68,6 @@ class Driver:
         runner = self.app.runner
         runner.picture, runner.asked, runner.stops, runner.cancels = picture, [], 0, 0
         self.app.main.refuse("")
-        self.app.step = step
         self.app.main.go_to(step)
         self.app.poll()
         await self.settle()
@@ -165,7 +164,6 @@ def still():
     async def run(picture, *, step=Step.CONNECT, size=(120, 36), entries=(), **options):
         app = SarcalApp(lambda: StaticSource(picture, entries), **options)
         async with running(app, size) as driver:
-            app.step = step
             app.main.go_to(step)
             await driver.settle()
             app.poll()

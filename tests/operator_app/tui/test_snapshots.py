@@ -35,7 +35,6 @@ def compare(snap_compare, monkeypatch):
         async def show(pilot) -> None:
             while app.runner is None:
                 await pilot.pause(0.001)
-            app.step = step
             app.main.go_to(step)
             await pilot.pause()
             app.poll()

@@ -8,10 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from operator_app.calibration.acceptance import Verdict
-from operator_app.calibration.calibrated_arm import side_of
 from operator_app.calibration.cross_validation import Checks
 from operator_app.calibration.result import Solution
 from operator_app.calibration.rvdt import reading_tables
@@ -78,22 +75,10 @@ def facts_of(
     `checks`: cross-validation and jackknife, None if they were not computed. `captured`: number of captured poses,
     including unused ones, None if all were used.
     """
-    estimate, beside = solution.identified, solution.beside
-    diverged = solution.adjudication.diverged
     left_out = 0 if captured is None else captured - solution.poses
     headlines = _headlines(solution, AcceptanceLimits() if limits is None else limits, left_out)
-    repeatability = None
-    if solution.components is not None:
-        within = solution.within.items()
-        repeatability = np.array([s for name, s in within if name not in solution.tolerated])
     tables = (
-        parameter_tables.parameter_table(
-            estimate,
-            beside=beside,
-            repeatability=repeatability,
-            sides={p.name: side_of(solution.model, p.name) for p in estimate.parameters},
-            note=_side_note(solution),
-        ),
+        parameter_tables.parameter_table(solution.identified, solution),
         parameter_tables.instrument_table(solution),
         quality_tables.truth_table(solution),
         quality_tables.causes_table(solution),
@@ -104,17 +89,17 @@ def facts_of(
         quality_tables.accuracy_table(solution),
         quality_tables.determined_table(solution, headlines),
         quality_tables.trend_table(solution),
-        quality_tables.closure_table(solution, beside, checks),
-        parameter_tables.estimators_table(estimate, beside, diverged=diverged),
-        parameter_tables.jackknife_table(estimate, None if checks is None else checks.jackknife_sd),
-        uncertainty_tables.components_table(solution.components, diverged=diverged),
+        quality_tables.closure_table(solution, checks),
+        parameter_tables.estimators_table(solution),
+        parameter_tables.jackknife_table(solution, checks),
+        uncertainty_tables.components_table(solution),
         uncertainty_tables.scale_table(solution),
         remedy_table(solution),
         uncertainty_tables.budget_table(solution),
         uncertainty_tables.sensitivity_table(solution),
         parameter_tables.tolerated_table(solution),
         quality_tables.tests_table(solution),
-        parameter_tables.correlation_table(estimate),
+        parameter_tables.correlation_table(solution),
     )
     return Facts(
         solution=solution,
@@ -132,7 +117,7 @@ def estimate_json(estimate: Estimate) -> dict[str, Any]:
     closure = FactTable(ident="", title="", columns=quality_tables.CLOSURE_COLUMNS, rows=(rows,))
     return merged(
         {**estimate_data(estimate), "chi2_per_dof": estimate.chi2_per_dof},
-        keyed((parameter_tables.parameter_table(estimate, nominal_key=False), closure)),
+        keyed((parameter_tables.parameter_table(estimate), closure)),
     )
 
 
@@ -176,15 +161,6 @@ def _sigma(name: str, kind: Kind, before: ResidualSigma, after: ResidualSigma) -
 
 EVERY = 4
 """One in this many rows of a correction table is shown."""
-
-
-def _side_note(solution: Solution) -> str:
-    names: dict[str, list[str]] = {"arm": [], "ground": [], "hand": []}
-    for parameter in solution.identified.parameters:
-        names[side_of(solution.model, parameter.name)].append(parameter.name)
-    lists = (f"{side.capitalize()}: {', '.join(n)}." for side, n in names.items() if n)
-    none = [] if names["arm"] else ["Arm: none."]
-    return " ".join([*none, *lists, "Parameters of the arm stay valid in another mounting."])
 
 
 def remedy_table(solution: Solution) -> FactTable | None:

@@ -1,17 +1,18 @@
 """Tables of identified values: parameters, D-H table, corrected entries, correlations."""
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from functools import partial
 
 import numpy as np
 
 from operator_app import units
+from operator_app.calibration.calibrated_arm import side_of
+from operator_app.calibration.cross_validation import Checks
 from operator_app.calibration.instrument_registration import instrument_stations
 from operator_app.calibration.result import Solution
 from operator_app.report.table import Cell, Column, FactTable, figures, words
 from operator_app.units import Figure, Kind, Valued, places_needed, places_to_show, quantity_of
-from solver.arrays import FloatArray
 from solver.chain.parameters import DhEntry, DhKind, Parameter, nominal_vector
 from solver.chain.rotations import rotation_vector
 from solver.diagnostics.statistics import correlations, intervals
@@ -65,28 +66,21 @@ def _formats(
     return lambda p: partial(Figure, quantity=quantity_of(p), places=places[quantity_of(p)])
 
 
-def parameter_table(
-    estimate: Estimate,
-    *,
-    beside: Estimate | None = None,
-    repeatability: FloatArray | None = None,
-    sides: Mapping[str, str] | None = None,
-    nominal_key: bool = True,
-    note: str = "",
-) -> FactTable:
+def parameter_table(estimate: Estimate, solution: Solution | None = None) -> FactTable:
     """Return the table of each parameter's nominal and identified value, change, sigma and interval.
 
-    `beside`: estimate by the other estimator, whose values are added; None if there is none.
-    `repeatability`: type A uncertainties (P,), rad and m; None leaves out their column.
-    `sides`: what each parameter describes, as `side_of` returns it; None leaves out this column.
-    `nominal_key`: whether the nominal values are in JSON.
+    With the `solution` that has this estimate, the table also has type A uncertainties, what each parameter describes
+    and the values of the other estimator, and JSON has the nominal values.
     """
+    beside, within = None, dict[str, float]()
+    if solution is not None:
+        beside, within = solution.beside, solution.within
     own = f"{estimate.estimator} (chosen)"
     columns = [*words("parameter", "unit"), *figures("nominal")]
     columns += figures("identified", "change", "sigma", group=own)
-    columns += figures("type A", group=own) if repeatability is not None else ()
+    columns += figures("type A", group=own) if within else ()
     columns += figures("95 % from", "to", group=own, detail=True)
-    columns += (Column("of the", words=True, detail=True),) if sides is not None else ()
+    columns += (Column("of the", words=True, detail=True),) if solution is not None else ()
     if beside is not None:
         columns += figures("identified", group=beside.estimator)
     format_of = formats(estimate)
@@ -98,41 +92,48 @@ def parameter_table(
         row: list[Cell] = [
             name,
             quantity_of(p).unit,
-            nominal_of(p)(p.nominal, key=("nominal", name) if nominal_key else ()),
+            nominal_of(p)(p.nominal, key=() if solution is None else ("nominal", name)),
             figure(value, role="found", key=("parameters", name)),
             figure(change_of(p, value, p.nominal), signed=True),
             figure(sd, key=("sigma", name)),
         ]
-        if repeatability is not None:
-            row.append(figure(float(repeatability[k]), key=("repeatability", name)))
+        if within:
+            row.append(figure(within[name], key=("repeatability", name)))
         ends = enumerate((float(low[k]), float(high[k])))
         row += [figure(end, key=("interval_95", name, which)) for which, end in ends]
-        row += [] if sides is None else [sides[name]]
+        row += [] if solution is None else [side_of(solution.model, name)]
         if beside is not None:
             row.append(figure(theirs[name]) if name in theirs else "")
         rows.append(tuple(row))
     about = "Joint angle = reading + theta_off; change = identified - nominal, angles the short way round."
-    if repeatability is not None:
+    if within:
         about += (
             " Sigma is the combined standard uncertainty of all stated sources; type A is the scatter of the same "
             "poses, if taken again."
         )
+    if solution is not None:
+        about += _side_note(solution)
     return FactTable(
         ident="parameters",
         title="Identified parameters",
         columns=tuple(columns),
         rows=tuple(rows),
-        note=f"{about} {note}".rstrip(),
+        note=about,
     )
 
 
-def estimators_table(
-    estimate: Estimate, beside: Estimate | None, *, diverged: bool = False
-) -> FactTable | None:
-    """Return the table of both estimators' values and sigmas, and their differences; None if `beside` is None.
+def _side_note(solution: Solution) -> str:
+    names: dict[str, list[str]] = {"arm": [], "ground": [], "hand": []}
+    for parameter in solution.identified.parameters:
+        names[side_of(solution.model, parameter.name)].append(parameter.name)
+    lists = (f"{side.capitalize()}: {', '.join(n)}." for side, n in names.items() if n)
+    none = [] if names["arm"] else ["Arm: none."]
+    return " ".join(["", *none, *lists, "Parameters of the arm stay valid in another mounting."])
 
-    `diverged`: the solution diverged, and neither estimate is usable.
-    """
+
+def estimators_table(solution: Solution) -> FactTable | None:
+    """Return the table of both estimators' values and sigmas, and their differences; None if there is only one."""
+    estimate, beside = solution.identified, solution.beside
     if beside is None:
         return None
     paper, implicit = sorted((estimate, beside), key=lambda e: e.estimator == "implicit")
@@ -161,7 +162,7 @@ def estimators_table(
         ),
         rows=tuple(rows),
         note="The solution diverged: neither estimate is usable."
-        if diverged
+        if solution.adjudication.diverged
         else "Use implicit: it weights every reading by its noise and includes errors of lengths, twists and "
         "curves. The paper's estimator counts 1 m as 1 rad and treats readings as exact, so its sigmas are only the "
         f"scatter of its residuals{apart}. Both use the same poses: their difference is no change of the arm.",
@@ -240,12 +241,13 @@ def shown_kinds(*, with_beta: bool) -> tuple[DhKind, ...]:
     return (DhKind.A, DhKind.S, DhKind.ALPHA, *beta, DhKind.THETA_OFF)
 
 
-def jackknife_table(estimate: Estimate, spread: FloatArray | None) -> FactTable | None:
-    """Return the table of sigmas and jackknife sigmas (each pose left out in turn); None if `spread` is None."""
-    if spread is None:
+def jackknife_table(solution: Solution, checks: Checks | None) -> FactTable | None:
+    """Return the table of sigmas and jackknife sigmas (each pose left out in turn); None if not computed."""
+    if checks is None or checks.jackknife_sd is None:
         return None
+    estimate, jackknife = solution.identified, checks.jackknife_sd.tolist()
     format_of, rows = formats(estimate), []
-    for (p, _, sd), other in zip(values_of(estimate), spread.tolist(), strict=True):
+    for (p, _, sd), other in zip(values_of(estimate), jackknife, strict=True):
         figure, key = format_of(p), ("checks", "jackknife_sigma", p.name)
         rows.append((p.name, quantity_of(p).unit, figure(sd), figure(other, key=key)))
     return FactTable(
@@ -280,8 +282,9 @@ def tolerated_table(solution: Solution) -> FactTable | None:
     )  # fmt: skip
 
 
-def correlation_table(estimate: Estimate) -> FactTable:
+def correlation_table(solution: Solution) -> FactTable:
     """Return the table of the parameters' correlations, lower triangle."""
+    estimate = solution.identified
     matrix = correlations(estimate.covariance)
     listed = [p.name for p in estimate.parameters]
     rows = [

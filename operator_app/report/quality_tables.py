@@ -11,7 +11,6 @@ from operator_app.messages.finding import fixed_briefly
 from operator_app.report.table import Cell, Column, FactTable, Headline, figures, words
 from operator_app.units import Figure, Key, Kind, names, plural, significant
 from solver.diagnostics.cross_validation import FOLDS
-from solver.estimators.estimate import Estimate
 from solver.loops.closure import ClosureSigmas
 
 BAR_PER_DECADE, BAR_DECADES = 10, 4
@@ -184,9 +183,9 @@ CLOSURE_COLUMNS = (
 """Columns of closure sigmas: "as printed" is the paper's formula taken literally, see `ResidualSigma`."""
 
 
-def closure_table(solution: Solution, beside: Estimate | None, checks: Checks | None) -> FactTable:
-    """Return the table of closure sigmas: before and after calibration, of estimate `beside`, and at held-out poses."""
-    estimate = solution.identified
+def closure_table(solution: Solution, checks: Checks | None) -> FactTable:
+    """Return the table of closure sigmas: before and after calibration, of both estimators, and at held-out poses."""
+    estimate, beside = solution.identified, solution.beside
     rows = [
         closure_row("nominal, before", solution.before, key=("before",)),
         *rows_in_use(solution.with_best_table, solution.with_corrections),

@@ -12,20 +12,19 @@ from operator_app.report.parameter_tables import shown_kinds
 from operator_app.report.table import Cell, Column, FactTable, figures, words
 from operator_app.units import Figure, Key, Kind, names, quantity_of, significant
 from solver.chain.parameters import DhKind
-from solver.estimators.variance_components import NORMAL_95, VarianceComponents
+from solver.estimators.variance_components import NORMAL_95
 from solver.posterior.corrections import ReadingCorrection
 
 SMALLEST_P = 1e-12
 SOURCES_NAMED = 3
 
 
-def components_table(
-    components: VarianceComponents | None, *, diverged: bool = False
-) -> FactTable | None:
+def components_table(solution: Solution) -> FactTable | None:
     """Return the table of the error sources' estimated standard deviations, with intervals; None if there are none.
 
-    If the solution has `diverged`, the table has no note on the fixture's compliance.
+    If the solution diverged, the table has no note on the fixture's compliance.
     """
+    components = solution.components
     if components is None or (not components.components and components.compliance is None):
         return None
     rows: list[tuple[Cell, ...]] = []
@@ -41,7 +40,7 @@ def components_table(
         stated = Figure(c.stated, quantity)
         rows.append((_component_words(c.name), quantity.unit, stated, sd, low, high))
     note = ""
-    if components.compliance is not None and not diverged:
+    if components.compliance is not None and not solution.adjudication.diverged:
         p = components.compliance.p_value
         chance = f"= {significant(p, 2)}" if p > SMALLEST_P else f"< {SMALLEST_P:.0e}"
         show = "show" if components.compliance.deflects else "do not show"

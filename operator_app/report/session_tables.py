@@ -12,7 +12,6 @@ from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import Encoder, NoSensor, Rvdt, Sensor, rms_per_amplitude
 from solver.estimators.error_model import SD_OF_PEAK
-from solver.estimators.estimate import Estimate
 
 CORRECTION = Kind(units.CLOSURE_ANGLE, digits=2)
 CORRECTION_ODD = 3.0
@@ -25,9 +24,9 @@ def rvdt_joints(subject: Subject) -> tuple[int, ...]:
     return tuple(j for j, joint in joints if isinstance(joint.sensor, Rvdt))
 
 
-def joint_table(subject: Subject, estimate: Estimate | None) -> FactTable:
+def joint_table(subject: Subject) -> FactTable:
     """Return the table of every joint's sensor, corrections and covered range."""
-    arm, q = subject.procedure.arm, subject.readings_rad
+    arm, q, estimate = subject.procedure.arm, subject.readings_rad, subject.implicit
     unused = {*subject.unsensed_joints, *arm.unsensed_joints}
     sigma, stated = arm.sigma_rad(), _stated_rad(arm)
     rows: list[tuple[Cell, ...]] = []
@@ -128,8 +127,9 @@ def rvdt_table(subject: Subject) -> FactTable | None:
     )  # fmt: skip
 
 
-def pose_table(subject: Subject, estimate: Estimate | None) -> FactTable:
+def pose_table(subject: Subject) -> FactTable:
     """Return the table of all captured poses with their closure errors, notes, and reasons for exclusion."""
+    estimate = None if subject.solution is None else subject.solution.identified
     joints = range(1, subject.procedure.arm.joint_count + 1)
     days = {pose.utc[:10] for pose in subject.poses}
     day = f", {min(days)}" if len(days) == 1 and all(days) else ""

@@ -40,7 +40,8 @@ POLICY = "default-src 'none'; style-src 'unsafe-inline'; base-uri 'none'; form-a
 
 def report_html(subject: Subject) -> bytes:
     """Return the report page of a session, UTF-8; the same journal gives the same bytes."""
-    facts, sections = subject.facts, sections_of(subject)
+    facts = subject.facts
+    sections = sections_of(subject, facts)
     arm, program = subject.procedure.arm.name, f"sarcal {subject.software_version}"
     outcome = "not identifiable" if facts is None else facts.verdict
     title = f"{arm} {subject.state.serial_number}: {outcome.lower()} ({subject.name})"
@@ -132,8 +133,8 @@ def _tool(subject: Subject) -> list[Html]:
         without = Figure(by_poses.rms, CLOSURE_LENGTH).with_unit
         head += f", {without} without the uncertainty of {names(accuracy.stated)}"
     parts = [element("h2", head)]
-    if pair := hand_pair(solution, subject.procedure.arm):
-        parts += [markup.plots([drawn(pair.before), drawn(pair.after)]), markup.remark(pair.note)]
+    if pair := hand_pair(subject):
+        parts += [markup.plots(map(drawn, pair.pictures)), markup.remark(pair.note)]
     if truth := truth_in_words(solution):
         parts.append(element("p", f"The truth: {truth}"))
     return [element("div", *parts)]

@@ -1,6 +1,8 @@
 """The sections of a report page: their tables, plots and notes, and their order."""
 
 from operator_app import units
+from operator_app.calibration.result import Solution
+from operator_app.report.facts import Facts
 from operator_app.report.html import markup
 from operator_app.report.html.markup import Section, element
 from operator_app.report.plots import before_after, calibration_plots
@@ -10,7 +12,6 @@ from operator_app.report.subject import Subject
 from operator_app.report.table import FactTable
 from operator_app.units import Figure, joints_named, names, others_free, plural, typeset
 from solver.diagnostics.rvdt import RvdtVerdict, Soundness
-from solver.estimators.estimate import Estimate
 
 CLOSURE_WORDS = (
     "Closure error at the measured joints, one scale for both estimators. "
@@ -23,59 +24,59 @@ NARROW = (
 """Tables whose sections take half of the page's width."""
 
 
-def sections_of(subject: Subject) -> tuple[Section, ...]:
-    """Return all sections that have content, most important first."""
-    facts = subject.facts
-    estimate = None if subject.solution is None else subject.solution.identified
+def sections_of(subject: Subject, facts: Facts | None) -> tuple[Section, ...]:
+    """Return all sections that have content, most important first; `facts`: those of the subject."""
     brief: list[Section] = []
     detail: list[Section] = []
-    if facts is not None and estimate is not None:
-        for table in facts.tables:
-            (detail if table.detail else brief).append(_of_table(subject, estimate, table))
-    first = [_warnings(subject), _provenance(subject), *brief, _joints(subject), _rvdt(subject)]
-    sections = [*first, *detail, _poses(subject, estimate), _method(subject)]
+    for table in () if facts is None else facts.tables:
+        (detail if table.detail else brief).append(_of_table(subject, table))
+    notes = facts is not None and facts.notices_are_notes
+    first = [_warnings(subject, notes=notes), _provenance(subject), *brief]
+    sections = [
+        *first,
+        _joints(subject),
+        _rvdt(subject),
+        *detail,
+        _poses(subject),
+        _method(subject),
+    ]
     return tuple(section for section in sections if section is not None)
 
 
-def _of_table(subject: Subject, estimate: Estimate, table: FactTable) -> Section:
+def _of_table(subject: Subject, table: FactTable) -> Section:
     content: list[str] = [markup.table_html(table)] if table.rows else []
     if table.note:
         content.append(markup.remark(table.note))
     match table.ident:
-        case "parameters":
-            content.append(markup.remark(_about_sigmas(subject, estimate)))
+        case "parameters" if subject.solution is not None:
+            content.append(markup.remark(_about_sigmas(subject.solution)))
         case "accuracy" if (pair := before_after.arm_pair(subject)) is not None:
-            content += [
-                markup.plots(map(drawn, (pair.before, pair.after))),
-                markup.remark(pair.note),
-            ]
+            content += [markup.plots(map(drawn, pair.pictures)), markup.remark(pair.note)]
         case "trend" if subject.solution is not None:
             limit = subject.procedure.acceptance.scaled_condition_number
             trend = calibration_plots.condition_trend(subject.solution.identifiability.trend, limit)
             content = [markup.plots([markup.table_html(table), drawn(trend)])]
-        case "closure":
-            shown = calibration_plots.residuals(subject, estimate)
+        case "closure" if subject.solution is not None:
+            shown = calibration_plots.residuals(subject, subject.solution.identified)
             content += [markup.remark(CLOSURE_WORDS), markup.plots(map(drawn, shown))]
     narrow = table.ident in NARROW
     return Section(ident=table.ident, title=table.title, content=tuple(content), narrow=narrow)
 
 
-def _about_sigmas(subject: Subject, estimate: Estimate) -> str:
+def _about_sigmas(solution: Solution) -> str:
     text = (
         "The 95 % interval includes the same sources of error as sigma."
-        if estimate.chi2 is not None
+        if solution.estimate.chi2 is not None
         else "Sigma and the 95 % interval (Student's) follow from the size of the residuals."
     )
-    if subject.solution is not None and subject.solution.paper is None:
+    if solution.paper is None:
         text += " The paper's estimator, which needs every joint sensed, is not shown."
-    elif subject.implicit is None:
+    elif solution.estimate.estimator == "paper" and solution.implicit is None:
         text += " The implicit estimator found no solution."
     return text
 
 
-def _warnings(subject: Subject) -> Section | None:
-    facts = subject.facts
-    notes = facts is not None and facts.notices_are_notes
+def _warnings(subject: Subject, *, notes: bool) -> Section | None:
     glyph = element("span", "· " if notes else "▲ ", class_="glyph", aria_hidden="true")
     items = [element("li", glyph, typeset(markup.sentence(n.sentence))) for n in subject.notices]
     if not items:
@@ -88,7 +89,7 @@ def _warnings(subject: Subject) -> Section | None:
 
 
 def _joints(subject: Subject) -> Section:
-    table = joint_table(subject, subject.implicit)
+    table = joint_table(subject)
     content = (markup.table_html(table), markup.remark(table.note))
     return Section(ident="joints", title=table.title, content=content)
 
@@ -117,7 +118,7 @@ def _rvdt_verdict(verdict: RvdtVerdict) -> str:
     return markup.join((element("span", "▲ ", class_="warn", aria_hidden="true"), text))
 
 
-def _poses(subject: Subject, estimate: Estimate | None) -> Section:
+def _poses(subject: Subject) -> Section:
     out = [p.number for p in subject.poses if p.excluded]
     points = [f"{plural(len(subject.poses), 'pose')} captured, {len(subject.used)} used."]
     if out:
@@ -125,7 +126,7 @@ def _poses(subject: Subject, estimate: Estimate | None) -> Section:
         points.append(f"Excluded by the operator: {names(out)}; {reasons}.")
     if subject.flipped:
         points.append(f"Left out on the flipped branch of the hinge: {names(subject.flipped)}.")
-    table = markup.table_html(pose_table(subject, estimate))
+    table = markup.table_html(pose_table(subject))
     return Section(ident="poses", title="Poses", content=(markup.bullets(points), table))
 
 

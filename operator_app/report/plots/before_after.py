@@ -1,18 +1,17 @@
 """Pictures before and after calibration: arm and fixture in one pose, tool error over the workspace."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from operator_app.calibration.calibrated_arm import calibrated_arm, hand_errors
-from operator_app.calibration.result import Solution
 from operator_app.calibration.tool_accuracy import Spread
 from operator_app.messages.finding import fixed_briefly
 from operator_app.report.plots.plot import Layer, Marks, Picture, Polyline, map_axes
 from operator_app.report.subject import Subject
 from operator_app.units import CLOSURE_LENGTH, LENGTH, Figure
 from solver.arrays import FloatArray
-from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector
 from solver.estimators.estimate import closure_at_readings
 from solver.loops.closure import ClosureModel
@@ -27,17 +26,16 @@ PANEL_GAP_SHARE = 0.15
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pair:
-    """Two pictures side by side, with the same axes, and a note on how to read them."""
+    """Two pictures side by side, before and after, with the same axes, and a note on how to read them."""
 
-    before: Picture
-    after: Picture
+    pictures: tuple[Picture, Picture]
     note: str
 
 
-def hand_pair(solution: Solution, arm: ArmModel) -> Pair | None:
+def hand_pair(subject: Subject) -> Pair | None:
     """Return pictures of the tool position error before and after calibration; None if it was not computed."""
-    accuracy = solution.accuracy
-    if accuracy is None:
+    solution, arm = subject.solution, subject.procedure.arm
+    if solution is None or (accuracy := solution.accuracy) is None:
         return None
     tip_m, before_m, after_m = hand_errors(calibrated_arm(solution, arm), arm)
     tip = LENGTH.per_si * tip_m
@@ -67,8 +65,10 @@ def hand_pair(solution: Solution, arm: ArmModel) -> Pair | None:
         )
 
     return Pair(
-        before=shown("Before", "off by", before_m, accuracy.before),
-        after=shown("After", "one sigma", after_m, accuracy.after),
+        pictures=(
+            shown("Before", "off by", before_m, accuracy.before),
+            shown("After", "one sigma", after_m, accuracy.after),
+        ),
         note="The area of a mark is the tool's position error there, on one scale in both pictures"
         f"{fixed_briefly(tuple(h.name for h in accuracy.holds_for))}.",
     )
@@ -132,7 +132,7 @@ def arm_pair(subject: Subject) -> Pair | None:
     places = np.concatenate(points, axis=1)
     x, y = map_axes(("across", "up"), *places, unit=LENGTH.unit, aspect=ASPECT)
 
-    def picture(when: str, gap: float, layers: list[Layer]) -> Picture:
+    def picture(when: str, gap: float, layers: Sequence[Layer]) -> Picture:
         size = Figure(gap, CLOSURE_LENGTH).with_unit
         title = f"{when}: {caption.format(numbers[worst], size)}"
         return Picture(
@@ -147,8 +147,7 @@ def arm_pair(subject: Subject) -> Pair | None:
 
     enlarged = f", drawn {times} times as wide," if times > 1 else ""
     return Pair(
-        before=picture("Before", sizes[0], [*drawn[0]]),
-        after=picture("After", sizes[1], [*drawn[1]]),
+        pictures=(picture("Before", sizes[0], drawn[0]), picture("After", sizes[1], drawn[1])),
         note=f"The arm at the readings of pose {numbers[worst]}, {largest} before; the gap{enlarged} is from the "
         f"tool to {target}.",
     )

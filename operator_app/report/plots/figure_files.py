@@ -287,7 +287,7 @@ def _condition(subject: Subject, solution: Solution) -> Panels | None:
 def _pair(pair: before_after.Pair | None) -> Panels | None:
     if pair is None:
         return None
-    return Panels(pictures=(pair.before, pair.after), columns=2, words=("before", "after"))
+    return Panels(pictures=pair.pictures, columns=2, words=("before", "after"))
 
 
 FIGURES: Mapping[str, Callable[[Subject, Solution], Panels | None]] = MappingProxyType(
@@ -298,9 +298,7 @@ FIGURES: Mapping[str, Callable[[Subject, Solution], Panels | None]] = MappingPro
         ),
         "budget": _budget,
         "rvdt": _rvdt,
-        "workspace": lambda subject, solution: _pair(
-            before_after.hand_pair(solution, subject.procedure.arm)
-        ),
+        "workspace": lambda subject, _: _pair(before_after.hand_pair(subject)),
         "arm": lambda subject, _: _pair(before_after.arm_pair(subject)),
         "condition": _condition,
     }

@@ -161,7 +161,7 @@ class ResultsPlot(Lines):
             full = [row for lines in texts for row in (*lines, ())]
             return f"{'Notes' if noted else 'Warnings'} in full", full or [line((" none", "dim"))]
         shown = [table for ident in TABLES if (table := facts.table(ident)) is not None]
-        table = [joint_table(subject, subject.implicit), *shown][page - self.words_from - 1]
+        table = [joint_table(subject), *shown][page - self.words_from - 1]
         head, body = table_spans(table)
         return table.title, [*head, *body, (), *wrapped(f" {table.note}", width, "dim", " ")]
 

@@ -13,21 +13,19 @@ from tests.oracles.open_arm import write_measured_poses
 
 
 def test_before_and_after_pictures_agree_with_the_tables(page, subject):
-    hand = hand_pair(subject.solution, subject.procedure.arm)
-    arm = arm_pair(subject)
-    for pair in (hand, arm):
-        assert (pair.before.x, pair.before.y) == (pair.after.x, pair.after.y)
-        for picture in (pair.before, pair.after):
+    hand, arm = hand_pair(subject), arm_pair(subject)
+    arm_before, arm_after = arm.pictures
+    for one, other in (hand.pictures, arm.pictures):
+        assert (one.x, one.y) == (other.x, other.y)
+        for picture in (one, other):
             assert picture.title in page.text
             assert picture.x.high - picture.x.low == pytest.approx(
                 picture.aspect * (picture.y.high - picture.y.low)
             )
     # Mark areas are relative to the worst error before.
-    worst = subject.solution.accuracy.before.worst
-    for picture, spread in (
-        (hand.before, subject.solution.accuracy.before),
-        (hand.after, subject.solution.accuracy.after),
-    ):
+    accuracy = subject.solution.accuracy
+    worst, spreads = accuracy.before.worst, (accuracy.before, accuracy.after)
+    for picture, spread in zip(hand.pictures, spreads, strict=True):
         (marks,) = picture.layers
         assert max(marks.sizes) * worst == pytest.approx(spread.worst)
         assert np.sqrt(np.mean(np.square(marks.sizes))) * worst == pytest.approx(spread.rms)
@@ -35,16 +33,16 @@ def test_before_and_after_pictures_agree_with_the_tables(page, subject):
         assert float(match[1]) == pytest.approx(1e3 * spread.rms, rel=5e-3)
     # The gap is that of the table of poses.
     number_, size = re.fullmatch(
-        r"After: the loop of pose (\d+) stays open by ([\d.]+) mm", arm.after.title
+        r"After: the loop of pose (\d+) stays open by ([\d.]+) mm", arm_after.title
     ).groups()
     (row,) = (row for row in page.rows("Captured poses") if row[0] == number_)
     assert number(size) == pytest.approx(number(row[10]), rel=5e-3)
-    before = float(arm.before.title.split()[-2])
+    before = float(arm_before.title.split()[-2])
     assert before > 3.0 * number(size)
     # Chain and gap are drawn to scale.
-    factor = re.search(r"drawn (\d+) times", arm.after.description + arm.before.title + arm.note)
+    factor = re.search(r"drawn (\d+) times", arm_after.description + arm_before.title + arm.note)
     times = 1.0 if factor is None else float(factor[1])
-    (gap,) = (layer for layer in arm.before.layers if layer.label == "gap")
+    (gap,) = (layer for layer in arm_before.layers if layer.label == "gap")
     assert np.hypot(np.ptp(gap.x), np.ptp(gap.y)) <= 1.01 * times * before
 
 
@@ -57,7 +55,8 @@ def test_open_arm_gap_agrees_with_the_measurement(tmp_path):
     )
     pair = arm_pair(result._subject)
     match = re.fullmatch(
-        r"After: the tool of pose (\d+) is ([\d.]+) mm from where it was measured", pair.after.title
+        r"After: the tool of pose (\d+) is ([\d.]+) mm from where it was measured",
+        pair.pictures[1].title,
     )
     k = int(match[1]) - 1
     endpoint = load_poses(file).poses.endpoint
@@ -67,5 +66,5 @@ def test_open_arm_gap_agrees_with_the_measurement(tmp_path):
     measured_m = np.linalg.norm(measured - base)
     tool_m = np.linalg.norm(result.fk(poses.q_rad[k])[:3, 3])
     assert 1e3 * abs(tool_m - measured_m) <= 1.01 * float(match[2]) < 1.0
-    before = re.search(r" is ([\d.]+) mm from", pair.before.title)
+    before = re.search(r" is ([\d.]+) mm from", pair.pictures[0].title)
     assert float(before[1]) > 10.0

@@ -162,6 +162,11 @@ NOMINAL_OFFSET = Kind(ANGLE, places=2)
 LENGTH_TOLERANCE = Kind(LENGTH, digits=2)
 ANGLE_TOLERANCE = Kind(ANGLE, digits=2)
 
+# Comparisons.
+ENTRY_ANGLE = Kind(ANGLE, places=4)
+ENTRY_LENGTH = Kind(LENGTH, places=4)
+SIGMAS = Kind(NUMBER, digits=2)
+
 # Faults.
 STEP = Kind(ANGLE, places=4, signed=True)
 """Step of a reading, with enough decimal places to show a step of a few counts."""

@@ -162,14 +162,6 @@ SOURCE_REMEDIES = {
 }
 """Remedies by source of error, which is named without the joint's number; the remedy of "" is for all other sources."""
 
-OWN_FORMATS = {
-    "ANGLE": units.Kind(units.ANGLE, digits=2),
-    "LENGTH": units.Kind(units.LENGTH, digits=2),
-    "ANGLE_4": units.Kind(units.ANGLE, places=4),
-    "LENGTH_4": units.Kind(units.LENGTH, places=4),
-    "SIGMAS": units.Kind(units.NUMBER, digits=2),
-}
-
 
 class _Amount(NamedTuple):
     """A value (SI units) that a template formats; the format specification is the name of a `Kind`.
@@ -183,8 +175,7 @@ class _Amount(NamedTuple):
     def __format__(self, spec: str) -> str:
         if spec == "d":
             return str(int(self.value))
-        name = spec.split("|")[0 if self.angle else -1]
-        kind = OWN_FORMATS.get(name) or getattr(units, name)
+        kind = getattr(units, spec.split("|")[0 if self.angle else -1])
         return str(kind.not_zero(self.value).with_unit)
 
 
@@ -316,7 +307,6 @@ FIELDS: Mapping[str, Callable[[Finding], object]] = {
     "listed": lambda f: ", ".join(f.names[:PARAMETERS_LISTED]),
     "listed_all": lambda f: ", ".join(f.names),
     "numbers": lambda f: names(f.joints),
-    "tests": lambda f: ", ".join(f.names),
     "degrees": lambda f: f"{int(f.size or 0)} degree{'s' * (f.size != 1)}",
     "sizes": lambda f: ", ".join(
         f"{x.name} ({_with_unit(x)})" for x in f.sizes[:PARAMETERS_LISTED]

@@ -348,7 +348,7 @@ class FindingKind(Enum):
     UNEXPLAINED_PATTERN = _Message(
         "UNNAMED",
         text="the readings scatter no more than the files state, but their pattern is not due to chance "
-        "(significant tests: {tests}), and no single fault explains it",
+        "(significant tests: {listed_all}), and no single fault explains it",
         remedy=_TOGETHER,
     )
     POSES_DO_NOT_FIT = _Message(
@@ -444,8 +444,9 @@ class FindingKind(Enum):
     SAME_PLACEMENT = _Message(
         "SAME_PLACEMENT",
         text="placements {numbers} of the fixture do not differ clearly (largest difference: {name}, "
-        "{size:ANGLE|LENGTH}, {sigmas:SIGMAS} sigma): probably the fixture was not remounted between them, or was "
-        "remounted in the same place; together they give hardly more information than one placement",
+        "{size:ANGLE_TOLERANCE|LENGTH_TOLERANCE}, {sigmas:SIGMAS} sigma): probably the fixture was not remounted "
+        "between them, or was remounted in the same place; together they give hardly more information than one "
+        "placement",
         remedy="mount the fixture elsewhere within its tolerance and take another placement",
     )
     DISTANCE_ABOVE = _Message(
@@ -634,8 +635,8 @@ class FindingKind(Enum):
     )
     COMPARED_CONSTANT = _Message(
         "TABLE",
-        text="{name} was taken as {a:ANGLE_4|LENGTH_4} in A and {b:ANGLE_4|LENGTH_4} in B: the other parameters "
-        "compensate for the difference",
+        text="{name} was taken as {a:ENTRY_ANGLE|ENTRY_LENGTH} in A and {b:ENTRY_ANGLE|ENTRY_LENGTH} in B: the other "
+        "parameters compensate for the difference",
     )
     COMPARED_REFUSED = _Message("{name}", text="{last_name} was {reported}")
     COMPARED_SCALED = _Message(

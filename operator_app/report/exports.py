@@ -26,9 +26,9 @@ from operator_app.config.csv_table import write_records
 from operator_app.config.urdf_rows import link_transform
 from operator_app.report.facts import facts_of
 from operator_app.report.parameter_tables import values_of
+from operator_app.report.uncertainty_tables import dh_rows_data
 from operator_app.units import quantity_of
 from solver.chain.arm_model import ArmModel
-from solver.chain.parameters import DhKind
 from solver.chain.poses import PoseSet
 
 EXPORT_FILES = {
@@ -78,21 +78,13 @@ def _json(calibration: Calibration) -> bytes:
 
 def _rows(calibration: Calibration) -> list[dict[str, Any]]:
     arm = calibration.by_itself
-    columns = arm.table().stacked()
-    angles = [kind for kind in DhKind if kind.is_angle]
-    columns[angles] = np.rad2deg(columns[angles])
-    return [
-        {
-            "row": k,
-            "theta_off_deg": theta_off,
-            "s_m": s,
-            "a_m": a,
-            "alpha_deg": alpha,
-            **({"beta_deg": beta} if k in calibration.arm.hayati_rows else {}),
-            "calibrated": [n for n in arm.identified if n.endswith(f"_{k}")],
-        }
-        for k, (theta_off, s, a, alpha, beta) in enumerate(columns.T.tolist(), 1)
-    ]
+    rows: list[dict[str, Any]] = []
+    for k, row in enumerate(dh_rows_data(arm.table().stacked()), 1):
+        if k not in calibration.arm.hayati_rows:
+            del row["beta_deg"]
+        calibrated = [n for n in arm.identified if n.endswith(f"_{k}")]
+        rows.append({"row": k, **row, "calibrated": calibrated})
+    return rows
 
 
 def _csv(calibration: Calibration) -> bytes:

@@ -11,6 +11,7 @@ from operator_app.calibration.sensitivity import source_sensitivities
 from operator_app.report.parameter_tables import shown_kinds
 from operator_app.report.table import Cell, Column, FactTable, figures, words
 from operator_app.units import Figure, Key, Kind, names, quantity_of, significant
+from solver.arrays import FloatArray
 from solver.chain.parameters import DhKind
 from solver.estimators.variance_components import NORMAL_95
 from solver.posterior.corrections import ReadingCorrection
@@ -226,17 +227,20 @@ def posterior_data(solution: Solution) -> dict[str, Any]:
         data["best_table_tool_sigma_mm"] = 1e3 * best.sigma_m
     if solution.corrections is not None:
         data["corrections"] = [_correction_data(c) for c in solution.corrections.each]
+        rows = dh_rows_data(solution.corrections.rows)
         data["corrections_dh"] = [
-            {"theta_off_deg": theta_off, "s_m": s, "a_m": a, "alpha_deg": alpha}
-            | ({"beta_deg": beta} if beta else {})
-            for theta_off, s, a, alpha, beta in (
-                solution.corrections.rows * _PER_SI[:, None]
-            ).T.tolist()
+            {key: value for key, value in row.items() if value or key != "beta_deg"} for row in rows
         ]
     return data
 
 
-_PER_SI = np.array([np.rad2deg(1.0) if kind.is_angle else 1.0 for kind in DhKind])
+def dh_rows_data(rows: FloatArray) -> list[dict[str, float]]:
+    """Return the links of a D-H table (5, n), kinds of entries by rows, as JSON: angles in deg, lengths in m."""
+    keys = [f"{kind.symbol}_{'deg' if kind.is_angle else 'm'}" for kind in DhKind]
+    in_json = [
+        np.rad2deg(row) if kind.is_angle else row for kind, row in zip(DhKind, rows, strict=True)
+    ]
+    return [dict(zip(keys, link, strict=True)) for link in np.transpose(in_json).tolist()]
 
 
 def _correction_data(c: ReadingCorrection) -> dict[str, Any]:

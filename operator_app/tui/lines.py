@@ -5,6 +5,7 @@ Text contains no markup: the brackets in `[deg]` are plain text. A span is text 
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from itertools import zip_longest
 from typing import TYPE_CHECKING, Self, cast
@@ -91,6 +92,10 @@ class Lines(Widget, can_focus=True):
             self._room = self.content_size
         if self._room.area:
             self.show_lines(self._build(s, self._room.width, self._room.height))
+
+    def rows_of_all(self, s: SessionSnapshot) -> int:
+        """Return the number of rows that the panel needs to show everything at its present width."""
+        return len(self._build(s, self.content_size.width, sys.maxsize))
 
     def show_lines(self, lines: Sequence[Line]) -> None:
         """Show lines; only rows that have changed are painted."""

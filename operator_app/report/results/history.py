@@ -200,6 +200,9 @@ def history_json(history: ArmHistory) -> dict[str, Any]:
 
 
 def _part_json(part: EntryHistory) -> dict[str, Any]:
+    def in_json(name: str, value: float) -> float | None:
+        return Figure(float(value), quantity(name)).in_json
+
     chart = part.chart
     by_session = {
         "value": part.values,
@@ -222,11 +225,8 @@ def _part_json(part: EntryHistory) -> dict[str, Any]:
         "entries": {
             name: {
                 "unit": "deg" if quantity(name) is ANGLE else "m",
-                **{
-                    key: [Figure(float(v), quantity(name)).in_json for v in table[:, j]]
-                    for key, table in by_session.items()
-                },
-                "smallest_shift": Figure(float(part.smallest[j]), quantity(name)).in_json,
+                **{k: [in_json(name, v) for v in table[:, j]] for k, table in by_session.items()},
+                "smallest_shift": in_json(name, part.smallest[j]),
             }
             for j, name in enumerate(part.names)
         },
@@ -235,8 +235,8 @@ def _part_json(part: EntryHistory) -> dict[str, Any]:
                 "entry": s.name,
                 "since": part.calibrations[s.at].session,
                 "seen": part.calibrations[s.detected_at].session,
-                "size": Figure(s.size, quantity(s.name)).in_json,
-                "sigma": Figure(s.sigma, quantity(s.name)).in_json,
+                "size": in_json(s.name, s.size),
+                "sigma": in_json(s.name, s.sigma),
                 "chart": s.chart,
             }
             for s in part.chart.changes

@@ -36,10 +36,6 @@ class PlacementPanel(Lines):
     )
 
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        return self.all_rows(s, width)
-
-    def all_rows(self, s: SessionSnapshot, width: int) -> Sequence[Line]:
-        """Return the lines of the panel."""
         spec = s.procedure.fixture
         limits = spec.fixture.tolerance
         loop = spec.fixture.model(s.procedure.arm)
@@ -117,10 +113,6 @@ class _ChecklistPanel(ListPanel):
         text = f"{'▌' if is_marked else ' '}[{mark}] {s.procedure.fixture.checklist[k]}"
         return wrapped(text, width, "cursor text" if is_marked else "text", "     ")
 
-    def all_rows(self, s: SessionSnapshot, width: int) -> Sequence[Line]:
-        """Return the lines of all items."""
-        return [row for k in range(self._count(s)) for row in self._row(s, k, width)]
-
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         if s.ticked != self._ticked:
             self._ticked = s.ticked
@@ -141,6 +133,6 @@ class FixtureView(StepView):
     def show(self, s: SessionSnapshot) -> None:
         """Show a snapshot; on a large terminal, the set-up checks get the rows that the other panels do not need."""
         for panel in (self.query_one(PlacementPanel), self.query_one(_ChecklistPanel)):
-            rows = len(panel.all_rows(s, panel.content_size.width))
+            rows = panel.rows_of_all(s)
             panel.styles.height = None if self.compact else rows + FRAME_ROWS
         super().show(s)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from itertools import zip_longest
-from typing import TYPE_CHECKING, Self, cast
+from typing import TYPE_CHECKING, cast
 
 from rich.segment import Segment
 from rich.style import Style
@@ -60,11 +60,6 @@ class Lines(Widget, can_focus=True):
         """Lines on the screen."""
         self._base: Style | None = None
         self._titled = ""
-        # Size of the content, kept because looking it up takes longer than building most lines.
-        self._room: Size | None = None
-        # Rows with frame and background, as last painted: if rows have changed anywhere on the screen, Textual
-        # requests all rows of all panels from the first changed row to the last.
-        self._painted: dict[int, Strip] = {}
 
     @property
     def look(self) -> Look:
@@ -88,10 +83,8 @@ class Lines(Widget, can_focus=True):
 
     def show(self, s: SessionSnapshot) -> None:
         """Show a snapshot; only rows that have changed are painted."""
-        if self._room is None or not self._room.area:
-            self._room = self.content_size
-        if self._room.area:
-            self.show_lines(self._build(s, self._room.width, self._room.height))
+        if room := self.content_size:
+            self.show_lines(self._build(s, room.width, room.height))
 
     def rows_of_all(self, s: SessionSnapshot) -> int:
         """Return the number of rows that the panel needs to show everything at its present width."""
@@ -105,9 +98,6 @@ class Lines(Widget, can_focus=True):
         if not changed:
             return
         self.shown = new
-        above = self.gutter.top
-        for y in changed:
-            self._painted.pop(y + above, None)
         if len(changed) > 0.7 * max(1, self.content_size.height):
             self.refresh()
         else:
@@ -116,32 +106,8 @@ class Lines(Widget, can_focus=True):
 
     def forget(self) -> None:
         """Discard everything that depends on theme or layout, and repaint."""
-        self._base = self._room = None
+        self._base = None
         self.refresh()
-
-    def refresh(self, *regions: Region, **options: bool) -> Self:
-        """Repaint these regions or, if none are given, everything."""
-        if not regions:
-            self._painted.clear()
-        return super().refresh(*regions, **options)
-
-    def notify_style_update(self) -> None:
-        """Discard the painted rows after a change of colours or frame."""
-        self._painted.clear()
-        super().notify_style_update()
-
-    def render_lines(self, crop: Region) -> list[Strip]:
-        """Return rows with frame and background; unchanged rows come from the cache."""
-        painted, width = self._painted, self.outer_size.width
-        missing = [y for y in crop.line_range if y not in painted]
-        if missing:
-            first, last = missing[0], missing[-1]
-            made = super().render_lines(Region(0, first, width, last - first + 1))
-            painted.update(zip(range(first, last + 1), made, strict=True))
-        rows = [painted[y] for y in crop.line_range]
-        if crop.column_span != (0, width):
-            rows = [row.crop(*crop.column_span) for row in rows]
-        return rows
 
     def render_line(self, y: int) -> Strip:
         """Return row `y` of the lines shown, padded to the width of the widget."""
@@ -162,8 +128,7 @@ class Lines(Widget, can_focus=True):
 
     def on_resize(self) -> None:
         """Build the rows for the new size."""
-        self._base = self._room = None
-        self._painted.clear()
+        self._base = None
         if (picture := app_of(self).picture) is not None:
             self.show(picture)
 

@@ -303,7 +303,7 @@ class SarcalApp(App[str]):
         order = (DARK, LIGHT, NO_COLOUR)
         self.theme = order[(order.index(self.theme) + 1) % len(order)]
         self.look = look(self.theme, ascii_only=self.look.ascii_only)
-        self.main.forget()
+        self.main.repaint()
 
     def action_help_quit(self) -> None:
         """Leave the program, as the key q does; Textual calls this method for Ctrl+C."""

@@ -11,10 +11,9 @@ from itertools import zip_longest
 from typing import TYPE_CHECKING, cast
 
 from rich.segment import Segment
-from rich.style import Style
 from textual import events
 from textual.content import Content
-from textual.geometry import Region, Size
+from textual.geometry import Region
 from textual.message import Message
 from textual.strip import Strip
 from textual.widget import Widget
@@ -58,7 +57,6 @@ class Lines(Widget, can_focus=True):
         super().__init__(id=id)
         self.shown: tuple[Line, ...] = ()
         """Lines on the screen."""
-        self._base: Style | None = None
         self._titled = ""
 
     @property
@@ -104,18 +102,11 @@ class Lines(Widget, can_focus=True):
             width = self.content_size.width
             self.refresh(*(Region(0, y, width, 1) for y in changed))
 
-    def forget(self) -> None:
-        """Discard everything that depends on theme or layout, and repaint."""
-        self._base = None
-        self.refresh()
-
     def render_line(self, y: int) -> Strip:
         """Return row `y` of the lines shown, padded to the width of the widget."""
         look, width = self.look, self.content_size.width
         row = clip(self.shown[y], width) if y < len(self.shown) else ()
-        if self._base is None:
-            self._base = self.rich_style
-        base = self._base
+        base = self.visual_style.rich_style
         if row and row[0][1].startswith("cursor"):
             base += look.style("cursor")
         segments = [
@@ -128,7 +119,6 @@ class Lines(Widget, can_focus=True):
 
     def on_resize(self) -> None:
         """Build the rows for the new size."""
-        self._base = None
         if (picture := app_of(self).picture) is not None:
             self.show(picture)
 

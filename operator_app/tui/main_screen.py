@@ -280,7 +280,7 @@ class MainScreen(Screen[None]):
         if rows != self._rows:
             self._rows = rows
             self.hint.styles.height, self.log_lines.styles.height = rows
-            self.call_after_refresh(self.forget)
+            self.call_after_refresh(self.repaint)
 
     def _shown_at_once(self, s: SessionSnapshot) -> object:
         """Return the values of which a change is shown at once. Ages and rates, which always change, are left out."""
@@ -294,10 +294,10 @@ class MainScreen(Screen[None]):
             self.rails[0].place, self.app.screen is self,
         )  # fmt: skip
 
-    def forget(self) -> None:
-        """Discard all lines built for an earlier theme or layout; repaint everything."""
+    def repaint(self) -> None:
+        """Repaint all panels, after a change of theme or layout."""
         for panel in self.query(Lines):
-            panel.forget()
+            panel.refresh()
 
     def on_resize(self, event: events.Resize) -> None:
         """Use the layout for this size."""
@@ -309,4 +309,4 @@ class MainScreen(Screen[None]):
             view.set_compact(compact)
         self.too_small.show_size(width, height)
         # A frame may have appeared or disappeared without a change of the panel's outer size.
-        self.call_after_refresh(self.forget)
+        self.call_after_refresh(self.repaint)

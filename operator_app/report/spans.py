@@ -22,11 +22,13 @@ short_entry = partial(entry, column=11)
 """Make a line with a label in a narrower column, for the steps of the terminal app that show a drawing."""
 
 
-def wrapped_entry(label: str, text: str, width: int, column: int = 12) -> list[Line]:
+def wrapped_entry(
+    label: str, text: str, width: int, column: int = 12, role: str = "text"
+) -> list[Line]:
     """Wrap text to `width` characters, with a label at the left of the first line; no line breaks at U+00A0."""
     rows = textwrap.wrap(text, max(width - column, 8)) or [""]
     return [
-        entry(label if k == 0 else "", row.replace("\xa0", " "), column=column)
+        entry(label if k == 0 else "", (row.replace("\xa0", " "), role), column=column)
         for k, row in enumerate(rows)
     ]
 

@@ -112,10 +112,7 @@ class Lines(Widget, can_focus=True):
         segments = [
             Segment(look.text(sanitized(text)), base + look.style(role)) for text, role in row
         ]
-        padding = width - length(row)
-        if padding > 0:
-            segments.append(Segment(" " * padding, base))
-        return Strip(segments, width)
+        return Strip(segments, length(row)).adjust_cell_length(width, base)
 
     def on_resize(self) -> None:
         """Build the rows for the new size."""

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from operator_app.report.parameter_tables import formats
 from operator_app.report.results.verification import verified_words
-from operator_app.report.spans import Line, clip, entry, line, wrapped
+from operator_app.report.spans import Line, clip, entry, wrapped_entry
 from operator_app.report.table import Cell, FactTable, figures, shown, words
 from operator_app.session.ui.snapshot import DiffRow, SessionSnapshot
 from operator_app.tui.lines import Lines
@@ -68,9 +68,7 @@ class RecordPanel(Lines):
         else:
             glyph, role = ("✓ ", "text") if s.verification.holds else ("▲ ", "warn")
             text = f"{glyph}{verified_words(s.verification)}"
-            head, *more = wrapped(text, width - len(" Verified   "), role)
-            rows = [entry("Verified", *head)]
-            rows += [line(" " * len(" Verified   "), *row) for row in more]
+            rows = wrapped_entry("Verified", text, width, role=role)
         where = "r writes report.html" if s.report is None else f"✓ {s.report}"
         rows.append(entry("Report", where))
         rows.append(entry("Session", f"{s.folder}"))

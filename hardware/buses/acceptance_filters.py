@@ -19,12 +19,12 @@ _FUNCTION_CODE = 0x780
 
 
 def set_hardware_filters(bus: can.BusABC, filters: list[CanFilter]) -> None:
-    """Set filters on the in-process bus, and on buses whose adapter or kernel applies them; other buses get none.
+    """Set filters on the in-process bus, and on buses whose adapter or kernel filters; other buses get no filters.
 
-    On those other buses python-can would filter in software: `recv` without waiting returns None for a dropped frame.
-    Readers that read until None would then leave answers in the queue (the in-process bus has no such readers). If an
-    adapter has room for one filter only (Kvaser, SYSTEC, Vector), python-can also filters in software, and sets
-    `_is_filtered` to false; this function then removes the filters again.
+    On other buses python-can would filter in software. There, `recv` without waiting returns None for a dropped frame,
+    and a reader that stops at None would miss the answers behind that frame. (The in-process bus has no such readers.)
+    An adapter with room for one filter only (Kvaser, SYSTEC, Vector) also leaves the filtering to python-can, and sets
+    `_is_filtered` to false. This function then removes the filters again.
     """
     if isinstance(bus, VirtualBus):
         bus.set_filters(filters)

@@ -1,9 +1,9 @@
 """A CAN bus between processes of one machine, over UDP multicast on 127.0.0.1, for machines without kernel CAN.
 
-python-can finds it as interface ``loopback`` through the entry point group ``can.interface``. Nothing leaves the
-machine: datagrams use the loopback interface alone, with a time-to-live of 0.
+python-can finds this bus as interface ``loopback`` through the entry point group ``can.interface``. No datagram leaves
+the machine: all use the loopback interface, with a time-to-live of 0.
 
-A channel may have any name, which is hashed to a multicast group and, because names may share a group, to a tag in
+A channel may have any name. The name is hashed to a multicast group and, because names may share a group, to a tag in
 every datagram. Only classic frames are supported: CANopen uses no others.
 """
 
@@ -231,7 +231,7 @@ def _arrival_s(ancillary: list[tuple[int, int, bytes]]) -> float:
 
 
 def _set_up_sender(sender: socket.socket) -> None:
-    """Have a socket send to the loopback interface; its port identifies the sending bus object."""
+    """Make a socket send to the loopback interface only, from a free port that identifies the sending bus object."""
     sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(HOST))
     sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)
     sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_LOOP, 1)

@@ -74,10 +74,10 @@ def bus_settings(
     *,
     otherwise: BusSettings | None = None,
 ) -> BusSettings:
-    """Return the settings of a bus: from the arguments, or else from the environment, or else from ``can.conf``.
+    """Return the settings of a bus, each from the first source that states it: arguments, environment, ``can.conf``.
 
-    If none of these names an interface, that of `otherwise` is used; its channel and bitrate are used only if none of
-    these states another. Raises `BusSettingsError` for an unknown interface, invalid bitrate or missing channel.
+    If none of these sources names an interface, `otherwise` supplies the interface, and channel and bitrate where no
+    source states them. Raises `BusSettingsError` for an unknown interface, invalid bitrate or missing channel.
     """
     stated = {"interface": interface, "channel": channel, "bitrate": bitrate}
     options: dict[str, Any] = {name: value for name, value in stated.items() if value is not None}

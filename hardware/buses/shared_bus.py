@@ -1,4 +1,4 @@
-"""A bus handle shared by threads; recording of a bus to a file, also while another program uses it."""
+"""Shares a bus handle between threads, and records a bus to a file, even while another program uses the bus."""
 
 import errno
 import heapq
@@ -225,7 +225,7 @@ class SharedBus:
 def receiving(
     bus: SharedBus, take_in: Callable[[can.Message], None], name: str
 ) -> Iterator[list[str]]:
-    """Context in which thread `name` passes on every data frame that `receive` returns, at the end those still queued.
+    """Context in which thread `name` passes each received data frame to `take_in`, at the end also the queued frames.
 
     Yields a list that receives the error text if the bus can no longer be read. Closes the bus at the end.
     """

@@ -166,7 +166,7 @@ class BusMonitor:
 
 
 def _written(data: bytes) -> str:
-    """Return, as text, the value in a request that begins a write or, if the request carries none, the data's size."""
+    """Describe the data of an SDO write request: the value in hex, else the announced size, else just ``data``."""
     block = data[0] >> 5 == _BLOCK_DOWNLOAD
     if data[0] & _EXPEDITED and not block:
         size = 4 - (data[0] >> 2 & 3) if data[0] & _SIZED else 4

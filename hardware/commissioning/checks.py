@@ -193,7 +193,7 @@ def drive_settings(facts: Sequence[DriveFacts]) -> Iterator[Clause]:
 
 
 def _guard(drive: DriveFacts) -> Clause:
-    """Check a drive's operator time-out; `passed` is None if a run accepts the time-out but less is advised."""
+    """Check a drive's operator time-out; `passed` is None for a time-out within the limit but longer than advised."""
     guard = drive.operator_timeout_s
     if guard is None:
         text = "1016h: the drive does not monitor this program's heartbeat, and keeps moving if this program dies"

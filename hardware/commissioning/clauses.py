@@ -43,7 +43,7 @@ SCATTER_RAD: Final = math.radians(0.5)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bounds:
-    """Samples per reading; limits of a joint's change at rest (`still_rad`) and error after a move (`near_rad`)."""
+    """Samples per reading, and two limits: motion of a joint at rest (`still_rad`), error after a move (`near_rad`)."""
 
     samples: int
     still_rad: float
@@ -60,7 +60,7 @@ BENCH: Final = Bounds(samples=100, still_rad=math.radians(0.1), near_rad=math.ra
 
 
 def nothing_wrong(name: str, wrong: str, otherwise: str) -> Clause:
-    """Return the result of a check: failed with text `wrong` or, if `wrong` is empty, passed with text `otherwise`."""
+    """Return a clause that has failed, with text `wrong`; if `wrong` is empty, it has passed, with text `otherwise`."""
     return Clause(name, not wrong, wrong or otherwise)
 
 
@@ -206,14 +206,14 @@ def is_refused(
 
 
 def keeps_within_limits(
-    arm: ArmInterface, joint: int, ranged: JointDescription, speed_rad_per_s: float
+    arm: ArmInterface, joint: int, limits: JointDescription, speed_rad_per_s: float
 ) -> Iterator[Clause]:
     """Check that targets beyond the range and speeds above the limit are refused.
 
-    If a command is not refused, the test ends the move at its first sample.
+    If the arm accepts such a command, a watch function ends the move at the first sample.
     """
-    margin, fast = math.radians(2.0), 2.0 * ranged.max_speed_rad_per_s
-    beyond = (ranged.lower_rad - margin, ranged.upper_rad + margin)
+    margin, fast = math.radians(2.0), 2.0 * limits.max_speed_rad_per_s
+    beyond = (limits.lower_rad - margin, limits.upper_rad + margin)
     for name, what, target, speed in (
         *(("range", f"a target of {deg(end, sign=True)}", end, speed_rad_per_s) for end in beyond),
         ("speed", f"a move at {deg(fast)}/s", position_rad(arm, joint), fast),
@@ -225,7 +225,7 @@ def keeps_within_limits(
 
 
 def refuses_to_move_free(arm: ArmInterface, joint: int, speed_rad_per_s: float) -> Clause:
-    """Check that a move of a joint in free mode to its current position is refused."""
+    """Check that a joint in free mode cannot be commanded to move; the target is the joint's current position."""
     go = partial(arm.move, {joint: position_rad(arm, joint)}, speed_rad_per_s=speed_rad_per_s)
     return is_refused("free stays free", "a move in free mode", go, joint=joint)
 
@@ -295,9 +295,9 @@ def is_still(name: str, before: FloatArray, arm: ArmInterface, bounds: Bounds) -
 
 
 def seconds_to_stop(arm: ArmInterface, begun_s: float) -> tuple[float, str]:
-    """Wait until no drive is enabled, but no longer than until `STOPS_WITHIN_S` after `begun_s` (monotonic time).
+    """Wait until all drives are disabled, or until `STOPS_WITHIN_S` seconds after the monotonic time `begun_s`.
 
-    Returns the time since `begun_s`, s, and a sentence that names the joints still enabled (empty if there are none).
+    Returns the seconds since `begun_s`, and a sentence that names the joints still enabled (empty if there are none).
     """
     while True:
         seconds, enabled = time.monotonic() - begun_s, enabled_joints(arm)

@@ -48,7 +48,7 @@ def draft(nodes: Sequence[FoundNode], *, name: str, configure: bool = False) -> 
 
 
 def _current(node: FoundNode, kind: PdoKind) -> tuple[Pdo, ...]:
-    """Choose usable PDOs one by one, always the PDO that adds the most objects, until no PDO adds any."""
+    """Return usable current PDOs of a drive; each choice takes the PDO that adds the most objects still missing."""
     usable = [pdo for pdo in node.pdos if pdo.valid and pdo.kind is kind and not _unusable(pdo)]
     missing, chosen = set(kind.carried), list[DrivePdo]()
     while missing:

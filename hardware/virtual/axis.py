@@ -47,10 +47,10 @@ LEGENDRE_DEGREES = (2, 3, 4, 5)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LinearityDeviation:
-    """Deviation of an RVDT from its best-fit line: ``sum_k c_k P_k(x)``, where x is the angle / half of full scale.
+    """Deviation of an RVDT from its best-fit line: a sum of Legendre polynomials of x = angle / half of full scale.
 
-    The sum has no P_0 and P_1, so its own best-fit line is zero, and its peak is the linearity that a maker states.
-    `coefficients_rad` (4,) are c_k for `LEGENDRE_DEGREES`.
+    `coefficients_rad` (4,) are the factors of the polynomials of degrees 2 to 5. Without degrees 0 and 1, the best-fit
+    line of the deviation is zero, so the peak of the deviation is the linearity that a maker states.
     """
 
     coefficients_rad: tuple[float, ...]
@@ -58,7 +58,7 @@ class LinearityDeviation:
 
     @classmethod
     def drawn(cls, rng: np.random.Generator, *, full_scale_rad: float, peak: float) -> Self:
-        """Draw a random deviation with a given peak (fraction of full scale); P_4 and P_5 have smaller coefficients."""
+        """Draw a random deviation with a given peak (fraction of full scale), in which degrees 4 and 5 are weaker."""
         shape = rng.choice((-1.0, 1.0), 4) * rng.uniform(0.4, 1.0, 4) * (1.0, 1.0, 0.4, 0.2)
         unit = cls(coefficients_rad=tuple(shape.tolist()), half_scale_rad=0.5 * full_scale_rad)
         scale = peak * full_scale_rad / unit.peak_rad()

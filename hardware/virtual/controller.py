@@ -310,7 +310,7 @@ class VirtualController:
                     node.beat()
 
     def _lost(self, node: int) -> bool:
-        """Whether no heartbeat of a node was heard for too long; host latency (`LatencyMonitor`) is not counted."""
+        """Whether a node was silent for longer than the time-out; host latency (`LatencyMonitor`) is not counted."""
         return self._latency.listened_s - self._heard_s.get(node, -math.inf) > self._timeout_s
 
     def _run_work(self) -> None:

@@ -19,7 +19,7 @@ LATE_S = (0.005, 0.05)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameFaults:
-    """Fraction (0 to 1) of all frames that suffer each fault; `babble`: foreign frames sent after every frame."""
+    """Fractions (0 to 1) of frames with each fault, but `babble` is the number of foreign frames after every frame."""
 
     lost: float = 0.0
     doubled: float = 0.0
@@ -33,7 +33,7 @@ NO_FRAME_FAULTS = FrameFaults()
 
 
 class FaultyWire:
-    """One direction of a bus. Its faults are reproducible for a seed, except for the times at which late frames arrive.
+    """One direction of a bus. The seed determines all faults of frames, but not the times at which late frames arrive.
 
     `delays`: whether frames may be late.
     """

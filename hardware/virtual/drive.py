@@ -1,6 +1,6 @@
 """Behaviour of one drive: states, modes, limits, trips.
 
-Time is counted in control periods: `command` returns the joint's command for the next period, `read` takes in the
+Time is counted in control periods. `command` returns the joint's command for the next period, and `read` takes in the
 sensor values at the end of that period.
 """
 

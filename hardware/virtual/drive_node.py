@@ -106,9 +106,9 @@ class DriveNode(VirtualNode):
 class DriveGroup:
     """Drives of joints 1..n, with their plant and the active faults.
 
-    In addition to CiA 402: if one drive trips, all others stop, since in a closed chain they would push against a joint
-    that does not follow, and no drive moves until the fault is reset. If the operator's heartbeat is lost, the drives
-    hold position and raise 8130h. When the control token is released, all drives stop and hold without a fault.
+    If one drive trips, all others stop (not in CiA 402): in a closed chain, a drive that went on would push against the
+    tripped joint. No drive moves until the fault is reset. If the operator's heartbeat is lost, the drives hold
+    position and raise 8130h. When the control token is released, all drives stop and hold without a fault.
     """
 
     def __init__(

@@ -31,7 +31,7 @@ ALL_POSES = "every pose accepted before"
 
 @dataclass(frozen=True, slots=True)
 class FaultDescription:
-    """One fault: what fails, and what the operator does about it."""
+    """One fault: what fails (`broken`), what the operator must do (`remedy`), and what messages and motion follow."""
 
     broken: str
     remedy: str

@@ -107,7 +107,7 @@ class VirtualNode:
         """Called when the node leaves *operational*; from then on it exchanges no PDOs."""
 
     def send_emergency(self, errors: Sequence[EmergencyCode]) -> None:
-        """Send the emergency of the latest active error or, without any, that of their end; update 1001h and 1003h."""
+        """Send the emergency of the latest active error, or of the end of all errors; update 1001h and 1003h."""
         code, register = EmergencyCode.NONE, ErrorBit(0)
         for code in errors:
             register |= ErrorBit.GENERIC | _REGISTER.get(code, ErrorBit.PROFILE)
@@ -119,7 +119,7 @@ class VirtualNode:
             self.send(objects.COB_EMCY, objects.EMCY.pack(code, register, bytes(5)))
 
     def read_object(self, index: int, subindex: int) -> bytes:
-        """Return the bytes of an object; raises `SdoAbortedError` if it is absent or write-only."""
+        """Return the bytes of an object; raises `SdoAbortedError` if the object is absent or write-only."""
         variable = self._variable(index, subindex)
         if not variable.readable:
             raise SdoAbortedError(sdo.ABORT_READ_WRITEONLY)

@@ -1,8 +1,9 @@
 """Two parameter slots that survive a power cut at any moment, and the check of a document against this arm.
 
-A document is written to the slot that is not active: temporary file, fsync, rename, fsync of the folder; then the
-pointer to the active slot changes in the same way. A power cut leaves the active slot intact; a SHA-256 of
-each slot detects other damage. The operator program supplies a function that parses a document (`Validate`).
+A document is written to a temporary file, which then replaces the slot that is not active. The file that names the
+active slot is replaced in the same way. Files and folder are synchronised (fsync), so that a power cut leaves the
+active slot intact. A SHA-256 in each slot detects other damage. The operator program supplies the parser of documents
+(`Validate`).
 """
 
 import errno
@@ -129,7 +130,7 @@ class ParameterStore:
         return slot
 
     def roll_back(self) -> Slot:
-        """Make the spare slot, which must have an intact document, active and return it."""
+        """Make the spare slot active and return it; the slot must have an intact document."""
         slot = self.spare
         self._replace(_POINTER, slot.name.encode())
         return slot

@@ -1,14 +1,14 @@
 """The arm in its fixture as a quasi-static compliant closed chain.
 
-At calibration speeds, the damping of hydraulic joints far outweighs their inertia. In each control period the increment
-D of the true angles (the hinge angle, unused without a hinge, then the joint angles) minimises
+At calibration speeds, the damping of hydraulic joints far outweighs their inertia. The true angles theta are the hinge
+angle (unused without a hinge), then the joint angles. With k the stiffness of a servo, K that of the fixture, e the
+closure error and d the damping (backward Euler), the increment D of theta in a control period dt minimises
 
     1/2 sum_position k (target - theta - D)^2 + 1/2 e(theta + D)' K e(theta + D)
         + 1/2 sum d D^2 / dt - gravity' D + friction(D)
 
-with e the closure error, K the stiffness of the fixture, k that of a servo, and d the damping (backward Euler). An arm
-of seven joints in a hinge has mobility 2. With a servo in one joint only, gravity makes the arm sag; with a third
-servo, whose target does not agree with those of the other two, the servos strain against each other.
+An arm of seven joints in a hinge has mobility 2. With one servo only, gravity makes the arm sag. A third servo strains
+against the first two, unless its target agrees with theirs.
 """
 
 from collections.abc import Sequence
@@ -66,10 +66,10 @@ class Loads:
             object.__setattr__(self, name, frozen(getattr(self, name)))
 
     def of(self, arm: ArmModel) -> Self:
-        """Return these loads adapted to `arm`; friction, if any, becomes proportional to the drives' torque limits.
+        """Return these loads adapted to `arm`: gravity from the arm file, friction proportional to the torque limits.
 
-        If the number of joints differs, frames n // 2 and n - 2 each carry the largest mass, other frames none. If the
-        arm's weakest drive is weaker than the drives of the paper's arm, all masses are reduced in proportion.
+        If the arm's weakest drive is weaker than the paper's, all masses are reduced in proportion. If these loads are
+        not for n joints, the number of `arm`, frames n // 2 and n - 2 each carry the largest mass, other frames none.
         """
         weakest = min(joint.max_torque_nm for joint in arm.joints) / PAPER_TORQUE_NM
         n, payload = arm.joint_count, self.payload_kg * min(1.0, weakest)
@@ -128,7 +128,7 @@ class Plant:
 
     @property
     def closure_error(self) -> FloatArray:
-        """Deflection of the fixture, (k,): rotation vector (rad) if rotations are constrained, then position (m)."""
+        """Deflection of the fixture, (6,): rotation vector (rad), position (m). Ball: position (3,). Open arm: (0,)."""
         return self._point.error + self._slip
 
     def slip(self, slip_m: float) -> None:
@@ -240,7 +240,11 @@ class Plant:
 
 
 def _gravity_levers(loads: Loads) -> tuple[FloatArray, FloatArray]:
-    """Return M (n, n + 2), kg, and G (3, 3): M @ origins_m is mass times lever by joint, p @ G is p x gravity."""
+    """Return M (n, n + 2), kg, and G (3, 3), m/s^2, two factors of the torques of gravity about the n joints.
+
+    The product of M and the origins (n + 2, 3) of frames -1..n is mass times lever, (n, 3). The product of a row
+    vector p and G is the cross product of p and the acceleration of gravity.
+    """
     mass, g = loads.payload_kg, GRAVITY_M_PER_S2 * loads.down
     n = len(mass)
     lever = np.zeros((n, n + 2))

@@ -60,29 +60,22 @@ class Scenario:
     """Description of a virtual arm in its fixture, from which `build` makes a plant.
 
     The same name and seed give the same arm and noise.
-
-    Attributes
-    ----------
-    specimen
-        Seed of the arm's linearity and length errors; if None, `seed` is used.
-    linearity_of_full_scale
-        Peak linearity deviation of each RVDT, as a fraction of full scale.
-    lengths
-        Smallest and largest size, m, of the random errors of the maker's lengths; if None, there are none.
-    placement
-        Number of this mounting of the fixture, from 1; each mounting has different noise.
     """
 
     name: str
     seed: int
     truth: Truth
     specimen: int | None = None
+    """Seed of the arm's linearity and length errors; if None, `seed` is used."""
     encoders_only: bool = False
     noise: bool = True
     linearity_of_full_scale: float = 0.0
+    """Peak linearity deviation of each RVDT, as a fraction of full scale."""
     lengths: tuple[float, float] | None = None
+    """Smallest and largest magnitude of random errors in the lengths that the maker states, m; None: no errors."""
     loads: Loads = STIFF
     placement: int = 1
+    """Number of this mounting of the fixture, from 1; each mounting has different noise."""
 
     def arm(self, arm: ArmModel) -> ArmModel:
         """Return `arm` with the sensors of this scenario: those of `arm`, or encoders on all joints."""
@@ -161,9 +154,9 @@ def scenario_of(
 ) -> Scenario:
     """Return the scenario `name` for an arm and a fixture.
 
-    If the files can describe the paper's arm, the true arm is the one that the function `scenario` returns. Otherwise
-    `seed` determines a true arm within the tolerances of the files; in ``datasheet`` and ``wild`` this includes lengths
-    and twists that the calibration does not identify. From `placement` 2 on, the same arm is in a new placement.
+    If the files can describe the paper's arm, the true arm is the paper's or, in ``wild``, drawn around the paper's.
+    Otherwise `seed` determines a true arm within the tolerances of the files; in ``datasheet`` and ``wild``, lengths
+    and twists that the calibration does not identify have errors too. Each `placement` is a mounting of the same arm.
 
     Raises `ValueError` if there is no such scenario, or if no plant can be built from these files.
     """

@@ -98,12 +98,12 @@ class NodeSdoServer:
             raise SdoAbortedError(sdo.ABORT_NO_DATA_AVAILABLE)
         return _upload(request, document)
 
-    def _finish(self, index: int, subindex: int, document: bytes | None) -> None:
-        """Write `document` to the node, unless it is None, then answer the client; a node may put off its answer."""
+    def _finish(self, index: int, subindex: int, data: bytes | None) -> None:
+        """Write received data (None: an upload) to the node, then answer the client unless the node answers later."""
         abort: int | None = None
         try:
-            if document is not None:
-                self._node.write_object(index, subindex, document)
+            if data is not None:
+                self._node.write_object(index, subindex, data)
         except Deferred:
             return
         except SdoAbortedError as error:

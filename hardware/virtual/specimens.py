@@ -81,10 +81,10 @@ def _first_that_closes(
 
 
 def _arm_differences(arm: ArmModel, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-    """Draw differences between an arm and its file, rad and m: for calibrated entries (5, n), for other entries (4, n).
+    """Draw differences between an arm and its file, rad and m: array (5, n) for calibrated entries, (4, n) for others.
 
-    Rows: theta_off (first array only), s, a, alpha, beta. Each array has all entries, whichever are calibrated, so that
-    a seed always gives the same arm.
+    Rows: theta_off (first array only), s, a, alpha, beta. Both arrays are drawn in full, although only one value of
+    each entry is used, so that a seed gives the same arm whichever entries are calibrated.
     """
     n, hayati = arm.joint_count, [row - 1 for row in arm.hayati_rows]
     stated = np.array([arm.length_tolerance_m, arm.length_tolerance_m, arm.twist_tolerance_rad])
@@ -114,10 +114,10 @@ def _observable(
 def files_allow(
     arm: ArmModel, fixture: EndpointConstraint, truth: Truth, home_rad: FloatArray
 ) -> bool:
-    """Whether the true arm and hinge (`truth`, closed at `home_rad` (n,)) are possible for these arm and fixture files.
+    """Whether arm and fixture files allow the true arm and hinge `truth`, closed at the readings `home_rad` (n,).
 
-    Free entries may differ by their tolerance (offsets by `OFFSET_TOLERANCE_RAD`), other entries by five standard
-    deviations of the arm file. For an open arm, the hinge and the entries that depend on mounting are not compared.
+    Calibrated entries may differ from the files by the fixture's tolerance (offsets by `OFFSET_TOLERANCE_RAD`), other
+    entries by five standard deviations. For an open arm, the hinge and mounting-dependent entries are not compared.
     """
     model = fixture.model(arm)
     if model.joint_count != truth.loop.joint_count:
@@ -175,9 +175,9 @@ def remount_truth(
 ) -> Truth:
     """Return the truth of the same arm and fixture, mounted again within the tolerance of the fixture file.
 
-    The fixture's placement on the table changes and, unless the fixture stays on the tool, its placement on the tool.
-    An offset that is measured from the fixture (theta_off_1, theta_off_n) changes too. Raises `ValueError` if the arm
-    closes near home in no placement drawn.
+    The placement of the fixture on the table changes. The placement on the tool changes too, unless the fixture stays
+    on the tool. An offset that is measured from a changed placement (theta_off_1, theta_off_n) also changes. Raises
+    `ValueError` if no placement drawn lets the arm close near home.
     """
     model = fixture.model(arm)
     if not isinstance(model, DhLoop | PointClosure):
@@ -228,7 +228,7 @@ def _clipped_normal(rng: np.random.Generator, shape: tuple[int, ...]) -> FloatAr
 def _truth(
     model: DhLoop | PointClosure | MeasuredClosure, x: FloatArray, rows: FloatArray
 ) -> Truth:
-    """Return the true geometry with the arm's D-H `rows` (5, n), but `x` (P,) for the unknowns of `model`."""
+    """Return the true geometry: `x` (P,) are the P unknowns of `model`, `rows` (5, n) the arm's other D-H entries."""
     stacked = model.table.stacked()
     stacked[:, -rows.shape[1] :] = rows
     with_rows = replace(model, table=DhTable.from_stacked(stacked))

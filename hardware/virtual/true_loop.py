@@ -252,10 +252,10 @@ PAPER_HOME_RAD = frozen(
 def with_length_errors(
     truth: Truth, range_m: tuple[float, float], rng: np.random.Generator
 ) -> Truth:
-    """Add a random error, of a magnitude within `range_m`, to every length from the maker's table.
+    """Return `truth` with a random error, of a magnitude within `range_m`, in every length from the maker's table.
 
-    Lengths with an error: s and a of rows 2 to n - 1, and a_1. The others (s_1, s_n, a_n, row 0) have none, because
-    they depend on the fixture, and the calibration identifies them.
+    The maker's lengths are a_1, and s and a of rows 2 to n - 1. The other lengths (s_1, s_n, a_n, row 0) depend on the
+    fixture, and the calibration identifies them.
     """
     n = truth.loop.joint_count
     stacked = truth.table.stacked()
@@ -315,10 +315,10 @@ def draw_wild_loop(rng: np.random.Generator) -> Truth:
 
 
 def can_cover(loop: DhLoop, x: FloatArray, pose: FloatArray, hinge: FloatArray) -> bool:
-    """Whether the driven joints `WILD_DRIVES` can move over their ranges from `pose` (n,), with the hinge at `hinge`.
+    """Whether the two driven joints can cover their ranges from `pose` (n,), with the hinge at `hinge`, rad.
 
-    They move along a straight line to each of 16 points on the border of their ranges (`LOWEST_RAD`, `HIGHEST_RAD`).
-    On the way, the loop must close, and the motions of all joints must stay within `MAX_GRADIENT` and `ROOM_RAD`.
+    The driven joints move straight to each of 16 points on the border of their ranges. On the way the loop, with the
+    unknowns `x` (P,), must close, and all joints must stay within the limits `MAX_GRADIENT` and `ROOM_RAD`.
     """
     corners = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
     sides = np.roll(corners, -1, axis=0) - corners

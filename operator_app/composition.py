@@ -77,11 +77,12 @@ def open_arm(
 ) -> Iterator[Rig]:
     """Open the arm of a session and yield it as a `Rig`; start the controller of an embedded virtual arm.
 
-    `pace`: if None, the embedded virtual arm runs in fast-forward, an arm on any other bus in real time. `speed`:
-    how many times faster than a real arm the embedded virtual arm runs; without effect in fast-forward.
+    `pace`: real time or fast-forward. None means fast-forward for the embedded virtual arm, real time for all others.
+    `speed`: how many times faster than a real arm the embedded virtual arm runs; without effect in fast-forward.
 
-    Raises `BusError` if the bus cannot be opened, `UsageError` if a channel or bitrate is chosen, but no interface, and
-    `SessionError` if the session was imported and has no arm, or its files or options do not suit the arm.
+    Raises `BusError` if the bus cannot be opened, and `UsageError` if a channel or bitrate is chosen without an
+    interface. Raises `SessionError` if the session was imported and has no arm, or if its files or options do not suit
+    the arm.
     """
     if opening.state.imported:
         raise SessionError(

@@ -1,6 +1,6 @@
 """Checks that the top-level packages belong to this program, before they are imported.
 
-PyPI has another package `fixtures`. If installed later, it replaces this program's: errors appear far from the cause.
+PyPI has another package `fixtures`. Installed later, it replaces ours, and errors appear far from the cause.
 """
 
 import importlib.util

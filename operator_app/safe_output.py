@@ -17,10 +17,7 @@ MARK = "\ufffd"
 
 
 def sanitized(text: str, *, keep: str = "") -> str:
-    """Return text with control characters, line breaks and direction overrides replaced by `MARK`.
-
-    `keep` lists characters that are allowed, such as line breaks.
-    """
+    """Return text in which `MARK` replaces control characters, line breaks and direction overrides, except `keep`."""
     if text.isprintable():
         return text
     kept = {c for c in text if c in keep or c.isprintable() or unicodedata.category(c) == "Zs"}
@@ -40,8 +37,8 @@ def as_json(value: object) -> str:
 def say(text: str = "", *, err: bool = False, streaming: bool = False) -> None:
     """Print text and a line break on stdout or, if `err`, on stderr.
 
-    A failed write to stderr and a closed pipe are ignored, since exit code and files hold the result; if `streaming`, a
-    closed pipe raises `BrokenPipeError`. Raises `OSError` if stdout cannot be written, e.g. to a full disk.
+    A failed write to stderr is ignored, and so is a closed pipe: exit code and files also hold the result. But if
+    `streaming`, a closed pipe raises `BrokenPipeError`. Other failures on stdout, e.g. a full disk, raise `OSError`.
     """
     stream = sys.stderr if err else sys.stdout
     encoding = stream.encoding or "utf-8"

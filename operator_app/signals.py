@@ -90,7 +90,7 @@ class ProcessEnd:
         self._code = 0
 
     def soon(self, code: int) -> None:
-        """End the process with `code` soon after its main thread ends, even if another thread still waits."""
+        """End the process with exit code `code` shortly after the main thread ends, even if other threads wait."""
         self._code = code
         threading.Thread(target=self._with_threads, daemon=True).start()
 
@@ -100,7 +100,7 @@ class ProcessEnd:
         os._exit(self._code)
 
     def _if_interrupted(self) -> None:
-        """End an interrupted run with code 130; without this, Python may end it by SIGINT, as with ``python -c``."""
+        """End an interrupted run with code 130. Otherwise, Python may end the run by SIGINT, as with ``python -c``."""
         if self._code == INTERRUPTED:
             for stream in (sys.stdout, sys.stderr):
                 with suppress(OSError, ValueError):

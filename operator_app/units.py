@@ -229,7 +229,7 @@ def typeset(text: str) -> str:
 
 
 def places_to_show(precisions: Iterable[float], *, least: int = 1, most: int = 9) -> int:
-    """Return how many decimal places (`least` to `most`) give the finest precision above 0 two significant digits."""
+    """Return how many decimal places (`least` to `most`) show two digits of the finest precision above 0."""
     finest = min((p for p in precisions if math.isfinite(p) and p > 0.0), default=0.0)
     if finest == 0.0:
         return least
@@ -255,7 +255,7 @@ def joints_named(joints: Sequence[int]) -> str:
 
 
 def others_free(driven: int, joint_count: int) -> str:
-    """Return ", the others free", or "" if all joints are driven."""
+    """Return the end of a list of `driven` joints (a count): ", the others free", or "" if all joints are driven."""
     return "" if driven == joint_count else ", the others free"
 
 

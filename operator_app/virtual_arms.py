@@ -65,8 +65,8 @@ def run_controller(
     """Start the virtual controller of an arm on a bus, yield the controller, and close it at the end.
 
     The simulated arm is `arm` in `fixture` at `placement`. `slots`: folder of the parameter slots; None: in memory.
-    `script`: faults to inject. `attended`: whether the caller waits for the frames in this process, and calls
-    `VirtualController.attend` meanwhile. Raises SessionError if the arm cannot be built or the slots cannot be read.
+    `script`: faults to inject. `attended`: whether the operator is in this process and, while waiting for frames, calls
+    `VirtualController.attend`. Raises SessionError if the arm cannot be built or the slots cannot be read.
     """
     chosen = virtual_arm(arm, fixture, choices, placement)
     carried = chosen.arm(arm)

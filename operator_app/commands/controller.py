@@ -45,7 +45,7 @@ def execute(args: argparse.Namespace) -> int:
     if args.procedure is None:
         names = args.arm or "sarcos_dextrous", args.fixture or "hinge"
         arm, fixture = load_arm(names[0]), load_fixture(names[1])
-        run, new = procedure_of(*names, kind=fixture.kind)
+        run, new = procedure_of(*names, fixture_kind=fixture.kind)
     elif args.arm or args.fixture:
         raise UsageError("--procedure names arm and fixture: leave --arm and --fixture out")
     else:
@@ -90,12 +90,12 @@ def execute(args: argparse.Namespace) -> int:
     raise failure
 
 
-def procedure_of(arm: str, fixture: str, *, kind: str) -> tuple[str, str]:
-    """Return the arguments of `sarcal run`, and a hint on how to make the procedure file; "" if a built-in one fits."""
+def procedure_of(arm: str, fixture: str, *, fixture_kind: str) -> tuple[str, str]:
+    """Return the arguments of `sarcal run`, and how to make the procedure file ("" if a built-in procedure fits)."""
     if arm != "sarcos_dextrous" or fixture not in builtin_names("fixture"):
         made_by = f"sarcal new procedure --arm {arm} --fixture {fixture}"
         return "PROCEDURE", f" (to make PROCEDURE: {made_by})"
-    return "open_loop --go-home" if kind == "measured" else kind, ""
+    return "open_loop --go-home" if fixture_kind == "measured" else fixture_kind, ""
 
 
 def script_of(args: argparse.Namespace, joints: int) -> list[ScriptedFault]:

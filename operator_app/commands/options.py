@@ -34,7 +34,7 @@ def whole(least: int, most: int = MOST_WHOLE) -> Callable[[str], int]:
 
 
 def between(least: float, most: float, unit: str = "") -> Callable[[str], float]:
-    """Return a parser of numbers from `least` to `most`, except 0."""
+    """Return a parser of numbers from `least` to `most`, except 0. Error messages state these limits in `unit`."""
 
     def parse(text: str) -> float:
         try:
@@ -128,10 +128,10 @@ Declaration = Callable[[argparse._ActionsContainer], object]  # noqa: SLF001 - n
 
 
 def option(usage: str, description: str, **more: Any) -> Declaration:
-    """Return the declaration of an option (``-o --output FILE``) or an argument (``poses+ FILE``).
+    """Return the declaration of an option (`usage` such as ``-o --output FILE``) or an argument (``poses+ FILE``).
 
-    An option with neither a metavar (``FILE``) nor `choices` is a switch. All others take a value, by default a text
-    that must not be empty. `more`: further arguments to argparse, such as ``type``; they override `ARGUMENTS`.
+    An option without a metavar (``FILE``) and without `choices` is a switch. All others take a value, by default a text
+    that must not be empty. `more`: arguments of argparse's `add_argument`; they override those in `ARGUMENTS`.
     """
     more = {**ARGUMENTS.get(usage, {}), **more}
     names = usage.split()
@@ -147,16 +147,16 @@ def option(usage: str, description: str, **more: Any) -> Declaration:
 
 
 def descriptions(text: str) -> dict[str, str]:
-    """Return the description of each option in `text`, by usage.
+    """Return a mapping from the usage of each option in `text`, such as ``--seed SEED``, to the option's description.
 
-    An option begins with its usage and two spaces; the other lines of its description are indented.
+    In `text`, each option begins with the usage and two spaces. Further lines of the description are indented.
     """
     options = (entry.split("  ", 1) for entry in re.split(r"\n(?! )", dedent(text).strip()))
     return {usage: " ".join(description.split()) for usage, description in options}
 
 
 def declaration(*parts: str | Declaration) -> Declaration:
-    """Return a function that adds all `parts` to a parser; a part that is text lists options, see `descriptions`."""
+    """Return a function that adds all `parts` to a parser. A string lists options in the form of `descriptions`."""
 
     def declare(parser: argparse._ActionsContainer) -> None:
         for part in parts:

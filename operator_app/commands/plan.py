@@ -62,10 +62,10 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _of_files(args: argparse.Namespace) -> tuple[Procedure, FloatArray | None, str]:
-    """Return the procedure with arm and fixture from the options, None for the readings, and "nominal geometry".
+    """Return the procedure with arm and fixture from the options, None (no readings), and "nominal geometry".
 
-    The drive joints are those of the procedure, but the planner chooses them if ``--arm`` is another arm or if, without
-    ``--procedure``, ``--fixture`` is of another kind.
+    The drive joints are those of the procedure. In two cases, the planner chooses them instead: ``--arm`` is another
+    arm, or ``--fixture`` is of another kind and ``--procedure`` is not given.
     """
     procedure = load_procedure(args.procedure or "hinge")
     if args.arm:

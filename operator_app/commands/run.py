@@ -214,8 +214,8 @@ def next_placement(
 ) -> Opening:
     """Wait until the operator confirms that the fixture is remounted, record this, and return the session to resume.
 
-    For an arm simulated by this program, nothing is asked. `drives_off`: whether this program has just released the arm
-    and its drives reported that they are off. Raises `SessionError` without confirmation or after a sensor fault.
+    For an arm simulated by this program, nothing is asked. `drives_off`: whether this program has released the arm, and
+    the drives then reported that they are off. Raises `SessionError` without confirmation or after a sensor fault.
     """
     # Take the bus from the journal, since the options may leave it to the environment.
     opening = resume(str(opening.folder), opening.choices, root=root)

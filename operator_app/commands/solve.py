@@ -120,7 +120,7 @@ def _test_poses(
 
 
 def _tables(args: argparse.Namespace, arm: ArmModel) -> tuple[str, tuple[ReadingTable, ...]]:
-    """Return the SHA-256 of the poses behind ``--rvdt-table`` and the tables in this file; "" and () without a file."""
+    """Return, from the file ``--rvdt-table``, the poses' SHA-256 and the tables; without this option, "" and ()."""
     if not args.rvdt_table:
         return "", ()
     document, option = load_parameters(args.rvdt_table), f"--rvdt-table {args.rvdt_table}"

@@ -145,7 +145,10 @@ def kind_of(source: Resource) -> AnyKind | None:
 
 
 def _parsed(source: Resource, kind: AnyKind | None, joints: set[int]) -> FileContent:
-    """Read a file; raises ConfigError, also for poses that fit no arm read so far (joint counts: `joints`)."""
+    """Return the content of a file, or raise ConfigError.
+
+    `joints`: joint counts of the arms read so far. Poses must have one of these counts, unless there are none.
+    """
     data, file = source.data, source.file
     # If the arms differ in their number of joints, the number for this file is not known.
     count = next(iter(joints)) if len(joints) == 1 else None

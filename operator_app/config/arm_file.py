@@ -1,6 +1,6 @@
 """The arm file (``sarcal/arm/1``): D-H rows, free entries, ranges, sensors.
 
-Uncertainties that the file does not state have default values: one standard deviation in an ordinary workshop.
+An uncertainty that the file does not state has a default value: the standard deviation usual in a workshop.
 """
 
 import math

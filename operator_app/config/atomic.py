@@ -20,14 +20,14 @@ from operator_app.config.strict_yaml import resolve_plain
 
 
 def write_atomically(path: Path, data: bytes, *, through_link: bool = False) -> None:
-    """Write `data` to a temporary file in the same folder, fsync, rename it to `path`, and fsync the folder.
+    """Write `data` to a temporary file in the same folder, fsync this file, rename it to `path`, and fsync the folder.
 
     A reader finds the old file or the new one, never a part, even after a power cut. The permissions of an existing
-    file are kept. If `path` is a symbolic link, the file replaces the link, since a folder from somebody else may
-    contain links to any file; with `through_link`, the file replaces the link's target instead.
+    file are kept. If `path` is a symbolic link, the file replaces only the link. This protects the link's target, which
+    can be any file if the folder is from somebody else. With `through_link`, the file replaces the target instead.
 
-    Raises WriteError if the operating system refuses to write. Also raises it if `path` is a device or pipe, or a link
-    to one: root could otherwise replace `/dev/null`. After an error, no temporary file remains.
+    Raises WriteError if the operating system refuses to write, or if `path` is a device, a pipe or a link to one.
+    Without this check, root could replace `/dev/null`. After an error, no temporary file remains.
     """
     try:
         if path.exists() and not (path.is_file() or path.is_dir()):

@@ -74,8 +74,8 @@ def read_columns(
     """Return the values of each column, by name and in the order of the rows, from all records below the header.
 
     `columns`: name of each column of the file, in order, and the function that reads its cells or raises `BadCell`.
-    `packed`: columns stored as floats of 8 bytes, which takes a quarter of the memory of Python objects. `unique`:
-    columns whose combined values must differ between rows. Raises ConfigError with all problems, up to a hundred.
+    `packed`: columns stored as 8-byte floats, a quarter of the memory of Python objects. `unique`: columns whose values
+    together must differ between rows, or `unique_remedy` is shown. Raises ConfigError with up to a hundred problems.
     """
     problems: list[Problem] = []
     values_by_name: dict[str, MutableSequence[Any]] = {

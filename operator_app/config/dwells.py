@@ -47,7 +47,7 @@ class Dwell:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RefusedDwell:
-    """A time that is not a dwell, since `joint` (from 1) moved by `moved_rad` or, if `joint` is 0, it is too short."""
+    """A rest refused as a dwell. `joint` (from 1) moved by `moved_rad`; if `joint` is 0, the rest is too short."""
 
     start_s: float
     seconds: float
@@ -117,7 +117,7 @@ def find_dwells(
 
 
 def smallest_spread_rad(time_s: FloatArray, q_rad: FloatArray, dwell_s: float) -> float:
-    """Return the spread, rad, of the joint that moves most, in the `dwell_s` s in which it is smallest; inf if none."""
+    """Return the largest spread of a joint, rad, in the calmest window of `dwell_s` s; inf if there is no window."""
     last = np.searchsorted(time_s, time_s + dwell_s * (1.0 - 1e-9))
     return float(_ranges(q_rad, last[last < len(time_s)]).max(axis=1).min(initial=np.inf))
 
@@ -134,7 +134,10 @@ def _dwell(
     ends: tuple[int, int],
     spread_rad: float,
 ) -> Dwell | RefusedDwell:
-    """Return the dwell in samples `ends[0]` to `ends[1]`, with motion at its ends cut off, or why there is none."""
+    """Return the dwell in samples `ends[0]` to `ends[1]`, without motion at either end, or else the refused dwell.
+
+    `time_s`, `observed_s`: time of each sample, s; in `observed_s`, long gaps are shortened.
+    """
     at_rest = q_rad[ends[0] : ends[1] + 1]
     away = np.abs(at_rest - np.median(at_rest, axis=0))
     noise = 1.4826 * np.median(away, axis=0)

@@ -53,10 +53,7 @@ class GiveModel(Uncertain):
     orientation_mrad: quantities.StatedMrad = 0.2
 
     def compliance(self, held: Sequence[str]) -> Compliance:
-        """Return the compliance as a domain object.
-
-        `held`: keys of the components that the fixture constrains (``position_mm``, ``orientation_mrad``).
-        """
+        """Return the compliance. The fixture constrains `held`: ``position_mm``, ``orientation_mrad`` or both."""
         missing = (key for key in held if key not in self.model_fields_set)
         return Compliance(
             position_m=self.position_mm / 1e3,
@@ -73,7 +70,7 @@ def assumed_of_rows(arm: ToleranceModel, rows: Sequence[RowToleranceModel]) -> I
 
 
 def assumed_of_joints(key: str, models: Mapping[int, StrictModel]) -> Iterator[str]:
-    """Yield, as text, the default of `key` and the joints to which it applies because the file states no `key`."""
+    """Yield a text with the default of `key` and the joints, of those in `models`, for which no `key` is stated."""
     if silent := [j for j, model in models.items() if key not in model.model_fields_set]:
         value = getattr(models[silent[0]], key)
         yield f"{key}: {value:g} (joint{'s' * (len(silent) > 1)} {', '.join(map(str, silent))})"

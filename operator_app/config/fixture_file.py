@@ -99,7 +99,7 @@ class CommonFields(StrictModel, ABC):
 
     @abstractmethod
     def own(self) -> dict[str, Any]:
-        """Return the arguments, by name, of the class `makes` that only this kind of fixture has."""
+        """Return those keyword arguments of the class in `makes` that only this kind of fixture has."""
 
 
 class MetalFields(CommonFields):
@@ -114,7 +114,7 @@ class MetalFields(CommonFields):
     stiffness: Any = None
 
     def own(self) -> dict[str, Any]:
-        """Return the compliance, as an argument of the class `makes`."""
+        """Return the compliance, as a keyword argument of the class in `makes`."""
         return {"compliance": self.give.compliance(self.holds)}
 
 
@@ -200,7 +200,7 @@ class BallModel(MetalFields):
         return value
 
     def own(self) -> dict[str, Any]:
-        """Return arguments of the class `makes`: the compliance and the measured distances between sockets."""
+        """Return keyword arguments of `Ball`: the compliance and the measured distances between sockets."""
         known = tuple(
             KnownDistance(between=d.between, value_m=d.mm / 1e3, sigma_m=d.sigma_mm / 1e3)
             for d in self.distance
@@ -239,7 +239,7 @@ class MeasuredModel(CommonFields):
     stays_on_hand: quantities.Yes = True
 
     def own(self) -> dict[str, Any]:
-        """Return arguments of `makes`: sigmas, whether whole poses are measured, whether base and tip are known."""
+        """Return keyword arguments of `Measured`: sigmas, and flags for full poses, known base and known tip."""
         return {
             "sigma_m": self.instrument_sigma_mm / 1e3,
             "sigma_rad": math.radians(self.instrument_sigma_deg),

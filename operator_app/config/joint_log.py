@@ -33,10 +33,7 @@ OTHER_COLUMNS = re.compile(r"t|time.*|.*stamp.*|n?secs?|index|row|pose|label", r
 
 RANGE = re.compile(r"([1-9]\d{0,3})-([1-9]\d{0,3})")
 SPLIT_AT_DECIMAL_COMMAS = re.compile(r"\d+\s*[;\s]\s*[-+]?\d+")
-"""Matches a cell that results if a file with decimal commas is split at its commas.
-
-Such a cell has the decimals of one number, a separator, and the whole part of the next number.
-"""
+"""Matches a cell of a file split at decimal commas: decimals, a separator, the whole part of the next number."""
 
 
 def load_joint_log(
@@ -54,14 +51,14 @@ def load_joint_log(
     Parameters
     ----------
     unit
-        Unit of the angles. None: the unit in the header (``q1_rad``) or, if the header states none, degrees. If the
-        header does not state radians, angles that look like radians are then refused.
+        Unit of the angles. If None, the header states the unit (``q1_rad``), or else the unit is degrees. In this case,
+        angles are refused if they look like radians and the header does not state radians.
     columns
-        Columns of joints 1 to n, in this order, by number from 1 (``2-8``, ``3,1,2``) or by name. If empty, the first
-        of these that exists: columns named as in `joints`; numbered names; all columns without another meaning.
+        Columns of joints 1 to n, in this order, by number from 1 (``2-8``, ``3,1,2``) or by name. If empty, these are
+        the columns with the names `joints`, or else with numbered names, or else all columns without another meaning.
     placement
-        Number or name of the column with the fixture's placement at each pose. The placements are whole numbers, or
-        names, which are then numbered in order of appearance. Empty: all poses have the same placement.
+        Number or name of the column with the fixture's placement at each pose. Placements are whole numbers or names.
+        Names are numbered in order of appearance. If `placement` is empty, all poses have the same placement.
     instrument
         Whether the log must have columns of measured endpoints.
     """
@@ -118,7 +115,7 @@ def wrong_header(header: list[str], width: int, file: str, line: int) -> ConfigE
 
 
 def unit_of(names: Sequence[str], unit: Unit | None, file: str, line: int) -> Unit | None:
-    """Return the unit with which all column `names` end (``_deg``, ``_rad``), or else the user's choice `unit`.
+    """Return the unit at the end of every column name in `names` (``_deg``, ``_rad``), or else the user's `unit`.
 
     Raises ConfigError if the names end with both units, or with another unit than the user's choice.
     """
@@ -134,7 +131,7 @@ def unit_of(names: Sequence[str], unit: Unit | None, file: str, line: int) -> Un
 
 
 def require_degrees(largest: float, count: str, file: str, *, stated: Unit | None) -> None:
-    """Raise ConfigError for angles that may be in radians: the `largest` is below 2 pi, and `stated` is not ``rad``.
+    """Raise ConfigError if angles may be in radians, because `largest` is below 2 pi and `stated` is not ``rad``.
 
     `count`: text for the message, such as "40 poses". `stated`: unit in the header; None if the header states none.
     """
@@ -187,7 +184,7 @@ def _require_plausible(q: FloatArray, body: list[Record], file: str, *, radians:
 
 
 def _placements(body: list[Record], by: int, file: str) -> tuple[list[int], tuple[str, ...] | None]:
-    """Return each row's placement number, from column `by`; if this column has names, also return them as notes."""
+    """Return each row's placement number, and a note with its name; no notes (None) if column `by` has numbers."""
     names = [cells[by] for _, cells in body]
     if "" in names:
         line, remedy = body[names.index("")][0], "give the placement a number or a name"
@@ -257,7 +254,11 @@ def find_columns(
     file: str,
     joints: Sequence[str] = (),
 ) -> tuple[int, ...]:
-    """Return the column indices (from 0) of joints 1 to n: listed in `option` or, if empty, found in `remaining`."""
+    """Return the column indices (from 0) of joints 1 to n, which `option` (``--columns``) lists.
+
+    If `option` is empty, the columns are found among the indices `remaining` by the names `joints`, by numbered names,
+    or as the only n columns. `body`: rows below the header. Raises ConfigError if the columns are not found.
+    """
     count = len(body[0][1])
     if not option:
         named = [header[k] for k in remaining] if header else []
@@ -308,9 +309,9 @@ def _is_time(name: Sequence[str], body: list[Record], column: int) -> bool:
 def joint_order(names: Sequence[str], joints: Sequence[str], count: int) -> tuple[int, ...]:
     """Return the indices in `names` of joints 1 to `count`; empty if the joints cannot be recognised.
 
-    If `names` has each of `joints` exactly once, these are the joints. Otherwise, the joints are the only series of
-    `count` names that differ just in a number, counted from 0 or 1 (`q1` .. `q7`). If there is no such series, another
-    one is sought with upper and lower case letters taken as equal (`Q1`, `q2` .. `q7`).
+    If `names` has each of `joints` exactly once, these are the joints. Otherwise, `names` must have exactly one series
+    of `count` names that differ just in a number, counted from 0 or 1 (`q1` .. `q7`). If the search for this series
+    fails, a second search ignores upper and lower case (`Q1`, `q2` .. `q7`).
     """
     if len(set(joints)) == count and all(names.count(joint) == 1 for joint in joints):
         return tuple(names.index(joint) for joint in joints)

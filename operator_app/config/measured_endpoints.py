@@ -73,7 +73,7 @@ class QuaternionError(ValueError):
 def rotation_vectors(group: tuple[str, ...], values: FloatArray) -> FloatArray:
     """Convert orientations to rotation vectors (m, 3), rad; raises `QuaternionError` if a quaternion's length is not 1.
 
-    `values`: rotation vectors or three angles (m, 3), deg, or quaternions (m, 4), as the column names `group` state.
+    The column names `group` state what `values` has: rotation vectors or angles (m, 3), deg, or quaternions (m, 4).
     """
     from scipy.spatial.transform import Rotation
 
@@ -298,11 +298,11 @@ def poses_of_targets(points_m: FloatArray, labels: Sequence[str]) -> FloatArray:
     """Return poses (m, 6), position in m and rotation vector in rad, from three target points per pose (m, 9), in m.
 
     An instrument that measures only points can measure a pose with three targets: columns ``x1_m,y1_m,z1_m`` to
-    ``x3_m,y3_m,z3_m`` of a poses file. The targets' positions on the tool need not be known, since their triangle is
-    taken as the mean over all poses. Its frame has the origin in the centroid, x towards target 1, and z normal
-    to the triangle (targets 1, 2, 3 counter-clockwise). If each coordinate has the standard deviation s, and the sides
-    have length a, the standard deviations are s / sqrt(3) for each coordinate of the origin, sqrt(2) s / a for a
-    rotation about a line in the triangle's plane, and s / a for a rotation about its normal.
+    ``x3_m,y3_m,z3_m`` of a poses file. The positions of the targets on the tool need not be known: the mean triangle
+    over all poses is used. The triangle's frame has the origin in the centroid, x towards target 1, and z normal to the
+    triangle (targets 1, 2, 3 counter-clockwise). Let s be the standard deviation of a measured coordinate, and a the
+    length of the triangle's sides. Then a coordinate of the origin has the standard deviation s / sqrt(3), a rotation
+    about a line in the triangle's plane sqrt(2) s / a, and a rotation about the triangle's normal s / a.
 
     Raises `ValueError` if the targets are nearly in line, or if one pose's triangle differs from the others.
     """
@@ -319,12 +319,12 @@ def poses_of_targets(points_m: FloatArray, labels: Sequence[str]) -> FloatArray:
 
 
 def _turns(shape: FloatArray, measured: FloatArray) -> FloatArray:
-    """Return rotations (m, 3, 3) that align `shape` (3, 3; one row per point) with each triangle in `measured`."""
+    """Return rotations (m, 3, 3) that align the points in the rows of `shape` (3, 3) with `measured` (m, 3, 3)."""
     return nearest_rotation(np.swapaxes(measured, -1, -2) @ shape)
 
 
 def _frame(shape: FloatArray) -> FloatArray:
-    """Return the x, y and z axes of a triangle's frame as columns (3, 3); `shape` has its points minus the centroid."""
+    """Return the axes x, y, z of a triangle's frame as columns (3, 3). Rows of `shape`: points minus centroid."""
     x = shape[0] / np.linalg.norm(shape[0])
     z = np.cross(shape[0], shape[1])
     z = z / np.linalg.norm(z)

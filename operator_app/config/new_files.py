@@ -87,7 +87,7 @@ def fixture_file(fixture: Hinge | Ball, *, name: str, arm: ArmModel) -> bytes:
 
 
 def _placed(key: str, value: Any) -> Any:
-    """Convert a length or an angle from SI to the unit at the end of `key`; None, an offset not stated, gives 0."""
+    """Convert a length or an angle from SI to the unit at the end of `key`; an offset that is None gives 0."""
     if isinstance(value, tuple):
         return [_placed(key, part) for part in value]
     return _millimetres(value) if key.endswith("_mm") else _degrees(value or 0.0)

@@ -75,8 +75,8 @@ class DhRow(StrictRecord):
 class CalibratedEntry(StrictRecord):
     """A calibrated D-H entry and its standard deviation: `sigma_deg` of an angle, `sigma_m` of a length.
 
-    `side`: what the entry describes: the arm, or where the fixture is on the table ("ground") or on the tool ("hand").
-    Only entries of the arm stay valid in another mounting. In version 1, `side` is None.
+    `side`: "arm" for an entry of the arm itself, "ground" for the place of the fixture on the table, "hand" for that on
+    the tool. Only entries of the arm stay valid in another mounting. In version 1, `side` is None.
     """
 
     entry: quantities.ExactText
@@ -200,9 +200,9 @@ def correlations_of(names: Sequence[str], covariance: FloatArray) -> dict[str, t
 def budget_of(
     names: Sequence[str], variance: FloatArray, parts: Mapping[str, FloatArray]
 ) -> dict[str, dict[str, float]]:
-    """Return the `Budget` of the k parameters `names`, without those of zero variance.
+    """Return the `Budget` of the k parameters `names`; a parameter of zero variance is left out.
 
-    A source's share is its entry of `parts` (k,) divided by that of `variance` (k,); shares rounded to 0 are left out.
+    `parts`: by source, the part (k,) of `variance` (k,). A share is part / variance; shares rounded to 0 are left out.
     """
     by_source = {}
     for k, name in enumerate(names):

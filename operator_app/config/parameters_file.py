@@ -1,12 +1,12 @@
 """The parameters file of a calibration (``sarcal/parameters/3``): content, checks, reading and writing.
 
-The document has the content and the units of the file (degrees, metres, millimetres, milliradians), so that writing and
-reading it changes no bit; `ParametersDocument.table` is in SI units. The document is checked when written or read.
+The document has the content and the units of the file (degrees, metres, millimetres, milliradians). Writing and reading
+therefore change no bit. `ParametersDocument.table` is in SI units. The document is checked when written or read.
 
-Version 1 had no `side`, `rvdt` and `forced`. The first documents of version 2 had no `correlations` and `budget`, and
-programs of that time refuse these keys. Any further key needs a new version number, because old programs report an
-unknown version more clearly than an unknown key. Version 3 adds ``beta_deg`` to rows; a document without ``beta_deg``
-is written as version 2.
+Version 1 had no `side`, `rvdt` and `forced`. The first programs for version 2 refuse the keys `correlations` and
+`budget`, which were added later. Version 3 adds ``beta_deg`` to rows; a document without ``beta_deg`` is written as
+version 2. Any further key needs a new version number, because an old program reports an unknown version more clearly
+than an unknown key.
 """
 
 import math

@@ -107,7 +107,7 @@ def parse_poses(data: bytes, file: str, *, joint_count: int | None = None) -> Lo
     if not columns["pose"]:
         raise only(file, "has a header but no poses", "capture poses first")
     try:
-        poses = _pose_set(_as_numbered(columns))
+        poses = _pose_set(_sorted_by_number(columns))
     except ValueError as error:
         remedy = "correct the endpoint's columns, or measure that pose again"
         raise only(file, str(error), remedy) from error
@@ -255,8 +255,8 @@ def _quantity(name: str, cell: str) -> float:
     return value
 
 
-def _as_numbered(columns: Mapping[str, Sequence[Any]]) -> Mapping[str, Sequence[Any]]:
-    """Return `columns` with rows sorted by placement and pose number, or unchanged if the poses are not numbered."""
+def _sorted_by_number(columns: Mapping[str, Sequence[Any]]) -> Mapping[str, Sequence[Any]]:
+    """Return `columns` sorted by placement and pose number; unchanged unless the labels differ only in a number."""
     numbers = [NUMBERED.fullmatch(label) for label in columns["pose"]]
     if not all(numbers) or len({m[1] for m in numbers if m}) > 1:
         return columns

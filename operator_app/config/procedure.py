@@ -1,7 +1,7 @@
 """A procedure (``sarcal/procedure/1``): the settings of ``sarcal run``.
 
-`ProcedureFile` is the content of the file, also in SI units; `procedure_file` checks this content against the arm.
-`Procedure` adds the arm, the fixture and the operator's choices.
+`ProcedureFile` is the content of the file; some properties convert values to SI units. The module `procedure_file`
+checks this content against the arm. `Procedure` has the settings, the arm, the fixture and the operator's choices.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ DEFAULT_PROFILE = "sarcos"
 class AcceptanceLimits(StrictRecord):
     """Limits that a calibration must meet to be accepted, besides the tests that always apply; None means no limit.
 
-    `sigma_pos_mm`, `sigma_ori_mrad`: largest `rms` of eqs. 14 and 15 (see `parameter_records.TwoFigures`). If the
-    condition number exceeds `scaled_condition_number`, this causes only a warning.
+    `sigma_pos_mm`, `sigma_ori_mrad`: limits of the rms closure error in position and orientation (eqs. 14 and 15).
+    A condition number above `scaled_condition_number` causes only a warning.
     """
 
     scaled_condition_number: Annotated[quantities.PositiveNumber, Field(ge=1.0)] = 100.0
@@ -59,7 +59,7 @@ class ProcedureBus(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Modes(StrictRecord):
-    """Drive joints: numbers from 1, or ``auto`` if the program chooses; `trial`: the choice also uses trial motions."""
+    """Drive joints: numbers from 1, or ``auto`` if the program chooses. `trial`: whether it uses trial motions."""
 
     position: Literal["auto"] | Annotated[tuple[quantities.Count, ...], Field(min_length=1)]
     trial: quantities.Yes = False

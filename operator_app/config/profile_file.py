@@ -57,7 +57,7 @@ class PdoSpec(StrictRecord):
         return tuple((int(index, 16), int(sub or 0), int(bits)) for index, sub, bits in parts)
 
     def at(self, node: int) -> bus_profile.Pdo:
-        """Return this PDO for the drive with node number `node`, which may be part of the PDO's identifier."""
+        """Return this PDO for the drive with node number `node`, which is added to an identifier ``180h + node``."""
         match = re.fullmatch(_COB_ID, self.cob_id)
         base = 0 if match is None else int(match[1], 16) + (node if match[2] else 0)
         return bus_profile.Pdo(number=self.pdo, cob_id=base, entries=self.entries)
@@ -177,9 +177,9 @@ class ProfileFile(StrictRecord):
 
 
 def parse_profile(data: bytes, file: str, *, joints: int | None) -> bus_profile.BusProfile:
-    """Read a bus profile for an arm of `joints` joints; for None, see `ProfileFile.for_joints`.
+    """Read a bus profile for an arm of `joints` joints; raises ConfigError with all problems of the file.
 
-    Raises ConfigError with all problems of the file.
+    None means the largest joint number in the file or, if no joint is listed, as many joints as the bus allows.
     """
     document = load_strict(data, file)
     file_model = check_model(ProfileFile, document, kind="profile")
@@ -195,7 +195,7 @@ def load_profile(reference: str | Path, *, joints: int | None = None) -> bus_pro
 
 
 def format_profile(profile: bus_profile.BusProfile, *, comment: str) -> bytes:
-    """Format only name, nodes, PDOs, `pdo_maps`, `compared` and the supervisor, or else the serial number."""
+    """Return a profile file with only name, supervisor or serial number, nodes, PDOs, `pdo_maps` and `compared`."""
     numbered = enumerate(profile.joints, 1)
     joints: list[dict[str, Any]] = [{"joint": k, "node": joint.node} for k, joint in numbered]
     shared: dict[str, Any] = {}

@@ -49,7 +49,7 @@ class JointRecording:
 
 
 def utc_text(time_s: float) -> str:
-    """Return a time, s since 1970, as in poses files; empty if it is below `SINCE_1970_S`: not a calendar time."""
+    """Return a time, s since 1970, as in poses files. A time below `SINCE_1970_S` is no calendar time and gives ""."""
     if time_s < SINCE_1970_S:
         return ""
     return f"{datetime.fromtimestamp(time_s, UTC):%Y-%m-%dT%H:%M:%S.%f}"[:-3] + "Z"
@@ -67,7 +67,9 @@ def load_timed_log(
     """Read a CSV log of angles over time; raises ConfigError if the file is invalid.
 
     `time`: name or number of the column of times, which are in s (from any start), in ms, us or ns since 1970, or in
-    ISO 8601. `joints`, `columns`: see `load_bag`; `columns` may also be numbers. Others: see `load_joint_log`.
+    ISO 8601. `joints`: names of joints 1 to n in the arm file. `columns`: names or numbers of these joints' columns; if
+    empty, the names `joints` or numbered names. `unit`: unit of the angles; if None, that in the header, or else
+    degrees. `instrument`: whether the log must have columns of measured endpoints.
     """
     file = str(path)
     text = decode_text(read_limited(expanded(path), file, limit=RECORDING_LIMIT_BYTES), file)
@@ -179,10 +181,10 @@ def complete_samples(recorded: JointRecording) -> JointRecording:
 def _find_joints(
     names: Sequence[str], joints: Sequence[str], *, file: str, columns: str = ""
 ) -> tuple[str, ...]:
-    """Return the names of joints 1 to n in a recording with the joints `names`.
+    """Return the names of joints 1 to n in a recording, whose columns or joints are `names`.
 
-    `columns` lists the names. If it is empty, they are the arm file's names `joints` or, if the recording lacks one of
-    these, the only n names numbered from 0 or 1, such as panda_joint1 to 7. Raises ConfigError if they are not found.
+    The text `columns` lists the n names. If it is empty, the arm file's names `joints` are used. If the recording lacks
+    one, the only n names numbered from 0 or 1 are used, such as panda_joint1 to 7. Otherwise raises ConfigError.
     """
     count = len(joints)
     if columns:
@@ -219,9 +221,9 @@ def load_bag(
     """Read the joint states of a ROS 2 bag: a file (.mcap, .db3) or its folder.
 
     `joints`: names of joints 1 to n in the arm file.
-    `columns`: names of these joints in the bag, separated by commas; empty: `joints` or, if the bag lacks one of these,
-    the only n names that differ just in a number.
-    `topic`: topic of the joint states; empty: ``/joint_states`` or, if the bag lacks it, the only topic of this type.
+    `columns`: names of these joints in the bag, separated by commas. If empty, the names are `joints`. If the bag lacks
+    one of these, the only n names that differ just in a number are used.
+    `topic`: topic of the joint states. If empty, ``/joint_states``, or else the only topic of this type.
 
     Raises ConfigError if the bag cannot be read, or if rosbags is not installed.
     """

@@ -63,7 +63,7 @@ Fields = Mapping[str, Any]
 def checked(check: Callable[[Any, Fields], Iterable[Complaint]]) -> pydantic.AfterValidator:
     """Return an annotation that makes pydantic call `check` with a field's value and the valid fields before this one.
 
-    `check` may yield problems of other places in the file, too. All are collected and do not end the validation.
+    `check` yields problems of this field or of other places in the file. The problems do not end the validation.
     """
 
     def validate(value: Any, info: pydantic.ValidationInfo) -> Any:
@@ -74,7 +74,7 @@ def checked(check: Callable[[Any, Fields], Iterable[Complaint]]) -> pydantic.Aft
 
 
 def numbered(place: str, key: str, first: int = 1) -> pydantic.AfterValidator:
-    """Return an annotation for a list at key `place`: the items' `key` must be `first`, `first` + 1, ... in order."""
+    """Return an annotation that requires the items of the list `place` to be numbered from `first` by their `key`."""
 
     def check(items: Sequence[Any], _: Fields) -> Iterator[Complaint]:
         for k, item in enumerate(items):
@@ -108,7 +108,7 @@ def check_model(model: type[M], document: YamlDocument, *, kind: str) -> M:
 
 
 def read_by_kind(models: Mapping[str, type[M]], data: bytes, *, kind: str, file: str) -> M:
-    """Read a file as `read_model` does, with the model in `models` for the value of the file's key ``kind``."""
+    """Read a file (``schema: sarcal/<kind>/1``) whose key ``kind`` selects one of `models`; raises ConfigError."""
     document = load_strict(data, file)
     which = document.data.get("kind")
     if isinstance(which, str) and which in models:
@@ -177,10 +177,10 @@ def _problems(
 def _without_alternatives(
     document: YamlDocument, placed: list[tuple[Path, ErrorDetails]]
 ) -> list[tuple[Path, ErrorDetails]]:
-    """Return the errors; for a field that allows a keyword or another type, keep only those about what was meant.
+    """Return the errors, reduced to one alternative for a field that allows a keyword or another type.
 
-    Pydantic reports errors about both if a value is neither. The error about the keyword is kept if the value resembles
-    an allowed keyword, or is text in a field that allows no number; otherwise, the errors about the type are kept.
+    If a value is neither, pydantic reports errors about both. The error about the keyword is kept if the value is like
+    an allowed keyword, or is text in a field that allows no number. Otherwise, the errors about the type are kept.
     """
     remaining = list(placed)
     for path, error in placed:
@@ -209,7 +209,7 @@ def _path(document: YamlDocument, error: ErrorDetails) -> Path:
 
 
 def _unknown_key(document: YamlDocument, model: type[M], path: Path) -> tuple[str, str, Path]:
-    """Return text and remedy for an unknown key, and the path of the key probably meant (empty: none is similar)."""
+    """Return text and remedy for an unknown key, and the path of the most similar key, empty if there is none."""
     key, parent = str(path[-1]), path[:-1]
     known = _keys(document, model, parent)
     present = document.at(parent)
@@ -252,7 +252,7 @@ def _keys(document: YamlDocument, model: type[M], path: Path) -> list[str]:
 
 
 def _choices(node: dict[str, Any], schema: dict[str, Any], value: Any) -> list[dict[str, Any]]:
-    """Return the alternatives in a node of a JSON Schema; those with another ``kind`` than `value` has are left out."""
+    """Return the alternatives in `node`, a part of the JSON Schema `schema`, that allow the ``kind`` of `value`."""
     if "$ref" in node:
         return [schema["$defs"][node["$ref"].rpartition("/")[2]]]
     # Older versions of pydantic write a reference with a default as allOf of one.

@@ -226,7 +226,7 @@ class YamlDocument:
     def problem(self, path: Path, text: str, remedy: str = "", mark: Mark | None = None) -> Problem:
         """Return a problem about the value at `path`.
 
-        `mark`: line and column; None: those of the value or, if it is not in the file, of the nearest parent.
+        `mark`: line and column. None means the place of the value or, for a missing value, of the nearest parent.
         """
         place = path
         while place and place not in self.marks:

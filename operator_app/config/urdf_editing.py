@@ -84,7 +84,7 @@ def _xml_comment(lines: Iterable[str]) -> bytes:
 
 
 def _xml_text(text: str) -> str:
-    """Escape unprintable characters, since XML does not allow all of them; names and serial numbers may have some."""
+    """Escape unprintable characters in names and serial numbers, since XML does not allow all such characters."""
     return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
 
 
@@ -99,7 +99,7 @@ UR_KEYS = ("x", "y", "z", "roll", "pitch", "yaw")
 
 
 def chain_of(data: bytes, file: str, arm: ArmModel) -> UrdfChain:
-    """Return, of the chains in a file, the one most like `arm`, which is the nominal (uncalibrated) arm.
+    """Return the chain in a file that is most similar to `arm`, the nominal (uncalibrated) arm.
 
     The file is a URDF, a xacro whose chain has literal numbers, or UR's ``default_kinematics.yaml``. Raises ConfigError
     if the file cannot be read or describes another arm.
@@ -123,8 +123,8 @@ def with_calibration(
 def calibrated_origins(chain: UrdfChain, table: DhTable) -> dict[str, FloatArray]:
     """Return the new origin (4, 4), m, of each joint whose origin must change for the chain to match `table`.
 
-    Let ``C_j`` be the pose of the file's joint frame j in D-H frame j-1, with all joints at zero. With the new origins,
-    this pose at reading q_j is ``Rz(q_j + d_j) C_j``, where d_j is the change of theta_off_j. Meshes turn by d_j too.
+    In the file, joint frame j has the pose ``C_j`` in D-H frame j-1 with all joints at zero. The new origins make
+    this pose ``Rz(q_j + d_j) C_j`` at reading q_j. Here, d_j is the change of theta_off_j. The meshes also turn by d_j.
     """
     rows, stated = table.stacked().T, chain.table.stacked().T
     turned = [
@@ -156,7 +156,7 @@ def calibrated_origins(chain: UrdfChain, table: DhTable) -> dict[str, FloatArray
 
 
 def entries_without_origin(chain: UrdfChain) -> tuple[str, ...]:
-    """Return the D-H entries that no joint origin can hold: s, a, alpha, beta of row n if joint n ends the chain."""
+    """Return the D-H entries that no origin can express: s, a, alpha, beta of row n if joint n ends the chain."""
     behind = tuple(f"{kind}_{len(chain.joints)}" for kind in ("s", "a", "alpha", "beta"))
     return behind if chain.steps[-1].joint is not None else ()
 
@@ -166,7 +166,7 @@ def _inverse(T: FloatArray) -> FloatArray:
 
 
 def _chains(data: bytes, file: str, arm: ArmModel) -> Iterator[UrdfChain]:
-    """Yield the chains from every link fixed to the arm's base to every link fixed to the arm's last link.
+    """Yield every chain that begins at a link fixed to the arm's base and ends at one fixed to the arm's last link.
 
     The arm is found by the names of its joints. A file without these names must contain only one arm.
     """

@@ -55,9 +55,9 @@ class UrdfJoint:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UrdfStep:
-    """One joint element of the file: its pose `T` (4, 4), m, in its parent link; `joint`: None for a fixed joint.
+    """One joint element of a URDF. `T`: pose (4, 4), m, in the parent link. `joint`: None for a fixed joint.
 
-    `rounded`: exact value, deg, of each angle that the file rounds by more than `REPORTED_RAD`; keys: text in the file.
+    `rounded` maps the text of each angle that the file rounds by more than `REPORTED_RAD` to the exact value, deg.
     """
 
     name: str
@@ -80,7 +80,7 @@ class UrdfChain:
         D-H frames 0..n with all joints at zero, in the base link's frame, (4, 4), m.
     T_flange_tip
         Fixed transform from frame n to the tip, (4, 4), m. The D-H rows contain neither this transform nor the pose of
-        frame 0; in a file written by this program, both are the identity.
+        frame 0. In a URDF written by this program, this transform and the pose of frame 0 are the identity.
     """
 
     name: str
@@ -99,7 +99,7 @@ class UrdfChain:
 
     @property
     def rounded(self) -> dict[str, float]:
-        """Exact value, deg, of each angle that the file rounds by more than `REPORTED_RAD`; keys: text in the file."""
+        """Exact value, deg, of each angle that the file rounds by more than `REPORTED_RAD`, by its text in the file."""
         return {word: deg for step in self.steps for word, deg in step.rounded.items()}
 
 
@@ -179,7 +179,7 @@ class UrdfTree:
         )
 
     def around(self, first: str, last: str) -> Iterator[tuple[str, str]]:
-        """Yield all pairs (base, tip) of links that do not move relative to the ends of the chain `first` .. `last`."""
+        """Yield all pairs of a link fixed to the parent link of joint `first` and one fixed to the child of `last`."""
         named = {e.get("name", ""): e for e in self.elements.values()}
         if first not in named or last not in named:
             return
@@ -256,7 +256,7 @@ def _only_end(elements: Mapping[str, ET.Element], base: str, file: str) -> str:
 
 
 def _begins_a_gripper(element: ET.Element, later: Sequence[ET.Element]) -> bool:
-    """Whether a joint has a gripper's name or, if `later` has no arm joint, is prismatic or mimics another joint."""
+    """Whether a joint has a gripper's name, or is prismatic or a mimic with no arm joint among the `later` joints."""
     if _has_gripper_name(element):
         return True
     if element.get("type") != "prismatic" and element.find("mimic") is None:
@@ -335,7 +335,7 @@ def _joint(
     name: str, axis: FloatArray, low: float, high: float, speed: float, effort: float,
     unstated: list[str],
 ) -> UrdfJoint:  # fmt: skip
-    """Return a joint without limits that are missing or placeholders, which are appended to `unstated`."""
+    """Return a joint. A missing or placeholder limit becomes None or `NO_LIMIT_RAD`; `unstated` gets a text on it."""
     if max(-low, high) > PLACEHOLDER_ANGLE_RAD:
         unstated.append(f"range of {low:g} to {high:g} rad")
     if not 0.0 < speed <= PLACEHOLDER_RAD_PER_S:

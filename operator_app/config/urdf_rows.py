@@ -79,9 +79,9 @@ def _by_common_normal(before: FloatArray, line: AxisLine) -> tuple[float, ...]:
 
 
 def _hayati(before: FloatArray, line: AxisLine) -> tuple[float, ...]:
-    """Return the row with Hayati's beta ([9] in the paper) from frame `before` to `line`, nearly parallel to its z.
+    """Return the row with Hayati's beta from frame `before` to the axis `line`, which is nearly parallel to z.
 
-    The origin of the next frame is where `line` crosses the x-y plane of frame `before`.
+    The origin of the next frame is where `line` crosses the x-y plane of frame `before` (the paper's reference [9]).
     """
     x, z, origin = before[:3, 0], before[:3, 2], before[:3, 3]
     apart = line.point_m - origin
@@ -96,8 +96,8 @@ def _hayati(before: FloatArray, line: AxisLine) -> tuple[float, ...]:
 def _to_tip(before: FloatArray, tip: AxisLine, sine: float) -> tuple[float, ...]:
     """Return the last D-H row, from frame `before` to a tip whose z axis is nearly parallel to the last joint's axis.
 
-    `sine`: sine of the angle between the two axes. The row follows their common normal if this makes its s and a less
-    than `FAR_M`. Otherwise, also for exactly parallel axes, it leads to the tip's origin and neglects the angle.
+    `sine`: sine of the angle between the two axes. The row follows their common normal if s and a are then less than
+    `FAR_M`. Otherwise, and for exactly parallel axes, the row leads to the tip's origin and neglects the angle.
     """
     if sine > MEETING_SINE:
         row = _by_common_normal(before, tip)
@@ -113,8 +113,9 @@ def _to_tip(before: FloatArray, tip: AxisLine, sine: float) -> tuple[float, ...]
 def _normal_to(line: AxisLine, apart: FloatArray, z: FloatArray) -> tuple[FloatArray, float]:
     """Return the x axis (3,) of the next frame, along `apart`, and the signed distance to `line` along this axis, m.
 
-    `apart` (3,): vector from the axis `z` to `line`, perpendicular to `z`, m. Of the two directions along it, x has the
-    one within 90 deg of `line.x`. If `apart` is zero, x is `line.x` made perpendicular to `z`, and the distance is 0.
+    `apart` (3,): vector from the axis `z` to `line`, perpendicular to `z`, m. The x axis is the direction of `apart` or
+    its opposite, within 90 deg of `line.x`. If `apart` is zero, x is `line.x` made perpendicular to `z`, and the
+    distance is 0.
     """
     a = float(np.linalg.norm(apart))
     if a <= MEET_M:
@@ -124,7 +125,7 @@ def _normal_to(line: AxisLine, apart: FloatArray, z: FloatArray) -> tuple[FloatA
 
 
 def _across(z: FloatArray, *preferred: FloatArray) -> FloatArray:
-    """Return a unit vector normal to `z`: the projection of the first of `preferred`, x and y that is not along `z`."""
+    """Return a unit vector normal to `z`, projected from `preferred` vectors, or from x or y if those are along `z`."""
     across = (d - (d @ z) * z for d in (*preferred, *np.eye(3)[:2]))
     return next(x / np.linalg.norm(x) for x in across if np.linalg.norm(x) > 0.1)
 
@@ -166,9 +167,9 @@ def origin_words(T: FloatArray) -> dict[str, str]:
 
 
 def exact_deg(word: str) -> float | None:
-    """Return the exact angle, deg, of which `word`, in rad, is the rounded or truncated value; None if it is not one.
+    """Return the exact angle, deg, that the text `word`, in rad, states rounded or truncated; None if there is none.
 
-    Exact angles are multiples of 15 deg for four or more decimals (1.5708, 0.7854), of 90 deg for two or three (3.14).
+    With four or more decimals (1.5708, 0.7854), the angle is a multiple of 15 deg, with two or three (3.14) of 90 deg.
     """
     match = re.fullmatch(r"[+-]?\d+\.(\d+)", word)
     if match is None or not 2 <= len(match[1]) < EXACT_PLACES:

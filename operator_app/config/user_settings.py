@@ -91,7 +91,7 @@ def parse_settings(data: bytes, file: str) -> UserSettings:
 def usual_bus(named: str | None = None) -> BusSettings | None:
     """Return the bus in the user's settings; None if the settings state no interface, or are not read.
 
-    If an interface is `named` or set in the environment, they are not read. Raises ConfigError for an invalid file.
+    The settings are not read if an interface is `named` or set in the environment. Raises ConfigError for a bad file.
     """
     from hardware.buses.python_can import BusSettings
 

@@ -66,7 +66,7 @@ def cut_short_lines(cut: CutShort) -> list[str]:
 
 
 def _danger(cut: CutShort) -> list[str]:
-    """Return a warning if the arm may not be holding, except after an interrupt: then `unattended` raises an error."""
+    """Return a warning if the arm did not confirm that it holds; none after an interrupt: `unattended` then raises."""
     error = cut.session.not_held
     if error is None or not cut.connected or isinstance(cut.cause, KeyboardInterrupt):
         return []

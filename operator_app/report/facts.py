@@ -53,7 +53,7 @@ class Facts:
 
     @property
     def limits_met(self) -> str:
-        """Text "the calibration meets its limits", followed by "but its ..." if the condition number is too large."""
+        """Text that an accepted calibration meets its limits, plus "but ..." if the condition number is too large."""
         exceeded = (n for n in self.solution.warnings if n.kind is FindingKind.CONDITION)
         met = "the calibration meets its limits"
         return f"{met}, but its {finding.text}" if (finding := next(exceeded, None)) else met

@@ -24,7 +24,10 @@ SMALLER_THAN_STATED = (
 
 
 def determined_table(solution: Solution, headlines: Iterable[Headline]) -> FactTable:
-    """Return the table of condition number, rank, chi2 and degrees of freedom, with the weakest direction as a note."""
+    """Return the table of condition number, rank, chi2 and degrees of freedom; some are in `headlines`.
+
+    Closure sigmas in `headlines` are left out. A note names the parameters in the least determined direction.
+    """
     estimate, identifiability = solution.identified, solution.identifiability
     weakest = identifiability.weakest
     named = zip(weakest.parameters[:4], weakest.weights, strict=False)
@@ -164,7 +167,7 @@ def truth_table(solution: Solution) -> FactTable | None:
 
 
 def truth_in_words(solution: Solution) -> str:
-    """Return a sentence on a simulated arm's true calibration errors, where no table fits; empty for a real arm."""
+    """Return a sentence with a simulated arm's true calibration errors, in place of a table; empty for a real arm."""
     truth = solution.truth
     if truth is None:
         return ""
@@ -221,7 +224,7 @@ def rows_in_use(
 ) -> Iterator[tuple[Cell, ...]]:
     """Yield the row of closure sigmas with the best D-H table, and the row with corrected readings.
 
-    A controller uses one or the other. An argument that is None has no row. `name`: format string of the row names.
+    A controller uses one or the other. If an argument is None, its row is left out. `name`: format of the rows' names.
     """
     if best_table is not None:
         yield closure_row(name.format("best table"), best_table, key=("with_best_table",))
@@ -232,10 +235,10 @@ def rows_in_use(
 def closure_row(
     name: str, sigmas: ClosureSigmas, *, key: Key | None = None, reading: str = ""
 ) -> tuple[Cell, ...]:
-    """Return one row of closure sigmas.
+    """Return the row of closure sigmas called `name`.
 
     `key`: first part of the figures' keys in JSON; None leaves all figures out of JSON.
-    `reading`: if not empty, JSON has only the rms figures, and their keys end with `reading` instead of ``rms``.
+    `reading`: if not empty, last part of the keys of the rms figures (instead of ``rms``); others are not in JSON.
     """
     cells: list[Cell] = [name]
     turned = sigmas.orientation_rad

@@ -104,7 +104,7 @@ class Subject:
 
     @property
     def used(self) -> tuple[CapturedPose, ...]:
-        """Poses from which the solution was calculated, in the order of the poses in its arrays."""
+        """Poses from which the solution was calculated, in the same order as in the solution's arrays."""
         return tuple(p for p in self._counting if p.number not in self.flipped)
 
     @property
@@ -181,7 +181,7 @@ def no_facts(s: SessionSnapshot) -> str:
 
 
 class _SnapshotKey:
-    """Cache key, equal for snapshots with the same facts, so that facts are not built again 20 times per second."""
+    """Cache key, equal for snapshots with the same facts. A screen redrawn 20 times per second builds facts once."""
 
     def __init__(self, s: SessionSnapshot) -> None:
         self.s = s

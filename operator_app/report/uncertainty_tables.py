@@ -94,7 +94,7 @@ def budget_table(solution: Solution) -> FactTable | None:
 
 
 def sensitivity_table(solution: Solution) -> FactTable | None:
-    """Return the largest sigmas as a table, now and if their main source's error were halved; None if not computed."""
+    """Return the table of the largest sigmas, as they are and with half their main error; None if not computed."""
     sensitivities = source_sensitivities(solution)
     rows: list[tuple[Cell, ...]] = []
     for h in sensitivities:
@@ -244,7 +244,7 @@ def dh_rows_data(rows: FloatArray) -> list[dict[str, float]]:
 
 
 def _correction_data(c: ReadingCorrection) -> dict[str, Any]:
-    """Return a correction as JSON; coefficients in deg or, for gravity, in deg/(N m) times kg or kg m."""
+    """Return a correction as JSON. Coefficients: deg; for gravity, deg/(N m) times kg and deg/(N m) times kg m."""
     data: dict[str, Any] = {
         "source": c.source,
         "joint": c.joint,

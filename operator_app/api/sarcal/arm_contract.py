@@ -39,7 +39,10 @@ class _ConnectedArm:
 
     @property
     def drives(self) -> tuple[int, ...]:
-        """Joints (from 1) in position mode: the procedure's or, if it names none, the best set; all of an open arm."""
+        """Joints (from 1) in position mode.
+
+        In an open chain, these are all joints. In a closed loop, the procedure names them, or the best set is used.
+        """
         fixture = self.procedure.fixture.fixture
         if not fixture.holds_hand:
             return tuple(range(1, self.n + 1))
@@ -90,7 +93,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[_ConnectedArm]:
 
 
 def fulfils(tried: Clause | Iterable[Clause]) -> None:
-    """Fail the test if the arm breaks a requirement. Otherwise, skip it if a requirement could not be tested."""
+    """Fail the test if a clause in `tried` is broken. Skip the test if none is broken, but one could not be tested."""
     count, unknown = 0, []
     for clause in [tried] if isinstance(tried, Clause) else tried:
         count += 1

@@ -1,11 +1,11 @@
 """The `Arm` interface and its data types, for packages that add an arm to ``sarcal``.
 
-``sarcal help outside-arm`` shows a complete package. Its entry point, in group ``sarcal.arm``, refers to an `ArmOffer`;
-``-i NAME -c CHANNEL`` makes `sarcal` request that arm with an `ArmOrder`. Angles are sensor readings, rad.
+``sarcal help outside-arm`` shows a complete package. The package has an entry point NAME in the group ``sarcal.arm``,
+which refers to an `ArmOffer`. With ``-i NAME -c CHANNEL``, `sarcal` passes an `ArmOrder` to this offer.
 
-`identity_of`, `snapshot_of` and `reading_of` make the objects that an arm returns; `SimulatedChain` is a simulated arm
-in its fixture for tests of the package. The names in ``__all__`` are as stable as the names of `sarcal`; new fields may
-be added to objects made by `sarcal` and, with defaults, to objects made by an arm.
+Angles are sensor readings, rad. `identity_of`, `snapshot_of` and `reading_of` make the objects that an arm returns.
+`SimulatedChain` is a simulated arm in a fixture, for tests of the package. The names in ``__all__`` are as stable as
+those of `sarcal`. Objects made by `sarcal` may get new fields; objects made by an arm get only fields with defaults.
 """
 
 from collections.abc import Sequence
@@ -131,9 +131,9 @@ def snapshot_of(
     torques_nm: ArrayLike | None = None,
     moving: bool = False,
 ) -> ArmSnapshot:
-    """Return the state of an arm at its latest sample, which the arm numbered `sample` and took `age_s` seconds ago.
+    """Return the state of an arm at its latest sample, which has the number `sample` and is `age_s` seconds old.
 
-    `angles_rad`, `torques_nm` and `modes` have one entry per joint; missing torques are taken as zero.
+    `angles_rad`, `torques_nm` and `modes` have one entry per joint. If `torques_nm` is None, all torques are zero.
     """
     joints = order.description.joints
     angles = np.asarray(angles_rad, dtype=float)
@@ -166,7 +166,7 @@ def snapshot_of(
 
 
 def reading_of(order: ArmOrder, samples_rad: ArrayLike, *, first_sample: int) -> Reading:
-    """Return mean and standard deviation of samples (k, n), rad; the arm numbered the first of them `first_sample`."""
+    """Return mean and standard deviation of k samples of n joints (k, n), rad. `first_sample`: number of the first."""
     samples = np.asarray(samples_rad, dtype=float)
     mean = samples.mean(axis=0)
     scales = [joint.scale for joint in order.description.joints]

@@ -157,9 +157,9 @@ R = TypeVar("R")
 def one_blas_thread(function: Callable[P, R]) -> Callable[P, R]:
     """Return a function that runs `function` with one BLAS thread.
 
-    With matrices of only some tens of rows, several threads wait for each other: on busy cores, a call takes seconds
-    instead of a third of a second. The limit applies to the whole process until `function` returns. Of overlapping
-    calls, only the first sets the limit and removes it: a second would take it for the usual state and set it again.
+    With matrices of only some tens of rows, several threads wait for each other. On busy cores, a call then takes
+    seconds instead of a third of a second. The limit applies to the whole process until `function` returns. If calls
+    overlap, only the first one sets and removes the limit. A second one would later restore the limited state.
     """
 
     @wraps(function)

@@ -146,10 +146,10 @@ def simulate(
 ) -> Simulation:
     """Draw the true parameters of an arm and its mounting at random, and return simulated readings.
 
-    The standard deviation of an offset is the tolerance in the arm file, or 2 deg if there is none; that of a length or
-    twist is its stated tolerance. The placement deviates by at most half its stated tolerance. Sensors have their
-    stated resolution and noise, and RVDTs the largest linearity deviation within specification. Not included: encoder
-    scale errors, backlash, sag and compliance, which ``sarcal run`` simulates.
+    Offsets, lengths and twists have the tolerances in the arm file as standard deviations. Without a tolerance, offsets
+    have 2 deg. The placement deviates by at most half its stated tolerance. Sensors have their stated resolution and
+    noise. RVDTs also have the largest linearity deviation within specification. Encoder scale errors, backlash, sag and
+    compliance are not included, but ``sarcal run`` simulates them.
 
     Parameters
     ----------
@@ -167,7 +167,7 @@ def simulate(
     TypeError, ValueError
         An argument is invalid; the text names it.
     SessionError
-        The loop does not close near the arm's home pose, or does not have that many poses.
+        The chain is open, or the loop does not close in that many poses near the arm's home pose.
 
     Examples
     --------

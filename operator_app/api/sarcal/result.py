@@ -143,13 +143,8 @@ class Result:
     def figure(self, name: str = "parameters") -> PaperFigure:
         """Return one figure for a paper, as wide as one or two columns of a journal.
 
-        A notebook shows the figure. ``figure("budget").savefig("budget.svg")`` writes it to a file; a ``.pdf`` needs
-        the extra ``[plots]``.
-
-        Raises
-        ------
-        KeyError
-            There is no figure with this name; the text lists the available names.
+        A notebook shows the figure. ``figure("budget").savefig("budget.svg")`` writes a file. A ``.pdf`` needs the
+        extra ``[plots]``. If there is no figure with this name, raises KeyError with the available names.
         """
         return draw_figure(self._subject, name)
 
@@ -168,10 +163,10 @@ class Result:
         """Return the calibrated pose of the tool in the arm's base frame.
 
         By default, this uses the D-H table that gives the best tool positions from readings without corrections. The
-        base frame is that of the arm file: calibrated entries that depend on the mounting (``side`` is ``ground`` in
-        `to_json`), such as ``s_1`` with a hinge, do not move it. If the fixture was remounted, the tool is that of the
-        last placement. If a joint's readings were not used, its offset is the average, over the poses, of its angle in
-        the closed loop minus its reading.
+        base frame is that of the arm file. Entries that describe the fixture on the ground (``side`` is ``ground`` in
+        `to_json`), such as ``s_1`` with a hinge, do not move this frame. If the fixture was remounted, the tool is that
+        of the last placement. If the readings of a joint were not used, the joint's offset is the mean, over the poses,
+        of the angle in the closed loop minus the reading.
 
         Parameters
         ----------
@@ -201,8 +196,8 @@ class Result:
     def tip_sigma(self, q_rad: ArrayLike) -> FloatArray:
         """Return the standard deviation of the tip position from `fk`, m: the root of the summed variances of x, y, z.
 
-        It includes the covariance of the parameters. If the readings of a joint were not used in the calibration, it
-        also includes their scatter about the joint's angle in the closed loop, but no other errors of readings.
+        This includes the covariance of the parameters. For a joint whose readings were not used in the calibration, the
+        scatter of the readings about the angle in the closed loop is added. Other errors of readings are left out.
 
         Parameters
         ----------

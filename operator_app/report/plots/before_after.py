@@ -94,7 +94,7 @@ class _Seen:
 
 
 def arm_pair(subject: Subject) -> Pair | None:
-    """Draw the arm before and after calibration, in the pose whose closure error was largest before.
+    """Draw the arm before and after calibration, in the pose with the largest closure error at nominal parameters.
 
     Uses the first placement. Returns None without a calibration, if a joint is unsensed, or if the arm cannot be drawn.
     """

@@ -57,7 +57,7 @@ class Canvas:
     def segment(
         self, x0: float, y0: float, x1: float, y1: float, role: str = "text", every: int = 1
     ) -> None:
-        """Draw a straight line, dotted if `every` > 1: only one dot in `every` is set."""
+        """Draw a straight line. If `every` is above 1, only every second, third, ... dot is set: the line is dotted."""
         steps = _whole(max(abs(x1 - x0), abs(y1 - y0), 1.0))
         for k in range(0, steps + 1, every):
             self.dot(x0 + (x1 - x0) * k / steps, y0 + (y1 - y0) * k / steps, role)

@@ -162,7 +162,7 @@ class Bars:
 
 
 def bars(of: Bars) -> svg.Drawn:
-    """Draw a legend with three labels per line and, below it, the rows."""
+    """Draw rows of bars and marks, and above these a legend with three labels per line."""
     bars, labels = list(of.bars.values()), [*of.bars, *of.marks]
     top = LEGEND * -(-len(labels) // 3) + 6.0
     foot = top + BAR_HEIGHT * len(of.names)

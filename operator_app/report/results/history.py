@@ -44,7 +44,7 @@ def quantity(name: str) -> Quantity:
 
 
 def title_of(part: EntryHistory) -> str:
-    """Return the title of a part of the history: what its entries describe, fixture, estimator, number of sessions."""
+    """Return a title that states what the entries describe, the fixture, the estimator and the number of sessions."""
     first, last = part.calibrations[0].document, part.calibrations[-1].document
     since = "" if part.side is Side.ARM else f", mounted {first.utc:%Y-%m-%d}"
     count = plural(len(part.calibrations), "session")

@@ -301,7 +301,7 @@ def capture_json(
     parameters: Iterable[Parameter],
     poses: Sequence[CapturedPose],
 ) -> dict[str, Any] | None:
-    """Return the JSON object of a planned capture; None if `end` is None."""
+    """Return the JSON object of a planned capture: how it ended, weak parameters, advice; None if `end` is None."""
     if end is None:
         return None
     kinds, weak = {p.name: Kind(quantity_of(p)) for p in parameters}, []

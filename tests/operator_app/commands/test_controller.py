@@ -34,11 +34,11 @@ def test_state_folder_is_created_empty(tmp_path):
 
 
 def test_the_command_to_run_needs_a_procedure_of_this_arm_in_this_fixture():
-    tracker = procedure_of("sarcos_dextrous", "tracker", kind="measured")
+    tracker = procedure_of("sarcos_dextrous", "tracker", fixture_kind="measured")
     assert tracker == ("open_loop --go-home", "")
-    assert procedure_of("sarcos_dextrous", "hinge", kind="hinge") == ("hinge", "")
+    assert procedure_of("sarcos_dextrous", "hinge", fixture_kind="hinge") == ("hinge", "")
     for names in (("ur5e", "hinge"), ("sarcos_dextrous", "my_hinge.yaml")):
-        run, advice = procedure_of(*names, kind="hinge")
+        run, advice = procedure_of(*names, fixture_kind="hinge")
         assert run == "PROCEDURE"
         assert "sarcal new procedure --arm {} --fixture {}".format(*names) in advice
 

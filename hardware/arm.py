@@ -69,10 +69,10 @@ class ArmIdentity:
         Whether a person, not drives, moves the arm. If so, no hardware stop is required, and `ArmInterface.move` waits
         until the person has moved the joints to their targets.
     unwatching
-        Joints whose drives do not monitor the operator's heartbeat, or monitor it and take no action when it is lost.
+        Joints whose drives do not monitor the operator's heartbeat, or take no action when this heartbeat is lost.
     configured, zeroed
-        Sentences about what was written into drives. `configured` has all of them, `zeroed` only those about torques
-        and offsets that were set to 0; a communication reset may not restore their former values.
+        `configured` has a sentence for each PDO, torque or offset written into a drive. `zeroed` has only the sentences
+        about torques and offsets, which were set to 0. A communication reset may fail to restore the former values.
     keeps_parameters
         Whether a controller stores a parameter document; if not, nothing is uploaded.
     """
@@ -135,7 +135,7 @@ class HostLatency:
     longest_s: float = 0.0
 
     def with_event(self, by_s: float, *, new: bool) -> Self:
-        """Return a copy with one more latency, `by_s`; if not `new`, the last one becomes at least `by_s` instead."""
+        """Return a copy with one more latency, `by_s`. If not `new`, raise the last latency to at least `by_s`."""
         last_s = by_s if new else max(by_s, self.last_s)
         longest_s = max(last_s, self.longest_s)
         return replace(self, times=self.times + new, last_s=last_s, longest_s=longest_s)
@@ -157,7 +157,7 @@ class ArmSnapshot:
     stopped, stopped_for
         Whether STOP is latched, and why; the reason is empty if a person pressed STOP.
     late_s
-        Host latency since the oldest of the joint states was received, s; part of that state's `age_s`.
+        Host latency, s, since the oldest joint state was received. The `age_s` of that state includes this latency.
     lateness
         Host latencies since the connection began.
     """

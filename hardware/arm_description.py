@@ -94,7 +94,7 @@ class JointDescription:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArmDescription:
-    """The arm: `model` as in 2020h sub 1 of the supervisor, joints in order 1..n."""
+    """Model and joints 1..n of the arm; a supervisor must report this model in 2020h sub 1."""
 
     model: str
     joints: tuple[JointDescription, ...]

@@ -1,4 +1,4 @@
-"""Limits of commands: every change of a command is checked before it is sent, and by every virtual drive on receipt.
+"""Limits of commands. This program checks changed commands before sending; virtual drives check commands on receipt.
 
 Positions in counts are in sensor coordinates.
 """
@@ -133,10 +133,10 @@ def admit(
     before: Setpoints | None,
     commands: Setpoints,
 ) -> None:
-    """Check the commands of one SYNC against the limits.
+    """Check `commands` for one SYNC against the limits. `before`: the commands sent last, or None.
 
-    A joint that enters position mode, or whose drive has no power yet, must have its measured position as target; every
-    later change of target is checked as a motion. Raises `CommandRefused` if a command is outside the limits,
+    The target of a joint that enters position mode, or whose drive has no power yet, must be the measured position. Any
+    other change of a target is checked as a motion. Raises `CommandRefused` if a command is outside the limits, and
     `StopLatched` if STOP was pressed since the commands were made.
     """
     if before is commands:

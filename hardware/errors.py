@@ -35,7 +35,7 @@ class BusSettingsError(BusError):
 
 
 class FramesLost(BusError):
-    """Nodes on the bus do not answer in time; `requests` maps each node to numbers of (unanswered, all) requests."""
+    """Nodes do not answer in time. `requests` gives, for each node, the number of unanswered and of all requests."""
 
     def __init__(self, requests: Mapping[int, tuple[int, int]]) -> None:
         self.requests = dict(requests)
@@ -62,7 +62,7 @@ class EndlessAnswer(BusError):
 
 
 class HostLatencyExceeded(BusError):
-    """Since control was taken, this computer was late `times` times, the last time by `last_s`."""
+    """Since control was taken, this computer had `times` host latencies; `last_s` is the length of the last one."""
 
     def __init__(self, times: int, last_s: float) -> None:
         self.last_s = last_s
@@ -101,7 +101,7 @@ class WrongArm(HardwareError):
 
 
 class ProfileRemedy(Enum):
-    """Last part of a remedy text: how a bus profile can help if an object differs from what is required."""
+    """How a bus profile can help with an object that differs, if at all; the value is the end of a remedy text."""
 
     NONE = " (a bus profile cannot change this)"
     HEARTBEAT_PERIOD = ", or allow that period in a bus profile (heartbeat: slowest_ms)"
@@ -206,7 +206,7 @@ class SdoRefused(HardwareError):
 
 
 class ControlDenied(HardwareError):
-    """Node `holder` is in control or, if `holder` is 0, the supervisor refused control and gave `reason`."""
+    """Node `holder` is in control. If `holder` is 0, the supervisor refused control and gave `reason`."""
 
     def __init__(self, holder: int, reason: str = "") -> None:
         self.holder = holder
@@ -223,7 +223,7 @@ class ControlDenied(HardwareError):
 
 
 class ModeNotReached(HardwareError):
-    """A drive does not report the requested mode or, if `not_following`, reports the mode without bit 12 (follows)."""
+    """A drive does not report the requested mode, or (`not_following`) reports the mode without bit 12 (follows)."""
 
     def __init__(
         self, joint: int, wanted: str, actual: str, *, not_following: bool = False
@@ -241,7 +241,7 @@ class ModeNotReached(HardwareError):
 
 
 class DriveFault(HardwareError):
-    """A drive tripped or, if not `tripped`, only reported an error; `code` is the CiA 402 code of its emergency."""
+    """A drive has tripped, or only reported an error if `tripped` is false. `code`: CiA 402 code of the emergency."""
 
     def __init__(self, joint: int, code: int, text: str, *, tripped: bool = True) -> None:
         self.joint, self.code = joint, code
@@ -285,7 +285,7 @@ class NodeRestarted(BusError):
 
 
 class SensorFault(HardwareError):
-    """A joint's reading has been wrong since `since_sync` (if known): it jumped or, if `stuck`, does not change."""
+    """A joint's reading jumped, or does not change (`stuck`). `since_sync`: SYNC of the first wrong reading or None."""
 
     def __init__(
         self, joint: int, text: str, since_sync: int | None = None, *, stuck: bool = False
@@ -295,7 +295,7 @@ class SensorFault(HardwareError):
 
 
 class DriveDiverged(SensorFault):
-    """Uncommanded motion: a joint left its target or, if `stopped`, moved after a stop; its drive reports no fault."""
+    """Uncommanded motion: a joint left its target, or moved after a stop (`stopped`). The drive reports no fault."""
 
     def __init__(
         self,
@@ -319,9 +319,9 @@ class DriveDiverged(SensorFault):
 
 
 class DuplicateNodeId(HardwareError):
-    """A node sends surplus answers: two devices have its number, or another program sends it requests.
+    """Nodes send surplus answers: two devices share a node number, or another program sends requests to these nodes.
 
-    `asked_by_others`: whether another program was heard to send requests to each of these nodes.
+    `asked_by_others`: whether requests of another program to each of these nodes were heard.
     """
 
     def __init__(self, nodes: tuple[int, ...], *, asked_by_others: bool = False) -> None:
@@ -365,9 +365,9 @@ class CommandRefused(HardwareError):
 
 
 class DriveNotReady(CommandRefused):
-    """A drive is in a `state` in which a command is not permitted; other drives may have been commanded.
+    """A command is not permitted in the present `state` of a drive. Other drives may have been commanded.
 
-    `failed`: what could not be done; `conditions` as in `DriveDropout`.
+    `failed`: what could not be done. `conditions`: what the drive's statusword states about the cause.
     """
 
     def __init__(self, joint: int, state: str, *, failed: str = "", conditions: str = "") -> None:

@@ -136,10 +136,10 @@ FILE_POLL_S = 0.05
 
 
 class LinePort(ABC):
-    """Source of an instrument's lines; `name` is the value of the option ``--tracker``.
+    """Port at which an instrument's lines arrive; `name` is the value of the option ``--tracker``.
 
-    `sends_questions`: whether the instrument receives the questions. All calls must come from one thread; they raise
-    `InstrumentError` on failure.
+    `sends_questions`: whether the port sends questions to the instrument. All calls must come from one thread. They
+    raise `InstrumentError` on failure.
     """
 
     sends_questions = True

@@ -29,7 +29,7 @@ from hardware.control.stop_line import StopLatch
 
 
 class OutsideArm:
-    """An `ArmInterface` that wraps the arm of another package; `connect` has the `offer` make the arm of the `order`.
+    """An `ArmInterface` that wraps the arm of another package; `connect` makes that arm, with `offer.make(order)`.
 
     Moves are limited to the ranges and speeds of the ordered joints. `name`: the arm's name for messages. `record_to`:
     file for recording the next connection, or None.
@@ -219,9 +219,9 @@ class OutsideArm:
 
     @contextmanager
     def _command(self, own: Sequence[BaseException] = ()) -> Iterator[None]:
-        """Context in which the arm is commanded; errors become `HardwareError`, except those in `own`.
+        """Context for a command to the arm. Errors become `HardwareError`; errors in `own` are raised unchanged.
 
-        Raises `StopLatched` while STOP is latched. A STOP pressed meanwhile is sent again: the command may undo it.
+        Raises `StopLatched` if STOP is latched. A STOP pressed meanwhile is sent again, since the command may undo it.
         """
         self._require_no_stop()
         try:

@@ -10,9 +10,9 @@ Item = TypeVar("Item")
 class TimedQueue(SimpleQueue[Item]):
     """`queue.SimpleQueue` for one reader, with a time-out that always ends the wait.
 
-    Up to Python 3.12, the first wait after a `put` acquires the queue's lock, which is free, and only then computes the
+    After a `put`, the lock of the queue is free. Up to Python 3.12, the next wait acquires the lock, then computes the
     time left. If the thread was off the processor for longer than the time-out, the time left is negative, and the wait
-    does not end. `get` therefore first tries without waiting, which acquires the lock.
+    does not end. `get` therefore first tries without waiting: this attempt already acquires the lock.
     """
 
     def get(self, block: bool = True, timeout: float | None = None) -> Item:  # noqa: FBT001, FBT002

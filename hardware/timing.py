@@ -16,7 +16,7 @@ from hardware.canopen.objects import CONTROL_PERIOD_S
 
 
 class Pace(Enum):
-    """Rule for when the next SYNC is sent (see the module)."""
+    """When a SYNC is sent: every control period or, in fast forward, once all joints have answered the previous one."""
 
     REAL_TIME = "real time"
     FAST_FORWARD = "fast forward"
@@ -107,12 +107,12 @@ class LatencyMonitor:
     """Accumulates host latency; the receiving thread reports every poll of the bus.
 
     On a busy computer the receiving thread may be suspended for a second while frames wait in a queue. That time does
-    not count as silence of the arm. The age of a frame counts from its time stamp or, without a usable stamp, from the
-    time when it is read. Stamps are wrong after the computer's clock was set. A frame's waiting time is therefore
-    limited to the time since the queue was last empty.
+    not count as silence of the arm. A frame's waiting time is the time from its stamp until it is read, or 0 without a
+    usable stamp. Stamps are wrong once the computer's clock has been set. So the waiting time is limited to the time
+    since the queue was last empty.
 
-    `clock` returns monotonic time, s. `stamps` returns the time of the clock that stamps frames, s; None if that clock
-    is not this computer's. `arm_waits`: the simulated arm waits for this host (`Pace.FAST_FORWARD`): report no latency.
+    `clock` returns monotonic time, s. `stamps` returns the time, s, of the clock that stamps frames; None if that clock
+    is not this computer's. `arm_waits`: whether the simulated arm waits for this host, so that no latency is reported.
     """
 
     def __init__(
@@ -144,7 +144,7 @@ class LatencyMonitor:
         return waited_s
 
     def queue_empty(self, polled_at_s: float) -> None:
-        """Record that a poll that began at `polled_at_s` found no frame until it timed out."""
+        """Record a poll that timed out without a frame; `polled_at_s`: start of the poll."""
         self._note(self._clock(), 0.0)
         self._queue_empty_at_s = polled_at_s
         self._late_now = False
@@ -156,7 +156,7 @@ class LatencyMonitor:
 
     @property
     def listened_s(self) -> float:
-        """Clock minus `late_s`, s: the time base for measuring silence."""
+        """Time base for measuring silence, s: the time of `clock` minus `late_s`, so that only listening counts."""
         now = self._clock()
         return now - self._late_at(now)
 

@@ -31,15 +31,15 @@ DEFAULT_ENABLING_TIMEOUT_S: Final = 0.5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PdoKind:
-    """Kind of PDO: RPDO or TPDO. `communication`, `mapping`: objects of PDO 1; `cob_id` + node number: its COB-ID."""
+    """Kind of PDO: RPDO or TPDO. PDO 1 has the objects `communication` and `mapping`, and COB-ID `cob_id` + node."""
 
     name: str
     communication: int
     mapping: int
     cob_id: int
     transmission_types: tuple[int, ...]
-    """Transmission types allowed; a drive with another type is set to the last of them."""
     transmission: str
+    """Transmission types allowed, as numbers and in words; a drive with another type is set to the last number."""
     carried: tuple[int, ...]
     """Objects that the PDOs of a joint carry together."""
 

@@ -1,11 +1,11 @@
 """The CiA 402 drive state machine as pure functions, for the drive and for its operator.
 
-For the drive, they return the next state after a controlword or event, and the statusword of a state; for the operator,
-the next controlword on the way to a target state. After quick stop (605Ah = 6) a drive holds in *quick stop active*.
+For the drive, they return the next state after a controlword or event, and the statusword of a state. For the operator,
+they return the next controlword for a target state. After quick stop (605Ah = 6) a drive stays in *quick stop active*.
 
 Two choices make a delayed frame harmless. Transition 16 (*quick stop active* to *operation enabled*) is not
-implemented: the standard advises against it, and a command sent before STOP could restart the arm. Only a rising edge
-of bit 7 resets a fault.
+implemented, so that a command sent before STOP cannot restart the arm. The standard advises against this transition.
+Only a rising edge of bit 7 resets a fault.
 """
 
 from enum import Enum, IntEnum

@@ -1,9 +1,9 @@
-"""Writes a bus profile's PDOs into the drives, and 0 into torques and offsets that drives would add to commands.
+"""Writes a bus profile's PDOs into the drives, and sets to 0 torques and offsets that drives would add to commands.
 
-PDOs are written by the procedure of CiA 301 in pre-operational: PDO invalid, map count 0, entries, count, PDO valid.
-PDOs that already agree are not written. Nothing is stored (1010h), so a communication reset restores the drive's own
-PDOs; `hardware.canopen.maps` compares the PDOs after writing. Torques and offsets are read before anything is enabled:
-in free mode a joint obeys target torque and torque offset, which the RPDOs need not carry.
+In pre-operational, a PDO is made invalid, its map count is set to 0, entries and count are written, and the PDO is made
+valid (CiA 301). PDOs that already agree are not written. Nothing is stored (1010h), so a communication reset restores
+the drive's own PDOs. `hardware.canopen.maps` compares the PDOs after writing. Torques and offsets are read before
+anything is enabled: in free mode a joint obeys target torque and torque offset, which the RPDOs need not carry.
 """
 
 from collections.abc import Callable, Iterator, Sequence

@@ -59,7 +59,7 @@ class Sample:
 
 
 class PdoFields:
-    """Encodes and decodes the objects `indices` in a PDO of a joint; all other objects are sent as 0."""
+    """Encodes and decodes a PDO. Objects with an index in `indices` carry values; all others are sent as 0."""
 
     def __init__(self, pdo: Pdo, indices: tuple[int, ...]) -> None:
         form, known = "<", list[int]()

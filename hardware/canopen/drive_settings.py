@@ -81,7 +81,7 @@ class DriveFacts:
     quick_stop_option: int | None
     """605Ah: if 5 or more, the drive holds after a quick stop."""
     operator_timeout_s: float | None
-    """1016h: silence of node 127 after which the drive reacts as 6007h states."""
+    """1016h: silence of the operator (node 127) after which the drive reacts as 6007h states."""
     ignores_timeout: bool = False
     """Whether 6007h is 0: the drive takes no action after `operator_timeout_s`."""
     following_window_counts: int | None = None
@@ -106,7 +106,7 @@ def read_drive_facts(access: ObjectAccess, profile: BusProfile) -> Iterator[Driv
 
 
 def operator_timeout_s(access: ObjectAccess, node: int) -> float | None:
-    """Read the time-out, s, of node 127's heartbeat (1016h); None if the drive does not monitor it."""
+    """Read a drive's time-out (1016h) for the operator's heartbeat, s; None if this heartbeat is not monitored."""
     timeouts_ms = map(_operator_timeout_ms, _heartbeat_consumers(access, node) or ())
     return next((1e-3 * timeout_ms for timeout_ms in timeouts_ms if timeout_ms), None)
 

@@ -1,7 +1,7 @@
-"""Reads the drives' PDOs by SDO before anything is enabled, and compares them with the bus profile.
+"""Reads the drives' PDOs by SDO before anything is enabled, and compares the PDOs with the bus profile.
 
-A drive that sends its velocity where its position is expected answers every SYNC, but targets computed from that value
-would be wrong. So all PDOs are compared; afterwards the first position by PDO is compared with 6064h by SDO.
+A drive may answer every SYNC, but with its velocity in place of its position. Targets computed from such answers are
+wrong. So all PDOs are compared. Afterwards the first position received by PDO is compared with 6064h read by SDO.
 """
 
 from __future__ import annotations

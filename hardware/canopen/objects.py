@@ -273,11 +273,11 @@ _ERROR_CLASSES: Final = {
     0x82: "protocol error",
     0x90: "external error",
 }
-"""Classes of error codes (CiA 301) by the upper byte or, if it is not listed, by its upper half."""
+"""Classes of error codes (CiA 301) by the upper byte or, if that byte is not listed, by its upper half."""
 
 
 def emergency_text(code: int) -> str:
-    """Return the text of an EMCY error code; for a code not in `EmergencyCode`, that of its class."""
+    """Return the text of an EMCY error code, or the text of its class if the code is not in `EmergencyCode`."""
     upper = code >> 8
     known = _ERROR_CLASSES.get(upper) or _ERROR_CLASSES.get(upper & 0xF0, "error of the device")
     return next((each.text for each in EmergencyCode if each == code), known)

@@ -75,10 +75,10 @@ class _Client(SdoClient):
 
 
 class _WriteStream(WritableStream):
-    """Stream of a write that sends nothing when it is closed.
+    """Stream for writing an object. Closing the stream sends nothing.
 
-    The garbage collector may close the stream of a failed write in any thread. canopen would then send a last segment,
-    and the control loop's thread could wait for the answer or for the bus lock that it holds itself.
+    The garbage collector may close the stream of a failed write in any thread. canopen's stream would then send a last
+    segment. The control loop's thread could block: only it receives the answer, and it may already hold the bus lock.
     """
 
     def close(self) -> None:
@@ -144,10 +144,9 @@ class ObjectAccess:
         )
 
     def require_unique_nodes(self) -> None:
-        """Test the nodes that sent surplus answers since the last call; raises `DuplicateNodeId`.
+        """Raise `DuplicateNodeId` for nodes that answer most test requests twice: two devices share the number.
 
-        A bus may double single frames; but if most test requests to a node are answered twice, two devices share its
-        number.
+        Only nodes that sent surplus answers since the last call are tested; a bus may have duplicated single frames.
         """
         suspects = [node for node, n in self._surplus().items() if n > self._known_surplus[node]]
         before = self._surplus()

@@ -166,8 +166,8 @@ class CanopenArm(ConnectableArm):
         """Stage, read back and commit a document, and read the home offsets back.
 
         The drives may be off, stopped or in fault. The control token is taken if nobody has it. An error is raised
-        before anything is sent if another node is in control, or if the home offsets are doubtful: a drive has
-        restarted, lost counts, or has a failed sensor (7305h). Later errors: `hardware.control.uploading.upload`.
+        before anything is sent if another node is in control, or if a drive has restarted, has lost counts or has a
+        failed sensor (7305h): home offsets are then doubtful. Later, the errors of `uploading.upload` may be raised.
         """
         link = self._link
         link.loop.run(motion_steps.check_alarms(link.loop), despite=_NO_REASON_AGAINST_UPLOAD)

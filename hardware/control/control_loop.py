@@ -1,14 +1,13 @@
 """The thread for the cyclic traffic (SYNC, commands, samples, heartbeat), which receives all frames.
 
-Motions are given as steps (`Steps`) by a caller in another thread, one motion at a time; rates and time-outs are in
-`hardware.timing`. A sample is closed when all joints have answered, or when their time-out has passed and the queue is
-empty, so that the next SYNC does not overtake a late answer.
+Motions are given as steps (`Steps`) by a caller in another thread, one motion at a time. Rates and time-outs are in
+`hardware.timing`. A sample is closed when all joints have answered. After a time-out it is closed without the missing
+answers, but not while received frames wait in the queue: the next SYNC must not overtake a late answer.
 
 STOP sets `latch` and sends its own frames. The loop itself stops the arm only after uncommanded motion.
 
-The loop takes no lock that Ctrl-C in the caller's thread can leave locked: conditions and futures have such locks;
-`TimedQueue`, based on a queue in C, has none. `Thread.is_alive` is not used either: up to Python 3.12, Ctrl-C during a
-call can make all later calls return false.
+Ctrl-C in the caller's thread can leave conditions and futures locked. So the loop uses `TimedQueue` (based on C) only.
+`Thread.is_alive` is not used either: up to Python 3.12, Ctrl-C during a call can make all later calls return false.
 """
 
 import threading
@@ -94,9 +93,10 @@ class LoopTask:
 class ControlLoop:
     """Runs the cyclic traffic of an arm.
 
-    `on_sdo` receives, in the loop's thread, identifier and data of every SDO answer, and of SDO requests of other
-    programs. `quick_stop` sends quick stop to all drives. Neither may wait. `allow` receives (sample, last commands,
-    new commands) before these are sent, and may raise `CommandRefused`. `clock`, `stamps`: as in `LatencyMonitor`.
+    The loop's thread calls `on_sdo` with identifier and data of every SDO answer and of other programs' SDO requests.
+    `quick_stop` sends quick stop to all drives. Neither may wait. `allow` is called with the sample, the last commands
+    and new commands before they are sent, and may raise `CommandRefused`. `clock` returns monotonic time, s; `stamps`
+    returns the time of the clock that stamps frames, s (None if that clock is not this computer's).
     """
 
     def __init__(

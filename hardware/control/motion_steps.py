@@ -50,13 +50,13 @@ def not_following(sample: Sample, modes: Sequence[JointMode]) -> int | None:
     return None
 
 
-def first_complete_sample(loop: ControlLoop, *, at_least: int = 2) -> Steps[Sample]:
-    """Return the first complete sample after `at_least` or more SYNCs, without commands; `BusError` if none comes."""
+def first_complete_sample(loop: ControlLoop, *, min_syncs: int = 2) -> Steps[Sample]:
+    """Send no new commands; return the first complete sample after at least `min_syncs` SYNCs, or raise `BusError`."""
     sample = loop.sample
     for syncs in range(1, INCOMPLETE_SYNCS + 1):
         sample = yield None
         raise_alarm(loop)
-        if syncs >= at_least and sample.complete:
+        if syncs >= min_syncs and sample.complete:
             return sample
     raise incomplete_samples(sample)
 
@@ -71,7 +71,7 @@ def drive_to(
     If a joint does not answer the first SYNC, its drive is commanded to switch off and keeps its mode.
     """
     if target is cia402.TargetState.ENABLED:
-        sample = yield from first_complete_sample(loop, at_least=1)
+        sample = yield from first_complete_sample(loop, min_syncs=1)
     else:
         sample = yield None
     before = loop.commands
@@ -277,7 +277,7 @@ def _last_commands(loop: ControlLoop) -> Setpoints:
 def _higher_priority(
     alarm: errors.HardwareError | None, ending: Exception | None
 ) -> Exception | None:
-    """Return the error that ends a move: the first, `ending`, or a later `alarm` that is STOP or caused `ending`."""
+    """Return the error that ends a move: `alarm` if it is first, or is STOP, or caused `ending`; otherwise `ending`."""
     if ending is None or isinstance(alarm, errors.Stopped):
         return alarm
     # The first sign of a trip or a lost node is often that its drive, or a neighbour's, is not enabled.

@@ -15,9 +15,9 @@ class CommandSender:
     """Sends commands in the control loop's thread. `quick_stop` must not wait.
 
     STOP sends its own frames in another thread. The STOP latch is therefore checked before and after the commands are
-    sent, so that quick stop is the last command on the bus. A stop also switches off the drives of the joints in
-    `watch.switched_off`, so that their valves block. Those joints moved uncommanded or, when the arm is released, have
-    not obeyed STOP. A drive that was switched off at the drive itself is not enabled again.
+    sent, so that quick stop is the last command on the bus. `watch.switched_off` has the joints that moved without a
+    command and, when the arm is released, those that have not obeyed STOP. A stop also switches off the drives of these
+    joints, so that their valves block. A drive that was switched off at the drive itself is not enabled again.
     """
 
     def __init__(
@@ -33,7 +33,7 @@ class CommandSender:
         self._sent: list[Setpoint | None] = [None] * len(self._frames)
 
     def send(self, commands: Setpoints, sync_count: int, *, moving: bool) -> None:
-        """Send the commands that changed and, in case frames were lost, one unchanged command (joints take turns)."""
+        """Send the commands that changed, and repeat the command of one joint (in turn), since frames may be lost."""
         repeated = sync_count % len(self._frames)
         dropout = self._watch.dropout
         for joint, joint_command in enumerate(commands):
@@ -81,9 +81,9 @@ SPEED_SYNCS = 5
 
 @dataclass(frozen=True, slots=True)
 class CyclicView:
-    """Latest sample for other threads; with the next sample, a new object replaces this one.
+    """Latest sample, for other threads. The object never changes: the next sample comes in a new object.
 
-    `earlier`: sample up to `SPEED_SYNCS` SYNCs older. `late_at_s`: accumulated host latency when each joint answered.
+    `earlier`: the sample `SPEED_SYNCS` SYNCs before, or the first. `late_at_s`: host latency up to each joint's answer.
     """
 
     sample: Sample

@@ -1,8 +1,8 @@
 """Starts the nodes of an arm and checks that they are the expected nodes.
 
-Order: listen for another operator or master before a frame is sent; check by SDO that no operator uses the arm;
-reset the communication of the arm's nodes only, and wait for every boot-up; compare the arm with its
-description; start the heartbeat, the nodes (NMT) and SYNC.
+Before a frame is sent, the start-up listens for another operator or master. By SDO it checks that no operator uses the
+arm. Then it resets the communication of the arm's nodes only, waits for every boot-up, and compares the arm with the
+arm's description. Last, it starts the heartbeat, the nodes (NMT) and SYNC.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -47,7 +47,7 @@ def _token_holder(values: Mapping[_Object, int]) -> int:
 
 
 def _read_all(access: ObjectAccess, needed: Sequence[_Object]) -> dict[_Object, int]:
-    """Read objects in parallel, since each absent node costs a time-out; return the values of those that answer."""
+    """Return the values of the objects that can be read. Reads are parallel, since an absent node costs a time-out."""
 
     def read(key: _Object) -> int | None:
         try:
@@ -143,15 +143,15 @@ class StartUp:
         return replace(identity, unwatching=unwatching, configured=configured, zeroed=zeroed)
 
     def _require_unused(self, *, takes_over: bool) -> None:
-        """Raise an error if another operator may be using the arm; `takes_over` as in `run`.
+        """Raise an error if another operator may be using the arm.
 
         An operator that moves the arm may be silent for up to the drives' time-out (1016h). So if a drive has power or
         a node holds the token, this program listens for that time, at least for `Timing.operator_timeout_s`. By then
-        the operator has been heard, or the drives have stopped, and a communication reset cannot hit a moving arm.
+        the operator has been heard or the drives have stopped: a communication reset cannot hit a moving arm.
 
-        Raises `ControlDenied` if the holder of the token is heard. Unless `takes_over`, raises `ArmInUse` if a drive is
-        still enabled after that time, or is stopped while a node still holds the token. With a free token, a stopped
-        drive is accepted: no operator uses it, and connecting enables nothing.
+        Raises `ControlDenied` if the holder of the token is heard. After that time, unless `takes_over`, raises
+        `ArmInUse` if a drive is still enabled, or if a drive is stopped and a node still holds the token. A stopped
+        drive is accepted if the token is free: no operator uses that drive, and connecting enables nothing.
         """
         access, profile, timeout_s = self._access, self._profile, self._timing.operator_timeout_s
         statuswords = [(node, objects.STATUSWORD) for node in profile.drives]
@@ -220,7 +220,7 @@ class StartUp:
         return unwatching if profile.configures_pdos else self._check_arm(identity)
 
     def _check_arm(self, identity: ArmIdentity) -> tuple[int, ...]:
-        """Check all but the PDOs; set heartbeat time-out, following windows, rated torques; return `unwatching`."""
+        """Check all but the PDOs, and set time-outs, windows and rated torques; return `ArmIdentity.unwatching`."""
         access, profile, loop, link = self._access, self._profile, self._loop, self._link
         identifying.check_arm(access, identity, link.on_bus.description, profile)
         loop.nodes.heartbeat_timeout_s = drive_settings.heartbeat_timeout_s(

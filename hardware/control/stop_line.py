@@ -63,9 +63,9 @@ class StopLatch:
 class StopLine:
     """Sends quick stop to all drives.
 
-    `bus`: handle that only STOP uses, shut down by `close`; None if the adapter can be opened only once. `spare`: the
-    shared bus, used without taking its lock. `spare` sends the frames that `bus` does not accept (all of them if `bus`
-    is None), and records every frame that STOP sends.
+    `bus` is a handle that only STOP uses, and that `close` shuts down; None if the adapter can be opened only once.
+    `spare` is the shared handle, whose lock STOP does not take. Frames that `bus` does not accept, or all frames if
+    `bus` is None, are sent through `spare`. Every frame that STOP sends is recorded there.
     """
 
     def __init__(

@@ -29,7 +29,7 @@ def upload(link: Connection, document: bytes) -> UploadReceipt:
 
     Raises `UploadRefused` if the supervisor refused the document (its reason is given) or there is no supervisor,
     `ControlDenied` if the control token is not held, `BusError` if the supervisor does not answer, and `UploadUnknown`
-    if it stopped answering after the commit was sent: the outcome is unknown.
+    if the supervisor stopped answering after the commit was sent: the outcome is unknown.
     """
     access, supervisor = link.access, link.profile.supervisor
     if supervisor is None:
@@ -72,7 +72,7 @@ def upload(link: Connection, document: bytes) -> UploadReceipt:
 
 
 class _Attempt:
-    """Upload of one document; `commit_sent`: whether a commit was sent that may have been carried out."""
+    """Upload of one document; `commit_sent`: whether a commit was sent and may have been carried out."""
 
     def __init__(self, access: ObjectAccess, supervisor: int, document: bytes) -> None:
         self._access, self._supervisor, self._document = access, supervisor, document

@@ -5,12 +5,12 @@ drive, or the drive's reports are wrong, only this program can detect the fault,
 
 A joint is checked from the moment its drive reports that it follows (6041h, bit 12) until its mode changes or the drive
 leaves *operation enabled*, even if bit 12 drops. If a drive never sets bit 12, setting its mode fails
-(`hardware.control.canopen_arm`). A drive that reports a refused target keeps an earlier one, so its joint may be near
-any of the targets sent before the report.
+(`hardware.control.canopen_arm`). A drive that reports a refused target keeps an earlier target, so its joint may be
+near any of the targets sent before the report.
 
-A drive that trips sends an emergency. A drive that is disabled at the drive itself reports that in its statusword only,
-and the next repeated command would enable the drive again, although it may have been switched off on purpose. So this
-drive is not enabled again. All others stop as after a trip: in a closed chain they would push against its joint.
+A drive that trips sends an emergency. A drive that is disabled at the drive itself, perhaps on purpose, reports this in
+its statusword only. The next repeated command would enable this drive again, so it gets no such command. All other
+drives stop as after a trip: in a closed chain they would push against its joint.
 """
 
 import math
@@ -49,9 +49,9 @@ class Divergence:
 class FollowingMonitor:
     """Finds joints that do not follow their targets.
 
-    `windows_counts`: window of each joint; if empty, no joint is checked. A joint may be outside the range of its
-    latest targets by at most its window. Latest targets: the present one, those of the `LAG_SYNCS` SYNCs before, and
-    one more for each SYNC that the joint has not answered yet.
+    The latest targets of a joint are the present one, those of the `LAG_SYNCS` SYNCs before, and one more for each SYNC
+    that the joint has not answered yet. A joint may be outside the range of these targets by at most its window
+    (`windows_counts`). If `windows_counts` is empty, no joint is checked.
     """
 
     def __init__(self, windows_counts: Sequence[float] = ()) -> None:
@@ -144,9 +144,9 @@ class _StoppedJoint:
 class StandstillMonitor:
     """Checks every sample after a quick stop; `windows_counts` limits each joint's distance from its rest position.
 
-    If `windows_counts` is empty, nothing is checked. A stopped drive holds at a target of its own, which this program
-    does not know, so the reference is the position where the joint came to rest. Joints in free mode are not checked,
-    nor drives that report no power after a quick stop (605Ah below 5).
+    The rest position is where the joint came to rest, since a stopped drive's own target is not known to this program.
+    Joints in free mode are not checked. Neither are joints whose drives report no power after a quick stop (605Ah below
+    5). If `windows_counts` is empty, nothing is checked.
     """
 
     def __init__(self, windows_counts: Sequence[float] = ()) -> None:
@@ -213,7 +213,7 @@ class Dropout:
 
 @dataclass(slots=True)
 class _EnabledJoint:
-    """Counts of a joint's answers, one for each reported state, since its drive was commanded to be enabled."""
+    """Counts, by reported state, a joint's answers since the command that enables its drive."""
 
     enabled_syncs: int = 0
     disabled_syncs: int = 0

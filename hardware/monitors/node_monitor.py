@@ -68,7 +68,7 @@ def _describe_nmt(data: bytes) -> str:
 
 
 def initiated_transfer(data: bytes) -> tuple[bool, int] | None:
-    """Return (whether an SDO request initiates a write, object index); None if it initiates no transfer."""
+    """Return true if an SDO request initiates a write, false for a read, and the object's index; None for others."""
     kind = data[0] >> 5 if len(data) == 8 else None
     if kind not in _WRITES or data[0] & _CONTINUED_BLOCK.get(kind, 0):
         return None

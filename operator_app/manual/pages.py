@@ -87,7 +87,7 @@ class NoSuchTopicError(Exception):
 
 
 def files_on(page: str) -> Mapping[str, str]:
-    """Return contents by name: notebooks and complete files on a page (Markdown), and files it includes from others."""
+    """Return file contents by name: complete files on `page` (Markdown), those of included pages, and notebooks."""
     shown: dict[str, str] = dict(FILE.findall(page))
     for topic in FILES_OF.findall(page):
         shown |= FILE.findall(_written(topic))

@@ -1,6 +1,7 @@
 """Renders pages of the manual as text for a terminal of any width, with rich.
 
-A link to another page is shown as its topic, a picture as its description; comments are for tests and are not shown.
+A link to a page is followed by the command that shows this page. A picture becomes its description. Comments are for
+tests and are not shown.
 """
 
 import io
@@ -64,7 +65,7 @@ class _Verbatim(CodeBlock):
 
 
 class _Rows(TableElement):
-    """A table whose cells wrap instead of being cut; if wide and too tall, it becomes one block of lines per row."""
+    """A table with wrapped cells. A table with many columns and tall rows becomes one block of lines per row."""
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         for table in super().__rich_console__(console, options):

@@ -1,6 +1,6 @@
 """Findings: faults or facts, each with magnitude, probability, effect on acceptance, text and remedy.
 
-The kind of a finding has the templates of text and remedy; no code parses figures from these texts.
+The kind of a finding has the templates of text and remedy. Code reads figures from the fields, never from the texts.
 """
 
 from collections.abc import Callable, Mapping
@@ -20,7 +20,7 @@ CERTAIN = 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NamedSize:
-    """A parameter and a value in `unit` ("rad" or "m"); `share`: fraction of its information that the poses give."""
+    """A parameter's value in `unit` ("rad" or "m"). `share`: fraction of the parameter's information from poses."""
 
     name: str
     size: float
@@ -35,22 +35,19 @@ class Finding:
     Attributes
     ----------
     joint, joints
-        The joint that the finding is about (1-based; 0: none), or the joints if it is about several. In findings about
-        placements or sockets, `joints` contains the numbers of these.
+        Number of the joint that the finding is about (from 1; 0: none), or numbers of joints, placements or sockets.
     sensor
         "RVDT" or "ENCODER" if the finding is about a joint's sensor.
     names
         Names of the parameters, entries, fixtures or files that the finding is about.
     size, sigma, unit
         Magnitude of the finding, its standard uncertainty, and the unit of both: "rad", "m", or "" for a plain number.
-    figures
-        Other figures, in SI units, by the names that the templates use.
-    sizes
-        Values of several parameters.
+    figures, sizes
+        Other figures for the message, by name, in SI units, and values of several parameters.
     reported
         Text and remedy that a lower layer wrote (fixtures, solver, file readers).
     probability
-        Probability of this finding among all explanations, one of which is that there is no fault.
+        Probability of this finding. The alternatives are all other explanations, and that there is no fault.
     doubted
         Whether the finding is stated as a possibility, whatever its probability.
     blocking
@@ -164,9 +161,9 @@ SOURCE_REMEDIES = {
 
 
 class _Amount(NamedTuple):
-    """A value (SI units) that a template formats; the format specification is the name of a `Kind`.
+    """A value, in SI units, that a template formats. The template names a display format of `operator_app.units`.
 
-    The specification ``A|B`` means the kind A for angles and the kind B otherwise.
+    ``A|B`` means the format A if `angle` is true, otherwise B. ``d`` means a whole number.
     """
 
     value: float
@@ -207,7 +204,10 @@ def fixed_briefly(offsets: tuple[str, ...]) -> str:
 
 
 def _holds(f: Finding) -> str:
-    """Return the text on fixed offsets of unknown uncertainty; `f.figures`: tool error, m per rad, by offset."""
+    """Return a note that the tool accuracy holds only if fixed offsets of unknown uncertainty are right.
+
+    `f.figures`: rms tool error by name of the offset, m per rad of error in this offset.
+    """
     if not f.figures:
         return ""
     rates = ", ".join(

@@ -1,8 +1,9 @@
 """Kinds of findings, each with its public code, text and remedy; no other module contains such texts.
 
-A message is a template. ``{size:STEP}`` is the value `size` in the format STEP of `operator_app.units`;
-``{limit:ANGLE|LENGTH}`` uses the first format if the finding's unit is rad, else the second. ``{certain:drifts|may
-drift}`` is the first text if the finding is certain, ``{several:do|does}`` if it is about several poses.
+A message is a template. ``{size:STEP}`` is the value `size` in the format STEP of `operator_app.units`.
+``{limit:ANGLE|LENGTH}`` is `limit` in the format ANGLE if the finding's unit is rad, otherwise in the format LENGTH.
+``{certain:drifts|may drift}`` becomes "drifts" if the finding is certain, otherwise "may drift".
+``{several:do|does}`` becomes "do" if the finding is about several poses, otherwise "does".
 """
 
 # Several kinds may have the same code and text.
@@ -84,7 +85,7 @@ class FindingKind(Enum):
     brief: str
 
     def __new__(cls, code: str, text: str, remedy: str = "", brief: str = "") -> Self:
-        """Make a member; its value is a unique number, since Enum makes members with equal values aliases."""
+        """Make a member whose value is a unique number, because Enum merges members with equal values."""
         member = object.__new__(cls)
         member._value_ = len(cls.__members__)
         member.code, member.text, member.remedy, member.brief = code, text, remedy, brief

@@ -186,7 +186,7 @@ class SarcalApp(App[str]):
             threading.Thread(target=leave, args=(reason,), daemon=True).start()
 
     def _watch_terminal(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Wait until the terminal is closed, then leave; SIGHUP comes only if it is the controlling terminal."""
+        """Wait until the terminal is closed, then leave. Only a controlling terminal sends SIGHUP when closed."""
         terminal = select.poll()
         terminal.register(sys.__stdin__ or 0, 0)  # a hang-up is always reported
         terminal.poll()

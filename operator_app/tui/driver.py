@@ -1,8 +1,8 @@
 """The terminal driver, which detects STOP in the reading thread and survives the loss of the terminal.
 
-A repaint or a calibration may block the event loop for some hundredths of a second; STOP does not wait for it, because
-keys are examined in the thread that reads them. Writing to a closed terminal must not end the writing thread: another
-thread would wait for that thread forever while the arm is enabled.
+A repaint or a calibration may block the event loop for some hundredths of a second. STOP does not wait for the event
+loop, because keys are examined in the thread that reads them. Errors of writing to a closed terminal are ignored.
+Otherwise they would end the thread that writes, and the app would wait for this thread forever with the arm enabled.
 """
 
 import contextlib

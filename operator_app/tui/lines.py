@@ -1,7 +1,4 @@
-"""A widget that shows lines of plain spans and repaints only lines that have changed.
-
-Text contains no markup: the brackets in `[deg]` are plain text. A span is text with the name of its role.
-"""
+"""A widget that shows lines of spans and repaints only changed lines. The text of a span contains no markup."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ from operator_app.tui.widgets.status import Banner, Log, SafetyStrip
 
 
 def done(step: Step, s: SessionSnapshot) -> bool:
-    """Whether a step is done. Capture needs enough poses, Export a written file, others what the next step requires."""
+    """Whether a step is done: Capture has enough poses, Export has a written file, others allow the step after them."""
     if step is Step.EXPORT:
         return s.written is not None
     if step is Step.RESULTS:
@@ -267,9 +267,10 @@ class MainScreen(Screen[None]):
                     widget.show(s)
 
     def _make_room(self, s: SessionSnapshot) -> None:
-        """Give the next action and an alarm the rows they need; an alarm gets at most a third of the screen.
+        """Set the heights of the next action and of the log, which shows the newest alarm.
 
-        The joints stay visible. A row not used by the next action goes to the log, so that nothing else moves.
+        Rows that the next action does not need go to the log, so that nothing else moves. An alarm gets at most a third
+        of the screen, so that the joints stay visible.
         """
         width, height = self.size
         hint = self.hint.rows_for(s, width)
@@ -283,7 +284,7 @@ class MainScreen(Screen[None]):
             self.call_after_refresh(self.repaint)
 
     def _shown_at_once(self, s: SessionSnapshot) -> object:
-        """Return the values of which a change is shown at once. Ages and rates, which always change, are left out."""
+        """Return the values whose changes are shown at once. Ages and rates, which always change, are left out."""
         joints = () if s.arm is None else tuple((j.mode, j.drive) for j in s.arm.joints)
         latest = s.messages[-1].number if s.messages else 0
         return (

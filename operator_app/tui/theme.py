@@ -1,6 +1,6 @@
-"""Colours and glyphs: three themes, one table of roles; plain ASCII on request.
+"""Three themes, which give each role of text a style, and ASCII replacements for glyphs.
 
-Normal states are grey; colour marks all other states, always together with a glyph and a word.
+Normal states are grey. All other states have a colour, always together with a glyph and a word.
 """
 
 from collections.abc import Mapping

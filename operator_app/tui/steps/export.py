@@ -1,4 +1,4 @@
-"""Step 7, Export: the file, how it differs from the active parameters, and the verification."""
+"""Step 7, Export: the parameters file, differences from the controller's active parameters, and the verification."""
 
 from collections.abc import Sequence
 

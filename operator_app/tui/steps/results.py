@@ -108,7 +108,7 @@ class _ParametersPanel(TablePanel):
 
 
 class ResultsPlot(Lines):
-    """Residuals by pose and by joint, RVDT deviations, D-H table; `v` shows the next page."""
+    """Residuals by pose, RVDT deviations, warnings and tables, a page at a time; `v` shows the next page."""
 
     TITLE = "Residuals (v: next)"
     HELP = (
@@ -125,7 +125,7 @@ class ResultsPlot(Lines):
     """Whether the frame shows the title; without a frame the title is the first line."""
 
     def count_pages(self, s: SessionSnapshot) -> None:
-        """Count the pages: residuals, each RVDT, warnings, joints and each table have one page, in this order."""
+        """Count the pages: one of residuals, one per RVDT, one of warnings, one of joints, one per further table."""
         facts = facts_on(s)
         if facts is not None:
             self.words_from = 1 + len(facts.solution.rvdt)

@@ -93,7 +93,7 @@ LARGEST_BAR_RATIO = 30.0
 
 
 def sparkline(values: Sequence[float], width: int) -> Span:
-    """Return values as a row of bars, log scale, newest at the right. More than `width` values are sampled evenly."""
+    """Return a row of bars, log scale, for `values`, oldest first. At most `width` values, evenly spaced, are shown."""
     last, cells = len(values) - 1, max(1, min(width, len(values)))
     sampled = [values[round(k * last / max(1, cells - 1))] for k in range(cells)]
     finite = [v for v in sampled if math.isfinite(v) and v > 0.0] or [1.0]
@@ -181,7 +181,7 @@ class ArmView(Lines):
             self._box, self._box_of = _box(model, x, q, s), s.forecast
         place = _Placing(self._box, canvas)
         if redraw:
-            self._next = _next(model, x, s)
+            self._next = _next_lines(model, x, s)
         for path, every in zip(self._next, (4, 2), strict=False):
             place.path(path, role="dim", every=every)
         ends = np.stack((chain[-1] - _AXIS_M * axis, chain[-1] + _AXIS_M * axis))
@@ -196,8 +196,11 @@ class ArmView(Lines):
         return [*canvas.lines(), line((" B base, ⊕ tool, 1-7 joints", "dim"))]
 
 
-def _next(model: ClosureModel, x: FloatArray, s: SessionSnapshot) -> tuple[FloatArray, ...]:
-    """Return the arm's points (k, 3) at the next pose and, in a planned move, the tool's path (p, 3), m; () if none."""
+def _next_lines(model: ClosureModel, x: FloatArray, s: SessionSnapshot) -> tuple[FloatArray, ...]:
+    """Return the arm at the next pose and, during a planned move, the tool's path; () if there is no next pose.
+
+    Each is a line through k points (k, 3) in the arm's base frame, m. `x`: parameters of `model`, rad or m.
+    """
     if s.heading is not None:
         way = s.heading.trace_rad
         if way is None:
@@ -215,7 +218,10 @@ def _points(model: ClosureModel, x: FloatArray, q: FloatArray) -> FloatArray:
 
 
 def _box(model: ClosureModel, x: FloatArray, q: FloatArray, s: SessionSnapshot) -> FloatArray:
-    """Return the lower left and upper right corner (2, 2), m, of a drawing of the arm at `q` and at planned poses."""
+    """Return the lower left and the upper right corner (2, 2), m, of the area in which the arm is drawn.
+
+    The whole arm fits in at the joint angles `q` and at planned poses. `x`: parameters of `model`, rad or m.
+    """
     poses = [q] if s.forecast is None else [q, *s.forecast.q_rad[s.forecast.reachable][:40]]
     points = np.concatenate([_points(model, x, pose) for pose in poses]) @ _VIEW.T
     low, high = points.min(axis=0), points.max(axis=0)

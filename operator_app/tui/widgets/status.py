@@ -1,7 +1,4 @@
-"""Status panels of all steps: safety strip (STOP, bus, data, modes, drives), banner, log of messages.
-
-The strip is always visible, even if a dialog is open.
-"""
+"""Status panels of all steps: safety strip, banner and log of messages. Dialogs do not cover the strip."""
 
 import textwrap
 from collections.abc import Sequence
@@ -20,7 +17,7 @@ HEARTBEAT_LATE_S = 0.35
 
 
 class SafetyStrip(Lines, can_focus=False):
-    """The safety strip: in one row, everything a person must know before approaching the arm."""
+    """One row with all that a person must know before approaching the arm: STOP, bus, data, modes and drives."""
 
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         short = width < 110
@@ -162,10 +159,7 @@ MARKS = {Level.INFO: ("", "dim"), Level.WARNING: ("▲ ", "warn"), Level.ALARM: 
 
 
 class Log(Lines, can_focus=False):
-    """The newest alarm in full, then the latest messages, newest first.
-
-    The newest message is always shown, older messages if they fit.
-    """
+    """The newest alarm, then the newest message, then older messages as far as they fit."""
 
     alarm: ShownAlarm | None = None
 
